@@ -1,0 +1,42 @@
+"""The few errors that a user can meet; each says what, where, and how to mend it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+class UsarsimError(Exception):
+    """Base of all errors that are reported to a user in one line (exit code 2), no traceback."""
+
+
+class SettingsError(UsarsimError):
+    """A command line option or a key of the settings file is wrong."""
+
+
+class WorldError(UsarsimError):
+    """A world folder is missing, incomplete or inconsistent."""
+
+
+class RobotDescriptionError(UsarsimError):
+    """A robot file cannot be used."""
+
+
+class SpawnError(UsarsimError):
+    """A robot could not be placed in the world (no free slot, silly pose, unknown class)."""
+
+
+class ServiceError(UsarsimError):
+    """A service cannot run, for example because its port is taken."""
+
+
+def at(path: Path | str, problem: str, cure: str, *, where: str | None = None) -> str:
+    """Return the one-line form of a file error: `path: where: problem (cure)`.
+
+    Args:
+        path: the file the user has to open.
+        problem: what is wrong, with the offending value.
+        cure: what to write instead.
+        where: the key or line inside the file, if known.
+    """
+    place = f"{path}: {where}" if where else f"{path}"
+    return f"{place}: {problem} ({cure})"

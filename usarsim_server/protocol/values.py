@@ -1,0 +1,29 @@
+"""Value types that the wire speaks: dialects, segments, vectors. No behaviour beyond that."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+__all__ = ["Dialect", "Item", "Segment", "Vector"]
+
+Vector = tuple[float, float, float]
+"""Three numbers in the wire frame: x forward, y right, z down (metres), or roll, pitch, yaw (rad)."""
+
+Segment = tuple[str, str]
+"""Key and already formatted value of one `{Key value}` pair; an empty value prints `{Key}`."""
+
+
+class Dialect(Enum):
+    """Shape of the server's output. `auto` is not a dialect but a way to choose one."""
+
+    UT2004 = "ut2004"
+    UDK = "udk"
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """A named item of a line (one sensor, one actuator) with its data segments in wire order."""
+
+    name: str
+    segments: tuple[Segment, ...] = ()

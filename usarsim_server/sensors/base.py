@@ -1,0 +1,124 @@
+"""What a sensor is: a reading, a period, noise, and the text of both dialects.
+
+A sensor type is one class in one file. It says which rays it needs, turns a robot's state and
+the ray answers into a reading, and writes the reading's data segments. Everything around it
+(scheduling, heads, Time, batching, GEO) is done once, for all sensors, elsewhere.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import ClassVar
+
+import numpy as np
+
+from usarsim_server.protocol.values import Dialect, Item, Segment
+from usarsim_server.robots.description import ItemDescription, RobotDescription
+from usarsim_server.simulation.frames import Pose
+from usarsim_server.simulation.rays import RayFan, RayHits
+from usarsim_server.simulation.snapshot import RobotState
+from usarsim_server.worlds.description import WorldDescription
+
+__all__ = ["Sensor", "SensorContext", "SetResult"]
+
+EVERYWHERE = frozenset(Dialect)
+NOWHERE: frozenset[Dialect] = frozenset()
+
+
+class SetResult(Enum):
+    """Outcome of a SET command at one item."""
+
+    OK = "OK"
+    FAILED = "Failed"
+    UNKNOWN = "unknown opcode"
+    SCAN = "measure now"
+    """The opcode asks for one immediate report."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SensorContext:
+    """What a sensor may know when it is made.
+
+    Attributes:
+        robot: the class it is mounted on.
+        world: the world it is in.
+        rng: its own random stream; no other sensor draws from it.
+    """
+
+    robot: RobotDescription
+    world: WorldDescription
+    rng: np.random.Generator
+
+
+class Sensor(ABC):
+    """Base of all sensors; one instance belongs to one robot and is used by one thread."""
+
+    wire_type: ClassVar[str]
+    """Type on the wire, canonical spelling."""
+    timed: ClassVar[frozenset[Dialect]] = EVERYWHERE
+    """Dialects in which its SEN lines carry Time (protocol reference 4.5)."""
+    batched: ClassVar[frozenset[Dialect]] = NOWHERE
+    """Dialects in which all instances of a robot share one line, one multi-pair segment each."""
+    time_digits: ClassVar[Mapping[Dialect, int]] = {Dialect.UT2004: 4, Dialect.UDK: 4}
+    """Digits of Time after the point (protocol reference 2.2)."""
+    intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.1}
+    """Default reporting interval in simulated seconds; 0 reports on SCAN only."""
+
+    def __init__(self, item: ItemDescription, context: SensorContext) -> None:
+        self.name = item.name
+        self.link = item.link
+        self.mount = item.pose
+        self._interval = _number(item, "interval")
+
+    @abstractmethod
+    def measure(self, robot: RobotState, hits: Sequence[RayHits]) -> bool:
+        """Take one reading and keep it for `data`.
+
+        Args:
+            robot: the robot at this instant.
+            hits: answers to the fans of `rays`, in order.
+
+        Returns:
+            False if there is nothing to report this time.
+        """
+
+    @abstractmethod
+    def data(self, dialect: Dialect) -> tuple[Segment, ...]:
+        """Data segments of the last reading, in wire order, without Time, Type and Name."""
+
+    def rays(self, robot: RobotState) -> Sequence[RayFan]:
+        """Rays needed for the next reading; none by default."""
+        return ()
+
+    def configuration(self, dialect: Dialect) -> tuple[Segment, ...]:
+        """Segments of CONF after Name (protocol reference 4.8); none by default."""
+        return ()
+
+    def set(self, opcode: str, params: str, robot: RobotState) -> SetResult:
+        """Obey a SET command; `opcode` is upper case. Unknown opcodes change nothing."""
+        return SetResult.UNKNOWN
+
+    def wire_name(self, dialect: Dialect) -> str:
+        """Item name in a dialect; the name of the robot file by default."""
+        return self.name
+
+    def interval(self, dialect: Dialect) -> float:
+        """Reporting interval in simulated seconds."""
+        return self.intervals[dialect] if self._interval is None else self._interval
+
+    def item(self, dialect: Dialect) -> Item:
+        """The last reading as an item of a SEN line."""
+        return Item(self.wire_name(dialect), self.data(dialect))
+
+    def world_pose(self, robot: RobotState) -> Pose:
+        """Pose of the sensor in the world (simulation frame)."""
+        carrier = robot.pose if self.link is None else robot.link_pose(self.link)
+        return carrier @ self.mount
+
+
+def _number(item: ItemDescription, key: str) -> float | None:
+    value = item.parameters.get(key)
+    return float(value) if isinstance(value, int | float) else None

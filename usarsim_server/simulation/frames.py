@@ -1,0 +1,147 @@
+"""Poses, and the one place where the wire frame meets the simulation frame.
+
+Simulation frame (MuJoCo, ROS): x forward, y left, z up. Wire frame (USARSim): x forward, y right,
+z down; rotations are roll, pitch, yaw applied as Rz(yaw) Ry(pitch) Rx(roll), all in radians.
+The two frames differ by half a turn about x, so every conversion is its own inverse
+(protocol reference 2.5).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = [
+    "IDENTITY",
+    "Pose",
+    "flip_point",
+    "flip_quaternion",
+    "pose_from_wire",
+    "quaternion_from_rpy",
+    "rpy_from_quaternion",
+    "wire_from_pose",
+    "wrap_signed",
+    "wrap_turn",
+]
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """Position (m) and orientation (unit quaternion w, x, y, z) in the simulation frame."""
+
+    position: Vector = (0.0, 0.0, 0.0)
+    quaternion: Quaternion = (1.0, 0.0, 0.0, 0.0)
+
+    def matrix(self) -> Array:
+        """Rotation matrix (3, 3) that turns local vectors into the parent frame."""
+        w, x, y, z = self.quaternion
+        return np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+            ]
+        )
+
+    def rotate(self, vector: Vector) -> Vector:
+        """Turn a local vector into the parent frame."""
+        w, x, y, z = self.quaternion
+        vx, vy, vz = vector
+        tx, ty, tz = 2 * (y * vz - z * vy), 2 * (z * vx - x * vz), 2 * (x * vy - y * vx)
+        return (
+            vx + w * tx + y * tz - z * ty,
+            vy + w * ty + z * tx - x * tz,
+            vz + w * tz + x * ty - y * tx,
+        )
+
+    def __matmul__(self, other: Pose) -> Pose:
+        """Compose: `parent @ local` is the pose of `local` seen from outside."""
+        rx, ry, rz = self.rotate(other.position)
+        px, py, pz = self.position
+        return Pose((px + rx, py + ry, pz + rz), _multiply(self.quaternion, other.quaternion))
+
+    def inverse(self) -> Pose:
+        """The pose that undoes this one."""
+        w, x, y, z = self.quaternion
+        back = Pose((0.0, 0.0, 0.0), (w, -x, -y, -z))
+        px, py, pz = back.rotate(self.position)
+        return Pose((-px, -py, -pz), back.quaternion)
+
+
+IDENTITY = Pose()
+
+
+def _multiply(a: Quaternion, b: Quaternion) -> Quaternion:
+    aw, ax, ay, az = a
+    bw, bx, by, bz = b
+    return (
+        aw * bw - ax * bx - ay * by - az * bz,
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+    )
+
+
+def quaternion_from_rpy(roll: float, pitch: float, yaw: float) -> Quaternion:
+    """Unit quaternion of Rz(yaw) Ry(pitch) Rx(roll), in whatever frame the angles are given."""
+    cr, sr = math.cos(roll / 2), math.sin(roll / 2)
+    cp, sp = math.cos(pitch / 2), math.sin(pitch / 2)
+    cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
+    return (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )
+
+
+def rpy_from_quaternion(quaternion: Quaternion) -> Vector:
+    """Roll, pitch, yaw (rad) with roll and yaw in (-pi, pi], pitch in [-pi/2, pi/2]."""
+    w, x, y, z = quaternion
+    roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    pitch = math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x))))
+    yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return roll, pitch, yaw
+
+
+def flip_point(point: Vector) -> Vector:
+    """Convert a point, velocity or any other vector between wire and simulation frame."""
+    x, y, z = point
+    return x, -y, -z
+
+
+def flip_quaternion(quaternion: Quaternion) -> Quaternion:
+    """Convert an orientation between wire and simulation frame."""
+    w, x, y, z = quaternion
+    return w, x, -y, -z
+
+
+def pose_from_wire(location: Vector, rotation: Vector = (0.0, 0.0, 0.0)) -> Pose:
+    """Pose in the simulation frame of a wire location (m) and roll, pitch, yaw (rad)."""
+    return Pose(flip_point(location), flip_quaternion(quaternion_from_rpy(*rotation)))
+
+
+def wire_from_pose(pose: Pose) -> tuple[Vector, Vector]:
+    """Wire location (m) and signed roll, pitch, yaw (rad) of a pose."""
+    return flip_point(pose.position), rpy_from_quaternion(flip_quaternion(pose.quaternion))
+
+
+def wrap_turn(angle: float) -> float:
+    """The same angle in [0, 2 pi)."""
+    wrapped = math.fmod(angle, math.tau)
+    if wrapped < 0.0:
+        wrapped += math.tau
+    return wrapped if wrapped < math.tau else 0.0
+
+
+def wrap_signed(angle: float) -> float:
+    """The same angle in (-pi, pi]."""
+    wrapped = wrap_turn(angle)
+    return wrapped - math.tau if wrapped > math.pi else wrapped

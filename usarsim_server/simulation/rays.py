@@ -1,0 +1,58 @@
+"""Ray queries: the questions sensors ask of the geometry, and the answers.
+
+The caster itself lives in `raycaster.py`; sensors and their tests need only these values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["RayCaster", "RayFan", "RayHits"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RayFan:
+    """Rays that start at one point and are answered together.
+
+    Attributes:
+        origin: (3,) start point in the world, m.
+        directions: (n, 3) unit vectors in the world frame.
+        max_range: rays end here; a longer way counts as no hit, m.
+        normals: also return surface normals.
+        through_glass: pass through static geometry of a transparent material (its material or
+            geom name contains `glass` or `trans`).
+    """
+
+    origin: Array
+    directions: Array
+    max_range: float
+    normals: bool = False
+    through_glass: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RayHits:
+    """Answer to one fan.
+
+    Attributes:
+        distances: (n,) m along each ray, `inf` where nothing was hit within `max_range`.
+        normals: (n, 3) unit normals that face the ray's origin (zero where nothing was hit), or
+            None if the fan did not ask.
+    """
+
+    distances: Array
+    normals: Array | None = None
+
+
+class RayCaster(Protocol):
+    """Answers fans against the true geometry of world and robots, never the asking robot's own."""
+
+    def __call__(self, fans: Sequence[RayFan]) -> list[RayHits]:
+        """Cast all fans as one batch; answers come in the order of the fans."""

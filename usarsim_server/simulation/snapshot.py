@@ -1,0 +1,168 @@
+"""What the rest of the server sees of the physics: immutable pictures of one instant.
+
+Only the physics thread touches live MuJoCo data. After a step it publishes a `Snapshot`; a
+`RobotState` is one robot's window onto it. Everything here is in the simulation frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_server.simulation.frames import Pose, Vector
+
+__all__ = ["RobotBody", "RobotLayout", "RobotState", "Snapshot", "StateSource"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RobotLayout:
+    """Where one robot slot lies inside the arrays of one compiled model.
+
+    A layout belongs to one model generation; after the model grew it is looked up again.
+    """
+
+    slot: int
+    base: int
+    """Body id of the chassis; its origin is the robot's reference point."""
+    qpos: int
+    """First of the seven free-joint coordinates."""
+    dof: int
+    """First of the six free-joint velocities."""
+    links: Mapping[str, int]
+    """Body ids by link name (lower case), chassis excluded."""
+    joint_qpos: Mapping[str, int]
+    """Coordinate index by joint name (lower case): wheels, steering, arm links."""
+    joint_dof: Mapping[str, int]
+    """Velocity index by joint name (lower case)."""
+    wheel_qpos: Indices
+    """Coordinates of the driven wheels in part order (the order of the robot file)."""
+    wheel_dof: Indices
+    """Velocities of the driven wheels in part order."""
+    wheel_actuators: Indices
+    """Actuators of the driven wheels in part order."""
+    bodies: frozenset[int]
+    """All body ids of the robot."""
+    geoms: Indices
+    """All geom ids of the robot (hidden from its own rays)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Snapshot:
+    """State of the whole world at one simulated instant; arrays are read-only copies."""
+
+    time: float
+    """Simulated seconds since the world started."""
+    step: int
+    """Number of physics steps since the world started."""
+    generation: int
+    """Counts recompilations of the model; indices are valid within one generation only."""
+    qpos: Array
+    qvel: Array
+    xpos: Array
+    """Body positions (nbody, 3), m."""
+    xquat: Array
+    """Body orientations (nbody, 4), w x y z."""
+    layouts: Mapping[int, RobotLayout] = field(default_factory=dict)
+    """Layouts of the active robots by robot id."""
+
+
+class RobotState(Protocol):
+    """One robot at one instant, as sensors see it. Implemented by `RobotBody`; easy to fake."""
+
+    @property
+    def time(self) -> float:
+        """Simulated seconds."""
+
+    @property
+    def pose(self) -> Pose:
+        """Pose of the robot's reference point in the world."""
+
+    @property
+    def linear_velocity(self) -> Vector:
+        """Velocity of the reference point in the world frame, m/s."""
+
+    @property
+    def angular_velocity(self) -> Vector:
+        """Angular velocity in the robot's own frame, rad/s."""
+
+    @property
+    def wheel_angles(self) -> Array:
+        """Accumulated angles of the driven wheels in part order, rad, positive rolling forward."""
+
+    @property
+    def wheel_speeds(self) -> Array:
+        """Spin of the driven wheels in part order, rad/s, positive rolling forward."""
+
+    def link_pose(self, link: str) -> Pose:
+        """World pose of a link by name (any case). Raises KeyError for an unknown link."""
+
+    def joint_position(self, joint: str) -> float:
+        """Position of a joint by name (any case), rad or m. Raises KeyError if unknown."""
+
+
+class StateSource(Protocol):
+    """Anything that hands out the newest snapshot."""
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """The newest published snapshot."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RobotBody:
+    """`RobotState` of one robot in one snapshot."""
+
+    snapshot: Snapshot
+    layout: RobotLayout
+
+    @property
+    def time(self) -> float:
+        """Simulated seconds."""
+        return self.snapshot.time
+
+    @property
+    def pose(self) -> Pose:
+        """Pose of the robot's reference point in the world."""
+        return self._body_pose(self.layout.base)
+
+    @property
+    def linear_velocity(self) -> Vector:
+        """Velocity of the reference point in the world frame, m/s."""
+        x, y, z = self.snapshot.qvel[self.layout.dof : self.layout.dof + 3].tolist()
+        return x, y, z
+
+    @property
+    def angular_velocity(self) -> Vector:
+        """Angular velocity in the robot's own frame, rad/s."""
+        x, y, z = self.snapshot.qvel[self.layout.dof + 3 : self.layout.dof + 6].tolist()
+        return x, y, z
+
+    @property
+    def wheel_angles(self) -> Array:
+        """Accumulated angles of the driven wheels in part order, rad."""
+        return self.snapshot.qpos[self.layout.wheel_qpos]
+
+    @property
+    def wheel_speeds(self) -> Array:
+        """Spin of the driven wheels in part order, rad/s."""
+        return self.snapshot.qvel[self.layout.wheel_dof]
+
+    def link_pose(self, link: str) -> Pose:
+        """World pose of a link by name (any case). Raises KeyError for an unknown link."""
+        return self._body_pose(self.layout.links[link.lower()])
+
+    def joint_position(self, joint: str) -> float:
+        """Position of a joint by name (any case), rad or m. Raises KeyError if unknown."""
+        return float(self.snapshot.qpos[self.layout.joint_qpos[joint.lower()]])
+
+    def _body_pose(self, body: int) -> Pose:
+        x, y, z = self.snapshot.xpos[body].tolist()
+        w, i, j, k = self.snapshot.xquat[body].tolist()
+        return Pose((x, y, z), (w, i, j, k))

@@ -1,0 +1,113 @@
+"""What a world is, as plain values. `loader.py` reads them from a world folder.
+
+Poses in world files and here are in the simulation frame: x forward, y left, z up, metres.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from usarsim_server.simulation.frames import Pose, Vector
+
+__all__ = ["GeographicOrigin", "PathNode", "StartPose", "Victim", "WorldDescription", "Zone"]
+
+
+@dataclass(frozen=True, slots=True)
+class StartPose:
+    """A place where robots may start; the tag is what INIT's Start names (no blanks)."""
+
+    tag: str
+    pose: Pose
+
+
+@dataclass(frozen=True, slots=True)
+class Victim:
+    """A person to be found.
+
+    Attributes:
+        name: unique in the world.
+        pose: of the body's reference point (the pelvis) in the world.
+        posture: standing, sitting or lying.
+        status: for example Alive, Injured, Unconscious or Dead.
+        properties: free keys for sensors (sound, co2, rfid, ...).
+    """
+
+    name: str
+    pose: Pose
+    posture: str
+    status: str
+    properties: Mapping[str, object] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Zone:
+    """A named rectangle of the floor, for example a difficulty zone: x and y limits in metres."""
+
+    name: str
+    kind: str
+    x: tuple[float, float]
+    y: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class PathNode:
+    """A node of the walking graph."""
+
+    tag: str
+    position: Vector
+    neighbours: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class GeographicOrigin:
+    """Latitude and longitude (degrees, north and east positive) of the wire frame's origin.
+
+    Defaults: 39 deg 8.0273 min north, 77 deg 12.998 min west (robots reference 2.6).
+    """
+
+    latitude: float = 39.0 + 8.0273 / 60.0
+    longitude: float = -(77.0 + 12.998 / 60.0)
+
+
+@dataclass(frozen=True, slots=True)
+class WorldDescription:
+    """One world.
+
+    Attributes:
+        name: folder name, also the default Level of the greeting.
+        level: map name told to clients.
+        title: one line for listings.
+        description: a paragraph.
+        folder: the world folder.
+        scene: MJCF file with the geometry.
+        starts, victims, zones, path_nodes: see there.
+        origin: geographic origin.
+        north: wire-frame yaw of map north, rad (0: the x axis points north).
+        time_limit: minutes, told in the greeting; 0 means none.
+        lower, upper: corners of the box that robots may be in, m; outside it they are refused.
+        extra: remaining top-level tables, for rooms that come later.
+    """
+
+    name: str
+    level: str
+    title: str
+    description: str
+    folder: Path
+    scene: Path
+    starts: tuple[StartPose, ...]
+    victims: tuple[Victim, ...] = ()
+    zones: tuple[Zone, ...] = ()
+    path_nodes: tuple[PathNode, ...] = ()
+    origin: GeographicOrigin = GeographicOrigin()
+    north: float = 0.0
+    time_limit: int = 20
+    lower: Vector = (-1000.0, -1000.0, -50.0)
+    upper: Vector = (1000.0, 1000.0, 200.0)
+    extra: Mapping[str, object] = field(default_factory=dict)
+
+    def start(self, tag: str) -> StartPose | None:
+        """The first start pose with this tag, whatever its case; None if there is none."""
+        wanted = tag.strip().lower()
+        return next((start for start in self.starts if start.tag.lower() == wanted), None)
