@@ -1,0 +1,197 @@
+"""The compiled world: fixed scenery plus numbered slots that hold robots.
+
+Compiling takes time, so robots are not added one by one. A model carries slots for every class in
+use; free slots are parked, asleep, on a shelf far above the world. Taking a slot is a matter of
+writing a pose; the model is compiled again, in the background, only when a class runs out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_server.errors import UsarsimError
+from usarsim_server.simulation.frames import Pose
+from usarsim_server.simulation.snapshot import RobotLayout
+
+__all__ = ["CompiledWorld", "PhysicsOptions", "RobotModel", "check_mujoco_version", "compile_world"]
+
+SHELF_HEIGHT = 2000.0
+"""Top of the parking shelf, m: above anything a ray, a satellite link or a camera asks for."""
+SHELF_SPACING = 6.0
+"""Distance between parked robots, m."""
+SHELF_COLUMNS = 16
+ROOT_BODY = "base"
+ROOT_JOINT = "free"
+SHELF_NAME = "usarsim:shelf"
+
+
+@dataclass(frozen=True, slots=True)
+class PhysicsOptions:
+    """Settings of the physics (robots reference 4.10).
+
+    Attributes:
+        timestep: s.
+        impratio: ratio of frictional to normal constraint impedance.
+        compensation: contact compensation on; off only to show what it is for.
+    """
+
+    timestep: float = 0.004
+    impratio: float = 10.0
+    compensation: bool = True
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RobotModel:
+    """What the simulation has to know of a robot class.
+
+    Attributes:
+        key: identifies the class; slots of one key are interchangeable.
+        build: makes a fresh MuJoCo specification whose root body is `base` with the free joint
+            `free`; joints and actuators of driven wheels carry the wheel's name.
+        driven: names of the driven wheels in part order.
+        rest_height: height of the reference point above a flat floor, m.
+        wheel_acceleration: ramp of the wheel speed targets, rad/s^2.
+        brake_delay: s of zero command before the wheels are held.
+    """
+
+    key: str
+    build: Callable[[], mujoco.MjSpec]
+    driven: tuple[str, ...]
+    rest_height: float
+    wheel_acceleration: float = 10.0
+    brake_delay: float = 0.3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CompiledWorld:
+    """One generation of the model with everything that is looked up once per generation."""
+
+    generation: int
+    model: mujoco.MjModel
+    slots: tuple[RobotModel, ...]
+    layouts: tuple[RobotLayout, ...]
+    parking: NDArray[np.float64]
+    """Free-joint coordinates (slots, 7) of the parking places."""
+
+
+def check_mujoco_version(version: str = mujoco.__version__) -> None:
+    """Refuse releases that are known to be wrong.
+
+    Raises:
+        UsarsimError: for 4.0.0, whose sparse factorisation diverges as soon as six robots exist
+            and two of them touch, and for releases older than the mechanisms used here.
+    """
+    parts = tuple(int(part) for part in version.split(".")[:2] if part.isdigit())
+    if parts >= (4, 0):
+        raise UsarsimError(
+            f"MuJoCo {version} is not supported: release 4.0.0 diverges when robots touch "
+            "(cure: pip install 'mujoco>=3.16,<4')"
+        )
+    if parts < (3, 16):
+        raise UsarsimError(
+            f"MuJoCo {version} is too old (cure: pip install --upgrade 'mujoco>=3.16,<4')"
+        )
+
+
+def compile_world(
+    scenery: Callable[[], mujoco.MjSpec],
+    slots: Sequence[RobotModel],
+    options: PhysicsOptions,
+    generation: int,
+) -> CompiledWorld:
+    """Compile scenery and robot slots into one model.
+
+    Args:
+        scenery: makes a fresh specification of the world without robots.
+        slots: the class of every slot; slot numbers are indices into this sequence.
+        options: physics settings.
+        generation: number of this compilation.
+
+    Raises:
+        ValueError: if MuJoCo cannot compile the result.
+    """
+    spec = scenery()
+    _set_options(spec, options)
+    _add_shelf(spec)
+    parking = np.zeros((len(slots), 7))
+    for slot, robot in enumerate(slots):
+        parking[slot] = _parking_place(slot, robot.rest_height)
+        root = robot.build().body(ROOT_BODY)
+        root.sleep = mujoco.mjtSleepPolicy.mjSLEEP_INIT
+        frame = spec.worldbody.add_frame(pos=parking[slot, :3])
+        frame.attach_body(root, _prefix(slot), "")
+    model = spec.compile()
+    layouts = tuple(_layout(model, slot, robot) for slot, robot in enumerate(slots))
+    return CompiledWorld(generation, model, tuple(slots), layouts, parking)
+
+
+def root_qpos(pose: Pose) -> NDArray[np.float64]:
+    """Free-joint coordinates (7,) of a pose."""
+    return np.array([*pose.position, *pose.quaternion])
+
+
+def _set_options(spec: mujoco.MjSpec, options: PhysicsOptions) -> None:
+    option = spec.option
+    option.timestep = options.timestep
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.impratio = options.impratio
+    option.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP
+    # One diverging robot must not reset the whole world; the engine contains it instead.
+    option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+
+
+def _add_shelf(spec: mujoco.MjSpec) -> None:
+    half = SHELF_SPACING * SHELF_COLUMNS
+    spec.worldbody.add_geom(
+        name=SHELF_NAME,
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=[half, half, 5.0],
+        pos=[0.0, 0.0, SHELF_HEIGHT - 5.0],
+        rgba=[0.0, 0.0, 0.0, 0.0],
+    )
+
+
+def _parking_place(slot: int, rest_height: float) -> NDArray[np.float64]:
+    row, column = divmod(slot, SHELF_COLUMNS)
+    x = (column - SHELF_COLUMNS / 2) * SHELF_SPACING
+    y = row * SHELF_SPACING
+    return np.array([x, y, SHELF_HEIGHT + rest_height, 1.0, 0.0, 0.0, 0.0])
+
+
+def _prefix(slot: int) -> str:
+    return f"robot{slot}:"
+
+
+def _layout(model: mujoco.MjModel, slot: int, robot: RobotModel) -> RobotLayout:
+    prefix = _prefix(slot)
+    base = model.body(prefix + ROOT_BODY).id
+    free = model.joint(prefix + ROOT_JOINT)
+    bodies = [body for body in range(model.nbody) if model.body_rootid[body] == base]
+    joints = [j for j in range(model.njnt) if model.jnt_bodyid[j] in bodies and j != free.id]
+    wheels = [model.joint(prefix + name).id for name in robot.driven]
+
+    def plain(name: str) -> str:
+        return name.removeprefix(prefix).lower()
+
+    return RobotLayout(
+        slot=slot,
+        base=base,
+        qpos=int(free.qposadr[0]),
+        dof=int(free.dofadr[0]),
+        links={plain(model.body(body).name): body for body in bodies if body != base},
+        joint_qpos={plain(model.joint(j).name): int(model.jnt_qposadr[j]) for j in joints},
+        joint_dof={plain(model.joint(j).name): int(model.jnt_dofadr[j]) for j in joints},
+        wheel_qpos=model.jnt_qposadr[wheels].astype(np.intp),
+        wheel_dof=model.jnt_dofadr[wheels].astype(np.intp),
+        wheel_actuators=np.array(
+            [model.actuator(prefix + name).id for name in robot.driven], dtype=np.intp
+        ),
+        bodies=frozenset(bodies),
+        geoms=np.flatnonzero(np.isin(model.geom_bodyid, bodies)),
+    )

@@ -1,0 +1,124 @@
+"""Where a new robot may stand: silly poses are refused, blocked ones are moved a little.
+
+The original put robots exactly where they were told, inside walls too, and left the rest to
+physics. Here a robot that would start deeper than `TOLERATED` inside something is moved to the
+nearest free place, so that it can neither be shot out of a wall nor shove other robots aside.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import mujoco
+import numpy as np
+
+from usarsim_server.errors import SpawnError
+from usarsim_server.simulation.frames import Pose, Vector
+from usarsim_server.simulation.model import CompiledWorld, root_qpos
+from usarsim_server.simulation.snapshot import Snapshot
+
+__all__ = ["Placement"]
+
+TOLERATED = 0.02
+"""m of overlap that the contact solver resolves gently (robots reference 5.1 #18)."""
+CLEARANCE = 0.005
+RINGS = (0.0, 0.15, 0.3, 0.45, 0.6, 0.8, 1.0, 1.3, 1.6, 2.0, 2.5, 3.0)
+"""m: radii searched around a blocked place."""
+LIFTS = (0.0, 0.1, 0.25)
+"""m: heights tried at every place of a ring."""
+HIGH_LIFTS = (0.5, 1.0, 2.0, 3.0, 5.0)
+DIRECTIONS = 12
+
+
+class Placement:
+    """Finds free poses in one model generation; used under the spawn lock only."""
+
+    def __init__(self, world: CompiledWorld, lower: Vector, upper: Vector) -> None:
+        self._world = world
+        self._lower, self._upper = lower, upper
+        # Awake, so that contacts with sleeping robots are found too.
+        self._model = world.model.__copy__()
+        self._model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+        self._data = mujoco.MjData(self._model)
+        self._floors = [
+            geom
+            for geom in range(self._model.ngeom)
+            if self._model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE
+        ]
+        mujoco.mj_kinematics(self._model, self._data)
+
+    def find(self, snapshot: Snapshot, slot: int, pose: Pose) -> Pose:
+        """The wanted pose if it is free, else the nearest free one.
+
+        Args:
+            snapshot: the world as it is.
+            slot: the slot that will be used (parked so far).
+            pose: wanted pose of the reference point.
+
+        Raises:
+            SpawnError: if the pose is not finite, outside the world, or everything near is full.
+        """
+        self._check(pose)
+        grounded = self._above_floor(pose, self._world.slots[slot].rest_height)
+        for candidate in _candidates(grounded):
+            if self._depth(snapshot, slot, candidate) <= TOLERATED:
+                return candidate
+        x, y, z = pose.position
+        raise SpawnError(f"no free place within {RINGS[-1]:g} m of ({x:.2f}, {y:.2f}, {z:.2f})")
+
+    def _check(self, pose: Pose) -> None:
+        values = (*pose.position, *pose.quaternion)
+        if not all(math.isfinite(value) for value in values):
+            raise SpawnError("the spawn pose is not finite")
+        inside = all(
+            low <= value <= high
+            for low, value, high in zip(self._lower, pose.position, self._upper, strict=True)
+        )
+        if not inside:
+            x, y, z = pose.position
+            raise SpawnError(f"the spawn position ({x:g}, {y:g}, {z:g}) is outside the world")
+
+    def _above_floor(self, pose: Pose, rest_height: float) -> Pose:
+        """Lift a pose below an endless floor to its surface; no way leads there otherwise."""
+        x, y, z = pose.position
+        for geom in self._floors:
+            normal = self._data.geom_xmat[geom].reshape(3, 3)[:, 2]
+            if normal[2] < 0.5:
+                continue
+            origin = self._data.geom_xpos[geom]
+            level = (
+                origin[2] - (normal[0] * (x - origin[0]) + normal[1] * (y - origin[1])) / normal[2]
+            )
+            if z < level + rest_height - TOLERATED:
+                z = float(level) + rest_height + CLEARANCE
+        return Pose((x, y, z), pose.quaternion)
+
+    def _depth(self, snapshot: Snapshot, slot: int, pose: Pose) -> float:
+        """Deepest overlap (m) of the robot at a pose with anything else."""
+        layout = self._world.layouts[slot]
+        data = self._data
+        data.qpos[:] = snapshot.qpos
+        data.qpos[layout.qpos : layout.qpos + 7] = root_qpos(pose)
+        mujoco.mj_kinematics(self._model, data)
+        mujoco.mj_comPos(self._model, data)
+        mujoco.mj_collision(self._model, data)
+        if data.ncon == 0:
+            return 0.0
+        own = np.isin(data.contact.geom, layout.geoms).any(axis=1)
+        return float(max(0.0, -data.contact.dist[own].min())) if own.any() else 0.0
+
+
+def _candidates(pose: Pose) -> Iterator[Pose]:
+    """Poses ever farther from the wanted one: rings with small lifts first, then straight up."""
+    x, y, z = pose.position
+    for radius in RINGS:
+        for turn in range(DIRECTIONS if radius else 1):
+            angle = math.tau * turn / DIRECTIONS
+            for lift in LIFTS:
+                yield Pose(
+                    (x + radius * math.cos(angle), y + radius * math.sin(angle), z + lift),
+                    pose.quaternion,
+                )
+    for lift in HIGH_LIFTS:
+        yield Pose((x, y, z + lift), pose.quaternion)

@@ -1,0 +1,387 @@
+"""The simulation as the rest of the server uses it: spawn, drive, look, from any thread.
+
+One thread owns the physics. Everybody else posts requests, which are carried out between steps,
+and reads immutable snapshots. Time is simulated time: paced to the wall clock at a factor, or as
+fast as possible in lockstep, where the world waits until everyone who wanted a snapshot has dealt
+with it, so that equal commands at equal times give equal runs.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass, field
+from typing import Protocol, TypeVar
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_server.errors import SpawnError
+from usarsim_server.simulation.engine import Engine
+from usarsim_server.simulation.frames import Pose, Vector
+from usarsim_server.simulation.model import CompiledWorld, PhysicsOptions, RobotModel
+from usarsim_server.simulation.pacing import Pacer
+from usarsim_server.simulation.placement import Placement
+from usarsim_server.simulation.raycaster import DynamicGeometry, StaticGeometry, cast
+from usarsim_server.simulation.rays import RayFan, RayHits
+from usarsim_server.simulation.snapshot import RobotBody, Snapshot
+
+__all__ = ["Listener", "Simulation", "SimulationOptions"]
+
+log = logging.getLogger("usarsim.simulation")
+T = TypeVar("T")
+
+BATCH_STEPS = 2
+"""Steps per turn at a paced speed: commands are obeyed at least this often."""
+LOCKSTEP_BATCH_STEPS = 5
+GROWTH_LIMIT = 8
+"""Most slots added by one compilation."""
+REQUEST_TIMEOUT = 30.0
+"""s of wall time after which a request counts as lost (the physics thread has died)."""
+
+
+class Listener(Protocol):
+    """Someone who wants snapshots, each at a simulated time of its choice."""
+
+    @property
+    def due(self) -> float:
+        """Simulated time of the next snapshot wanted; infinity for none."""
+
+    def wake(self, snapshot: Snapshot) -> None:
+        """Take a snapshot (called by the physics thread; must return at once)."""
+
+    def idle(self) -> bool:
+        """Whether everything handed over so far has been dealt with (lockstep waits for it)."""
+
+    def lost(self, reason: str) -> None:
+        """The listener's robot was taken out of the world."""
+
+
+@dataclass(frozen=True, slots=True)
+class SimulationOptions:
+    """How a world is run.
+
+    Attributes:
+        physics: settings of the physics.
+        speed: simulated seconds per wall second; infinity runs in lockstep.
+        max_robots: most robots at a time.
+        lower, upper: corners of the box that robots may be in, m.
+    """
+
+    physics: PhysicsOptions = field(default_factory=PhysicsOptions)
+    speed: float = 1.0
+    max_robots: int = 16
+    lower: Vector = (-1000.0, -1000.0, -50.0)
+    upper: Vector = (1000.0, 1000.0, 200.0)
+
+
+class Simulation:
+    """A running world."""
+
+    def __init__(self, scenery: Callable[[], mujoco.MjSpec], options: SimulationOptions) -> None:
+        mujoco.set_mju_user_warning(_log_warning)
+        self._options = options
+        self._engine = Engine(scenery, options.physics)
+        self._static = StaticGeometry(self._engine.world)
+        self._dynamic = {0: DynamicGeometry(self._engine.world)}
+        self._placement = self._make_placement(self._engine.world)
+        self._requests: deque[Callable[[], None]] = deque()
+        self._signal = threading.Condition()
+        self._listeners: dict[int, Listener] = {}
+        self._spawning = threading.Lock()
+        self._spawns = 0
+        self._robots = 0
+        self._stopping = False
+        self._thread: threading.Thread | None = None
+        self._owner: int | None = None
+        self._snapshot = self._engine.snapshot()
+
+    # -- looking -----------------------------------------------------------------------------
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """The newest published snapshot."""
+        return self._snapshot
+
+    @property
+    def timestep(self) -> float:
+        """Simulated seconds per physics step."""
+        return self._options.physics.timestep
+
+    @property
+    def speed(self) -> float:
+        """Simulated seconds per wall second asked for; infinity in lockstep."""
+        return self._options.speed
+
+    def robot_state(self, robot: int, snapshot: Snapshot) -> RobotBody | None:
+        """A robot's window onto a snapshot; None if it is not in there."""
+        layout = snapshot.layouts.get(robot)
+        return None if layout is None else RobotBody(snapshot, layout)
+
+    def cast(self, fans: Sequence[RayFan], snapshot: Snapshot, robot: int | None) -> list[RayHits]:
+        """Answer ray fans against the world of a snapshot; the robot's own body is left out."""
+        return cast(fans, snapshot, robot, self._static, self._dynamic[snapshot.generation])
+
+    # -- robots ------------------------------------------------------------------------------
+
+    def spawn(self, model: RobotModel, pose: Pose) -> tuple[int, Pose]:
+        """Put a robot into the world; blocks until it is there.
+
+        Args:
+            model: its class.
+            pose: wanted pose of the reference point.
+
+        Returns:
+            The robot's number and the pose it really got.
+
+        Raises:
+            SpawnError: if the world is full or the pose cannot be used.
+        """
+        self._count_spawns(1)
+        try:
+            with self._spawning:
+                return self._spawn(model, pose)
+        finally:
+            self._count_spawns(-1)
+
+    def _count_spawns(self, change: int) -> None:
+        with self._signal:
+            self._spawns += change
+            self._signal.notify_all()
+
+    def _spawn(self, model: RobotModel, pose: Pose) -> tuple[int, Pose]:
+        if len(self._request(lambda: self._engine.active)) >= self._options.max_robots:
+            raise SpawnError(f"the world is full ({self._options.max_robots} robots; --max-robots)")
+        slot = self._request(lambda: self._engine.free_slot(model.key))
+        if slot is None:
+            self._grow(model)
+            slot = self._request(lambda: self._engine.free_slot(model.key))
+        assert slot is not None
+        chosen = slot
+        placed = self._placement.find(self._request(self._engine.snapshot), chosen, pose)
+        robot = self._robots
+        self._robots += 1
+        self._request(lambda: self._engine.occupy(robot, chosen, placed))
+        return robot, placed
+
+    def _grow(self, model: RobotModel) -> None:
+        """Compile a larger world in this thread while the physics goes on, then swap."""
+        slots = self._engine.world.slots
+        present = sum(slot.key == model.key for slot in slots)
+        count = max(1, min(present, GROWTH_LIMIT, self._options.max_robots - present))
+        started = time.perf_counter()
+        growth = self._engine.grow([model] * count)
+        dynamic = DynamicGeometry(growth.world)
+        placement = self._make_placement(growth.world)
+
+        def adopt() -> None:
+            generation = growth.world.generation
+            # Handlers may still look at a snapshot of the generation before.
+            self._dynamic = {generation - 1: self._dynamic[generation - 1], generation: dynamic}
+            self._engine.adopt(growth)
+
+        self._request(adopt)
+        self._placement = placement
+        log.debug(
+            "grew model=%s slots=%d compile_ms=%.1f",
+            model.key,
+            len(slots) + count,
+            1e3 * (time.perf_counter() - started),
+        )
+
+    def _make_placement(self, world: CompiledWorld) -> Placement:
+        return Placement(world, self._options.lower, self._options.upper)
+
+    def remove(self, robot: int) -> None:
+        """Take a robot out of the world soon; unknown robots are ignored."""
+        self._post(lambda: self._remove(robot))
+
+    def _remove(self, robot: int) -> None:
+        self._listeners.pop(robot, None)
+        self._engine.vacate(robot)
+
+    def drive(self, robot: int, targets: NDArray[np.float64]) -> None:
+        """Set wheel speed targets (rad/s, driven wheels in part order) at the next step."""
+        self._post(lambda: self._engine.drive(robot, targets))
+
+    def teleport(self, robot: int, pose: Pose) -> None:
+        """Move a robot to a pose, at rest, at the next step."""
+
+        def move() -> None:
+            if robot in self._engine.active:
+                self._engine.teleport(robot, pose)
+
+        self._post(move)
+
+    def wheel_targets(self, robot: int) -> NDArray[np.float64]:
+        """Commanded wheel speeds (rad/s) as the physics has them; for measurements."""
+        return self._request(lambda: self._engine.wheel_targets(robot))
+
+    # -- listeners ---------------------------------------------------------------------------
+
+    def attach(self, robot: int, listener: Listener) -> None:
+        """Give a robot's listener the snapshots it asks for from now on."""
+
+        def add() -> None:
+            if robot in self._engine.active:
+                self._listeners[robot] = listener
+            else:
+                listener.lost("it left the world at once")
+
+        self._post(add)
+
+    def attention(self) -> None:
+        """Tell the physics that a listener became idle or changed its due time."""
+        self._notify()
+
+    # -- running -----------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Start the physics thread."""
+        self._thread = threading.Thread(target=self._run, name="physics", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Stop the physics thread and wait for it."""
+        self._stopping = True
+        self._notify()
+        if self._thread is not None:
+            self._thread.join(timeout=2.0)
+
+    def run_until(self, moment: float) -> None:
+        """Advance in the calling thread, in lockstep, to a simulated time (tests, benchmarks).
+
+        Must not be mixed with `start`.
+        """
+        self._owner = threading.get_ident()
+        while self._engine.time < moment - self.timestep / 2:
+            self._lockstep_turn(moment)
+        self._settle()
+
+    def settle(self) -> None:
+        """Carry out requests in the calling thread until every listener is idle (tests)."""
+        self._owner = threading.get_ident()
+        self._settle()
+
+    def _run(self) -> None:
+        self._owner = threading.get_ident()
+        try:
+            if math.isinf(self._options.speed):
+                self._run_lockstep()
+            else:
+                self._run_paced(Pacer(self._options.speed, self._engine.time))
+        except Exception:
+            log.exception("the physics thread died")
+            raise
+
+    def _run_paced(self, pacer: Pacer) -> None:
+        while not self._stopping:
+            self._obey()
+            wait = pacer.wait(self._engine.time, time.perf_counter())
+            if wait > 0.0:
+                with self._signal:
+                    if not self._requests and not self._stopping:
+                        self._signal.wait(wait)
+                continue
+            self._turn(self._steps_to_due(BATCH_STEPS, math.inf))
+            report = pacer.report(self._engine.time, time.perf_counter())
+            if report is not None:
+                log.log(report.level, report.text)
+
+    def _run_lockstep(self) -> None:
+        while not self._stopping:
+            if self._listeners or self._requests:
+                self._lockstep_turn(math.inf)
+                continue
+            # Nobody is there: time stands still, so that runs do not depend on when they start.
+            with self._signal:
+                if not self._requests:
+                    self._signal.wait(0.1)
+
+    def _lockstep_turn(self, horizon: float) -> None:
+        self._settle()
+        if self._stopping:
+            return
+        self._turn(self._steps_to_due(LOCKSTEP_BATCH_STEPS, horizon))
+
+    def _settle(self) -> None:
+        """Wait until no listener and no spawn is under way; requests are served meanwhile."""
+        while not self._stopping:
+            self._obey()
+            busy = self._spawns or not all(one.idle() for one in self._listeners.values())
+            if not busy and not self._requests:
+                return
+            with self._signal:
+                if not self._requests:
+                    self._signal.wait(0.001)
+
+    def _steps_to_due(self, most: int, horizon: float) -> int:
+        due = min((one.due for one in self._listeners.values()), default=math.inf)
+        ahead = min(due, horizon) - self._engine.time
+        if ahead >= most * self.timestep:
+            return most
+        # A stream is due at the first step that is not before its time.
+        return max(1, math.ceil(ahead / self.timestep - 1e-9))
+
+    def _turn(self, steps: int) -> None:
+        for robot in self._engine.advance(steps):
+            self._lose(robot, "its state became non-finite")
+        now = self._engine.time + self.timestep * 1e-6
+        due = [one for one in self._listeners.values() if one.due <= now]
+        if due:
+            self._snapshot = self._engine.snapshot()
+            self._remove_fallen(self._snapshot)
+            for one in due:
+                one.wake(self._snapshot)
+
+    def _remove_fallen(self, snapshot: Snapshot) -> None:
+        low = self._options.lower[2]
+        for robot, layout in snapshot.layouts.items():
+            if snapshot.xpos[layout.base, 2] < low:
+                self._engine.vacate(robot)
+                self._lose(robot, "it fell out of the world")
+
+    def _lose(self, robot: int, reason: str) -> None:
+        log.warning("robot=%d removed: %s", robot, reason)
+        listener = self._listeners.pop(robot, None)
+        if listener is not None:
+            listener.lost(reason)
+
+    # -- requests ----------------------------------------------------------------------------
+
+    def _obey(self) -> None:
+        while self._requests:
+            self._requests.popleft()()
+
+    def _post(self, action: Callable[[], None]) -> None:
+        self._requests.append(action)
+        self._notify()
+
+    def _request(self, question: Callable[[], T]) -> T:
+        """Have the physics thread answer a question between two steps."""
+        if threading.get_ident() == self._owner:
+            return question()
+        answer: Future[T] = Future()
+
+        def ask() -> None:
+            try:
+                answer.set_result(question())
+            except Exception as error:
+                answer.set_exception(error)
+
+        self._post(ask)
+        return answer.result(timeout=REQUEST_TIMEOUT)
+
+    def _notify(self) -> None:
+        with self._signal:
+            self._signal.notify_all()
+
+
+def _log_warning(text: str) -> None:
+    log.warning("mujoco: %s", " ".join(text.split()))

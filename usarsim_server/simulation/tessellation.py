@@ -1,0 +1,122 @@
+"""Triangles of MuJoCo geometry, for the ray scene.
+
+Flat shapes and meshes are exact. Round shapes are tessellated so finely that a chord lies less
+than `TOLERANCE` inside the true surface.
+"""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["TOLERANCE", "triangles"]
+
+TOLERANCE = 5e-4
+"""m between a tessellated and the true surface."""
+MAX_SEGMENTS = 96
+
+Array = NDArray[np.float64]
+
+_QUADS = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+"""Faces of a box whose corners are numbered by the signs of x, y, z (z fastest)."""
+
+
+def triangles(model: mujoco.MjModel, geom: int, pos: Array, mat: Array) -> Array:
+    """Triangles (n, 3, 3) of a geom in the world frame, m.
+
+    Args:
+        model: the compiled model.
+        geom: geom id; planes have no finite triangles and give an empty array.
+        pos: (3,) geom position. mat: (3, 3) geom orientation.
+    """
+    local = _local_triangles(model, geom)
+    return local @ mat.T + pos if len(local) else np.zeros((0, 3, 3))
+
+
+def _local_triangles(model: mujoco.MjModel, geom: int) -> Array:
+    kind, size = int(model.geom_type[geom]), model.geom_size[geom]
+    types = mujoco.mjtGeom
+    if kind == types.mjGEOM_BOX:
+        return _box(size)
+    if kind == types.mjGEOM_MESH:
+        return _mesh(model, int(model.geom_dataid[geom]))
+    if kind == types.mjGEOM_HFIELD:
+        return _heightfield(model, int(model.geom_dataid[geom]))
+    if kind == types.mjGEOM_SPHERE:
+        return _ellipsoid(np.full(3, size[0]))
+    if kind == types.mjGEOM_ELLIPSOID:
+        return _ellipsoid(size)
+    if kind == types.mjGEOM_CAPSULE:
+        return _revolve(_capsule_profile(float(size[0]), float(size[1])))
+    if kind == types.mjGEOM_CYLINDER:
+        radius, half = float(size[0]), float(size[1])
+        return _revolve(np.array([[0.0, -half], [radius, -half], [radius, half], [0.0, half]]))
+    return np.zeros((0, 3, 3))
+
+
+def _segments(radius: float) -> int:
+    """Segments of a full circle that keep the chord error below the tolerance."""
+    if radius <= TOLERANCE:
+        return 8
+    needed = math.ceil(math.pi / math.acos(1.0 - TOLERANCE / radius))
+    return max(12, min(MAX_SEGMENTS, needed))
+
+
+def _box(size: Array) -> Array:
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * size
+    faces = [(a, b, c) for a, b, c, _ in _QUADS] + [(a, c, d) for a, _, c, d in _QUADS]
+    answer: Array = corners[np.array(faces)]
+    return answer
+
+
+def _mesh(model: mujoco.MjModel, mesh: int) -> Array:
+    start, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+    vertices = model.mesh_vert[start : start + count].astype(float)
+    start, count = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
+    answer: Array = vertices[model.mesh_face[start : start + count]]
+    return answer
+
+
+def _heightfield(model: mujoco.MjModel, field: int) -> Array:
+    rows, columns = int(model.hfield_nrow[field]), int(model.hfield_ncol[field])
+    start = model.hfield_adr[field]
+    sx, sy, top, _ = model.hfield_size[field]
+    height = model.hfield_data[start : start + rows * columns].reshape(rows, columns) * top
+    x, y = np.meshgrid(np.linspace(-sx, sx, columns), np.linspace(-sy, sy, rows))
+    grid = np.stack([x, y, height], axis=-1)
+    a, b, c, d = grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]
+    pairs = np.concatenate([np.stack([a, b, d], 2), np.stack([b, c, d], 2)])
+    return pairs.reshape(-1, 3, 3)
+
+
+def _ellipsoid(semi_axes: Array) -> Array:
+    count = _segments(float(semi_axes.max()))
+    angles = np.linspace(-math.pi / 2, math.pi / 2, count // 2 + 1)
+    unit = _revolve(np.stack([np.cos(angles), np.sin(angles)], axis=1), count)
+    return unit * semi_axes
+
+
+def _capsule_profile(radius: float, half: float) -> Array:
+    angles = np.linspace(0.0, math.pi / 2, _segments(radius) // 4 + 1)
+    upper = np.stack([radius * np.cos(angles), half + radius * np.sin(angles)], axis=1)
+    lower = upper[::-1] * np.array([1.0, -1.0])
+    return np.concatenate([lower, upper])
+
+
+def _revolve(profile: Array, segments: int | None = None) -> Array:
+    """Surface of revolution about z of a profile (n, 2) of radius and height, without slivers."""
+    count = segments or _segments(float(profile[:, 0].max()))
+    angles = np.linspace(0.0, math.tau, count, endpoint=False)
+    ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    rings = np.concatenate(
+        [profile[:, None, :1] * ring[None], np.repeat(profile[:, None, 1:], count, 1)], axis=2
+    )
+    a, b = rings[:-1], np.roll(rings[:-1], -1, axis=1)
+    d, c = rings[1:], np.roll(rings[1:], -1, axis=1)
+    faces = np.concatenate([np.stack([a, b, c], 2), np.stack([a, c, d], 2)]).reshape(-1, 3, 3)
+    area = np.linalg.norm(np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0]), axis=1)
+    answer: Array = faces[area > 1e-12]
+    return answer
