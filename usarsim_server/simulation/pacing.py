@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from dataclasses import dataclass
 
 __all__ = ["PaceReport", "Pacer"]
@@ -16,10 +15,16 @@ TOLERATED_FACTOR = 0.98
 
 @dataclass(frozen=True, slots=True)
 class PaceReport:
-    """A line for the log."""
+    """How well simulated time was kept over the last period.
 
-    level: int
-    text: str
+    Attributes:
+        factor: simulated seconds per wall second reached. asked: the same asked for.
+        slow: it fell behind (otherwise: it is kept again).
+    """
+
+    factor: float
+    asked: float
+    slow: bool
 
 
 class Pacer:
@@ -50,7 +55,7 @@ class Pacer:
         return max(0.0, -lag)
 
     def report(self, simulated: float, wall: float) -> PaceReport | None:
-        """A warning when real time is lost, and a line when it is found again."""
+        """A report when real time is lost, and one when it is found again; None otherwise."""
         elapsed = wall - self._report_wall
         if elapsed < REPORT_PERIOD:
             return None
@@ -58,7 +63,6 @@ class Pacer:
         self._report_simulated, self._report_wall = simulated, wall
         slow = factor < TOLERATED_FACTOR * self._speed
         was, self._slow = self._slow, slow
-        text = f"real_time_factor={factor:.3f} asked={self._speed:g}"
-        if slow:
-            return PaceReport(logging.WARNING, f"simulated time is slow: {text}")
-        return PaceReport(logging.INFO, f"simulated time is kept again: {text}") if was else None
+        if not slow and not was:
+            return None
+        return PaceReport(round(factor, 3), self._speed, slow)

@@ -8,7 +8,6 @@ with it, so that equal commands at equal times give equal runs.
 
 from __future__ import annotations
 
-import logging
 import math
 import threading
 import time
@@ -23,10 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.errors import SpawnError
+from usarsim_server.logs import Log
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose, Vector
 from usarsim_server.simulation.model import CompiledWorld, PhysicsOptions, RobotModel
-from usarsim_server.simulation.pacing import Pacer
+from usarsim_server.simulation.pacing import Pacer, PaceReport
 from usarsim_server.simulation.placement import Placement
 from usarsim_server.simulation.raycaster import DynamicGeometry, StaticGeometry, cast
 from usarsim_server.simulation.rays import RayFan, RayHits
@@ -34,7 +34,7 @@ from usarsim_server.simulation.snapshot import RobotBody, Snapshot
 
 __all__ = ["Listener", "Simulation", "SimulationOptions"]
 
-log = logging.getLogger("usarsim.simulation")
+_log = Log("simulation")
 T = TypeVar("T")
 
 BATCH_STEPS = 2
@@ -108,6 +108,10 @@ class Simulation:
     def snapshot(self) -> Snapshot:
         """The newest published snapshot."""
         return self._snapshot
+
+    def look(self) -> Snapshot:
+        """A picture of this very moment; blocks until the physics is between two steps."""
+        return self._request(self._engine.snapshot)
 
     @property
     def timestep(self) -> float:
@@ -188,12 +192,8 @@ class Simulation:
 
         self._request(adopt)
         self._placement = placement
-        log.debug(
-            "grew model=%s slots=%d compile_ms=%.1f",
-            model.key,
-            len(slots) + count,
-            1e3 * (time.perf_counter() - started),
-        )
+        elapsed = 1e3 * (time.perf_counter() - started)
+        _log.debug("grown", model=model.key, slots=len(slots) + count, ms=round(elapsed, 1))
 
     def _make_placement(self, world: CompiledWorld) -> Placement:
         return Placement(world, self._options.lower, self._options.upper)
@@ -276,8 +276,8 @@ class Simulation:
                 self._run_lockstep()
             else:
                 self._run_paced(Pacer(self._options.speed, self._engine.time))
-        except Exception:
-            log.exception("the physics thread died")
+        except Exception as error:
+            _log.exception("the physics thread died", error)
             raise
 
     def _run_paced(self, pacer: Pacer) -> None:
@@ -292,7 +292,7 @@ class Simulation:
             self._turn(self._steps_to_due(BATCH_STEPS, math.inf))
             report = pacer.report(self._engine.time, time.perf_counter())
             if report is not None:
-                log.log(report.level, report.text)
+                _tell(report)
 
     def _run_lockstep(self) -> None:
         while not self._stopping:
@@ -348,7 +348,7 @@ class Simulation:
                 self._lose(robot, "it fell out of the world")
 
     def _lose(self, robot: int, reason: str) -> None:
-        log.warning("robot=%d removed: %s", robot, reason)
+        _log.warning("robot removed", id=robot, reason=reason)
         listener = self._listeners.pop(robot, None)
         if listener is not None:
             listener.lost(reason)
@@ -383,5 +383,12 @@ class Simulation:
             self._signal.notify_all()
 
 
+def _tell(report: PaceReport) -> None:
+    if report.slow:
+        _log.warning("simulated time is slow", real_time_factor=report.factor, asked=report.asked)
+    else:
+        _log.info("simulated time is kept again", real_time_factor=report.factor)
+
+
 def _log_warning(text: str) -> None:
-    log.warning("mujoco: %s", " ".join(text.split()))
+    _log.warning(" ".join(text.split()), source="mujoco")

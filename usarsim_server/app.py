@@ -1,0 +1,146 @@
+"""Composition root: settings become a world, a simulation, a fleet and services.
+
+The only place that knows everybody.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from usarsim_server.protocol import messages
+from usarsim_server.robots.agent import AgentOptions, Mouth, RobotAgent
+from usarsim_server.robots.fleet import Fleet
+from usarsim_server.robots.pilot import PilotOptions
+from usarsim_server.robots.roster import load_roster
+from usarsim_server.services.control import ControlLimits, ControlService
+from usarsim_server.services.outbox import OutboxLimits
+from usarsim_server.services.ready import Service, run_services
+from usarsim_server.settings import Settings
+from usarsim_server.simulation.model import PhysicsOptions
+from usarsim_server.simulation.simulation import Simulation, SimulationOptions
+from usarsim_server.worlds.catalog import find_world
+from usarsim_server.worlds.description import WorldDescription
+from usarsim_server.worlds.loader import load_world
+from usarsim_server.worlds.scene import build_scene
+
+__all__ = ["Assembly", "assemble", "run"]
+
+GAME_TYPE = "BotDeathMatch"
+"""What both generations of the original said in their greeting (protocol reference 1.2)."""
+
+SWITCH_INTERVAL = 0.0005
+"""s after which a Python thread has to let others run; the default of 5 ms starves the physics."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Assembly:
+    """A server put together but not yet running.
+
+    Attributes:
+        settings: what it was made from.
+        world: the world it runs.
+        simulation: the physics; its thread is started by `run`, or not at all in tests.
+        fleet: the robots.
+        services: what listens.
+    """
+
+    settings: Settings
+    world: WorldDescription
+    simulation: Simulation
+    fleet: Fleet
+    services: tuple[Service, ...]
+
+    def make_agent(self, peer: str, mouth: Mouth, on_backlog_low: Callable[[], None]) -> RobotAgent:
+        """The agent of a new control connection."""
+        lockstep = math.isinf(self.settings.speed)
+        return RobotAgent(
+            peer,
+            mouth,
+            on_backlog_low,
+            self.fleet,
+            self.world,
+            self.simulation.attention if lockstep else _nobody_waits,
+            _agent_options(self.settings),
+        )
+
+
+def assemble(settings: Settings) -> Assembly:
+    """Load the world and the robots and put a server together.
+
+    Raises:
+        WorldError: if the world cannot be used.
+        RobotDescriptionError: if a robot file cannot be used.
+    """
+    world = load_world(find_world(settings.world))
+    roster = load_roster(settings.robots)
+    simulation = Simulation(
+        lambda: build_scene(world),
+        SimulationOptions(
+            physics=PhysicsOptions(timestep=settings.timestep),
+            speed=settings.speed,
+            max_robots=settings.max_robots,
+            lower=world.lower,
+            upper=world.upper,
+        ),
+    )
+    fleet = Fleet(roster, world, simulation, settings.seed)
+    services: list[Service] = []
+    assembly = Assembly(settings, world, simulation, fleet, ())
+    if settings.port is not None:
+        services.append(_control_service(settings, world, assembly))
+    return Assembly(settings, world, simulation, fleet, tuple(services))
+
+
+def run(settings: Settings) -> int:
+    """Serve until told to end; returns the exit code.
+
+    Raises:
+        UsarsimError: if the server cannot start.
+    """
+    sys.setswitchinterval(SWITCH_INTERVAL)
+    assembly = assemble(settings)
+    assembly.simulation.start()
+    try:
+        asyncio.run(run_services(assembly.services))
+    finally:
+        assembly.simulation.stop()
+    return 0
+
+
+def _control_service(
+    settings: Settings, world: WorldDescription, assembly: Assembly
+) -> ControlService:
+    assert settings.port is not None
+    greeting = messages.encode(messages.greeting(GAME_TYPE, world.level, world.time_limit))
+    return ControlService(
+        settings.host,
+        settings.port,
+        lambda: greeting,
+        assembly.make_agent,
+        ControlLimits(
+            max_connections=settings.max_connections,
+            outbox=OutboxLimits(stream_bytes=settings.outbox_bytes),
+        ),
+    )
+
+
+def _agent_options(settings: Settings) -> AgentOptions:
+    # The quiet period is promised in wall time; the simulation knows only its own.
+    factor = 1.0 if math.isinf(settings.speed) else settings.speed
+    return AgentOptions(
+        dialect=settings.dialect,
+        replace_robot=settings.second_init == "replace",
+        start_at_first_pose=settings.default_start == "first",
+        pilot=PilotOptions(
+            quiet_period=settings.quiet_period * factor,
+            udk_sta_order=settings.sta_order == "udk",
+        ),
+    )
+
+
+def _nobody_waits() -> None:
+    """Only lockstep waits for agents; at a paced speed there is nobody to tell."""

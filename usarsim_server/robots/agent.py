@@ -1,0 +1,338 @@
+"""The handler of one connection: a thread with a mailbox that owns at most one robot.
+
+Commands keep their order, whether they come before, with or after INIT. Snapshots do not queue:
+a handler that is late looks at the newest one and skips what it missed.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from usarsim_server.errors import UsarsimError
+from usarsim_server.logs import Log
+from usarsim_server.protocol import messages
+from usarsim_server.protocol.commands import interpret
+from usarsim_server.protocol.dialects import DialectMode, DialectSelector
+from usarsim_server.protocol.grammar import Command
+from usarsim_server.protocol.requests import (
+    GetClosestPathNode,
+    GetPathNodes,
+    GetStartPoses,
+    Init,
+    Request,
+    Unknown,
+)
+from usarsim_server.robots.fleet import Fleet
+from usarsim_server.robots.pilot import Pilot, PilotOptions
+from usarsim_server.simulation.frames import Pose, pose_from_wire, wire_from_pose
+from usarsim_server.simulation.snapshot import Snapshot
+from usarsim_server.worlds.description import WorldDescription
+
+__all__ = ["AgentOptions", "Mouth", "RobotAgent"]
+
+DIE_FELL = "DmgType_Fell"
+
+
+class Mouth(Protocol):
+    """Where an agent's lines go; must never block."""
+
+    def put_reply(self, line: bytes) -> None:
+        """Queue a line that must arrive."""
+
+    def put_stream(self, line: bytes) -> None:
+        """Queue a line that may give way to newer ones."""
+
+
+@dataclass(frozen=True, slots=True)
+class AgentOptions:
+    """How the connections of one port behave.
+
+    Attributes:
+        dialect: how the dialect is chosen.
+        replace_robot: a second INIT replaces the robot instead of being ignored.
+        start_at_first_pose: INIT without place uses the first start pose, not the origin.
+        pilot: see `PilotOptions`.
+    """
+
+    dialect: DialectMode = DialectMode.AUTO
+    replace_robot: bool = False
+    start_at_first_pose: bool = False
+    pilot: PilotOptions = field(default_factory=PilotOptions)
+
+
+class RobotAgent:
+    """Executes the commands of one connection on its own thread."""
+
+    def __init__(
+        self,
+        peer: str,
+        mouth: Mouth,
+        on_backlog_low: Callable[[], None],
+        fleet: Fleet,
+        world: WorldDescription,
+        attention: Callable[[], None],
+        options: AgentOptions,
+    ) -> None:
+        """Make an agent; its thread starts with the first command.
+
+        Args:
+            peer: names the connection in the log.
+            mouth: takes the lines.
+            on_backlog_low: called when the mailbox has become empty.
+            fleet: makes the robot.
+            world: for start poses and path nodes.
+            attention: tells the simulation that this agent became idle (lockstep).
+            options: see there.
+        """
+        self._peer = peer
+        self._mouth = mouth
+        self._on_backlog_low = on_backlog_low
+        self._fleet = fleet
+        self._world = world
+        self._attention = attention
+        self._options = options
+        self._log = Log("robot", connection=peer)
+        self._selector = DialectSelector(options.dialect)
+        self._pilot: Pilot | None = None
+        self._mail = threading.Condition()
+        self._commands: deque[Command] = deque()
+        self._snapshot: Snapshot | None = None
+        self._lost: str | None = None
+        self._busy = False
+        self._closed = False
+        self._thread: threading.Thread | None = None
+        self._due = math.inf
+
+    # -- mailbox, any thread -----------------------------------------------------------------
+
+    @property
+    def backlog(self) -> int:
+        """Number of commands submitted and not yet begun."""
+        return len(self._commands)
+
+    @property
+    def due(self) -> float:
+        """Simulated time of the next snapshot wanted."""
+        return self._due
+
+    def submit(self, commands: list[Command]) -> None:
+        """Take over commands, in the order they came."""
+        with self._mail:
+            if self._closed:
+                return
+            self._commands.extend(commands)
+            if self._thread is None:
+                name = f"robot-{self._peer}"
+                self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+                self._thread.start()
+            self._mail.notify()
+
+    def wake(self, snapshot: Snapshot) -> None:
+        """Take a snapshot; an older one that was not looked at yet is forgotten."""
+        with self._mail:
+            self._snapshot = snapshot
+            # Not due again before this one has been dealt with.
+            self._due = math.inf
+            self._mail.notify()
+
+    def lost(self, reason: str) -> None:
+        """The robot was taken out of the world."""
+        with self._mail:
+            self._lost = reason
+            self._due = math.inf
+            self._mail.notify()
+
+    def idle(self) -> bool:
+        """Whether all commands and snapshots have been dealt with."""
+        with self._mail:
+            return not (self._busy or self._pending())
+
+    def close(self) -> None:
+        """The client is gone: the robot leaves the world."""
+        with self._mail:
+            self._closed = True
+            self._commands.clear()
+            self._due = math.inf
+            self._mail.notify()
+        pilot = self._pilot
+        if pilot is not None:
+            self._fleet.remove(pilot.vehicle)
+
+    def _pending(self) -> bool:
+        return bool(self._commands) or self._snapshot is not None or self._lost is not None
+
+    # -- the thread --------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        try:
+            while self._turn():
+                pass
+        except Exception as error:
+            # One robot's defect must not take the others along.
+            self._log.exception("the robot's handler failed", error)
+        finally:
+            self._dismiss()
+            with self._mail:
+                self._busy = False
+                self._closed = True
+            self._attention()
+
+    def _turn(self) -> bool:
+        """Deal with what has arrived; False when the client is gone."""
+        with self._mail:
+            self._busy = False
+            if not self._pending() and not self._closed:
+                self._attention()
+                while not self._pending() and not self._closed:
+                    self._mail.wait()
+            if self._closed:
+                return False
+            self._busy = True
+            lost, self._lost = self._lost, None
+            snapshot, self._snapshot = self._snapshot, None
+        if lost is not None:
+            self._lose(lost)
+        self._execute_waiting()
+        if snapshot is not None and self._pilot is not None:
+            for line in self._pilot.report(snapshot):
+                self._mouth.put_stream(messages.encode(line))
+            self._set_due()
+        return True
+
+    def _execute_waiting(self) -> None:
+        while self._commands and not self._closed:
+            try:
+                command = self._commands.popleft()
+            except IndexError:
+                break
+            for line in self._execute(command):
+                self._mouth.put_reply(messages.encode(line))
+        self._on_backlog_low()
+
+    def _execute(self, command: Command) -> list[str]:
+        request = interpret(command)
+        self._selector.observe(request)
+        self._set_dialect()
+        match request:
+            case Init():
+                self._initialise(request)
+                return []
+            case GetStartPoses():
+                return [self._start_poses()]
+            case GetPathNodes():
+                return [self._path_nodes()]
+            case GetClosestPathNode():
+                return self._closest_path_node(request)
+            case Unknown():
+                self._log.info("unknown command ignored", command=command.text)
+                return []
+        return self._obey(request)
+
+    def _obey(self, request: Request) -> list[str]:
+        if self._pilot is None:
+            self._log.debug("ignored: no robot yet", request=type(request).__name__)
+            return []
+        return self._pilot.obey(request)
+
+    def _set_dialect(self) -> None:
+        if self._pilot is not None and self._pilot.dialect is not self._selector.current:
+            self._log.debug("dialect changed", dialect=self._selector.current.value)
+            self._pilot.dialect = self._selector.current
+            self._set_due()
+
+    def _set_due(self) -> None:
+        with self._mail:
+            if self._pilot is not None and self._snapshot is None and not self._closed:
+                self._due = self._pilot.due
+
+    # -- INIT --------------------------------------------------------------------------------
+
+    def _initialise(self, init: Init) -> None:
+        if self._pilot is not None:
+            if not self._options.replace_robot:
+                self._log.info("second INIT ignored", second=init.class_name)
+                return
+            self._dismiss()
+        description = self._fleet.describe(init.class_name)
+        if description is None:
+            self._log.warning("INIT failed: unknown class", robot_class=init.class_name)
+            return
+        try:
+            vehicle = self._fleet.spawn(description, init.name, self._place(init))
+        except UsarsimError as error:
+            self._log.warning(f"INIT failed: {error}", robot_class=init.class_name)
+            return
+        self._selector.initialised(description.dialect, init)
+        self._log = self._log.bind(robot=vehicle.name)
+        dialect = self._selector.current
+        pilot = Pilot(vehicle, dialect, self._options.pilot, init.battery, self._log)
+        self._pilot = pilot
+        if self._closed:
+            self._dismiss()
+            return
+        self._due = 0.0
+        vehicle.attach(self)
+        self._log.info(
+            "robot spawned", robot_class=description.name, dialect=dialect.value, id=vehicle.robot
+        )
+
+    def _place(self, init: Init) -> Pose:
+        """Where INIT wants the robot (protocol reference 3.2)."""
+        starts = self._world.starts
+        if init.start is not None:
+            start = self._world.start(init.start)
+            if start is not None:
+                return start.pose
+            self._log.warning("unknown start pose, the first one is used", start=init.start)
+            if starts:
+                return starts[0].pose
+        elif init.location is None and self._options.start_at_first_pose and starts:
+            return starts[0].pose
+        zero = (0.0, 0.0, 0.0)
+        return pose_from_wire(init.location or zero, init.rotation or zero)
+
+    def _dismiss(self) -> None:
+        pilot, self._pilot = self._pilot, None
+        if pilot is not None:
+            self._fleet.remove(pilot.vehicle)
+            self._log = Log("robot", connection=self._peer)
+
+    def _lose(self, reason: str) -> None:
+        """The simulation took the robot away; the connection stays and may INIT again."""
+        if self._pilot is None:
+            return
+        self._log.warning("robot removed", reason=reason)
+        self._mouth.put_reply(messages.encode(messages.die("None", DIE_FELL)))
+        self._dismiss()
+
+    # -- the world ---------------------------------------------------------------------------
+
+    def _start_poses(self) -> str:
+        return messages.start_poses(
+            [(start.tag, *wire_from_pose(start.pose)) for start in self._world.starts]
+        )
+
+    def _path_nodes(self) -> str:
+        zero = (0.0, 0.0, 0.0)
+        return messages.path_nodes(
+            [
+                (node.tag, wire_from_pose(Pose(node.position))[0], zero)
+                for node in self._world.path_nodes
+            ]
+        )
+
+    def _closest_path_node(self, request: GetClosestPathNode) -> list[str]:
+        nodes = self._world.path_nodes
+        if request.location is None or not nodes:
+            return []
+        x, y, _ = pose_from_wire(request.location).position
+        nearest = min(
+            nodes, key=lambda node: math.hypot(node.position[0] - x, node.position[1] - y)
+        )
+        location, _ = wire_from_pose(Pose(nearest.position))
+        return [messages.closest_path_node(nearest.tag, location)]

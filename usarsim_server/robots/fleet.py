@@ -1,0 +1,184 @@
+"""All robots of a world: classes become bodies, bodies get names, numbers and random streams."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_server.logs import Log
+from usarsim_server.robots.description import RobotDescription
+from usarsim_server.robots.mjcf import build_spec
+from usarsim_server.robots.roster import Roster
+from usarsim_server.sensors.base import Sensor, SensorContext
+from usarsim_server.sensors.registry import create_sensor
+from usarsim_server.simulation.frames import Pose
+from usarsim_server.simulation.model import RobotModel
+from usarsim_server.simulation.rays import RayFan, RayHits
+from usarsim_server.simulation.simulation import Listener, Simulation
+from usarsim_server.simulation.snapshot import RobotBody, Snapshot
+from usarsim_server.worlds.description import WorldDescription
+
+__all__ = ["Fleet", "Vehicle"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Vehicle:
+    """One robot in the world: its class, its body in the simulation, its sensors.
+
+    Attributes:
+        name: label, unique in the world; from INIT, or invented.
+        description: its class.
+        robot: its number in the simulation.
+        sensors: in mount order.
+        simulation: the world it is in.
+    """
+
+    name: str
+    description: RobotDescription
+    robot: int
+    sensors: tuple[Sensor, ...]
+    simulation: Simulation
+
+    def state(self, snapshot: Snapshot) -> RobotBody | None:
+        """Its state in a snapshot; None if it is not in there."""
+        return self.simulation.robot_state(self.robot, snapshot)
+
+    def look(self) -> RobotBody | None:
+        """Its present state; None if it has left the world."""
+        return self.state(self.simulation.look())
+
+    def cast(self, fans: Sequence[RayFan], snapshot: Snapshot) -> list[RayHits]:
+        """Answer ray fans; its own body is left out."""
+        return self.simulation.cast(fans, snapshot, self.robot)
+
+    def drive(self, targets: NDArray[np.float64]) -> None:
+        """Set the wheel speed targets (rad/s) of the driven wheels in part order."""
+        self.simulation.drive(self.robot, targets)
+
+    def teleport(self, pose: Pose) -> None:
+        """Move it to a pose, at rest."""
+        self.simulation.teleport(self.robot, pose)
+
+    def attach(self, listener: Listener) -> None:
+        """Have a listener woken with snapshots."""
+        self.simulation.attach(self.robot, listener)
+
+
+_log = Log("fleet")
+
+
+class Fleet:
+    """Makes and removes vehicles; safe to use from any thread."""
+
+    def __init__(
+        self, roster: Roster, world: WorldDescription, simulation: Simulation, seed: int
+    ) -> None:
+        """Start without robots.
+
+        Args:
+            roster: the classes that can be asked for.
+            world: the world they are put into.
+            simulation: its physics.
+            seed: of all sensor noise; each sensor draws from a stream of its own, chosen by the
+                robot's place in the order of spawning and the sensor's place on the robot.
+        """
+        self._roster = roster
+        self._world = world
+        self._simulation = simulation
+        self._seed = seed
+        self._lock = threading.Lock()
+        self._models: dict[str, RobotModel] = {}
+        self._vehicles: dict[int, Vehicle] = {}
+        self._names: set[str] = set()
+        self._order = 0
+
+    @property
+    def vehicles(self) -> tuple[Vehicle, ...]:
+        """All vehicles in the world, in the order of spawning."""
+        with self._lock:
+            return tuple(self._vehicles.values())
+
+    def describe(self, class_name: str) -> RobotDescription | None:
+        """The class that a client means, None if there is none."""
+        return self._roster.find(class_name)
+
+    def spawn(self, description: RobotDescription, name: str | None, pose: Pose) -> Vehicle:
+        """Put a new vehicle into the world; blocks until it is there.
+
+        Args:
+            description: its class.
+            name: wanted label; made unique, invented if None.
+            pose: wanted pose of the reference point (simulation frame).
+
+        Raises:
+            SpawnError: if there is no room or the pose cannot be used.
+            RobotDescriptionError: if a sensor of the class cannot be made.
+        """
+        with self._lock:
+            order = self._order
+            self._order += 1
+            label = self._reserve(name or description.name)
+        try:
+            sensors = tuple(self._sensors(description, order))
+            robot, placed = self._simulation.spawn(self._model(description), pose)
+        except BaseException:
+            with self._lock:
+                self._names.discard(label)
+            raise
+        vehicle = Vehicle(label, description, robot, sensors, self._simulation)
+        with self._lock:
+            self._vehicles[robot] = vehicle
+        if placed.position != pose.position:
+            _log.info("spawn place was blocked, moved", robot=label, to=placed.position)
+        return vehicle
+
+    def remove(self, vehicle: Vehicle) -> None:
+        """Take a vehicle out of the world; a second call does nothing."""
+        with self._lock:
+            if self._vehicles.pop(vehicle.robot, None) is None:
+                return
+            self._names.discard(vehicle.name)
+        self._simulation.remove(vehicle.robot)
+
+    def _reserve(self, name: str) -> str:
+        label, number = name, 1
+        while label in self._names:
+            number += 1
+            label = f"{name}_{number}"
+        self._names.add(label)
+        return label
+
+    def _sensors(self, description: RobotDescription, order: int) -> list[Sensor]:
+        return [
+            create_sensor(item, SensorContext(description, self._world, self._rng(order, index)))
+            for index, item in enumerate(description.items)
+        ]
+
+    def _rng(self, order: int, index: int) -> np.random.Generator:
+        return np.random.default_rng(
+            np.random.SeedSequence(entropy=self._seed, spawn_key=(order, index))
+        )
+
+    def _model(self, description: RobotDescription) -> RobotModel:
+        with self._lock:
+            model = self._models.get(description.model)
+            if model is None:
+                model = robot_model(description)
+                self._models[description.model] = model
+            return model
+
+
+def robot_model(description: RobotDescription) -> RobotModel:
+    """What the simulation has to know of a class."""
+    return RobotModel(
+        key=description.model,
+        build=lambda: build_spec(description),
+        driven=tuple(wheel.name for wheel in description.driven_wheels),
+        rest_height=description.rest_height,
+        wheel_acceleration=description.drive.wheel_acceleration,
+        brake_delay=description.drive.parking_brake_delay,
+    )

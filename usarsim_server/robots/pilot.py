@@ -1,0 +1,278 @@
+"""What one robot does with requests, and what it reports; no threads, no sockets.
+
+A pilot belongs to one connection and is used by that connection's thread alone. It turns requests
+into wheel targets and reply lines, and snapshots into streamed lines, in the client's dialect.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from usarsim_server.logs import Log
+from usarsim_server.protocol import messages
+from usarsim_server.protocol.dialects import sends_results, sta_period
+from usarsim_server.protocol.requests import Drive, GetConf, GetGeo, Request, Set
+from usarsim_server.protocol.values import Dialect
+from usarsim_server.robots.battery import NO_BATTERY, Battery
+from usarsim_server.robots.drive import WheelDrive
+from usarsim_server.robots.fleet import Vehicle
+from usarsim_server.robots.schedule import Schedule
+from usarsim_server.sensors.assembly import conf_line, geo_line, sen_lines
+from usarsim_server.sensors.base import Sensor, SetResult
+from usarsim_server.simulation.frames import Pose
+from usarsim_server.simulation.snapshot import RobotBody, Snapshot
+
+__all__ = ["Pilot", "PilotOptions"]
+
+UPRIGHTING_LIFT = 0.05
+"""m that a flipped robot is set down from."""
+LIGHT_INTENSITY = 100
+"""Percent; the only intensity the original ever reported for a lit lamp (4.3)."""
+
+
+@dataclass(frozen=True, slots=True)
+class PilotOptions:
+    """What a lab may change about the reports.
+
+    Attributes:
+        quiet_period: simulated s after spawning without STA and SEN (protocol reference 1.8).
+        udk_sta_order: send the exact UDK order of STA in the udk dialect (5.2 no. 1).
+    """
+
+    quiet_period: float = 0.27
+    udk_sta_order: bool = False
+
+
+class Pilot:
+    """Conducts one vehicle on behalf of one client."""
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        dialect: Dialect,
+        options: PilotOptions,
+        battery_life: float | None,
+        log: Log,
+    ) -> None:
+        """Take over a vehicle that has just been spawned.
+
+        Args:
+            vehicle: the vehicle.
+            dialect: dialect so far; `dialect` may be changed at any time.
+            options: see there.
+            battery_life: s of battery life that INIT asked for; None for the robot's own.
+            log: names connection and robot.
+        """
+        self.vehicle = vehicle
+        self._dialect = dialect
+        self._options = options
+        self._log = log
+        self._drive = WheelDrive(vehicle.description)
+        self._battery = _battery(vehicle, battery_life)
+        self._sensors = vehicle.sensors
+        self._schedule = Schedule(self._intervals())
+        self._spawned: float | None = None
+        self._dead = False
+
+    # -- requests ----------------------------------------------------------------------------
+
+    @property
+    def dialect(self) -> Dialect:
+        """Dialect of everything this pilot writes."""
+        return self._dialect
+
+    @dialect.setter
+    def dialect(self, dialect: Dialect) -> None:
+        if dialect is not self._dialect:
+            self._dialect = dialect
+            self._schedule.set_intervals(self._intervals())
+
+    def obey(self, request: Request) -> list[str]:
+        """Carry out a request; returns the reply lines."""
+        if self._dead:
+            # A robot without power takes no orders (protocol reference 3.1, column B).
+            return []
+        match request:
+            case Drive():
+                self._obey_drive(request)
+            case Set():
+                return self._obey_set(request)
+            case GetConf():
+                return self._answer(self._configuration(request))
+            case GetGeo():
+                return self._answer(self._geometry(request))
+            case _:
+                self._log.debug("request has no effect", request=type(request).__name__)
+        return []
+
+    def _obey_drive(self, request: Drive) -> None:
+        targets = self._drive.command(request, self._dialect)
+        if targets is not None:
+            self.vehicle.drive(targets)
+        if request.flip and self._dialect is Dialect.UT2004:
+            self._flip()
+
+    def _flip(self) -> None:
+        """Set an overturned robot back on its wheels where it lies (protocol reference 3.4)."""
+        state = self.vehicle.look()
+        if state is None:
+            return
+        pose = state.pose
+        if pose.rotate((0.0, 0.0, 1.0))[2] > 0.5:
+            return
+        x, y, z = pose.position
+        ahead = pose.rotate((1.0, 0.0, 0.0))
+        yaw = math.atan2(ahead[1], ahead[0])
+        upright = (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2))
+        lift = self.vehicle.description.rest_height + UPRIGHTING_LIFT
+        self.vehicle.teleport(Pose((x, y, z + lift), upright))
+
+    def _obey_set(self, request: Set) -> list[str]:
+        opcode = request.opcode
+        chosen = [one for one in self._sensors if _matches(one, request.type, request.name)]
+        if opcode is None or not chosen:
+            self._log.debug("SET has no addressee", type=request.type, name=request.name)
+            return []
+        state = self.vehicle.look()
+        if state is None:
+            return []
+        lines: list[str] = []
+        for sensor in chosen:
+            result = sensor.set(opcode, request.params, state)
+            if result is SetResult.SCAN:
+                lines += self._measure([sensor], state)
+            if result is not SetResult.UNKNOWN and sends_results(self._dialect):
+                ok = result is not SetResult.FAILED
+                lines.append(messages.result(state.time, sensor.wire_type, sensor.name, ok))
+        return lines
+
+    def _answer(self, line: str | None) -> list[str]:
+        return [line] if line else []
+
+    def _configuration(self, request: GetConf) -> str | None:
+        if request.type.lower() != "robot":
+            return conf_line(self._sensors, request.type, request.name, self._dialect)
+        robot = self.vehicle.description
+        report = robot.report
+        return messages.ground_configuration(
+            self._dialect,
+            robot.name,
+            report.steering_type,
+            report.mass,
+            report.max_speed,
+            report.max_torque,
+            report.max_front_steer,
+            report.max_rear_steer,
+        )
+
+    def _geometry(self, request: GetGeo) -> str | None:
+        robot = self.vehicle.description
+        if request.type.lower() != "robot":
+            return geo_line(self._sensors, request.type, request.name, robot, self._dialect)
+        report = robot.report
+        return messages.ground_geometry(
+            robot.name,
+            report.dimensions,
+            report.center_of_gravity,
+            report.wheel_radius,
+            report.track_width,
+            report.wheel_base,
+        )
+
+    # -- reports -----------------------------------------------------------------------------
+
+    @property
+    def due(self) -> float:
+        """Simulated time of the next snapshot wanted."""
+        return self._schedule.due if self._spawned is not None else 0.0
+
+    def report(self, snapshot: Snapshot) -> list[str]:
+        """The streamed lines that are due at a snapshot."""
+        state = self.vehicle.state(snapshot)
+        if state is None:
+            return []
+        if self._spawned is None:
+            self._begin(state)
+            return []
+        due = self._schedule.take_due(snapshot.time)
+        if not due:
+            return []
+        lines: list[str] = []
+        if due[0] == 0:
+            lines.append(self._status(snapshot.time))
+        self._check_battery(snapshot.time)
+        if not self._dead:
+            lines += self._measure([self._sensors[index - 1] for index in due if index], state)
+        return lines
+
+    def _begin(self, state: RobotBody) -> None:
+        """Start the clock; dead reckoning starts from the pose of this moment."""
+        self._spawned = state.time
+        for sensor in self._sensors:
+            if not sensor.rays(state):
+                sensor.measure(state, ())
+        self._schedule.begin(state.time + self._options.quiet_period)
+
+    def _intervals(self) -> list[float]:
+        """Interval of STA and of every sensor, in that order."""
+        sensors = [sensor.interval(self._dialect) for sensor in self._sensors]
+        return [sta_period(self._dialect), *sensors]
+
+    def _measure(self, sensors: Sequence[Sensor], state: RobotBody) -> list[str]:
+        """Take readings with one batch of rays and write them down."""
+        wanted = [sensor.rays(state) for sensor in sensors]
+        fans = [fan for rays in wanted for fan in rays]
+        hits = iter(self.vehicle.cast(fans, state.snapshot) if fans else ())
+        measured = [
+            sensor
+            for sensor, rays in zip(sensors, wanted, strict=True)
+            if sensor.measure(state, [next(hits) for _ in rays])
+        ]
+        return sen_lines(measured, state.time, self._dialect)
+
+    def _status(self, time: float) -> str:
+        light = self._drive.light
+        udk = self._dialect is Dialect.UDK
+        return messages.ground_status(
+            messages.GroundStatus(
+                time=time,
+                front_steer=0.0,
+                rear_steer=0.0,
+                joints=(),
+                light=light,
+                light_intensity=LIGHT_INTENSITY if light or udk else 0,
+                battery=self._remaining(time),
+                view=-1,
+            ),
+            self._dialect,
+            udk_order=self._options.udk_sta_order,
+        )
+
+    def _remaining(self, time: float) -> int:
+        if self._battery is None or self._spawned is None:
+            return NO_BATTERY
+        return self._battery.remaining_seconds(time - self._spawned)
+
+    def _check_battery(self, time: float) -> None:
+        if self._dead or self._battery is None or self._spawned is None:
+            return
+        if self._battery.empty(time - self._spawned):
+            self._dead = True
+            self.vehicle.drive(self._drive.stop())
+            self._log.info("battery is empty")
+
+
+def _battery(vehicle: Vehicle, life: float | None) -> Battery | None:
+    description = vehicle.description.battery
+    if life is not None:
+        return Battery(life=life) if description is None else Battery(life, description.energy)
+    return None if description is None else Battery(description.life, description.energy)
+
+
+def _matches(sensor: Sensor, wire_type: str, name: str | None) -> bool:
+    if sensor.wire_type.lower() != wire_type.lower():
+        return False
+    names = {sensor.name.lower(), *(sensor.wire_name(dialect).lower() for dialect in Dialect)}
+    return name is None or name.lower() in names

@@ -1,0 +1,299 @@
+"""Helpers for tests and experiments, ours and yours.
+
+* `Rehearsal` runs a world without sockets and without a clock: commands go in as text, lines come
+  out as text, time moves when told to. Equal scripts give equal lines.
+* `ScriptedClient` speaks the protocol over a socket, line by line.
+* `running_server` runs a whole server inside this process; `ServerProcess` runs `usarsim serve`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import re
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from types import TracebackType
+
+from usarsim_server.app import Assembly, assemble
+from usarsim_server.protocol.framing import LineFramer
+from usarsim_server.protocol.grammar import parse_line
+from usarsim_server.robots.agent import RobotAgent
+from usarsim_server.services.listener import Endpoint
+from usarsim_server.services.ready import run_services
+from usarsim_server.settings import Settings
+
+__all__ = ["Rehearsal", "RehearsedClient", "ScriptedClient", "ServerProcess", "running_server"]
+
+TIMEOUT = 10.0
+"""s of wall time after which a test gives up waiting."""
+
+
+class RehearsedClient:
+    """One connection of a `Rehearsal`.
+
+    Attributes:
+        lines: everything the server has said so far, without line ends.
+        agent: the agent that executes the commands.
+    """
+
+    def __init__(self, rehearsal: Rehearsal, peer: str) -> None:
+        self.lines: list[str] = []
+        self._rehearsal = rehearsal
+        self._framer = LineFramer()
+        self.agent: RobotAgent = rehearsal.assembly.make_agent(peer, self, _nothing)
+
+    def put_reply(self, line: bytes) -> None:
+        """Take a reply (called by the agent)."""
+        self.lines.append(line.decode("latin-1").removesuffix("\r\n"))
+
+    def put_stream(self, line: bytes) -> None:
+        """Take a streamed line (called by the agent)."""
+        self.put_reply(line)
+
+    def send(self, *texts: str) -> None:
+        """Send command lines and wait until they have been executed; time stands still."""
+        for text in texts:
+            for line in self._framer.feed(text.encode("latin-1") + b"\r\n"):
+                self.agent.submit(parse_line(line))
+        self._rehearsal.assembly.simulation.settle()
+
+    def take(self, head: str = "") -> list[str]:
+        """Lines received since the last call that begin with a text; all are forgotten."""
+        taken, self.lines = self.lines, []
+        return [line for line in taken if line.startswith(head)]
+
+    def close(self) -> None:
+        """Hang up; the robot leaves the world."""
+        self.agent.close()
+
+
+class Rehearsal:
+    """A world that is played by hand, in lockstep, in this thread."""
+
+    def __init__(self, **settings: object) -> None:
+        """Load a world.
+
+        Args:
+            settings: fields of `Settings`; speed and ports do not matter.
+        """
+        values = {**settings, "speed": float("inf")}
+        self.assembly: Assembly = assemble(Settings(**values))  # type: ignore[arg-type]
+        self._clients: list[RehearsedClient] = []
+
+    def connect(self) -> RehearsedClient:
+        """A new connection."""
+        client = RehearsedClient(self, f"rehearsed:{len(self._clients)}")
+        self._clients.append(client)
+        return client
+
+    @property
+    def time(self) -> float:
+        """Simulated seconds."""
+        return self.assembly.simulation.look().time
+
+    def run(self, seconds: float) -> None:
+        """Let simulated time pass."""
+        self.assembly.simulation.run_until(self.time + seconds)
+
+    def close(self) -> None:
+        """End all connections."""
+        for client in self._clients:
+            client.close()
+        self.assembly.simulation.stop()
+
+    def __enter__(self) -> Rehearsal:
+        """Use as a context manager."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+class ScriptedClient:
+    """A legacy controller in slow motion: sends text, reads whole lines."""
+
+    def __init__(self, port: int, host: str = "127.0.0.1", timeout: float = TIMEOUT) -> None:
+        self.socket = socket.create_connection((host, port), timeout=timeout)
+        self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._timeout = timeout
+        self._buffer = b""
+
+    def send(self, text: str, end: str = "\r\n") -> None:
+        """Send one command line."""
+        self.socket.sendall((text + end).encode("latin-1"))
+
+    def send_bytes(self, data: bytes) -> None:
+        """Send bytes as they are."""
+        self.socket.sendall(data)
+
+    def read_line(self, timeout: float | None = None) -> str:
+        """The next line without its CR LF.
+
+        Raises:
+            TimeoutError: if none comes in time.
+            ConnectionError: if the server closed the connection.
+        """
+        deadline = time.monotonic() + (self._timeout if timeout is None else timeout)
+        while b"\r\n" not in self._buffer:
+            left = deadline - time.monotonic()
+            if left <= 0.0:
+                raise TimeoutError(f"no line within the time; so far: {self._buffer[:200]!r}")
+            self.socket.settimeout(left)
+            data = self.socket.recv(65536)
+            if not data:
+                raise ConnectionError("the server closed the connection")
+            self._buffer += data
+        line, _, self._buffer = self._buffer.partition(b"\r\n")
+        return line.decode("latin-1")
+
+    def wait_for(self, wanted: str | Callable[[str], bool], timeout: float | None = None) -> str:
+        """The next line that begins with a text, or that a function accepts; skips others."""
+        accept = wanted if callable(wanted) else lambda line: line.startswith(wanted)
+        deadline = time.monotonic() + (self._timeout if timeout is None else timeout)
+        while True:
+            line = self.read_line(max(0.0, deadline - time.monotonic()))
+            if accept(line):
+                return line
+
+    def read_for(self, seconds: float) -> list[str]:
+        """All lines that arrive within a time."""
+        lines = []
+        deadline = time.monotonic() + seconds
+        with contextlib.suppress(TimeoutError):
+            while (left := deadline - time.monotonic()) > 0.0:
+                lines.append(self.read_line(left))
+        return lines
+
+    def close(self) -> None:
+        """Hang up."""
+        self.socket.close()
+
+    def __enter__(self) -> ScriptedClient:
+        """Use as a context manager."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+@contextlib.contextmanager
+def running_server(**settings: object) -> Iterator[tuple[Assembly, dict[str, Endpoint]]]:
+    """Run a whole server in this process while inside; yields it and its endpoints by name.
+
+    Args:
+        settings: fields of `Settings`; all ports default to any free one or off.
+    """
+    assembly = assemble(Settings(**{"port": 0, **settings}))  # type: ignore[arg-type]
+    ready = threading.Event()
+    endpoints: dict[str, Endpoint] = {}
+    loops: list[tuple[asyncio.AbstractEventLoop, asyncio.Event]] = []
+
+    def announce(found: Sequence[Endpoint]) -> None:
+        endpoints.update({endpoint.name: endpoint for endpoint in found})
+        ready.set()
+
+    async def serve() -> None:
+        stop = asyncio.Event()
+        loops.append((asyncio.get_running_loop(), stop))
+        await run_services(assembly.services, announce, stop)
+
+    assembly.simulation.start()
+    thread = threading.Thread(target=asyncio.run, args=(serve(),), daemon=True)
+    thread.start()
+    try:
+        if not ready.wait(TIMEOUT):
+            raise TimeoutError("the server did not become ready")
+        yield assembly, endpoints
+    finally:
+        for loop, stop in loops:
+            loop.call_soon_threadsafe(stop.set)
+        thread.join(TIMEOUT)
+        assembly.simulation.stop()
+
+
+class ServerProcess:
+    """`usarsim serve` in a process of its own.
+
+    Attributes:
+        ports: port numbers by service name, from the READY line.
+        process: the process.
+    """
+
+    def __init__(self, *arguments: str) -> None:
+        """Start it and wait for READY.
+
+        Args:
+            arguments: of `usarsim serve`; the control port defaults to any free one.
+
+        Raises:
+            RuntimeError: if it does not become ready; with what it said.
+        """
+        command = [sys.executable, "-m", "usarsim_server.cli", "serve", "--port", "0", *arguments]
+        self.process = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        assert self.process.stdout is not None
+        self.ready_line = self.process.stdout.readline()
+        if not self.ready_line.startswith("READY"):
+            _, errors = self.process.communicate(timeout=TIMEOUT)
+            raise RuntimeError(f"the server did not start: {errors}")
+        found = re.findall(r"(\w+)=\S+:(\d+)", self.ready_line)
+        self.ports = {name: int(port) for name, port in found}
+        self._errors: list[str] = []
+        # A full pipe would stop the server.
+        self._reader = threading.Thread(target=self._read_errors, daemon=True)
+        self._reader.start()
+
+    @property
+    def errors(self) -> str:
+        """What it wrote to standard error so far."""
+        return "".join(self._errors)
+
+    def client(self) -> ScriptedClient:
+        """A new connection to the control port."""
+        return ScriptedClient(self.ports["control"])
+
+    def stop(self, timeout: float = TIMEOUT) -> int:
+        """Send SIGTERM and return the exit code."""
+        self.process.terminate()
+        code = self.process.wait(timeout)
+        self._reader.join(1.0)
+        return code
+
+    def _read_errors(self) -> None:
+        assert self.process.stderr is not None
+        for line in self.process.stderr:
+            self._errors.append(line)
+
+    def __enter__(self) -> ServerProcess:
+        """Use as a context manager."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+
+
+def _nothing() -> None:
+    """A callback that nobody needs."""
