@@ -1,0 +1,205 @@
+"""Words and segments out of lines (protocol reference 1.4, 1.5, 1.7; checklist 6.2 and 6.3)."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+
+from usarsim_server.protocol.grammar import KNOWN_WORDS, Command, parse_line
+
+DRIVE = ("DRIVE", (("Left", "1"), ("Right", "1")))
+
+
+def parsed(line: bytes) -> list[tuple[str, tuple[tuple[str, str], ...]]]:
+    return [(command.word, command.segments) for command in parse_line(line)]
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b"DRIVE {Left 1} {Right 1}",
+        b"DRIVE{Left 1}{Right 1}",
+        b"DRIVE {  Left   1  }   {Right 1}",
+        b"DRIVE {Left 1} junk {Right 1}",
+        b"DRIVE } {Left 1} {Right 1}",
+        b"DRIVE {Left\t1}\t{\tRight 1\t}",
+        b" \t DRIVE {Left 1} {Right 1} \t ",
+        b"DRIVE {Left 1}}{Right 1}}",
+        b"DRIVE {{Left 1}{Right 1}",
+        b"DRIVE {} {Left 1} {   } {Right 1}",
+        b"drive {Left 1} {Right 1}",
+        b"dRiVe{Left 1}{Right 1} trailing",
+        b"\xef\xbb\xbfDRIVE {Left 1} {Right 1}",
+        b"DRIVE junk {Left 1} {Right 1}",
+    ],
+    ids=repr,
+)
+def test_lenient_spellings_of_one_command(line: bytes) -> None:
+    """31, 33 to 35, 38: blanks, junk, stray braces and a byte order mark change nothing."""
+    assert parsed(line) == [DRIVE]
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        (b"DRIVE {Left 1.0} {Right", [("DRIVE", (("Left", "1.0"),))]),
+        (b"DRIVE {Left 1} {Right 1", [("DRIVE", (("Left", "1"),))]),
+        (b"DRIVE {Left 1} {Bad} {Right 1}", [("DRIVE", (*DRIVE[1][:1], ("Bad", ""), DRIVE[1][1]))]),
+        (b"DRIVE {Left 1 {Right 2}", [("DRIVE", (("Right", "2"),))]),
+        (b"DRIVE Left 1.0}", [("DRIVE", ())]),
+        (b"DRIVE", [("DRIVE", ())]),
+        (b"DRIVER {Left 1}", [("DRIVER", (("Left", "1"),))]),
+        (b"{Left 1}", [("", (("Left", "1"),))]),
+        (b"?? {Left 1}", [("", (("Left", "1"),))]),
+        (b"}", [("", ())]),
+    ],
+    ids=repr,
+)
+def test_malformed_lines(
+    line: bytes, expected: list[tuple[str, tuple[tuple[str, str], ...]]]
+) -> None:
+    """36, 37 and table 1.7: a broken segment is dropped, its neighbours stay visible."""
+    assert parsed(line) == expected
+
+
+@pytest.mark.parametrize(
+    "line", [b"", b" ", b"\t \t", b"\xef\xbb\xbf", b"\xef\xbb\xbf  "], ids=repr
+)
+def test_lines_with_nothing_in_them(line: bytes) -> None:
+    """28: blanks are no command at all."""
+    assert parse_line(line) == []
+
+
+def test_lookup_ignores_case_and_takes_the_first() -> None:
+    """32, 39: names match in any case as whole words, and the first of a repeated name wins."""
+    (command,) = parse_line(b"drive {left 1} {LEFT 5} {Lefty 7} {RIGHT 2}")
+    assert command.get("Left") == "1"
+    assert command.get("rIGHT") == "2"
+    assert command.get("Righ") is None
+    assert command.get("Speed", "0") == "0"
+    assert command.has("lefty")
+    assert not command.has("Speed")
+
+
+def test_a_segment_of_one_word_is_present_but_empty() -> None:
+    """A name without value is found with an empty value, which differs from an absent name."""
+    (command,) = parse_line(b"DRIVE {Flip}")
+    assert command.has("flip")
+    assert command.get("flip") == ""
+
+
+def test_values_keep_inner_blanks_and_commas() -> None:
+    """40: inner blanks and commas belong to the value, outer blanks do not."""
+    (command,) = parse_line(b"SET {Params   118 two  words, more } {Opcode Write}")
+    assert command.get("Params") == "118 two  words, more"
+    assert command.get("Opcode") == "Write"
+
+
+def test_multi_pair_segments_read_as_one_value() -> None:
+    """1.5: a client's `{Name F1 Range 2.1}` is name `Name`, value `F1 Range 2.1`."""
+    assert parsed(b"X {Name F1 Range 2.1}") == [("X", (("Name", "F1 Range 2.1"),))]
+
+
+def test_non_ascii_bytes_pass_through() -> None:
+    """52: foreign bytes in a name survive as Latin-1 and hide nothing behind them."""
+    (command,) = parse_line("INIT {Name Röver Žluťoučký} {Start A}".encode())
+    assert command.get("Name") == "Röver Žluťoučký".encode().decode("latin-1")
+    assert command.get("Start") == "A"
+
+
+@pytest.mark.parametrize("byte", [0x00, 0x0B, 0x1C, 0x85, 0xA0, 0xFF])
+def test_only_blank_and_tab_separate(byte: int) -> None:
+    """1.5: bytes that Unicode calls white space belong to the value."""
+    character = chr(byte)
+    (command,) = parse_line(f"SET {{Params {character}a{character}}}".encode("latin-1"))
+    assert command.get("Params") == f"{character}a{character}"
+
+
+def test_glued_command_of_rdk() -> None:
+    """29: a known word glued behind a closing brace starts its own command."""
+    line = b"SET {Type RFIDReleaser} {Name Gun} {Opcode Release}DRIVE {Left 1.0} {Right 1.0}"
+    assert parsed(line) == [
+        ("SET", (("Type", "RFIDReleaser"), ("Name", "Gun"), ("Opcode", "Release"))),
+        ("DRIVE", (("Left", "1.0"), ("Right", "1.0"))),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        (b"SET {A 1}GETSTARTPOSES", ["SET", "GETSTARTPOSES"]),
+        (b"SET {A 1} getstartposes  ", ["SET", "GETSTARTPOSES"]),
+        (b"Init {A 1}Drive {B 2}MultiDrive  {C 3}", ["INIT", "DRIVE", "MULTIDRIVE"]),
+        (b"SET {A 1}DRIVE", ["SET", "DRIVE"]),
+        (b"{A 1}DRIVE {B 2}", ["", "DRIVE"]),
+        (b"SET {A 1}DRIVEN {B 2}", ["SET"]),
+        (b"SET {A 1}DRIVE now {B 2}", ["SET"]),
+        (b"SET {A 1}DRIVE} {B 2}", ["SET"]),
+        (b"SET {A 1}xDRIVE {B 2}", ["SET"]),
+        (b"SET {A 1}{DRIVE {B 2}", ["SET"]),
+        (b"SET {Name DRIVE} {B 2}", ["SET"]),
+        (b"SET DRIVE {B 2}", ["SET"]),
+    ],
+    ids=repr,
+)
+def test_what_starts_a_glued_command(line: bytes, words: list[str]) -> None:
+    """1.4: only a whole known word outside braces, followed by a brace or the end, does."""
+    assert [command.word for command in parse_line(line)] == words
+
+
+@pytest.mark.parametrize("word", sorted(KNOWN_WORDS))
+def test_every_known_word_can_be_glued(word: str) -> None:
+    """1.4: all command words of 3.1 and 3.15 start a glued command, in any case."""
+    line = f"SET {{A 1}}{word.lower()}{{B 2}}".encode()
+    assert parsed(line) == [("SET", (("A", "1"),)), (word, (("B", "2"),))]
+
+
+def test_glued_commands_keep_their_own_text() -> None:
+    """The log text of each glued command is its own part of the line."""
+    texts = [command.text for command in parse_line(b"SET {A 1} DRIVE {B 2}")]
+    assert texts == ["SET {A 1}", "DRIVE {B 2}"]
+
+
+def test_log_text_is_short_and_printable() -> None:
+    """A hostile line cannot write control characters or kilobytes into a log."""
+    (command,) = parse_line(b"INIT {Name \x1b[31m\x00\xff}" + b"{A b}" * 10000)
+    assert command.text.isascii()
+    assert command.text.isprintable()
+    assert command.text.startswith(r"INIT {Name \x1b[31m\x00\xff}")
+    assert command.text.endswith("...")
+    assert len(command.text) < 300
+    assert len(command.segments) == 10001
+
+
+def test_commands_are_values() -> None:
+    """Commands compare by content and cannot be changed."""
+    (one,), (two,) = parse_line(b"SET {A 1}"), parse_line(b"SET {A 1}")
+    assert one == two == Command("SET", (("A", "1"),), "SET {A 1}")
+    with pytest.raises(AttributeError):
+        one.word = "DRIVE"  # type: ignore[misc]
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b"{" * 65536,
+        b"}" * 65536,
+        b"{a" * 32768,
+        b"{}" * 32768,
+        b"}DRIVE " * 9362,
+        b"{a}" * 21845,
+        b"{" + b"a" * 65535,
+        b"{" + b" " * 65534 + b"}",
+        b"{a" + b" " * 65532 + b"b}",
+        b"A" * 65536,
+        b" " * 65535 + b"a",
+        bytes(range(256)) * 256,
+    ],
+    ids=lambda line: repr(line[:6]),
+)
+def test_the_longest_line_takes_linear_time(line: bytes) -> None:
+    """No line of 64 KiB costs more than a fraction of a second, whatever its shape."""
+    started = time.perf_counter()
+    parse_line(line)
+    assert time.perf_counter() - started < 1.0

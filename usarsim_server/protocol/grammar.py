@@ -1,0 +1,150 @@
+"""From one line to commands: words and segments, nothing interpreted (protocol reference 1.5).
+
+The grammar is the tolerant one of the reference: junk between segments is skipped, a broken
+segment is dropped without hiding its neighbours, and a command glued behind a closing brace
+starts a command of its own (1.4). Every function here runs in linear time and accepts any bytes.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from usarsim_server.protocol.values import Segment
+
+__all__ = ["IGNORED_WORDS", "KNOWN_WORDS", "Command", "first_value", "parse_line"]
+
+IGNORED_WORDS = frozenset(
+    {
+        "CAMERA",
+        "EFFECTOR",
+        "FACTORY",
+        "KILL",
+        "PAUSE",
+        "POSALL",
+        "SENSOR",
+        "SETBALL",
+        "TEST",
+        "TRACE",
+        "TURN",
+    }
+)
+"""Words that are accepted and have no effect here (protocol reference 3.12 and 3.15)."""
+
+KNOWN_WORDS = IGNORED_WORDS | {
+    "ACT",
+    "CONTROL",
+    "DRIVE",
+    "GETCLOSESTPATHNODE",
+    "GETCONF",
+    "GETGEO",
+    "GETPATHNODES",
+    "GETSTARTPOSES",
+    "GOTO",
+    "INIT",
+    "MISPKG",
+    "MOVE",
+    "MULTIDRIVE",
+    "SET",
+}
+"""Command words of all server generations (protocol reference 3.1).
+
+Only these may start a glued command: RDK sends RFID requests without a terminator, the 2011
+student controllers do so with other lines.
+"""
+
+_BLANKS = " \t"
+_HEAD = re.compile(r"[ \t]*([A-Za-z0-9_]*)")
+# A whole segment, a lone brace, or text outside braces. A brace that opens a segment never closed
+# is scanned at most twice, so the tokenizer is linear.
+_TOKEN = re.compile(r"\{([^{}]*)\}|[{}]|[^{}]+")
+_NAME_END = re.compile(r"[ \t]+")
+# Written by .NET stream writers in front of the first line.
+_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+# Enough to recognise a command in a log; a line may have 64 KiB.
+_LOGGED_CHARACTERS = 200
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """One command as it was written.
+
+    Attributes:
+        word: command word in upper case; empty if the line has none.
+        segments: name and value of every well formed segment, in order, spelled as sent. The value
+            keeps inner blanks; a segment of one word has an empty value. Empty segments are left
+            out.
+        text: the beginning of the command, safe to print in a log.
+    """
+
+    word: str
+    segments: tuple[Segment, ...] = ()
+    text: str = ""
+
+    def get(self, name: str, default: str | None = None) -> str | None:
+        """Value of the first segment of this name in any case, `default` if there is none."""
+        return first_value(self.segments, name, default)
+
+    def has(self, name: str) -> bool:
+        """Whether a segment of this name exists, in any case."""
+        return self.get(name) is not None
+
+
+def first_value(segments: Iterable[Segment], name: str, default: str | None = None) -> str | None:
+    """Value of the first segment of this name in any case, `default` if there is none."""
+    wanted = name.lower()
+    return next((value for key, value in segments if key.lower() == wanted), default)
+
+
+def parse_line(line: bytes) -> list[Command]:
+    """Read one line without its terminator; never raises.
+
+    Bytes are taken as Latin-1, so that whatever a client's locale produced survives unchanged.
+
+    Returns:
+        The command of the line and those glued behind it, in order; nothing for a blank line. A
+        line that has text but no command word gives a command with an empty word.
+    """
+    text = line.removeprefix(_BYTE_ORDER_MARK).decode("latin-1").strip(_BLANKS)
+    if not text:
+        return []
+    head = _HEAD.match(text)
+    assert head is not None  # the pattern matches the empty string
+    commands: list[Command] = []
+    word, start, segments = head[1].upper(), 0, list[Segment]()
+    after_brace = False
+    for token in _TOKEN.finditer(text, head.end()):
+        inner = token[1]
+        if inner is not None:
+            _append(segments, inner)
+            after_brace = True
+        elif token[0] in "{}":
+            after_brace = token[0] == "}"
+        elif after_brace and (glued := _glued_word(text, token)):
+            commands.append(Command(word, tuple(segments), _loggable(text, start, token.start())))
+            word, start, segments = glued, token.start(), []
+    commands.append(Command(word, tuple(segments), _loggable(text, start, len(text))))
+    return commands
+
+
+def _append(segments: list[Segment], inner: str) -> None:
+    """Split the text of one segment at its first run of blanks; keep it unless it is empty."""
+    name, *value = _NAME_END.split(inner.strip(_BLANKS), maxsplit=1)
+    if name:
+        segments.append((name, value[0] if value else ""))
+
+
+def _glued_word(text: str, token: re.Match[str]) -> str:
+    """The command word that this text outside braces is, or nothing."""
+    word = token[0].strip(_BLANKS).upper()
+    follower = text[token.end() : token.end() + 1]
+    return word if word in KNOWN_WORDS and follower != "}" else ""
+
+
+def _loggable(text: str, start: int, end: int) -> str:
+    """The beginning of `text[start:end]` with everything unprintable escaped."""
+    shown = text[start : min(end, start + _LOGGED_CHARACTERS)].strip(_BLANKS)
+    if not (shown.isascii() and shown.isprintable()):
+        shown = shown.encode("unicode_escape").decode("ascii")
+    return shown if end - start <= _LOGGED_CHARACTERS else shown + "..."
