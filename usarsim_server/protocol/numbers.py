@@ -1,0 +1,156 @@
+"""Numbers, booleans and vectors, in and out (protocol reference 2.1 to 2.3).
+
+Reading is tolerant and total: every text has a value and it is always finite. Printing is strict:
+a decimal point whatever the locale, a fixed number of digits, never an exponent, `nan`, `inf` or a
+negative zero.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Sequence
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+__all__ = [
+    "MAX_MAGNITUDE",
+    "boolean",
+    "fixed",
+    "ranges",
+    "read_bool",
+    "read_int",
+    "read_number",
+    "read_vector",
+    "vector",
+]
+
+MAX_MAGNITUDE = 1e15
+"""Largest magnitude that is read or printed; anything beyond is clamped.
+
+Far outside every physical quantity, yet sums and products of a few such numbers stay finite, and
+whole numbers up to here are exact in double precision.
+"""
+
+_SLACK = 1e-3
+"""Part of the last printed digit by which a value may fall short and still count as reached.
+
+Absorbs binary representation and accumulated rounding (0.098 is 0.09799.. somewhere along the
+way, the clock shows 63.3999999), not real differences: 1.9999999 prints 2.00, 1.999 prints 1.99.
+"""
+
+_TRUE = frozenset({"true", "1", "yes", "on"})
+_NUMBER = re.compile(
+    r"[ \t]*([+-]?(?:[0-9]++(?:\.[0-9]*+)?|\.[0-9]++)(?:[eE][+-]?[0-9]++)?)", re.ASCII
+)
+# Digits, comma, digits and no point; a further comma would make it a list.
+_DECIMAL_COMMA = re.compile(
+    r"[ \t]*([+-]?[0-9]++),([0-9]++(?:[eE][+-]?[0-9]++)?+)(?![.,])", re.ASCII
+)
+# One blank separated component of a vector, comma as decimal point allowed.
+_COMPONENT = re.compile(
+    r"[+-]?(?:[0-9]+(?:\.[0-9]*|,[0-9]+)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?", re.ASCII
+)
+_BLANK_RUN = re.compile(r"[ \t]+")
+_SEPARATOR_RUN = re.compile(r"[, \t]+")
+# More digits than a double can tell apart; keeps a hostile 64 KiB number cheap.
+_MAX_NUMBER_TEXT = 400
+
+
+def read_number(text: str) -> float:
+    """Read the number a text begins with; 0 if there is none.
+
+    Accepts a sign, a missing leading zero, an exponent, a decimal comma between digits, leading
+    blanks and trailing junk. Never returns nan or an infinity; magnitudes beyond `MAX_MAGNITUDE`
+    are clamped to it.
+    """
+    text = text[:_MAX_NUMBER_TEXT]
+    if comma := _DECIMAL_COMMA.match(text):
+        value = float(f"{comma[1]}.{comma[2]}")
+    elif plain := _NUMBER.match(text):
+        value = float(plain[1])
+    else:
+        return 0.0
+    # Adding zero turns a negative zero into a plain one.
+    return min(max(value, -MAX_MAGNITUDE), MAX_MAGNITUDE) + 0.0
+
+
+def read_int(text: str) -> int:
+    """Read a number as `read_number` does and truncate it toward zero."""
+    return int(read_number(text))
+
+
+def read_bool(text: str) -> bool:
+    """Whether the text is `true`, `1`, `yes` or `on` in any case."""
+    return text.strip(" \t").lower() in _TRUE
+
+
+def read_vector(text: str, count: int = 3) -> tuple[float, ...]:
+    """Read `count` numbers that are separated by commas, blanks or both.
+
+    Blanks separate first: if they give exactly `count` numbers, a comma inside one of them is a
+    decimal comma (`0,5 1,0 1,8`), also when a comma stands before each blank
+    (`0,0000, 0,0000, 0,0000`, the six-part form of .NET clients). Everything else is split at
+    every run of commas and blanks. Missing components are 0, surplus ones are ignored.
+    """
+    tokens = _BLANK_RUN.split(text.strip(" \t"))
+    if len(tokens) == count:
+        if all(token.endswith(",") for token in tokens[:-1]):
+            tokens = [token.removesuffix(",") for token in tokens[:-1]] + tokens[-1:]
+        if all(_COMPONENT.fullmatch(token) for token in tokens):
+            return tuple(read_number(token) for token in tokens)
+    parts = [part for part in _SEPARATOR_RUN.split(text) if part][:count]
+    numbers = [read_number(part) for part in parts]
+    return (*numbers, *(0.0,) * (count - len(numbers)))
+
+
+def fixed(value: float, digits: int) -> str:
+    """Print a number with exactly `digits` digits after the point, truncated toward zero.
+
+    The original's formatter truncates, too (protocol reference 2.1). Values that miss the next
+    step by less than a thousandth of the last digit are taken up to it. Not-a-number and
+    infinities print as 0.
+    """
+    value = float(value)
+    if not math.isfinite(value):
+        value = 0.0
+    scaled = min(max(value, -MAX_MAGNITUDE), MAX_MAGNITUDE) * 10.0**digits
+    units = int(scaled + math.copysign(_SLACK, scaled))
+    text = f"{abs(units):0{digits + 1}d}"
+    sign = "-" if units < 0 else ""
+    return f"{sign}{text[:-digits]}.{text[-digits:]}" if digits else f"{sign}{text}"
+
+
+def vector(values: Iterable[float], digits: int) -> str:
+    """Print numbers joined by commas without blanks, each as `fixed` does."""
+    return ",".join([fixed(value, digits) for value in values])
+
+
+def ranges(values: ArrayLike, digits: int) -> str:
+    """Print an array of numbers like `vector`, fast enough for scans of a thousand beams.
+
+    Args:
+        values: numbers of any shape, taken row by row.
+        digits: digits after the point.
+    """
+    numbers = np.asarray(values, dtype=np.float64).ravel()
+    numbers = np.where(np.isfinite(numbers), numbers, 0.0)
+    scale = 10.0**digits
+    scaled = np.minimum(np.maximum(numbers, -MAX_MAGNITUDE), MAX_MAGNITUDE) * scale
+    units = np.trunc(scaled + np.copysign(_SLACK, scaled))
+    # Adding zero turns negative zeros into plain ones.
+    printable: Sequence[float] = (units / scale + 0.0).tolist()
+    return _list_template(len(printable), digits) % tuple(printable)
+
+
+@lru_cache(maxsize=64)
+def _list_template(count: int, digits: int) -> str:
+    """A format string for `count` numbers; one formatting call is far cheaper than many."""
+    return ",".join([f"%.{digits}f"] * count)
+
+
+def boolean(value: bool) -> str:
+    """`True` or `False`, the only spellings clients know."""
+    return "True" if value else "False"
