@@ -1,0 +1,330 @@
+"""From commands to typed requests (protocol reference 3).
+
+One function per command word, found through a table. None of them raises: a number that cannot be
+read is 0, a segment nobody knows is skipped, a command nobody knows is `Unknown`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from usarsim_server.protocol.grammar import IGNORED_WORDS, Command
+from usarsim_server.protocol.numbers import read_bool, read_int, read_number, read_vector
+from usarsim_server.protocol.requests import (
+    Act,
+    Control,
+    Drive,
+    GetClosestPathNode,
+    GetConf,
+    GetGeo,
+    GetPathNodes,
+    GetStartPoses,
+    Goto,
+    Ignored,
+    Init,
+    LinkTarget,
+    MisPkg,
+    Move,
+    MultiDrive,
+    Request,
+    Set,
+    Unknown,
+    WheelTarget,
+)
+from usarsim_server.protocol.values import Dialect, Segment, Vector
+
+__all__ = [
+    "Act",
+    "Control",
+    "Drive",
+    "GetClosestPathNode",
+    "GetConf",
+    "GetGeo",
+    "GetPathNodes",
+    "GetStartPoses",
+    "Goto",
+    "Ignored",
+    "Init",
+    "LinkTarget",
+    "MisPkg",
+    "Move",
+    "MultiDrive",
+    "Request",
+    "Set",
+    "Unknown",
+    "WheelTarget",
+    "interpret",
+    "is_global",
+]
+
+_GLOBAL = (Init, GetStartPoses, GetPathNodes, GetClosestPathNode)
+_DIALECTS = {dialect.value: dialect for dialect in Dialect}
+_SET_NAMES = frozenset({"type", "name", "opcode", "params"})
+# Segments that name opcode and parameter at once: `{Name Cam} {FOV 0.35}` (3.7).
+_OPCODE_SEGMENTS = ("fov", "zoom")
+# Unknown words go to the log, and a line of 64 KiB may be one word.
+_UNKNOWN_CHARACTERS = 40
+
+
+def interpret(command: Command) -> Request:
+    """Return the meaning of a command; never raises."""
+    if reader := _READERS.get(command.word):
+        return reader(command)
+    if command.word in IGNORED_WORDS:
+        return Ignored(command.word)
+    return Unknown(command.word[:_UNKNOWN_CHARACTERS])
+
+
+def is_global(request: Request) -> bool:
+    """Whether a request works on a connection that has no robot (protocol reference 3.1)."""
+    return isinstance(request, _GLOBAL)
+
+
+class _Fields:
+    """First value of every segment of a command by lower case name, with typed readers."""
+
+    __slots__ = ("_values",)
+
+    def __init__(self, command: Command) -> None:
+        self._values: dict[str, str] = {}
+        for key, value in command.segments:
+            self._values.setdefault(key.lower(), value)
+
+    def text(self, name: str) -> str | None:
+        """The value, None if missing or empty."""
+        return self._values.get(name) or None
+
+    def number(self, name: str) -> float | None:
+        value = self._values.get(name)
+        return None if value is None else read_number(value)
+
+    def integer(self, name: str) -> int | None:
+        value = self._values.get(name)
+        return None if value is None else read_int(value)
+
+    def boolean(self, name: str) -> bool | None:
+        value = self._values.get(name)
+        return None if value is None else read_bool(value)
+
+    def vector(self, name: str) -> Vector | None:
+        """Three numbers; None if missing or empty, so that a default pose applies."""
+        value = self.text(name)
+        if value is None:
+            return None
+        x, y, z = read_vector(value, 3)
+        return x, y, z
+
+
+def _init(command: Command) -> Init:
+    fields = _Fields(command)
+    spelling, qualified = next(
+        (segment for segment in command.segments if segment[0].lower() == "classname"), ("", "")
+    )
+    package, _, class_name = qualified.rpartition(".")
+    return Init(
+        class_name=class_name.strip(),
+        package=package.strip(),
+        spelled_classname_exactly=spelling == "Classname",
+        name=fields.text("name"),
+        location=fields.vector("location"),
+        rotation=fields.vector("rotation"),
+        start=fields.text("start"),
+        dialect=_DIALECTS.get((fields.text("dialect") or "").lower()),
+        battery=fields.number("battery"),
+        team=fields.integer("team"),
+        skin=fields.text("skin"),
+        segments=command.segments,
+    )
+
+
+def _drive(command: Command) -> Drive:
+    fields = _Fields(command)
+    normalized = fields.boolean("normalized")
+    return Drive(
+        # The misspelling is accepted by protocol reference 3.4.
+        normalized=fields.boolean("normalize") if normalized is None else normalized,
+        light=fields.boolean("light"),
+        flip=bool(fields.boolean("flip")),
+        left=fields.number("left"),
+        right=fields.number("right"),
+        speed=fields.number("speed"),
+        front_steer=fields.number("frontsteer"),
+        rear_steer=fields.number("rearsteer"),
+        wheels=_wheels(command.segments),
+        altitude_velocity=fields.number("altitudevelocity"),
+        linear_velocity=fields.number("linearvelocity"),
+        lateral_velocity=fields.number("lateralvelocity"),
+        rotational_velocity=fields.number("rotationalvelocity"),
+        pitch_angle=fields.number("pitchangle"),
+        roll_angle=fields.number("rollangle"),
+        spin1=fields.number("spin1"),
+        spin2=fields.number("spin2"),
+        propeller=fields.number("propeller"),
+        rudder=fields.number("rudder"),
+        stern_plane=fields.number("sternplane"),
+        name=fields.text("name"),
+        value=fields.number("value"),
+        order=fields.integer("order") or 0,
+        steer=fields.integer("steer") or 0,
+        bone=fields.text("bone"),
+        axis=fields.text("axis"),
+        p_gain=fields.number("pgain"),
+        i_gain=fields.number("igain"),
+        d_gain=fields.number("dgain"),
+        max_torque=fields.number("maxtorque"),
+    )
+
+
+def _groups(segments: tuple[Segment, ...], opener: str) -> list[dict[str, str]]:
+    """Cut segments into groups that begin at each `opener`; first value of a name wins."""
+    groups: list[dict[str, str]] = []
+    for key, value in segments:
+        name = key.lower()
+        if name == opener:
+            groups.append({})
+        if groups:
+            groups[-1].setdefault(name, value)
+    return groups
+
+
+def _wheels(segments: tuple[Segment, ...]) -> tuple[WheelTarget, ...]:
+    def number(group: Mapping[str, str], name: str) -> float | None:
+        return read_number(group[name]) if name in group else None
+
+    return tuple(
+        WheelTarget(
+            number=read_int(group["wheelnumber"]),
+            speed=number(group, "wheelspeed"),
+            steer=number(group, "wheelsteer"),
+        )
+        for group in _groups(segments, "wheelnumber")
+    )
+
+
+def _links(segments: tuple[Segment, ...]) -> tuple[LinkTarget, ...]:
+    """Targets of the Link groups; a group without Value has none."""
+    return tuple(
+        LinkTarget(
+            link=read_int(group["link"]),
+            value=read_number(group["value"]),
+            order=read_int(group.get("order", "0")),
+        )
+        for group in _groups(segments, "link")
+        if "value" in group
+    )
+
+
+def _pan_tilt(fields: _Fields) -> tuple[LinkTarget, ...]:
+    """Targets of the early `{Rotation 0,tilt,pan}` form: link 1 pans, link 2 tilts (3.6)."""
+    rotation = fields.vector("rotation")
+    if rotation is None:
+        return ()
+    order = fields.integer("order") or 0
+    return LinkTarget(1, rotation[2], order), LinkTarget(2, rotation[1], order)
+
+
+def _sequence(fields: _Fields) -> int | None:
+    sequence = fields.integer("sequence")
+    return fields.integer("seq") if sequence is None else sequence
+
+
+def _mis_pkg(command: Command) -> MisPkg:
+    fields = _Fields(command)
+    return MisPkg(
+        name=fields.text("name") or "",
+        groups=_links(command.segments) or _pan_tilt(fields),
+        gripper=fields.integer("gripper"),
+        seq=_sequence(fields),
+    )
+
+
+def _act(command: Command) -> Act:
+    fields = _Fields(command)
+    return Act(
+        name=fields.text("name") or "",
+        groups=_links(command.segments),
+        gripper=fields.integer("gripper"),
+        seq=_sequence(fields),
+    )
+
+
+def _multi_drive(command: Command) -> MultiDrive:
+    joints: dict[str, float] = {}
+    for key, value in command.segments:
+        joints.setdefault(key.lower(), read_number(value))
+    return MultiDrive(joints)
+
+
+def _set(command: Command) -> Set:
+    fields = _Fields(command)
+    opcode, params = fields.text("opcode"), fields.text("params")
+    if opcode is None and params is None:
+        opcode = next((key for key in _OPCODE_SEGMENTS if fields.text(key)), None)
+        params = fields.text(opcode) if opcode else None
+    if params is None:
+        params = _nameless(command.segments)
+    return Set(
+        type=fields.text("type") or "",
+        name=fields.text("name"),
+        opcode=opcode.upper() if opcode else None,
+        params=params,
+        segments=command.segments,
+    )
+
+
+def _nameless(segments: tuple[Segment, ...]) -> str:
+    """Text of a last segment of one word, which Player sends in place of Params (3.7)."""
+    key, value = segments[-1] if segments else ("", "")
+    return key if not value and key.lower() not in _SET_NAMES else ""
+
+
+def _get_conf(command: Command) -> GetConf:
+    fields = _Fields(command)
+    return GetConf(fields.text("type") or "", fields.text("name"))
+
+
+def _get_geo(command: Command) -> GetGeo:
+    fields = _Fields(command)
+    return GetGeo(fields.text("type") or "", fields.text("name"))
+
+
+def _get_closest_path_node(command: Command) -> GetClosestPathNode:
+    return GetClosestPathNode(_Fields(command).vector("location"))
+
+
+def _move(command: Command) -> Move:
+    fields = _Fields(command)
+    place = fields.text("location")
+    x, y = read_vector(place or "", 2)
+    return Move(
+        type=fields.text("type"),
+        action=fields.text("action"),
+        location=(x, y) if place else None,
+        pathnode=fields.text("pathnode"),
+    )
+
+
+def _goto(command: Command) -> Goto:
+    return Goto(_Fields(command).text("name") or "")
+
+
+def _control(command: Command) -> Control:
+    return Control(_Fields(command).text("type") or "", command.segments)
+
+
+_READERS: Mapping[str, Callable[[Command], Request]] = {
+    "INIT": _init,
+    "GETSTARTPOSES": lambda command: GetStartPoses(),
+    "GETPATHNODES": lambda command: GetPathNodes(),
+    "GETCLOSESTPATHNODE": _get_closest_path_node,
+    "DRIVE": _drive,
+    "MULTIDRIVE": _multi_drive,
+    "SET": _set,
+    "GETCONF": _get_conf,
+    "GETGEO": _get_geo,
+    "MISPKG": _mis_pkg,
+    "ACT": _act,
+    "MOVE": _move,
+    "GOTO": _goto,
+    "CONTROL": _control,
+}

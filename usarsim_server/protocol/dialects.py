@@ -1,0 +1,236 @@
+"""Which dialect a connection speaks, and what the dialects differ in (protocol reference 5.3).
+
+The addendum of the reference wins over its section 5.3: under `auto` the robot class decides the
+default, and only then do the client's own habits switch `ut2004` to `udk`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+
+from usarsim_server.protocol.requests import Act, GetConf, GetGeo, Init, Request
+from usarsim_server.protocol.values import Dialect
+
+__all__ = [
+    "FACETS",
+    "UDK_ONLY_CLASSES",
+    "DialectMode",
+    "DialectSelector",
+    "Facets",
+    "partial_drive",
+    "range_digits",
+    "sends_results",
+    "sta_period",
+    "sticky_normalized",
+]
+
+
+class DialectMode(Enum):
+    """How a listening port chooses the dialect of its connections."""
+
+    AUTO = "auto"
+    UT2004 = "ut2004"
+    UDK = "udk"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Facets:
+    """Everything the output and the few dialect dependent inputs differ in.
+
+    Attributes:
+        sta_period: s of simulated time between STA lines (row "STA period").
+        time_digits: of Time in STA, MISSTA, ASTA, EFF and RES (table 2.2).
+        range_digits: of RangeScanner ranges (row "RangeScanner digits").
+        geometry_digits: of sensor GEO (table 2.2).
+        batched_geometry: sensor GEO has one multi-pair segment per item (row "sensor GEO").
+        type_before_name: order of the vehicle CONF (row "vehicle CONF").
+        multi_pair: multi-pair SEN segments exist (row "Sonar, IR, Encoder, Touch").
+        results: SET is answered by RES (row "SET replies").
+        partial_drive: an absent member of a DRIVE pair keeps its value; otherwise an incomplete
+            pair is ignored (row "DRIVE partial pairs").
+        sticky_normalized: ground vehicles remember Normalized (row "Normalized").
+        rotational_velocity_unit: rad/s of one unit of DRIVE RotationalVelocity (row of the name).
+        mission_package_head: head of the periodic actuator line (row "actuators").
+        camera_in_degrees: Camera CONF is in degrees with texture fields (row "Camera CONF").
+        ground_truth_signed: angles in (-pi, pi], otherwise in [0, 2 pi) (row "GroundTruth").
+        ground_truth_digits: row "GroundTruth angles, digits".
+        encoder_wraps: ticks are modulo one turn and items are named Wk (row "Encoder").
+        panning_key: spelling in RangeScanner CONF (5.2 no. 11).
+    """
+
+    sta_period: float
+    time_digits: int
+    range_digits: int
+    geometry_digits: int
+    batched_geometry: bool
+    type_before_name: bool
+    multi_pair: bool
+    results: bool
+    partial_drive: bool
+    sticky_normalized: bool
+    rotational_velocity_unit: float
+    mission_package_head: str
+    camera_in_degrees: bool
+    ground_truth_signed: bool
+    ground_truth_digits: int
+    encoder_wraps: bool
+    panning_key: str
+
+
+FACETS: Mapping[Dialect, Facets] = {
+    Dialect.UT2004: Facets(
+        sta_period=0.2,
+        time_digits=2,
+        range_digits=4,
+        geometry_digits=4,
+        batched_geometry=True,
+        type_before_name=True,
+        multi_pair=True,
+        results=True,
+        partial_drive=True,
+        sticky_normalized=False,
+        rotational_velocity_unit=1.0,
+        mission_package_head="MISSTA",
+        camera_in_degrees=False,
+        ground_truth_signed=False,
+        ground_truth_digits=2,
+        encoder_wraps=False,
+        panning_key="Paning",
+    ),
+    Dialect.UDK: Facets(
+        sta_period=0.1,
+        time_digits=4,
+        range_digits=2,
+        geometry_digits=2,
+        batched_geometry=False,
+        type_before_name=False,
+        multi_pair=False,
+        results=False,
+        partial_drive=False,
+        sticky_normalized=True,
+        rotational_velocity_unit=math.radians(1.0),
+        mission_package_head="ASTA",
+        camera_in_degrees=True,
+        ground_truth_signed=True,
+        ground_truth_digits=3,
+        encoder_wraps=True,
+        panning_key="Panning",
+    ),
+}
+"""The table of protocol reference 5.3, one column per dialect."""
+
+_MAX_FOUR_DIGIT_BEAMS = 240
+"""More beams than this print with two digits in every dialect (5.2 no. 14): RDK's line buffer
+holds 2048 characters, and 240 ranges such as `19.9999,` fill 1920 of them."""
+
+
+def sta_period(dialect: Dialect) -> float:
+    """Simulated seconds between two STA lines."""
+    return FACETS[dialect].sta_period
+
+
+def range_digits(dialect: Dialect, beams: int) -> int:
+    """Digits after the point of the ranges of a scan with this many beams."""
+    return 2 if beams > _MAX_FOUR_DIGIT_BEAMS else FACETS[dialect].range_digits
+
+
+def sticky_normalized(dialect: Dialect) -> bool:
+    """Whether ground vehicles remember Normalized until it is sent again."""
+    return FACETS[dialect].sticky_normalized
+
+
+def partial_drive(dialect: Dialect) -> bool:
+    """Whether an absent member of a DRIVE pair keeps its value instead of voiding the command."""
+    return FACETS[dialect].partial_drive
+
+
+def sends_results(dialect: Dialect) -> bool:
+    """Whether SET is answered by a RES line."""
+    return FACETS[dialect].results
+
+
+UDK_ONLY_CLASSES = frozenset(
+    [
+        "kr3",
+        "kr5",
+        "kr6",
+        "kr60",
+        "kuka_lwr_bot",
+        "fanuc_m16ib20",
+        "fanuc_robot_and_rail",
+        "forklift",
+        "gripperbase",
+        "handbot",
+        "kinectbot",
+        "twolink",
+        "kiva4wheel",
+        "basicskidrobot",
+        "basicackermanrobot",
+        "casterskidrobot",
+        "frontackerman",
+    ]
+)
+"""Robot classes, lower case, that no UT2004 server had (5.3 signal 4)."""
+
+_UDK_PACKAGES = frozenset({"usarbotapi", "usaravatar"})
+_UDK_TYPES = frozenset({"actuator", "gripper", "toolchanger", "rangeimager", "objectsensor"})
+
+
+def _is_udk_signal(request: Request) -> bool:
+    """Whether only a client of the UDK generation sends this (the four signals of 5.3)."""
+    match request:
+        case Init():
+            return (
+                request.spelled_classname_exactly
+                or request.package.lower() in _UDK_PACKAGES
+                or request.class_name.lower() in UDK_ONLY_CLASSES
+            )
+        case GetConf() | GetGeo():
+            return request.type.lower() in _UDK_TYPES
+        case _:
+            return isinstance(request, Act)
+
+
+class DialectSelector:
+    """Chooses the dialect of one connection. Rules, the first that applies wins:
+
+    1. A port with a fixed dialect never changes.
+    2. `{Dialect x}` in INIT forces a dialect and ends automatic change.
+    3. A signal of a UDK client switches to `udk`, once and for good.
+    4. The class of the spawned robot decides.
+    5. Before all that: `ut2004`.
+
+    Call `observe` with every request, before its effects, and `initialised` once a robot exists.
+    Format each line with the `current` dialect of that moment.
+    """
+
+    __slots__ = ("_decided", "_fixed", "current")
+
+    def __init__(self, mode: DialectMode = DialectMode.AUTO) -> None:
+        self.current: Dialect = Dialect.UDK if mode is DialectMode.UDK else Dialect.UT2004
+        """The dialect of the next line."""
+        self._fixed = mode is not DialectMode.AUTO
+        self._decided = False
+
+    def observe(self, request: Request) -> None:
+        """Take notice of any request."""
+        if self._fixed:
+            return
+        if isinstance(request, Init) and request.dialect is not None:
+            self.current, self._decided = request.dialect, True
+        elif not self._decided and _is_udk_signal(request):
+            self.current, self._decided = Dialect.UDK, True
+
+    def initialised(self, class_default: Dialect, init: Init) -> None:
+        """Take notice of a robot that was spawned.
+
+        Args:
+            class_default: dialect of the era that the robot class comes from.
+            init: the request that spawned it; it need not have been observed before.
+        """
+        self.observe(init)
+        if not (self._fixed or self._decided):
+            self.current = class_default
