@@ -1,0 +1,75 @@
+"""Everything the server says: one function per kind of line, plain values in, text out.
+
+All functions return one line without its end; an empty text means that nothing is to be sent.
+`encode` turns a line into the bytes of one write. Between any two segments there is exactly one
+blank, also where the original glued them (protocol reference 1.3).
+"""
+
+from usarsim_server.protocol.messages.actuators import (
+    ActuatorItem,
+    ActuatorLink,
+    EffectorMount,
+    actuator_configuration,
+    actuator_geometry,
+    actuator_status,
+    effector_geometry,
+    effector_status,
+    gripper_item,
+    mission_package_configuration,
+    mission_package_geometry,
+    tool_changer_item,
+)
+from usarsim_server.protocol.messages.results import result, viewports_result
+from usarsim_server.protocol.messages.sensors import (
+    SensorMount,
+    configuration,
+    sensor_geometry,
+    sensor_line,
+)
+from usarsim_server.protocol.messages.text import encode
+from usarsim_server.protocol.messages.vehicles import (
+    AerialStatus,
+    GroundStatus,
+    aerial_status,
+    ground_configuration,
+    ground_geometry,
+    ground_status,
+)
+from usarsim_server.protocol.messages.world import (
+    closest_path_node,
+    greeting,
+    path_nodes,
+    start_poses,
+)
+
+__all__ = [
+    "ActuatorItem",
+    "ActuatorLink",
+    "AerialStatus",
+    "EffectorMount",
+    "GroundStatus",
+    "SensorMount",
+    "actuator_configuration",
+    "actuator_geometry",
+    "actuator_status",
+    "aerial_status",
+    "closest_path_node",
+    "configuration",
+    "effector_geometry",
+    "effector_status",
+    "encode",
+    "greeting",
+    "gripper_item",
+    "ground_configuration",
+    "ground_geometry",
+    "ground_status",
+    "mission_package_configuration",
+    "mission_package_geometry",
+    "path_nodes",
+    "result",
+    "sensor_geometry",
+    "sensor_line",
+    "start_poses",
+    "tool_changer_item",
+    "viewports_result",
+]

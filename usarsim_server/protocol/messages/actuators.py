@@ -1,0 +1,260 @@
+"""Mission packages, arms and effectors (protocol reference 4.7 to 4.9).
+
+Links are given in model order and are numbered from 1 on the wire, in both dialects.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from usarsim_server.protocol.dialects import FACETS
+from usarsim_server.protocol.messages.sensors import carrier
+from usarsim_server.protocol.messages.text import (
+    count,
+    line,
+    number,
+    segment,
+    time_segment,
+    triple,
+)
+from usarsim_server.protocol.numbers import fixed
+from usarsim_server.protocol.values import Dialect, Item, Vector
+
+__all__ = [
+    "ActuatorItem",
+    "ActuatorLink",
+    "EffectorMount",
+    "actuator_configuration",
+    "actuator_geometry",
+    "actuator_status",
+    "effector_geometry",
+    "effector_status",
+    "gripper_item",
+    "mission_package_configuration",
+    "mission_package_geometry",
+    "tool_changer_item",
+]
+
+_ZERO: Vector = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ActuatorLink:
+    """One link of an actuator.
+
+    Attributes:
+        joint_type: Revolute, Prismatic, Scissor (`ut2004`) or Unknown (`udk`).
+        max_speed: rad/s or m/s. max_torque: N m or N.
+        limits: lowest and highest position, rad or m; None if it moves freely.
+        parent: number of the parent link, from 1; None for the base.
+        location: m, relative to the parent at zero. rotation: roll, pitch, yaw, rad.
+    """
+
+    joint_type: str = "Revolute"
+    max_speed: float = 0.0
+    max_torque: float = 0.0
+    limits: tuple[float, float] | None = None
+    parent: int | None = None
+    location: Vector = _ZERO
+    rotation: Vector = _ZERO
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ActuatorItem:
+    """A mission package or arm.
+
+    Attributes:
+        name: item name.
+        location: of the base, m, wire frame of the carrier. rotation: roll, pitch, yaw, rad.
+        mount: robot class, or the actuator that carries this one.
+        mount_link: link of that actuator, from 1.
+        links: in model order.
+        tip: tool point relative to the last link, m.
+    """
+
+    name: str
+    location: Vector = _ZERO
+    rotation: Vector = _ZERO
+    mount: str = "HARD"
+    mount_link: int | None = None
+    links: tuple[ActuatorLink, ...] = ()
+    tip: Vector = _ZERO
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EffectorMount:
+    """Where a gripper or tool changer sits; fields as in `ActuatorItem`."""
+
+    name: str
+    location: Vector = _ZERO
+    rotation: Vector = _ZERO
+    mount: str = "HARD"
+    mount_link: int | None = None
+    tip: Vector = _ZERO
+
+
+def actuator_status(
+    dialect: Dialect, time: float, name: str, links: Sequence[tuple[float, float]]
+) -> str:
+    """MISSTA (`ut2004`, with Torque) or ASTA (`udk`) of one actuator.
+
+    Args:
+        dialect: decides head, digits and Torque.
+        time: simulated s.
+        name: item name.
+        links: present position (rad or m) and torque (N m or N) of each link.
+    """
+    facets = FACETS[dialect]
+    body: list[str] = []
+    for index, (value, torque) in enumerate(links, start=1):
+        body += (count("Link", index), number("Value", value, 4))
+        if dialect is Dialect.UT2004:
+            body.append(number("Torque", torque, 2))
+    stamp = time_segment(time, facets.time_digits)
+    return line(facets.mission_package_head, stamp, segment("Name", name), *body)
+
+
+def effector_status(
+    time: float, wire_type: str, name: str, closed: bool, tool: tuple[str, str] | None = None
+) -> str:
+    """EFF of a gripper or tool changer (`udk`).
+
+    Args:
+        time: simulated s.
+        wire_type: Gripper or ToolChanger.
+        name: item name.
+        closed: whether it holds.
+        tool: type and name of the tool that a tool changer holds.
+    """
+    held = (segment("ToolType", tool[0]), segment("Tool", tool[1])) if tool and closed else ()
+    return line(
+        "EFF",
+        time_segment(time, FACETS[Dialect.UDK].time_digits),
+        segment("Type", wire_type),
+        segment("Name", name),
+        segment("Status", "CLOSED" if closed else "OPEN"),
+        *held,
+    )
+
+
+def mission_package_geometry(packages: Sequence[ActuatorItem]) -> str:
+    """GEO MisPkg: links relative to their parents, ParentLink -1 for the body."""
+    if not packages:
+        return ""
+    body: list[str] = []
+    for package in packages:
+        body.append(segment("Name", package.name))
+        for index, link in enumerate(package.links, start=1):
+            body += (
+                count("Link", index),
+                count("ParentLink", -1 if link.parent is None else link.parent),
+                triple("Location", link.location, 4),
+                triple("Orientation", link.rotation, 4),
+            )
+    return line("GEO", segment("Type", "MisPkg"), *body)
+
+
+def actuator_geometry(actuators: Sequence[ActuatorItem]) -> str:
+    """GEO Actuator: base, links relative to their parents (Parent 0 for the base), tool point."""
+    if not actuators:
+        return ""
+    body: list[str] = []
+    for actuator in actuators:
+        body += (
+            segment("Name", actuator.name),
+            triple("Location", actuator.location, 3),
+            triple("Orientation", actuator.rotation, 3),
+            *carrier(actuator.mount, actuator.mount_link),
+        )
+        for index, link in enumerate(actuator.links, start=1):
+            body += (
+                count("Link", index),
+                count("Parent", link.parent or 0),
+                triple("Location", link.location, 3),
+                triple("Orientation", link.rotation, 2),
+            )
+        body.append(triple("Tip", actuator.tip, 2))
+    return line("GEO", segment("Type", "Actuator"), *body)
+
+
+def effector_geometry(wire_type: str, mounts: Sequence[EffectorMount]) -> str:
+    """GEO of grippers or tool changers."""
+    if not mounts:
+        return ""
+    body: list[str] = []
+    for mount in mounts:
+        body += (
+            segment("Name", mount.name),
+            triple("Location", mount.location, 2),
+            triple("Orientation", mount.rotation, 2),
+            *carrier(mount.mount, mount.mount_link),
+            triple("Tip", mount.tip, 2),
+        )
+    return line("GEO", segment("Type", wire_type), *body)
+
+
+def mission_package_configuration(dialect: Dialect, packages: Sequence[ActuatorItem]) -> str:
+    """CONF MisPkg; answered in both dialects, `udk` in its own old form."""
+    if not packages:
+        return ""
+    body: list[str] = []
+    for package in packages:
+        body.append(segment("Name", package.name))
+        for index, link in enumerate(package.links, start=1):
+            body += (count("Link", index), segment("JointType", link.joint_type))
+            if dialect is Dialect.UT2004:
+                body += (
+                    number("MaxSpeed", link.max_speed, 2),
+                    number("MaxTorque", link.max_torque, 2),
+                )
+            else:
+                body += (
+                    number("MaxRotationSpeed", link.max_speed, 3),
+                    number("MaxTorque", link.max_torque, 4),
+                )
+            body += _limits("MinRange", "MaxRange", link.limits)
+    return line("CONF", segment("Type", "MisPkg"), *body)
+
+
+def actuator_configuration(actuators: Sequence[ActuatorItem]) -> str:
+    """CONF Actuator: joint type, torque and limits of every link."""
+    if not actuators:
+        return ""
+    body: list[str] = []
+    for actuator in actuators:
+        body.append(segment("Name", actuator.name))
+        for index, link in enumerate(actuator.links, start=1):
+            body += (
+                count("Link", index),
+                segment("JointType", link.joint_type),
+                number("MaxTorque", link.max_torque, 4),
+                *_limits("MinValue", "MaxValue", link.limits),
+            )
+    return line("CONF", segment("Type", "Actuator"), *body)
+
+
+def gripper_item(name: str) -> Item:
+    """A gripper as `configuration("Gripper", ...)` wants it."""
+    opcodes = (("Opcode", "Grip"), ("MaxVal", "1"), ("MinVal", "0"))
+    return Item(name, (*opcodes, ("Opcode", "Close"), ("Opcode", "Open")))
+
+
+def tool_changer_item(name: str, position_tolerance: float, angle_tolerance: float) -> Item:
+    """A tool changer as `configuration("ToolChanger", ...)` wants it; tolerances in m and rad."""
+    return Item(
+        name,
+        (
+            ("PositionTolerance", fixed(position_tolerance, 4)),
+            ("AngleTolerance", fixed(angle_tolerance, 4)),
+            ("Opcode", "Close"),
+            ("Opcode", "Open"),
+        ),
+    )
+
+
+def _limits(low: str, high: str, limits: tuple[float, float] | None) -> tuple[str, str]:
+    """Position limits; a minimum above the maximum means none (protocol reference 4.8)."""
+    if limits is None:
+        return segment(low, "1"), segment(high, "0")
+    return number(low, limits[0], 4), number(high, limits[1], 4)

@@ -1,0 +1,116 @@
+"""SEN, GEO and CONF of sensors (protocol reference 4.5, 4.7 and 4.8)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from usarsim_server.protocol.dialects import FACETS
+from usarsim_server.protocol.messages.text import (
+    count,
+    line,
+    segment,
+    time_segment,
+    triple,
+)
+from usarsim_server.protocol.numbers import vector
+from usarsim_server.protocol.values import Dialect, Item, Vector
+
+__all__ = ["SensorMount", "configuration", "sensor_geometry", "sensor_line"]
+
+
+class SensorMount(NamedTuple):
+    """Where one sensor sits; a plain tuple of the first four does as well.
+
+    Attributes:
+        name: item name.
+        location: m, wire frame of the carrier. rotation: roll, pitch, yaw, rad.
+        mount: `HARD` or the carrying part in `ut2004`; robot class or actuator name in `udk`.
+        mount_link: link of the actuator that carries the sensor, from 1; `udk` only.
+    """
+
+    name: str
+    location: Vector
+    rotation: Vector
+    mount: str
+    mount_link: int | None = None
+
+
+def sensor_line(
+    dialect: Dialect,
+    wire_type: str,
+    items: Sequence[Item],
+    time: float | None = None,
+    time_digits: int = 4,
+    multi_pair: bool = False,
+) -> str:
+    """SEN line of one sensor, or of all sensors of a batched type.
+
+    Args:
+        dialect: `udk` knows no multi-pair segments, there `multi_pair` is of no effect.
+        wire_type: Type, canonical spelling.
+        items: what is reported, in mount order; nothing gives an empty text.
+        time: simulated s, None for types without Time.
+        time_digits: digits of Time after the point.
+        multi_pair: one `{Name n key value ...}` segment per item instead of one per key.
+    """
+    if not items:
+        return ""
+    stamp = () if time is None else (time_segment(time, time_digits),)
+    if multi_pair and FACETS[dialect].multi_pair:
+        body = [_multi_pair(item) for item in items]
+    else:
+        body = _separate(items)
+    return line("SEN", *stamp, segment("Type", wire_type), *body)
+
+
+def sensor_geometry(
+    dialect: Dialect,
+    wire_type: str,
+    mounts: Sequence[SensorMount | tuple[str, Vector, Vector, str]],
+) -> str:
+    """GEO line of all sensors asked for; nothing gives an empty text."""
+    if not mounts:
+        return ""
+    facets = FACETS[dialect]
+    body: list[str] = []
+    for mount in (SensorMount(*entry) for entry in mounts):
+        if facets.batched_geometry:
+            location = vector(mount.location, facets.geometry_digits)
+            rotation = vector(mount.rotation, facets.geometry_digits)
+            pose = f"Location {location} Orientation {rotation}"
+            body.append(segment("Name", f"{mount.name} {pose} Mount {mount.mount}"))
+        else:
+            body += (
+                segment("Name", mount.name),
+                triple("Location", mount.location, facets.geometry_digits),
+                triple("Orientation", mount.rotation, facets.geometry_digits),
+                *carrier(mount.mount, mount.mount_link),
+            )
+    return line("GEO", segment("Type", wire_type), *body)
+
+
+def configuration(wire_type: str, items: Sequence[Item]) -> str:
+    """CONF line of all items asked for, sensors and effectors; nothing gives an empty text."""
+    if not items:
+        return ""
+    return line("CONF", segment("Type", wire_type), *_separate(items))
+
+
+def carrier(mount: str, mount_link: int | None) -> tuple[str, ...]:
+    """Mount, and MountLink where the carrier is a moving link."""
+    link = () if mount_link is None else (count("MountLink", mount_link),)
+    return (segment("Mount", mount), *link)
+
+
+def _separate(items: Sequence[Item]) -> list[str]:
+    body: list[str] = []
+    for item in items:
+        body.append(segment("Name", item.name))
+        body += [segment(key, value) for key, value in item.segments]
+    return body
+
+
+def _multi_pair(item: Item) -> str:
+    words = [f"{key} {value}" if value else key for key, value in item.segments]
+    return segment("Name", " ".join((item.name, *words)))

@@ -1,0 +1,78 @@
+"""Segments, lines and bytes: the rules every message obeys (protocol reference 1.3)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+from usarsim_server.protocol.numbers import boolean, fixed, vector
+
+__all__ = [
+    "count",
+    "encode",
+    "flag",
+    "line",
+    "number",
+    "segment",
+    "time_segment",
+    "token",
+    "triple",
+]
+
+_BRACES = str.maketrans("{}", "()")
+# Blanks and ASCII control characters; bytes above 127 belong to names and pass through.
+_BLANKS = re.compile(r"[\x00-\x20\x7f]+")
+
+
+def encode(text: str) -> bytes:
+    """Return the bytes of one line, ended by CR LF; nothing for an empty line.
+
+    Runs of blanks, tabs, line ends and other control characters shrink to one blank and vanish at
+    the ends, whatever a name contains. Characters outside Latin-1 become question marks.
+    """
+    if not text.isprintable() or "  " in text or text[:1] == " " or text[-1:] == " ":
+        text = _BLANKS.sub(" ", text).strip(" ")
+    return text.encode("latin-1", "replace") + b"\r\n" if text else b""
+
+
+def line(head: str, *segments: str) -> str:
+    """Join a head and its segments with single blanks."""
+    return " ".join((head, *segments))
+
+
+def segment(key: str, value: str = "") -> str:
+    """`{Key value}`, or `{Key}` for an empty value; braces inside become parentheses."""
+    text = f"{key} {value}" if value else key
+    if "{" in text or "}" in text:
+        text = text.translate(_BRACES)
+    return f"{{{text}}}"
+
+
+def number(key: str, value: float, digits: int) -> str:
+    """A segment with one decimal number."""
+    return segment(key, fixed(value, digits))
+
+
+def count(key: str, value: float) -> str:
+    """A segment with an integer."""
+    return segment(key, fixed(value, 0))
+
+
+def flag(key: str, value: bool) -> str:
+    """A segment with a boolean."""
+    return segment(key, boolean(value))
+
+
+def triple(key: str, values: Iterable[float], digits: int) -> str:
+    """A segment with a vector."""
+    return segment(key, vector(values, digits))
+
+
+def time_segment(time: float, digits: int) -> str:
+    """The Time segment: simulated seconds, never negative."""
+    return number("Time", max(time, 0.0), digits)
+
+
+def token(text: str) -> str:
+    """The text as one word: no blanks, no braces, never empty."""
+    return _BLANKS.sub("_", text.strip()).translate(_BRACES) or "_"

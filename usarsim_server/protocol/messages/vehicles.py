@@ -1,0 +1,196 @@
+"""STA, GEO and CONF of vehicles (protocol reference 4.3, 4.4, 4.7 and 4.8)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from usarsim_server.protocol.dialects import FACETS
+from usarsim_server.protocol.messages.text import (
+    count,
+    flag,
+    line,
+    number,
+    segment,
+    time_segment,
+    token,
+    triple,
+)
+from usarsim_server.protocol.values import Dialect, Vector
+
+__all__ = [
+    "AerialStatus",
+    "GroundStatus",
+    "aerial_status",
+    "ground_configuration",
+    "ground_geometry",
+    "ground_status",
+]
+
+_DIGITS = 4
+_ACKERMAN = "AckermanSteered"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AerialStatus:
+    """What STA tells of a flying robot.
+
+    Attributes:
+        time: simulated s.
+        light: headlight is on. light_intensity: percent, 0 while it is off in `ut2004`.
+        battery: s of expected life; 99999 if there is no battery.
+        view: viewport that shows the robot, -1 if none.
+    """
+
+    time: float
+    light: bool = False
+    light_intensity: int = 0
+    battery: int = 99999
+    view: int = -1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GroundStatus:
+    """What STA tells of a ground robot.
+
+    Attributes:
+        time: simulated s.
+        front_steer, rear_steer: rad, 0 for skid steer.
+        joints: name and position (rad) of flippers, in the order FR, FL, RR, RL.
+        light: headlight is on. light_intensity: percent, 0 while it is off in `ut2004`.
+        battery: s of expected life; 99999 if there is no battery.
+        view: viewport that shows the robot, -1 if none.
+        steered: the robot has steering joints; the exact UDK form prints angles only then.
+    """
+
+    time: float
+    front_steer: float = 0.0
+    rear_steer: float = 0.0
+    joints: tuple[tuple[str, float], ...] = ()
+    light: bool = False
+    light_intensity: int = 0
+    battery: int = 99999
+    view: int = -1
+    steered: bool = False
+
+
+def ground_status(status: GroundStatus, dialect: Dialect, udk_order: bool = False) -> str:
+    """STA of a ground robot.
+
+    Both dialects use the order and the View of `ut2004`, which no client of either era rejects
+    (5.2 no. 1); only the digits of Time differ.
+
+    Args:
+        status: the robot's state.
+        dialect: decides the digits of Time.
+        udk_order: exactly what the UDK server sent: no View, no joints, LightIntensity always 100,
+            a literal 0 for the angles of skid steer.
+    """
+    if udk_order:
+        return line(
+            "STA",
+            time_segment(status.time, FACETS[Dialect.UDK].time_digits),
+            count("Battery", max(status.battery, 0)),
+            segment("Type", "GroundVehicle"),
+            flag("LightToggle", status.light),
+            count("LightIntensity", 100),
+            _steer_limit("FrontSteer", status.front_steer, status.steered),
+            _steer_limit("RearSteer", status.rear_steer, status.steered),
+        )
+    return line(
+        "STA",
+        segment("Type", "GroundVehicle"),
+        time_segment(status.time, FACETS[dialect].time_digits),
+        number("FrontSteer", status.front_steer, _DIGITS),
+        number("RearSteer", status.rear_steer, _DIGITS),
+        *(number(token(name), value, _DIGITS) for name, value in status.joints),
+        *_light_battery_view(status),
+    )
+
+
+def aerial_status(status: AerialStatus, dialect: Dialect, udk_order: bool = False) -> str:
+    """STA of a flying robot; arguments as in `ground_status`.
+
+    The UDK form carries a Type, which the original lacked (5.2 no. 17).
+    """
+    kind = segment("Type", "AerialVehicle")
+    if udk_order:
+        time = time_segment(status.time, FACETS[Dialect.UDK].time_digits)
+        return line("STA", time, count("Battery", max(status.battery, 0)), kind)
+    time = time_segment(status.time, FACETS[dialect].time_digits)
+    return line("STA", kind, time, *_light_battery_view(status))
+
+
+def ground_geometry(
+    class_name: str,
+    dimensions: Vector,
+    cog: Vector,
+    radius: float,
+    separation: float,
+    base: float,
+) -> str:
+    """GEO of a ground robot, the same in both dialects.
+
+    Args:
+        class_name: robot class without package.
+        dimensions: m. cog: centre of gravity, m, wire frame.
+        radius: of the wheels, m.
+        separation: left to right distance of the wheel centres, m.
+        base: front to rear distance of the wheel centres, m.
+    """
+    return line(
+        "GEO",
+        segment("Type", "GroundVehicle"),
+        segment("Name", class_name),
+        triple("Dimensions", dimensions, _DIGITS),
+        triple("COG", cog, _DIGITS),
+        number("WheelRadius", radius, _DIGITS),
+        number("WheelSeparation", separation, _DIGITS),
+        number("WheelBase", base, _DIGITS),
+    )
+
+
+def ground_configuration(
+    dialect: Dialect,
+    class_name: str,
+    steering_type: str,
+    mass: float,
+    max_speed: float,
+    max_torque: float,
+    max_front: float,
+    max_rear: float,
+) -> str:
+    """CONF of a ground robot; Type or Name comes first by dialect.
+
+    Args:
+        dialect: `udk` puts Name first and prints steering limits only for Ackerman steering.
+        class_name: robot class without package.
+        steering_type: SkidSteered, AckermanSteered, OmniDrive, Unknown or None.
+        mass: kg. max_speed: wheel spin limit, rad/s. max_torque: N m.
+        max_front, max_rear: steering limits, rad.
+    """
+    kind, name = segment("Type", "GroundVehicle"), segment("Name", class_name)
+    limits = dialect is Dialect.UT2004 or steering_type == _ACKERMAN
+    return line(
+        "CONF",
+        *((kind, name) if FACETS[dialect].type_before_name else (name, kind)),
+        segment("SteeringType", steering_type),
+        number("Mass", mass, _DIGITS),
+        number("MaxSpeed", max_speed, _DIGITS),
+        number("MaxTorque", max_torque, _DIGITS),
+        _steer_limit("MaxFrontSteer", max_front, limits),
+        _steer_limit("MaxRearSteer", max_rear, limits),
+    )
+
+
+def _light_battery_view(status: GroundStatus | AerialStatus) -> tuple[str, ...]:
+    return (
+        flag("LightToggle", status.light),
+        count("LightIntensity", max(status.light_intensity, 0)),
+        count("Battery", max(status.battery, 0)),
+        count("View", status.view),
+    )
+
+
+def _steer_limit(key: str, value: float, steered: bool) -> str:
+    """An angle, or the literal 0 that the UDK server printed for skid steer."""
+    return number(key, value, _DIGITS) if steered else segment(key, "0")

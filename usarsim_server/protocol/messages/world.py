@@ -1,0 +1,62 @@
+"""NFO lines: greeting, start positions, path nodes (protocol reference 4.2)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from usarsim_server.protocol.messages.text import count, line, segment, token, triple
+from usarsim_server.protocol.numbers import vector
+from usarsim_server.protocol.values import Vector
+
+__all__ = ["closest_path_node", "greeting", "path_nodes", "start_poses"]
+
+_POSE_DIGITS = 4
+_LEVEL_INFO = re.compile(r"\.levelinfo.*", re.IGNORECASE | re.DOTALL)
+
+
+def greeting(game_type: str, level: str, time_limit: int) -> str:
+    """The one line a client gets on accept.
+
+    Args:
+        game_type: game class without package, `BotDeathMatch` in both eras.
+        level: map name; a trailing `.LevelInfo` and what follows it is cut off.
+        time_limit: minutes, 0 for none.
+    """
+    return line(
+        "NFO",
+        segment("Gametype", game_type),
+        segment("Level", _LEVEL_INFO.sub("", level)),
+        count("TimeLimit", time_limit),
+    )
+
+
+def start_poses(poses: Sequence[tuple[str, Vector, Vector]]) -> str:
+    """The start positions in the flat form that every client reads.
+
+    Args:
+        poses: tag, location (m) and roll, pitch, yaw (rad) in the wire frame. Blanks in a tag
+            become underscores.
+    """
+    return _tagged_poses("StartPoses", poses)
+
+
+def path_nodes(nodes: Sequence[tuple[str, Vector, Vector]]) -> str:
+    """The nodes of the walking graph, in the same form as the start positions."""
+    return _tagged_poses("PathNodes", nodes)
+
+
+def closest_path_node(tag: str, location: Vector) -> str:
+    """The path node nearest to the place a client asked about; location in m."""
+    return line("NFO", segment("Pathnode", token(tag)), triple("Location", location, _POSE_DIGITS))
+
+
+def _tagged_poses(key: str, poses: Sequence[tuple[str, Vector, Vector]]) -> str:
+    head = line("NFO", count(key, len(poses)))
+    if not poses:
+        return head
+    groups = [
+        f"{token(tag)} {vector(location, _POSE_DIGITS)} {vector(rotation, _POSE_DIGITS)}"
+        for tag, location, rotation in poses
+    ]
+    return f"{head} {{{' '.join(groups)}}}"
