@@ -1,0 +1,211 @@
+"""Robot files: TOML in the wire frame in, `RobotDescription` in the simulation frame out.
+
+A robot file names one class, `P2AT.toml` the class P2AT. It may extend another class and then
+says only what differs. Every key is described in docs/robots-howto.md.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from usarsim_server.data import data_directory
+from usarsim_server.errors import RobotDescriptionError, at
+from usarsim_server.protocol.values import Dialect
+from usarsim_server.robots import parts
+from usarsim_server.robots.description import Kind, RobotDescription
+from usarsim_server.robots.tables import TableReader, read_toml
+
+__all__ = ["Library", "RobotFile", "load_robot"]
+
+_CLASS_NAME = re.compile(r"[A-Za-z0-9_-]+")
+
+ParentFinder = Callable[[str], RobotDescription | None]
+
+
+@dataclass(frozen=True, slots=True)
+class RobotFile:
+    """What one robot file says.
+
+    Attributes:
+        description: the robot itself.
+        aliases: further class names for it, which clients get back as they are spelled here.
+        alias_patterns: shell patterns of class names; clients get their own spelling back.
+    """
+
+    description: RobotDescription
+    aliases: tuple[str, ...] = ()
+    alias_patterns: tuple[str, ...] = ()
+
+
+def load_robot(path: Path) -> RobotDescription:
+    """Load one robot file.
+
+    What it extends is looked for beside it first, then among the shipped robots.
+
+    Raises:
+        RobotDescriptionError: if the file, or one that it extends, cannot be used.
+    """
+    shipped, folder = data_directory("robots"), path.parent
+    folders = [shipped] if folder.resolve() == shipped.resolve() else [shipped, folder]
+    return Library(folders).load(path, len(folders) - 1).description
+
+
+class Library:
+    """Folders of robot files, read on demand because files may extend each other.
+
+    A class in a later folder replaces one of the same name in an earlier folder.
+    """
+
+    def __init__(self, folders: Sequence[Path]) -> None:
+        """List the folders, first the one with the lowest precedence.
+
+        Raises:
+            RobotDescriptionError: if a folder is missing or two of its files differ by case only.
+        """
+        self._layers = [_files(folder) for folder in folders]
+        self._read: dict[Path, RobotFile] = {}
+        self._reading: list[Path] = []
+
+    def layers(self) -> list[list[RobotFile]]:
+        """All files, folder by folder.
+
+        Raises:
+            RobotDescriptionError: if a file cannot be used.
+        """
+        return [
+            [self.load(path, number) for path in layer.values()]
+            for number, layer in enumerate(self._layers)
+        ]
+
+    def replacements(self) -> list[Path]:
+        """Files whose class is also in a folder of lower precedence."""
+        return [
+            path
+            for number, layer in enumerate(self._layers)
+            for name, path in layer.items()
+            if any(name in lower for lower in self._layers[:number])
+        ]
+
+    def load(self, path: Path, number: int) -> RobotFile:
+        """Read a file of folder `number`, and before it whatever it extends.
+
+        Raises:
+            RobotDescriptionError: if one of the files cannot be used.
+        """
+        if path in self._reading:
+            raise RobotDescriptionError(
+                at(path, "extends itself in a circle", "extend a class that stands on its own")
+            )
+        if path not in self._read:
+            self._reading.append(path)
+            self._read[path] = _read(path, lambda name: self._parent(path, number, name))
+            self._reading.remove(path)
+        return self._read[path]
+
+    def _parent(self, path: Path, number: int, name: str) -> RobotDescription | None:
+        # A file that extends its own class means the one that it replaces.
+        own = name.lower() == path.stem.lower()
+        for below in reversed(range(number if own else len(self._layers))):
+            parent = self._layers[below].get(name.lower())
+            if parent is not None:
+                return self.load(parent, below).description
+        return None
+
+
+def _files(folder: Path) -> dict[str, Path]:
+    """Robot files of a folder by class name in lower case."""
+    if not folder.is_dir():
+        raise RobotDescriptionError(at(folder, "no such folder", "name a folder of robot files"))
+    files: dict[str, Path] = {}
+    for path in sorted(folder.glob("*.toml")):
+        other = files.setdefault(path.stem.lower(), path)
+        if other is not path:
+            raise RobotDescriptionError(
+                at(path, f"differs from {other.name} by case only", "rename one of them")
+            )
+    return files
+
+
+def _read(path: Path, find_parent: ParentFinder) -> RobotFile:
+    reader = TableReader(read_toml(path), path)
+    name = _class_name(reader, path)
+    parent = _parent(reader, find_parent)
+    file = RobotFile(
+        _robot(reader, path, name, parent),
+        _class_names(reader, "aliases"),
+        reader.texts("alias_patterns"),
+    )
+    reader.finish()
+    return file
+
+
+def _class_name(reader: TableReader, path: Path) -> str:
+    name = reader.text("name", path.stem)
+    if not _CLASS_NAME.fullmatch(name):
+        reader.fail(f"is {name!r}", "use letters, digits, _ and - only", "name")
+    if name.lower() != path.stem.lower():
+        reader.fail(f"is {name!r}", f"call the file {name}.toml, or drop the key", "name")
+    return name
+
+
+def _class_names(reader: TableReader, key: str) -> tuple[str, ...]:
+    names = reader.texts(key)
+    for name in names:
+        if not _CLASS_NAME.fullmatch(name):
+            reader.fail(f"has {name!r}", "use letters, digits, _ and - only", key)
+    return names
+
+
+def _parent(reader: TableReader, find_parent: ParentFinder) -> RobotDescription | None:
+    if not reader.has("extends"):
+        return None
+    name = reader.text("extends")
+    parent = find_parent(name)
+    if parent is None:
+        reader.fail(f"no robot class {name!r}", "extend a class that has a robot file", "extends")
+    return parent
+
+
+def _robot(
+    reader: TableReader, path: Path, name: str, parent: RobotDescription | None
+) -> RobotDescription:
+    kinds = [kind.value for kind in Kind]
+    dialects = [dialect.value for dialect in Dialect]
+    wheels = parts.read_wheels(reader, parent)
+    casters = parts.read_casters(reader, parent)
+    shapes = parts.read_shapes(reader, parent)
+    parts.check_weight(reader, shapes, casters)
+    drive = parts.read_drive(reader.table("drive"), parent)
+    mass = sum(piece.mass for piece in shapes) + sum(piece.mass for piece in casters)
+    mass += sum(wheel.mass for wheel in wheels)
+    robot = RobotDescription(
+        name=name,
+        model=name,
+        kind=Kind(reader.choice("kind", kinds, parent.kind.value if parent else None)),
+        dialect=Dialect(
+            reader.choice("dialect", dialects, parent.dialect.value if parent else None)
+        ),
+        description=reader.text("description", parent.description if parent else ""),
+        shapes=shapes,
+        wheels=wheels,
+        casters=casters,
+        rest_height=parts.read_rest_height(reader, wheels, parent),
+        drive=drive,
+        battery=parts.read_battery(reader, parent),
+        report=parts.read_report(reader.table("report"), wheels, mass, drive, parent),
+        items=parts.read_items(reader, wheels, parent),
+        source=path,
+    )
+    if parent is not None and _body(robot) == _body(parent):
+        return replace(robot, model=parent.model)
+    return robot
+
+
+def _body(robot: RobotDescription) -> tuple[object, ...]:
+    """Everything that the physics depends on; robots equal in it are interchangeable there."""
+    # The speed limit is kept by the drive law, outside the physics.
+    drive = replace(robot.drive, max_wheel_speed=0.0)
+    return robot.kind, robot.shapes, robot.wheels, robot.casters, robot.rest_height, drive

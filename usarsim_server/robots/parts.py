@@ -1,0 +1,333 @@
+"""Parts of a robot file: each function reads one kind of table into one kind of value.
+
+Files are in the wire frame (x forward, y right, z down); everything returned here is in the
+simulation frame. A part that the file leaves out is taken from the robot that it extends.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+
+from usarsim_server.logs import Log
+from usarsim_server.robots.description import (
+    BatteryDescription,
+    Caster,
+    Color,
+    DriveDescription,
+    ItemDescription,
+    RobotDescription,
+    RobotReport,
+    Shape,
+    Wheel,
+)
+from usarsim_server.robots.tables import TableReader, nearest
+from usarsim_server.simulation.frames import Pose, flip_point, pose_from_wire
+
+__all__ = [
+    "check_weight",
+    "read_battery",
+    "read_casters",
+    "read_drive",
+    "read_items",
+    "read_report",
+    "read_rest_height",
+    "read_shapes",
+    "read_wheels",
+]
+
+RESERVED_NAMES = frozenset({"base", "free"})
+"""The chassis body and its joint; no wheel may take these names."""
+
+SHAPE_SIZES = {"box": 3, "cylinder": 2, "sphere": 1, "ellipsoid": 3, "capsule": 2}
+"""How many numbers each kind of shape has as its size."""
+
+STEERING_TYPES = ("SkidSteered", "AckermanSteered", "OmniDrive", "Unknown", "None")
+"""What CONF may announce (protocol reference 4.8)."""
+
+REST_TOLERANCE = 0.01
+"""m between the rest height of a file and the height that follows from its wheels (5.1 #17)."""
+
+DEFAULT_TORQUE = 50000.0
+"""MaxTorque of a joint that says nothing else, N m (robots reference 1.2); announced only."""
+
+# Beyond these a number is a slip of the pen, and MuJoCo would refuse it far from its origin.
+_LONGEST = 100.0  # m
+_SHORTEST = 1e-4  # m
+_HEAVIEST = 1e5  # kg
+_LIGHTEST = 1e-3  # kg, of anything that moves by itself
+_FASTEST = 1e4  # rad/s
+
+_DERIVED = dict.fromkeys(
+    ("wheel_radius", "track_width", "wheel_base", "wheel_separation", "mass"),
+    "leave it out: it follows from the wheels and masses, so that GEO and motion agree",
+)
+_WHEEL_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+_WORD = re.compile(r"[^\s{}]+")
+
+_log = Log("robots")
+
+Parent = RobotDescription | None
+
+
+def read_wheels(reader: TableReader, parent: Parent) -> tuple[Wheel, ...]:
+    """Wheels in part order, the order in which encoders count them."""
+    if parent is not None and not reader.has("wheel"):
+        return parent.wheels
+    wheels = tuple(_wheel(table) for table in reader.tables("wheel"))
+    names = [wheel.name.lower() for wheel in wheels]
+    for name in names:
+        if names.count(name) > 1:
+            reader.fail(f"two wheels are called {name!r}", "give every wheel its own name", "wheel")
+    for side in ("left", "right"):
+        if not any(wheel.driven and wheel.side == side for wheel in wheels):
+            reader.fail(f"no driven wheel on the {side}", "add a [[wheel]] table there", "wheel")
+    return wheels
+
+
+def _wheel(table: TableReader) -> Wheel:
+    name = table.text("name")
+    if not _WHEEL_NAME.fullmatch(name) or name.lower() in RESERVED_NAMES:
+        table.fail(
+            f"is {name!r}", "use letters, digits and _, first a letter, not base or free", "name"
+        )
+    x, y, z = table.vector("position", low=-_LONGEST, high=_LONGEST)
+    if y != 0.0:
+        by_position = "right" if y > 0.0 else "left"
+        side = table.choice("side", ("left", "right"), by_position)
+        if side != by_position:
+            table.fail(f"is {side!r} but y is {y:g}", "y is positive to the right", "side")
+    else:
+        side = table.choice("side", ("left", "right"))
+    wheel = Wheel(
+        name=name,
+        side=side,
+        position=flip_point((x, y, z)),
+        radius=table.number("radius", low=_SHORTEST, high=_LONGEST),
+        width=table.number("width", low=_SHORTEST, high=_LONGEST),
+        mass=table.number("mass", low=_LIGHTEST, high=_HEAVIEST),
+        driven=table.boolean("driven", True),
+    )
+    table.finish()
+    return wheel
+
+
+def read_casters(reader: TableReader, parent: Parent) -> tuple[Caster, ...]:
+    """Casters; their balls belong to the chassis body."""
+    if parent is not None and not reader.has("caster"):
+        return parent.casters
+    casters = []
+    for table in reader.tables("caster"):
+        casters.append(
+            Caster(
+                position=flip_point(table.vector("position", low=-_LONGEST, high=_LONGEST)),
+                radius=table.number("radius", low=_SHORTEST, high=_LONGEST),
+                mass=table.number("mass", 0.0, low=0.0, high=_HEAVIEST),
+            )
+        )
+        table.finish()
+    return tuple(casters)
+
+
+def read_shapes(reader: TableReader, parent: Parent) -> tuple[Shape, ...]:
+    """Chassis pieces; at least one."""
+    if parent is not None and not reader.has("shape"):
+        return parent.shapes
+    shapes = tuple(_shape(table) for table in reader.tables("shape"))
+    if not shapes:
+        reader.fail("is missing", "add a [[shape]] table for the chassis", "shape")
+    return shapes
+
+
+def _shape(table: TableReader) -> Shape:
+    kind = table.choice("kind", tuple(SHAPE_SIZES))
+    shape = Shape(
+        kind=kind,
+        size=table.numbers("size", (SHAPE_SIZES[kind],), low=_SHORTEST, high=_LONGEST),
+        pose=_pose(table),
+        mass=table.number("mass", 0.0, low=0.0, high=_HEAVIEST),
+        color=_color(table),
+        collides=table.boolean("collides", True),
+    )
+    table.finish()
+    return shape
+
+
+def _color(table: TableReader) -> Color:
+    channels = table.numbers("color", (3, 4), (0.5, 0.5, 0.5), low=0.0, high=1.0)
+    red, green, blue, alpha = (*channels, 1.0)[:4]
+    return red, green, blue, alpha
+
+
+def check_weight(reader: TableReader, shapes: Sequence[Shape], casters: Sequence[Caster]) -> None:
+    """Refuse a chassis without mass."""
+    mass = sum(shape.mass for shape in shapes) + sum(caster.mass for caster in casters)
+    if mass < _LIGHTEST:
+        reader.fail("all pieces are weightless", "give a shape its mass", "shape")
+
+
+def read_rest_height(reader: TableReader, wheels: Sequence[Wheel], parent: Parent) -> float:
+    """By default, and give or take a little, where the lowest driven wheel touches the floor."""
+    touching = max(wheel.radius - wheel.position[2] for wheel in wheels if wheel.driven)
+    inherited = parent is not None and parent.wheels == wheels
+    default = parent.rest_height if parent and inherited else round(touching, 9)
+    height = reader.number("rest_height", default)
+    if abs(height - touching) > REST_TOLERANCE:
+        reader.fail(
+            f"is {height:g}, but the wheels touch the floor at {touching:g}",
+            "leave it out, or move the wheels",
+            "rest_height",
+        )
+    return height
+
+
+def read_drive(table: TableReader, parent: Parent) -> DriveDescription:
+    """Limits of the wheel servos."""
+    base = parent.drive if parent else DriveDescription(max_wheel_speed=math.nan)
+    limit = parent.drive.max_wheel_speed if parent else None
+    drive = DriveDescription(
+        max_wheel_speed=table.number("max_wheel_speed", limit, low=1e-3, high=_FASTEST),
+        wheel_torque=table.number("wheel_torque", base.wheel_torque, low=1e-3, high=1e6),
+        servo_gain=table.number("servo_gain", base.servo_gain, low=1e-3, high=1e6),
+        wheel_acceleration=table.number(
+            "wheel_acceleration", base.wheel_acceleration, low=1e-3, high=1e6
+        ),
+        parking_brake_delay=table.number(
+            "parking_brake_delay", base.parking_brake_delay, low=0.0, high=1e6
+        ),
+    )
+    table.finish()
+    return drive
+
+
+def read_battery(reader: TableReader, parent: Parent) -> BatteryDescription | None:
+    """The battery; `battery = false` takes away an inherited one."""
+    inherited = parent.battery if parent else None
+    if not reader.has("battery"):
+        return inherited
+    if reader.is_false("battery"):
+        return None
+    table = reader.table("battery")
+    base = inherited or BatteryDescription()
+    battery = BatteryDescription(
+        life=table.number("life", base.life, low=1.0, high=1e9),
+        energy=table.number("energy", base.energy, low=1.0, high=1e15),
+    )
+    table.finish()
+    return battery
+
+
+def read_report(
+    table: TableReader,
+    wheels: Sequence[Wheel],
+    mass: float,
+    drive: DriveDescription,
+    parent: Parent,
+) -> RobotReport:
+    """What GEO and CONF announce; all geometry follows from the driven wheels (5.1 #19)."""
+    driven = [wheel for wheel in wheels if wheel.driven]
+    track = _extent([wheel.position[1] for wheel in driven])
+    base = _extent([wheel.position[0] for wheel in driven])
+    # Announced figures are inherited only as long as what they describe is.
+    same_wheels = parent is not None and parent.wheels == tuple(wheels)
+    same_limit = parent is not None and parent.drive.max_wheel_speed == drive.max_wheel_speed
+    old = parent.report if parent else None
+    report = RobotReport(
+        steering_type=table.choice(
+            "steering_type", STEERING_TYPES, old.steering_type if old else "SkidSteered"
+        ),
+        dimensions=table.vector(
+            "dimensions",
+            old.dimensions if old and same_wheels else (base, track, 0.0),
+            low=0.0,
+            high=_LONGEST,
+        ),
+        center_of_gravity=table.vector(
+            "center_of_gravity", old.center_of_gravity if old else (0.0, 0.0, 0.0)
+        ),
+        wheel_radius=driven[0].radius,
+        track_width=track,
+        wheel_base=base,
+        mass=round(mass, 9),
+        max_speed=table.number(
+            "max_speed", old.max_speed if old and same_limit else drive.max_wheel_speed, low=0.0
+        ),
+        max_torque=table.number("max_torque", old.max_torque if old else DEFAULT_TORQUE, low=0.0),
+        max_front_steer=table.number("max_front_steer", old.max_front_steer if old else 0.0),
+        max_rear_steer=table.number("max_rear_steer", old.max_rear_steer if old else 0.0),
+    )
+    table.finish(_DERIVED)
+    return report
+
+
+def _extent(values: Sequence[float]) -> float:
+    # Rounded, because 0.2356 + 0.2356 must not print as 0.4711 when digits are cut off.
+    return round(max(values) - min(values), 9)
+
+
+def read_items(
+    reader: TableReader, wheels: Sequence[Wheel], parent: Parent
+) -> tuple[ItemDescription, ...]:
+    """Sensors in mount order; one that an inherited sensor equals in type and name replaces it.
+
+    Cameras are checked and left out.
+    """
+    links = [wheel.name for wheel in wheels]
+    items = list(_without(reader, parent.items if parent else ()))
+    inherited = len(items)
+    for item in items:
+        if item.link is not None and item.link not in links:
+            reader.fail(
+                f"the inherited sensor {item.name!r} sits on {item.link!r}, which is gone",
+                "keep the wheel's name, or drop the sensor with without = [...]",
+                "wheel",
+            )
+    for table in reader.tables("sensor"):
+        item = _item(table, links)
+        twins = [i for i, other in enumerate(items) if _same_item(item, other)]
+        if twins and twins[0] < inherited:
+            items[twins[0]] = item
+            continue
+        if twins:
+            # AirRobot mounts two items called GPS; the original did not mind (5.1 #16).
+            _log.warning("a second item of this type and name", item=item.where)
+        items.append(item)
+    for table in reader.tables("camera"):
+        _item(table, links, kind="Camera")
+    return tuple(items)
+
+
+def _same_item(one: ItemDescription, other: ItemDescription) -> bool:
+    return (one.type.lower(), one.name.lower()) == (other.type.lower(), other.name.lower())
+
+
+def _without(reader: TableReader, items: Sequence[ItemDescription]) -> Sequence[ItemDescription]:
+    dropped = reader.texts("without")
+    for name in dropped:
+        if not any(item.name == name for item in items):
+            names = list(dict.fromkeys(item.name for item in items))
+            reader.fail(f"no inherited sensor {name!r}", nearest(name, names), "without")
+    return [item for item in items if item.name not in dropped]
+
+
+def _item(table: TableReader, links: Sequence[str], kind: str = "") -> ItemDescription:
+    link = table.text("link", "") or None
+    if link is not None:
+        known = {known.lower(): known for known in links}
+        if link.lower() not in known:
+            table.fail(f"no link {link!r}", nearest(link, links), "link")
+        link = known[link.lower()]
+    type_ = table.text("type", kind or None)
+    name = table.text("name")
+    for key, word in (("type", type_), ("name", name)):
+        if not _WORD.fullmatch(word):
+            table.fail(f"is {word!r}", "use one word without blanks and braces", key)
+    table.number("interval", 0.0, low=0.0, high=1e6)
+    return ItemDescription(type_, name, link, _pose(table), table.rest("interval"), table.place)
+
+
+def _pose(table: TableReader) -> Pose:
+    location = table.vector("position", (0.0, 0.0, 0.0), low=-_LONGEST, high=_LONGEST)
+    rotation = table.vector("rotation", (0.0, 0.0, 0.0), low=-1000.0, high=1000.0)
+    return pose_from_wire(location, rotation)
