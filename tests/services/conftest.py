@@ -1,0 +1,24 @@
+"""Fixtures of the service tests."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+
+import pytest
+from services_harness import Running
+
+from usarsim_server.services.control import ControlLimits
+
+
+@pytest.fixture
+def control() -> Iterator[Callable[..., Running]]:
+    """Starts control services: `control(limits, hold=...)`; they end with the test."""
+    with contextlib.ExitStack() as stack:
+
+        def start(limits: ControlLimits | None = None, *, hold: bool = False) -> Running:
+            running = Running(limits or ControlLimits(), hold)
+            stack.callback(running.stop)
+            return running
+
+        yield start

@@ -1,0 +1,215 @@
+"""A control service on a real port, with agents that a test can hold, release and inspect."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+
+from usarsim_server.protocol.grammar import Command
+from usarsim_server.services.control import ControlLimits, ControlService
+from usarsim_server.services.listener import Endpoint
+from usarsim_server.services.outbox import Outbox
+
+GREETING = b"NFO {Gametype BotDeathMatch} {Level arena} {TimeLimit 20}\r\n"
+
+
+def eventually(condition: Callable[[], bool], within: float = 2.0) -> bool:
+    """Whether the condition comes true within so many seconds."""
+    deadline = time.monotonic() + within
+    while time.monotonic() < deadline:
+        if condition():
+            return True
+        time.sleep(0.005)
+    return condition()
+
+
+class FakeAgent:
+    """Remembers its commands; answers `GETCONF {Name x}` with `CONF {Name x}`."""
+
+    def __init__(
+        self, peer: str, outbox: Outbox, on_backlog_low: Callable[[], None], hold: bool
+    ) -> None:
+        self.peer = peer
+        self.outbox = outbox
+        self.on_backlog_low = on_backlog_low
+        self.hold = hold
+        self.commands: list[Command] = []
+        self.waiting: deque[Command] = deque()
+        self.most_waiting = 0
+        self.closes = 0
+        self.submit_thread: int | None = None
+
+    def submit(self, commands: list[Command]) -> None:
+        """Execute at once, or keep waiting while held."""
+        self.submit_thread = threading.get_ident()
+        if any(command.word == "KILL" for command in commands):
+            raise RuntimeError("a defect in an agent")
+        if self.hold:
+            self.waiting.extend(commands)
+            self.most_waiting = max(self.most_waiting, len(self.waiting))
+        else:
+            self._execute(commands)
+
+    @property
+    def backlog(self) -> int:
+        """Commands kept waiting."""
+        return len(self.waiting)
+
+    def close(self) -> None:
+        """Count the calls."""
+        self.closes += 1
+
+    def release(self, count: int | None = None, *, tell: bool = True) -> None:
+        """Execute some or all of what waits and, unless told not to, say so."""
+        for _ in range(len(self.waiting) if count is None else count):
+            self._execute([self.waiting.popleft()])
+        if tell:
+            self.on_backlog_low()
+
+    def _execute(self, commands: list[Command]) -> None:
+        for command in commands:
+            self.commands.append(command)
+            if command.word == "GETCONF":
+                self.outbox.put_reply(f"CONF {{Name {command.get('Name')}}}\r\n".encode())
+
+
+class Client:
+    """A controller that speaks over a real socket."""
+
+    def __init__(
+        self,
+        address: tuple[str, int],
+        receive_buffer: int | None = None,
+        send_buffer: int | None = None,
+    ) -> None:
+        self.socket = socket.socket()
+        if send_buffer is not None:
+            self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, send_buffer)
+        if receive_buffer is not None:
+            self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
+        self.socket.settimeout(5.0)
+        self.socket.connect(address)
+        self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._rest = b""
+
+    @property
+    def peer(self) -> str:
+        """How the server names this client."""
+        host, port = self.socket.getsockname()
+        return f"{host}:{port}"
+
+    def send(self, data: bytes) -> None:
+        """Send everything."""
+        self.socket.sendall(data)
+
+    def line(self) -> bytes:
+        """The next line, with its end; what there is of it if the server closes."""
+        while b"\n" not in self._rest:
+            chunk = self.socket.recv(65536)
+            if not chunk:
+                rest, self._rest = self._rest, b""
+                return rest
+            self._rest += chunk
+        line, end, self._rest = self._rest.partition(b"\n")
+        return line + end
+
+    def silent_for(self, seconds: float) -> bool:
+        """Whether nothing arrives in this time, not even the end of the connection."""
+        if self._rest:
+            return False
+        self.socket.settimeout(seconds)
+        try:
+            self.socket.recv(1, socket.MSG_PEEK)
+        except TimeoutError:
+            return True
+        finally:
+            self.socket.settimeout(5.0)
+        return False
+
+    def ended(self) -> bool:
+        """Whether the server closes, after whatever it still had to say."""
+        try:
+            while self.socket.recv(65536):
+                pass
+        except ConnectionResetError:
+            pass
+        return True
+
+    def reset(self) -> None:
+        """Close with a TCP reset."""
+        self.socket.setsockopt(
+            socket.SOL_SOCKET, socket.SO_LINGER, b"\x01\x00\x00\x00\x00\x00\x00\x00"
+        )
+        self.socket.close()
+
+    def close(self) -> None:
+        """Close."""
+        self.socket.close()
+
+
+class Running:
+    """A control service on an event loop of its own thread."""
+
+    def __init__(self, limits: ControlLimits, hold: bool = False) -> None:
+        self.agents: list[FakeAgent] = []
+        self.hold = hold
+        self.refuse: Exception | None = None
+        self.loop = asyncio.new_event_loop()
+        self.clients: list[Client] = []
+        self.service = ControlService("127.0.0.1", 0, lambda: GREETING, self._agent, limits)
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+        self.endpoint: Endpoint = self._call(self.service.start())
+
+    def _agent(self, peer: str, outbox: Outbox, on_backlog_low: Callable[[], None]) -> FakeAgent:
+        if self.refuse is not None:
+            raise self.refuse
+        agent = FakeAgent(peer, outbox, on_backlog_low, self.hold)
+        self.agents.append(agent)
+        return agent
+
+    def _serve(self) -> None:
+        asyncio.set_event_loop(self.loop)
+        self.loop.run_forever()
+
+    def _call(self, coroutine):  # type: ignore[no-untyped-def]
+        return asyncio.run_coroutine_threadsafe(coroutine, self.loop).result(10)
+
+    def connect(self, *, greet: bool = True, **buffers: int) -> Client:
+        """A new client that has read its greeting; buffers as for `Client`."""
+        client = Client((self.endpoint.host, self.endpoint.port), **buffers)
+        self.clients.append(client)
+        if greet:
+            assert client.line() == GREETING
+        return client
+
+    def agent_of(self, client: Client) -> FakeAgent:
+        """The agent of a connected client."""
+        assert eventually(lambda: any(agent.peer == client.peer for agent in self.agents))
+        return next(agent for agent in self.agents if agent.peer == client.peer)
+
+    def pair(self, **buffers: int) -> tuple[Client, FakeAgent]:
+        """A new client and its agent."""
+        client = self.connect(**buffers)
+        return client, self.agent_of(client)
+
+    def stop_service(self) -> float:
+        """Stop the service only; returns the seconds it took."""
+        start = time.monotonic()
+        self._call(self.service.stop())
+        return time.monotonic() - start
+
+    def stop(self) -> None:
+        """Stop everything."""
+        if self.loop.is_closed():
+            return
+        self._call(self.service.stop())
+        self.loop.call_soon_threadsafe(self.loop.stop)
+        self._thread.join(5)
+        self.loop.close()
+        for client in self.clients:
+            client.close()

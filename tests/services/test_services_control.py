@@ -1,0 +1,553 @@
+"""The control service over real sockets: what a client sends arrives, what it is sent is whole."""
+
+from __future__ import annotations
+
+import os
+import random
+import socket
+import time
+
+import pytest
+from services_harness import GREETING, eventually
+
+from usarsim_server.services import listener
+from usarsim_server.services.control import ControlLimits
+from usarsim_server.services.outbox import OutboxLimits
+
+SLOW = OutboxLimits(stream_bytes=64 * 1024)
+
+
+def words(agent):
+    """Command words that an agent has executed."""
+    return [command.word for command in agent.commands]
+
+
+def fill(agent, count=3000, length=400):
+    """Stream so many numbered lines that no buffer can hold them all; returns the lines."""
+    lines = [f"SEN {{Time {n}}} {{Data {'x' * length}}}\r\n".encode() for n in range(count)]
+    for line in lines:
+        agent.outbox.put_stream(line)
+    return lines
+
+
+# Greeting and silence
+
+
+def test_greeting_is_the_first_and_only_line(control):
+    """Checklist 2 and 5: one NFO line within a second of accept, before any input, then silence."""
+    server = control()
+    start = time.monotonic()
+    client = server.connect(greet=False)
+    assert client.line() == GREETING
+    assert time.monotonic() - start < 1.0
+    assert client.silent_for(0.3)
+
+
+def test_agent_knows_its_client_by_the_peer_address(control):
+    """The name of the connection is the client's own `host:port`."""
+    server = control()
+    client, agent = server.pair()
+    assert agent.peer == client.peer
+
+
+def test_greeting_comes_before_lines_of_a_hasty_agent(control):
+    """Even a line that waits before the first read comes after the greeting."""
+    server = control()
+    client = server.connect(greet=False)
+    client.send(b"GETCONF {Name early}\r\n")
+    assert client.line() == GREETING
+    assert client.line() == b"CONF {Name early}\r\n"
+
+
+# Input
+
+
+def test_command_in_one_byte_packets_is_executed(control):
+    """Checklist 26 and 27: one byte per packet, executed when the terminator comes."""
+    client, agent = control().pair()
+    for byte in b"DRIVE {Left 1.0}":
+        client.send(bytes([byte]))
+        time.sleep(0.001)
+    time.sleep(0.05)
+    assert agent.commands == []
+    client.send(b"\n")
+    assert eventually(lambda: words(agent) == ["DRIVE"])
+    assert agent.commands[0].get("Left") == "1.0"
+
+
+@pytest.mark.parametrize("end", [b"\r\n", b"\n", b"\r", b"\n\r", b"\r\n\n"])
+def test_every_line_end_counts_once(control, end):
+    """Checklist 21 to 24: CR LF, LF, CR and LF CR each end a command, at once and only once."""
+    client, agent = control().pair()
+    client.send(b"GETCONF {Name a}" + end)
+    assert client.line() == b"CONF {Name a}\r\n"
+    client.send(b"GETCONF {Name b}" + end)
+    assert client.line() == b"CONF {Name b}\r\n"
+    assert words(agent) == ["GETCONF", "GETCONF"]
+
+
+def test_commands_of_one_packet_are_handed_over_in_order(control):
+    """Checklist 25 and 30: several commands in one packet, replies in the order of requests."""
+    client, agent = control().pair()
+    client.send(b"INIT {ClassName USARBot.P2AT}\r\nGETCONF {Name 1}\r\nGETCONF {Name 2}\r\n")
+    assert [client.line(), client.line()] == [b"CONF {Name 1}\r\n", b"CONF {Name 2}\r\n"]
+    assert words(agent) == ["INIT", "GETCONF", "GETCONF"]
+
+
+def test_glued_commands_are_both_executed(control):
+    """Checklist 29: a command without terminator does not swallow the one glued to it."""
+    client, agent = control().pair()
+    client.send(
+        b"SET {Type RFIDReleaser} {Name Gun} {Opcode Release}DRIVE {Left 1.0} {Right 1.0}\r\n"
+    )
+    assert eventually(lambda: words(agent) == ["SET", "DRIVE"])
+
+
+def test_order_survives_any_cutting_into_packets(control):
+    """A thousand commands cut at random places arrive complete and in order."""
+    client, agent = control().pair()
+    generator = random.Random(7)
+    data = b"".join(f"DRIVE {{Left {number}}}\r\n".encode() for number in range(1000))
+    while data:
+        size = generator.randint(1, 300)
+        client.send(data[:size])
+        data = data[size:]
+    assert eventually(lambda: len(agent.commands) == 1000)
+    assert [command.get("Left") for command in agent.commands] == [str(n) for n in range(1000)]
+
+
+def test_random_bytes_do_not_end_the_connection(control):
+    """Checklist 19: after 1000 lines of random bytes a valid command still works."""
+    client, _ = control().pair()
+    generator = random.Random(19)
+    for _ in range(1000):
+        client.send(generator.randbytes(generator.randint(0, 80)).replace(b"GETCONF", b"") + b"\n")
+    client.send(b"GETCONF {Name alive}\r\n")
+    assert client.line() == b"CONF {Name alive}\r\n"
+
+
+def test_long_lines_are_processed_and_endless_ones_discarded(control, caplog):
+    """Checklist 20: 65536 bytes are a command, a MiB without terminator is thrown away."""
+    caplog.set_level("INFO", "usarsim")
+    client, agent = control().pair()
+    command = b"GETCONF {Name long}"
+    client.send(command.ljust(65536) + b"\r\n")
+    assert client.line() == b"CONF {Name long}\r\n"
+    client.send(b"x" * 2**20 + b"\r\nGETCONF {Name next}\r\n")
+    assert client.line() == b"CONF {Name next}\r\n"
+    assert words(agent) == ["GETCONF", "GETCONF"]
+    assert caplog.messages.count("line discarded: too long") == 1
+
+
+def test_agent_is_called_on_the_event_loop(control):
+    """All commands are submitted by one thread, so agents need no order of their own."""
+    server = control()
+    client, agent = server.pair()
+    client.send(b"DRIVE {Left 1}\r\n")
+    assert eventually(lambda: agent.submit_thread == server._thread.ident)
+
+
+# Output
+
+
+def test_every_line_is_one_send_call(control, monkeypatch):
+    """Checklist 10: a trace of the send calls shows one call per line, never two lines or half."""
+    calls = []
+    send = socket.socket.send
+
+    def traced(self, data, *flags):
+        calls.append(bytes(data))
+        return send(self, data, *flags)
+
+    monkeypatch.setattr(socket.socket, "send", traced)
+    server = control()
+    client, agent = server.pair()
+    mine = [GREETING]
+    for number in range(200):
+        line = f"SEN {{Time {number}}}\r\n".encode()
+        mine.append(line)
+        (agent.outbox.put_stream if number % 3 else agent.outbox.put_reply)(line)
+    received = [GREETING] + [client.line() for _ in range(200)]
+    assert received == mine
+    assert [call for call in calls if call != b"\0"] == mine  # b"\0" wakes the event loop
+
+
+def test_no_send_call_holds_parts_of_two_lines_when_the_client_is_slow(control, monkeypatch):
+    """Checklist 10 and 17: a line is continued in full buffers, never joined to another."""
+    calls = []
+    send = socket.socket.send
+
+    def traced(self, data, *flags):
+        calls.append(bytes(data))
+        return send(self, data, *flags)
+
+    monkeypatch.setattr(socket.socket, "send", traced)
+    server = control(ControlLimits(outbox=SLOW, kernel_buffer=4096))
+    client, agent = server.pair(receive_buffer=4096)
+    fill(agent, 400)
+    time.sleep(0.1)
+    agent.outbox.put_reply(b"CONF {Name end}\r\n")
+    while client.line() != b"CONF {Name end}\r\n":
+        pass
+    assert len(calls) > 100
+    assert all(call.count(b"\r\n") <= 1 and b"\r\n" not in call[:-2] for call in calls)
+
+
+def test_accepted_sockets_send_at_once_and_have_small_buffers(control, monkeypatch):
+    """Checklist 11: TCP_NODELAY is set; dead machines are noticed; kernel buffers are bounded."""
+    accepted = []
+    prepare = listener._prepare
+
+    def spy(client):
+        prepare(client)
+        accepted.append(client)
+
+    monkeypatch.setattr(listener, "_prepare", spy)
+    server = control(ControlLimits(kernel_buffer=64 * 1024))
+    server.connect()
+    [client] = accepted
+    assert client.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY) == 1
+    assert client.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE) == 1
+    # Linux doubles what is asked for, to allow for its own bookkeeping.
+    assert client.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF) <= 2 * 64 * 1024
+    assert client.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) <= 2 * 64 * 1024
+
+
+def test_slow_reader_loses_whole_streamed_lines_and_no_reply(control, caplog):
+    """Checklist 17 and 18: after a pause every line is whole and in order, replies complete."""
+    caplog.set_level("INFO", "usarsim")
+    server = control(ControlLimits(outbox=SLOW, kernel_buffer=8192))
+    client, agent = server.pair(receive_buffer=8192)
+    lines = fill(agent, 1000)
+    for number in range(20):
+        client.send(f"GETCONF {{Name {number}}}\r\n".encode())
+    assert eventually(lambda: len(agent.commands) == 20)
+    lines += fill(agent, 1000)  # and the stream goes on while nobody reads
+    agent.outbox.put_reply(b"GEO {Name last}\r\n")
+    assert agent.outbox.dropped > 500
+    received = []
+    while not received or received[-1] != b"GEO {Name last}\r\n":
+        received.append(client.line())
+    streamed = [line for line in received if line.startswith(b"SEN")]
+    assert set(streamed) <= set(lines), "a line was cut"
+    times = [int(line.split(b"{Time ")[1].split(b"}")[0]) for line in streamed]
+    second = len(times) - 1 - max(i for i in range(len(times) - 1) if times[i] > times[i + 1])
+    assert second > 0
+    replies = [line for line in received if line.startswith(b"CONF")]
+    assert replies == [f"CONF {{Name {number}}}\r\n".encode() for number in range(20)]
+    assert len(received) == 21 + len(streamed)
+    assert len(streamed) + agent.outbox.dropped == 2000
+    assert eventually(lambda: any("too slow" in message for message in caplog.messages))
+
+
+def test_first_line_after_a_pause_is_recent(control):
+    """A client that resumes skips what is out of date: it lags by the buffers, not by its pause."""
+    server = control(ControlLimits(outbox=SLOW, kernel_buffer=8192))
+    client, agent = server.pair(receive_buffer=8192)
+    lines = fill(agent, 3000)
+    agent.outbox.put_reply(b"GEO {Name last}\r\n")
+    received = []
+    while not received or received[-1] != b"GEO {Name last}\r\n":
+        received.append(client.line())
+    newest = lines[-100:]
+    assert received[-101:-1] == newest
+    assert sum(map(len, received)) < SLOW.stream_bytes + 8 * 8192
+
+
+def test_client_that_asks_without_reading_is_cut_off(control, caplog):
+    """Replies are never dropped: a client that lets them pile up is closed, with a log line."""
+    limits = ControlLimits(outbox=OutboxLimits(reply_bytes=64 * 1024), kernel_buffer=8192)
+    server = control(limits)
+    greedy, agent = server.pair(receive_buffer=8192)
+    for number in range(2000):
+        agent.outbox.put_reply(f"CONF {{Name {number}}} {'x' * 100}\r\n".encode())
+    assert eventually(lambda: agent.closes == 1)
+    assert greedy.ended()
+    [record] = [r for r in caplog.records if r.message == "connection closed by the server"]
+    assert record.usarsim_facts["connection"] == agent.peer
+    assert "replies" in record.usarsim_facts["reason"]
+    polite, _ = server.pair()
+    polite.send(b"GETCONF {Name polite}\r\n")
+    assert polite.line() == b"CONF {Name polite}\r\n"
+
+
+def test_agent_can_end_its_connection(control):
+    """An agent that cannot go on condemns its outbox; the client sees the end at once."""
+    client, agent = control().pair()
+    agent.outbox.condemn("the robot thread failed")
+    assert client.ended()
+    assert eventually(lambda: agent.closes == 1)
+
+
+def test_64_clients_that_never_read_delay_nobody_and_stay_bounded(control):
+    """Checklist 12 and 16: 64 silent clients cost their budget each, another is served."""
+    outbox = OutboxLimits(stream_bytes=8192)
+    server = control(ControlLimits(max_connections=65, outbox=outbox, kernel_buffer=4096))
+    silent = [server.pair(receive_buffer=4096) for _ in range(64)]
+    for _, agent in silent:
+        fill(agent, 200)
+    client, _ = server.pair()
+    delays = []
+    for number in range(50):
+        start = time.monotonic()
+        client.send(f"GETCONF {{Name {number}}}\r\n".encode())
+        assert client.line() == f"CONF {{Name {number}}}\r\n".encode()
+        delays.append(time.monotonic() - start)
+        for _, agent in silent:
+            agent.outbox.put_stream(b"STA {Time 1.00}\r\n")
+    assert sorted(delays)[len(delays) // 2] < 0.05
+    assert all(agent.outbox.dropped for _, agent in silent), "the buffers were not full"
+    assert all(agent.outbox.waiting_bytes <= outbox.stream_bytes for _, agent in silent)
+    assert all(agent.closes == 0 for _, agent in silent)
+
+
+# Ends
+
+
+def end_by_close(client):
+    """An orderly close in the middle of a line."""
+    client.send(b"DRIVE {Left 1.0} {Ri")
+    client.close()
+
+
+def end_by_reset(client):
+    """A TCP reset."""
+    client.reset()
+
+
+def end_by_half_close(client):
+    """The sending side alone is closed."""
+    client.socket.shutdown(socket.SHUT_WR)
+
+
+@pytest.mark.parametrize("end", [end_by_close, end_by_reset, end_by_half_close])
+def test_every_kind_of_close_ends_the_agent_promptly_and_once(control, end):
+    """Checklist 13 and 14: close, reset and half-close end the agent well within a second."""
+    server = control()
+    client, agent = server.pair()
+    start = time.monotonic()
+    end(client)
+    assert eventually(lambda: agent.closes == 1, within=0.5), time.monotonic() - start
+    assert eventually(lambda: server.service.connections == 0)
+    time.sleep(0.02)
+    assert agent.closes == 1
+    assert agent.commands == [], "a line without terminator is no command (checklist 27)"
+    assert agent.outbox.closed
+
+
+@pytest.mark.parametrize("end", [end_by_close, end_by_reset])
+def test_close_ends_the_agent_while_output_is_stuck(control, end):
+    """A client that never read and closes is noticed although the writer waits for it."""
+    server = control(ControlLimits(outbox=SLOW, kernel_buffer=4096))
+    client, agent = server.pair(receive_buffer=4096)
+    fill(agent, 500)
+    end(client)
+    assert eventually(lambda: agent.closes == 1, within=0.5)
+
+
+def test_half_closed_client_sees_the_end(control):
+    """Checklist 14: the server answers a half-close by closing too."""
+    client, _ = control().pair()
+    client.socket.shutdown(socket.SHUT_WR)
+    assert client.line() == b""
+
+
+def test_commands_before_the_close_are_still_handed_over(control):
+    """What was complete when the client closed reaches the agent before its close."""
+    client, agent = control().pair()
+    client.send(b"DRIVE {Left 1}\r\nDRIVE {Left 2}\r\n")
+    client.close()
+    assert eventually(lambda: agent.closes == 1)
+    assert words(agent) == ["DRIVE", "DRIVE"]
+
+
+def test_client_can_come_back(control):
+    """Checklist 15: after a close the same client connects anew and gets a new agent."""
+    server = control()
+    for _ in range(3):
+        client, agent = server.pair()
+        client.send(b"GETCONF {Name again}\r\n")
+        assert client.line() == b"CONF {Name again}\r\n"
+        client.close()
+        assert eventually(lambda agent=agent: agent.closes == 1)
+    assert len(server.agents) == 3
+
+
+def test_connection_beyond_the_limit_is_closed_at_once(control, caplog):
+    """Checklist 12: 64 are served, the 65th reads nothing but the end; a free place is given on."""
+    server = control()
+    clients = [server.connect() for _ in range(64)]
+    surplus = server.connect(greet=False)
+    assert surplus.line() == b""
+    assert len(server.agents) == 64
+    assert "connection refused: too many clients" in caplog.messages
+    clients[0].close()
+    assert eventually(lambda: server.service.connections == 63)
+    late = server.connect()
+    late.send(b"GETCONF {Name late}\r\n")
+    assert late.line() == b"CONF {Name late}\r\n"
+
+
+def test_stop_closes_connections_agents_and_port(control):
+    """After stop every client sees the end, every agent is closed and the port is free."""
+    server = control(ControlLimits(outbox=SLOW, kernel_buffer=4096))
+    pairs = [server.pair(receive_buffer=4096) for _ in range(5)]
+    fill(pairs[0][1], 500)  # one that is stuck in a send
+    assert server.stop_service() < 1.0
+    assert [agent.closes for _, agent in pairs] == [1] * 5
+    assert all(client.ended() for client, _ in pairs)
+    with socket.create_server(("127.0.0.1", server.endpoint.port)):
+        pass
+
+
+def test_agents_may_speak_after_the_end_of_the_loop(control):
+    """A robot thread that is slower than the end of the process does no harm."""
+    server = control()
+    _, agent = server.pair()
+    server.stop()
+    agent.outbox.put_reply(b"CONF\r\n")
+    agent.on_backlog_low()
+    agent.outbox.condemn("too late")
+
+
+# Back-pressure
+
+
+FLOOD = b"DRIVE {Left 1.00} {Right 1.00}\r\n"
+
+
+def flood(client, count):
+    """Send until the server's side is full; returns how many whole commands were sent."""
+    client.socket.setblocking(False)
+    data = FLOOD * count
+    sent = 0
+    idle_since = time.monotonic()
+    while sent < len(data) and time.monotonic() - idle_since < 0.3:
+        try:
+            sent += client.socket.send(data[sent : sent + 65536])
+            idle_since = time.monotonic()
+        except BlockingIOError:
+            time.sleep(0.01)
+    client.socket.settimeout(5.0)
+    return sent
+
+
+def test_flood_is_pushed_back_and_nothing_is_lost(control):
+    """While an agent lags its client's input is not read; later all of it arrives in order."""
+    limits = ControlLimits(backlog_high=100, backlog_low=20, kernel_buffer=8192)
+    server = control(limits, hold=True)
+    client, agent = server.pair(send_buffer=8192)
+    sent = flood(client, 100_000)
+    assert sent < len(FLOOD) * 100_000, "the client was never pushed back"
+    per_chunk = 2048 // len(FLOOD) + 1
+    assert agent.most_waiting <= limits.backlog_high + per_chunk
+    rest = -sent % len(FLOOD)
+    agent.hold = False
+    agent.release()
+    client.send(FLOOD[len(FLOOD) - rest :] if rest else b"")
+    client.send(b"GETCONF {Name done}\r\n")
+    assert client.line() == b"CONF {Name done}\r\n"
+    assert len(agent.commands) == (sent + rest) // len(FLOOD) + 1
+    assert {command.word for command in agent.commands[:-1]} == {"DRIVE"}
+
+
+def test_reading_goes_on_at_the_low_mark_only(control):
+    """Between the two marks nothing is read, so that agent and reader do not take turns by one."""
+    limits = ControlLimits(backlog_high=50, backlog_low=10, kernel_buffer=4096)
+    server = control(limits, hold=True)
+    client, agent = server.pair(send_buffer=4096)
+    flood(client, 20_000)
+    before = agent.backlog
+    agent.release(before - 11)
+    time.sleep(0.3)
+    assert agent.backlog == 11
+    agent.release(1)
+    assert eventually(lambda: agent.backlog > 11)
+
+
+def test_forgotten_notice_delays_reading_but_does_not_stop_it(control):
+    """An agent that never says that it caught up is looked at five times a second."""
+    limits = ControlLimits(backlog_high=50, backlog_low=10, kernel_buffer=4096)
+    server = control(limits, hold=True)
+    client, agent = server.pair(send_buffer=4096)
+    flood(client, 20_000)
+    assert agent.backlog > 50
+    agent.release(tell=False)
+    assert eventually(lambda: agent.backlog > 0, within=1.0)
+
+
+@pytest.mark.parametrize("end", [end_by_reset, lambda client: client.close()])
+def test_close_behind_a_flood_is_noticed(control, end):
+    """Checklist 13: a client that floods and closes goes at once, though its input is unread."""
+    server = control(ControlLimits(backlog_high=50, backlog_low=10), hold=True)
+    client, agent = server.pair()
+    client.send(FLOOD * 1000)  # about half of the receive buffer
+    assert eventually(lambda: agent.backlog > 50)
+    time.sleep(0.05)
+    assert agent.backlog < 500, "input was not paused"
+    end(client)
+    assert eventually(lambda: agent.closes == 1, within=0.9)
+
+
+def test_flooding_client_does_not_delay_another(control):
+    """A client that sends as fast as it can leaves others their turn."""
+    server = control()
+    flooder = server.connect()
+    flooder.socket.setblocking(False)
+    client = server.connect()
+    delays = []
+    for number in range(15):
+        for _ in range(5):
+            try:
+                flooder.socket.send(FLOOD * 500)
+            except BlockingIOError:
+                break
+        start = time.monotonic()
+        client.send(f"GETCONF {{Name {number}}}\r\n".encode())
+        assert client.line() == f"CONF {{Name {number}}}\r\n".encode()
+        delays.append(time.monotonic() - start)
+    assert sorted(delays)[len(delays) // 2] < 0.1
+
+
+# Defects of agents
+
+
+def test_defect_in_an_agent_ends_its_connection_only(control, caplog):
+    """An exception out of `submit` closes that connection, with a traceback, and no other."""
+    server = control()
+    other, _ = server.pair()
+    client, agent = server.pair()
+    client.send(b"KILL\r\n")
+    assert client.ended()
+    assert eventually(lambda: agent.closes == 1)
+    assert eventually(lambda: any(record.exc_info for record in caplog.records))
+    other.send(b"GETCONF {Name other}\r\n")
+    assert other.line() == b"CONF {Name other}\r\n"
+
+
+def test_defect_in_the_factory_ends_its_connection_only(control, caplog):
+    """A client whose agent cannot be made is closed; the next one is served."""
+    server = control()
+    server.refuse = RuntimeError("no agent today")
+    assert server.connect(greet=False).ended()
+    server.refuse = None
+    client, _ = server.pair()
+    client.send(b"GETCONF {Name next}\r\n")
+    assert client.line() == b"CONF {Name next}\r\n"
+    assert any("no agent today" in str(record.exc_info) for record in caplog.records)
+
+
+def test_connections_leave_no_descriptors_behind(control):
+    """A hundred short connections, refused and served, leave as many open files as before."""
+    server = control(ControlLimits(max_connections=2))
+    keep = server.connect()
+    before = len(os.listdir("/proc/self/fd"))
+    for _ in range(50):
+        client = server.connect()
+        surplus = server.connect(greet=False)
+        assert surplus.ended()
+        surplus.close()
+        client.close()
+        assert eventually(lambda: server.service.connections == 1)
+    server.clients[:] = [keep]
+    assert eventually(lambda: len(os.listdir("/proc/self/fd")) <= before)

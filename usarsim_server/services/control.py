@@ -1,0 +1,295 @@
+"""The control service: robot controllers connect here, one robot per connection, TCP 3000.
+
+Bytes that arrive are framed into lines, parsed into commands and handed to the connection's
+agent in order; lines that the agent puts into the outbox are sent one by one. What the commands
+mean is the agent's business: this file knows no robot and no clock.
+
+A client can neither fill the memory nor delay others. Its input is read only as fast as its agent
+takes commands (TCP pushes back), its output waits in a bounded outbox, and the kernel's buffers
+are small and of fixed size.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import select
+import socket
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from usarsim_server.logs import Log
+from usarsim_server.protocol.framing import LineFramer
+from usarsim_server.protocol.grammar import Command, parse_line
+from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits
+from usarsim_server.services.outbox import Outbox, OutboxLimits
+
+__all__ = ["Agent", "AgentFactory", "ControlLimits", "ControlService", "Greeting"]
+
+_CHUNK = 2048
+"""Bytes read at a time. Parsing them holds the event loop for half a millisecond; beside a client
+that floods (180,000 commands a second) another's request is answered within 4 ms. With 4096 it is
+7 ms, with 1024 3 ms at some loss of throughput."""
+_LINES_PER_TURN = 32
+"""Lines sent to one client before others get their turn."""
+_HANG_UP_POLL = 0.2
+"""Seconds between looks for a hang-up while a client's input is not read."""
+
+Greeting = Callable[[], bytes]
+"""Makes the one line, CR LF included, that every client reads first (protocol reference 1.2)."""
+
+
+class Agent(Protocol):
+    """Executes the commands of one connection, usually on a thread of its own."""
+
+    def submit(self, commands: list[Command]) -> None:
+        """Take over commands, in the order they came. Must not block."""
+
+    @property
+    def backlog(self) -> int:
+        """Number of commands submitted and not yet begun."""
+
+    def close(self) -> None:
+        """The client is gone: remove its robot, forget its commands. Must not block.
+
+        Called exactly once, on the event loop. Lines put into the outbox afterwards are ignored.
+        """
+
+
+class AgentFactory(Protocol):
+    """Makes the agent of a new connection, on the event loop; must not block."""
+
+    def __call__(self, peer: str, outbox: Outbox, on_backlog_low: Callable[[], None]) -> Agent:
+        """Make an agent.
+
+        Args:
+            peer: `host:port` of the client; it names the connection in the log.
+            outbox: for the agent's lines. The greeting is already in it. An agent that cannot
+                go on calls `outbox.condemn(reason)`.
+            on_backlog_low: to be called, from any thread and as often as is convenient, when the
+                backlog has shrunk, at the least when it is empty. Reading a paused client's input
+                then goes on at once instead of after a fifth of a second.
+        """
+
+
+@dataclass(frozen=True, slots=True)
+class ControlLimits:
+    """What the clients of the control port may use.
+
+    Attributes:
+        max_connections: UDK's MaxConnections (protocol reference 1.1).
+        backlog_high: commands waiting at an agent beyond which its client's input is not read.
+            One client of the field sends 180 a second (protocol reference, addendum): five seconds.
+        backlog_low: commands at which reading goes on.
+        outbox: see `OutboxLimits`.
+        kernel_buffer: bytes per client and direction, before the kernel doubles it. A client that
+            stopped reading finds at most this much old text when it reads again.
+    """
+
+    max_connections: int = 64
+    backlog_high: int = 1024
+    backlog_low: int = 256
+    outbox: OutboxLimits = field(default_factory=OutboxLimits)
+    kernel_buffer: int = 64 * 1024
+
+
+class ControlService:
+    """Accepts robot controllers on one port."""
+
+    name = "control"
+    required = True
+
+    def __init__(
+        self,
+        host: str,
+        port: int,
+        greeting: Greeting,
+        agent_factory: AgentFactory,
+        limits: ControlLimits | None = None,
+    ) -> None:
+        """Describe the service; nothing is opened before `start`.
+
+        Args:
+            host: address or host name to listen on.
+            port: 0 takes any free one.
+            greeting: see `Greeting`; called once per connection.
+            agent_factory: see `AgentFactory`; called once per connection.
+            limits: see `ControlLimits`.
+        """
+        self._greeting = greeting
+        self._agent_factory = agent_factory
+        self._limits = limits or ControlLimits()
+        self._log = Log(self.name)
+        self._listener = Listener(
+            self.name,
+            host,
+            port,
+            self._serve,
+            option="--port",
+            limits=ListenerLimits(
+                max_connections=self._limits.max_connections,
+                receive_buffer=self._limits.kernel_buffer,
+                send_buffer=self._limits.kernel_buffer,
+            ),
+        )
+
+    @property
+    def connections(self) -> int:
+        """Number of clients connected."""
+        return self._listener.connections
+
+    async def start(self) -> Endpoint:
+        """Open the port.
+
+        Raises:
+            ServiceError: if it cannot be opened.
+        """
+        return await self._listener.start()
+
+    async def stop(self) -> None:
+        """Close the port and every connection; all agents are closed when this returns."""
+        await self._listener.stop()
+
+    async def _serve(self, client: socket.socket, peer: str) -> None:
+        log = self._log.bind(connection=peer)
+        connection = _Connection(client, self._limits, log)
+        connection.outbox.put_reply(self._greeting())
+        try:
+            agent = self._agent_factory(peer, connection.outbox, connection.resume)
+        except BaseException:
+            connection.outbox.close()
+            raise
+        log.info("client connected")
+        reason = "connection closed by a server error"
+        try:
+            reason = await connection.run(agent)
+        except asyncio.CancelledError:
+            reason = "server stopped"
+            raise
+        finally:
+            connection.outbox.close()
+            agent.close()
+            log.info(reason, dropped_lines=connection.outbox.dropped)
+
+
+class _Connection:
+    """The conversation with one client: a reader and a writer on one socket."""
+
+    def __init__(self, client: socket.socket, limits: ControlLimits, log: Log) -> None:
+        self._client = client
+        self._limits = limits
+        self._log = log
+        self._loop = asyncio.get_running_loop()
+        self._ended: asyncio.Future[str] = self._loop.create_future()
+        self._lines_wait = asyncio.Event()
+        self._backlog_shrank = asyncio.Event()
+        self.outbox = Outbox(self._wake, limits.outbox)
+
+    async def run(self, agent: Agent) -> str:
+        """Talk until the client goes or has to go; returns why it ended."""
+        async with asyncio.TaskGroup() as tasks:
+            reader = tasks.create_task(self._read(agent))
+            writer = tasks.create_task(self._write())
+            reason = await self._ended
+            reader.cancel()
+            writer.cancel()
+        return reason
+
+    def resume(self) -> None:
+        """The agent's backlog shrank. Any thread."""
+        self._call_in_loop(self._backlog_shrank.set)
+
+    def _wake(self) -> None:
+        """The outbox has lines, or was condemned. Any thread."""
+        self._call_in_loop(self._look_at_outbox)
+
+    def _call_in_loop(self, callback: Callable[[], None]) -> None:
+        # A robot thread may still speak while the loop is being closed at the end of the process.
+        with contextlib.suppress(RuntimeError):
+            self._loop.call_soon_threadsafe(callback)
+
+    def _look_at_outbox(self) -> None:
+        condemned = self.outbox.condemned
+        if condemned is not None and not self._ended.done():
+            self._log.warning("connection closed by the server", reason=condemned)
+            self._end("connection condemned")
+        self._lines_wait.set()
+
+    def _end(self, reason: str) -> None:
+        if not self._ended.done():
+            self._ended.set_result(reason)
+
+    async def _read(self, agent: Agent) -> None:
+        framer = LineFramer()
+        discarded = 0
+        while chunk := await self._receive():
+            commands = [command for line in framer.feed(chunk) for command in parse_line(line)]
+            if framer.discarded != discarded:
+                discarded = framer.discarded
+                self._log.info("line discarded: too long", limit=framer.max_line)
+            if commands:
+                agent.submit(commands)
+            # `sock_recv` does not yield while there is data: let other clients have a turn.
+            await asyncio.sleep(0)
+            if agent.backlog > self._limits.backlog_high and not await self._pause(agent):
+                break
+        self._end("client closed the connection")
+
+    async def _receive(self) -> bytes:
+        """What came next; nothing once the client has closed, half or whole, or reset."""
+        try:
+            return await self._loop.sock_recv(self._client, _CHUNK)
+        except OSError as error:
+            self._end(f"connection lost: {error.strerror}")
+            return b""
+
+    async def _pause(self, agent: Agent) -> bool:
+        """Read nothing until the agent has caught up; False if the client hangs up meanwhile.
+
+        A hang-up shows only once all that the client sent fits the kernel's receive buffer: TCP
+        delivers the end of a stream after its data.
+        """
+        self._log.debug("input paused", backlog=agent.backlog)
+        while agent.backlog > self._limits.backlog_low:
+            self._backlog_shrank.clear()
+            try:
+                async with asyncio.timeout(_HANG_UP_POLL):
+                    await self._backlog_shrank.wait()
+            except TimeoutError:
+                if _hung_up(self._client):
+                    return False
+        return True
+
+    async def _write(self) -> None:
+        sent = 0
+        reported = 0
+        try:
+            while True:
+                line = self.outbox.take()
+                if line is None:
+                    reported = self._report_drops(reported)
+                    self._lines_wait.clear()
+                    await self._lines_wait.wait()
+                    continue
+                # One send call per line (protocol reference 1.1 REQ); it returns when the kernel
+                # has all of it, so nothing piles up between the outbox and the socket.
+                await self._loop.sock_sendall(self._client, line)
+                sent += 1
+                if sent % _LINES_PER_TURN == 0:
+                    await asyncio.sleep(0)
+        except OSError as error:
+            self._end(f"connection lost: {error.strerror}")
+
+    def _report_drops(self, reported: int) -> int:
+        dropped = self.outbox.dropped
+        if dropped != reported:
+            self._log.info("client was too slow: periodic lines dropped", lines=dropped - reported)
+        return dropped
+
+
+def _hung_up(client: socket.socket) -> bool:
+    """Whether the client has closed or reset, even if input from before that is still unread."""
+    poll = select.poll()
+    poll.register(client, select.POLLRDHUP)
+    return bool(poll.poll(0))

@@ -1,0 +1,298 @@
+"""Binding, accepting and ending: the part that all TCP services have in common.
+
+A service gives the listener a handler, a coroutine that owns one accepted socket while it runs.
+The listener closes the socket afterwards whatever happened, keeps one client's failure away from
+all others, holds the number of connections, and survives a process that runs out of descriptors.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import errno
+import ipaddress
+import os
+import socket
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+
+from usarsim_server.errors import ServiceError
+from usarsim_server.logs import Log
+
+__all__ = ["Endpoint", "Handler", "Listener", "ListenerLimits"]
+
+Handler = Callable[[socket.socket, str], Awaitable[None]]
+"""Serves one client: a non-blocking socket for the `loop.sock_*` calls, and the peer `host:port`.
+
+It returns when the conversation is over and may be cancelled at any await. `OSError` means that
+the client went away; any other exception is a defect and is logged with its traceback.
+"""
+
+_OUT_OF_RESOURCES = frozenset({errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ENOBUFS})
+# accept(2): errors of the arriving connection itself that Linux passes on; simply take the next.
+_LOST_ON_ARRIVAL = frozenset(
+    {
+        errno.ECONNABORTED,
+        errno.EPERM,
+        errno.EPROTO,
+        errno.ENOPROTOOPT,
+        errno.EOPNOTSUPP,
+        errno.ENETDOWN,
+        errno.ENETUNREACH,
+        errno.EHOSTDOWN,
+        errno.EHOSTUNREACH,
+        errno.ENONET,
+        errno.ETIMEDOUT,
+    }
+)
+_RESOURCE_PAUSE = 0.1
+"""Seconds to wait for descriptors to come free; the value trio's `serve_listeners` uses."""
+_FAILURE_PAUSE = 1.0
+"""Seconds to wait after an accept error that nobody foresaw."""
+_STOP_TIMEOUT = 2.0
+"""Seconds that handlers get to end after their cancellation; the process has three in all."""
+
+
+@dataclass(frozen=True, slots=True)
+class Endpoint:
+    """Where a service listens, as the READY line shows it."""
+
+    name: str
+    host: str
+    port: int
+
+    @property
+    def address(self) -> str:
+        """`HOST:PORT`, with brackets around an IPv6 host."""
+        return format_address(self.host, self.port)
+
+    @property
+    def loopback(self) -> bool:
+        """Whether only programs on this machine can reach it."""
+        return ipaddress.ip_address(self.host.partition("%")[0]).is_loopback
+
+    def __str__(self) -> str:
+        return f"{self.name}={self.address}"
+
+
+@dataclass(frozen=True, slots=True)
+class ListenerLimits:
+    """What the clients of one service may use.
+
+    Attributes:
+        max_connections: further clients are accepted and closed at once, with a log line.
+        queue: connections the kernel may hold until they are accepted.
+        receive_buffer: bytes of kernel buffer asked for per client, None for the system's
+            automatic size, which reaches several MiB.
+        send_buffer: the same for output. A small one bounds how old the data are that a slow
+            client reads.
+    """
+
+    max_connections: int = 64
+    queue: int = 128
+    receive_buffer: int | None = None
+    send_buffer: int | None = None
+
+
+class Listener:
+    """One listening socket and the connections that came through it. Used on one event loop."""
+
+    def __init__(
+        self,
+        name: str,
+        host: str,
+        port: int,
+        handler: Handler,
+        *,
+        option: str = "--port",
+        limits: ListenerLimits | None = None,
+    ) -> None:
+        """Describe a listener; nothing is opened before `start`.
+
+        Args:
+            name: of the service, for the READY line and the log.
+            host: numeric address or host name to listen on.
+            port: 0 takes any free one.
+            handler: see `Handler`.
+            option: command line option that sets the port, for the advice when it is busy.
+            limits: see `ListenerLimits`.
+        """
+        self._name = name
+        self._host = host
+        self._port = port
+        self._handler = handler
+        self._option = option
+        self._limits = limits or ListenerLimits()
+        self._log = Log(name)
+        self._connections = 0
+        self._task: asyncio.Task[None] | None = None
+
+    @property
+    def connections(self) -> int:
+        """Number of clients being served."""
+        return self._connections
+
+    async def start(self) -> Endpoint:
+        """Open the port and begin to accept.
+
+        Returns:
+            The address really bound.
+
+        Raises:
+            ServiceError: if the port is taken or not allowed or the host is not of this machine.
+        """
+        if self._task is not None:
+            raise RuntimeError(f"{self._name} listens already")
+        listening = await self._bind()
+        host, port = listening.getsockname()[:2]
+        self._task = asyncio.create_task(self._run(listening), name=f"{self._name}-listener")
+        self._log.info("listening", address=format_address(host, port))
+        return Endpoint(self._name, host, port)
+
+    async def stop(self) -> None:
+        """Close the port and end all connections; returns once they are gone.
+
+        A handler that does not end within two seconds of its cancellation is abandoned with a
+        log line. Does nothing if the listener was not started.
+        """
+        task, self._task = self._task, None
+        if task is None:
+            return
+        task.cancel()
+        _, late = await asyncio.wait({task}, timeout=_STOP_TIMEOUT)
+        if late:
+            self._log.error("connections did not end in time", connections=self._connections)
+
+    async def _bind(self) -> socket.socket:
+        family, address = await self._resolve()
+        listening = socket.socket(family, socket.SOCK_STREAM)
+        try:
+            listening.setblocking(False)
+            listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            # Accepted sockets inherit these; set later they could not shrink the TCP window.
+            _set_size(listening, socket.SO_RCVBUF, self._limits.receive_buffer)
+            _set_size(listening, socket.SO_SNDBUF, self._limits.send_buffer)
+            listening.bind(address)
+            listening.listen(self._limits.queue)
+        except OSError as error:
+            listening.close()
+            raise ServiceError(self._bind_message(error)) from error
+        return listening
+
+    async def _resolve(self) -> tuple[socket.AddressFamily, tuple[object, ...]]:
+        """One address of the host: the legacy clients speak IPv4, so that comes first."""
+        loop = asyncio.get_running_loop()
+        try:
+            found = await loop.getaddrinfo(
+                self._host, self._port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+            )
+        except (OSError, UnicodeError) as error:
+            raise ServiceError(
+                f"{self._name}: the host {self._host!r} is unknown "
+                "(give --host an address of this machine, or 0.0.0.0 for all of them)"
+            ) from error
+        entry = min(found, key=lambda item: item[0] is not socket.AF_INET)
+        return entry[0], entry[4]
+
+    def _bind_message(self, error: OSError) -> str:
+        where = format_address(self._host, self._port)
+        if error.errno == errno.EADDRINUSE:
+            return (
+                f"{self._name}: port {self._port} is already in use on {self._host} "
+                f"(stop the program that has it, or choose another with {self._option} N; "
+                "0 takes any free one)"
+            )
+        if error.errno == errno.EACCES:
+            return (
+                f"{self._name}: no permission to listen on {where} "
+                f"(choose a port above 1023 with {self._option} N)"
+            )
+        if error.errno == errno.EADDRNOTAVAIL:
+            return (
+                f"{self._name}: {self._host} is not an address of this machine "
+                "(give --host one that is, or 0.0.0.0 for all of them)"
+            )
+        return f"{self._name}: cannot listen on {where}: {os.strerror(error.errno or 0)}"
+
+    async def _run(self, listening: socket.socket) -> None:
+        with listening:
+            async with asyncio.TaskGroup() as clients:
+                await self._accept_forever(listening, clients)
+
+    async def _accept_forever(self, listening: socket.socket, clients: asyncio.TaskGroup) -> None:
+        loop = asyncio.get_running_loop()
+        short_of: int | None = None
+        while True:
+            try:
+                client, address = await loop.sock_accept(listening)
+            except OSError as error:
+                if error.errno in _LOST_ON_ARRIVAL:
+                    continue
+                if error.errno != short_of:
+                    self._report_accept_error(error)
+                short_of = error.errno
+                scarce = error.errno in _OUT_OF_RESOURCES
+                await asyncio.sleep(_RESOURCE_PAUSE if scarce else _FAILURE_PAUSE)
+                continue
+            if short_of is not None:
+                short_of = None
+                self._log.info("accepting connections again")
+            self._admit(client, format_address(*address[:2]), clients)
+
+    def _report_accept_error(self, error: OSError) -> None:
+        reason = os.strerror(error.errno or 0)
+        if error.errno in _OUT_OF_RESOURCES:
+            self._log.warning(
+                "new clients wait until resources come free (raise `ulimit -n`?)", reason=reason
+            )
+        else:
+            self._log.error("cannot accept connections, trying again every second", reason=reason)
+
+    def _admit(self, client: socket.socket, peer: str, clients: asyncio.TaskGroup) -> None:
+        if self._connections >= self._limits.max_connections:
+            self._log.warning(
+                "connection refused: too many clients",
+                connection=peer,
+                limit=self._limits.max_connections,
+            )
+            client.close()
+            return
+        self._connections += 1
+        task = clients.create_task(self._serve(client, peer), name=f"{self._name}-{peer}")
+        # Not a `finally` in the coroutine: one that is cancelled before its first step runs none.
+        task.add_done_callback(lambda _: self._release(client))
+
+    async def _serve(self, client: socket.socket, peer: str) -> None:
+        try:
+            with contextlib.suppress(OSError):
+                _prepare(client)
+            await self._handler(client, peer)
+        except OSError as error:
+            self._log.debug("connection lost", connection=peer, reason=error)
+        except Exception as error:  # a defect in one conversation must not end the others
+            self._log.exception("connection closed by a server error", error, connection=peer)
+
+    def _release(self, client: socket.socket) -> None:
+        self._connections -= 1
+        client.close()
+
+
+def format_address(host: str, port: int) -> str:
+    """`host:port`, with brackets around an IPv6 host."""
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+
+
+def _prepare(client: socket.socket) -> None:
+    client.setblocking(False)
+    # Each line leaves at once and in a segment of its own (protocol reference 1.1 REQ).
+    client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    # A controller whose machine was switched off would otherwise leave its robot for ever.
+    client.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    client.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, 60)
+    client.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, 10)
+    client.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, 6)
+
+
+def _set_size(listening: socket.socket, option: int, size: int | None) -> None:
+    if size is not None:
+        listening.setsockopt(socket.SOL_SOCKET, option, size)

@@ -1,0 +1,200 @@
+"""What waits to be sent to one client: bounded, thread-safe, lines always whole and in order.
+
+Two planes share one first-in-first-out order (protocol reference 4.14):
+
+* replies are never dropped. A client that asks without ever reading is condemned instead: its
+  connection is to be closed, with a log line;
+* streamed (periodic) lines have a byte budget. When it is full the oldest streamed lines give
+  way, whole; a client that resumes finds recent data and never half a line.
+
+Robot threads write, the event loop takes. The outbox knows no socket and no event loop: a `wake`
+callback tells the taker that there is something to do.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+__all__ = ["Outbox", "OutboxLimits"]
+
+
+@dataclass(frozen=True, slots=True)
+class OutboxLimits:
+    """How much may wait for one client.
+
+    Attributes:
+        stream_bytes: budget of streamed lines; with scan lines just under 2048 bytes at 5 Hz
+            (protocol reference, addendum) about 25 s of one laser.
+        stream_lines: the same in lines, because a short line costs far more than its bytes.
+        reply_bytes: replies beyond this condemn the connection; thousands of CONF and GEO lines,
+            which no client asks for before it reads the first.
+        reply_lines: the same in lines.
+    """
+
+    stream_bytes: int = 256 * 1024
+    stream_lines: int = 4096
+    reply_bytes: int = 4 * 1024 * 1024
+    reply_lines: int = 65536
+
+
+class Outbox:
+    """The lines of one connection that are not yet handed to the socket."""
+
+    def __init__(
+        self, wake: Callable[[], None] | None = None, limits: OutboxLimits | None = None
+    ) -> None:
+        """Make an empty outbox.
+
+        Args:
+            wake: called, from whatever thread puts, when `take` has something to return after
+                having returned None, and once when the outbox is condemned. Must not block.
+            limits: see `OutboxLimits`.
+        """
+        self._wake = wake or _nobody
+        self._limits = limits or OutboxLimits()
+        self._lock = threading.Lock()
+        # The number before each line restores the common order of the two planes.
+        self._next = 0
+        self._replies: deque[tuple[int, bytes]] = deque()
+        self._stream: deque[tuple[int, bytes]] = deque()
+        self._reply_bytes = 0
+        self._stream_bytes = 0
+        self._dropped = 0
+        self._called = False
+        self._closed = False
+        self._condemned: str | None = None
+
+    def put_reply(self, line: bytes) -> None:
+        """Queue a whole line that must arrive, CR LF included. Thread-safe, never blocks.
+
+        Ignored once the outbox is closed; an empty text is nothing to send.
+        """
+        if not line:
+            return
+        with self._lock:
+            if self._closed:
+                return
+            self._replies.append((self._number(), line))
+            self._reply_bytes += len(line)
+            if self._replies_overflow():
+                self._shut(f"{len(self._replies)} replies wait and the client does not read")
+                call = True
+            else:
+                call = self._call()
+        if call:
+            self._wake()
+
+    def put_stream(self, line: bytes) -> None:
+        """Queue a whole periodic line, CR LF included, at the cost of the oldest ones.
+
+        Thread-safe, never blocks. Ignored once the outbox is closed.
+        """
+        if not line:
+            return
+        with self._lock:
+            if self._closed:
+                return
+            self._stream.append((self._number(), line))
+            self._stream_bytes += len(line)
+            self._trim_stream()
+            call = self._call()
+        if call:
+            self._wake()
+
+    def take(self) -> bytes | None:
+        """The oldest line, or None if there is none; the next put will then wake the taker."""
+        with self._lock:
+            if self._replies and (not self._stream or self._replies[0][0] < self._stream[0][0]):
+                line = self._replies.popleft()[1]
+                self._reply_bytes -= len(line)
+                return line
+            if self._stream:
+                line = self._stream.popleft()[1]
+                self._stream_bytes -= len(line)
+                return line
+            self._called = False
+            return None
+
+    def condemn(self, reason: str) -> None:
+        """Ask for the connection to be closed at once; what waits is discarded. Thread-safe.
+
+        Args:
+            reason: for the log; the first reason stays.
+        """
+        with self._lock:
+            if self._closed:
+                return
+            self._shut(reason)
+        self._wake()
+
+    def close(self) -> None:
+        """Forget what waits and ignore what comes. Thread-safe, may be called again."""
+        with self._lock:
+            self._forget()
+
+    @property
+    def condemned(self) -> str | None:
+        """Why the connection has to be closed, or None."""
+        return self._condemned
+
+    @property
+    def closed(self) -> bool:
+        """True once nothing more can be sent, by `close` or by condemnation."""
+        return self._closed
+
+    @property
+    def dropped(self) -> int:
+        """Number of streamed lines dropped so far."""
+        return self._dropped
+
+    @property
+    def waiting_bytes(self) -> int:
+        """Bytes of both planes that wait."""
+        with self._lock:
+            return self._reply_bytes + self._stream_bytes
+
+    def __len__(self) -> int:
+        """Number of lines that wait."""
+        with self._lock:
+            return len(self._replies) + len(self._stream)
+
+    # The methods below are called with the lock held.
+
+    def _number(self) -> int:
+        self._next += 1
+        return self._next
+
+    def _call(self) -> bool:
+        """Whether the taker has to be woken: only for the first line of a burst."""
+        if self._called or not (self._replies or self._stream):
+            return False
+        self._called = True
+        return True
+
+    def _replies_overflow(self) -> bool:
+        limits = self._limits
+        return self._reply_bytes > limits.reply_bytes or len(self._replies) > limits.reply_lines
+
+    def _trim_stream(self) -> None:
+        limits = self._limits
+        while self._stream_bytes > limits.stream_bytes or len(self._stream) > limits.stream_lines:
+            self._stream_bytes -= len(self._stream.popleft()[1])
+            self._dropped += 1
+
+    def _shut(self, reason: str) -> None:
+        self._condemned = reason
+        self._forget()
+
+    def _forget(self) -> None:
+        self._closed = True
+        self._replies.clear()
+        self._stream.clear()
+        self._reply_bytes = 0
+        self._stream_bytes = 0
+
+
+def _nobody() -> None:
+    """The wake callback of an outbox that is only polled."""
