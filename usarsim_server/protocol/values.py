@@ -8,7 +8,7 @@ from enum import Enum
 __all__ = ["Dialect", "Item", "Segment", "Vector"]
 
 Vector = tuple[float, float, float]
-"""Three numbers in the wire frame: x forward, y right, z down (metres), or roll, pitch, yaw (rad)."""
+"""Wire frame: x forward, y right, z down in metres, or roll, pitch, yaw in rad."""
 
 Segment = tuple[str, str]
 """Key and already formatted value of one `{Key value}` pair; an empty value prints `{Key}`."""
