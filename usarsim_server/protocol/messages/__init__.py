@@ -37,6 +37,7 @@ from usarsim_server.protocol.messages.vehicles import (
 )
 from usarsim_server.protocol.messages.world import (
     closest_path_node,
+    die,
     greeting,
     path_nodes,
     start_poses,
@@ -55,6 +56,7 @@ __all__ = [
     "aerial_status",
     "closest_path_node",
     "configuration",
+    "die",
     "effector_geometry",
     "effector_status",
     "encode",

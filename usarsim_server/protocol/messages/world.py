@@ -1,4 +1,4 @@
-"""NFO lines: greeting, start positions, path nodes (protocol reference 4.2)."""
+"""Lines about world and game: NFO and DIE (protocol reference 4.2 and 4.12)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from usarsim_server.protocol.messages.text import count, line, segment, token, t
 from usarsim_server.protocol.numbers import vector
 from usarsim_server.protocol.values import Vector
 
-__all__ = ["closest_path_node", "greeting", "path_nodes", "start_poses"]
+__all__ = ["closest_path_node", "die", "greeting", "path_nodes", "start_poses"]
 
 _POSE_DIGITS = 4
 _LEVEL_INFO = re.compile(r"\.levelinfo.*", re.IGNORECASE | re.DOTALL)
@@ -49,6 +49,16 @@ def path_nodes(nodes: Sequence[tuple[str, Vector, Vector]]) -> str:
 def closest_path_node(tag: str, location: Vector) -> str:
     """The path node nearest to the place a client asked about; location in m."""
     return line("NFO", segment("Pathnode", token(tag)), triple("Location", location, _POSE_DIGITS))
+
+
+def die(killer: str, damage_type: str) -> str:
+    """The game killed the robot.
+
+    Args:
+        killer: name of whoever did it, `None` for the world itself.
+        damage_type: engine class of the damage, for example `DmgType_Fell`.
+    """
+    return line("DIE", segment("Killer", killer), segment("DamageType", damage_type))
 
 
 def _tagged_poses(key: str, poses: Sequence[tuple[str, Vector, Vector]]) -> str:
