@@ -1,0 +1,179 @@
+"""STA, GEO and CONF of vehicles (protocol reference 4.3, 4.4, 4.7, 4.8; checklist 6.6, 6.8)."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from usarsim_server.protocol.messages import (
+    AerialStatus,
+    GroundStatus,
+    aerial_status,
+    ground_configuration,
+    ground_geometry,
+    ground_status,
+)
+from usarsim_server.protocol.values import Dialect
+
+UT2004, UDK = Dialect.UT2004, Dialect.UDK
+
+GROUND_UT2004 = re.compile(
+    r"^STA \{Type GroundVehicle\} \{Time \d+\.\d\d\} \{FrontSteer -?\d+\.\d{4}\} "
+    r"\{RearSteer -?\d+\.\d{4}\}( \{\w+ -?\d+\.\d{4}\})* \{LightToggle (True|False)\} "
+    r"\{LightIntensity \d+\} \{Battery \d+\} \{View -?\d+\}$"
+)
+SKID_UDK = re.compile(
+    r"^STA \{Time \d+\.\d{4}\} \{Battery \d+\} \{Type GroundVehicle\} "
+    r"\{LightToggle (True|False)\} \{LightIntensity 100\} \{FrontSteer 0\} \{RearSteer 0\}$"
+)
+FLIPPERS = (
+    ("FRFlipper", 0.78539),
+    ("FLFlipper", 0.78539),
+    ("RRFlipper", -0.2),
+    ("RLFlipper", -0.2),
+)
+
+ground_statuses = st.builds(
+    GroundStatus,
+    time=st.floats(),
+    front_steer=st.floats(),
+    rear_steer=st.floats(),
+    joints=st.sampled_from([(), FLIPPERS]),
+    light=st.booleans(),
+    light_intensity=st.integers(),
+    battery=st.integers(),
+    view=st.integers(min_value=-1, max_value=63),
+)
+
+
+def test_ground_status_ut2004() -> None:
+    """85: the order of the UT2004 server with View, Time with two digits."""
+    status = GroundStatus(time=63.4, battery=1188)
+    assert ground_status(status, UT2004) == (
+        "STA {Type GroundVehicle} {Time 63.40} {FrontSteer 0.0000} {RearSteer 0.0000} "
+        "{LightToggle False} {LightIntensity 0} {Battery 1188} {View -1}"
+    )
+
+
+def test_ground_status_with_flippers() -> None:
+    """88: flippers stand between RearSteer and LightToggle in the order given."""
+    status = GroundStatus(
+        time=63.4, joints=FLIPPERS, light=True, light_intensity=100, battery=1188, view=0
+    )
+    assert ground_status(status, UT2004) == (
+        "STA {Type GroundVehicle} {Time 63.40} {FrontSteer 0.0000} {RearSteer 0.0000} "
+        "{FRFlipper 0.7853} {FLFlipper 0.7853} {RRFlipper -0.2000} {RLFlipper -0.2000} "
+        "{LightToggle True} {LightIntensity 100} {Battery 1188} {View 0}"
+    )
+
+
+def test_ground_status_udk_keeps_the_order_that_all_clients_read() -> None:
+    """5.2 no. 1 and 66: `udk` differs in the digits of Time only."""
+    status = GroundStatus(time=63.4021, battery=1187)
+    assert ground_status(status, UDK) == (
+        "STA {Type GroundVehicle} {Time 63.4021} {FrontSteer 0.0000} {RearSteer 0.0000} "
+        "{LightToggle False} {LightIntensity 0} {Battery 1187} {View -1}"
+    )
+
+
+def test_exact_udk_form_of_skid_steer() -> None:
+    """86: on request the exact UDK order, with literal zeros and LightIntensity 100."""
+    status = GroundStatus(time=63.4021, battery=1187, light_intensity=0, front_steer=0.5)
+    expected = (
+        "STA {Time 63.4021} {Battery 1187} {Type GroundVehicle} {LightToggle False} "
+        "{LightIntensity 100} {FrontSteer 0} {RearSteer 0}"
+    )
+    for dialect in Dialect:
+        assert ground_status(status, dialect, udk_order=True) == expected
+
+
+def test_exact_udk_form_of_a_steered_robot() -> None:
+    """4.3: with steering joints the angles are printed."""
+    status = GroundStatus(time=63.4021, light=True, front_steer=0.25, steered=True)
+    assert ground_status(status, UDK, udk_order=True) == (
+        "STA {Time 63.4021} {Battery 99999} {Type GroundVehicle} {LightToggle True} "
+        "{LightIntensity 100} {FrontSteer 0.2500} {RearSteer 0.0000}"
+    )
+
+
+@given(ground_statuses)
+def test_every_ut2004_status_matches(status: GroundStatus) -> None:
+    """85, 89: whatever the numbers, the line has the shape that strict readers index."""
+    assert GROUND_UT2004.match(ground_status(status, UT2004))
+
+
+@given(ground_statuses)
+def test_every_exact_udk_status_matches(status: GroundStatus) -> None:
+    """86, 89: the same for the exact UDK form of skid steer."""
+    assert SKID_UDK.match(ground_status(status, UDK, udk_order=True))
+
+
+@pytest.mark.parametrize("battery", [-3, 0])
+def test_battery_is_never_negative(battery: int) -> None:
+    """89, 92: a dead battery reads 0."""
+    assert "{Battery 0}" in ground_status(GroundStatus(time=1, battery=battery), UT2004)
+
+
+def test_no_battery_reads_99999() -> None:
+    """93: the default of a robot without battery."""
+    assert "{Battery 99999}" in ground_status(GroundStatus(time=1), UDK)
+
+
+def test_a_joint_with_a_blank_in_its_name_is_one_word() -> None:
+    """85: a joint key is a single word."""
+    text = ground_status(GroundStatus(time=1, joints=(("Front Arm", 1),)), UT2004)
+    assert "{Front_Arm 1.0000}" in text
+
+
+def test_aerial_status() -> None:
+    """87: Type stands right behind the head."""
+    status = AerialStatus(time=12.3, battery=1192)
+    assert aerial_status(status, UT2004) == (
+        "STA {Type AerialVehicle} {Time 12.30} {LightToggle False} {LightIntensity 0} "
+        "{Battery 1192} {View -1}"
+    )
+    assert aerial_status(status, UDK).startswith("STA {Type AerialVehicle} {Time 12.3000} ")
+
+
+def test_exact_udk_form_of_an_aerial_status() -> None:
+    """5.2 no. 17: the UDK form has the Type that the original left out."""
+    assert aerial_status(AerialStatus(time=12.3047), UDK, udk_order=True) == (
+        "STA {Time 12.3047} {Battery 99999} {Type AerialVehicle}"
+    )
+
+
+def test_ground_geometry() -> None:
+    """129, 133: Type, Name (the class), Dimensions, COG, radius, separation, base."""
+    assert ground_geometry("P2AT", (0.52, 0.49, 0.29), (0, 0, 0), 0.13, 0.47, 0.288) == (
+        "GEO {Type GroundVehicle} {Name P2AT} {Dimensions 0.5200,0.4900,0.2900} "
+        "{COG 0.0000,0.0000,0.0000} {WheelRadius 0.1300} {WheelSeparation 0.4700} "
+        "{WheelBase 0.2880}"
+    )
+
+
+def test_ground_configuration_ut2004() -> None:
+    """130: Type before Name, and four digits everywhere."""
+    text = ground_configuration(UT2004, "P2DX", "SkidSteered", 9, 5.4, 50, 0, 0)
+    assert text == (
+        "CONF {Type GroundVehicle} {Name P2DX} {SteeringType SkidSteered} {Mass 9.0000} "
+        "{MaxSpeed 5.4000} {MaxTorque 50.0000} {MaxFrontSteer 0.0000} {MaxRearSteer 0.0000}"
+    )
+
+
+def test_ground_configuration_udk() -> None:
+    """130: Name before Type, and literal zeros for the limits of skid steer."""
+    text = ground_configuration(UDK, "BasicSkidRobot", "SkidSteered", 12.4, 1.4, 50000, 0.5, 0)
+    assert text == (
+        "CONF {Name BasicSkidRobot} {Type GroundVehicle} {SteeringType SkidSteered} "
+        "{Mass 12.4000} {MaxSpeed 1.4000} {MaxTorque 50000.0000} {MaxFrontSteer 0} "
+        "{MaxRearSteer 0}"
+    )
+
+
+def test_ground_configuration_of_a_car() -> None:
+    """4.8: Ackerman limits are printed in `udk`, too."""
+    text = ground_configuration(UDK, "Car", "AckermanSteered", 1, 1, 1, 0.7, 0)
+    assert text.endswith("{MaxFrontSteer 0.7000} {MaxRearSteer 0.0000}")
