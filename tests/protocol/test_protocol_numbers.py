@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-import locale
 import math
+import os
+import shutil
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -229,7 +233,7 @@ def test_fixed(value: float, digits: int, text: str) -> None:
 @pytest.mark.parametrize("kind", [np.float32, np.float64, np.int32])
 def test_fixed_takes_numpy_scalars(kind: type[np.generic]) -> None:
     """Array elements print like plain numbers."""
-    assert fixed(kind(20), 4) == "20.0000"  # type: ignore[arg-type, call-arg]
+    assert fixed(kind(20), 4) == "20.0000"  # type: ignore[arg-type]
 
 
 @given(st.floats(), DIGITS)
@@ -323,20 +327,29 @@ def test_booleans() -> None:
     assert boolean(False) == "False"
 
 
-def test_locale_does_not_matter() -> None:
-    """53: under a decimal comma locale numbers still have a point, and reading is unchanged."""
-    previous = locale.setlocale(locale.LC_ALL)
-    for name in ("de_DE.UTF-8", "fr_FR.UTF-8", "nl_NL.UTF-8"):
-        try:
-            locale.setlocale(locale.LC_ALL, name)
-            break
-        except locale.Error:
-            continue
-    else:
-        pytest.skip("no decimal comma locale is installed")
-    try:
-        assert fixed(1.5, 2) == "1.50"
-        assert ranges([1.5], 2) == "1.50"
-        assert read_number("1.5") == read_number("1,5") == 1.5
-    finally:
-        locale.setlocale(locale.LC_ALL, previous)
+_PRINT_UNDER_LOCALE = """
+import locale, sys
+locale.setlocale(locale.LC_ALL, sys.argv[1])
+assert locale.str(1.5) == "1,5", "the locale has a decimal point"
+from usarsim_server.protocol.numbers import fixed, ranges, read_number, vector
+print(fixed(1234.5, 2), ranges([1.5, 2.5], 2), vector((0.5,), 1))
+print(read_number("1.5"), read_number("1,5"))
+"""
+
+
+def test_locale_does_not_matter(tmp_path: Path) -> None:
+    """53: in a process with a decimal comma locale numbers have a point and read the same."""
+    locale = tmp_path / "de_DE.ISO-8859-1"
+    localedef = shutil.which("localedef")
+    if localedef is None or not Path("/usr/share/i18n/locales/de_DE").exists():
+        pytest.skip("no sources to build a decimal comma locale from")
+    subprocess.run([localedef, "-i", "de_DE", "-f", "ISO-8859-1", locale], check=False)
+    answer = subprocess.run(
+        [sys.executable, "-c", _PRINT_UNDER_LOCALE, locale.name],
+        env={**os.environ, "LOCPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert answer.stderr == ""
+    assert answer.stdout.split() == ["1234.50", "1.50,2.50", "0.5", "1.5", "1.5"]
