@@ -32,6 +32,9 @@ __all__ = ["Rehearsal", "RehearsedClient", "ScriptedClient", "ServerProcess", "r
 TIMEOUT = 10.0
 """s of wall time after which a test gives up waiting."""
 
+SETTLE_POLL = 0.0002
+"""s of wall time between two looks at an agent that is busy."""
+
 
 class RehearsedClient:
     """One connection of a `Rehearsal`.
@@ -60,7 +63,7 @@ class RehearsedClient:
         for text in texts:
             for line in self._framer.feed(text.encode("latin-1") + b"\r\n"):
                 self.agent.submit(parse_line(line))
-        self._rehearsal.assembly.simulation.settle()
+        self._rehearsal.settle()
 
     def take(self, head: str = "") -> list[str]:
         """Lines received since the last call that begin with a text; all are forgotten."""
@@ -95,6 +98,18 @@ class Rehearsal:
     def time(self) -> float:
         """Simulated seconds."""
         return self.assembly.simulation.look().time
+
+    def settle(self) -> None:
+        """Wait until everything that was sent has been executed; time stands still."""
+        simulation = self.assembly.simulation
+        while True:
+            # The simulation waits for agents that have a robot; one that has just been sent its
+            # first INIT is unknown there.
+            idle = all(client.agent.idle() for client in self._clients)
+            simulation.settle()
+            if idle:
+                return
+            time.sleep(SETTLE_POLL)
 
     def run(self, seconds: float) -> None:
         """Let simulated time pass."""
