@@ -54,12 +54,14 @@ class Assembly:
     fleet: Fleet
     services: tuple[Service, ...]
 
-    def make_agent(self, peer: str, mouth: Mouth, on_backlog_low: Callable[[], None]) -> RobotAgent:
+    def make_agent(
+        self, peer: str, outbox: Mouth, on_backlog_low: Callable[[], None]
+    ) -> RobotAgent:
         """The agent of a new control connection."""
         lockstep = math.isinf(self.settings.speed)
         return RobotAgent(
             peer,
-            mouth,
+            outbox,
             on_backlog_low,
             self.fleet,
             self.world,
