@@ -103,12 +103,26 @@ def quaternion_from_rpy(roll: float, pitch: float, yaw: float) -> Quaternion:
 
 
 def rpy_from_quaternion(quaternion: Quaternion) -> Vector:
-    """Roll, pitch, yaw (rad) with roll and yaw in (-pi, pi], pitch in [-pi/2, pi/2]."""
+    """Roll, pitch, yaw (rad) with roll and yaw in (-pi, pi], pitch in [-pi/2, pi/2].
+
+    Half the sum and half the difference of roll and yaw are found separately, each from a pair of
+    numbers that are not both small unless the other pair holds the whole rotation. So the angles
+    give the rotation back to rounding even where the nose points straight up or down (formula
+    derived from the product of the three half-angle quaternions; compare Bernardes and Viollet,
+    PLoS ONE 17(11), 2022).
+    """
     w, x, y, z = quaternion
-    roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    pitch = math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x))))
-    yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    return roll, pitch, yaw
+    half_sum = math.atan2(x + z, w - y)
+    half_difference = math.atan2(x - z, w + y)
+    pitch = 2 * math.atan2(math.hypot(x - z, w + y), math.hypot(x + z, w - y)) - math.pi / 2
+    return _wrap_once(half_sum + half_difference), pitch, _wrap_once(half_sum - half_difference)
+
+
+def _wrap_once(angle: float) -> float:
+    """An angle in [-2 pi, 2 pi] brought into (-pi, pi]."""
+    if angle > math.pi:
+        return angle - math.tau
+    return angle + math.tau if angle <= -math.pi else angle
 
 
 def flip_point(point: Vector) -> Vector:
