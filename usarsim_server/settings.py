@@ -8,6 +8,7 @@ A value on the command line wins over the file, the file over the default.
 from __future__ import annotations
 
 import difflib
+import json
 import math
 import re
 import tomllib
@@ -218,7 +219,7 @@ def _nearest(word: str, known: Iterable[str]) -> str | None:
 
 def _shown(value: object) -> str:
     """A value as the user wrote it, shortened."""
-    text = f'"{value}"' if isinstance(value, str) else str(value)
+    text = json.dumps(value, ensure_ascii=False) if isinstance(value, str) else str(value)
     return text if len(text) <= 60 else text[:57] + "..."
 
 
@@ -303,7 +304,7 @@ def _folders(value: object, folder: Path) -> tuple[Path, ...]:
             raise ValueError
         path = folder / Path(entry).expanduser()
         if not path.is_dir():
-            raise ValueError(f"there is no folder {path}")
+            raise ValueError(f"there is no folder {json.dumps(str(path))}")
         found.append(path)
     return tuple(found)
 

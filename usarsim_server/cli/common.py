@@ -8,7 +8,7 @@ import textwrap
 from collections.abc import Callable, Iterable, Sequence
 from typing import TypeAlias
 
-__all__ = ["Subparsers", "add_command", "facts", "numbers", "paragraph", "table"]
+__all__ = ["Subparsers", "add_command", "facts", "number", "numbers", "paragraph", "table"]
 
 Subparsers: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 """What `add_parser` of a subcommand is given."""
@@ -77,11 +77,12 @@ def paragraph(text: str) -> str:
 
 
 def numbers(values: Iterable[float], digits: int = 2) -> str:
-    """Numbers joined by commas, trailing zeros dropped; never a negative zero."""
-    return ", ".join(_number(value, digits) for value in values)
+    """Numbers joined by commas, as a command line of the protocol takes them."""
+    return ",".join(number(value, digits) for value in values)
 
 
-def _number(value: float, digits: int) -> str:
+def number(value: float, digits: int = 2) -> str:
+    """A number without trailing zeros, and never a negative zero."""
     text = f"{value:.{digits}f}"
     if "." in text:
         text = text.rstrip("0").rstrip(".")

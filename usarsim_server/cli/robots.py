@@ -1,0 +1,99 @@
+"""`usarsim robots`: what robot classes there are, and what one of them is and carries."""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import math
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from usarsim_server.cli.common import Subparsers, add_command, facts, number, numbers, table
+from usarsim_server.errors import RobotDescriptionError
+from usarsim_server.robots.description import ItemDescription, RobotDescription
+from usarsim_server.simulation.frames import wire_from_pose
+
+__all__ = ["add_parser", "run"]
+
+
+def add_parser(subparsers: Subparsers) -> None:
+    """Add `robots` to the command line."""
+    parser = add_command(subparsers, "robots", "list the robot classes, or describe one", run)
+    parser.add_argument("name", metavar="NAME", nargs="?", help="class to describe")
+    parser.add_argument(
+        "--robots",
+        metavar="DIR",
+        action="append",
+        default=[],
+        help="folder with further robot files; may be repeated",
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the list, or the details of one class."""
+    from usarsim_server.robots.roster import load_roster
+
+    roster = load_roster([Path(folder) for folder in arguments.robots])
+    if arguments.name is None:
+        print(listing(roster.descriptions()))
+        return 0
+    robot = roster.find(arguments.name)
+    if robot is None:
+        raise RobotDescriptionError(_unknown(arguments.name, roster.names()))
+    print("\n\n".join(details(robot)))
+    return 0
+
+
+def listing(robots: Iterable[RobotDescription]) -> str:
+    """One line per class."""
+    rows = [
+        (robot.name, robot.dialect.value, robot.kind.value, robot.description)
+        for robot in sorted(robots, key=lambda robot: robot.name.lower())
+    ]
+    return table(("CLASS", "ERA", "KIND", "DESCRIPTION"), rows)
+
+
+def details(robot: RobotDescription) -> Iterator[str]:
+    """Blocks that describe a class."""
+    yield f"{robot.name}: {robot.description}"
+    yield facts(_facts(robot))
+    if robot.items:
+        yield "Sensors are mounted in the wire frame: x forward, y right, z down, in m and rad."
+        rows = [_item(item) for item in robot.items]
+        yield table(("SENSOR", "TYPE", "LINK", "LOCATION", "ROTATION", "PARAMETERS"), rows)
+
+
+def _facts(robot: RobotDescription) -> Iterator[tuple[str, object]]:
+    report = robot.report
+    yield "file", robot.source
+    yield "era", robot.dialect.value
+    yield "kind", robot.kind.value
+    yield "wheel radius", f"{number(report.wheel_radius, 4)} m"
+    yield "track width", f"{number(report.track_width, 4)} m"
+    yield "wheel base", f"{number(report.wheel_base, 4)} m"
+    yield "mass", f"{number(report.mass, 4)} kg"
+    speed = robot.drive.max_wheel_speed
+    ground = number(speed * report.wheel_radius)
+    yield "wheel speed", f"at most {number(speed, 4)} rad/s, {ground} m/s on the ground"
+    yield "battery", f"{robot.battery.life:g} s" if robot.battery is not None else "none"
+
+
+def _item(item: ItemDescription) -> tuple[str, ...]:
+    location, rotation = wire_from_pose(item.pose)
+    parameters = " ".join(f"{key}={_parameter(value)}" for key, value in item.parameters.items())
+    link = item.link or "-"
+    return item.name, item.type, link, numbers(location, 4), numbers(rotation, 4), parameters
+
+
+def _parameter(value: object) -> str:
+    if isinstance(value, float) and math.isfinite(value):
+        return f"{value:g}"
+    return str(value)
+
+
+def _unknown(name: str, names: Iterable[str]) -> str:
+    by_lower = {known.lower(): known for known in names}
+    wanted = name.rpartition(".")[2].lower()
+    close = difflib.get_close_matches(wanted, by_lower, n=1)
+    cure = f"did you mean {by_lower[close[0]]}?" if close else f"known: {', '.join(names)}"
+    return f"there is no robot class {name!r} ({cure})"
