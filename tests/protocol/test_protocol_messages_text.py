@@ -30,6 +30,8 @@ def test_an_empty_line_is_never_sent(text: str) -> None:
         ("SEN {Name a\tb}", b"SEN {Name a b}\r\n"),
         ("SEN  {Name   a}", b"SEN {Name a}\r\n"),
         ("  SEN {Name a}  ", b"SEN {Name a}\r\n"),
+        ("SEN {Type Camera} ", b"SEN {Type Camera}\r\n"),
+        (" SEN {Type Camera}", b"SEN {Type Camera}\r\n"),
         ("SEN {Name a\x00\x1b\x7fb}", b"SEN {Name a b}\r\n"),
         ("SEN {Name Röver\xa0\x85}", b"SEN {Name R\xf6ver\xa0\x85}\r\n"),
         ("SEN {Name 寿\u2028}", b"SEN {Name ??}\r\n"),
