@@ -17,12 +17,13 @@ import numpy as np
 
 from usarsim_server.protocol.values import Dialect, Item, Segment
 from usarsim_server.robots.description import ItemDescription, RobotDescription
+from usarsim_server.sensors.parameters import Parameters
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.rays import RayFan, RayHits
 from usarsim_server.simulation.snapshot import RobotState
 from usarsim_server.worlds.description import WorldDescription
 
-__all__ = ["Sensor", "SensorContext", "SetResult"]
+__all__ = ["EVERYWHERE", "NOWHERE", "Sensor", "SensorContext", "SetResult"]
 
 EVERYWHERE = frozenset(Dialect)
 NOWHERE: frozenset[Dialect] = frozenset()
@@ -68,10 +69,16 @@ class Sensor(ABC):
     """Default reporting interval in simulated seconds; 0 reports on SCAN only."""
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
+        """Read the item; subclasses read their own keys from `self.parameters`.
+
+        Raises:
+            RobotDescriptionError: a key of the item has a value that cannot be used.
+        """
         self.name = item.name
         self.link = item.link
         self.mount = item.pose
-        self._interval = _number(item, "interval")
+        self.parameters = Parameters(item)
+        self._interval = self.parameters.optional_number("interval", minimum=0.0)
 
     @abstractmethod
     def measure(self, robot: RobotState, hits: Sequence[RayHits]) -> bool:
@@ -117,8 +124,3 @@ class Sensor(ABC):
         """Pose of the sensor in the world (simulation frame)."""
         carrier = robot.pose if self.link is None else robot.link_pose(self.link)
         return carrier @ self.mount
-
-
-def _number(item: ItemDescription, key: str) -> float | None:
-    value = item.parameters.get(key)
-    return float(value) if isinstance(value, int | float) else None

@@ -1,0 +1,121 @@
+"""From sensors to lines: SEN of those that just measured, answers to GETGEO and GETCONF.
+
+Pure functions; the readings are in the sensors. Which instances share a line, which lines carry
+Time and how item names look follows from the classes and the dialect (protocol reference 4.5,
+4.7, 4.8).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from usarsim_server.protocol.messages import configuration, sensor_geometry, sensor_line
+from usarsim_server.protocol.values import Dialect, Item
+from usarsim_server.robots.description import RobotDescription
+from usarsim_server.sensors.base import Sensor
+from usarsim_server.simulation.frames import Pose, wire_from_pose
+
+__all__ = ["conf_line", "find_sensors", "geo_line", "sen_lines"]
+
+HARD = "HARD"
+"""Mount of everything fixed to the body in `ut2004`."""
+
+
+def sen_lines(sensors: Sequence[Sensor], time: float, dialect: Dialect) -> list[str]:
+    """SEN lines of the sensors that have just measured something, without line ends.
+
+    Args:
+        sensors: in mount order; only those whose `measure` returned True.
+        time: simulated s of the measurement.
+        dialect: decides on batching, Time and names.
+
+    Returns:
+        One line per sensor, or one per type for batched types, where the first of them stands.
+    """
+    lines: list[str] = []
+    done: set[str] = set()
+    for sensor in sensors:
+        batch = dialect in sensor.batched
+        if batch and sensor.wire_type in done:
+            continue
+        group = [sensor]
+        if batch:
+            done.add(sensor.wire_type)
+            group = [other for other in sensors if other.wire_type == sensor.wire_type]
+        lines.append(_sen_line(group, time, dialect, batch))
+    return lines
+
+
+def geo_line(
+    sensors: Sequence[Sensor],
+    wire_type: str,
+    name: str | None,
+    robot: RobotDescription,
+    dialect: Dialect,
+) -> str | None:
+    """The answer to GETGEO: all sensors of a type, or the named one; None if there is none.
+
+    Poses are those of the mount: relative to the body, whatever the robot's pose in the world, or
+    relative to the link that carries the sensor.
+    """
+    found = find_sensors(sensors, wire_type, name)
+    if not found:
+        return None
+    mounts = []
+    for sensor in found:
+        pose, mount = _carried(sensor, robot, dialect)
+        location, rotation = wire_from_pose(pose)
+        mounts.append((sensor.wire_name(dialect), location, rotation, mount))
+    return sensor_geometry(dialect, found[0].wire_type, mounts)
+
+
+def conf_line(
+    sensors: Sequence[Sensor], wire_type: str, name: str | None, dialect: Dialect
+) -> str | None:
+    """The answer to GETCONF: all sensors of a type, or the named one; None if there is none."""
+    found = find_sensors(sensors, wire_type, name)
+    if not found:
+        return None
+    items = [Item(sensor.wire_name(dialect), sensor.configuration(dialect)) for sensor in found]
+    return configuration(found[0].wire_type, items)
+
+
+def find_sensors(sensors: Sequence[Sensor], wire_type: str, name: str | None) -> list[Sensor]:
+    """Sensors of a type, in mount order; with a name only those that bear it in any dialect.
+
+    Types and names are compared without case.
+    """
+    wanted = wire_type.strip().lower()
+    found = [sensor for sensor in sensors if sensor.wire_type.lower() == wanted]
+    if name is None:
+        return found
+    return [sensor for sensor in found if name.strip().lower() in _names(sensor)]
+
+
+def _sen_line(group: Sequence[Sensor], time: float, dialect: Dialect, batch: bool) -> str:
+    first = group[0]
+    return sensor_line(
+        dialect,
+        first.wire_type,
+        [sensor.item(dialect) for sensor in group],
+        time if dialect in first.timed else None,
+        first.time_digits[dialect],
+        batch,
+    )
+
+
+def _names(sensor: Sensor) -> set[str]:
+    return {sensor.name.lower(), *(sensor.wire_name(dialect).lower() for dialect in Dialect)}
+
+
+def _carried(sensor: Sensor, robot: RobotDescription, dialect: Dialect) -> tuple[Pose, str]:
+    """Pose and Mount of GEO. UDK knew wheels only as parts of the vehicle, so there a sensor on a
+    wheel is announced where it is on the body."""
+    if dialect is Dialect.UT2004:
+        return sensor.mount, HARD if sensor.link is None else sensor.link
+    if sensor.link is None:
+        return sensor.mount, robot.name
+    for wheel in robot.wheels:
+        if wheel.name.lower() == sensor.link.lower():
+            return Pose(wheel.position) @ sensor.mount, robot.name
+    return sensor.mount, sensor.link
