@@ -1,0 +1,1 @@
+"""Worlds: descriptions, world folders, scenery with victims, pictures."""

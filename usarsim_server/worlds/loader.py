@@ -1,0 +1,230 @@
+"""Reads a world folder: `world.toml` and, beside it, `scene.xml` (docs/worlds.md).
+
+The reader is strict. A key it does not know is more likely a slip than a wish, so it says so
+instead of going on without; what other rooms need of a world stands in the free table `[extra]`.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from usarsim_server import errors
+from usarsim_server.errors import WorldError
+from usarsim_server.simulation.frames import (
+    Pose,
+    Vector,
+    flip_point,
+    quaternion_from_rpy,
+)
+from usarsim_server.worlds.description import (
+    GeographicOrigin,
+    PathNode,
+    StartPose,
+    Victim,
+    WorldDescription,
+    Zone,
+)
+from usarsim_server.worlds.tables import Table
+from usarsim_server.worlds.victims import POSTURES
+
+__all__ = ["SCENE", "SHEET", "load_world"]
+
+SHEET = "world.toml"
+SCENE = "scene.xml"
+
+_LOWER: Vector = (-1000.0, -1000.0, -50.0)
+_UPPER: Vector = (1000.0, 1000.0, 200.0)
+"""Bounds of a world that names none, as in `WorldDescription`."""
+
+
+def load_world(folder: Path) -> WorldDescription:
+    """Read and check a world folder.
+
+    Args:
+        folder: holds `world.toml` and `scene.xml`; its name is the world's name.
+
+    Raises:
+        WorldError: naming file, key, what is wrong and what to write instead.
+    """
+    folder = folder.resolve()
+    sheet = folder / SHEET
+    scene = folder / SCENE
+    for path, holds in ((sheet, "the facts of the world"), (scene, "its geometry (MJCF)")):
+        if not path.is_file():
+            raise WorldError(
+                errors.at(path, "file is missing", f"a world folder has a {path.name} with {holds}")
+            )
+    table = Table(sheet, _parse(sheet))
+    bounds = table.table("bounds")
+    lower = bounds.vector("lower", default=_LOWER)
+    upper = bounds.vector("upper", default=_UPPER)
+    if any(low >= high for low, high in zip(lower, upper, strict=True)):
+        raise bounds.error("upper", f"{upper} is not above lower {lower}", "swap the corners")
+    bounds.finish()
+    starts = tuple(_start(entry) for entry in table.tables("start"))
+    if not starts:
+        raise table.error("start", "there is no start pose", "add a [[start]] table with a tag")
+    for number, start in enumerate(starts, start=1):
+        _check_inside(table, f"[[start]] {number} ({start.tag})", start.pose, lower, upper)
+    world = WorldDescription(
+        name=folder.name,
+        level=table.word("level", default=_as_word(folder.name)),
+        title=table.text("title"),
+        description=table.text("description", default=""),
+        folder=folder,
+        scene=scene,
+        starts=starts,
+        victims=tuple(_victim(entry) for entry in table.tables("victim")),
+        zones=tuple(_zone(entry) for entry in table.tables("zone")),
+        path_nodes=tuple(_path_node(entry) for entry in table.tables("path_node")),
+        origin=_origin(table.table("origin")),
+        north=_north(table),
+        time_limit=table.integer("time_limit", default=20, low=0, high=1_000_000),
+        lower=lower,
+        upper=upper,
+        extra=table.free("extra"),
+    )
+    table.finish()
+    _check_names(table, world)
+    return world
+
+
+def _parse(sheet: Path) -> Mapping[str, object]:
+    try:
+        return tomllib.loads(sheet.read_text(encoding="utf-8"))
+    except tomllib.TOMLDecodeError as error:
+        problem, _, place = str(error).partition(" (at ")
+        where = place.rstrip(")") or None
+        cure = "mend the line; TOML writes key = value, text in quotes, [[victim]] for a list entry"
+        raise WorldError(errors.at(sheet, problem, cure, where=where)) from error
+    except UnicodeDecodeError as error:
+        raise WorldError(
+            errors.at(sheet, f"byte {error.start} is not UTF-8", "save the file as UTF-8")
+        ) from error
+    except OSError as error:
+        raise WorldError(
+            errors.at(sheet, f"cannot be read: {error.strerror}", "check it")
+        ) from error
+
+
+def _start(table: Table) -> StartPose:
+    start = StartPose(tag=table.word("tag"), pose=_pose(table))
+    table.finish()
+    return start
+
+
+def _victim(table: Table) -> Victim:
+    victim = Victim(
+        name=table.word("name"),
+        pose=_pose(table),
+        posture=table.choice("posture", POSTURES),
+        status=table.word("status", default="Alive"),
+        properties=table.free("properties"),
+    )
+    table.finish()
+    return victim
+
+
+def _zone(table: Table) -> Zone:
+    zone = Zone(
+        name=table.text("name"),
+        kind=table.text("kind"),
+        x=table.interval("x"),
+        y=table.interval("y"),
+    )
+    table.finish()
+    return zone
+
+
+def _path_node(table: Table) -> PathNode:
+    node = PathNode(
+        tag=table.word("tag"),
+        position=table.vector("position"),
+        neighbours=table.words("neighbours", default=()),
+    )
+    table.finish()
+    return node
+
+
+def _origin(table: Table) -> GeographicOrigin:
+    default = GeographicOrigin()
+    origin = GeographicOrigin(
+        latitude=table.number("latitude", default=default.latitude, low=-90.0, high=90.0),
+        longitude=table.number("longitude", default=default.longitude, low=-180.0, high=180.0),
+    )
+    table.finish()
+    return origin
+
+
+def _north(table: Table) -> float:
+    """Wire-frame yaw of map north; the file counts degrees anticlockwise from +x."""
+    angle = math.radians(table.number("north_degrees", default=0.0))
+    x, y, _ = flip_point((math.cos(angle), math.sin(angle), 0.0))
+    return math.atan2(y, x) if angle else 0.0
+
+
+def _pose(table: Table) -> Pose:
+    """Position and `yaw_degrees`, or `rotation_degrees` as roll, pitch, yaw (x ahead, z up)."""
+    position = table.vector("position")
+    if table.has("rotation_degrees"):
+        if table.has("yaw_degrees"):
+            raise table.error(
+                "rotation_degrees", "stands beside yaw_degrees", "keep one of the two"
+            )
+        roll, pitch, yaw = table.vector("rotation_degrees")
+    else:
+        roll, pitch, yaw = 0.0, 0.0, table.number("yaw_degrees", default=0.0)
+    return Pose(
+        position,
+        quaternion_from_rpy(math.radians(roll), math.radians(pitch), math.radians(yaw)),
+    )
+
+
+def _as_word(name: str) -> str:
+    return "_".join(name.split())
+
+
+def _check_inside(table: Table, where: str, pose: Pose, lower: Vector, upper: Vector) -> None:
+    limits = zip(lower, pose.position, upper, strict=True)
+    if not all(low <= value <= high for low, value, high in limits):
+        problem = f"position {pose.position} lies outside the bounds {lower} to {upper}"
+        raise WorldError(
+            errors.at(table.path, problem, "move the start or widen [bounds]", where=where)
+        )
+
+
+def _check_names(table: Table, world: WorldDescription) -> None:
+    _check_unique(table, "start", "tag", (start.tag for start in world.starts))
+    _check_unique(table, "victim", "name", (victim.name for victim in world.victims))
+    _check_unique(table, "zone", "name", (zone.name for zone in world.zones))
+    _check_unique(table, "path_node", "tag", (node.tag for node in world.path_nodes))
+    tags = {node.tag for node in world.path_nodes}
+    for number, node in enumerate(world.path_nodes, start=1):
+        for neighbour in node.neighbours:
+            if neighbour not in tags:
+                raise WorldError(
+                    errors.at(
+                        table.path,
+                        f"neighbour {neighbour!r} is no path node",
+                        "write the tag of another [[path_node]]",
+                        where=f"[[path_node]] {number} ({node.tag}): neighbours",
+                    )
+                )
+
+
+def _check_unique(table: Table, kind: str, key: str, names: Iterable[str]) -> None:
+    seen: dict[str, int] = {}
+    for number, name in enumerate(names, start=1):
+        first = seen.setdefault(name.lower(), number)
+        if first != number:
+            raise WorldError(
+                errors.at(
+                    table.path,
+                    f"{name!r} is already the {key} of number {first}",
+                    f"give every [[{kind}]] its own {key}; capitals make no difference",
+                    where=f"[[{kind}]] {number}: {key}",
+                )
+            )
