@@ -1,0 +1,129 @@
+"""Pictures of worlds, for authors and for the documentation.
+
+`python -m usarsim_server.worlds.picture WORLD PICTURE.png` draws a world (a name or a folder) as
+its camera `overview` sees it, or from above one corner, with an arrow at every start pose.
+"""
+
+from __future__ import annotations
+
+import argparse
+import struct
+import sys
+import zlib
+from collections.abc import Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_server.errors import UsarsimError
+from usarsim_server.worlds.catalog import find_world
+from usarsim_server.worlds.description import WorldDescription
+from usarsim_server.worlds.loader import load_world
+from usarsim_server.worlds.scene import build_scene
+
+__all__ = ["draw_world", "main", "png"]
+
+Image = NDArray[np.uint8]
+
+OVERVIEW = "overview"
+_OVERSAMPLING = 2
+_SHADOW_MAP = 8192
+_ARROW_LENGTH, _ARROW_WIDTH = 1.5, 0.07
+_ARROW_COLOR = np.array([0.05, 0.60, 0.30, 1.0], np.float32)
+
+
+def draw_world(world: WorldDescription, width: int = 960, height: int = 600) -> Image:
+    """Render a world with shadows and smoothed edges; start poses are shown as green arrows.
+
+    Args:
+        world: what to draw.
+        width: of the result, pixels.
+        height: of the result, pixels.
+
+    Returns:
+        The picture, (height, width, 3), red, green, blue.
+
+    Raises:
+        WorldError: if the scene cannot be built.
+        RuntimeError: if there is no way to render on this machine (see `MUJOCO_GL`).
+    """
+    spec = build_scene(world)
+    shape = (height * _OVERSAMPLING, width * _OVERSAMPLING)
+    settings = spec.visual
+    settings.global_.offheight, settings.global_.offwidth = shape
+    settings.quality.shadowsize = _SHADOW_MAP
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    with mujoco.Renderer(model, *shape, max_geom=model.ngeom + len(world.starts) + 100) as renderer:
+        renderer.update_scene(data, _viewpoint(model))
+        for start in world.starts:
+            _add_arrow(renderer.scene, start.pose.position, start.pose.rotate((1.0, 0.0, 0.0)))
+        fine = renderer.render()
+    blocks = fine.reshape(height, _OVERSAMPLING, width, _OVERSAMPLING, 3)
+    smooth: Image = blocks.mean(axis=(1, 3)).round().astype(np.uint8)
+    return smooth
+
+
+def _viewpoint(model: mujoco.MjModel) -> mujoco.MjvCamera:
+    camera = mujoco.MjvCamera()
+    fixed = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, OVERVIEW)
+    if fixed >= 0:
+        camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
+        camera.fixedcamid = fixed
+        return camera
+    camera.lookat[:] = model.stat.center
+    camera.distance = 2.2 * model.stat.extent
+    camera.azimuth, camera.elevation = 60.0, -50.0
+    return camera
+
+
+def _add_arrow(scene: mujoco.MjvScene, tail: Sequence[float], heading: Sequence[float]) -> None:
+    geom = scene.geoms[scene.ngeom]
+    start = np.array(tail)
+    tip = start + _ARROW_LENGTH * np.array(heading)
+    kind = mujoco.mjtGeom.mjGEOM_ARROW
+    mujoco.mjv_initGeom(geom, kind, np.zeros(3), np.zeros(3), np.zeros(9), _ARROW_COLOR)
+    mujoco.mjv_connector(geom, kind, _ARROW_WIDTH, start, tip)
+    scene.ngeom += 1
+
+
+def png(image: Image) -> bytes:
+    """Encode a picture (height, width, 3) as PNG; every row is stored as changes from the last."""
+    height, width, _ = image.shape
+    rows = np.empty((height, 1 + 3 * width), np.uint8)
+    rows[:, 0] = 2  # filter type "up" (PNG specification 9.2)
+    flat = image.reshape(height, 3 * width)
+    rows[0, 1:] = flat[0]
+    rows[1:, 1:] = flat[1:] - flat[:-1]
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(rows.tobytes(), 9)), (b"IEND", b""))
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
+        for name, body in chunks
+    )
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Draw one world into one file; returns the exit code."""
+    parser = argparse.ArgumentParser(
+        prog="python -m usarsim_server.worlds.picture", description="Draw a world into a PNG file."
+    )
+    parser.add_argument("world", help="name of a shipped world, or a world folder")
+    parser.add_argument("picture", type=Path, help="PNG file to write")
+    parser.add_argument("--width", type=int, default=960, help="pixels (default 960)")
+    parser.add_argument("--height", type=int, default=600, help="pixels (default 600)")
+    chosen = parser.parse_args(arguments)
+    try:
+        world = load_world(find_world(chosen.world))
+        chosen.picture.write_bytes(png(draw_world(world, chosen.width, chosen.height)))
+    except (UsarsimError, OSError) as error:
+        print(error, file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,123 @@
+"""From a world folder to a MuJoCo specification: scenery, victims, light."""
+
+from __future__ import annotations
+
+import re
+
+import mujoco
+
+from usarsim_server import errors
+from usarsim_server.errors import WorldError
+from usarsim_server.worlds.description import WorldDescription
+from usarsim_server.worlds.victims import add_victim
+
+__all__ = ["build_scene", "movable_bodies"]
+
+_LINE = re.compile(r"\bline (?:number=)?(\d+)", re.IGNORECASE)
+
+
+def build_scene(world: WorldDescription) -> mujoco.MjSpec:
+    """Read the scene of a world and put its victims in.
+
+    The result compiles. Its extent and centre are fixed, so that parking robots far away does
+    not change clip planes and shadows of cameras; a scene without light is given some.
+
+    Raises:
+        WorldError: if MuJoCo cannot read or compile the scene, if the scene sets what the server
+            decides (`option`, `keyframe`), or if a movable body has no name.
+    """
+    try:
+        spec = mujoco.MjSpec.from_file(str(world.scene))
+    except (ValueError, OSError) as error:
+        raise _scene_error(world, error) from error
+    _refuse_server_settings(world, spec)
+    if not spec.lights:
+        _add_light(spec)
+    try:
+        for victim in world.victims:
+            add_victim(spec, victim)
+        model = spec.compile()
+    except ValueError as error:
+        raise _scene_error(world, error) from error
+    spec.stat.extent = model.stat.extent
+    spec.stat.center = model.stat.center
+    return spec
+
+
+def movable_bodies(spec: mujoco.MjSpec) -> tuple[str, ...]:
+    """Names of the bodies that can be pushed: those with a free joint, in file order."""
+    return tuple(body.name for body in spec.bodies if _is_movable(body))
+
+
+def _is_movable(body: mujoco.MjsBody) -> bool:
+    return any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in body.joints)
+
+
+def _refuse_server_settings(world: WorldDescription, spec: mujoco.MjSpec) -> None:
+    name = _changed_option(spec)
+    if name is not None:
+        raise WorldError(
+            errors.at(
+                world.scene,
+                f"the scene sets the simulation option `{name}`",
+                "delete the <option> element; the server chooses the options of the physics",
+                where=_line_with(world, "<option"),
+            )
+        )
+    if spec.keys:
+        raise WorldError(
+            errors.at(
+                world.scene,
+                "the scene has a keyframe, which cannot fit once robots are added",
+                "delete the <keyframe> element; movable bodies start where the scene puts them",
+                where=_line_with(world, "<keyframe"),
+            )
+        )
+    if any(_is_movable(body) and not body.name for body in spec.bodies):
+        raise WorldError(
+            errors.at(
+                world.scene,
+                "a body with a free joint has no name",
+                'write <body name="..."> so that it can be addressed',
+                where=_line_with(world, "<freejoint"),
+            )
+        )
+
+
+def _changed_option(spec: mujoco.MjSpec) -> str | None:
+    ours, fresh = spec.option, mujoco.MjSpec().option
+    for name in dir(fresh):
+        if name.startswith("_") or callable(getattr(fresh, name)):
+            continue
+        if str(getattr(ours, name)) != str(getattr(fresh, name)):
+            return name
+    return None
+
+
+def _line_with(world: WorldDescription, text: str) -> str | None:
+    lines = world.scene.read_text(encoding="utf-8", errors="replace").splitlines()
+    return next((f"line {n}" for n, line in enumerate(lines, start=1) if text in line), None)
+
+
+def _scene_error(world: WorldDescription, error: Exception) -> WorldError:
+    text = " ".join(str(error).split())
+    line = _LINE.search(text)
+    return WorldError(
+        errors.at(
+            world.scene,
+            text.removeprefix("Error: "),
+            "mend the scene; MuJoCo's XML reference lists elements and attributes",
+            where=f"line {line[1]}" if line else None,
+        )
+    )
+
+
+def _add_light(spec: mujoco.MjSpec) -> None:
+    spec.worldbody.add_light(
+        name="daylight",
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        pos=(0.0, 0.0, 20.0),
+        dir=(0.3, -0.2, -1.0),
+        diffuse=(0.6, 0.6, 0.6),
+        castshadow=False,
+    )
