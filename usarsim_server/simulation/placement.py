@@ -25,8 +25,8 @@ TOLERATED = 0.02
 CLEARANCE = 0.005
 RINGS = (0.0, 0.15, 0.3, 0.45, 0.6, 0.8, 1.0, 1.3, 1.6, 2.0, 2.5, 3.0)
 """m: radii searched around a blocked place."""
-LIFTS = (0.0, 0.1, 0.25)
-"""m: heights tried at every place of a ring."""
+LIFTS = (0.05, 0.1, 0.25)
+"""m: heights tried at every place of a ring that is blocked by scenery, such as a slope."""
 HIGH_LIFTS = (0.5, 1.0, 2.0, 3.0, 5.0)
 DIRECTIONS = 12
 
@@ -61,9 +61,17 @@ class Placement:
         """
         self._check(pose)
         grounded = self._above_floor(pose, self._world.slots[slot].rest_height)
-        for candidate in _candidates(grounded):
-            if self._depth(snapshot, slot, candidate) <= TOLERATED:
-                return candidate
+        for place in _rings(grounded):
+            blocked, by_moving = self._overlap(snapshot, slot, place)
+            if blocked <= TOLERATED:
+                return place
+            # Never on top of a robot or a crate, which may drive away below.
+            for lift in () if by_moving else LIFTS:
+                if self._overlap(snapshot, slot, _raised(place, lift))[0] <= TOLERATED:
+                    return _raised(place, lift)
+        for lift in HIGH_LIFTS:
+            if self._overlap(snapshot, slot, _raised(grounded, lift))[0] <= TOLERATED:
+                return _raised(grounded, lift)
         x, y, z = pose.position
         raise SpawnError(f"no free place within {RINGS[-1]:g} m of ({x:.2f}, {y:.2f}, {z:.2f})")
 
@@ -94,8 +102,8 @@ class Placement:
                 z = float(level) + rest_height + CLEARANCE
         return Pose((x, y, z), pose.quaternion)
 
-    def _depth(self, snapshot: Snapshot, slot: int, pose: Pose) -> float:
-        """Deepest overlap (m) of the robot at a pose with anything else."""
+    def _overlap(self, snapshot: Snapshot, slot: int, pose: Pose) -> tuple[float, bool]:
+        """Deepest overlap (m) of the robot at a pose, and whether anything movable is in it."""
         layout = self._world.layouts[slot]
         data = self._data
         data.qpos[:] = snapshot.qpos
@@ -104,21 +112,27 @@ class Placement:
         mujoco.mj_comPos(self._model, data)
         mujoco.mj_collision(self._model, data)
         if data.ncon == 0:
-            return 0.0
-        own = np.isin(data.contact.geom, layout.geoms).any(axis=1)
-        return float(max(0.0, -data.contact.dist[own].min())) if own.any() else 0.0
+            return 0.0, False
+        pairs = data.contact.geom
+        own = np.isin(pairs, layout.geoms)
+        touching = own.any(axis=1) & (data.contact.dist < -TOLERATED)
+        if not touching.any():
+            return 0.0, False
+        others = np.where(own[touching, 0], pairs[touching, 1], pairs[touching, 0])
+        moving = self._model.body_weldid[self._model.geom_bodyid[others]] != 0
+        return float(-data.contact.dist[touching].min()), bool(moving.any())
 
 
-def _candidates(pose: Pose) -> Iterator[Pose]:
-    """Poses ever farther from the wanted one: rings with small lifts first, then straight up."""
+def _rings(pose: Pose) -> Iterator[Pose]:
+    """The wanted pose, then poses on ever wider circles around it."""
     x, y, z = pose.position
     for radius in RINGS:
         for turn in range(DIRECTIONS if radius else 1):
             angle = math.tau * turn / DIRECTIONS
-            for lift in LIFTS:
-                yield Pose(
-                    (x + radius * math.cos(angle), y + radius * math.sin(angle), z + lift),
-                    pose.quaternion,
-                )
-    for lift in HIGH_LIFTS:
-        yield Pose((x, y, z + lift), pose.quaternion)
+            place = (x + radius * math.cos(angle), y + radius * math.sin(angle), z)
+            yield Pose(place, pose.quaternion)
+
+
+def _raised(pose: Pose, lift: float) -> Pose:
+    x, y, z = pose.position
+    return Pose((x, y, z + lift), pose.quaternion)

@@ -1,0 +1,53 @@
+"""Robots come and go, many times; the server stays the same."""
+
+from __future__ import annotations
+
+import random
+import time
+
+import psutil
+
+from usarsim_server.testing import ScriptedClient, ServerProcess
+
+CLASSES = ("P2AT", "P3AT", "P2DX", "P3DX")
+
+
+def _visit(server: ServerProcess, chance: random.Random) -> ScriptedClient:
+    client = server.client()
+    place = f"{chance.uniform(-30, 30):.2f},{chance.uniform(-30, 30):.2f},-0.3"
+    client.send(f"INIT {{ClassName {chance.choice(CLASSES)}}} {{Location {place}}}")
+    client.send(f"DRIVE {{Left {chance.uniform(-2, 2):.2f}}} {{Right {chance.uniform(-2, 2):.2f}}}")
+    return client
+
+
+def test_robots_come_and_go_for_a_while() -> None:
+    """200 visits by up to 12 robots leave no thread, descriptor, robot or lasting memory."""
+    chance = random.Random(11)
+    with ServerProcess("--world", "empty") as server:
+        process = psutil.Process(server.process.pid)
+        witness = server.client()
+        witness.send("INIT {ClassName P3AT} {Location 50,50,-0.3}")
+        witness.wait_for("STA")
+        guests: list[ScriptedClient] = []
+        used: list[int] = []
+        for visit in range(200):
+            guests.append(_visit(server, chance))
+            if len(guests) >= 12 or chance.random() < 0.4:
+                guests.pop(chance.randrange(len(guests))).close()
+            if visit % 20 == 19:
+                used.append(process.memory_info().rss)
+                assert witness.wait_for("STA", 2.0)
+            time.sleep(0.02)
+        for guest in guests:
+            guest.close()
+        deadline = time.monotonic() + 5.0
+        while process.num_threads() > 8 and time.monotonic() < deadline:
+            time.sleep(0.1)
+        assert process.num_threads() <= 8
+        assert process.num_fds() < 24
+        assert used[-1] - used[4] < 24 << 20, "memory grew while robots came and went"
+        last = server.client()
+        last.send("INIT {ClassName P3AT} {Location 0,0,-0.3}")
+        assert last.wait_for("STA", 3.0)
+        assert server.stop() == 0
+        assert "Traceback" not in server.errors
