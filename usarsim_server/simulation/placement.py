@@ -59,8 +59,10 @@ class Placement:
         Raises:
             SpawnError: if the pose is not finite, outside the world, or everything near is full.
         """
-        self._check(pose)
+        if not all(math.isfinite(value) for value in (*pose.position, *pose.quaternion)):
+            raise SpawnError("the spawn pose is not finite")
         grounded = self._above_floor(pose, self._world.slots[slot].rest_height)
+        self._check_inside(grounded)
         for place in _rings(grounded):
             blocked, by_moving = self._overlap(snapshot, slot, place)
             if blocked <= TOLERATED:
@@ -75,10 +77,7 @@ class Placement:
         x, y, z = pose.position
         raise SpawnError(f"no free place within {RINGS[-1]:g} m of ({x:.2f}, {y:.2f}, {z:.2f})")
 
-    def _check(self, pose: Pose) -> None:
-        values = (*pose.position, *pose.quaternion)
-        if not all(math.isfinite(value) for value in values):
-            raise SpawnError("the spawn pose is not finite")
+    def _check_inside(self, pose: Pose) -> None:
         inside = all(
             low <= value <= high
             for low, value, high in zip(self._lower, pose.position, self._upper, strict=True)
