@@ -55,7 +55,14 @@ class SensorContext:
 
 
 class Sensor(ABC):
-    """Base of all sensors; one instance belongs to one robot and is used by one thread."""
+    """Base of all sensors; one instance belongs to one robot and is used by one thread.
+
+    Attributes:
+        name: item name of the robot file.
+        link: link that carries the sensor, None for the chassis.
+        mount: pose relative to the link or the reference point, simulation frame.
+        parameters: the remaining keys of the robot file; what is read here is known as a key.
+    """
 
     wire_type: ClassVar[str]
     """Type on the wire, canonical spelling."""

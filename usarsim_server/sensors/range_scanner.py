@@ -120,7 +120,7 @@ class RangeScanner(Ranging):
         return digits if longest <= MAX_LINE else min(digits, 2)
 
 
-@register("SICK", "SickLMS200")
+@register("SICK")
 class Sick(RangeScanner):
     """SICK LMS200 as USARSim had it: 181 beams of one degree, 20 m."""
 
