@@ -1,0 +1,266 @@
+"""The shipped robots say what the robots reference says."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from usarsim_server.data import data_directory
+from usarsim_server.protocol.messages import ground_configuration, ground_geometry
+from usarsim_server.protocol.values import Dialect
+from usarsim_server.robots.description import Kind, RobotDescription
+from usarsim_server.robots.roster import load_roster
+from usarsim_server.sensors.base import SensorContext
+from usarsim_server.sensors.registry import create_sensor
+from usarsim_server.simulation.frames import wire_from_pose
+from usarsim_server.worlds.description import WorldDescription
+
+ROBOTS = {robot.name: robot for robot in load_roster().descriptions()}
+WORLD = WorldDescription("test", "Test", "", "", Path(), Path("scene.xml"), ())
+
+AT_FRONT = [(0.145, 0.130, 90), (0.185, 0.115, 50), (0.220, 0.080, 30), (0.240, 0.025, 10)]
+DX_FRONT = [(0.115, 0.130, 90), (0.155, 0.115, 50), (0.190, 0.080, 30), (0.210, 0.025, 10)]
+RING = [*(f"F{n}" for n in range(1, 9)), *(f"R{n}" for n in range(1, 9))]
+
+
+def geo(name: str) -> str:
+    robot = ROBOTS[name]
+    report = robot.report
+    return ground_geometry(
+        robot.name,
+        report.dimensions,
+        report.center_of_gravity,
+        report.wheel_radius,
+        report.track_width,
+        report.wheel_base,
+    )
+
+
+def conf(name: str, dialect: Dialect) -> str:
+    robot = ROBOTS[name]
+    report = robot.report
+    return ground_configuration(
+        dialect,
+        robot.name,
+        report.steering_type,
+        report.mass,
+        report.max_speed,
+        report.max_torque,
+        report.max_front_steer,
+        report.max_rear_steer,
+    )
+
+
+def mounts(robot: RobotDescription) -> list[tuple[str, str, tuple[float, ...], tuple[float, ...]]]:
+    """Type, name, wire location and wire rotation of every item."""
+    return [
+        (
+            item.type,
+            item.name,
+            tuple(round(value, 4) + 0.0 for value in wire_from_pose(item.pose)[0]),
+            tuple(round(value, 4) + 0.0 for value in wire_from_pose(item.pose)[1]),
+        )
+        for item in robot.items
+    ]
+
+
+def test_p3at_geo_prints_as_captured() -> None:
+    """P3AT GEO: Dimensions 0.2480,0.3600,0; 0.0980; 0.3600; 0.2480 (5.1 #4)."""
+    line = geo("P3AT")
+    assert "{Dimensions 0.2480,0.3600,0" in line
+    assert "{WheelRadius 0.0980}" in line
+    assert "{WheelSeparation 0.3600}" in line
+    assert "{WheelBase 0.2480}" in line
+
+
+def test_p3at_conf_prints_as_captured() -> None:
+    """P3AT CONF: SkidSteered, Mass 11.9000, MaxSpeed 1.2999, MaxTorque 50000 (5.1 #5)."""
+    line = conf("P3AT", Dialect.UDK)
+    assert "{SteeringType SkidSteered}" in line
+    assert "{Mass 11.9000}" in line
+    assert "{MaxSpeed 1.2999}" in line
+    assert "{MaxTorque 50000.0000}" in line
+    assert ROBOTS["P3AT"].drive.max_wheel_speed == 1.3
+
+
+def test_p2at_geo_and_conf_print_as_captured() -> None:
+    """P2AT GEO and CONF carry the captured figures (5.1 #6)."""
+    line = geo("P2AT")
+    assert "{Dimensions 0.5238,0.4968,0.2913} {COG 0.0000,0.0000,0.0000}" in line
+    assert "{WheelRadius 0.1300} {WheelSeparation 0.4712} {WheelBase 0.2884}" in line
+    line = conf("P2AT", Dialect.UT2004)
+    assert "{SteeringType SkidSteered} {Mass 14.0000} {MaxSpeed 5.3850}" in line
+    assert "{MaxTorque 60.0000} {MaxFrontSteer 0.0000} {MaxRearSteer 0.0000}" in line
+
+
+def test_p2at_top_speed() -> None:
+    """P2AT's wheel limit times its radius is the 0.700 m/s of 1.2."""
+    robot = ROBOTS["P2AT"]
+    assert robot.drive.max_wheel_speed * robot.report.wheel_radius == pytest.approx(0.700, abs=5e-4)
+
+
+def test_p3at_default_items_in_order() -> None:
+    """P3AT carries the items of 1.2.1 with their poses in that order (5.1 #14)."""
+    assert mounts(ROBOTS["P3AT"])[:7] == [
+        ("GroundTruth", "GndTruth", (0, 0, 0), (0, 0, 0)),
+        ("INS", "InsTest", (0, 0, -0.2), (0, 0, 0)),
+        ("SICK", "lms200", (0.2085, 0, -0.2), (0, 0, 0)),
+        ("Tachometer", "TachTest", (0, 0, 0), (0, 0, 0)),
+        ("Encoder", "W1", (0, 0, 0), (0, 0, 0)),
+        ("Encoder", "W2", (0, 0, 0), (0, 0, 0)),
+        ("Battery", "battery", (0.15, 0, -0.2), (0, 0, 0)),
+    ]
+    assert mounts(ROBOTS["P3AT"])[7][:2] == ("Odometry", "Odometer")
+    assert [item.name for item in ROBOTS["P3AT"].items][8:] == RING
+
+
+def test_p3at_part_order() -> None:
+    """W1 and W2 are the front left and the back right wheel: part order of the UDK class."""
+    wheels = ROBOTS["P3AT"].driven_wheels
+    assert [wheel.name for wheel in wheels] == ["FRWheel", "FLWheel", "BRWheel", "BLWheel"]
+    for wheel in wheels:
+        assert wheel.side == ("right" if wheel.name[1] == "R" else "left")
+        assert (wheel.position[0] > 0) == (wheel.name[0] == "F")
+    encoders = [item.parameters["wheel"] for item in ROBOTS["P3AT"].items if item.type == "Encoder"]
+    assert encoders == [1, 2]
+
+
+def test_p2at_part_order() -> None:
+    """UT2004 robots count left before right, front before rear."""
+    wheels = ROBOTS["P2AT"].driven_wheels
+    assert [wheel.name for wheel in wheels] == [
+        "LeftFWheel",
+        "RightFWheel",
+        "LeftRWheel",
+        "RightRWheel",
+    ]
+    assert [wheel.side for wheel in wheels] == ["left", "right", "left", "right"]
+    assert [wheel.position[0] for wheel in wheels] == [0.1442, 0.1442, -0.1442, -0.1442]
+
+
+@pytest.mark.parametrize(
+    ("name", "front"), [("P2AT", AT_FRONT), ("P2DX", DX_FRONT), ("P3DX", DX_FRONT)]
+)
+def test_sonar_rings(name: str, front: list[tuple[float, float, float]]) -> None:
+    """Sonars F1..F8 then R1..R8 stand where 1.6 says; left ones have negative y (5.1 #15)."""
+    left = [(x, -y, -yaw) for x, y, yaw in front]
+    right = [(x, y, yaw) for x, y, yaw in reversed(front)]
+    # Clockwise from the left: the rear starts on the right.
+    rear = [(-x, y, math.copysign(180, yaw) - yaw) for x, y, yaw in reversed([*left, *right])]
+    sonars = [mount for mount in mounts(ROBOTS[name]) if mount[0] == "Sonar"]
+    assert [sonar[1] for sonar in sonars] == RING
+    for (_, _, location, rotation), (x, y, yaw) in zip(sonars, [*left, *right, *rear], strict=True):
+        assert location[:2] == pytest.approx((x, y))
+        assert rotation == pytest.approx((0, 0, math.radians(yaw)), abs=1e-4)
+
+
+def test_sonar_ring_of_the_real_3at() -> None:
+    """P3AT has the ring of the ARIA file, numbered clockwise from the left."""
+    sonars = {mount[1]: mount for mount in mounts(ROBOTS["P3AT"]) if mount[0] == "Sonar"}
+    for name, x, y, yaw in [
+        ("F1", 0.147, -0.136, -90),
+        ("F2", 0.193, -0.119, -50),
+        ("F3", 0.227, -0.079, -30),
+        ("F4", 0.245, -0.027, -10),
+        ("F8", 0.147, 0.136, 90),
+        ("R1", -0.144, 0.136, 90),
+        ("R4", -0.241, 0.027, 170),
+        ("R5", -0.241, -0.027, -170),
+        ("R8", -0.144, -0.136, -90),
+    ]:
+        assert sonars[name][2][:2] == pytest.approx((x, y))
+        assert sonars[name][3][2] == pytest.approx(math.radians(yaw), abs=1e-4)
+
+
+def test_every_sonar_looks_away_from_the_middle() -> None:
+    """No ring has a sonar that looks inward or whose mirror image is missing."""
+    for robot in ROBOTS.values():
+        sonars = [mount for mount in mounts(robot) if mount[0] == "Sonar"]
+        seen = {(m[2][0], m[2][1], m[3][2]) for m in sonars}
+        for x, y, yaw in seen:
+            assert x * math.cos(yaw) + y * math.sin(yaw) > 0, robot.name
+            assert (x, -y, -yaw) in seen, robot.name
+
+
+def test_p2at_item_names_that_clients_look_for() -> None:
+    """P2AT and P2DX carry the names of protocol reference appendix B."""
+    for name in ("P2AT", "P2DX"):
+        items = {item.name: item for item in ROBOTS[name].items}
+        wanted = {"Scanner1", "Odometry", "INS", "GroundTruth", "GPS", "ECLeft", "ECRight", "Touch"}
+        assert set(items) == wanted | set(RING)
+        assert items["GroundTruth"].parameters["interval"] == 0.05
+        assert items["INS"].parameters["interval"] == 0.2
+        assert items["GPS"].parameters["interval"] == 0.2
+    assert {item.name: item for item in ROBOTS["P2AT"].items}["ECRight"].link == "RightFWheel"
+
+
+def test_p2at_scanner() -> None:
+    """Scanner1 is mounted at (0.1439, 0, -0.0920) (1.6)."""
+    mount = next(mount for mount in mounts(ROBOTS["P2AT"]) if mount[1] == "Scanner1")
+    assert mount[2:] == ((0.1439, 0, -0.092), (0, 0, 0))
+
+
+def test_gazebo_robots() -> None:
+    """The 2015 robots have the prototype's wheels, masses, laser and encoder names (1.8)."""
+    at, dx = ROBOTS["pioneer3at_with_sensors"], ROBOTS["pioneer2dx_with_sensors"]
+    assert (at.report.wheel_radius, at.report.track_width, at.report.wheel_base) == (
+        0.110,
+        0.402,
+        0.25,
+    )
+    assert at.report.mass == 20.0
+    assert (dx.report.wheel_radius, dx.report.track_width) == (0.11, 0.34)
+    assert dx.report.mass == 8.67
+    for robot in (at, dx):
+        items = {item.name: item for item in robot.items}
+        assert items["lms200"].parameters["max_range"] == 10.0
+        assert items["lms200"].parameters["min_range"] == 0.08
+        assert {"Lwheel", "Rwheel"} <= set(items)
+        assert robot.battery is not None
+        assert robot.battery.life == 3600
+
+
+def test_real_p3at_is_the_model_of_the_validation() -> None:
+    """P3AT_real has the anchors, masses and limit of 4.1."""
+    robot = ROBOTS["P3AT_real"]
+    assert robot.report.track_width == pytest.approx(2 * 0.197)
+    assert robot.report.wheel_base == pytest.approx(2 * 0.1331)
+    assert {wheel.radius for wheel in robot.wheels} == {0.11}
+    assert {wheel.mass for wheel in robot.wheels} == {0.75}
+    assert robot.report.mass == 12.0
+    assert robot.drive.max_wheel_speed == robot.report.max_speed == 6.4
+    assert robot.model == "P3AT_real"
+
+
+def test_eras_kinds_and_batteries() -> None:
+    """Dialect by era, drive family by wheels, 1200 s of battery unless stated otherwise."""
+    for name, robot in ROBOTS.items():
+        assert robot.dialect is (Dialect.UDK if name.startswith("P3AT") else Dialect.UT2004)
+        assert robot.kind is (Kind.DIFFERENTIAL if robot.casters else Kind.SKID_STEER)
+        assert len(robot.driven_wheels) == (2 if robot.casters else 4)
+        assert robot.battery is not None
+        assert robot.battery.life == (3600 if "with_sensors" in name else 1200)
+        assert robot.description
+        assert robot.report.max_speed == pytest.approx(robot.drive.max_wheel_speed, rel=1e-4)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_every_sensor_of_every_robot_can_be_made(name: str) -> None:
+    """No shipped file names a sensor type or a parameter that does not exist (5.1 #1)."""
+    robot = ROBOTS[name]
+    for item in robot.items:
+        context = SensorContext(robot, WORLD, np.random.default_rng(0))
+        assert create_sensor(item, context).name == item.name
+
+
+def test_files_state_their_frame_and_sources() -> None:
+    """Every file that has poses says in which frame they are, every figure's origin is tagged."""
+    for path in data_directory("robots").glob("*.toml"):
+        text = path.read_text(encoding="utf-8")
+        assert text.startswith("# "), path
+        if "position" in text:
+            assert "Frame of this file: x forward, y right, z down" in text, path
+            assert "tarting value" in text, path
