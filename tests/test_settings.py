@@ -8,7 +8,7 @@ from dataclasses import FrozenInstanceError, fields
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from usarsim_server.cli import build_parser
@@ -266,6 +266,15 @@ def test_world_with_a_slash_is_a_path(tmp_path: Path, monkeypatch) -> None:
     assert served("--world", "b2").world == "b2"
 
 
+def test_tilde_is_the_home_folder(tmp_path: Path, monkeypatch) -> None:
+    """In the file, where no shell expands it, `~` is the user's home."""
+    monkeypatch.setenv("HOME", str(tmp_path))
+    (tmp_path / "mine").mkdir()
+    path = written(tmp_path, 'robots = "~/mine"\nworld = "~/hall"\n')
+    assert load_settings({}, path).robots == (tmp_path / "mine",)
+    assert load_settings({}, path).world == str(tmp_path / "hall")
+
+
 # Errors
 
 
@@ -386,6 +395,10 @@ def test_long_value_is_shortened_in_the_message() -> None:
     assert len(str(caught.value)) < 200
 
 
+ROBOTS = next(option for option in OPTIONS if option.key == "robots")
+WORLD = next(option for option in OPTIONS if option.key == "world")
+
+
 def outcome(read) -> tuple[object, str | None]:
     """What a reader returns, or the text of its refusal; any other exception is a defect."""
     try:
@@ -395,6 +408,9 @@ def outcome(read) -> tuple[object, str | None]:
 
 
 @given(st.sampled_from(OPTIONS), st.text(max_size=20))
+@example(ROBOTS, "~nobody")
+@example(ROBOTS, "a\0b")
+@example(WORLD, "~nobody/b2")
 @settings(max_examples=300, deadline=None)
 def test_any_text_gives_settings_or_a_settings_error(option, text: str) -> None:
     """Whatever stands on the command line: a value, or a `SettingsError` in one line."""

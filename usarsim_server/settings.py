@@ -10,6 +10,7 @@ from __future__ import annotations
 import difflib
 import json
 import math
+import os
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
@@ -291,7 +292,7 @@ def _world(value: object, folder: Path) -> str:
     if not isinstance(value, str) or not value.strip():
         raise ValueError
     # A bare word is a shipped world; anything with a slash is a place seen from the file.
-    return str((folder / Path(value).expanduser()).absolute()) if "/" in value else value
+    return str(_path(value, folder).absolute()) if "/" in value else value
 
 
 def _folders(value: object, folder: Path) -> tuple[Path, ...]:
@@ -302,11 +303,16 @@ def _folders(value: object, folder: Path) -> tuple[Path, ...]:
     for entry in entries:
         if not isinstance(entry, str) or not entry:
             raise ValueError
-        path = folder / Path(entry).expanduser()
+        path = _path(entry, folder)
         if not path.is_dir():
             raise ValueError(f"there is no folder {json.dumps(str(path))}")
         found.append(path)
     return tuple(found)
+
+
+def _path(text: str, folder: Path) -> Path:
+    # Not `Path.expanduser`, which raises where there is no such user.
+    return folder / os.path.expanduser(text)
 
 
 _DIALECTS = tuple(mode.value for mode in DialectMode)

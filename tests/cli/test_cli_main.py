@@ -191,7 +191,6 @@ def test_bad_settings_are_exit_code_2(app: ModuleType, tmp_path: Path, capsys) -
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signal_while_the_world_loads_ends_quietly(app: ModuleType, number: int, capsys) -> None:
     """Before the event loop runs, SIGINT and SIGTERM end the server with exit code 0 too."""
-    before = signal.getsignal(signal.SIGTERM)
 
     def act() -> int:
         os.kill(os.getpid(), number)
@@ -200,7 +199,20 @@ def test_signal_while_the_world_loads_ends_quietly(app: ModuleType, number: int,
     app.act = act
     assert main(["serve"]) == 0
     assert capsys.readouterr().err == ""
-    assert signal.getsignal(signal.SIGTERM) == before
+
+
+def test_serve_gives_the_signal_handler_back(app: ModuleType) -> None:
+    """A program that embeds the command finds its own SIGTERM handler afterwards."""
+
+    def mine(number: int, frame: object) -> None:
+        pass
+
+    before = signal.signal(signal.SIGTERM, mine)
+    try:
+        assert main(["serve"]) == 0
+        assert signal.getsignal(signal.SIGTERM) is mine
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def test_help_of_serve_names_every_option_with_its_default(capsys) -> None:

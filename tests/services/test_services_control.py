@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import random
 import socket
 import time
+from collections import Counter
 
 import pytest
-from services_harness import GREETING, eventually
+from services_harness import GREETING, FakeAgent, eventually
 
+from usarsim_server.services import control as control_module
 from usarsim_server.services import listener
-from usarsim_server.services.control import ControlLimits
+from usarsim_server.services.control import ControlLimits, ControlService
 from usarsim_server.services.outbox import OutboxLimits
 
 SLOW = OutboxLimits(stream_bytes=64 * 1024)
@@ -203,14 +206,14 @@ def test_accepted_sockets_send_at_once_and_have_small_buffers(control, monkeypat
         accepted.append(client)
 
     monkeypatch.setattr(listener, "_prepare", spy)
-    server = control(ControlLimits(kernel_buffer=64 * 1024))
+    server = control(ControlLimits(kernel_buffer=16 * 1024))
     server.connect()
     [client] = accepted
     assert client.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY) == 1
     assert client.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE) == 1
     # Linux doubles what is asked for, to allow for its own bookkeeping.
-    assert client.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF) <= 2 * 64 * 1024
-    assert client.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) <= 2 * 64 * 1024
+    assert client.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF) <= 2 * 16 * 1024
+    assert client.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) <= 2 * 16 * 1024
 
 
 def test_slow_reader_loses_whole_streamed_lines_and_no_reply(control, caplog):
@@ -451,15 +454,16 @@ def test_flood_is_pushed_back_and_nothing_is_lost(control):
     assert {command.word for command in agent.commands[:-1]} == {"DRIVE"}
 
 
-def test_reading_goes_on_at_the_low_mark_only(control):
-    """Between the two marks nothing is read, so that agent and reader do not take turns by one."""
+def test_reading_goes_on_at_the_low_mark_only(control, monkeypatch):
+    """Between the marks nothing is read; at the low one the agent's word alone sets it going."""
+    monkeypatch.setattr(control_module, "_HANG_UP_POLL", 60.0)
     limits = ControlLimits(backlog_high=50, backlog_low=10, kernel_buffer=4096)
     server = control(limits, hold=True)
     client, agent = server.pair(send_buffer=4096)
     flood(client, 20_000)
     before = agent.backlog
     agent.release(before - 11)
-    time.sleep(0.3)
+    time.sleep(0.05)
     assert agent.backlog == 11
     agent.release(1)
     assert eventually(lambda: agent.backlog > 11)
@@ -507,6 +511,90 @@ def test_flooding_client_does_not_delay_another(control):
         assert client.line() == f"CONF {{Name {number}}}\r\n".encode()
         delays.append(time.monotonic() - start)
     assert sorted(delays)[len(delays) // 2] < 0.1
+
+
+class Turns:
+    """Counts the turns of an event loop."""
+
+    def __init__(self):
+        self.now = 0
+        self.task = asyncio.create_task(self._count())
+
+    async def _count(self):
+        while True:
+            await asyncio.sleep(0)
+            self.now += 1
+
+
+def most_in_one_turn(moments):
+    """How many things happened in the same turn of the loop, at most."""
+    return max(Counter(moments).values())
+
+
+def test_each_chunk_of_input_is_a_turn_of_the_loop():
+    """Input that waits in the kernel is read chunk by chunk, other clients come in between."""
+    submitted, seen = [], []
+
+    async def scenario():
+        turns = Turns()
+        complete = asyncio.Event()
+
+        class Agent:
+            backlog = 0
+
+            def submit(self, commands):
+                submitted.append(turns.now)
+                seen.extend(commands)
+                if len(seen) == 1000:
+                    complete.set()
+
+            def close(self):
+                pass
+
+        service = ControlService("127.0.0.1", 0, lambda: GREETING, lambda *_: Agent())
+        endpoint = await service.start()
+        with socket.create_connection((endpoint.host, endpoint.port)) as client:
+            client.sendall(FLOOD * 1000)  # the loop does not run meanwhile
+            await complete.wait()
+        turns.task.cancel()
+        await service.stop()
+
+    asyncio.run(asyncio.wait_for(scenario(), 10))
+    assert len(submitted) > 10
+    assert most_in_one_turn(submitted) == 1
+
+
+def test_output_gives_others_their_turn(monkeypatch):
+    """A client with many lines waiting gets some per turn of the loop and not all at once."""
+    sends = []
+    send = socket.socket.send
+
+    async def scenario():
+        turns = Turns()
+        complete = asyncio.Event()
+
+        def traced(self, data, *flags):
+            if data.startswith(b"SEN"):
+                sends.append(turns.now)
+                if len(sends) == 500:
+                    complete.set()
+            return send(self, data, *flags)
+
+        monkeypatch.setattr(socket.socket, "send", traced)
+
+        def agent(peer, outbox, on_backlog_low):
+            fill(FakeAgent(peer, outbox, on_backlog_low, hold=False), 500, length=1)
+            return FakeAgent(peer, outbox, on_backlog_low, hold=False)
+
+        service = ControlService("127.0.0.1", 0, lambda: GREETING, agent)
+        endpoint = await service.start()
+        with socket.create_connection((endpoint.host, endpoint.port)):
+            await complete.wait()
+        turns.task.cancel()
+        await service.stop()
+
+    asyncio.run(asyncio.wait_for(scenario(), 10))
+    assert most_in_one_turn(sends) <= 32
 
 
 # Defects of agents

@@ -143,9 +143,20 @@ def test_signal_during_start_ends_before_ready() -> None:
 
 def test_signal_handlers_are_given_back() -> None:
     """After the services ended signals do what they did before."""
-    before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
-    run_until_ready(FakeService("control"))
-    assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.getsignal(number) for number in numbers]
+
+    def mine(number, frame) -> None:
+        pass
+
+    try:
+        for number in numbers:
+            signal.signal(number, mine)
+        run_until_ready(FakeService("control"))
+        assert [signal.getsignal(number) for number in numbers] == [mine, mine]
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)
 
 
 def test_services_run_in_a_thread_of_an_embedding_program() -> None:

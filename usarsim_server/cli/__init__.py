@@ -64,8 +64,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return _INTERRUPTED
     except BrokenPipeError:
-        # `usarsim worlds | head`: the reader has seen enough. Python would complain once more
-        # when it flushes at exit, so standard output is pointed elsewhere.
+        # `usarsim worlds | head`: the reader has seen enough. Standard output is pointed elsewhere
+        # so that the flush at exit cannot fail again (Python library reference, signal, "Note on
+        # SIGPIPE").
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     return code
