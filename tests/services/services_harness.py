@@ -27,6 +27,19 @@ def eventually(condition: Callable[[], bool], within: float = 2.0) -> bool:
     return condition()
 
 
+def words(agent: FakeAgent) -> list[str]:
+    """Command words that an agent has executed."""
+    return [command.word for command in agent.commands]
+
+
+def fill(agent: FakeAgent, count: int = 3000, length: int = 400) -> list[bytes]:
+    """Stream so many numbered lines that no buffer can hold them all; returns the lines."""
+    lines = [f"SEN {{Time {n}}} {{Data {'x' * length}}}\r\n".encode() for n in range(count)]
+    for line in lines:
+        agent.outbox.put_stream(line)
+    return lines
+
+
 class FakeAgent:
     """Remembers its commands; answers `GETCONF {Name x}` with `CONF {Name x}`."""
 
