@@ -55,8 +55,8 @@ class Settings:
     host: str = "127.0.0.1"
     port: int | None = 3000
     image_port: int | None = 5003
-    groundtruth_port: int | None = 50000
-    wireless_port: int | None = 7435
+    groundtruth_port: int | None = 7435
+    wireless_port: int | None = 50000
     truth_port: int | None = 3989
     comserver_port: int | None = None
     dialect: DialectMode = DialectMode.AUTO

@@ -79,7 +79,9 @@ def test_bad_options_are_one_clear_error(arguments: list[str], named: str) -> No
 
 def test_a_bad_robot_file_is_one_clear_error(tmp_path: Path) -> None:
     """A robot file that cannot be used ends it with code 2 and names file, key and cure."""
-    (tmp_path / "Broken.toml").write_text('name = "Broken"\nextends = "P2AT"\nkind = "hovercraft"\n')
+    (tmp_path / "Broken.toml").write_text(
+        'name = "Broken"\nextends = "P2AT"\nkind = "hovercraft"\n'
+    )
     result = _serve("--robots", str(tmp_path), "--port", "0")
     assert result.returncode == 2
     assert "Broken.toml" in result.stderr

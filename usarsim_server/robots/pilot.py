@@ -19,7 +19,7 @@ from usarsim_server.robots.battery import NO_BATTERY, Battery
 from usarsim_server.robots.drive import WheelDrive
 from usarsim_server.robots.fleet import Vehicle
 from usarsim_server.robots.schedule import Schedule
-from usarsim_server.sensors.assembly import conf_line, geo_line, sen_lines
+from usarsim_server.sensors.assembly import conf_line, find_sensors, geo_line, sen_lines
 from usarsim_server.sensors.base import Sensor, SetResult
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.snapshot import RobotBody, Snapshot
@@ -131,7 +131,7 @@ class Pilot:
 
     def _obey_set(self, request: Set) -> list[str]:
         opcode = request.opcode
-        chosen = [one for one in self._sensors if _matches(one, request.type, request.name)]
+        chosen = find_sensors(self._sensors, request.type, request.name)
         if opcode is None or not chosen:
             self._log.debug("SET has no addressee", type=request.type, name=request.name)
             return []
@@ -269,10 +269,3 @@ def _battery(vehicle: Vehicle, life: float | None) -> Battery | None:
     if life is not None:
         return Battery(life=life) if description is None else Battery(life, description.energy)
     return None if description is None else Battery(description.life, description.energy)
-
-
-def _matches(sensor: Sensor, wire_type: str, name: str | None) -> bool:
-    if sensor.wire_type.lower() != wire_type.lower():
-        return False
-    names = {sensor.name.lower(), *(sensor.wire_name(dialect).lower() for dialect in Dialect)}
-    return name is None or name.lower() in names
