@@ -50,7 +50,7 @@ class Table:
         """Complain about the first key that nobody asked for."""
         for key in self._content:
             if key not in self._asked:
-                close = difflib.get_close_matches(key, self._asked, n=1)
+                close = difflib.get_close_matches(key, sorted(self._asked), n=1, cutoff=0.4)
                 hint = f"did you mean {close[0]}? " if close else ""
                 known = ", ".join(sorted(self._asked))
                 raise self.error(key, "unknown key", f"{hint}known keys: {known}")
