@@ -30,14 +30,15 @@ Geom = mujoco.mjtGeom
 
 
 def build_robot(
-    torque: float = 6.0, gain: float = 20.0, center_of_mass: float = 0.04
+    torque: float = 6.0, gain: float = 200.0, center_of_mass: float = 0.04, damping: float = 0.0
 ) -> mujoco.MjSpec:
     """The test robot; its reference point is level with the wheel axles.
 
     Args:
         torque: N m per wheel; 0 for no limit.
-        gain: N m s/rad of the velocity servos; negative makes a robot that blows up.
+        gain: N m s/rad of the wheel servos.
         center_of_mass: height of the chassis over the axles, m.
+        damping: N m s/rad of the wheel bearings; negative ones drive the wheel on.
     """
     spec = mujoco.MjSpec()
     base = spec.worldbody.add_body(name="base")
@@ -54,7 +55,7 @@ def build_robot(
         x = HALF_BASE if name.startswith("front") else -HALF_BASE
         y = HALF_TRACK if name.endswith("left") else -HALF_TRACK
         wheel = base.add_body(name=name, pos=[x, y, 0.0])
-        wheel.add_joint(name=name, axis=[0.0, 1.0, 0.0], armature=0.01)
+        wheel.add_joint(name=name, axis=[0.0, 1.0, 0.0], armature=0.01, damping=damping)
         wheel.add_geom(
             type=Geom.mjGEOM_ELLIPSOID,
             size=[RADIUS, 0.04, RADIUS],
@@ -82,8 +83,8 @@ def robot_model(key: str = "P3AT_real", brake_delay: float = 0.3, **body: float)
 
 
 ROBOT = robot_model()
-ROGUE = robot_model("rogue", torque=0.0, gain=-2.0)
-"""A robot whose servos feed back positively: one command and it tears itself apart."""
+ROGUE = robot_model("rogue", damping=-2.0, torque=0.1)
+"""A robot whose wheel bearings push: once moved it tears itself apart."""
 
 
 def turn(speed: float) -> NDArray[np.float64]:

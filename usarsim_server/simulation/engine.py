@@ -9,13 +9,17 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.errors import UsarsimError
+from usarsim_server.logs import Log
 from usarsim_server.simulation.compensation import compensate
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import (
+    JOINT_WIDTH,
     CompiledWorld,
     PhysicsOptions,
     RobotModel,
     compile_world,
+    matching_joints,
     root_qpos,
 )
 from usarsim_server.simulation.servo import WheelServos
@@ -30,6 +34,8 @@ SPEED_LIMIT = 1000.0
 
 WAKE = -0.0
 """Written to a velocity of a sleeping body: equal to zero, but not byte by byte, so it wakes."""
+
+_log = Log("simulation")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,6 +53,10 @@ class Growth:
 
 class Engine:
     """Steps the world, holds robots in slots, contains divergence.
+
+    MuJoCo would reset the whole world when one body diverges. Here a batch of steps that ends in
+    nonsense is taken back, the body whose absence lets it succeed is found by trial, and only
+    that one leaves: a robot is parked, a movable object returns to where the world file has it.
 
     Attributes:
         world: the current model generation.
@@ -66,9 +76,10 @@ class Engine:
         self.data = mujoco.MjData(self.world.model)
         self._servos = WheelServos(self.world)
         self._active: dict[int, int] = {}
+        self._driven: set[int] = set()
+        self._find_driven()
         self.steps = 0
         mujoco.mj_kinematics(self.world.model, self.data)
-        self._remember()
 
     @property
     def time(self) -> float:
@@ -96,32 +107,44 @@ class Engine:
         )
 
     def occupy(self, robot: int, slot: int, pose: Pose) -> None:
-        """Put a robot into a free slot at a pose."""
+        """Put a robot into a free slot at a pose.
+
+        Raises:
+            ValueError: if the pose is not finite.
+        """
+        self._put(slot, _finite(root_qpos(pose)))
         self._active[robot] = slot
-        self._servos.release(slot)
-        self._put(slot, root_qpos(pose))
-        self._remember()
+        self._release(slot)
 
     def vacate(self, robot: int) -> None:
         """Park the robot's slot again; unknown robots are ignored."""
         slot = self._active.pop(robot, None)
         if slot is None:
             return
-        self._servos.release(slot)
+        self._release(slot)
         self._put(slot, self.world.parking[slot])
-        self._remember()
 
     def teleport(self, robot: int, pose: Pose) -> None:
-        """Move an active robot to a pose, at rest."""
-        self._put(self._active[robot], root_qpos(pose))
-        self._remember()
+        """Move an active robot to a pose, at rest.
+
+        Raises:
+            ValueError: if the pose is not finite.
+        """
+        self._put(self._active[robot], _finite(root_qpos(pose)))
 
     def drive(self, robot: int, targets: Array) -> None:
-        """Set wheel speed targets (rad/s, part order) and wake the robot."""
+        """Set wheel speed targets (rad/s, part order) and wake the robot.
+
+        Raises:
+            ValueError: if a target is not a sane number or their count is wrong.
+        """
         slot = self._active.get(robot)
         if slot is None:
             return
+        if not (np.abs(targets) < SPEED_LIMIT).all():
+            raise ValueError(f"wheel speed targets out of bounds: {targets}")
         self._servos.command(slot, targets)
+        self._note_driven(slot, bool(np.any(targets)))
         dof = self.world.layouts[slot].dof
         if self.data.qvel[dof] == 0.0:
             self.data.qvel[dof] = WAKE
@@ -129,6 +152,19 @@ class Engine:
     def wheel_targets(self, robot: int) -> Array:
         """Commanded wheel speeds (rad/s) of an active robot."""
         return self._servos.targets(self._active[robot])
+
+    def _release(self, slot: int) -> None:
+        self._servos.release(slot)
+        self._note_driven(slot, False)
+
+    def _note_driven(self, slot: int, driven: bool) -> None:
+        if driven != (slot in self._driven):
+            (self._driven.add if driven else self._driven.remove)(slot)
+            self._find_driven()
+
+    def _find_driven(self) -> None:
+        dofs = [self.world.layouts[slot].dof for slot in sorted(self._driven)]
+        self._driven_dofs = np.array(dofs, dtype=np.intp)
 
     def _put(self, slot: int, coordinates: Array) -> None:
         layout = self.world.layouts[slot]
@@ -138,7 +174,6 @@ class Engine:
         for dofs in (slice(layout.dof, layout.dof + 6), list(layout.joint_dof.values())):
             data.qvel[dofs] = WAKE
             data.qacc_warmstart[dofs] = 0.0
-        data.ctrl[layout.wheel_actuators] = 0.0
 
     # -- stepping ----------------------------------------------------------------------------
 
@@ -146,22 +181,34 @@ class Engine:
         """Advance the world by a number of steps.
 
         Returns:
-            Robots whose state diverged; they have been parked, and everything else was set back
-            to the state before the call.
+            Robots whose state diverged; they have been parked.
+
+        Raises:
+            UsarsimError: if the world diverges even without robots.
         """
+        self._keep_awake()
+        self._remember()
+        self._run(steps)
+        lost = [] if self._sound() else self._contain(steps)
+        self.steps += steps
+        return lost
+
+    def _run(self, steps: int) -> None:
         model, data, servos = self.world.model, self.data, self._servos
         compensated = self._options.compensation
         for _ in range(steps):
-            servos.update(data.qpos, data.ctrl)
+            servos.update(data.qpos)
             mujoco.mj_step1(model, data)
+            servos.apply(data)
             if compensated:
                 compensate(data)
             mujoco.mj_step2(model, data)
-        if self._sound():
-            self.steps += steps
-            self._remember()
-            return []
-        return self._contain()
+
+    def _keep_awake(self) -> None:
+        """Robots that are told to drive must not sleep, even where something holds them fast."""
+        still = self._driven_dofs[self.data.qvel[self._driven_dofs] == 0.0]
+        if still.size:
+            self.data.qvel[still] = WAKE
 
     def _sound(self) -> bool:
         qvel = self.data.qvel
@@ -171,38 +218,91 @@ class Engine:
 
     def _remember(self) -> None:
         data = self.data
-        self._good = (data.qpos.copy(), data.qvel.copy(), data.qacc_warmstart.copy())
+        self._before = (data.qpos.copy(), data.qvel.copy(), data.qacc_warmstart.copy())
+        self._servos_before = self._servos.state()
 
-    def _contain(self) -> list[int]:
-        """Set everything back to the last sound state and take the culprits out."""
-        bad = ~(np.abs(self.data.qvel) < SPEED_LIMIT)
-        culprits = [robot for robot, slot in self._active.items() if self._touched(slot, bad)]
-        self.data.qpos[:], self.data.qvel[:], self.data.qacc_warmstart[:] = self._good
-        if not culprits:
-            self._reset_scenery(bad)
-        for robot in culprits:
-            self.vacate(robot)
-        self.data.qacc_warmstart[:] = 0.0
-        self._remember()
-        return culprits
+    def _restore(self) -> None:
+        data = self.data
+        data.qpos[:], data.qvel[:], data.qacc_warmstart[:] = self._before
+        data.time = self.time
+        self._servos.restore(self._servos_before)
 
-    def _touched(self, slot: int, bad: NDArray[np.bool_]) -> bool:
-        layout = self.world.layouts[slot]
-        return bool(
-            bad[layout.dof : layout.dof + 6].any() or bad[list(layout.joint_dof.values())].any()
-        )
+    # -- containing divergence ---------------------------------------------------------------
 
-    def _reset_scenery(self, bad: NDArray[np.bool_]) -> None:
-        """Put diverged movable objects back to where the world file has them."""
-        model = self.world.model
-        for joint in range(model.njnt):
-            dof = model.jnt_dofadr[joint]
-            last = model.jnt_dofadr[joint + 1] if joint + 1 < model.njnt else model.nv
-            if bad[dof:last].any():
-                start = model.jnt_qposadr[joint]
-                stop = model.jnt_qposadr[joint + 1] if joint + 1 < model.njnt else model.nq
-                self.data.qpos[start:stop] = model.qpos0[start:stop]
-                self.data.qvel[dof:last] = WAKE
+    def _contain(self, steps: int) -> list[int]:
+        """Repeat a batch that failed without the bodies that make it fail."""
+        self._restore()
+        for _ in range(steps):
+            self._run(1)
+            if not self._sound():
+                break
+        else:
+            return []  # whatever it was, it is gone
+        suspects = self._suspects()
+        everything = list(range(self.world.model.ntree))
+        trials = [[tree] for tree in suspects]
+        trials += [suspects[:count] for count in range(2, len(suspects) + 1)]
+        for culprits in (*trials, everything):
+            if self._goes_without(culprits, steps):
+                return self._take_out(culprits)
+        raise UsarsimError("the physics of the world diverges, with robots and without")
+
+    def _suspects(self) -> list[int]:
+        """Kinematic trees in a bad state, the likeliest origin first.
+
+        A value that is not finite spreads through the constraint solver within the step, but not
+        through the accelerations before constraints; a finite one spreads by contact at most.
+        """
+        model, data = self.world.model, self.data
+        speed = np.nan_to_num(np.abs(data.qvel), nan=SPEED_LIMIT, posinf=np.finfo(float).max)
+        speed[~np.isfinite(data.qacc_smooth)] = np.inf
+        worst = np.zeros(model.ntree)
+        np.maximum.at(worst, model.dof_treeid, speed)
+        order = [int(tree) for tree in np.argsort(-worst, kind="stable")]
+        return [tree for tree in order if worst[tree] >= SPEED_LIMIT] or order
+
+    def _goes_without(self, trees: Sequence[int], steps: int) -> bool:
+        """Take the last batch back and repeat it with some trees put away."""
+        self._restore()
+        robots = self._robot_of_tree()
+        for tree in trees:
+            if tree in robots:
+                slot = self._active[robots[tree]]
+                self._servos.release(slot)
+                self._put(slot, self.world.parking[slot])
+            else:
+                self._put_back(tree)
+        self._run(steps)
+        return self._sound()
+
+    def _take_out(self, trees: Sequence[int]) -> list[int]:
+        """Strike the robots among the trees off the list; the rest is only reported."""
+        robots = self._robot_of_tree()
+        for tree in trees:
+            if tree not in robots:
+                body = self.world.model.body(self.world.model.tree_bodyadr[tree]).name
+                _log.warning("a movable object diverged and was put back", body=body)
+        lost = [robots[tree] for tree in trees if tree in robots]
+        for robot in lost:
+            self._release(self._active.pop(robot))
+        return lost
+
+    def _robot_of_tree(self) -> dict[int, int]:
+        model, layouts = self.world.model, self.world.layouts
+        return {
+            int(model.dof_treeid[layouts[slot].dof]): robot for robot, slot in self._active.items()
+        }
+
+    def _put_back(self, tree: int) -> None:
+        """Put a tree to where the model has it, at rest."""
+        model, data = self.world.model, self.data
+        dofs = model.dof_treeid == tree
+        for joint in np.unique(model.dof_jntid[dofs]):
+            start = model.jnt_qposadr[joint]
+            stop = start + JOINT_WIDTH[int(model.jnt_type[joint])][0]
+            data.qpos[start:stop] = model.qpos0[start:stop]
+        data.qvel[dofs] = WAKE
+        data.qacc_warmstart[dofs] = 0.0
 
     # -- growing -----------------------------------------------------------------------------
 
@@ -214,7 +314,7 @@ class Engine:
         )
         data = mujoco.MjData(world.model)
         mujoco.mj_forward(world.model, data)
-        joints, dofs = _matching(old.model, world.model)
+        joints, dofs = matching_joints(old.model, world.model)
         return Growth(world, data, WheelServos(world), joints, dofs)
 
     def adopt(self, growth: Growth) -> None:
@@ -226,10 +326,10 @@ class Engine:
         velocity[velocity == 0.0] = WAKE
         new.qvel[growth.dofs[1]] = velocity
         new.time = old.time
-        growth.servos.adopt(self._servos)
+        growth.servos.restore(self._servos.state())
         self.world, self.data, self._servos = growth.world, new, growth.servos
+        self._find_driven()
         mujoco.mj_kinematics(self.world.model, self.data)
-        self._remember()
 
     # -- looking -----------------------------------------------------------------------------
 
@@ -252,42 +352,13 @@ class Engine:
         return {robot: self.world.layouts[slot] for robot, slot in self._active.items()}
 
 
+def _finite(coordinates: Array) -> Array:
+    if not np.isfinite(coordinates).all():
+        raise ValueError(f"a pose must be finite: {coordinates}")
+    return coordinates
+
+
 def _frozen(array: Array) -> Array:
     copy = array.copy()
     copy.flags.writeable = False
     return copy
-
-
-def _matching(
-    old: mujoco.MjModel, new: mujoco.MjModel
-) -> tuple[tuple[NDArray[np.intp], NDArray[np.intp]], tuple[NDArray[np.intp], NDArray[np.intp]]]:
-    """Coordinate and velocity indices of the joints that both models have."""
-    width = {0: (7, 6), 1: (4, 3), 2: (1, 1), 3: (1, 1)}
-    target = {key: joint for joint, key in enumerate(_joint_keys(new))}
-    positions: tuple[list[int], list[int]] = ([], [])
-    velocities: tuple[list[int], list[int]] = ([], [])
-    for joint, key in enumerate(_joint_keys(old)):
-        twin = target[key]
-        nq, nv = width[int(old.jnt_type[joint])]
-        for model, j, q, v in (
-            (old, joint, positions[0], velocities[0]),
-            (new, twin, positions[1], velocities[1]),
-        ):
-            q.extend(range(model.jnt_qposadr[j], model.jnt_qposadr[j] + nq))
-            v.extend(range(model.jnt_dofadr[j], model.jnt_dofadr[j] + nv))
-    as_index = [np.array(part, dtype=np.intp) for part in (*positions, *velocities)]
-    return (as_index[0], as_index[1]), (as_index[2], as_index[3])
-
-
-def _joint_keys(model: mujoco.MjModel) -> list[str]:
-    """A name for every joint that survives recompilation; unnamed ones count per body."""
-    keys = []
-    seen: dict[str, int] = {}
-    for joint in range(model.njnt):
-        name = model.joint(joint).name
-        if not name:
-            body = model.body(model.jnt_bodyid[joint]).name
-            seen[body] = seen.get(body, 0) + 1
-            name = f"@{body}#{seen[body]}"
-        keys.append(name)
-    return keys

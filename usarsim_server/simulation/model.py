@@ -18,7 +18,16 @@ from usarsim_server.errors import UsarsimError
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.snapshot import RobotLayout
 
-__all__ = ["CompiledWorld", "PhysicsOptions", "RobotModel", "check_mujoco_version", "compile_world"]
+__all__ = [
+    "JOINT_WIDTH",
+    "CompiledWorld",
+    "PhysicsOptions",
+    "RobotModel",
+    "check_mujoco_version",
+    "compile_world",
+    "matching_joints",
+    "root_qpos",
+]
 
 SHELF_HEIGHT = 2000.0
 """Top of the parking shelf, m: above anything a ray, a satellite link or a camera asks for."""
@@ -28,6 +37,15 @@ SHELF_COLUMNS = 16
 ROOT_BODY = "base"
 ROOT_JOINT = "free"
 SHELF_NAME = "usarsim:shelf"
+
+SERVO_TIME = 0.02
+"""s: twice the time in which a wheel servo takes away 63 % of an error of wheel speed."""
+SERVO_IMPEDANCE = 0.95
+UNLIMITED_TORQUE = 1000.0
+"""N m: stands for no limit."""
+
+JOINT_WIDTH = {0: (7, 6), 1: (4, 3), 2: (1, 1), 3: (1, 1)}
+"""Coordinates and velocities of a free, ball, slide and hinge joint."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,11 +70,13 @@ class RobotModel:
     Attributes:
         key: identifies the class; slots of one key are interchangeable.
         build: makes a fresh MuJoCo specification whose root body is `base` with the free joint
-            `free`; joints and actuators of driven wheels carry the wheel's name.
+            `free`; joints and velocity actuators of driven wheels carry the wheel's name. Gain
+            and force range of such an actuator describe the wheel's servo (see `servo.py`).
         driven: names of the driven wheels in part order.
         rest_height: height of the reference point above a flat floor, m.
         wheel_acceleration: ramp of the wheel speed targets, rad/s^2.
         brake_delay: s of zero command before the wheels are held.
+        wheel_deceleration: ramp towards standstill, rad/s^2; None: as `wheel_acceleration`.
     """
 
     key: str
@@ -65,6 +85,7 @@ class RobotModel:
     rest_height: float
     wheel_acceleration: float = 10.0
     brake_delay: float = 0.3
+    wheel_deceleration: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,7 +148,31 @@ def compile_world(
         frame.attach_body(root, _prefix(slot), "")
     model = spec.compile()
     layouts = tuple(_layout(model, slot, robot) for slot, robot in enumerate(slots))
+    for layout in layouts:
+        _convert_servos(model, layout)
     return CompiledWorld(generation, model, tuple(slots), layouts, parking)
+
+
+def _convert_servos(model: mujoco.MjModel, layout: RobotLayout) -> None:
+    """Turn the velocity actuators of the driven wheels into friction losses (see `servo.py`).
+
+    At the speed error e the solver exerts the torque e B d / ((1 - d) A), B and d being the
+    constraint's damping and impedance and A the inverse inertia that the wheel feels; d is chosen
+    so that this is e times the gain of the actuator.
+    """
+    for actuator, dof in zip(layout.wheel_actuators, layout.wheel_dof, strict=True):
+        gain = float(model.actuator_gainprm[actuator, 0])
+        limited = bool(model.actuator_forcelimited[actuator])
+        torque = float(model.actuator_forcerange[actuator, 1]) if limited else UNLIMITED_TORQUE
+        if gain <= 0.0 or torque <= 0.0:
+            name = model.actuator(actuator).name
+            raise ValueError(f"wheel servo {name}: gain {gain:g} and torque {torque:g} must be > 0")
+        ratio = gain * float(model.dof_invweight0[dof]) * SERVO_IMPEDANCE * SERVO_TIME / 2.0
+        model.dof_frictionloss[dof] = torque
+        model.dof_solref[dof] = (SERVO_TIME, 1.0)
+        model.dof_solimp[dof] = (ratio / (1.0 + ratio), SERVO_IMPEDANCE, 0.001, 0.5, 2.0)
+        model.actuator_gainprm[actuator, 0] = 0.0
+        model.actuator_biasprm[actuator, :3] = 0.0
 
 
 def root_qpos(pose: Pose) -> NDArray[np.float64]:
@@ -195,3 +240,41 @@ def _layout(model: mujoco.MjModel, slot: int, robot: RobotModel) -> RobotLayout:
         bodies=frozenset(bodies),
         geoms=np.flatnonzero(np.isin(model.geom_bodyid, bodies)),
     )
+
+
+def matching_joints(
+    old: mujoco.MjModel, new: mujoco.MjModel
+) -> tuple[tuple[NDArray[np.intp], NDArray[np.intp]], tuple[NDArray[np.intp], NDArray[np.intp]]]:
+    """Where the joints of one model lie in a larger one that contains them all.
+
+    Returns:
+        Coordinate indices in the old and the new model, then velocity indices in both.
+    """
+    target = {key: joint for joint, key in enumerate(_joint_keys(new))}
+    positions: tuple[list[int], list[int]] = ([], [])
+    velocities: tuple[list[int], list[int]] = ([], [])
+    for joint, key in enumerate(_joint_keys(old)):
+        twin = target[key]
+        nq, nv = JOINT_WIDTH[int(old.jnt_type[joint])]
+        for model, j, q, v in (
+            (old, joint, positions[0], velocities[0]),
+            (new, twin, positions[1], velocities[1]),
+        ):
+            q.extend(range(model.jnt_qposadr[j], model.jnt_qposadr[j] + nq))
+            v.extend(range(model.jnt_dofadr[j], model.jnt_dofadr[j] + nv))
+    as_index = [np.array(part, dtype=np.intp) for part in (*positions, *velocities)]
+    return (as_index[0], as_index[1]), (as_index[2], as_index[3])
+
+
+def _joint_keys(model: mujoco.MjModel) -> list[str]:
+    """A name for every joint that survives recompilation; unnamed ones count per body."""
+    keys = []
+    seen: dict[str, int] = {}
+    for joint in range(model.njnt):
+        name = model.joint(joint).name
+        if not name:
+            body = model.body(model.jnt_bodyid[joint]).name
+            seen[body] = seen.get(body, 0) + 1
+            name = f"@{body}#{seen[body]}"
+        keys.append(name)
+    return keys
