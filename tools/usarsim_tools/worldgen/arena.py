@@ -165,7 +165,7 @@ def _continuous(scene: Scene) -> None:
     scene.section("orange zone: continuous pitch/roll ramps, 15 degrees")
     ramps = ("wood_ramp_light", "wood_ramp_dark")
     terrain.continuous_ramps(scene, "pitch_ramp", (-0.4, -3.3), 2, 2.4, ramps)
-    terrain.continuous_ramps(scene, "roll_ramp", (4.4, -3.3), 1, 2.4, ramps, along_y=True)
+    terrain.valley(scene, "roll_ramp", (4.4, -3.3), 2.4, ramps)
     for y in (-3.33, -0.87):
         panel(scene, "lane", (3.2, y), "wood_white", along_x=True, length=7.2, height=0.6)
 
@@ -276,7 +276,7 @@ def _facts(world: GeneratedWorld) -> None:
     ]
     world.nodes += [
         ("Staging", (-8.6, 0.0, 0.0), ("MazeWest", "RampsWest", "StairsWest")),
-        ("MazeWest", (-7.2, 5.2, 0.0), ("Staging",)),
+        ("MazeWest", (-7.2, 5.8, 0.0), ("Staging",)),
         ("RampsWest", (-7.2, -4.6, 0.0), ("Staging", "StairsWest", "Middle")),
         ("StairsWest", (-7.6, -8.0, 0.0), ("Staging", "RampsWest", "StairsEast")),
         ("StairsEast", (0.6, -8.0, 0.0), ("StairsWest", "Middle", "Yard")),

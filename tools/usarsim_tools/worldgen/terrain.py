@@ -24,6 +24,7 @@ __all__ = [
     "stairs",
     "step_field",
     "symmetric_heights",
+    "valley",
 ]
 
 POST = 0.1
@@ -98,23 +99,33 @@ def continuous_ramps(
     width: float,
     materials: tuple[str, str],
     *,
-    along_y: bool = False,
     half: float = 1.2,
 ) -> None:
-    """Lay ridges and valleys without steps between them (E2826).
+    """Lay ridges across the way, one behind the other along x, without steps (E2826).
 
-    Ridges follow each other along x (or y) and are `width` long; each is two ramps of horizontal
-    length `half`.
+    Every ridge is two ramps of horizontal length `half`, `width` wide.
     """
     rise = ramp_rise(half)
+    y = corner[1] + width / 2
     for ridge in range(ridges):
-        for foot, yaw in ((2 * ridge, 0.0), (2 * ridge + 2, 180.0)):
-            along, across = foot * half, width / 2
-            offset = (across, along) if along_y else (along, across)
-            low = (corner[0] + offset[0], corner[1] + offset[1])
-            turn = yaw + 90.0 if along_y else yaw
-            material = materials[0] if yaw == 0.0 else materials[1]
-            scene.ramp(prefix, low, (half, width), rise, material, yaw=turn)
+        for foot, yaw, material in ((0, 0.0, materials[0]), (2, 180.0, materials[1])):
+            x = corner[0] + (2 * ridge + foot) * half
+            scene.ramp(prefix, (x, y), (half, width), rise, material, yaw=yaw)
+
+
+def valley(
+    scene: Scene,
+    prefix: str,
+    corner: tuple[float, float],
+    length: float,
+    materials: tuple[str, str],
+    *,
+    half: float = 1.2,
+) -> None:
+    """Lay a valley along x whose sides rise to the left and right, so that robots roll (E2826)."""
+    low = (corner[0] + length / 2, corner[1] + half)
+    for yaw, material in ((90.0, materials[0]), (-90.0, materials[1])):
+        scene.ramp(prefix, low, (half, length), ramp_rise(half), material, yaw=yaw)
 
 
 def stairs(
