@@ -18,9 +18,9 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from conftest import NAMES
 from hypothesis import given
 from hypothesis import strategies as st
+from shipped_worlds import NAMES
 from usarsim_tools.worldgen import GENERATORS, __main__, differences, files
 from usarsim_tools.worldgen.arena import MAZE
 from usarsim_tools.worldgen.mjcf import Movable, Scene, number, turned
