@@ -7,6 +7,7 @@ writing a pose; the model is compiled again, in the background, only when a clas
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -138,7 +139,7 @@ def compile_world(
     """
     spec = scenery()
     _set_options(spec, options)
-    _add_shelf(spec)
+    _add_shelf(spec, len(slots))
     parking = np.zeros((len(slots), 7))
     for slot, robot in enumerate(slots):
         parking[slot] = _parking_place(slot, robot.rest_height)
@@ -191,13 +192,13 @@ def _set_options(spec: mujoco.MjSpec, options: PhysicsOptions) -> None:
     option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
 
 
-def _add_shelf(spec: mujoco.MjSpec) -> None:
-    half = SHELF_SPACING * SHELF_COLUMNS
+def _add_shelf(spec: mujoco.MjSpec, slots: int) -> None:
+    rows = max(1, math.ceil(slots / SHELF_COLUMNS))
     spec.worldbody.add_geom(
         name=SHELF_NAME,
         type=mujoco.mjtGeom.mjGEOM_BOX,
-        size=[half, half, 5.0],
-        pos=[0.0, 0.0, SHELF_HEIGHT - 5.0],
+        size=[SHELF_SPACING * SHELF_COLUMNS / 2, SHELF_SPACING * rows / 2, 5.0],
+        pos=[-SHELF_SPACING / 2, SHELF_SPACING * (rows - 1) / 2, SHELF_HEIGHT - 5.0],
         rgba=[0.0, 0.0, 0.0, 0.0],
     )
 
