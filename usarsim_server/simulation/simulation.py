@@ -11,11 +11,9 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future
 from dataclasses import dataclass, field
-from typing import Protocol, TypeVar
+from typing import Protocol
 
 import mujoco
 import numpy as np
@@ -25,7 +23,13 @@ from usarsim_server.errors import SpawnError
 from usarsim_server.logs import Log
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose, Vector
-from usarsim_server.simulation.model import CompiledWorld, PhysicsOptions, RobotModel
+from usarsim_server.simulation.mailbox import Mailbox
+from usarsim_server.simulation.model import (
+    CompiledWorld,
+    PhysicsOptions,
+    RobotModel,
+    check_mujoco_version,
+)
 from usarsim_server.simulation.pacing import Pacer, PaceReport
 from usarsim_server.simulation.placement import Placement
 from usarsim_server.simulation.raycaster import DynamicGeometry, StaticGeometry, cast
@@ -35,15 +39,14 @@ from usarsim_server.simulation.snapshot import RobotBody, Snapshot
 __all__ = ["Listener", "Simulation", "SimulationOptions"]
 
 _log = Log("simulation")
-T = TypeVar("T")
 
 BATCH_STEPS = 2
 """Steps per turn at a paced speed: commands are obeyed at least this often."""
 LOCKSTEP_BATCH_STEPS = 5
 GROWTH_LIMIT = 8
 """Most slots added by one compilation."""
-REQUEST_TIMEOUT = 30.0
-"""s of wall time after which a request counts as lost (the physics thread has died)."""
+GENERATIONS_KEPT = 3
+"""Former model generations whose snapshots can still be looked at."""
 
 
 class Listener(Protocol):
@@ -85,21 +88,21 @@ class Simulation:
     """A running world."""
 
     def __init__(self, scenery: Callable[[], mujoco.MjSpec], options: SimulationOptions) -> None:
+        check_mujoco_version()
         mujoco.set_mju_user_warning(_log_warning)
         self._options = options
         self._engine = Engine(scenery, options.physics)
         self._static = StaticGeometry(self._engine.world)
         self._dynamic = {0: DynamicGeometry(self._engine.world)}
         self._placement = self._make_placement(self._engine.world)
-        self._requests: deque[Callable[[], None]] = deque()
-        self._signal = threading.Condition()
+        self._mail = Mailbox()
         self._listeners: dict[int, Listener] = {}
         self._spawning = threading.Lock()
         self._spawns = 0
+        self._counting = threading.Lock()
         self._robots = 0
         self._stopping = False
         self._thread: threading.Thread | None = None
-        self._owner: int | None = None
         self._snapshot = self._engine.snapshot()
 
     # -- looking -----------------------------------------------------------------------------
@@ -111,7 +114,7 @@ class Simulation:
 
     def look(self) -> Snapshot:
         """A picture of this very moment; blocks until the physics is between two steps."""
-        return self._request(self._engine.snapshot)
+        return self._mail.ask(self._engine.snapshot)
 
     @property
     def timestep(self) -> float:
@@ -155,23 +158,23 @@ class Simulation:
             self._count_spawns(-1)
 
     def _count_spawns(self, change: int) -> None:
-        with self._signal:
+        with self._counting:
             self._spawns += change
-            self._signal.notify_all()
+        self._mail.notify()
 
     def _spawn(self, model: RobotModel, pose: Pose) -> tuple[int, Pose]:
-        if len(self._request(lambda: self._engine.active)) >= self._options.max_robots:
+        if len(self._mail.ask(lambda: self._engine.active)) >= self._options.max_robots:
             raise SpawnError(f"the world is full ({self._options.max_robots} robots; --max-robots)")
-        slot = self._request(lambda: self._engine.free_slot(model.key))
+        slot = self._mail.ask(lambda: self._engine.free_slot(model.key))
         if slot is None:
             self._grow(model)
-            slot = self._request(lambda: self._engine.free_slot(model.key))
+            slot = self._mail.ask(lambda: self._engine.free_slot(model.key))
         assert slot is not None
         chosen = slot
-        placed = self._placement.find(self._request(self._engine.snapshot), chosen, pose)
+        placed = self._placement.find(self._mail.ask(self._engine.snapshot), chosen, pose)
         robot = self._robots
         self._robots += 1
-        self._request(lambda: self._engine.occupy(robot, chosen, placed))
+        self._mail.ask(lambda: self._engine.occupy(robot, chosen, placed))
         return robot, placed
 
     def _grow(self, model: RobotModel) -> None:
@@ -180,17 +183,21 @@ class Simulation:
         present = sum(slot.key == model.key for slot in slots)
         count = max(1, min(present, GROWTH_LIMIT, self._options.max_robots - present))
         started = time.perf_counter()
-        growth = self._engine.grow([model] * count)
+        try:
+            growth = self._engine.grow([model] * count)
+        except ValueError as error:
+            raise SpawnError(f"robots of class {model.key} cannot be built: {error}") from error
         dynamic = DynamicGeometry(growth.world)
         placement = self._make_placement(growth.world)
 
         def adopt() -> None:
             generation = growth.world.generation
-            # Handlers may still look at a snapshot of the generation before.
-            self._dynamic = {generation - 1: self._dynamic[generation - 1], generation: dynamic}
+            # Handlers may still look at snapshots of the generations before.
+            kept = [*self._dynamic.items()][-GENERATIONS_KEPT:]
+            self._dynamic = {**dict(kept), generation: dynamic}
             self._engine.adopt(growth)
 
-        self._request(adopt)
+        self._mail.ask(adopt)
         self._placement = placement
         elapsed = 1e3 * (time.perf_counter() - started)
         _log.debug("grown", model=model.key, slots=len(slots) + count, ms=round(elapsed, 1))
@@ -200,28 +207,40 @@ class Simulation:
 
     def remove(self, robot: int) -> None:
         """Take a robot out of the world soon; unknown robots are ignored."""
-        self._post(lambda: self._remove(robot))
+        self._mail.post(lambda: self._remove(robot))
 
     def _remove(self, robot: int) -> None:
         self._listeners.pop(robot, None)
         self._engine.vacate(robot)
 
     def drive(self, robot: int, targets: NDArray[np.float64]) -> None:
-        """Set wheel speed targets (rad/s, driven wheels in part order) at the next step."""
-        self._post(lambda: self._engine.drive(robot, targets))
+        """Set wheel speed targets (rad/s, driven wheels in part order) at the next step.
+
+        Raises:
+            ValueError: if a target is not finite.
+        """
+        if not np.isfinite(targets).all():
+            raise ValueError(f"wheel speed targets must be finite: {targets}")
+        self._mail.post(lambda: self._engine.drive(robot, targets))
 
     def teleport(self, robot: int, pose: Pose) -> None:
-        """Move a robot to a pose, at rest, at the next step."""
+        """Move a robot to a pose, at rest, at the next step.
+
+        Raises:
+            ValueError: if the pose is not finite.
+        """
+        if not all(map(math.isfinite, (*pose.position, *pose.quaternion))):
+            raise ValueError(f"a pose must be finite: {pose}")
 
         def move() -> None:
             if robot in self._engine.active:
                 self._engine.teleport(robot, pose)
 
-        self._post(move)
+        self._mail.post(move)
 
     def wheel_targets(self, robot: int) -> NDArray[np.float64]:
         """Commanded wheel speeds (rad/s) as the physics has them; for measurements."""
-        return self._request(lambda: self._engine.wheel_targets(robot))
+        return self._mail.ask(lambda: self._engine.wheel_targets(robot))
 
     # -- listeners ---------------------------------------------------------------------------
 
@@ -234,43 +253,46 @@ class Simulation:
             else:
                 listener.lost("it left the world at once")
 
-        self._post(add)
+        self._mail.post(add)
 
     def attention(self) -> None:
         """Tell the physics that a listener became idle or changed its due time."""
-        self._notify()
+        self._mail.notify()
 
     # -- running -----------------------------------------------------------------------------
 
     def start(self) -> None:
         """Start the physics thread."""
+        self._mail.disown()
         self._thread = threading.Thread(target=self._run, name="physics", daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
         """Stop the physics thread and wait for it."""
         self._stopping = True
-        self._notify()
+        self._mail.notify()
         if self._thread is not None:
             self._thread.join(timeout=2.0)
+        self._mail.end()
 
     def run_until(self, moment: float) -> None:
         """Advance in the calling thread, in lockstep, to a simulated time (tests, benchmarks).
 
         Must not be mixed with `start`.
         """
-        self._owner = threading.get_ident()
-        while self._engine.time < moment - self.timestep / 2:
-            self._lockstep_turn(moment)
+        self._mail.claim()
+        while not self._stopping and self._engine.time < moment - self.timestep / 2:
+            self._settle()
+            self._turn(self._steps_to_due(LOCKSTEP_BATCH_STEPS, moment))
         self._settle()
 
     def settle(self) -> None:
         """Carry out requests in the calling thread until every listener is idle (tests)."""
-        self._owner = threading.get_ident()
+        self._mail.claim()
         self._settle()
 
     def _run(self) -> None:
-        self._owner = threading.get_ident()
+        self._mail.claim()
         try:
             if math.isinf(self._options.speed):
                 self._run_lockstep()
@@ -279,15 +301,15 @@ class Simulation:
         except Exception as error:
             _log.exception("the physics thread died", error)
             raise
+        finally:
+            self._mail.end()
 
     def _run_paced(self, pacer: Pacer) -> None:
         while not self._stopping:
-            self._obey()
+            self._mail.obey()
             wait = pacer.wait(self._engine.time, time.perf_counter())
             if wait > 0.0:
-                with self._signal:
-                    if not self._requests and not self._stopping:
-                        self._signal.wait(wait)
+                self._mail.wait(wait)
                 continue
             self._turn(self._steps_to_due(BATCH_STEPS, math.inf))
             report = pacer.report(self._engine.time, time.perf_counter())
@@ -296,30 +318,22 @@ class Simulation:
 
     def _run_lockstep(self) -> None:
         while not self._stopping:
-            if self._listeners or self._requests:
-                self._lockstep_turn(math.inf)
-                continue
-            # Nobody is there: time stands still, so that runs do not depend on when they start.
-            with self._signal:
-                if not self._requests:
-                    self._signal.wait(0.1)
-
-    def _lockstep_turn(self, horizon: float) -> None:
-        self._settle()
-        if self._stopping:
-            return
-        self._turn(self._steps_to_due(LOCKSTEP_BATCH_STEPS, horizon))
+            self._settle()
+            if self._listeners:
+                self._turn(self._steps_to_due(LOCKSTEP_BATCH_STEPS, math.inf))
+            else:
+                # Nobody is there: time stands still, so that runs do not depend on when they start.
+                self._mail.wait(0.1)
 
     def _settle(self) -> None:
         """Wait until no listener and no spawn is under way; requests are served meanwhile."""
         while not self._stopping:
-            self._obey()
+            self._mail.obey()
+            seen = self._mail.events
             busy = self._spawns or not all(one.idle() for one in self._listeners.values())
-            if not busy and not self._requests:
+            if not busy and self._mail.empty:
                 return
-            with self._signal:
-                if not self._requests:
-                    self._signal.wait(0.001)
+            self._mail.wait(0.001, seen)
 
     def _steps_to_due(self, most: int, horizon: float) -> int:
         due = min((one.due for one in self._listeners.values()), default=math.inf)
@@ -333,11 +347,12 @@ class Simulation:
         for robot in self._engine.advance(steps):
             self._lose(robot, "its state became non-finite")
         now = self._engine.time + self.timestep * 1e-6
-        due = [one for one in self._listeners.values() if one.due <= now]
-        if due:
-            self._snapshot = self._engine.snapshot()
-            self._remove_fallen(self._snapshot)
-            for one in due:
+        if not any(one.due <= now for one in self._listeners.values()):
+            return
+        self._snapshot = self._engine.snapshot()
+        self._remove_fallen(self._snapshot)
+        for one in self._listeners.values():
+            if one.due <= now:
                 one.wake(self._snapshot)
 
     def _remove_fallen(self, snapshot: Snapshot) -> None:
@@ -352,35 +367,6 @@ class Simulation:
         listener = self._listeners.pop(robot, None)
         if listener is not None:
             listener.lost(reason)
-
-    # -- requests ----------------------------------------------------------------------------
-
-    def _obey(self) -> None:
-        while self._requests:
-            self._requests.popleft()()
-
-    def _post(self, action: Callable[[], None]) -> None:
-        self._requests.append(action)
-        self._notify()
-
-    def _request(self, question: Callable[[], T]) -> T:
-        """Have the physics thread answer a question between two steps."""
-        if threading.get_ident() == self._owner:
-            return question()
-        answer: Future[T] = Future()
-
-        def ask() -> None:
-            try:
-                answer.set_result(question())
-            except Exception as error:
-                answer.set_exception(error)
-
-        self._post(ask)
-        return answer.result(timeout=REQUEST_TIMEOUT)
-
-    def _notify(self) -> None:
-        with self._signal:
-            self._signal.notify_all()
 
 
 def _tell(report: PaceReport) -> None:
