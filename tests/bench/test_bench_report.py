@@ -1,0 +1,130 @@
+"""Reports are well formed in all three forms."""
+
+from __future__ import annotations
+
+import json
+import math
+from datetime import UTC, datetime
+
+import pytest
+from usarsim_tools.bench.figures import Aim, Figure, Report, Section
+from usarsim_tools.bench.machine import Machine
+from usarsim_tools.bench.report import as_json, as_markdown, as_text
+
+MACHINE = Machine("Abacus | 2", 4, 2, 8 * 2**30, "Linux", "CPython", {"mujoco": "3.17.0"}, 0.5)
+
+
+def report(*figures: Figure) -> Report:
+    """A report of one section."""
+    section = Section("team", "A team", "Somebody drives " + "around " * 30, figures)
+    return Report(MACHINE, datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC), (section,))
+
+
+GOOD = Figure("Factor", 0.9994, "", 4, Aim(">=", 0.999))
+BAD = Figure("Use", 12345.678, "cores", 1, Aim("<", 1.2))
+PLAIN = Figure("Lines", 10.0, "1/s", 0)
+
+
+class TestAim:
+    @pytest.mark.parametrize(
+        ("relation", "below", "equal", "above"),
+        [(">=", False, True, True), ("<=", True, True, False), ("<", True, False, False)],
+    )
+    def test_relations(self, relation: str, below: bool, equal: bool, above: bool) -> None:
+        """Each relation means what it says, at the limit too."""
+        aim = Aim(relation, 2.0)  # type: ignore[arg-type]
+        assert [aim.met_by(value) for value in (1.0, 2.0, 3.0)] == [below, equal, above]
+
+    @pytest.mark.parametrize("relation", [">=", "<=", "<"])
+    def test_not_a_number_never_meets(self, relation: str) -> None:
+        """A figure that could not be computed is no success."""
+        assert not Aim(relation, 1.0).met_by(math.nan)  # type: ignore[arg-type]
+
+
+class TestFigure:
+    def test_verdicts(self) -> None:
+        """A figure meets its aim, misses it, or has none."""
+        assert (GOOD.met, BAD.met, PLAIN.met) == (True, False, None)
+
+    def test_text_has_the_digits_asked_for(self) -> None:
+        """Values are rounded for people, thousands set apart."""
+        assert [figure.text for figure in (GOOD, BAD, PLAIN)] == ["0.9994", "12,345.7", "10"]
+
+    def test_missed_aims_are_counted(self) -> None:
+        """Figures without an aim cannot miss it."""
+        assert report(GOOD, BAD, PLAIN, BAD).missed == 2
+
+
+class TestText:
+    def test_columns_are_aligned(self) -> None:
+        """Values end in one column, aims begin in one."""
+        rows = [line for line in as_text(report(GOOD, BAD)).splitlines() if line.startswith("  ")]
+        ends = [row.index(text) + len(text) for row, text in zip(rows, ["0.9994", "12,345.7"])]  # noqa: B905
+        assert ends[0] == ends[1]
+        assert rows[0].index(">=") == rows[1].index("<")
+
+    def test_says_what_was_missed(self) -> None:
+        """A missed aim stands out, and the end counts them."""
+        text = as_text(report(GOOD, BAD, PLAIN))
+        assert "MISSED" in text
+        assert text.endswith("1 of 2 aims met.")
+
+    def test_without_aims(self) -> None:
+        """A report of mere information does not claim success."""
+        assert as_text(report(PLAIN)).endswith("No aims are set for these figures.")
+
+    def test_fits_the_terminal(self) -> None:
+        """Long explanations are wrapped."""
+        assert max(map(len, as_text(report(GOOD)).splitlines())) <= 100
+
+    def test_names_machine_and_time(self) -> None:
+        """The reader sees where and when."""
+        text = as_text(report(GOOD))
+        assert "2026-01-02 03:04 UTC" in text
+        assert "Abacus" in text
+        assert "2 of 4" in text
+
+
+class TestMarkdown:
+    def test_every_row_has_as_many_cells_as_its_head(self) -> None:
+        """Tables are well formed, also where a cell contains a bar."""
+        tables: list[list[str]] = [[]]
+        for line in as_markdown(report(GOOD, BAD, PLAIN)).splitlines():
+            if line.startswith("|"):
+                tables[-1].append(line)
+            elif tables[-1]:
+                tables.append([])
+        found = [table for table in tables if table]
+        assert len(found) == 2
+        for table in found:
+            counts = {line.replace("\\|", "").count("|") for line in table}
+            assert len(counts) == 1
+            assert set(table[1]) <= set("| -")
+
+    def test_holds_the_figures(self) -> None:
+        """Each figure is a row with value, unit, aim and verdict."""
+        assert "| Use | 12,345.7 | cores | < 1.2 | MISSED |" in as_markdown(report(BAD))
+
+
+class TestJson:
+    def test_is_read_back(self) -> None:
+        """Values keep their full precision, aims and verdicts are there."""
+        document = json.loads(as_json(report(GOOD, BAD, PLAIN)))
+        figures = document["sections"][0]["figures"]
+        assert [figure["value"] for figure in figures] == [0.9994, 12345.678, 10.0]
+        assert [figure["met"] for figure in figures] == [True, False, None]
+        assert [figure["aim"] for figure in figures] == [">= 0.999", "< 1.2", None]
+        assert document["machine"]["packages"] == {"mujoco": "3.17.0"}
+        assert document["taken"] == "2026-01-02T03:04:05+00:00"
+        assert document["missed"] == 1
+
+    @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+    def test_has_no_numbers_that_json_lacks(self, value: float) -> None:
+        """What is not finite becomes null; strict readers accept the text."""
+        text = as_json(report(Figure("Odd", value)))
+
+        def refuse(word: str) -> object:
+            raise AssertionError(word)
+
+        document = json.loads(text, parse_constant=refuse)
+        assert document["sections"][0]["figures"][0]["value"] is None

@@ -1,0 +1,9 @@
+"""The one error of this package."""
+
+from __future__ import annotations
+
+__all__ = ["BenchError"]
+
+
+class BenchError(RuntimeError):
+    """A measurement could not be taken; says why."""
