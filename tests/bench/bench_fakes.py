@@ -1,0 +1,115 @@
+"""A server that only pretends, for tests of the clients."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import threading
+import time
+from collections.abc import Callable
+from types import TracebackType
+from typing import Self
+
+from usarsim_tools.bench.procfs import Usage
+
+STATUS = b"STA {Type GroundVehicle} {Time %.4f} {Battery 1}\r\n"
+SCAN = b"SEN {Time %.4f} {Type RangeScanner} {Name lms200} {Range 1.0}\r\n"
+POSES = b"NFO {StartPoses 2} {Here 0,0,0 0,0,0 There 1,1,1 0,0,0}\r\n"
+
+
+class FakeServer:
+    """Greets, answers GETSTARTPOSES, and after INIT sends STA and SEN at 20 Hz.
+
+    Attributes:
+        port: where it listens.
+        received: every line that came, of all clients.
+        mute: clients that get neither STA nor SEN, by robot name.
+        poses: its answer to GETSTARTPOSES.
+        pace: simulated seconds per wall second, as its STA lines tell.
+    """
+
+    def __init__(self, poses: bytes = POSES, pace: float = 1.0) -> None:
+        self.pace = pace
+        self.received: list[str] = []
+        self.mute: set[str] = set()
+        self.poses = poses
+        self._clients: list[socket.socket] = []
+        self._listening = socket.create_server(("127.0.0.1", 0))
+        self.port: int = self._listening.getsockname()[1]
+        self._stop = threading.Event()
+        self._start(self._accept)
+
+    def hang_up(self) -> None:
+        """Close all connections."""
+        for client in self._clients:
+            with contextlib.suppress(OSError):
+                client.shutdown(socket.SHUT_RDWR)
+
+    def silence(self) -> None:
+        """Send nothing more, to anybody."""
+        self._stop.set()
+
+    def commands(self, word: str, count: int = 0) -> list[str]:
+        """The lines received that begin with a word; waits until there are at least `count`."""
+        deadline = time.monotonic() + 5.0
+        while True:
+            found = [line for line in self.received if line.startswith(word)]
+            if len(found) >= count or time.monotonic() > deadline:
+                return found
+            time.sleep(0.01)
+
+    def _start(self, work: Callable[..., None], *arguments: object) -> None:
+        threading.Thread(target=work, args=arguments, daemon=True).start()
+
+    def _accept(self) -> None:
+        with contextlib.suppress(OSError):
+            while True:
+                client, _ = self._listening.accept()
+                self._clients.append(client)
+                self._start(self._serve, client)
+
+    def _serve(self, client: socket.socket) -> None:
+        with contextlib.suppress(OSError), client, client.makefile("rb") as incoming:
+            client.sendall(b"NFO {Gametype Fake} {Level Nowhere} {TimeLimit 0}\r\n")
+            for raw in incoming:
+                line = raw.decode("latin-1").removesuffix("\r\n")
+                self.received.append(line)
+                if line == "GETSTARTPOSES":
+                    client.sendall(self.poses)
+                if line.startswith("INIT") and not any(name in line for name in self.mute):
+                    self._start(self._stream, client)
+
+    def _stream(self, client: socket.socket) -> None:
+        with contextlib.suppress(OSError):
+            while not self._stop.wait(0.05):
+                now = self.pace * time.perf_counter()
+                client.sendall(STATUS % now)
+                client.sendall(SCAN % now)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._stop.set()
+        # A listening socket that is only closed would leave `accept` waiting.
+        with contextlib.suppress(OSError):
+            self._listening.shutdown(socket.SHUT_RDWR)
+        self._listening.close()
+        self.hang_up()
+
+
+class StandIn:
+    """Something that says how much memory it uses: more each time."""
+
+    def __init__(self) -> None:
+        self.looks = 0
+
+    def usage(self) -> Usage:
+        """A look."""
+        self.looks += 1
+        return Usage(float(self.looks), 0.0, 1000 * self.looks, 5, 9, 0.0, None)

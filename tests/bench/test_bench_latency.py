@@ -1,0 +1,128 @@
+"""Commands are timed on their way without being changed."""
+
+from __future__ import annotations
+
+import json
+import random
+import time
+from pathlib import Path
+
+import pytest
+from bench_fakes import FakeServer
+from usarsim_tools.bench import latency
+from usarsim_tools.bench.crowd import Controller
+from usarsim_tools.bench.errors import BenchError
+from usarsim_tools.bench.latency import CodedDriver, delays
+
+from usarsim_server.robots.agent import RobotAgent
+from usarsim_server.simulation.engine import Engine
+from usarsim_server.simulation.simulation import Simulation
+from usarsim_server.testing import Rehearsal
+from usarsim_server.validation import latency as instrument
+from usarsim_server.validation.latency import STATIONS, code, instrumented
+
+METHODS = (
+    (RobotAgent, "submit"),
+    (Simulation, "drive"),
+    (Engine, "drive"),
+    (Engine, "advance"),
+)
+
+
+class TestDelays:
+    def test_are_those_from_sending_to_passing(self) -> None:
+        """Moments are subtracted by command, in whatever order they were passed."""
+        assert delays({1: 10.0, 2: 11.0}, [(2, 11.5), (1, 10.25)]) == [0.25, 0.5]
+
+    def test_unknown_and_lost_commands_are_left_out(self) -> None:
+        """What was not sent within the measurement, or never passed, has no delay."""
+        assert delays({1: 10.0, 2: 11.0}, [(9, 10.5), (2, 12.0)]) == [1.0]
+
+    def test_first_passing_counts(self) -> None:
+        """A station passed twice was reached the first time."""
+        assert delays({1: 10.0}, [(1, 10.5), (1, 12.0)]) == [0.5]
+
+
+class TestCodes:
+    def test_every_speed_on_the_wire_gives_its_code_back(self) -> None:
+        """The instrument reads the number that the client wrote, for every number there is."""
+        for number in range(latency._LEAST, latency._MOST + 1):
+            assert code(-float(f"{number * 1e-5:.5f}")) == number
+
+    def test_driver_uses_each_code_once(self) -> None:
+        """No two commands are alike, and each is known by the time at which it was sent."""
+        driver = CodedDriver()
+        with FakeServer() as server:
+            controller = Controller(server.port, "R1")
+            start = time.perf_counter()
+            for _ in range(50):
+                driver(controller, random.Random(1))
+            stop = time.perf_counter()
+            controller.socket.close()
+        assert len(driver.sent) == 50
+        assert all(start <= moment <= stop for moment in driver.sent.values())
+
+    def test_driver_ends_with_its_codes(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Rather than using a code twice it says that there are no more."""
+        monkeypatch.setattr(latency, "_MOST", latency._LEAST + 1)
+        driver = CodedDriver()
+        with FakeServer() as server:
+            controller = Controller(server.port, "R1")
+            driver(controller, random.Random(1))
+            driver(controller, random.Random(1))
+            with pytest.raises(BenchError, match="cannot be told apart"):
+                driver(controller, random.Random(1))
+            controller.socket.close()
+
+
+class TestInstrument:
+    def test_stations_are_passed_in_order(self) -> None:
+        """A command is received, decided, given to the wheels and used by a step, in that order."""
+        with instrumented() as record, Rehearsal(world="empty") as rehearsal:
+            client = rehearsal.connect()
+            client.send("INIT {ClassName USARBot.P3AT} {Location 0,0,-0.2}")
+            sent = time.perf_counter()
+            client.send("DRIVE {Left 0.51234} {Right -0.51234}")
+            rehearsal.run(0.1)
+        moments = [dict(record[station])[51234] for station in STATIONS]
+        assert moments == sorted(moments)
+        assert sent <= moments[0]
+
+    def test_robot_is_driven_all_the_same(self) -> None:
+        """The stopwatches change nothing: the wheels get what was commanded."""
+        with instrumented(), Rehearsal(world="empty") as rehearsal:
+            client = rehearsal.connect()
+            client.send("INIT {ClassName USARBot.P3AT} {Location 0,0,-0.2}")
+            client.send("DRIVE {Left 0.5} {Right 0.5}")
+            targets = rehearsal.assembly.simulation.wheel_targets(0)
+        assert targets.tolist() == [0.5] * 4
+
+    def test_commands_without_speeds_are_not_recorded(self) -> None:
+        """Lines of other kinds, and DRIVE for the headlight alone, pass unseen."""
+        with instrumented() as record, Rehearsal(world="empty") as rehearsal:
+            client = rehearsal.connect()
+            client.send("INIT {ClassName USARBot.P3AT} {Location 0,0,-0.2}")
+            client.send("DRIVE {Light True}", "GETSTARTPOSES", "nonsense")
+            rehearsal.run(0.1)
+        assert record == {station: [] for station in STATIONS}
+
+    def test_everything_is_as_before_afterwards(self) -> None:
+        """The methods are the original ones again, also after an error."""
+        before = [getattr(owner, name) for owner, name in METHODS]
+        inside: list[object] = []
+
+        def fail() -> None:
+            with instrumented():
+                inside.extend(getattr(owner, name) for owner, name in METHODS)
+                raise ZeroDivisionError
+
+        with pytest.raises(ZeroDivisionError):
+            fail()
+        assert not set(inside) & set(before)
+        assert [getattr(owner, name) for owner, name in METHODS] == before
+
+    def test_record_is_written_when_the_command_ends(self, tmp_path: Path) -> None:
+        """Any subcommand can be run; its exit code is passed on and the file is there."""
+        file = tmp_path / "record.json"
+        assert instrument.main([str(file), "worlds"]) == 0
+        assert json.loads(file.read_text()) == {station: [] for station in STATIONS}

@@ -1,0 +1,203 @@
+"""Teams: figures come from the right lines, and sizes are tried until one is too large."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import pytest
+from bench_fakes import FakeServer, StandIn
+from usarsim_tools.bench import suite, team
+from usarsim_tools.bench.crowd import Crowd
+from usarsim_tools.bench.errors import BenchError
+from usarsim_tools.bench.figures import Figure, Plan, Section
+from usarsim_tools.bench.procfs import Load, Usage
+from usarsim_tools.bench.suite import MEASUREMENTS, take
+from usarsim_tools.bench.team import TeamTrial, load_figures, measure_largest, measure_team
+
+
+@pytest.fixture(autouse=True)
+def _hurried(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(team, "SETTLE", 0.1)
+    monkeypatch.setattr(team, "WINDOW", 0.3)
+
+
+def try_fake(server: FakeServer, robots: int, seconds: float) -> TeamTrial:
+    """A trial of a pretending server."""
+    with Crowd(server.port, 0) as crowd:
+        return team.try_team(StandIn(), crowd, robots, seconds)  # type: ignore[arg-type]
+
+
+class TestTryTeam:
+    @pytest.mark.parametrize("pace", [0.5, 1.0])
+    def test_factor_is_that_of_the_simulated_clock(self, pace: float) -> None:
+        """What STA lines tell, over when they came: the fake's clock runs at a known pace."""
+        with FakeServer(pace=pace) as server:
+            trial = try_fake(server, 2, 1.5)
+        assert trial.factor == pytest.approx(pace, rel=0.05)
+        assert trial.worst <= trial.factor * 1.05
+        assert trial.robots == 2
+
+    def test_lines_and_bytes_of_all_robots_are_counted(self) -> None:
+        """STA and scan alternate, so that the mean length of a line is known."""
+        with FakeServer() as server:
+            trial = try_fake(server, 2, 1.0)
+        assert trial.lines > 0.0
+        assert 50.0 < trial.octets / trial.lines < 90.0
+
+    def test_use_is_that_between_the_looks(self) -> None:
+        """Processor use is taken over the measurement; memory at its end."""
+
+        class Busy(StandIn):
+            def usage(self) -> Usage:
+                look = super().usage()
+                return Usage(look.wall, 0.7 * look.wall, look.resident, 1, 1, 0.0, None)
+
+        with FakeServer() as server, Crowd(server.port, 0) as crowd:
+            trial = team.try_team(Busy(), crowd, 1, 0.6)  # type: ignore[arg-type]
+        assert trial.load.process == pytest.approx(0.7)
+        assert trial.resident == 2000
+
+    def test_a_robot_that_goes_silent_is_named(self) -> None:
+        """A stream that stops is an error, not a good figure of the others."""
+        with FakeServer() as server, Crowd(server.port, 0) as crowd:
+
+            class Silencing(StandIn):
+                def usage(self) -> Usage:
+                    if self.looks == 0:
+                        server.silence()
+                    return super().usage()
+
+            with pytest.raises(BenchError, match="too few STA lines for R1"):
+                team.try_team(Silencing(), crowd, 1, 0.6)  # type: ignore[arg-type]
+
+
+def trial(robots: int, factor: float) -> TeamTrial:
+    """A trial with a factor and no matter what else."""
+    return TeamTrial(robots, factor, factor - 0.01, Load(0.5, 0.1, None), 100.0, 1e4, 2**20)
+
+
+class NoServer:
+    """Stands for the server and for its crowd."""
+
+    port = 0
+
+    def __init__(self, *arguments: object) -> None:
+        pass
+
+    def __enter__(self) -> NoServer:
+        return self
+
+    def __exit__(self, *arguments: object) -> None:
+        pass
+
+
+Tried = list[tuple[int, float]]
+
+
+@pytest.fixture
+def pretend(monkeypatch: pytest.MonkeyPatch) -> Callable[[dict[int, float]], Tried]:
+    """Makes teams of given sizes have given factors; returns what was tried."""
+
+    def install(factors: dict[int, float]) -> Tried:
+        tried: Tried = []
+
+        def fake(server: object, crowd: object, robots: int, seconds: float) -> TeamTrial:
+            tried.append((robots, seconds))
+            return trial(robots, factors[robots])
+
+        monkeypatch.setattr(team, "Server", NoServer)
+        monkeypatch.setattr(team, "Crowd", NoServer)
+        monkeypatch.setattr(team, "try_team", fake)
+        return tried
+
+    return install
+
+
+Pretend = Callable[[dict[int, float]], Tried]
+
+
+def by_name(section: Section) -> dict[str, Figure]:
+    """The figures of a section by name."""
+    return {figure.name: figure for figure in section.figures}
+
+
+class TestLargest:
+    def test_is_the_last_that_kept_time(self, pretend: Pretend) -> None:
+        """Sizes grow until one is too large; larger ones are not tried."""
+        tried = pretend({16: 1.0, 24: 0.999, 32: 0.991, 48: 0.98, 64: 1.0})
+        figures = by_name(measure_largest(Plan()))
+        assert tried == [(16, 15.0), (24, 15.0), (32, 15.0), (48, 15.0)]
+        assert figures["Largest team in real time"].value == 32
+        assert figures["Largest team in real time"].met
+        assert figures["48 robots: real-time factor"].value == 0.98
+
+    def test_none(self, pretend: Pretend) -> None:
+        """If the smallest size is too large, the figure is 0 and the aim is missed."""
+        pretend({16: 0.9})
+        figure = by_name(measure_largest(Plan()))["Largest team in real time"]
+        assert (figure.value, figure.met) == (0, False)
+
+    def test_exactly_the_limit_is_enough(self, pretend: Pretend) -> None:
+        """A factor of 0.99 counts as real time."""
+        pretend({16: 0.99, 24: 0.9899})
+        assert by_name(measure_largest(Plan()))["Largest team in real time"].value == 16
+
+    def test_given_size_and_time(self, pretend: Pretend) -> None:
+        """A size asked for is the only one tried, and judged by no aim."""
+        tried = pretend({5: 1.0})
+        figure = by_name(measure_largest(Plan(robots=5, seconds=3.0)))["Largest team in real time"]
+        assert tried == [(5, 3.0)]
+        assert (figure.value, figure.met) == (5, None)
+
+
+class TestTeam:
+    def test_figures_and_aims(self, pretend: Pretend) -> None:
+        """The lowest factor and the processor use are judged."""
+        tried = pretend({16: 0.9985})
+        figures = by_name(measure_team(Plan()))
+        assert tried == [(16, 60.0)]
+        assert figures["Real-time factor, lowest of all robots"].met is False
+        assert figures["Processor use of the server"].met is True
+        assert figures["Memory of the server"].value == 1.0
+        assert figures["Data sent"].value == 10.0
+
+    def test_says_what_goes_on(self, pretend: Pretend) -> None:
+        """A long measurement announces itself."""
+        pretend({3: 1.0})
+        said: list[str] = []
+        measure_team(Plan(robots=3, seconds=7.0, say=said.append))
+        assert said == ["team: 3 robots for 7 s"]
+
+
+class TestLoadFigures:
+    def test_others_are_left_out_where_unknown(self) -> None:
+        """No figure is made up for what the system does not say."""
+        assert [figure.value for figure in load_figures(Load(1.0, 0.25, None))] == [0.25]
+        assert [figure.value for figure in load_figures(Load(1.0, 0.25, 0.5))] == [0.25, 0.5]
+
+
+class TestSuite:
+    def test_takes_what_is_asked_in_that_order(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Each measurement gets the plan; sections come in the order asked for."""
+        seen: list[tuple[str, Plan]] = []
+
+        def pretended(key: str) -> suite.Measurement:
+            def measure(plan: Plan) -> Section:
+                seen.append((key, plan))
+                return Section(key, key, "", (Figure("Nothing", math.pi),))
+
+            return measure
+
+        table = {key: (pretended(key), "") for key in MEASUREMENTS}
+        monkeypatch.setattr(suite, "MEASUREMENTS", table)
+        plan = Plan(robots=2)
+        report = take(("memory", "team"), plan, "9.9")
+        assert [section.key for section in report.sections] == ["memory", "team"]
+        assert seen == [("memory", plan), ("team", plan)]
+        assert report.machine.packages["usarsim-server"] == "9.9"
+        assert report.taken.tzinfo is not None
+
+    def test_every_measurement_has_a_line_of_help(self) -> None:
+        """The command line can explain all of them."""
+        assert all(help_text for _, help_text in MEASUREMENTS.values())
