@@ -1,0 +1,134 @@
+"""Every measurement runs through, with real servers and tiny parameters.
+
+No figure is judged here: machines that run tests are busy. What is checked is that figures are
+there, finite, and of the right kind.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import signal
+from pathlib import Path
+from typing import Any
+
+import pytest
+from usarsim_tools.bench import latency, memory, spawn, team
+from usarsim_tools.bench.errors import BenchError
+from usarsim_tools.bench.server import Server
+
+from usarsim_server.cli import main
+
+
+@pytest.fixture
+def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing settles, and one new class is enough."""
+    for module in (team, latency, spawn, memory):
+        monkeypatch.setattr(module, "SETTLE", 0.3)
+    monkeypatch.setattr(spawn, "NEW_CLASSES", ("P2AT",))
+
+
+def measured(tmp_path: Path, name: str, seconds: float) -> dict[str, dict[str, Any]]:
+    """Figures of one measurement by name, as the JSON file has them."""
+    file = tmp_path / f"{name}.json"
+    words = ["--robots", "2", "--seconds", str(seconds), "--world", "empty", "--json", str(file)]
+    assert main(["bench", name, *words]) == 0
+    sections = json.loads(file.read_text())["sections"]
+    assert [section["key"] for section in sections] == [name]
+    figures = {figure["name"]: figure for figure in sections[0]["figures"]}
+    assert len(figures) == len(sections[0]["figures"])
+    assert all(math.isfinite(figure["value"]) for figure in figures.values())
+    return figures
+
+
+@pytest.mark.usefixtures("hurried")
+class TestMeasurements:
+    def test_team(self, tmp_path: Path) -> None:
+        """Two robots send all their lines, and somebody pays for it."""
+        figures = measured(tmp_path, "team", 1.8)
+        assert figures["Real-time factor, lowest of all robots"]["aim"] == ">= 0.999"
+        assert figures["Lines sent"]["value"] > 50
+        assert figures["Processor use of the server"]["value"] > 0.0
+        assert figures["Memory of the server"]["value"] > 20.0
+
+    def test_largest(self, tmp_path: Path) -> None:
+        """A single size has figures of its own, and no aim."""
+        figures = measured(tmp_path, "largest", 1.8)
+        assert figures["Largest team in real time"]["value"] in (0, 2)
+        assert figures["Largest team in real time"]["aim"] is None
+        assert "2 robots: real-time factor" in figures
+
+    def test_latency(self, tmp_path: Path) -> None:
+        """Every command is found again at every station, and later at each."""
+        figures = measured(tmp_path, "latency", 1.8)
+        assert figures["Commands measured"]["value"] >= 3
+        assert figures["Commands lost"]["value"] == 0
+        medians = [
+            figure["value"]
+            for name, figure in figures.items()
+            if name.startswith("...") and name.endswith("median")
+        ]
+        assert len(medians) == 4
+        assert medians == sorted(medians)
+        assert medians[0] > 0.0
+
+    def test_spawn(self, tmp_path: Path) -> None:
+        """There is a gap for each newcomer and one for comparison; the worst newcomer counts."""
+        figures = measured(tmp_path, "spawn", 1.0)
+        gaps = {
+            name: figure["value"]
+            for name, figure in figures.items()
+            if name.startswith("Longest extra gap, ")
+        }
+        assert {name.removeprefix("Longest extra gap, ") for name in gaps} == {
+            "all newcomers",
+            "nobody comes, for comparison",
+            "one more P3AT",
+            "the first P2AT",
+        }
+        assert gaps["Longest extra gap, all newcomers"] == max(
+            gaps["Longest extra gap, one more P3AT"], gaps["Longest extra gap, the first P2AT"]
+        )
+        # The quiet period alone takes longer than this.
+        assert figures["INIT to the newcomer's first STA line, median"]["value"] > 200.0
+
+    def test_memory(self, tmp_path: Path) -> None:
+        """Robots come and go, and the server gives back what it took for them."""
+        figures = measured(tmp_path, "memory", 2.0)
+        assert figures["Robots that came"]["value"] >= 2
+        assert figures["Memory with 2 robots"]["value"] > figures["Memory without robots"]["value"]
+        assert figures["Threads left behind"]["value"] == 0
+        assert figures["Descriptors left behind"]["value"] == 0
+
+    def test_stepping(self, tmp_path: Path) -> None:
+        """One scene gives rates, ratios and contacts."""
+        figures = measured(tmp_path, "stepping", 0.5)
+        place = "empty, 2 robots: "
+        assert figures[place + "engine / bare mj_step"]["aim"] == ">= 0.8"
+        assert figures[place + "engine"]["value"] > 0.0
+        assert figures[place + "contacts, engine"]["value"] == pytest.approx(8.0, abs=0.5)
+
+
+class TestServer:
+    def test_that_cannot_start(self) -> None:
+        """The error is what the server said."""
+        with pytest.raises(BenchError, match="did not start: error: nowhere: no such world"):
+            Server("nowhere", 1)
+
+    def test_that_dies(self) -> None:
+        """A dead server is noticed by the next look, and again at the end."""
+        with Server("empty", 1) as server:
+            os.kill(server.pid, signal.SIGKILL)
+            os.waitid(os.P_PID, server.pid, os.WEXITED | os.WNOWAIT)
+            with pytest.raises(BenchError, match="the server died"):
+                server.usage()
+            with pytest.raises(BenchError, match="ended with code -9"):
+                server.stop()
+
+    def test_that_ends_as_told(self) -> None:
+        """It ends without an error, and a second time is none either."""
+        server = Server("empty", 1)
+        assert server.usage().resident > 0
+        server.stop()
+        server.stop()

@@ -1,0 +1,43 @@
+"""All measurements by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from datetime import UTC, datetime
+
+from usarsim_tools.bench.figures import Plan, Report, Section
+from usarsim_tools.bench.latency import measure_latency
+from usarsim_tools.bench.machine import describe_machine
+from usarsim_tools.bench.memory import measure_memory
+from usarsim_tools.bench.spawn import measure_spawn
+from usarsim_tools.bench.stepping import measure_stepping
+from usarsim_tools.bench.team import measure_largest, measure_team
+
+__all__ = ["MEASUREMENTS", "Measurement", "take"]
+
+Measurement = Callable[[Plan], Section]
+
+MEASUREMENTS: Mapping[str, tuple[Measurement, str]] = {
+    "team": (measure_team, "real-time factor and cost of a team of 16"),
+    "largest": (measure_largest, "largest team that keeps real time"),
+    "latency": (measure_latency, "from DRIVE on the socket to the wheels"),
+    "spawn": (measure_spawn, "what the others notice of a newcomer"),
+    "memory": (measure_memory, "memory of a team, and after robots came and went"),
+    "stepping": (measure_stepping, "the step loop against MuJoCo alone"),
+}
+"""Function and one line of help of each, in the order in which `all` takes them."""
+
+
+def take(names: Sequence[str], plan: Plan, server_version: str) -> Report:
+    """Take measurements, one after the other.
+
+    Args:
+        names: keys of `MEASUREMENTS`.
+        plan: for each of them.
+        server_version: for the report.
+
+    Raises:
+        BenchError: if one of them cannot be taken.
+    """
+    machine, now = describe_machine(server_version), datetime.now(UTC)
+    return Report(machine, now, tuple(MEASUREMENTS[name][0](plan) for name in names))
