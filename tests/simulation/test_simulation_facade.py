@@ -1,0 +1,499 @@
+"""The simulation as the rest of the server uses it."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+import mujoco
+import numpy as np
+import pytest
+from sim_fakes import (
+    RADIUS,
+    ROBOT,
+    ROGUE,
+    SlowWatcher,
+    Watcher,
+    pose_at,
+    robot_model,
+    simulation,
+    straight,
+)
+
+from usarsim_server.errors import SpawnError, UsarsimError
+from usarsim_server.simulation import simulation as module
+from usarsim_server.simulation.frames import Pose
+from usarsim_server.simulation.model import RobotModel
+from usarsim_server.simulation.rays import RayFan
+from usarsim_server.simulation.simulation import Simulation
+
+Start = Callable[..., Simulation]
+
+
+@pytest.fixture
+def start() -> Iterator[Start]:
+    """Starts simulations with a physics thread and stops them in the end."""
+    running: list[Simulation] = []
+
+    def begin(**options: object) -> Simulation:
+        running.append(simulation(**options))  # type: ignore[arg-type]
+        running[-1].start()
+        return running[-1]
+
+    yield begin
+    for one in running:
+        one.stop()
+
+
+def wait_until(condition: Callable[[], bool], seconds: float = 20.0) -> None:
+    """Poll until something is true; fails after a generous while."""
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, "it did not happen"
+        time.sleep(0.002)
+
+
+def position(world: Simulation, robot: int) -> np.ndarray:
+    """Where a robot is now."""
+    snapshot = world.look()
+    state = world.robot_state(robot, snapshot)
+    assert state is not None
+    return np.array(state.pose.position)
+
+
+class TestSpawn:
+    """Robots come."""
+
+    def test_gives_number_and_pose(self) -> None:
+        """A spawn tells the robot's number and where it really is."""
+        world = simulation()
+        robot, pose = world.spawn(ROBOT, pose_at(1.0, 2.0))
+        assert pose == pose_at(1.0, 2.0)
+        np.testing.assert_allclose(position(world, robot), (1.0, 2.0, RADIUS))
+
+    def test_numbers_are_never_used_again(self) -> None:
+        """A new robot has a new number, whatever became of the others."""
+        world = simulation()
+        first, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
+        world.remove(first)
+        world.settle()
+        second, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
+        assert second != first
+
+    def test_first_and_later_view_agree(self) -> None:
+        """Protocol checklist 63: spawned on the floor, it is where it was put a while later."""
+        world = simulation()
+        robot, pose = world.spawn(ROBOT, pose_at(1.0, 2.0, RADIUS, yaw=0.7))
+        world.run_until(1.0)
+        np.testing.assert_allclose(position(world, robot), pose.position, atol=0.001)
+
+    @pytest.mark.parametrize("speed", [1.0, float("inf")])
+    def test_from_many_threads(self, start: Start, speed: float) -> None:
+        """Robots spawned by many threads at once all arrive, apart, with numbers of their own."""
+        world = start(speed=speed)
+        models = [ROBOT, robot_model("other")]
+        found: dict[int, Pose] = {}
+
+        def spawn(number: int) -> None:
+            robot, pose = world.spawn(models[number % 2], pose_at(0.0, 0.0))
+            found[robot] = pose
+
+        threads = [threading.Thread(target=spawn, args=(number,)) for number in range(8)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert sorted(found) == list(range(8))
+        places = np.array([pose.position for pose in found.values()])
+        apart = np.linalg.norm(places[:, None] - places[None], axis=2) + 9.0 * np.eye(8)
+        assert apart.min() > 0.3
+        assert set(world.look().layouts) == set(found)
+
+    def test_world_can_be_full(self) -> None:
+        """Beyond the allowed number robots are refused until one leaves."""
+        world = simulation(max_robots=2)
+        robots = [world.spawn(ROBOT, pose_at(0.0, 1.0 * k))[0] for k in range(2)]
+        with pytest.raises(SpawnError, match="full"):
+            world.spawn(robot_model("other"), pose_at(5.0, 0.0))
+        world.remove(robots[0])
+        world.settle()
+        world.spawn(ROBOT, pose_at(0.0, 0.0))
+
+    def test_full_world_counts_over_threads(self, start: Start) -> None:
+        """Also when many threads try at once, not one robot too many gets in."""
+        world = start(max_robots=3)
+        refused: list[SpawnError] = []
+
+        def spawn(number: int) -> None:
+            try:
+                world.spawn(ROBOT, pose_at(0.0, 1.0 * number))
+            except SpawnError as error:
+                refused.append(error)
+
+        threads = [threading.Thread(target=spawn, args=(number,)) for number in range(7)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert len(refused) == 4
+        assert len(world.look().layouts) == 3
+
+    def test_a_class_that_cannot_be_built(self) -> None:
+        """A robot that MuJoCo refuses is a spawn error; the world stays as it was."""
+
+        def broken() -> mujoco.MjSpec:
+            spec = mujoco.MjSpec()
+            base = spec.worldbody.add_body(name="base")
+            base.add_freejoint(name="free")
+            return spec
+
+        world = simulation()
+        with pytest.raises(SpawnError, match="broken"):
+            world.spawn(RobotModel("broken", broken, (), 0.1), pose_at(0.0, 0.0))
+        world.spawn(ROBOT, pose_at(0.0, 0.0))
+        assert len(world.look().layouts) == 1
+
+    def test_a_failed_spawn_leaves_no_trace(self) -> None:
+        """A refused pose costs neither a slot nor a number, and lockstep goes on."""
+        world = simulation(max_robots=1)
+        with pytest.raises(SpawnError):
+            world.spawn(ROBOT, pose_at(1e6, 0.0))
+        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
+        assert robot == 0
+        world.run_until(0.1)
+
+    def test_growth_does_not_disturb(self) -> None:
+        """A robot that drives while others come moves as if they had not come."""
+        ends = []
+        for visitors in (0, 5):
+            world = simulation()
+            robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
+            world.drive(robot, straight(3.0))
+            for number in range(visitors):
+                world.run_until(0.1 * number)
+                world.spawn(ROBOT, pose_at(-5.0, 1.0 * number))
+            world.run_until(1.0)
+            ends.append(position(world, robot))
+        np.testing.assert_allclose(ends[0], ends[1], atol=1e-9)
+
+
+class TestRequests:
+    """Commands to robots."""
+
+    def test_drive_and_teleport(self) -> None:
+        """A robot drives from where it was put, and its commands can be read back."""
+        world = simulation()
+        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
+        world.drive(robot, straight(3.0))
+        world.settle()
+        np.testing.assert_array_equal(world.wheel_targets(robot), straight(3.0))
+        world.run_until(1.0)
+        assert position(world, robot)[0] > 0.2
+        world.teleport(robot, pose_at(-3.0, 1.0))
+        world.settle()
+        np.testing.assert_allclose(position(world, robot), (-3.0, 1.0, RADIUS))
+
+    def test_absent_robots_are_ignored(self) -> None:
+        """Requests for a robot that is not there do nothing."""
+        world = simulation()
+        world.drive(3, straight(1.0))
+        world.teleport(3, pose_at(0.0, 0.0))
+        world.remove(3)
+        world.run_until(0.1)
+        assert world.robot_state(3, world.look()) is None
+
+    def test_senseless_requests_are_refused_at_once(self) -> None:
+        """Numbers that are not finite are refused where they are given."""
+        world = simulation()
+        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
+        with pytest.raises(ValueError, match="finite"):
+            world.drive(robot, np.array([1.0, np.nan, 1.0, 1.0]))
+        with pytest.raises(ValueError, match="finite"):
+            world.teleport(robot, Pose((0.0, 0.0, float("inf"))))
+
+    def test_a_bad_request_does_not_stop_the_world(
+        self, start: Start, caplog: pytest.LogCaptureFixture
+    ) -> None:
+        """A command with the wrong number of wheels is logged, and everything goes on."""
+        world = start()
+        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
+        with caplog.at_level(logging.ERROR, "usarsim"):
+            world.drive(robot, np.ones(3))
+            world.drive(robot, straight(2.0))
+            np.testing.assert_array_equal(world.wheel_targets(robot), straight(2.0))
+        assert "request" in caplog.text
+
+
+class TestListeners:
+    """Who wants snapshots gets them."""
+
+    def test_wakes_at_the_asked_times(self) -> None:
+        """Snapshots come at the first step that is not before their time, without drift."""
+        world = simulation()
+        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
+        watcher = Watcher(0.1)
+        world.attach(robot, watcher)
+        world.run_until(10.0)
+        times = [snapshot.time for snapshot in watcher.snapshots]
+        assert times[0] == pytest.approx(world.timestep)
+        np.testing.assert_allclose(times[1:], 0.1 * np.arange(1, 101), atol=1e-9)
+
+    def test_odd_periods_do_not_drift(self) -> None:
+        """Robots checklist 114: a period that is no multiple of the step is kept on average."""
+        world = simulation()
+        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
+        watcher = Watcher(0.033)
+        world.attach(robot, watcher)
+        world.run_until(20.0)
+        times = np.array([snapshot.time for snapshot in watcher.snapshots])
+        late = times - 0.033 * np.arange(len(times))
+        assert late.min() > -1e-9
+        assert late.max() <= world.timestep + 1e-9
+
+    def test_two_listeners_see_the_same_instant(self) -> None:
+        """Listeners that are due together get the same snapshot (protocol checklist 68)."""
+        world = simulation()
+        watchers = []
+        for number in range(2):
+            robot, _ = world.spawn(ROBOT, pose_at(0.0, 1.0 * number))
+            watchers.append(Watcher(0.1))
+            world.attach(robot, watchers[-1])
+        world.run_until(1.0)
+        one, other = watchers
+        assert len(one.snapshots) == len(other.snapshots) == 11
+        assert all(a is b for a, b in zip(one.snapshots, other.snapshots, strict=True))
+
+    def test_lockstep_waits_for_the_slow(self, start: Start) -> None:
+        """In lockstep every snapshot is dealt with before time goes on."""
+        world = start()
+        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
+        watcher = SlowWatcher(0.1, 0.005, world.attention)
+        world.attach(robot, watcher)
+        wait_until(lambda: len(watcher.done) >= 20)
+        world.remove(robot)
+        wait_until(lambda: robot not in world.look().layouts)
+        watcher.stop()
+        times = [snapshot.time for snapshot in watcher.snapshots[:20]]
+        np.testing.assert_allclose(np.diff(times), 0.1, atol=world.timestep + 1e-9)
+        assert watcher.done[:20] == watcher.snapshots[:20]
+
+    def test_the_slow_skip_at_a_paced_speed(self, start: Start) -> None:
+        """At a paced speed a slow listener gets the newest snapshot, not a queue of old ones."""
+        world = start(speed=1.0)
+        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
+        watcher = SlowWatcher(0.02, 0.15, lambda: None)
+        world.attach(robot, watcher)
+        wait_until(lambda: len(watcher.done) >= 4)
+        behind = world.look().time - watcher.done[-1].time
+        watcher.stop()
+        times = [snapshot.time for snapshot in watcher.done]
+        assert np.diff(times).min() > 0.1  # seven periods were skipped each time
+        assert behind < 1.0
+        assert len(watcher.done) < len(watcher.snapshots)
+
+    def test_time_stands_still_while_nobody_is_there(self, start: Start) -> None:
+        """In lockstep no time passes without listeners, also not between spawn and attach."""
+        world = start()
+        time.sleep(0.02)
+        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
+        time.sleep(0.02)
+        assert world.look().time == 0.0
+        watcher = Watcher(0.1)
+        world.attach(robot, watcher)
+        wait_until(lambda: len(watcher.snapshots) > 3)
+        assert watcher.snapshots[0].time == pytest.approx(world.timestep)
+        world.remove(robot)
+        wait_until(lambda: robot not in world.look().layouts)
+        before = world.look().time
+        time.sleep(0.02)
+        assert world.look().time == before
+
+    def test_attach_to_a_lost_robot(self) -> None:
+        """A listener of a robot that is gone is told so at once."""
+        world = simulation()
+        watcher = Watcher(0.1)
+        world.attach(5, watcher)
+        world.settle()
+        assert len(watcher.reasons) == 1
+
+    def test_removal_ends_the_snapshots(self) -> None:
+        """A removed robot's listener is neither woken nor told that it was lost."""
+        world = simulation()
+        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
+        watcher = Watcher(0.1)
+        world.attach(robot, watcher)
+        world.run_until(0.5)
+        count = len(watcher.snapshots)
+        world.remove(robot)
+        world.run_until(1.0)
+        assert len(watcher.snapshots) == count
+        assert watcher.reasons == []
+
+
+class TestLosses:
+    """Robots that the world cannot keep."""
+
+    def test_a_fallen_robot_is_removed(self, caplog: pytest.LogCaptureFixture) -> None:
+        """A robot below the world is taken out; its listener is told and not woken any more."""
+        world = simulation(mujoco.MjSpec, lower=(-10.0, -10.0, -3.0))
+        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0, 1.0))
+        watcher, other = Watcher(0.02), Watcher(0.02)
+        world.attach(robot, watcher)
+        with caplog.at_level(logging.WARNING, "usarsim"):
+            world.run_until(2.0)
+        assert watcher.reasons == ["it fell out of the world"]
+        assert robot not in world.look().layouts
+        assert "robot removed" in caplog.text
+        again, _ = world.spawn(ROBOT, pose_at(0.0, 0.0, 1.0))
+        world.attach(again, other)
+        world.run_until(2.1)
+        assert other.snapshots
+
+    def test_a_robot_that_goes_mad_is_removed(self) -> None:
+        """A robot that diverges leaves; its listener is told, the others go on."""
+        world = simulation()
+        rogue, _ = world.spawn(ROGUE, pose_at(0.0, 0.0))
+        robot, _ = world.spawn(ROBOT, pose_at(0.0, 2.0))
+        watchers = Watcher(0.1), Watcher(0.1)
+        world.attach(rogue, watchers[0])
+        world.attach(robot, watchers[1])
+        world.drive(rogue, straight(5.0))
+        world.drive(robot, straight(2.0))
+        world.run_until(2.0)
+        assert len(watchers[0].reasons) == 1
+        assert watchers[1].reasons == []
+        assert position(world, robot)[0] > 0.3
+        times = [snapshot.time for snapshot in watchers[1].snapshots]
+        assert (np.diff(times) > 0.0).all()
+        assert len(times) == 21
+
+
+class TestSnapshots:
+    """Pictures of the world."""
+
+    def test_old_snapshots_can_still_be_looked_at(self) -> None:
+        """Rays through a snapshot of former generations hit what was there then."""
+        world = simulation()
+        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
+        target, _ = world.spawn(ROBOT, pose_at(2.0, 0.0))
+        old = world.look()
+        for number in range(3):
+            world.spawn(robot_model(f"class {number}"), pose_at(0.0, 3.0 + number))
+        world.remove(target)
+        world.settle()
+        fan = RayFan(np.array([0.3, 0.0, 0.15]), np.array([[1.0, 0.0, 0.0]]), 20.0)
+        (then,) = world.cast([fan], old, robot)
+        (now,) = world.cast([fan], world.look(), robot)
+        assert old.generation < world.look().generation
+        assert then.distances[0] == pytest.approx(1.5, abs=0.01)
+        assert np.isinf(now.distances[0])
+
+    def test_published_snapshots_are_of_wakes(self) -> None:
+        """The published snapshot is the one that the last listener was woken with."""
+        world = simulation()
+        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
+        watcher = Watcher(0.1)
+        world.attach(robot, watcher)
+        world.run_until(0.55)
+        assert world.snapshot is watcher.snapshots[-1]
+        assert world.look().time == pytest.approx(0.552)
+
+
+class TestRunning:
+    """Starting, pacing and stopping."""
+
+    @pytest.mark.parametrize("speed", [1.0, 4.0])
+    def test_paced_time_is_wall_time(self, start: Start, speed: float) -> None:
+        """At a paced speed simulated time keeps up with the wall clock, roughly."""
+        world = start(speed=speed)
+        first, started = world.look().time, time.monotonic()
+        time.sleep(0.5)
+        passed, wall = world.look().time - first, time.monotonic() - started
+        assert 0.6 * wall * speed < passed < (wall + 0.1) * speed + 0.1
+
+    def test_lockstep_is_faster_than_real_time(self, start: Start) -> None:
+        """In lockstep one idle robot runs through many seconds in one."""
+        world = start()
+        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
+        watcher = Watcher(0.5)
+        world.attach(robot, watcher)
+        started = time.monotonic()
+        wait_until(lambda: world.look().time > 5.0)
+        assert time.monotonic() - started < 5.0
+
+    def test_run_until_stops_at_the_step(self) -> None:
+        """Advancing by hand ends at the first step that is not before the moment."""
+        world = simulation(timestep=0.004)
+        world.run_until(0.25)
+        assert world.look().time == pytest.approx(0.252)
+        world.run_until(0.252)
+        assert world.look().time == pytest.approx(0.252)
+
+    def test_spawn_before_the_start(self) -> None:
+        """Who made the world may look and spawn before its thread runs, without waiting."""
+        world = simulation()
+        started = time.monotonic()
+        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
+        assert robot in world.look().layouts
+        assert time.monotonic() - started < 10.0
+
+    def test_nobody_waits_after_the_stop(self, start: Start) -> None:
+        """After the stop every question is refused at once instead of timing out."""
+        world = start()
+        world.stop()
+        started = time.monotonic()
+        with pytest.raises(UsarsimError, match="ended"):
+            world.spawn(ROBOT, pose_at(0.0, 0.0))
+        with pytest.raises(UsarsimError, match="ended"):
+            world.look()
+        world.drive(0, straight(1.0))
+        world.remove(0)
+        assert time.monotonic() - started < 10.0
+
+    def test_stop_by_hand(self) -> None:
+        """A world that is run by hand does not run on after its stop."""
+        world = simulation()
+        world.stop()
+        world.run_until(5.0)
+        assert world.snapshot.time == 0.0
+
+    def test_a_dead_physics_thread_is_reported(
+        self, start: Start, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """If the physics thread dies the log says why, and nobody waits for it."""
+        monkeypatch.setattr(threading, "excepthook", lambda _: None)
+        world = start(speed=1.0)
+
+        def fail(steps: int) -> list[int]:
+            raise RuntimeError("out of order")
+
+        with caplog.at_level(logging.ERROR, "usarsim"):
+            monkeypatch.setattr(world._engine, "advance", fail)
+            assert world._thread is not None
+            world._thread.join(10.0)
+        assert "out of order" in caplog.text
+        with pytest.raises(UsarsimError, match="ended"):
+            world.look()
+
+    def test_a_wrong_release_is_refused(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """No world is made with a MuJoCo that is known to be wrong."""
+
+        def refuse() -> None:
+            raise UsarsimError("not this one")
+
+        monkeypatch.setattr(module, "check_mujoco_version", refuse)
+        with pytest.raises(UsarsimError, match="not this one"):
+            simulation()
+
+    def test_mujoco_warnings_go_to_the_log(self, caplog: pytest.LogCaptureFixture) -> None:
+        """What MuJoCo has to say appears in our log, in one line, not in a file."""
+        world = simulation()
+        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
+        world._engine.data.qvel[world.look().layouts[robot].dof] = np.nan
+        with caplog.at_level(logging.WARNING, "usarsim"):
+            world.run_until(0.1)
+        lines = [record.getMessage() for record in caplog.records]
+        assert any("unstable" in line for line in lines)
+        assert not any("\n" in line for line in lines)

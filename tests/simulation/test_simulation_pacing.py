@@ -1,0 +1,119 @@
+"""Simulated time beside wall time: decided by pure functions of two clocks."""
+
+from __future__ import annotations
+
+import pytest
+
+from usarsim_server.simulation.pacing import MAX_LAG, REPORT_PERIOD, Pacer
+
+BATCH = 0.008
+
+
+def drive(
+    pacer: Pacer, seconds: float, cost: float, wall: float = 0.0, start: float = 0.0
+) -> tuple[float, float, list[object]]:
+    """Run a paced loop on pretended clocks, every batch costing so many wall seconds.
+
+    Returns:
+        Wall clock and simulated clock at the end, and all reports.
+    """
+    simulated, reports = start, []
+    end = wall + seconds
+    while wall < end:
+        wait = pacer.wait(simulated, wall)
+        if wait > 0.0:
+            wall += wait
+            continue
+        simulated += BATCH
+        wall += cost
+        report = pacer.report(simulated, wall)
+        if report is not None:
+            reports.append(report)
+    return wall, simulated, reports
+
+
+class TestWait:
+    """When the next step is due."""
+
+    def test_first_step_is_due_at_once(self) -> None:
+        """The schedule starts with the first question, whatever the clocks read."""
+        assert Pacer(1.0, 7.0).wait(7.0, 12345.6) == 0.0
+
+    def test_waits_for_the_rest_of_the_step(self) -> None:
+        """A step that was computed early waits for its time."""
+        pacer = Pacer(1.0, 0.0)
+        pacer.wait(0.0, 100.0)
+        assert pacer.wait(0.008, 100.003) == pytest.approx(0.005)
+        assert pacer.wait(0.008, 100.008) == pytest.approx(0.0, abs=1e-12)
+
+    @pytest.mark.parametrize("speed", [0.1, 0.5, 1.0, 4.0])
+    def test_speed_scales_time(self, speed: float) -> None:
+        """At a factor the same simulated time takes so many times less wall time."""
+        pacer = Pacer(speed, 0.0)
+        pacer.wait(0.0, 0.0)
+        assert pacer.wait(2.0, 1.0 / speed) == pytest.approx(1.0 / speed)
+
+    @pytest.mark.parametrize("speed", [0.25, 1.0, 3.0])
+    def test_keeps_real_time(self, speed: float) -> None:
+        """With steps cheaper than they last, simulated and wall time keep their ratio."""
+        wall, simulated, reports = drive(Pacer(speed, 0.0), 20.0, cost=0.2 * BATCH / speed)
+        assert simulated / wall == pytest.approx(speed, rel=0.002)
+        assert reports == []
+
+    def test_catches_up_a_short_hiccup(self) -> None:
+        """A pause below the limit is made good: no simulated time is lost."""
+        pacer = Pacer(1.0, 0.0)
+        wall, simulated, _ = drive(pacer, 1.0, cost=0.001)
+        wall, simulated, _ = drive(pacer, 1.0, 0.001, wall + 0.9 * MAX_LAG, simulated)
+        assert simulated == pytest.approx(wall, abs=2 * BATCH)
+
+    def test_gives_up_a_long_pause(self) -> None:
+        """Of a long pause only the limit is made good; then time runs evenly, not in a rush."""
+        pacer = Pacer(1.0, 0.0)
+        wall, simulated, _ = drive(pacer, 1.0, cost=0.001)
+        wall, simulated, _ = drive(pacer, 1.0, 0.001, wall + 10.0, simulated)
+        assert wall - simulated == pytest.approx(10.0 - MAX_LAG, abs=2 * BATCH)
+
+    def test_never_asks_for_a_negative_wait(self) -> None:
+        """A step that is late is due now."""
+        pacer = Pacer(1.0, 0.0)
+        pacer.wait(0.0, 0.0)
+        assert [pacer.wait(0.0, 0.05 * step) for step in range(10)] == [0.0] * 10
+
+
+class TestReport:
+    """What the log is told."""
+
+    def test_slow_time_is_reported_each_period(self) -> None:
+        """A machine that is too slow is reported with the factor it reaches."""
+        _, _, reports = drive(Pacer(1.0, 0.0), 4 * REPORT_PERIOD + 1, cost=2 * BATCH)
+        assert len(reports) == 4
+        for report in reports:
+            assert report.slow
+            assert report.asked == 1.0
+            assert report.factor == pytest.approx(0.5, abs=0.01)
+
+    def test_recovery_is_reported_once(self) -> None:
+        """When time is kept again one line says so, and no more follow."""
+        pacer = Pacer(1.0, 0.0)
+        wall, simulated, slow = drive(pacer, REPORT_PERIOD + 1, cost=2 * BATCH)
+        assert [report.slow for report in slow] == [True]
+        _, _, later = drive(pacer, 5 * REPORT_PERIOD, 0.001, wall, simulated)
+        assert [report.slow for report in later] in ([False], [True, False])
+
+    def test_good_time_is_not_worth_a_word(self) -> None:
+        """A world that keeps its time says nothing."""
+        _, _, reports = drive(Pacer(1.0, 0.0), 3 * REPORT_PERIOD, cost=0.5 * BATCH)
+        assert reports == []
+
+    def test_slowness_is_relative_to_the_speed_asked_for(self) -> None:
+        """Twice real time is slow where four times was asked for, and fine where two times was."""
+        _, _, four = drive(Pacer(4.0, 0.0), REPORT_PERIOD + 1, cost=BATCH / 2)
+        _, _, two = drive(Pacer(2.0, 0.0), REPORT_PERIOD + 1, cost=BATCH / 2.05)
+        assert [report.slow for report in four] == [True]
+        assert two == []
+
+    def test_first_period_starts_with_the_first_step(self) -> None:
+        """The clock's offset does not count as time lost."""
+        _, _, reports = drive(Pacer(1.0, 50.0), 3 * REPORT_PERIOD, 0.001, wall=1e6, start=50.0)
+        assert reports == []
