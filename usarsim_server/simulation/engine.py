@@ -22,6 +22,7 @@ from usarsim_server.simulation.model import (
     matching_joints,
     root_qpos,
 )
+from usarsim_server.simulation.movers import Mover, MovingBodies, carry_over
 from usarsim_server.simulation.servo import WheelServos
 from usarsim_server.simulation.snapshot import RobotLayout, Snapshot
 
@@ -75,6 +76,7 @@ class Engine:
         self.world = compile_world(scenery, slots, options, generation=0)
         self.data = mujoco.MjData(self.world.model)
         self._servos = WheelServos(self.world)
+        self._moving = MovingBodies(self.world.model, ())
         self._active: dict[int, int] = {}
         self._driven: set[int] = set()
         self._find_driven()
@@ -95,6 +97,31 @@ class Engine:
     def active(self) -> dict[int, int]:
         """Slots of the active robots by robot id (a copy)."""
         return dict(self._active)
+
+    # -- bodies that go their own way --------------------------------------------------------
+
+    @property
+    def movers(self) -> tuple[Mover, ...]:
+        """What places the mocap bodies of the world before every step."""
+        return self._moving.movers
+
+    def set_movers(self, movers: Sequence[Mover]) -> None:
+        """Replace all movers; a body that nobody moves any more stays where it is.
+
+        Raises:
+            ValueError: if a mover's body cannot be moved; the old ones stay.
+        """
+        self._moving = MovingBodies(self.world.model, movers)
+
+    def body_pose(self, name: str) -> Pose | None:
+        """Present pose of a body by name, None if there is none."""
+        body = mujoco.mj_name2id(self.world.model, mujoco.mjtObj.mjOBJ_BODY, name)
+        if body < 0:
+            return None
+        self._look()
+        x, y, z = self.data.xpos[body].tolist()
+        w, i, j, k = self.data.xquat[body].tolist()
+        return Pose((x, y, z), (w, i, j, k))
 
     # -- robots ------------------------------------------------------------------------------
 
@@ -195,8 +222,9 @@ class Engine:
 
     def _run(self, steps: int) -> None:
         model, data, servos = self.world.model, self.data, self._servos
-        compensated = self._options.compensation
+        moving, compensated = self._moving, self._options.compensation
         for _ in range(steps):
+            moving.apply(data, data.time)
             servos.update(data.qpos)
             mujoco.mj_step1(model, data)
             servos.apply(data)
@@ -327,7 +355,9 @@ class Engine:
         new.qvel[growth.dofs[1]] = velocity
         new.time = old.time
         growth.servos.restore(self._servos.state())
+        carry_over(self.world.model, old, growth.world.model, new)
         self.world, self.data, self._servos = growth.world, new, growth.servos
+        self._moving = MovingBodies(self.world.model, self._moving.movers)
         self._find_driven()
         mujoco.mj_kinematics(self.world.model, self.data)
 
@@ -335,7 +365,7 @@ class Engine:
 
     def snapshot(self) -> Snapshot:
         """An immutable picture of the present state."""
-        mujoco.mj_kinematics(self.world.model, self.data)
+        self._look()
         data = self.data
         return Snapshot(
             time=self.time,
@@ -347,6 +377,11 @@ class Engine:
             xquat=_frozen(data.xquat),
             layouts=self._layouts(),
         )
+
+    def _look(self) -> None:
+        """Bring the poses of all bodies up to date."""
+        self._moving.apply(self.data, self.data.time)
+        mujoco.mj_kinematics(self.world.model, self.data)
 
     def _layouts(self) -> dict[int, RobotLayout]:
         return {robot: self.world.layouts[slot] for robot, slot in self._active.items()}

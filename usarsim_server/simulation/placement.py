@@ -16,6 +16,7 @@ import numpy as np
 from usarsim_server.errors import SpawnError
 from usarsim_server.simulation.frames import Pose, Vector
 from usarsim_server.simulation.model import CompiledWorld, root_qpos
+from usarsim_server.simulation.movers import mocap_bodies
 from usarsim_server.simulation.snapshot import Snapshot
 
 __all__ = ["Placement"]
@@ -41,6 +42,7 @@ class Placement:
         self._model = world.model.__copy__()
         self._model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
         self._data = mujoco.MjData(self._model)
+        self._mocap = mocap_bodies(self._model)
         self._floors = [
             geom
             for geom in range(self._model.ngeom)
@@ -106,6 +108,8 @@ class Placement:
         layout = self._world.layouts[slot]
         data = self._data
         data.qpos[:] = snapshot.qpos
+        data.mocap_pos[:] = snapshot.xpos[self._mocap]
+        data.mocap_quat[:] = snapshot.xquat[self._mocap]
         data.qpos[layout.qpos : layout.qpos + 7] = root_qpos(pose)
         mujoco.mj_kinematics(self._model, data)
         mujoco.mj_comPos(self._model, data)

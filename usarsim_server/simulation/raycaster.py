@@ -18,6 +18,8 @@ from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
 
 from usarsim_server.simulation.model import SHELF_NAME, CompiledWorld
+from usarsim_server.simulation.movers import mocap_bodies
+from usarsim_server.simulation.objects import Names, Objects, geom_names
 from usarsim_server.simulation.rays import RayFan, RayHits
 from usarsim_server.simulation.snapshot import Snapshot
 from usarsim_server.simulation.tessellation import triangles
@@ -29,15 +31,26 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Plane:
+    geom: int
     normal: Array
     offset: float
 
 
-class _TriangleScene:
-    """An Embree scene together with the unit normals of its triangles."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Surfaces:
+    """What rays met: distances (n,), inf for a miss; normals (n, 3) and names (n,) if asked for."""
 
-    def __init__(self, parts: Sequence[Array]) -> None:
-        faces = np.concatenate(parts) if parts else np.zeros((0, 3, 3))
+    distances: Array
+    normals: Array | None = None
+    names: Names | None = None
+
+
+class _TriangleScene:
+    """An Embree scene together with the unit normals and the geoms of its triangles."""
+
+    def __init__(self, parts: Sequence[tuple[int, Array]]) -> None:
+        faces = np.concatenate([np.zeros((0, 3, 3)), *(part for _, part in parts)])
+        self._geoms = np.repeat([geom for geom, _ in parts], [len(part) for _, part in parts])
         self._scene = None
         if len(faces):
             self._scene = rtcore_scene.EmbreeScene()
@@ -45,18 +58,29 @@ class _TriangleScene:
         normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
         self._normals = normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, None]
 
-    def cast(self, origins: Array, directions: Array, normals: bool) -> tuple[Array, Array | None]:
+    def cast(self, origins: Array, directions: Array) -> tuple[Array, NDArray[np.int32]]:
+        """Distances (n,) and triangles (n,), -1 for a miss."""
         count = len(origins)
         if self._scene is None:
-            return np.full(count, np.inf), np.zeros((count, 3)) if normals else None
+            return np.full(count, np.inf), np.full(count, -1, dtype=np.int32)
         start, way = origins.astype(np.float32), directions.astype(np.float32)
         answer = self._scene.run(start, way, output=1)
-        face = answer["primID"]
-        hit = face >= 0
-        distances = np.where(hit, answer["tfar"].astype(np.float64), np.inf)
-        if not normals:
-            return distances, None
-        return distances, np.where(hit[:, None], self._normals[np.where(hit, face, 0)], 0.0)
+        faces = answer["primID"]
+        return np.where(faces >= 0, answer["tfar"].astype(np.float64), np.inf), faces
+
+    def normals(self, faces: NDArray[np.int32]) -> Array:
+        """Unit normals (n, 3) of triangles, zero for a miss."""
+        hit = faces >= 0
+        normals = np.zeros((len(faces), 3))
+        normals[hit] = self._normals[faces[hit]]
+        return normals
+
+    def geoms(self, faces: NDArray[np.int32]) -> NDArray[np.intp]:
+        """Geom ids (n,) of triangles, -1 for a miss."""
+        hit = faces >= 0
+        geoms = np.full(len(faces), -1, dtype=np.intp)
+        geoms[hit] = self._geoms[faces[hit]]
+        return geoms
 
 
 class StaticGeometry:
@@ -66,25 +90,34 @@ class StaticGeometry:
         model = world.model
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
-        solid: list[Array] = []
-        glass: list[Array] = []
+        solid: list[tuple[int, Array]] = []
+        glass: list[tuple[int, Array]] = []
+        self._names = geom_names(model)
         self._planes: list[_Plane] = []
         for geom in _static_geoms(model):
             pos, mat = data.geom_xpos[geom], data.geom_xmat[geom].reshape(3, 3)
             if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
-                self._planes.append(_Plane(mat[:, 2].copy(), float(mat[:, 2] @ pos)))
+                self._planes.append(_Plane(geom, mat[:, 2].copy(), float(mat[:, 2] @ pos)))
             else:
-                part = triangles(model, geom, pos, mat)
+                part = (geom, triangles(model, geom, pos, mat))
                 (glass if _is_glass(model, geom) else solid).append(part)
         self._full = _TriangleScene([*solid, *glass])
         self._clear = _TriangleScene(solid) if glass else self._full
 
     def cast(
-        self, origins: Array, directions: Array, normals: bool, through_glass: bool
-    ) -> tuple[Array, Array | None]:
-        """Distances (n,) and, if asked for, surface normals (n, 3, unsigned); inf is a miss."""
+        self,
+        origins: Array,
+        directions: Array,
+        *,
+        normals: bool = False,
+        identify: bool = False,
+        through_glass: bool = False,
+    ) -> _Surfaces:
+        """Cast rays (n, 3); normals are unsigned."""
         scene = self._clear if through_glass else self._full
-        distances, surface = scene.cast(origins, directions, normals)
+        distances, faces = scene.cast(origins, directions)
+        surface = scene.normals(faces) if normals else None
+        geoms = scene.geoms(faces) if identify else None
         for plane in self._planes:
             slope = directions @ plane.normal
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -92,15 +125,23 @@ class StaticGeometry:
             nearer = (way >= 0.0) & (way < distances) & (slope < 0.0)
             distances = np.where(nearer, way, distances)
             if surface is not None:
-                surface = np.where(nearer[:, None], plane.normal, surface)
-        return distances, surface
+                surface[nearer] = plane.normal
+            if geoms is not None:
+                geoms[nearer] = plane.geom
+        return _Surfaces(distances, surface, None if geoms is None else self._names[geoms])
 
 
 class DynamicGeometry:
-    """Everything that moves, in a private copy of one model generation; guarded by a lock."""
+    """Everything that moves, in a private copy of one model generation; guarded by a lock.
+
+    Attributes:
+        generation: of the model.
+        objects: names and facts of everything in that generation.
+    """
 
     def __init__(self, world: CompiledWorld) -> None:
         self.generation = world.generation
+        self.objects = Objects(world)
         self._lock = threading.Lock()
         self._model = model = _ray_model(world.model)
         self._data = mujoco.MjData(model)
@@ -109,10 +150,11 @@ class DynamicGeometry:
         robots = {layout.base for layout in world.layouts}
         self._is_robot = np.array([root in robots for root in self._trees], dtype=bool)
         self._layouts = world.layouts
+        self._mocap = mocap_bodies(model)
 
     def cast(
         self, fans: Sequence[RayFan], snapshot: Snapshot, robot: int | None
-    ) -> list[RayHits | None]:
+    ) -> list[_Surfaces | None]:
         """Hits on moving geometry per fan (None: nothing in reach), the robot's own hidden."""
         with self._lock:
             self._update(snapshot)
@@ -121,7 +163,7 @@ class DynamicGeometry:
             if robot is not None and robot in snapshot.layouts:
                 layout = snapshot.layouts[robot]
                 hidden, own = layout.geoms, self._tree_of_root[layout.base]
-            answers: list[RayHits | None] = [None] * len(fans)
+            answers: list[_Surfaces | None] = [None] * len(fans)
             self._model.geom_rgba[hidden, 3] = 0.0
             try:
                 for index in self._reachable(fans, own):
@@ -134,6 +176,8 @@ class DynamicGeometry:
         if snapshot is self._snapshot:
             return
         self._data.qpos[:] = snapshot.qpos
+        self._data.mocap_pos[:] = snapshot.xpos[self._mocap]
+        self._data.mocap_quat[:] = snapshot.xquat[self._mocap]
         mujoco.mj_kinematics(self._model, self._data)
         self._snapshot = snapshot
         active = {layout.base for layout in snapshot.layouts.values()}
@@ -150,39 +194,46 @@ class DynamicGeometry:
         if not len(trees) or not fans:
             return []
         centres, radii = self._data.xpos[self._trees[trees]], self._radius[trees]
-        origins = np.array([fan.origin for fan in fans])
+        origins, spreads = _starts(fans)
         axes, half = _cones(fans)
+        reach = radii[None] + spreads[:, None]
         ranges = np.array([fan.max_range for fan in fans])
         offset = centres[None] - origins[:, None]
         distance = np.linalg.norm(offset, axis=2)
-        within = distance - radii[None] <= ranges[:, None]
+        within = distance - reach <= ranges[:, None]
         safe = np.maximum(distance, 1e-9)
         cosine = np.einsum("fti,fi->ft", offset, axes) / safe
-        spread = np.arcsin(np.minimum(1.0, radii[None] / safe))
+        spread = np.arcsin(np.minimum(1.0, reach / safe))
         angle = np.arccos(np.clip(cosine, -1.0, 1.0))
-        seen = within & ((angle - spread <= half[:, None]) | (distance <= radii[None]))
+        seen = within & ((angle - spread <= half[:, None]) | (distance <= reach))
         return [int(index) for index in np.flatnonzero(seen.any(axis=1))]
 
-    def _cast_fan(self, fan: RayFan) -> RayHits:
+    def _cast_fan(self, fan: RayFan) -> _Surfaces:
         count = len(fan.directions)
         distances = np.empty(count)
         geoms = np.empty(count, dtype=np.int32)
         normals = np.zeros((count, 3)) if fan.normals else None
-        mujoco.mj_multiRay(
-            self._model,
-            self._data,
-            np.ascontiguousarray(fan.origin, dtype=float),
-            np.ascontiguousarray(fan.directions, dtype=float).reshape(-1),
-            None,
-            0,
-            -1,
-            geoms,
-            distances,
-            None if normals is None else normals.reshape(-1),
-            count,
-            fan.max_range,
-        )
-        return RayHits(np.where(geoms < 0, np.inf, distances), normals)
+        directions = np.ascontiguousarray(fan.directions, dtype=float)
+        starts = np.atleast_2d(np.ascontiguousarray(fan.origin, dtype=float))
+        share = count // len(starts)
+        for row, start in enumerate(starts):
+            part = slice(row * share, (row + 1) * share)
+            mujoco.mj_multiRay(
+                self._model,
+                self._data,
+                start,
+                directions[part].reshape(-1),
+                None,
+                0,
+                -1,
+                geoms[part],
+                distances[part],
+                None if normals is None else normals[part].reshape(-1),
+                share,
+                fan.max_range,
+            )
+        names = self.objects.names[geoms] if fan.identify else None
+        return _Surfaces(np.where(geoms < 0, np.inf, distances), normals, names)
 
 
 def cast(
@@ -200,39 +251,57 @@ def cast(
     ]
 
 
-def _cast_static(fans: Sequence[RayFan], static: StaticGeometry) -> list[RayHits]:
-    answers: list[RayHits | None] = [None] * len(fans)
+def _cast_static(fans: Sequence[RayFan], static: StaticGeometry) -> list[_Surfaces]:
+    answers: list[_Surfaces | None] = [None] * len(fans)
     for through in (False, True):
         chosen = [i for i, fan in enumerate(fans) if fan.through_glass is through]
         if not chosen:
             continue
-        counts = [len(fans[i].directions) for i in chosen]
-        origins = np.repeat(np.array([fans[i].origin for i in chosen]), counts, axis=0)
+        origins = np.concatenate(
+            [np.broadcast_to(fans[i].origin, fans[i].directions.shape) for i in chosen]
+        )
         directions = np.concatenate([fans[i].directions for i in chosen])
-        wanted = any(fans[i].normals for i in chosen)
-        distances, normals = static.cast(origins, directions, wanted, through)
-        cuts = np.cumsum(counts)[:-1]
-        parts = np.split(distances, cuts)
-        surfaces = np.split(normals, cuts) if normals is not None else [None] * len(chosen)
-        for i, part, surface in zip(chosen, parts, surfaces, strict=True):
-            answers[i] = RayHits(part, surface if fans[i].normals else None)
+        answer = static.cast(
+            origins,
+            directions,
+            normals=any(fans[i].normals for i in chosen),
+            identify=any(fans[i].identify for i in chosen),
+            through_glass=through,
+        )
+        end = 0
+        for i in chosen:
+            start, end = end, end + len(fans[i].directions)
+            answers[i] = _cut(answer, fans[i], slice(start, end))
     return [answer for answer in answers if answer is not None]
 
 
-def _merge(fan: RayFan, fixed: RayHits, moving: RayHits | None) -> RayHits:
-    distances, normals = fixed.distances, fixed.normals
+def _cut(answer: _Surfaces, fan: RayFan, part: slice) -> _Surfaces:
+    """The rows of a batch that answer one fan, and of them what it asked for."""
+    normals = answer.normals[part] if answer.normals is not None and fan.normals else None
+    names = answer.names[part] if answer.names is not None and fan.identify else None
+    return _Surfaces(answer.distances[part], normals, names)
+
+
+def _merge(fan: RayFan, fixed: _Surfaces, moving: _Surfaces | None) -> RayHits:
+    distances, normals, names = fixed.distances, fixed.normals, fixed.names
     if moving is not None:
         nearer = moving.distances < distances
         distances = np.where(nearer, moving.distances, distances)
         if normals is not None and moving.normals is not None:
             normals = np.where(nearer[:, None], moving.normals, normals)
+        if names is not None and moving.names is not None:
+            names = np.where(nearer, moving.names, names)
     missed = distances > fan.max_range
     distances = np.where(missed, np.inf, distances)
     if normals is not None:
         away = np.einsum("ij,ij->i", normals, fan.directions) > 0.0
         normals = np.where(away[:, None], -normals, normals)
         normals = np.where(missed[:, None], 0.0, normals)
-    return RayHits(distances, normals)
+    if names is None:
+        return RayHits(distances, normals)
+    names = names.copy()
+    names[missed] = None
+    return RayHits(distances, normals, tuple(names.tolist()))
 
 
 def _static_geoms(model: mujoco.MjModel) -> list[int]:
@@ -282,6 +351,19 @@ def _bounding_spheres(model: mujoco.MjModel) -> tuple[NDArray[np.intp], Array, d
     roots = np.array(sorted(radius), dtype=np.intp)
     radii = np.array([radius[int(root)] for root in roots])
     return roots, radii, {int(root): index for index, root in enumerate(roots)}
+
+
+def _starts(fans: Sequence[RayFan]) -> tuple[Array, Array]:
+    """Middle (f, 3) of the start points of each fan, and how far they are away from it (f,)."""
+    if all(fan.origin.ndim == 1 for fan in fans):
+        return np.array([fan.origin for fan in fans]), np.zeros(len(fans))
+    starts = [np.atleast_2d(fan.origin) for fan in fans]
+    middles = [points.mean(axis=0) for points in starts]
+    spreads = [
+        np.linalg.norm(points - middle, axis=1).max()
+        for points, middle in zip(starts, middles, strict=True)
+    ]
+    return np.array(middles), np.array(spreads)
 
 
 def _cones(fans: Sequence[RayFan]) -> tuple[Array, Array]:

@@ -30,6 +30,7 @@ from usarsim_server.simulation.model import (
     RobotModel,
     check_mujoco_version,
 )
+from usarsim_server.simulation.movers import Mover
 from usarsim_server.simulation.pacing import Pacer, PaceReport
 from usarsim_server.simulation.placement import Placement
 from usarsim_server.simulation.raycaster import DynamicGeometry, StaticGeometry, cast
@@ -241,6 +242,20 @@ class Simulation:
     def wheel_targets(self, robot: int) -> NDArray[np.float64]:
         """Commanded wheel speeds (rad/s) as the physics has them; for measurements."""
         return self._mail.ask(lambda: self._engine.wheel_targets(robot))
+
+    # -- bodies that go their own way --------------------------------------------------------
+
+    def set_movers(self, movers: Sequence[Mover]) -> None:
+        """Replace everything that places mocap bodies of the world (see `movers.py`).
+
+        Raises:
+            ValueError: if a mover's body cannot be moved.
+        """
+        self._mail.ask(lambda: self._engine.set_movers(movers))
+
+    def body_pose(self, name: str) -> Pose | None:
+        """Present pose of a body of the world by name, None if there is none."""
+        return self._mail.ask(lambda: self._engine.body_pose(name))
 
     # -- listeners ---------------------------------------------------------------------------
 
