@@ -23,6 +23,16 @@ def compensate(data: mujoco.MjData) -> None:
     """
     contact = data.contact
     rows = contact.efc_address
+    count = rows.size
+    if count == 0:
+        return
+    start = rows[0]
+    if start >= 0 and 3 * count == data.nefc - start and contact.dim.max() == 3:
+        # All contacts are active and of dimension three: their rows are one block at the end.
+        block = data.efc_aref[start:].reshape(count, 3)
+        first, second = block[:, 1], block[:, 2]
+        block[:, 0] -= contact.friction[:, 0] * np.sqrt(first * first + second * second)
+        return
     frictional = (rows >= 0) & (contact.dim > 2)
     normal = rows[frictional]
     if normal.size == 0:
