@@ -19,15 +19,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RayFan:
-    """Rays that start at one point and are answered together.
+    """Rays that are answered together.
 
     Attributes:
-        origin: (3,) start point in the world, m.
+        origin: (3,) common start point in the world, or (n, 3) one for each ray, m.
         directions: (n, 3) unit vectors in the world frame.
         max_range: rays end here; a longer way counts as no hit, m.
         normals: also return surface normals.
         through_glass: pass through static geometry of a transparent material (its material or
             geom name contains `glass` or `trans`).
+        identify: also name what was hit.
     """
 
     origin: Array
@@ -35,6 +36,7 @@ class RayFan:
     max_range: float
     normals: bool = False
     through_glass: bool = False
+    identify: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,10 +47,14 @@ class RayHits:
         distances: (n,) m along each ray, `inf` where nothing was hit within `max_range`.
         normals: (n, 3) unit normals that face the ray's origin (zero where nothing was hit), or
             None if the fan did not ask.
+        names: (n,) name of the geom that was hit, of its body if it has none itself; None where
+            neither has a name or nothing was hit. None altogether if the fan did not ask. What
+            object a name belongs to tells `Simulation.object_facts`.
     """
 
     distances: Array
     normals: Array | None = None
+    names: tuple[str | None, ...] | None = None
 
 
 class RayCaster(Protocol):

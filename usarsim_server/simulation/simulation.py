@@ -31,6 +31,7 @@ from usarsim_server.simulation.model import (
     check_mujoco_version,
 )
 from usarsim_server.simulation.movers import Mover
+from usarsim_server.simulation.objects import ObjectFacts
 from usarsim_server.simulation.pacing import Pacer, PaceReport
 from usarsim_server.simulation.placement import Placement
 from usarsim_server.simulation.raycaster import DynamicGeometry, StaticGeometry, cast
@@ -135,6 +136,10 @@ class Simulation:
     def cast(self, fans: Sequence[RayFan], snapshot: Snapshot, robot: int | None) -> list[RayHits]:
         """Answer ray fans against the world of a snapshot; the robot's own body is left out."""
         return cast(fans, snapshot, robot, self._static, self._dynamic[snapshot.generation])
+
+    def object_facts(self, name: str, snapshot: Snapshot) -> ObjectFacts | None:
+        """Facts at a snapshot about the object that a ray's name belongs to (see `objects.py`)."""
+        return self._dynamic[snapshot.generation].objects.facts(name, snapshot)
 
     # -- robots ------------------------------------------------------------------------------
 
