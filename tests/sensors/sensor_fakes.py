@@ -44,6 +44,7 @@ class FakeRobot:
     wheel_angles: Any = field(default_factory=lambda: np.zeros(4))
     wheel_speeds: Any = field(default_factory=lambda: np.zeros(4))
     links: dict[str, Pose] = field(default_factory=dict)
+    snapshot: Any = None
 
     def link_pose(self, link: str) -> Pose:
         return self.links[link.lower()]

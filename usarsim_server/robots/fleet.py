@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from usarsim_server.sensors.base import Sensor, SensorContext
 from usarsim_server.sensors.registry import create_sensor
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import RobotModel
+from usarsim_server.simulation.objects import ObjectFacts
 from usarsim_server.simulation.rays import RayFan, RayHits
 from usarsim_server.simulation.simulation import Listener, Simulation
 from usarsim_server.simulation.snapshot import RobotBody, Snapshot
@@ -136,6 +137,20 @@ class Fleet:
             _log.info("spawn place was blocked, moved", robot=label, to=placed.position)
         return vehicle
 
+    def object_facts(self, name: str, snapshot: Snapshot) -> ObjectFacts | None:
+        """Facts at a snapshot about what a ray hit; a robot bears its label. None: no such thing.
+
+        Args:
+            name: as in `RayHits.names`.
+            snapshot: the instant.
+        """
+        facts = self._simulation.object_facts(name, snapshot)
+        if facts is None or facts.robot is None:
+            return facts
+        with self._lock:
+            vehicle = self._vehicles.get(facts.robot)
+        return facts if vehicle is None else replace(facts, name=vehicle.name)
+
     def remove(self, vehicle: Vehicle) -> None:
         """Take a vehicle out of the world; a second call does nothing."""
         with self._lock:
@@ -154,7 +169,15 @@ class Fleet:
 
     def _sensors(self, description: RobotDescription, order: int) -> list[Sensor]:
         return [
-            create_sensor(item, SensorContext(description, self._world, self._rng(order, index)))
+            create_sensor(
+                item,
+                SensorContext(
+                    robot=description,
+                    world=self._world,
+                    rng=self._rng(order, index),
+                    objects=self.object_facts,
+                ),
+            )
             for index, item in enumerate(description.items)
         ]
 

@@ -86,7 +86,11 @@ def find_sensors(sensors: Sequence[Sensor], wire_type: str, name: str | None) ->
     Types and names are compared without case.
     """
     wanted = wire_type.strip().lower()
-    found = [sensor for sensor in sensors if sensor.wire_type.lower() == wanted]
+    found = [
+        sensor
+        for sensor in sensors
+        if sensor.wire_type.lower() == wanted or wanted in sensor.aliases
+    ]
     if name is None:
         return found
     return [sensor for sensor in found if name.strip().lower() in _names(sensor)]

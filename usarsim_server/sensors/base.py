@@ -8,7 +8,7 @@ the ray answers into a reading, and writes the reading's data segments. Everythi
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import ClassVar
@@ -19,8 +19,9 @@ from usarsim_server.protocol.values import Dialect, Item, Segment
 from usarsim_server.robots.description import ItemDescription, RobotDescription
 from usarsim_server.sensors.parameters import Parameters
 from usarsim_server.simulation.frames import Pose
+from usarsim_server.simulation.objects import ObjectFacts
 from usarsim_server.simulation.rays import RayFan, RayHits
-from usarsim_server.simulation.snapshot import RobotState
+from usarsim_server.simulation.snapshot import RobotState, Snapshot
 from usarsim_server.worlds.description import WorldDescription
 
 __all__ = ["EVERYWHERE", "NOWHERE", "Sensor", "SensorContext", "SetResult"]
@@ -39,6 +40,11 @@ class SetResult(Enum):
     """The opcode asks for one immediate report."""
 
 
+def _unknown(name: str, snapshot: Snapshot) -> ObjectFacts | None:
+    """The look-up of a sensor that has no world around it."""
+    return None
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorContext:
     """What a sensor may know when it is made.
@@ -47,11 +53,14 @@ class SensorContext:
         robot: the class it is mounted on.
         world: the world it is in.
         rng: its own random stream; no other sensor draws from it.
+        objects: facts at an instant about the object that a name in `RayHits.names` belongs to,
+            None if there is no such object; robots bear their labels.
     """
 
     robot: RobotDescription
     world: WorldDescription
     rng: np.random.Generator
+    objects: Callable[[str, Snapshot], ObjectFacts | None] = _unknown
 
 
 class Sensor(ABC):
@@ -66,6 +75,8 @@ class Sensor(ABC):
 
     wire_type: ClassVar[str]
     """Type on the wire, canonical spelling."""
+    aliases: ClassVar[tuple[str, ...]] = ()
+    """Further spellings of the type, lower case, that requests may use."""
     timed: ClassVar[frozenset[Dialect]] = EVERYWHERE
     """Dialects in which its SEN lines carry Time (protocol reference 4.5)."""
     batched: ClassVar[frozenset[Dialect]] = NOWHERE

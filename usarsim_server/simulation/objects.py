@@ -191,5 +191,6 @@ def _corners(
     """Corners (8, 3) of a geom's bounding box in a frame given by its origin and its axes."""
     box = model.geom_aabb[geom]
     turn = axes.T @ data.geom_xmat[geom].reshape(3, 3)
-    answer: Array = (box[:3] + _CORNERS * box[3:]) @ turn.T
-    return answer + (data.geom_xpos[geom] - origin) @ axes
+    middle = (data.geom_xpos[geom] - origin) @ axes
+    answer: Array = (box[:3] + _CORNERS * box[3:]) @ turn.T + middle
+    return answer

@@ -77,6 +77,10 @@ class RobotState(Protocol):
     """One robot at one instant, as sensors see it. Implemented by `RobotBody`; easy to fake."""
 
     @property
+    def snapshot(self) -> Snapshot:
+        """The whole world at this instant."""
+
+    @property
     def time(self) -> float:
         """Simulated seconds."""
 
