@@ -17,6 +17,7 @@ from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
 
+from usarsim_server.simulation.culling import bounding_spheres, cones, starts
 from usarsim_server.simulation.model import SHELF_NAME, CompiledWorld
 from usarsim_server.simulation.movers import mocap_bodies
 from usarsim_server.simulation.objects import Names, Objects, geom_names
@@ -55,6 +56,8 @@ class _TriangleScene:
         if len(faces):
             self._scene = rtcore_scene.EmbreeScene()
             TriangleMesh(self._scene, faces.astype(np.float32))
+            # The first ray builds the tree; let nobody wait for that later.
+            self._scene.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))
         normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
         self._normals = normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, None]
 
@@ -144,9 +147,10 @@ class DynamicGeometry:
         self.objects = Objects(world)
         self._lock = threading.Lock()
         self._model = model = _ray_model(world.model)
+        self._alpha = model.geom_rgba[:, 3].copy()
         self._data = mujoco.MjData(model)
         self._snapshot: Snapshot | None = None
-        self._trees, self._radius, self._tree_of_root = _bounding_spheres(model)
+        self._trees, self._radius, self._tree_of_root = bounding_spheres(model)
         robots = {layout.base for layout in world.layouts}
         self._is_robot = np.array([root in robots for root in self._trees], dtype=bool)
         self._layouts = world.layouts
@@ -169,7 +173,7 @@ class DynamicGeometry:
                 for index in self._reachable(fans, own):
                     answers[index] = self._cast_fan(fans[index])
             finally:
-                self._model.geom_rgba[hidden, 3] = 1.0
+                self._model.geom_rgba[hidden, 3] = self._alpha[hidden]
         return answers
 
     def _update(self, snapshot: Snapshot) -> None:
@@ -183,7 +187,8 @@ class DynamicGeometry:
         active = {layout.base for layout in snapshot.layouts.values()}
         self._present = ~self._is_robot | np.isin(self._trees, list(active))
         for layout in self._layouts:
-            self._model.geom_rgba[layout.geoms, 3] = 1.0 if layout.base in active else 0.0
+            shown = self._alpha[layout.geoms] if layout.base in active else 0.0
+            self._model.geom_rgba[layout.geoms, 3] = shown
 
     def _reachable(self, fans: Sequence[RayFan], own: int) -> list[int]:
         """Fans whose cone and range touch the bounding sphere of something that moves."""
@@ -194,8 +199,8 @@ class DynamicGeometry:
         if not len(trees) or not fans:
             return []
         centres, radii = self._data.xpos[self._trees[trees]], self._radius[trees]
-        origins, spreads = _starts(fans)
-        axes, half = _cones(fans)
+        origins, spreads = starts(fans)
+        axes, half = cones(fans)
         reach = radii[None] + spreads[:, None]
         ranges = np.array([fan.max_range for fan in fans])
         offset = centres[None] - origins[:, None]
@@ -214,9 +219,9 @@ class DynamicGeometry:
         geoms = np.empty(count, dtype=np.int32)
         normals = np.zeros((count, 3)) if fan.normals else None
         directions = np.ascontiguousarray(fan.directions, dtype=float)
-        starts = np.atleast_2d(np.ascontiguousarray(fan.origin, dtype=float))
-        share = count // len(starts)
-        for row, start in enumerate(starts):
+        points = np.atleast_2d(np.ascontiguousarray(fan.origin, dtype=float))
+        share = count // len(points)
+        for row, start in enumerate(points):
             part = slice(row * share, (row + 1) * share)
             mujoco.mj_multiRay(
                 self._model,
@@ -330,52 +335,7 @@ def _ray_model(model: mujoco.MjModel) -> mujoco.MjModel:
     """A private copy in which nothing sleeps and every moving geom can be hidden by its colour."""
     copy: mujoco.MjModel = model.__copy__()
     copy.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
-    moving = copy.body_weldid[copy.geom_bodyid] != 0
-    copy.geom_matid[moving] = -1
-    copy.geom_rgba[moving, 3] = 1.0
+    for geom in np.flatnonzero(copy.body_weldid[copy.geom_bodyid] != 0).tolist():
+        copy.geom_rgba[geom, 3] = 1.0 if _visible(model, geom) else 0.0
+        copy.geom_matid[geom] = -1
     return copy
-
-
-def _bounding_spheres(model: mujoco.MjModel) -> tuple[NDArray[np.intp], Array, dict[int, int]]:
-    """Root bodies of all moving trees and the radius around each root that holds its geoms."""
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    radius: dict[int, float] = {}
-    for geom in range(model.ngeom):
-        body = model.geom_bodyid[geom]
-        if model.body_weldid[body] == 0:
-            continue
-        root = int(model.body_rootid[body])
-        reach = float(np.linalg.norm(data.geom_xpos[geom] - data.xpos[root]))
-        radius[root] = max(radius.get(root, 0.0), reach + float(model.geom_rbound[geom]))
-    roots = np.array(sorted(radius), dtype=np.intp)
-    radii = np.array([radius[int(root)] for root in roots])
-    return roots, radii, {int(root): index for index, root in enumerate(roots)}
-
-
-def _starts(fans: Sequence[RayFan]) -> tuple[Array, Array]:
-    """Middle (f, 3) of the start points of each fan, and how far they are away from it (f,)."""
-    if all(fan.origin.ndim == 1 for fan in fans):
-        return np.array([fan.origin for fan in fans]), np.zeros(len(fans))
-    starts = [np.atleast_2d(fan.origin) for fan in fans]
-    middles = [points.mean(axis=0) for points in starts]
-    spreads = [
-        np.linalg.norm(points - middle, axis=1).max()
-        for points, middle in zip(starts, middles, strict=True)
-    ]
-    return np.array(middles), np.array(spreads)
-
-
-def _cones(fans: Sequence[RayFan]) -> tuple[Array, Array]:
-    """Axis (f, 3) and half angle (f,) of a cone around the rays of each fan."""
-    axes = np.empty((len(fans), 3))
-    half = np.empty(len(fans))
-    for index, fan in enumerate(fans):
-        mean = fan.directions.mean(axis=0)
-        norm = float(np.linalg.norm(mean))
-        if norm < 0.1:
-            axes[index], half[index] = (1.0, 0.0, 0.0), np.pi
-            continue
-        axes[index] = mean / norm
-        half[index] = np.arccos(np.clip((fan.directions @ axes[index]).min(), -1.0, 1.0))
-    return axes, half

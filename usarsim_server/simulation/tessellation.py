@@ -1,7 +1,7 @@
 """Triangles of MuJoCo geometry, for the ray scene.
 
-Flat shapes and meshes are exact. Round shapes are tessellated so finely that a chord lies less
-than `TOLERANCE` inside the true surface.
+Flat shapes and meshes are exact. Round shapes are tessellated so finely that a facet lies less
+than `TOLERANCE` inside the true surface, up to a radius of some metres (`MAX_SEGMENTS`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ __all__ = ["TOLERANCE", "triangles"]
 
 TOLERANCE = 5e-4
 """m between a tessellated and the true surface."""
-MAX_SEGMENTS = 96
+MAX_SEGMENTS = 256
+"""Of a full circle: enough for 6 m of radius, 3 m where a surface is curved both ways."""
 
 Array = NDArray[np.float64]
 
@@ -50,18 +51,20 @@ def _local_triangles(model: mujoco.MjModel, geom: int) -> Array:
     if kind == types.mjGEOM_ELLIPSOID:
         return _ellipsoid(size)
     if kind == types.mjGEOM_CAPSULE:
-        return _revolve(_capsule_profile(float(size[0]), float(size[1])))
+        radius = float(size[0])
+        segments = _segments(radius, TOLERANCE / 2)
+        return _revolve(_capsule_profile(radius, float(size[1]), segments), segments)
     if kind == types.mjGEOM_CYLINDER:
         radius, half = float(size[0]), float(size[1])
         return _revolve(np.array([[0.0, -half], [radius, -half], [radius, half], [0.0, half]]))
     return np.zeros((0, 3, 3))
 
 
-def _segments(radius: float) -> int:
-    """Segments of a full circle that keep the chord error below the tolerance."""
-    if radius <= TOLERANCE:
+def _segments(radius: float, tolerance: float = TOLERANCE) -> int:
+    """Segments of a full circle that keep the chord error below a tolerance."""
+    if radius <= tolerance:
         return 8
-    needed = math.ceil(math.pi / math.acos(1.0 - TOLERANCE / radius))
+    needed = math.ceil(math.pi / math.acos(1.0 - tolerance / radius))
     return max(12, min(MAX_SEGMENTS, needed))
 
 
@@ -81,26 +84,34 @@ def _mesh(model: mujoco.MjModel, mesh: int) -> Array:
 
 
 def _heightfield(model: mujoco.MjModel, field: int) -> Array:
+    """The hills, and the sides and bottom of the block under them."""
     rows, columns = int(model.hfield_nrow[field]), int(model.hfield_ncol[field])
     start = model.hfield_adr[field]
-    sx, sy, top, _ = model.hfield_size[field]
+    sx, sy, top, base = model.hfield_size[field]
     height = model.hfield_data[start : start + rows * columns].reshape(rows, columns) * top
     x, y = np.meshgrid(np.linspace(-sx, sx, columns), np.linspace(-sy, sy, rows))
     grid = np.stack([x, y, height], axis=-1)
     a, b, c, d = grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]
-    pairs = np.concatenate([np.stack([a, b, d], 2), np.stack([b, c, d], 2)])
-    return pairs.reshape(-1, 3, 3)
+    hills = np.concatenate([np.stack([a, b, d], 2), np.stack([b, c, d], 2)]).reshape(-1, 3, 3)
+    rim = np.concatenate([grid[0, :-1], grid[:-1, -1], grid[-1, :0:-1], grid[:0:-1, 0]])
+    foot = rim * [1.0, 1.0, 0.0] - [0.0, 0.0, base]
+    after, below = np.roll(rim, -1, axis=0), np.roll(foot, -1, axis=0)
+    sides = np.concatenate([np.stack([rim, foot, below], 1), np.stack([rim, below, after], 1)])
+    corners = np.array([[-sx, -sy, -base], [-sx, sy, -base], [sx, sy, -base], [sx, -sy, -base]])
+    answer: Array = np.concatenate([hills, sides, corners[[[0, 1, 2], [0, 2, 3]]]])
+    return answer
 
 
 def _ellipsoid(semi_axes: Array) -> Array:
-    count = _segments(float(semi_axes.max()))
-    angles = np.linspace(-math.pi / 2, math.pi / 2, count // 2 + 1)
+    # Curved both ways: the errors along and across add up.
+    count = _segments(float(semi_axes.max()), TOLERANCE / 2)
+    angles = np.linspace(-math.pi / 2, math.pi / 2, math.ceil(count / 2) + 1)
     unit = _revolve(np.stack([np.cos(angles), np.sin(angles)], axis=1), count)
     return unit * semi_axes
 
 
-def _capsule_profile(radius: float, half: float) -> Array:
-    angles = np.linspace(0.0, math.pi / 2, _segments(radius) // 4 + 1)
+def _capsule_profile(radius: float, half: float, segments: int) -> Array:
+    angles = np.linspace(0.0, math.pi / 2, math.ceil(segments / 4) + 1)
     upper = np.stack([radius * np.cos(angles), half + radius * np.sin(angles)], axis=1)
     lower = upper[::-1] * np.array([1.0, -1.0])
     return np.concatenate([lower, upper])
