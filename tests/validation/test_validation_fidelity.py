@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -122,21 +123,24 @@ def test_json_holds_everything() -> None:
     ]
 
 
-def test_markdown_puts_time_steps_side_by_side() -> None:
-    """One row per quantity, a column per time step; one failure makes the row fail."""
+def test_markdown_puts_robots_side_by_side() -> None:
+    """One row per quantity, with the range of every robot; one failure makes the row fail."""
     table = as_markdown(
         [
+            result(timestep=0.001, measured=1.0),
             result(timestep=0.004, measured=1.05),
-            result(timestep=0.001, measured=2.0),
+            replace(result(timestep=0.001, measured=2.0), robot="P2DX"),
+            replace(result(timestep=0.004, measured=2.00001), robot="P2DX"),
             result("V9", None, 1.0),
         ]
     )
     heads, _, row, over_all = [
         [cell.strip() for cell in line.strip("|").split("|")] for line in table.splitlines()
     ]
-    assert heads == ["Test", "Robot", "Quantity", "1 ms", "4 ms", "Target", "Band", "Verdict"]
-    assert row == ["V1", "P2AT", "speed (m/s)", "2", "1.05", "1", "0.9 .. 1.1", "FAIL"]
-    assert over_all[3:5] == ["1 (over all)", ""]
+    assert heads == ["Test", "Quantity", "Measured", "Target", "Band", "Verdict"]
+    measured = "P2AT 1 to 1.05; P2DX 2"
+    assert row == ["V1", "speed, m/s", measured, "1", "0.9 .. 1.1", "FAIL"]
+    assert over_all[2:] == ["P2AT 1", "1", "0.9 .. 1.1", "pass"]
 
 
 def test_catalogue_is_complete() -> None:

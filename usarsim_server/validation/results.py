@@ -147,28 +147,30 @@ def _finite(value: float) -> float | None:
 
 
 def as_markdown(results: Sequence[Result]) -> str:
-    """One row per quantity, one column per time step."""
-    steps = sorted({one.timestep for one in results if one.timestep is not None})
-    rows: dict[tuple[str, str, str, str, str, str], dict[float | None, Result]] = {}
+    """One row per quantity; robots stand side by side, each with its range over the time steps."""
+    rows: dict[tuple[str, str, str, str, str], list[Result]] = {}
     for one in results:
-        key = (one.test, one.robot, one.quantity, one.unit, one.target, str(one.band))
-        rows.setdefault(key, {})[one.timestep] = one
-    heads = ["Test", "Robot", "Quantity", *map(_step, steps), "Target", "Band", "Verdict"]
+        key = (one.test, one.quantity, one.unit, one.target, str(one.band))
+        rows.setdefault(key, []).append(one)
+    heads = ["Test", "Quantity", "Measured", "Target", "Band", "Verdict"]
     lines = [_row(heads), _row(["---"] * len(heads))]
-    for (test, robot, quantity, unit, target, band), cells in rows.items():
-        named = f"{quantity} ({unit})" if unit else quantity
-        failed = any(not one.passed for one in cells.values())
-        verdict = "FAIL" if failed else next(iter(cells.values())).verdict
-        values = [_cell(cells, step, steps) for step in steps]
-        lines.append(_row([test, robot, named, *values, target, band, verdict]))
+    for (test, quantity, unit, target, band), found in rows.items():
+        named = f"{quantity}, {unit}" if unit else quantity
+        verdict = next((one.verdict for one in found if not one.passed), found[0].verdict)
+        lines.append(_row([test, named, _ranges(found), target, band, verdict]))
     return "\n".join(lines) + "\n"
 
 
-def _cell(cells: dict[float | None, Result], step: float, steps: Sequence[float | None]) -> str:
-    """The value of a time step; one over all time steps stands in the first column."""
-    if None in cells and step == steps[0]:
-        return f"{_number(cells[None].measured)} (over all)"
-    return _number(cells[step].measured) if step in cells else ""
+def _ranges(results: Sequence[Result]) -> str:
+    """What every robot did, from the smallest to the largest value."""
+    robots: dict[str, list[float]] = {}
+    for one in results:
+        robots.setdefault(one.robot, []).append(one.measured)
+    parts = []
+    for robot, values in robots.items():
+        ends = dict.fromkeys((_number(min(values)), _number(max(values))))
+        parts.append(f"{robot} {' to '.join(ends)}")
+    return "; ".join(parts)
 
 
 def _row(cells: Iterable[str]) -> str:

@@ -198,7 +198,7 @@ def hop(shop: Workshop, steps: Steps) -> Results:
                     f"all wheels touch, {at}", 100 * turn.contact, "%", "100", Band(99.0, 100.0)
                 )
             yield Case("#61", robot, timestep).result(
-                "contact with itself", turn.own, "", "0", Band(high=0.0)
+                "contact with itself", turn.own, "", "0", Band(0.0, 0.0)
             )
 
 
@@ -290,7 +290,7 @@ def repeatability(shop: Workshop, steps: Steps) -> Results:
             differing + abs(len(first) - len(second)),
             "",
             "0",
-            Band(high=0.0),
+            Band(0.0, 0.0),
         )
 
 

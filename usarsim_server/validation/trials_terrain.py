@@ -157,7 +157,7 @@ def step_fields(shop: Workshop, steps: Steps) -> Results:
                 Band(high=60.0),
             )
             yield Case("#61", robot, timestep).result(
-                "contact with itself", sum(run.own for run in runs), "", "0", Band(high=0.0)
+                "contact with itself", sum(run.own for run in runs), "", "0", Band(0.0, 0.0)
             )
             yield Case("#62", robot, timestep).result(
                 "longest way in one step",
@@ -182,7 +182,7 @@ def cubic_field(shop: Workshop, steps: Steps) -> Results:
                 Band(high=15.0),
             )
             yield case.result(
-                "numerical warnings", sum(run.warnings for run in runs), "", "0", Band(high=0.0)
+                "numerical warnings", sum(run.warnings for run in runs), "", "0", Band(0.0, 0.0)
             )
             yield case.result("fields crossed, of 4", _crossed(runs), "", "optional", ANY)
 
