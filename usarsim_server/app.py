@@ -26,6 +26,7 @@ from usarsim_server.worlds.catalog import find_world
 from usarsim_server.worlds.description import WorldDescription
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.scene import build_scene
+from usarsim_server.worlds.surroundings import Surroundings
 
 __all__ = ["Assembly", "assemble", "run"]
 
@@ -89,7 +90,9 @@ def assemble(settings: Settings) -> Assembly:
             upper=world.upper,
         ),
     )
-    fleet = Fleet(roster, world, simulation, settings.seed)
+    surroundings = Surroundings(world)
+    simulation.set_movers(surroundings.movers)
+    fleet = Fleet(roster, world, simulation, settings.seed, surroundings)
     services: list[Service] = []
     assembly = Assembly(settings, world, simulation, fleet, ())
     if settings.port is not None:

@@ -195,15 +195,14 @@ def test_nobody_spawns_inside_a_moving_body() -> None:
     world.stop()
 
 
-def test_the_facade_tells_poses_of_bodies() -> None:
-    """`body_pose` is that of the present moment; unknown names have none."""
+def test_movers_are_set_through_the_facade() -> None:
+    """They take effect at once; a wrong one is refused."""
     world = simulation(square("a"))
     world.set_movers([Mover("a", going(1.0))])
     world.run_until(1.0)
-    pose = world.body_pose("a")
-    assert pose is not None
-    assert pose.position == pytest.approx((4.0, 0.0, 0.5), abs=1e-9)
-    assert world.body_pose("nobody") is None
+    facts = world.object_facts("a", world.look())
+    assert facts is not None
+    assert facts.pose.position == pytest.approx((4.0, 0.0, 0.5), abs=1e-9)
     with pytest.raises(ValueError, match="does not exist"):
         world.set_movers([Mover("nobody", going(1.0))])
     world.stop()

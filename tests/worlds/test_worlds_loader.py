@@ -49,7 +49,7 @@ position = [1.0, 2.0, 0.12]
 yaw_degrees = 180
 posture = "sitting"
 status = "Injured"
-properties = { figure = "female", co2 = 0.05, rfid = [1, 2] }
+properties = { figure = "female", co2 = 0.05, rfid = 7, mood = [1, 2] }
 
 [[victim]]
 name = "MaleVictim_1"
@@ -120,7 +120,7 @@ def test_victims_keep_their_free_properties(yard: WorldDescription) -> None:
     """Properties are handed on untouched; a status not given is Alive."""
     injured, alive = yard.victims
     assert (injured.posture, injured.status) == ("sitting", "Injured")
-    assert injured.properties == {"figure": "female", "co2": 0.05, "rfid": [1, 2]}
+    assert injured.properties == {"figure": "female", "co2": 0.05, "rfid": 7, "mood": [1, 2]}
     assert injured.pose.rotate((1.0, 0.0, 0.0)) == pytest.approx((-1.0, 0.0, 0.0), abs=1e-12)
     assert (alive.status, dict(alive.properties)) == ("Alive", {})
 

@@ -22,6 +22,7 @@ from usarsim_server.simulation.rays import RayFan, RayHits
 from usarsim_server.simulation.simulation import Listener, Simulation
 from usarsim_server.simulation.snapshot import RobotBody, Snapshot
 from usarsim_server.worlds.description import WorldDescription
+from usarsim_server.worlds.surroundings import Surroundings
 
 __all__ = ["Fleet", "Vehicle"]
 
@@ -76,7 +77,12 @@ class Fleet:
     """Makes and removes vehicles; safe to use from any thread."""
 
     def __init__(
-        self, roster: Roster, world: WorldDescription, simulation: Simulation, seed: int
+        self,
+        roster: Roster,
+        world: WorldDescription,
+        simulation: Simulation,
+        seed: int,
+        surroundings: Surroundings | None = None,
     ) -> None:
         """Start without robots.
 
@@ -86,11 +92,13 @@ class Fleet:
             simulation: its physics.
             seed: of all sensor noise; each sensor draws from a stream of its own, chosen by the
                 robot's place in the order of spawning and the sensor's place on the robot.
+            surroundings: live facts that all sensors share; None: every sensor has its own.
         """
         self._roster = roster
         self._world = world
         self._simulation = simulation
         self._seed = seed
+        self._surroundings = surroundings
         self._lock = threading.Lock()
         self._models: dict[str, RobotModel] = {}
         self._vehicles: dict[int, Vehicle] = {}
@@ -176,6 +184,7 @@ class Fleet:
                     world=self._world,
                     rng=self._rng(order, index),
                     objects=self.object_facts,
+                    surroundings=self._surroundings,
                 ),
             )
             for index, item in enumerate(description.items)

@@ -20,7 +20,7 @@ from usarsim_server.robots.drive import WheelDrive
 from usarsim_server.robots.fleet import Vehicle
 from usarsim_server.robots.schedule import Schedule
 from usarsim_server.sensors.assembly import conf_line, find_sensors, geo_line, sen_lines
-from usarsim_server.sensors.base import Sensor, SetResult
+from usarsim_server.sensors.base import Sensor, SetReply, SetResult
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.snapshot import RobotBody, Snapshot
 
@@ -140,12 +140,15 @@ class Pilot:
             return []
         lines: list[str] = []
         for sensor in chosen:
-            result = sensor.set(opcode, request.params, state)
-            if result is SetResult.SCAN:
+            answer = sensor.set(opcode, request.params, state)
+            reply = answer if isinstance(answer, SetReply) else SetReply(answer)
+            if reply.result is SetResult.SCAN:
                 lines += self._measure([sensor], state)
-            if result is not SetResult.UNKNOWN and sends_results(self._dialect):
-                ok = result is not SetResult.FAILED
-                lines.append(messages.result(state.time, sensor.wire_type, sensor.name, ok))
+            if reply.result is not SetResult.UNKNOWN and sends_results(self._dialect):
+                ok = reply.result is not SetResult.FAILED
+                lines.append(
+                    messages.result(state.time, sensor.wire_type, sensor.name, ok, reply.segments)
+                )
         return lines
 
     def _answer(self, line: str | None) -> list[str]:

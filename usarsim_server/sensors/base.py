@@ -23,8 +23,9 @@ from usarsim_server.simulation.objects import ObjectFacts
 from usarsim_server.simulation.rays import RayFan, RayHits
 from usarsim_server.simulation.snapshot import RobotState, Snapshot
 from usarsim_server.worlds.description import WorldDescription
+from usarsim_server.worlds.surroundings import Surroundings
 
-__all__ = ["EVERYWHERE", "NOWHERE", "Sensor", "SensorContext", "SetResult"]
+__all__ = ["EVERYWHERE", "NOWHERE", "Sensor", "SensorContext", "SetReply", "SetResult"]
 
 EVERYWHERE = frozenset(Dialect)
 NOWHERE: frozenset[Dialect] = frozenset()
@@ -38,6 +39,14 @@ class SetResult(Enum):
     UNKNOWN = "unknown opcode"
     SCAN = "measure now"
     """The opcode asks for one immediate report."""
+
+
+@dataclass(frozen=True, slots=True)
+class SetReply:
+    """Outcome of a SET command together with segments that RES carries behind the status."""
+
+    result: SetResult
+    segments: tuple[Segment, ...] = ()
 
 
 def _unknown(name: str, snapshot: Snapshot) -> ObjectFacts | None:
@@ -55,12 +64,20 @@ class SensorContext:
         rng: its own random stream; no other sensor draws from it.
         objects: facts at an instant about the object that a name in `RayHits.names` belongs to,
             None if there is no such object; robots bear their labels.
+        surroundings: the live facts of the world; None: those of the world file, for this sensor
+            alone.
     """
 
     robot: RobotDescription
     world: WorldDescription
     rng: np.random.Generator
     objects: Callable[[str, Snapshot], ObjectFacts | None] = _unknown
+    surroundings: Surroundings | None = None
+
+    @property
+    def life(self) -> Surroundings:
+        """The surroundings, whether they were given or not."""
+        return self.surroundings or Surroundings(self.world)
 
 
 class Sensor(ABC):
@@ -122,7 +139,7 @@ class Sensor(ABC):
         """Segments of CONF after Name (protocol reference 4.8); none by default."""
         return ()
 
-    def set(self, opcode: str, params: str, robot: RobotState) -> SetResult:
+    def set(self, opcode: str, params: str, robot: RobotState) -> SetResult | SetReply:
         """Obey a SET command; `opcode` is upper case. Unknown opcodes change nothing."""
         return SetResult.UNKNOWN
 

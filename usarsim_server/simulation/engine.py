@@ -113,16 +113,6 @@ class Engine:
         """
         self._moving = MovingBodies(self.world.model, movers)
 
-    def body_pose(self, name: str) -> Pose | None:
-        """Present pose of a body by name, None if there is none."""
-        body = mujoco.mj_name2id(self.world.model, mujoco.mjtObj.mjOBJ_BODY, name)
-        if body < 0:
-            return None
-        self._look()
-        x, y, z = self.data.xpos[body].tolist()
-        w, i, j, k = self.data.xquat[body].tolist()
-        return Pose((x, y, z), (w, i, j, k))
-
     # -- robots ------------------------------------------------------------------------------
 
     def free_slot(self, key: str) -> int | None:
@@ -228,6 +218,7 @@ class Engine:
             servos.update(data.qpos)
             mujoco.mj_step1(model, data)
             servos.apply(data)
+            moving.drag(data)
             if compensated:
                 compensate(data)
             mujoco.mj_step2(model, data)

@@ -258,10 +258,6 @@ class Simulation:
         """
         self._mail.ask(lambda: self._engine.set_movers(movers))
 
-    def body_pose(self, name: str) -> Pose | None:
-        """Present pose of a body of the world by name, None if there is none."""
-        return self._mail.ask(lambda: self._engine.body_pose(name))
-
     # -- listeners ---------------------------------------------------------------------------
 
     def attach(self, robot: int, listener: Listener) -> None:

@@ -11,7 +11,18 @@ from pathlib import Path
 
 from usarsim_server.simulation.frames import Pose, Vector
 
-__all__ = ["GeographicOrigin", "PathNode", "StartPose", "Victim", "WorldDescription", "Zone"]
+__all__ = [
+    "FalseAlarm",
+    "GeographicOrigin",
+    "Noise",
+    "PathNode",
+    "RfidTag",
+    "SoundSource",
+    "StartPose",
+    "Victim",
+    "WorldDescription",
+    "Zone",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +42,8 @@ class Victim:
         pose: of the body's reference point (the pelvis) in the world.
         posture: standing, sitting or lying.
         status: for example Alive, Injured, Unconscious or Dead.
-        properties: free keys for sensors (sound, co2, rfid, ...).
+        properties: free keys; those that the server knows (sound, co2, rfid, motion, figure) are
+            read by `life.traits_of`.
     """
 
     name: str
@@ -39,6 +51,53 @@ class Victim:
     posture: str
     status: str
     properties: Mapping[str, object] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """A sound that comes again and again.
+
+    Attributes:
+        loudness: sound level 1 m away, dB.
+        duration: s that it lasts.
+        period: s from one beginning to the next; 0: it sounds once.
+        delay: s of simulated time before the first.
+    """
+
+    loudness: float
+    duration: float
+    period: float = 0.0
+    delay: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class SoundSource:
+    """A noise at a place."""
+
+    position: Vector
+    noise: Noise
+
+
+@dataclass(frozen=True, slots=True)
+class RfidTag:
+    """An RFID tag: unique number, place, text in its memory.
+
+    `single_shot` tags answer every reader only once, and only from near.
+    """
+
+    id: int
+    position: Vector
+    memory: str = ""
+    single_shot: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class FalseAlarm:
+    """A box (opposite corners, m) that victim sensors sometimes take for part of a victim."""
+
+    part: str
+    lower: Vector
+    upper: Vector
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +142,7 @@ class WorldDescription:
         folder: the world folder.
         scene: MJCF file with the geometry.
         starts, victims, zones, path_nodes: see there.
+        tags, sounds, false_alarms: what sensors of life find, beside the victims.
         origin: geographic origin.
         north: wire-frame yaw of map north, rad (0: the x axis points north).
         time_limit: minutes, told in the greeting; 0 means none.
@@ -106,6 +166,9 @@ class WorldDescription:
     lower: Vector = (-1000.0, -1000.0, -50.0)
     upper: Vector = (1000.0, 1000.0, 200.0)
     extra: Mapping[str, object] = field(default_factory=dict)
+    tags: tuple[RfidTag, ...] = ()
+    sounds: tuple[SoundSource, ...] = ()
+    false_alarms: tuple[FalseAlarm, ...] = ()
 
     def start(self, tag: str) -> StartPose | None:
         """The first start pose with this tag, whatever its case; None if there is none."""

@@ -27,6 +27,7 @@ from usarsim_server.worlds.description import (
     WorldDescription,
     Zone,
 )
+from usarsim_server.worlds.life import read_false_alarm, read_sound, read_tag, traits_of
 from usarsim_server.worlds.tables import Table
 from usarsim_server.worlds.victims import POSTURES
 
@@ -77,7 +78,10 @@ def load_world(folder: Path) -> WorldDescription:
         folder=folder,
         scene=scene,
         starts=starts,
-        victims=tuple(_victim(entry) for entry in table.tables("victim")),
+        victims=tuple(
+            _victim(entry, f"[[victim]] {number}")
+            for number, entry in enumerate(table.tables("victim"), start=1)
+        ),
         zones=tuple(_zone(entry) for entry in table.tables("zone")),
         path_nodes=tuple(_path_node(entry) for entry in table.tables("path_node")),
         origin=_origin(table.table("origin")),
@@ -86,6 +90,9 @@ def load_world(folder: Path) -> WorldDescription:
         lower=lower,
         upper=upper,
         extra=table.free("extra"),
+        tags=tuple(read_tag(entry) for entry in table.tables("rfid")),
+        sounds=tuple(read_sound(entry) for entry in table.tables("sound")),
+        false_alarms=tuple(read_false_alarm(entry) for entry in table.tables("false_alarm")),
     )
     table.finish()
     _check_names(table, world)
@@ -116,7 +123,7 @@ def _start(table: Table) -> StartPose:
     return start
 
 
-def _victim(table: Table) -> Victim:
+def _victim(table: Table, place: str) -> Victim:
     victim = Victim(
         name=table.word("name"),
         pose=_pose(table),
@@ -125,6 +132,7 @@ def _victim(table: Table) -> Victim:
         properties=table.free("properties"),
     )
     table.finish()
+    traits_of(victim, table.path, place)
     return victim
 
 
@@ -201,6 +209,8 @@ def _check_names(table: Table, world: WorldDescription) -> None:
     _check_unique(table, "victim", "name", (victim.name for victim in world.victims))
     _check_unique(table, "zone", "name", (zone.name for zone in world.zones))
     _check_unique(table, "path_node", "tag", (node.tag for node in world.path_nodes))
+    _check_unique(table, "rfid", "id", (str(tag.id) for tag in world.tags))
+    _check_victims_tags(table, world)
     tags = {node.tag for node in world.path_nodes}
     for number, node in enumerate(world.path_nodes, start=1):
         for neighbour in node.neighbours:
@@ -213,6 +223,24 @@ def _check_names(table: Table, world: WorldDescription) -> None:
                         where=f"[[path_node]] {number} ({node.tag}): neighbours",
                     )
                 )
+
+
+def _check_victims_tags(table: Table, world: WorldDescription) -> None:
+    taken = {tag.id: "an [[rfid]]" for tag in world.tags}
+    for number, victim in enumerate(world.victims, start=1):
+        tag = traits_of(victim).tag
+        if isinstance(tag, bool):
+            continue
+        if tag in taken:
+            raise WorldError(
+                errors.at(
+                    table.path,
+                    f"{tag} is already the id of {taken[tag]}",
+                    "write another number, or rfid = true",
+                    where=f"[[victim]] {number}: properties: rfid",
+                )
+            )
+        taken[tag] = f"victim {victim.name}"
 
 
 def _check_unique(table: Table, kind: str, key: str, names: Iterable[str]) -> None:

@@ -100,8 +100,15 @@ class Table:
             )
         return value
 
-    def integer(self, key: str, *, default: int, low: int, high: int) -> int:
-        """A whole number within limits."""
+    def flag(self, key: str, *, default: bool) -> bool:
+        """True or false."""
+        value = self._value(key, default)
+        if not isinstance(value, bool):
+            raise self._wrong(key, value, "true or false")
+        return value
+
+    def integer(self, key: str, *, default: int | None, low: int, high: int) -> int:
+        """A whole number within limits; without default it must be there."""
         value = self._value(key, default)
         if isinstance(value, bool) or not isinstance(value, int):
             raise self._wrong(key, value, "a whole number")
@@ -139,7 +146,7 @@ class Table:
         value = self._value(key, {})
         if not isinstance(value, Mapping):
             raise self._wrong(key, value, f"a table, [{key}]")
-        return Table(self.path, value, f"[{key}]")
+        return Table(self.path, value, f"{self._place}: {key}" if self._place else f"[{key}]")
 
     def tables(self, key: str) -> list[Table]:
         """A list of tables, written `[[key]]`; empty if there is none."""
@@ -157,6 +164,10 @@ class Table:
         if not isinstance(value, Mapping):
             raise self._wrong(key, value, "a table")
         return MappingProxyType(dict(value))
+
+    def raw(self, key: str) -> object:
+        """The value as it stands in the file, or None; the caller checks it."""
+        return self._content[key] if self.has(key) else None
 
     # ---- helpers --------------------------------------------------------------------------
 

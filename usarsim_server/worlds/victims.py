@@ -3,6 +3,7 @@
 A victim is one body without joints, `victim:<name>`, fixed in the world and solid. Its geoms are
 called `victim:<name>:<Part>...` where the part is one of `PARTS`, the seven groups that a
 victim sensor reports (robots reference 2.9), and the rest tells side and piece (`LegUpperLeft`).
+Of a victim that moves, the body, or the body `victim:<name>/forearm`, is a mocap body.
 """
 
 from __future__ import annotations
@@ -17,13 +18,13 @@ from typing import TypeVar
 import mujoco
 import numpy as np
 
-from usarsim_server.simulation.frames import Quaternion, Vector
+from usarsim_server.simulation.frames import Pose, Quaternion, Vector
+from usarsim_server.simulation.movers import Mover
 from usarsim_server.worlds.description import Victim
+from usarsim_server.worlds.life import PARTS, Walk, Wave, traits_of
+from usarsim_server.worlds.motion import swinging, walking
 
 __all__ = ["PARTS", "PELVIS_HEIGHT", "POSTURES", "add_victim", "part_of"]
-
-PARTS = ("Head", "Arm", "Hand", "Chest", "Pelvis", "Leg", "Foot")
-"""The body parts that a victim sensor can name."""
 
 PELVIS_HEIGHT = {"standing": 0.93, "sitting": 0.12, "lying": 0.12}
 """Height of the reference point above what the victim stands, sits or lies on, m."""
@@ -141,6 +142,7 @@ _LYING = _Posture(
     ),
 )
 _POSTURES = {"standing": _STANDING, "sitting": _SITTING, "lying": _LYING}
+_WAVING = _Arm((0.15, 0.95, 0.05), (0.0, 0.0, 1.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,15 +189,21 @@ def part_of(geom_name: str) -> tuple[str, str] | None:
     return (match["name"], match["part"]) if match else None
 
 
-def add_victim(spec: mujoco.MjSpec, victim: Victim) -> None:
+def add_victim(spec: mujoco.MjSpec, victim: Victim) -> tuple[Mover, ...]:
     """Add one person to a scene.
 
     Looks and the lie of the limbs are drawn from the name, so they are the same in every run.
-    The property `figure` chooses between `male` and `female`.
+    The property `figure` chooses between `male` and `female`; `motion` makes the person move.
+
+    Returns:
+        What moves the person; nothing if it keeps still.
 
     Raises:
         KeyError: if the posture is not one of `POSTURES`.
+        WorldError: if a known property cannot be used.
     """
+    motion = traits_of(victim).motion
+    way = walking(victim.pose.position, motion) if isinstance(motion, Walk) else None
     posture = _POSTURES[victim.posture]
     draw = random.Random(int.from_bytes(hashlib.sha256(victim.name.encode()).digest()[:8], "big"))
     looks = _Looks(
@@ -205,16 +213,22 @@ def add_victim(spec: mujoco.MjSpec, victim: Victim) -> None:
         hair=_pick(draw, _HAIR),
         female=victim.properties.get("figure") == "female",
     )
-    body = spec.worldbody.add_body(
-        name=f"victim:{victim.name}",
-        pos=victim.pose.position,
-        quat=victim.pose.quaternion,
-    )
-    figure = _Figure(body, f"victim:{victim.name}")
+    name = f"victim:{victim.name}"
+    figure = _Figure(_add_body(spec, name, way(0.0) if way else victim.pose, way is not None), name)
     _add_trunk(figure, posture, looks)
+    movers = [Mover(name, way)] if way else []
     for side, sign in (("Left", 1.0), ("Right", -1.0)):
         _add_leg(figure, _pick(draw, posture.legs), side, sign, looks)
-        _add_arm(figure, posture, _pick(draw, posture.arms), side, sign, looks)
+        arm = _pick(draw, posture.arms)
+        if isinstance(motion, Wave) and side == "Right":
+            movers.append(_add_waving_arm(spec, figure, posture, victim.pose, motion, looks))
+        else:
+            _add_arm(figure, posture, arm, side, sign, looks)
+    return tuple(movers)
+
+
+def _add_body(spec: mujoco.MjSpec, name: str, pose: Pose, mocap: bool) -> mujoco.MjsBody:
+    return spec.worldbody.add_body(name=name, pos=pose.position, quat=pose.quaternion, mocap=mocap)
 
 
 def _add_trunk(figure: _Figure, posture: _Posture, looks: _Looks) -> None:
@@ -250,11 +264,39 @@ def _add_leg(figure: _Figure, leg: _Leg, side: str, sign: float, looks: _Looks) 
 def _add_arm(
     figure: _Figure, posture: _Posture, arm: _Arm, side: str, sign: float, looks: _Looks
 ) -> None:
+    elbow = _add_upper_arm(figure, posture, arm, side, sign, looks)
+    _add_forearm(figure, elbow, _side(arm.fore, sign), side, looks)
+
+
+def _add_waving_arm(
+    spec: mujoco.MjSpec,
+    figure: _Figure,
+    posture: _Posture,
+    pose: Pose,
+    wave: Wave,
+    looks: _Looks,
+) -> Mover:
+    """The right arm raised, its forearm a body of its own with the origin in the elbow."""
+    elbow = _add_upper_arm(figure, posture, _WAVING, "Right", -1.0, looks)
+    way = swinging(pose @ Pose(elbow), wave)
+    name = f"{figure.prefix}/forearm"
+    forearm = _Figure(_add_body(spec, name, way(0.0), mocap=True), figure.prefix)
+    _add_forearm(forearm, (0.0, 0.0, 0.0), _side(_WAVING.fore, -1.0), "Right", looks)
+    return Mover(name, way)
+
+
+def _add_upper_arm(
+    figure: _Figure, posture: _Posture, arm: _Arm, side: str, sign: float, looks: _Looks
+) -> Vector:
+    """Returns the elbow."""
     shoulder = _shoulder(posture, sign * (0.9 if looks.female else 1.0))
     elbow = _along(shoulder, _side(arm.upper, sign), _UPPER_ARM)
-    wrist = _along(elbow, _side(arm.fore, sign), _FOREARM)
-    fore = _side(arm.fore, sign)
     figure.limb(f"ArmUpper{side}", shoulder, elbow, 0.05, looks.shirt)
+    return elbow
+
+
+def _add_forearm(figure: _Figure, elbow: Vector, fore: Vector, side: str, looks: _Looks) -> None:
+    wrist = _along(elbow, fore, _FOREARM)
     figure.limb(f"ArmLower{side}", elbow, wrist, 0.038, looks.skin)
     across = (0.0, 0.0, 1.0) if abs(fore[2]) < 0.8 else (1.0, 0.0, 0.0)
     palm = _along(wrist, fore, _PALM)
