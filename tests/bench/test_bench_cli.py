@@ -11,6 +11,7 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from usarsim_tools.bench import suite
 from usarsim_tools.bench.errors import BenchError
 from usarsim_tools.bench.figures import Aim, Figure, Plan, Report, Section
 from usarsim_tools.bench.machine import describe_machine
@@ -141,14 +142,16 @@ class TestOutput:
     def test_a_measurement_that_fails(
         self, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
     ) -> None:
-        """A server that dies is one line of error, not a traceback."""
+        """The reason stands in the report, and one line of error names the measurement."""
 
-        def fail(names: Sequence[str], plan: Plan, version: str) -> Report:
+        def fail(plan: Plan) -> Section:
             raise BenchError("the server died: it said nothing")
 
-        monkeypatch.setattr(bench, "take", fail)
-        assert main(["bench"]) == 2
-        assert capsys.readouterr().err == "error: the server died: it said nothing\n"
+        monkeypatch.setattr(suite, "MEASUREMENTS", {"team": (fail, "a team")})
+        assert main(["bench", "team"]) == 2
+        told = capsys.readouterr()
+        assert "A team\nFAILED: the server died: it said nothing" in told.out
+        assert told.err == "error: could not be measured: team (reasons above)\n"
 
 
 class TestFidelity:

@@ -85,6 +85,27 @@ class TestText:
         assert "2 of 4" in text
 
 
+class TestFailure:
+    BROKEN = Report(
+        MACHINE,
+        datetime(2026, 1, 2, tzinfo=UTC),
+        (Section("a", "One", "", (), "the server died"), Section("b", "Two", "So.", (GOOD,))),
+    )
+
+    def test_is_told_in_all_forms(self) -> None:
+        """The reason stands where the figures would, and the other sections are there."""
+        assert "One\nFAILED: the server died\n\nTwo\nSo.\n  Factor" in as_text(self.BROKEN)
+        page = as_markdown(self.BROKEN)
+        assert "## One\n\nFAILED: the server died\n\n## Two" in page
+        sections = json.loads(as_json(self.BROKEN))["sections"]
+        assert [section["failure"] for section in sections] == ["the server died", None]
+
+    def test_is_counted_apart_from_missed_aims(self) -> None:
+        """What was not measured has neither met nor missed an aim."""
+        assert self.BROKEN.failed == ["a"]
+        assert self.BROKEN.missed == 0
+
+
 class TestMarkdown:
     def test_every_row_has_as_many_cells_as_its_head(self) -> None:
         """Tables are well formed, also where a cell contains a bar."""

@@ -198,6 +198,23 @@ class TestSuite:
         assert report.machine.packages["usarsim-server"] == "9.9"
         assert report.taken.tzinfo is not None
 
+    def test_one_that_fails_does_not_keep_the_others_back(
+        self, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """The reason takes the place of its figures; what follows is measured."""
+
+        def fail(plan: Plan) -> Section:
+            raise BenchError("no luck")
+
+        def succeed(plan: Plan) -> Section:
+            return Section("b", "B", "", (Figure("Nothing", 1.0),))
+
+        monkeypatch.setattr(suite, "MEASUREMENTS", {"a": (fail, "first"), "b": (succeed, "")})
+        report = take(("a", "b"), Plan(), "0")
+        assert [section.failure for section in report.sections] == ["no luck", None]
+        assert report.sections[0].title == "First"
+        assert report.failed == ["a"]
+
     def test_every_measurement_has_a_line_of_help(self) -> None:
         """The command line can explain all of them."""
         assert all(help_text for _, help_text in MEASUREMENTS.values())

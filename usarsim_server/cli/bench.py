@@ -7,7 +7,6 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from usarsim_tools.bench.errors import BenchError
 from usarsim_tools.bench.figures import Plan, Report
 from usarsim_tools.bench.report import as_json, as_markdown, as_text
 from usarsim_tools.bench.suite import MEASUREMENTS, take
@@ -58,13 +57,12 @@ def run(arguments: argparse.Namespace) -> int:
         world=getattr(arguments, "world", "arena"),
         say=_say,
     )
-    try:
-        report = take(tuple(MEASUREMENTS) if name == "all" else (name,), plan, __version__)
-    except BenchError as error:
-        raise UsarsimError(str(error)) from error
+    report = take(tuple(MEASUREMENTS) if name == "all" else (name,), plan, __version__)
     print(as_text(report))
     _write(report, getattr(arguments, "json", None), as_json)
     _write(report, getattr(arguments, "markdown", None), as_markdown)
+    if report.failed:
+        raise UsarsimError(f"could not be measured: {', '.join(report.failed)} (reasons above)")
     return 0
 
 

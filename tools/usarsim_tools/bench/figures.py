@@ -67,12 +67,14 @@ class Section:
         title: for people.
         setting: under which circumstances they were taken.
         figures: in the order to show them.
+        failure: why there are none, or None.
     """
 
     key: str
     title: str
     setting: str
     figures: tuple[Figure, ...]
+    failure: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +95,11 @@ class Report:
     def facts(self) -> list[tuple[str, str]]:
         """Name and value of everything but the figures, for people."""
         return [("Taken", f"{self.taken:%Y-%m-%d %H:%M} UTC"), *self.machine.facts()]
+
+    @property
+    def failed(self) -> list[str]:
+        """Keys of the measurements that could not be taken."""
+        return [section.key for section in self.sections if section.failure is not None]
 
     @property
     def missed(self) -> int:

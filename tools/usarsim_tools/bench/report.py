@@ -20,10 +20,10 @@ def as_text(report: Report) -> str:
     """Plain text with aligned columns."""
     width = max(len(name) for name, _ in report.facts)
     parts = ["\n".join(f"{name.ljust(width)}  {value}" for name, value in report.facts)]
-    parts += [
-        f"{section.title}\n{textwrap.fill(section.setting, _WIDTH)}\n{_columns(_rows(section))}"
-        for section in report.sections
-    ]
+    for section in report.sections:
+        setting = textwrap.fill(section.setting, _WIDTH)
+        body = _failure(section) or f"{setting}\n{_columns(_rows(section))}"
+        parts.append(f"{section.title}\n{body}")
     return "\n\n".join([*parts, _summary(report)])
 
 
@@ -31,7 +31,11 @@ def as_markdown(report: Report) -> str:
     """Headings and tables; ends with a line feed."""
     parts = ["# Measurements", _markdown_table(("Circumstance", ""), report.facts)]
     for section in report.sections:
-        parts += [f"## {section.title}", section.setting]
+        parts.append(f"## {section.title}")
+        if section.failure is not None:
+            parts.append(_failure(section))
+            continue
+        parts.append(section.setting)
         parts.append(_markdown_table(("Figure", "Value", "Unit", "Aim", ""), _rows(section)))
     return "\n\n".join([*parts, _summary(report)]) + "\n"
 
@@ -47,6 +51,7 @@ def as_json(report: Report) -> str:
                 "title": section.title,
                 "setting": section.setting,
                 "figures": [_figure(figure) for figure in section.figures],
+                "failure": section.failure,
             }
             for section in report.sections
         ],
@@ -70,6 +75,10 @@ def _rows(section: Section) -> list[tuple[str, ...]]:
         (f.name, f.text, f.unit, "" if f.aim is None else str(f.aim), _VERDICT[f.met])
         for f in section.figures
     ]
+
+
+def _failure(section: Section) -> str:
+    return "" if section.failure is None else f"FAILED: {section.failure}"
 
 
 def _summary(report: Report) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 
+from usarsim_tools.bench.errors import BenchError
 from usarsim_tools.bench.figures import Plan, Report, Section
 from usarsim_tools.bench.latency import measure_latency
 from usarsim_tools.bench.machine import describe_machine
@@ -29,15 +30,20 @@ MEASUREMENTS: Mapping[str, tuple[Measurement, str]] = {
 
 
 def take(names: Sequence[str], plan: Plan, server_version: str) -> Report:
-    """Take measurements, one after the other.
+    """Take measurements, one after the other; one that fails does not keep the others back.
 
     Args:
         names: keys of `MEASUREMENTS`.
         plan: for each of them.
         server_version: for the report.
-
-    Raises:
-        BenchError: if one of them cannot be taken.
     """
     machine, now = describe_machine(server_version), datetime.now(UTC)
-    return Report(machine, now, tuple(MEASUREMENTS[name][0](plan) for name in names))
+    return Report(machine, now, tuple(_take(name, plan) for name in names))
+
+
+def _take(name: str, plan: Plan) -> Section:
+    measure, title = MEASUREMENTS[name]
+    try:
+        return measure(plan)
+    except BenchError as error:
+        return Section(name, title[:1].upper() + title[1:], "", (), str(error))
