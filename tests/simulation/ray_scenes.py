@@ -1,0 +1,169 @@
+"""Random sceneries for ray tests, and MuJoCo's own rays as the reference."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from sim_fakes import Geom
+
+from usarsim_server.simulation.model import SHELF_NAME, CompiledWorld
+from usarsim_server.simulation.rays import RayFan
+from usarsim_server.simulation.snapshot import Snapshot
+
+Array = NDArray[np.float64]
+
+SHAPES = ("box", "sphere", "ellipsoid", "capsule", "cylinder", "mesh", "hfield")
+ROUND = ("sphere", "ellipsoid", "capsule", "cylinder")
+
+
+def random_scene(seed: int, shapes: Sequence[str] = SHAPES, copies: int = 3) -> mujoco.MjSpec:
+    """Fixed geometry of every kind over an endless floor, at random places in a 10 m cube."""
+    dice = np.random.default_rng(seed)
+    spec = mujoco.MjSpec()
+    add_meshes(spec)
+    spec.worldbody.add_geom(name="floor", type=Geom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0])
+    for number in range(copies):
+        for shape in shapes:
+            add_shape(spec, spec.worldbody, f"{shape}{number}", shape, dice)
+    return spec
+
+
+def add_meshes(spec: mujoco.MjSpec) -> None:
+    """A mesh that is not convex (an open tray) and a height field with hills."""
+    spec.add_mesh(name="tray", uservert=TRAY_VERTICES.ravel(), userface=TRAY_FACES.ravel())
+    rows, columns = 7, 9
+    y, x = np.mgrid[0:rows, 0:columns]
+    hills = 0.5 + 0.25 * np.sin(1.3 * x) + 0.25 * np.cos(1.7 * y)
+    field = spec.add_hfield(name="hills", nrow=rows, ncol=columns, size=[1.5, 1.0, 0.6, 0.2])
+    field.userdata = hills.ravel()
+
+
+def add_shape(
+    spec: mujoco.MjSpec,
+    body: mujoco.MjsBody,
+    name: str,
+    shape: str,
+    dice: np.random.Generator,
+    spread: float = 5.0,
+    scale: float = 1.0,
+) -> mujoco.MjsGeom:
+    """One geom of a kind with random size, place and attitude."""
+    size = scale * dice.uniform(0.1, 0.8, 3)
+    place = dice.uniform(-spread, spread, 3) + np.array([0.0, 0.0, spread + 1.0])
+    attitude = dice.normal(size=4)
+    kinds = {
+        "box": Geom.mjGEOM_BOX,
+        "sphere": Geom.mjGEOM_SPHERE,
+        "ellipsoid": Geom.mjGEOM_ELLIPSOID,
+        "capsule": Geom.mjGEOM_CAPSULE,
+        "cylinder": Geom.mjGEOM_CYLINDER,
+        "mesh": Geom.mjGEOM_MESH,
+        "hfield": Geom.mjGEOM_HFIELD,
+    }
+    geom = body.add_geom(name=name, type=kinds[shape], pos=place)
+    geom.quat = attitude / np.linalg.norm(attitude)
+    if shape == "mesh":
+        geom.meshname = "tray"
+    elif shape == "hfield":
+        geom.hfieldname = "hills"
+    else:
+        geom.size = size
+    return geom
+
+
+def _tray() -> tuple[Array, NDArray[np.int32]]:
+    """A tray of five boards without thickness, each with two faces: not convex, not closed."""
+    floor = [(-1, -0.6, 0), (1, -0.6, 0), (1, 0.6, 0), (-1, 0.6, 0)]
+    rim = [(1.3 * x, 1.3 * y, 0.5) for x, y, _ in floor]
+    vertices = np.array([*floor, *rim], dtype=float)
+    faces = [(0, 1, 2), (0, 2, 3)]
+    for a, b in ((0, 1), (1, 2), (2, 3), (3, 0)):
+        faces += [(a, b, b + 4), (a, b + 4, a + 4)]
+    both = faces + [(a, c, b) for a, b, c in faces]
+    return vertices, np.array(both, dtype=np.int32)
+
+
+TRAY_VERTICES, TRAY_FACES = _tray()
+
+
+def random_fans(
+    dice: np.random.Generator, count: int = 6, rays: int = 40, reach: float = 30.0
+) -> list[RayFan]:
+    """Fans with scattered rays from random places in the cube."""
+    fans = []
+    for _ in range(count):
+        directions = dice.normal(size=(rays, 3))
+        directions /= np.linalg.norm(directions, axis=1)[:, None]
+        origin = dice.uniform(-6.0, 6.0, 3) + np.array([0.0, 0.0, 6.5])
+        fans.append(RayFan(origin, directions, reach, normals=True))
+    return fans
+
+
+class Reference:
+    """What MuJoCo's rays see of a snapshot, without the asking robot and the parked ones."""
+
+    def __init__(self, world: CompiledWorld) -> None:
+        self.model = world.model.__copy__()
+        self.model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+        self.data = mujoco.MjData(self.model)
+        self.world = world
+        mujoco.mj_kinematics(self.model, self.data)
+
+    def show(self, snapshot: Snapshot, robot: int | None) -> None:
+        """Take the state of a snapshot and hide what a robot must not see."""
+        self.data.qpos[:] = snapshot.qpos
+        mujoco.mj_kinematics(self.model, self.data)
+        present = {layout.slot for layout in snapshot.layouts.values()}
+        if robot is not None:
+            present.discard(snapshot.layouts[robot].slot)
+        for layout in self.world.layouts:
+            self.model.geom_rgba[layout.geoms, 3] = 1.0 if layout.slot in present else 0.0
+        self.model.geom_rgba[self.model.geom(SHELF_NAME).id, 3] = 0.0
+
+    def cast(self, origin: Array, directions: Array) -> tuple[Array, Array, NDArray[np.int32]]:
+        """Distances (inf for a miss), normals and geoms of rays (n, 3)."""
+        count = len(directions)
+        distances, normals = np.empty(count), np.zeros((count, 3))
+        geoms = np.empty(count, dtype=np.int32)
+        mujoco.mj_multiRay(
+            self.model,
+            self.data,
+            np.ascontiguousarray(origin),
+            np.ascontiguousarray(directions).reshape(-1),
+            None,
+            1,
+            -1,
+            geoms,
+            distances,
+            normals.reshape(-1),
+            count,
+            1e6,
+        )
+        return np.where(geoms < 0, np.inf, distances), normals, geoms
+
+
+def agree(one: Array, other: Array, tolerance: float = 1e-3) -> NDArray[np.bool_]:
+    """Where two arrays of distances agree; a miss agrees with a miss only."""
+    both_missed = np.isinf(one) & np.isinf(other)
+    with np.errstate(invalid="ignore"):
+        return both_missed | (np.abs(one - other) < tolerance)
+
+
+def explained(reference: Reference, origin: Array, direction: Array, seen: float) -> bool:
+    """Whether a ray beside this one, 1 mm away at most, sees what was seen (edges, grazing)."""
+    away = np.array([1.0, 0.0, 0.0]) if abs(direction[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
+    side = np.cross(direction, away)
+    side /= np.linalg.norm(side)
+    up = np.cross(direction, side)
+    distances = []
+    for angle in np.arange(0.0, 2 * np.pi, np.pi / 8):
+        for step in (2e-4, 5e-4, 1e-3):
+            shift = step * (np.cos(angle) * side + np.sin(angle) * up)
+            distances.append(reference.cast(origin + shift, direction[None])[0][0])
+    found = np.array(distances)
+    if np.isinf(seen):
+        return bool(np.isinf(found).any())
+    return bool(found.min() - 1e-3 <= seen <= found.max() + 1e-3)
