@@ -6,7 +6,7 @@ Everything is in the simulation frame (x forward, y left, z up) unless it says `
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,7 @@ from usarsim_server.robots.description import (
 from usarsim_server.sensors.base import Sensor, SensorContext
 from usarsim_server.sensors.registry import create_sensor
 from usarsim_server.simulation.frames import IDENTITY, Pose, pose_from_wire
+from usarsim_server.simulation.objects import ObjectFacts
 from usarsim_server.simulation.rays import RayFan, RayHits
 from usarsim_server.worlds.description import GeographicOrigin, StartPose, WorldDescription
 
@@ -68,6 +69,7 @@ class Box:
     lower: tuple[float, float, float]
     upper: tuple[float, float, float]
     glass: bool = False
+    name: str | None = None
 
     def hit(self, origin, directions):
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -96,18 +98,19 @@ class Pole:
     y: float
     radius: float
     glass: bool = False
+    name: str | None = None
 
     def hit(self, origin, directions):
-        offset = origin[:2] - np.array([self.x, self.y])
+        offset = np.broadcast_to(origin, directions.shape)[:, :2] - np.array([self.x, self.y])
         flat = directions[:, :2]
         a = np.einsum("ij,ij->i", flat, flat)
-        b = flat @ offset
-        root = b * b - a * (offset @ offset - self.radius**2)
+        b = np.einsum("ij,ij->i", flat, offset)
+        root = b * b - a * (np.einsum("ij,ij->i", offset, offset) - self.radius**2)
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = (-b - np.sqrt(np.maximum(root, 0.0))) / a
         hit = (root > 0.0) & (distance > 0.0)
         safe = np.where(hit, distance, 0.0)
-        points = origin[:2] + flat * safe[:, None] - np.array([self.x, self.y])
+        points = offset + flat * safe[:, None]
         normals = np.column_stack((points / self.radius, np.zeros(len(points))))
         return np.where(hit, distance, math.inf), normals
 
@@ -131,6 +134,7 @@ class Scene:
     def _answer(self, fan: RayFan) -> RayHits:
         distances = np.full(len(fan.directions), math.inf)
         normals = np.zeros((len(fan.directions), 3))
+        names: list[str | None] = [None] * len(fan.directions)
         for solid in self.solids:
             if solid.glass and fan.through_glass:
                 continue
@@ -138,7 +142,12 @@ class Scene:
             nearer = (way < distances) & (way <= fan.max_range)
             distances = np.where(nearer, way, distances)
             normals = np.where(nearer[:, None], facing, normals)
-        return RayHits(distances, normals if fan.normals else None)
+            names = [solid.name if new else old for new, old in zip(nearer, names, strict=True)]
+        return RayHits(
+            distances,
+            normals if fan.normals else None,
+            tuple(names) if fan.identify else None,
+        )
 
 
 def four_wheels() -> tuple[Wheel, ...]:
@@ -215,11 +224,13 @@ def make(
     robot: RobotDescription | None = None,
     world: WorldDescription | None = None,
     seed: int = 1,
+    objects: Callable[..., ObjectFacts | None] | None = None,
     **rest: Any,
 ) -> Any:
     """A sensor made through the registry; `rest` goes to `describe_item`."""
+    known = {} if objects is None else {"objects": objects}
     context = SensorContext(
-        robot or describe_robot(), world or describe_world(), np.random.default_rng(seed)
+        robot or describe_robot(), world or describe_world(), np.random.default_rng(seed), **known
     )
     return create_sensor(describe_item(kind, name, **rest), context)
 

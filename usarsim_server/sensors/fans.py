@@ -50,9 +50,24 @@ def fan_at(
     directions: Array,
     max_range: float,
     *,
+    starts: Array | None = None,
     normals: bool = False,
     through_glass: bool = False,
+    identify: bool = False,
 ) -> RayFan:
-    """The fan of a sensor at a world pose; `directions` (n, 3) are in the sensor's frame."""
-    turned = directions @ pose.matrix().T
-    return RayFan(np.array(pose.position), turned, max_range, normals, through_glass)
+    """The fan of a sensor at a world pose.
+
+    Args:
+        pose: of the sensor in the world.
+        directions: (n, 3) unit vectors in the sensor's frame.
+        max_range: m.
+        starts: (n, 3) start points in the sensor's frame, m; all in its origin if None.
+        normals: also ask for surface normals.
+        through_glass: do not see glass.
+        identify: also ask what was hit.
+    """
+    turn = pose.matrix().T
+    origin = np.array(pose.position)
+    if starts is not None:
+        origin = starts @ turn + origin
+    return RayFan(origin, directions @ turn, max_range, normals, through_glass, identify)

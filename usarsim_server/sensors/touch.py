@@ -1,4 +1,4 @@
-"""Touch pads: a small disc probed by short rays (robots reference 2.8)."""
+"""Touch pads and bumpers: small discs probed by short rays (robots reference 2.8)."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from usarsim_server.protocol.numbers import boolean, fixed
 from usarsim_server.protocol.values import Dialect, Segment
 from usarsim_server.robots.description import ItemDescription
 from usarsim_server.sensors.base import Sensor, SensorContext
-from usarsim_server.sensors.fans import AHEAD
+from usarsim_server.sensors.fans import AHEAD, fan_at
 from usarsim_server.sensors.registry import register
 from usarsim_server.simulation.rays import RayFan, RayHits
 from usarsim_server.simulation.snapshot import RobotState
 
-__all__ = ["Touch"]
+__all__ = ["PROBE_DEPTH", "Touch", "disc_probes"]
 
 Array = NDArray[np.float64]
 
@@ -44,27 +44,31 @@ class Touch(Sensor):
     timed: ClassVar[frozenset[Dialect]] = frozenset({Dialect.UDK})
     batched: ClassVar[frozenset[Dialect]] = frozenset({Dialect.UT2004})
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.1}
+    default_probe_length: ClassVar[float] = PROBE_LENGTH
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
         read = self.parameters
         self.diameter = read.number("diameter", 0.01, above=0.0, maximum=1.0)
-        self.probe_length = read.number("probe_length", PROBE_LENGTH, above=0.0, maximum=1.0)
-        self._points = _disc(self.diameter / 2)
+        self.probe_length = read.number(
+            "probe_length", self.default_probe_length, above=0.0, maximum=1.0
+        )
+        self._starts, self._ways = self.probes()
         self.touched = False
 
+    def probes(self) -> tuple[Array, Array]:
+        """Start points (n, 3) and directions (n, 3) of the probes in the sensor's frame."""
+        starts = disc_probes(self.diameter / 2)
+        return starts, np.repeat(AHEAD, len(starts), axis=0)
+
     def rays(self, robot: RobotState) -> Sequence[RayFan]:
-        """One short ray per point of the disc, all parallel."""
-        pose = self.world_pose(robot)
-        turn = pose.matrix()
-        starts = self._points @ turn.T + np.array(pose.position)
-        ahead = AHEAD @ turn.T
+        """One short ray per probe."""
         length = PROBE_DEPTH + self.probe_length
-        return [RayFan(start, ahead, length) for start in starts]
+        return (fan_at(self.world_pose(robot), self._ways, length, starts=self._starts),)
 
     def measure(self, robot: RobotState, hits: Sequence[RayHits]) -> bool:
         """Keep whether any probe hit."""
-        self.touched = any(bool(np.isfinite(answer.distances[0])) for answer in hits)
+        self.touched = bool(np.isfinite(hits[0].distances).any())
         return True
 
     def data(self, dialect: Dialect) -> tuple[Segment, ...]:
@@ -76,8 +80,8 @@ class Touch(Sensor):
         return (("Diameter", fixed(self.diameter, 4)),)
 
 
-def _disc(radius: float) -> Array:
-    """Probe starts (n, 3) in the sensor's frame: the centre and rings of six points."""
+def disc_probes(radius: float) -> Array:
+    """Starts (n, 3) of the probes of a disc across the x axis: centre and rings of six points."""
     rings = max(1, math.ceil(radius / RING_SPACING - 1e-9))
     radii = np.repeat(radius * np.arange(1, rings + 1) / rings, POINTS_PER_RING)
     angles = np.tile(math.tau * np.arange(POINTS_PER_RING) / POINTS_PER_RING, rings)
