@@ -38,6 +38,8 @@ SHELF_COLUMNS = 16
 ROOT_BODY = "base"
 ROOT_JOINT = "free"
 SHELF_NAME = "usarsim:shelf"
+KINEMATIC_SHELF = 500.0
+"""m above the shelf: where things hang that would push what is parked beside them."""
 
 SERVO_TIME = 0.02
 """s: twice the time in which a wheel servo takes away 63 % of an error of wheel speed."""
@@ -78,6 +80,9 @@ class RobotModel:
         wheel_acceleration: ramp of the wheel speed targets, rad/s^2.
         brake_delay: s of zero command before the wheels are held.
         wheel_deceleration: ramp towards standstill, rad/s^2; None: as `wheel_acceleration`.
+        kinematic: a thing that goes its own way (see `movers.py`): its bodies, `base` first, are
+            mocap bodies without joints, beside each other in the specification.
+        robot: it counts as a robot; free slots of other things may be built anew as another key.
     """
 
     key: str
@@ -87,6 +92,8 @@ class RobotModel:
     wheel_acceleration: float = 10.0
     brake_delay: float = 0.3
     wheel_deceleration: float | None = None
+    kinematic: bool = False
+    robot: bool = True
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -142,11 +149,13 @@ def compile_world(
     _add_shelf(spec, len(slots))
     parking = np.zeros((len(slots), 7))
     for slot, robot in enumerate(slots):
-        parking[slot] = _parking_place(slot, robot.rest_height)
-        root = robot.build().body(ROOT_BODY)
-        root.sleep = mujoco.mjtSleepPolicy.mjSLEEP_INIT
+        parking[slot] = _parking_place(slot, robot)
         frame = spec.worldbody.add_frame(pos=parking[slot, :3])
-        frame.attach_body(root, _prefix(slot), "")
+        built = robot.build()
+        if not robot.kinematic:
+            built.body(ROOT_BODY).sleep = mujoco.mjtSleepPolicy.mjSLEEP_INIT
+        for body in list(built.worldbody.bodies):
+            frame.attach_body(body, _prefix(slot), "")
     model = spec.compile()
     layouts = tuple(_layout(model, slot, robot) for slot, robot in enumerate(slots))
     for layout in layouts:
@@ -203,11 +212,12 @@ def _add_shelf(spec: mujoco.MjSpec, slots: int) -> None:
     )
 
 
-def _parking_place(slot: int, rest_height: float) -> NDArray[np.float64]:
+def _parking_place(slot: int, robot: RobotModel) -> NDArray[np.float64]:
     row, column = divmod(slot, SHELF_COLUMNS)
     x = (column - SHELF_COLUMNS / 2) * SHELF_SPACING
     y = row * SHELF_SPACING
-    return np.array([x, y, SHELF_HEIGHT + rest_height, 1.0, 0.0, 0.0, 0.0])
+    z = SHELF_HEIGHT + robot.rest_height + (KINEMATIC_SHELF if robot.kinematic else 0.0)
+    return np.array([x, y, z, 1.0, 0.0, 0.0, 0.0])
 
 
 def _prefix(slot: int) -> str:
@@ -217,6 +227,8 @@ def _prefix(slot: int) -> str:
 def _layout(model: mujoco.MjModel, slot: int, robot: RobotModel) -> RobotLayout:
     prefix = _prefix(slot)
     base = model.body(prefix + ROOT_BODY).id
+    if robot.kinematic:
+        return _kinematic_layout(model, slot, base)
     free = model.joint(prefix + ROOT_JOINT)
     bodies = [body for body in range(model.nbody) if model.body_rootid[body] == base]
     joints = [j for j in range(model.njnt) if model.jnt_bodyid[j] in bodies and j != free.id]
@@ -243,10 +255,32 @@ def _layout(model: mujoco.MjModel, slot: int, robot: RobotModel) -> RobotLayout:
     )
 
 
+def _kinematic_layout(model: mujoco.MjModel, slot: int, base: int) -> RobotLayout:
+    prefix = _prefix(slot)
+    names = [model.body(body).name for body in range(model.nbody)]
+    bodies = [body for body, name in enumerate(names) if name.startswith(prefix)]
+    nothing = np.zeros(0, dtype=np.intp)
+    return RobotLayout(
+        slot=slot,
+        base=base,
+        qpos=-1,
+        dof=-1,
+        links={names[body].removeprefix(prefix).lower(): body for body in bodies if body != base},
+        joint_qpos={},
+        joint_dof={},
+        wheel_qpos=nothing,
+        wheel_dof=nothing,
+        wheel_actuators=nothing,
+        bodies=frozenset(bodies),
+        geoms=np.flatnonzero(np.isin(model.geom_bodyid, bodies)),
+        mocap=np.array([body for body in bodies if model.body_mocapid[body] >= 0], dtype=np.intp),
+    )
+
+
 def matching_joints(
     old: mujoco.MjModel, new: mujoco.MjModel
 ) -> tuple[tuple[NDArray[np.intp], NDArray[np.intp]], tuple[NDArray[np.intp], NDArray[np.intp]]]:
-    """Where the joints of one model lie in a larger one that contains them all.
+    """Where the joints of one model lie in a larger one; those that it lacks are left out.
 
     Returns:
         Coordinate indices in the old and the new model, then velocity indices in both.
@@ -255,7 +289,9 @@ def matching_joints(
     positions: tuple[list[int], list[int]] = ([], [])
     velocities: tuple[list[int], list[int]] = ([], [])
     for joint, key in enumerate(_joint_keys(old)):
-        twin = target[key]
+        twin = target.get(key, -1)
+        if twin < 0 or old.jnt_type[joint] != new.jnt_type[twin]:
+            continue  # its slot is of another kind now
         nq, nv = JOINT_WIDTH[int(old.jnt_type[joint])]
         for model, j, q, v in (
             (old, joint, positions[0], velocities[0]),

@@ -3,10 +3,15 @@
 People who wave or walk, avatars, objects that a controller shoves around. In the model they are
 mocap bodies: they push what they meet and nothing pushes them back. Their poses are a pure
 function of time, so runs repeat whatever the batches in which the physics advances.
+
+MuJoCo takes a mocap body for one that stands still wherever it is. So its contacts are told how
+fast it goes, between the two halves of a step: what lies on a moving body is carried along by
+friction, and what is pushed is pushed without sinking in.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -16,7 +21,15 @@ from numpy.typing import NDArray
 
 from usarsim_server.simulation.frames import Pose
 
-__all__ = ["Mover", "MovingBodies", "carry_over", "mocap_bodies"]
+__all__ = ["Mover", "MovingBodies", "Way", "carry_over", "mocap_bodies"]
+
+Array = NDArray[np.float64]
+
+Way = Callable[[float], Pose]
+"""Pose in the world at a simulated time (s)."""
+
+JUMP = 20.0
+"""m/s: whatever is faster was put somewhere else and drags nothing along."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +43,7 @@ class Mover:
     """
 
     body: str
-    pose: Callable[[float], Pose]
+    pose: Way
 
 
 class MovingBodies:
@@ -44,13 +57,84 @@ class MovingBodies:
         """
         self.movers = tuple(movers)
         self._ways = [(_mocap_id(model, mover.body), mover.pose) for mover in movers]
+        bodies = mocap_bodies(model)[np.array([index for index, _ in self._ways], dtype=np.intp)]
+        row_of_body = np.full(model.nbody, -1)
+        row_of_body[bodies] = np.arange(len(bodies))
+        # The last row of the tables below stands for everything that has no mover.
+        self._row_of_geom = row_of_body[model.body_rootid[model.geom_bodyid]]
+        self._timestep = float(model.opt.timestep)
+        self._ahead: tuple[float, list[Pose]] = (-math.inf, [])
+        self._origin = np.zeros((len(movers) + 1, 3))
+        self._twist = np.zeros((len(movers) + 1, 6))
 
     def apply(self, data: mujoco.MjData, time: float) -> None:
         """Put all bodies where they are at a time."""
-        for index, pose_at in self._ways:
-            pose = pose_at(time)
+        if not self._ways:
+            return
+        known, poses = self._ahead
+        if known != time:
+            poses = [pose_at(time) for _, pose_at in self._ways]
+            self._ahead = time, poses
+        for (index, _), pose in zip(self._ways, poses, strict=True):
             data.mocap_pos[index] = pose.position
             data.mocap_quat[index] = pose.quaternion
+
+    def drag(self, data: mujoco.MjData) -> None:
+        """Tell the contacts how fast the bodies go in this step.
+
+        To be called between `mj_step1` and `mj_step2`, and before the contact compensation, which
+        judges by how fast things slide.
+        """
+        if not self._ways:
+            return
+        self._measure(data.time)
+        contact = data.contact
+        if not (len(contact.geom) and self._twist.any()):
+            return
+        rows = self._row_of_geom[contact.geom]
+        known = (rows >= 0).any(axis=1) & (contact.efc_address >= 0)
+        chosen = np.flatnonzero(known)
+        if not chosen.size:
+            return
+        velocity = self._contact_velocity(contact.pos[chosen], rows[chosen])
+        frames = contact.frame[chosen].reshape(-1, 3, 3)
+        local = np.einsum("nij,nj->ni", frames, velocity[:, :3])
+        spin = np.einsum("nij,nj->ni", frames, velocity[:, 3:])
+        start, width = contact.efc_address[chosen], contact.dim[chosen]
+        for axis, change in enumerate((*local.T, *spin.T)):
+            row = start[width > axis] + axis
+            data.efc_aref[row] -= data.efc_KBIP[row, 1] * change[width > axis]
+
+    def _measure(self, time: float) -> None:
+        """Twists of this step: from where the bodies are to where they will be."""
+        here = self._ahead[1]
+        after = time + self._timestep
+        there = [pose_at(after) for _, pose_at in self._ways]
+        for row, (one, other) in enumerate(zip(here, there, strict=True)):
+            self._origin[row] = one.position
+            self._twist[row] = _twist(one, other, self._timestep)
+        self._ahead = after, there
+
+    def _contact_velocity(self, points: Array, rows: NDArray[np.intp]) -> Array:
+        """Velocity (n, 6), world frame, at contacts: of the second body less that of the first."""
+        linear, angular = self._twist[rows, :3], self._twist[rows, 3:]
+        arms = points[:, None, :] - self._origin[rows]
+        each = np.concatenate([linear + np.cross(angular, arms), angular], axis=2)
+        answer: Array = each[:, 1] - each[:, 0]
+        return answer
+
+
+def _twist(one: Pose, other: Pose, seconds: float) -> Array:
+    """Linear and angular velocity (world frame) of a body that goes from one pose to another."""
+    twist = np.zeros(6)
+    if one == other:
+        return twist
+    twist[:3] = (np.array(other.position) - np.array(one.position)) / seconds
+    if np.abs(twist[:3]).max() > JUMP:
+        return np.zeros(6)
+    turn = Pose((0.0, 0.0, 0.0), other.quaternion) @ Pose((0, 0, 0), one.quaternion).inverse()
+    mujoco.mju_quat2Vel(twist[3:], np.array(turn.quaternion), seconds)
+    return twist
 
 
 def mocap_bodies(model: mujoco.MjModel) -> NDArray[np.intp]:
@@ -67,16 +151,23 @@ def carry_over(
 ) -> None:
     """Put the mocap bodies of a grown model where their namesakes are in the old one."""
     for body in mocap_bodies(old_model):
-        twin = _mocap_id(new_model, old_model.body(body).name)
+        twin = _find(new_model, old_model.body(body).name)
+        if twin < 0:
+            continue  # its slot is of another kind now
         index = old_model.body_mocapid[body]
         new.mocap_pos[twin] = old.mocap_pos[index]
         new.mocap_quat[twin] = old.mocap_quat[index]
 
 
-def _mocap_id(model: mujoco.MjModel, name: str) -> int:
+def _find(model: mujoco.MjModel, name: str) -> int:
     body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
-    index = int(model.body_mocapid[body]) if body >= 0 else -1
+    return int(model.body_mocapid[body]) if body >= 0 else -1
+
+
+def _mocap_id(model: mujoco.MjModel, name: str) -> int:
+    index = _find(model, name)
     if index < 0:
-        what = "is no mocap body" if body >= 0 else "does not exist"
+        known = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name) >= 0
+        what = "is no mocap body" if known else "does not exist"
         raise ValueError(f"body {name!r} cannot be moved: it {what}")
     return index

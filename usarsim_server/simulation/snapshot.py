@@ -51,6 +51,8 @@ class RobotLayout:
     """All body ids of the robot."""
     geoms: Indices
     """All geom ids of the robot (hidden from its own rays)."""
+    mocap: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    """Bodies that are placed, not simulated, the base first; then `qpos` and `dof` are -1."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
