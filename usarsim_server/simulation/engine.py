@@ -25,6 +25,7 @@ from usarsim_server.simulation.model import (
 from usarsim_server.simulation.movers import Mover, MovingBodies, carry_over
 from usarsim_server.simulation.servo import WheelServos
 from usarsim_server.simulation.snapshot import RobotLayout, Snapshot
+from usarsim_server.simulation.traction import Traction
 
 __all__ = ["Engine", "Growth"]
 
@@ -46,6 +47,7 @@ class Growth:
     world: CompiledWorld
     data: mujoco.MjData
     servos: WheelServos
+    traction: Traction
     joints: tuple[NDArray[np.intp], NDArray[np.intp]]
     """Old and new coordinate indices of everything that exists in both."""
     dofs: tuple[NDArray[np.intp], NDArray[np.intp]]
@@ -77,6 +79,7 @@ class Engine:
         self.data = mujoco.MjData(self.world.model)
         self._servos = WheelServos(self.world)
         self._moving = MovingBodies(self.world.model, ())
+        self._traction = Traction(self.world.model, options.surfaces)
         self._active: dict[int, int] = {}
         self._driven: set[int] = set()
         self._find_driven()
@@ -213,15 +216,21 @@ class Engine:
     def _run(self, steps: int) -> None:
         model, data, servos = self.world.model, self.data, self._servos
         moving, compensated = self._moving, self._options.compensation
+        traction = self._traction
+        patched = traction.near(data)
         for _ in range(steps):
             moving.apply(data, data.time)
             servos.update(data.qpos)
             mujoco.mj_step1(model, data)
             servos.apply(data)
             moving.drag(data)
+            if patched:
+                traction.apply(data)
             if compensated:
                 compensate(data)
             mujoco.mj_step2(model, data)
+            if patched:
+                traction.release(data)
 
     def _keep_awake(self) -> None:
         """Robots that are told to drive must not sleep, even where something holds them fast."""
@@ -334,7 +343,8 @@ class Engine:
         data = mujoco.MjData(world.model)
         mujoco.mj_forward(world.model, data)
         joints, dofs = matching_joints(old.model, world.model)
-        return Growth(world, data, WheelServos(world), joints, dofs)
+        traction = Traction(world.model, self._options.surfaces)
+        return Growth(world, data, WheelServos(world), traction, joints, dofs)
 
     def adopt(self, growth: Growth) -> None:
         """Replace the model by a grown one and carry the whole state over."""
@@ -349,6 +359,7 @@ class Engine:
         carry_over(self.world.model, old, growth.world.model, new)
         self.world, self.data, self._servos = growth.world, new, growth.servos
         self._moving = MovingBodies(self.world.model, self._moving.movers)
+        self._traction = growth.traction
         self._find_driven()
         mujoco.mj_kinematics(self.world.model, self.data)
 

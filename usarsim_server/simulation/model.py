@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from usarsim_server.errors import UsarsimError
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.snapshot import RobotLayout
+from usarsim_server.simulation.surfaces import Surface
 
 __all__ = [
     "JOINT_WIDTH",
@@ -59,11 +60,13 @@ class PhysicsOptions:
         timestep: s.
         impratio: ratio of frictional to normal constraint impedance.
         compensation: contact compensation on; off only to show what it is for.
+        surfaces: patches of water, mud, sand, ice.
     """
 
     timestep: float = 0.004
     impratio: float = 10.0
     compensation: bool = True
+    surfaces: tuple[Surface, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
