@@ -10,6 +10,7 @@ from usarsim_server.protocol.messages import (
     greeting,
     path_nodes,
     start_poses,
+    status_change,
 )
 
 YARD = [
@@ -87,3 +88,10 @@ def test_closest_path_node() -> None:
 def test_die() -> None:
     """4.12: killer and class of the damage."""
     assert die("None", "DmgType_Fell") == "DIE {Killer None} {DamageType DmgType_Fell}"
+
+
+def test_a_status_change_is_one_line_of_known_form() -> None:
+    """A change of configuration is told under a head that every client knows (checks 6-9)."""
+    assert status_change(12.5, "Battery Empty", "Battery", "b1") == (
+        "NFO {Status Battery_Empty} {Time 12.5000} {Type Battery} {Name b1}"
+    )

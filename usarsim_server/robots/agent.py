@@ -201,6 +201,8 @@ class RobotAgent:
         if snapshot is not None and self._pilot is not None:
             for line in self._pilot.report(snapshot):
                 self._mouth.put_stream(messages.encode(line))
+            for line in self._pilot.take_news():
+                self._mouth.put_reply(messages.encode(line))
             self._set_due()
         return True
 

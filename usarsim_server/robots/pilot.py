@@ -75,6 +75,7 @@ class Pilot:
         self._schedule = Schedule(self._intervals())
         self._spawned: float | None = None
         self._dead = False
+        self._news: list[str] = []
 
     # -- requests ----------------------------------------------------------------------------
 
@@ -218,6 +219,18 @@ class Pilot:
                 sensor.measure(state, ())
         self._schedule.begin(state.time + self._options.quiet_period)
 
+    def announce(self, time: float, event: str, wire_type: str, name: str) -> None:
+        """Have the client told that the configuration has changed by itself."""
+        self._news.append(messages.status_change(time, event, wire_type, name))
+
+    def take_news(self) -> list[str]:
+        """Lines about changes since the last call; unlike streamed lines they must arrive."""
+        news, self._news = self._news, []
+        return news
+
+    def _battery_name(self) -> str:
+        return next((one.name for one in self._sensors if one.wire_type == "Battery"), "Battery")
+
     def _intervals(self) -> list[float]:
         """Interval of STA and of every sensor, in that order."""
         sensors = [sensor.interval(self._dialect) for sensor in self._sensors]
@@ -265,6 +278,7 @@ class Pilot:
             self._dead = True
             self.vehicle.drive(self._drive.stop())
             self._log.info("battery is empty")
+            self.announce(time, "BatteryEmpty", "Battery", self._battery_name())
 
 
 def _battery(vehicle: Vehicle, life: float | None) -> Battery | None:

@@ -41,6 +41,7 @@ from usarsim_server.protocol.messages.world import (
     greeting,
     path_nodes,
     start_poses,
+    status_change,
 )
 
 __all__ = [
@@ -72,6 +73,7 @@ __all__ = [
     "sensor_geometry",
     "sensor_line",
     "start_poses",
+    "status_change",
     "tool_changer_item",
     "viewports_result",
 ]

@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from usarsim_server.protocol.messages.text import count, line, segment, token, triple
+from usarsim_server.protocol.messages.text import count, line, segment, time_segment, token, triple
 from usarsim_server.protocol.numbers import vector
 from usarsim_server.protocol.values import Vector
 
-__all__ = ["closest_path_node", "die", "greeting", "path_nodes", "start_poses"]
+__all__ = ["closest_path_node", "die", "greeting", "path_nodes", "start_poses", "status_change"]
 
 _POSE_DIGITS = 4
 _LEVEL_INFO = re.compile(r"\.levelinfo.*", re.IGNORECASE | re.DOTALL)
@@ -59,6 +59,26 @@ def die(killer: str, damage_type: str) -> str:
         damage_type: engine class of the damage, for example `DmgType_Fell`.
     """
     return line("DIE", segment("Killer", killer), segment("DamageType", damage_type))
+
+
+def status_change(time: float, event: str, wire_type: str, name: str) -> str:
+    """The configuration of a robot has changed by itself, for example a battery is empty.
+
+    Sent once, unasked. The original had nothing of the kind; the head is one that every client
+    knows and the keys are ones that none looks for, so old parsers pass over it.
+
+    Args:
+        time: simulated s.
+        event: one word, for example `BatteryEmpty`.
+        wire_type: type of the item that changed. name: its name.
+    """
+    return line(
+        "NFO",
+        segment("Status", token(event)),
+        time_segment(time, _POSE_DIGITS),
+        segment("Type", wire_type),
+        segment("Name", name),
+    )
 
 
 def _tagged_poses(key: str, poses: Sequence[tuple[str, Vector, Vector]]) -> str:
