@@ -83,7 +83,7 @@ def conf_line(
 def find_sensors(sensors: Sequence[Sensor], wire_type: str, name: str | None) -> list[Sensor]:
     """Sensors of a type, in mount order; with a name only those that bear it in any dialect.
 
-    Types and names are compared without case.
+    Types and names are compared without case. A nickname counts if nobody bears the name.
     """
     wanted = wire_type.strip().lower()
     found = [
@@ -93,7 +93,9 @@ def find_sensors(sensors: Sequence[Sensor], wire_type: str, name: str | None) ->
     ]
     if name is None:
         return found
-    return [sensor for sensor in found if name.strip().lower() in _names(sensor)]
+    asked = name.strip().lower()
+    exact = [sensor for sensor in found if asked in _names(sensor)]
+    return exact or [sensor for sensor in found if asked in sensor.nicknames]
 
 
 def _sen_line(group: Sequence[Sensor], time: float, dialect: Dialect, batch: bool) -> str:

@@ -94,6 +94,8 @@ class Sensor(ABC):
     """Type on the wire, canonical spelling."""
     aliases: ClassVar[tuple[str, ...]] = ()
     """Further spellings of the type, lower case, that requests may use."""
+    nicknames: ClassVar[tuple[str, ...]] = ()
+    """Item names, lower case, that clients use whatever the robot file calls the item."""
     timed: ClassVar[frozenset[Dialect]] = EVERYWHERE
     """Dialects in which its SEN lines carry Time (protocol reference 4.5)."""
     batched: ClassVar[frozenset[Dialect]] = NOWHERE

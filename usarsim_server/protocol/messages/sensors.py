@@ -49,7 +49,8 @@ def sensor_line(
     Args:
         dialect: `udk` knows no multi-pair segments, there `multi_pair` is of no effect.
         wire_type: Type, canonical spelling.
-        items: what is reported, in mount order; nothing gives an empty text.
+        items: what is reported, in mount order; nothing gives an empty text. An item with an
+            empty name has no Name segment.
         time: simulated s, None for types without Time.
         time_digits: digits of Time after the point.
         multi_pair: one `{Name n key value ...}` segment per item instead of one per key.
@@ -106,7 +107,8 @@ def carrier(mount: str, mount_link: int | None) -> tuple[str, ...]:
 def _separate(items: Sequence[Item]) -> list[str]:
     body: list[str] = []
     for item in items:
-        body.append(segment("Name", item.name))
+        if item.name:
+            body.append(segment("Name", item.name))
         body += [segment(key, value) for key, value in item.segments]
     return body
 
