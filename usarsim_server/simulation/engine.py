@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import mujoco
 import numpy as np
@@ -20,9 +21,10 @@ from usarsim_server.simulation.model import (
     RobotModel,
     compile_world,
     matching_joints,
+    put,
     root_qpos,
 )
-from usarsim_server.simulation.movers import Mover, MovingBodies, carry_over
+from usarsim_server.simulation.movers import Mover, MovingBodies, Way, carry_over
 from usarsim_server.simulation.servo import WheelServos
 from usarsim_server.simulation.snapshot import RobotLayout, Snapshot
 from usarsim_server.simulation.traction import Traction
@@ -78,7 +80,7 @@ class Engine:
         self.world = compile_world(scenery, slots, options, generation=0)
         self.data = mujoco.MjData(self.world.model)
         self._servos = WheelServos(self.world)
-        self._moving = MovingBodies(self.world.model, ())
+        self._moving = MovingBodies(self.world.model)
         self._traction = Traction(self.world.model, options.surfaces)
         self._active: dict[int, int] = {}
         self._driven: set[int] = set()
@@ -114,7 +116,31 @@ class Engine:
         Raises:
             ValueError: if a mover's body cannot be moved; the old ones stay.
         """
-        self._moving = MovingBodies(self.world.model, movers)
+        self._moving.replace(movers)
+
+    def follow(self, robot: int, ways: Sequence[Way]) -> None:
+        """Let the bodies of a kinematic thing go their ways, the base first; none: they stay.
+
+        Raises:
+            KeyError: if it is not in the world.
+        """
+        bodies = self.world.layouts[self._active[robot]].mocap
+        self._look()
+        model = self.world.model
+        pairs = zip(bodies, ways, strict=True) if ways else ()
+        self._moving.follow(robot, [Mover(model.body(body).name, way) for body, way in pairs])
+
+    def pose(self, robot: int) -> Pose:
+        """Present pose of an active robot or thing.
+
+        Raises:
+            KeyError: if it is not in the world.
+        """
+        base = self.world.layouts[self._active[robot]].base
+        self._look()
+        x, y, z = self.data.xpos[base].tolist()
+        w, i, j, k = self.data.xquat[base].tolist()
+        return Pose((x, y, z), (w, i, j, k))
 
     # -- robots ------------------------------------------------------------------------------
 
@@ -141,15 +167,23 @@ class Engine:
         slot = self._active.pop(robot, None)
         if slot is None:
             return
+        self._moving.follow(robot, ())
         self._release(slot)
         self._put(slot, self.world.parking[slot])
 
+    def reseat(self, robot: int, slot: int) -> None:
+        """Give an active robot or thing another body, in a free slot, at the same pose."""
+        pose = self.pose(robot)
+        self.vacate(robot)
+        self.occupy(robot, slot, pose)
+
     def teleport(self, robot: int, pose: Pose) -> None:
-        """Move an active robot to a pose, at rest.
+        """Move an active robot or thing to a pose, at rest; it goes no way of its own any more.
 
         Raises:
             ValueError: if the pose is not finite.
         """
+        self._moving.follow(robot, ())
         self._put(self._active[robot], _finite(root_qpos(pose)))
 
     def drive(self, robot: int, targets: Array) -> None:
@@ -189,7 +223,9 @@ class Engine:
     def _put(self, slot: int, coordinates: Array) -> None:
         layout = self.world.layouts[slot]
         data, model = self.data, self.world.model
-        data.qpos[layout.qpos : layout.qpos + 7] = coordinates
+        put(self.world, data, slot, coordinates)
+        if layout.mocap.size:
+            return
         data.qpos[list(layout.joint_qpos.values())] = model.qpos0[list(layout.joint_qpos.values())]
         for dofs in (slice(layout.dof, layout.dof + 6), list(layout.joint_dof.values())):
             data.qvel[dofs] = WAKE
@@ -318,7 +354,9 @@ class Engine:
     def _robot_of_tree(self) -> dict[int, int]:
         model, layouts = self.world.model, self.world.layouts
         return {
-            int(model.dof_treeid[layouts[slot].dof]): robot for robot, slot in self._active.items()
+            int(model.dof_treeid[layouts[slot].dof]): robot
+            for robot, slot in self._active.items()
+            if layouts[slot].dof >= 0
         }
 
     def _put_back(self, tree: int) -> None:
@@ -334,12 +372,18 @@ class Engine:
 
     # -- growing -----------------------------------------------------------------------------
 
-    def grow(self, added: Iterable[RobotModel]) -> Growth:
-        """Compile a model with more slots. Reads only immutable state: safe in another thread."""
+    def grow(
+        self, added: Iterable[RobotModel], replaced: Mapping[int, RobotModel] = MappingProxyType({})
+    ) -> Growth:
+        """Compile a model with more slots. Reads only immutable state: safe in another thread.
+
+        Args:
+            added: slots behind the present ones.
+            replaced: free slots, neither robots before nor after, that become something else.
+        """
         old = self.world
-        world = compile_world(
-            self._scenery, (*old.slots, *added), self._options, old.generation + 1
-        )
+        kept = (replaced.get(number, slot) for number, slot in enumerate(old.slots))
+        world = compile_world(self._scenery, (*kept, *added), self._options, old.generation + 1)
         data = mujoco.MjData(world.model)
         mujoco.mj_forward(world.model, data)
         joints, dofs = matching_joints(old.model, world.model)
@@ -357,8 +401,12 @@ class Engine:
         new.time = old.time
         growth.servos.restore(self._servos.state())
         carry_over(self.world.model, old, growth.world.model, new)
+        before = self.world.slots
         self.world, self.data, self._servos = growth.world, new, growth.servos
-        self._moving = MovingBodies(self.world.model, self._moving.movers)
+        self._moving.bind(self.world.model)
+        for slot, (one, other) in enumerate(zip(before, self.world.slots, strict=False)):
+            if one is not other:
+                self._put(slot, self.world.parking[slot])
         self._traction = growth.traction
         self._find_driven()
         mujoco.mj_kinematics(self.world.model, self.data)

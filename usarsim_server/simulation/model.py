@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.errors import UsarsimError
+from usarsim_server.simulation.articulation import HandModel, JointModel, ToolModel, add_ties
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.snapshot import RobotLayout
 from usarsim_server.simulation.surfaces import Surface
@@ -28,6 +29,7 @@ __all__ = [
     "check_mujoco_version",
     "compile_world",
     "matching_joints",
+    "put",
     "root_qpos",
 ]
 
@@ -86,6 +88,10 @@ class RobotModel:
         kinematic: a thing that goes its own way (see `movers.py`): its bodies, `base` first, are
             mocap bodies without joints, beside each other in the specification.
         robot: it counts as a robot; free slots of other things may be built anew as another key.
+        joints: drives of the joints that are no wheels (see `joint_servos.py`).
+        hands: what takes hold of things (see `hands.py`).
+        tools: further root bodies of the specification, each on a free joint of its own.
+        anchored: it stands fixed wherever it is put.
     """
 
     key: str
@@ -97,6 +103,10 @@ class RobotModel:
     wheel_deceleration: float | None = None
     kinematic: bool = False
     robot: bool = True
+    joints: tuple[JointModel, ...] = ()
+    hands: tuple[HandModel, ...] = ()
+    tools: tuple[ToolModel, ...] = ()
+    anchored: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -155,10 +165,11 @@ def compile_world(
         parking[slot] = _parking_place(slot, robot)
         frame = spec.worldbody.add_frame(pos=parking[slot, :3])
         built = robot.build()
-        if not robot.kinematic:
-            built.body(ROOT_BODY).sleep = mujoco.mjtSleepPolicy.mjSLEEP_INIT
         for body in list(built.worldbody.bodies):
+            if not robot.kinematic:
+                body.sleep = mujoco.mjtSleepPolicy.mjSLEEP_INIT
             frame.attach_body(body, _prefix(slot), "")
+        add_ties(spec, _prefix(slot), ROOT_BODY, robot.hands, robot.anchored)
     model = spec.compile()
     layouts = tuple(_layout(model, slot, robot) for slot, robot in enumerate(slots))
     for layout in layouts:
@@ -191,6 +202,24 @@ def _convert_servos(model: mujoco.MjModel, layout: RobotLayout) -> None:
 def root_qpos(pose: Pose) -> NDArray[np.float64]:
     """Free-joint coordinates (7,) of a pose."""
     return np.array([*pose.position, *pose.quaternion])
+
+
+def put(
+    world: CompiledWorld, data: mujoco.MjData, slot: int, coordinates: NDArray[np.float64]
+) -> None:
+    """Write the free-joint coordinates (7,) of a slot; other bodies of kinematic things follow."""
+    layout = world.layouts[slot]
+    if not layout.mocap.size:
+        data.qpos[layout.qpos : layout.qpos + 7] = coordinates
+        return
+    model = world.model
+    x, y, z, *quaternion = coordinates.tolist()
+    base = Pose((x, y, z), tuple(quaternion))
+    for body in layout.mocap:
+        offset = tuple((model.body_pos[body] - world.parking[slot, :3]).tolist())
+        pose = base @ Pose(offset, tuple(model.body_quat[body].tolist()))
+        index = model.body_mocapid[body]
+        data.mocap_pos[index], data.mocap_quat[index] = pose.position, pose.quaternion
 
 
 def _set_options(spec: mujoco.MjSpec, options: PhysicsOptions) -> None:

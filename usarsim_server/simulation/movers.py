@@ -47,23 +47,64 @@ class Mover:
 
 
 class MovingBodies:
-    """Movers together with the places of their bodies in one model generation."""
+    """Everything that moves by itself, with the places of its bodies in one model generation.
 
-    def __init__(self, model: mujoco.MjModel, movers: Sequence[Mover]) -> None:
-        """Look up the bodies.
+    Movers belong to the world, or to one robot or thing in a slot (see `follow`).
+    """
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self._model = model
+        self.movers: tuple[Mover, ...] = ()
+        """Those of the world."""
+        self._followers: dict[int, tuple[Mover, ...]] = {}
+        self._find()
+
+    def replace(self, movers: Sequence[Mover]) -> None:
+        """Replace the movers of the world; a body that nobody moves any more stays.
 
         Raises:
-            ValueError: if a body does not exist or is no mocap body.
+            ValueError: if a body does not exist or is no mocap body; the old ones stay.
         """
+        for mover in movers:
+            _mocap_id(self._model, mover.body)
         self.movers = tuple(movers)
+        self._find()
+
+    def follow(self, owner: int, movers: Sequence[Mover]) -> None:
+        """Replace the movers of one robot or thing; none is fine.
+
+        Raises:
+            ValueError: if a body does not exist or is no mocap body; the old ones stay.
+        """
+        if not (movers or owner in self._followers):
+            return
+        for mover in movers:
+            _mocap_id(self._model, mover.body)
+        self._followers.pop(owner, None)
+        if movers:
+            self._followers[owner] = tuple(movers)
+        self._find()
+
+    def bind(self, model: mujoco.MjModel) -> None:
+        """Look up all bodies in another model generation.
+
+        Raises:
+            ValueError: if one of them is not in there.
+        """
+        self._model = model
+        self._find()
+
+    def _find(self) -> None:
+        model = self._model
+        movers = [*self.movers, *(one for own in self._followers.values() for one in own)]
         self._ways = [(_mocap_id(model, mover.body), mover.pose) for mover in movers]
         bodies = mocap_bodies(model)[np.array([index for index, _ in self._ways], dtype=np.intp)]
         row_of_body = np.full(model.nbody, -1)
         row_of_body[bodies] = np.arange(len(bodies))
-        # The last row of the tables below stands for everything that has no mover.
         self._row_of_geom = row_of_body[model.body_rootid[model.geom_bodyid]]
         self._timestep = float(model.opt.timestep)
         self._ahead: tuple[float, list[Pose]] = (-math.inf, [])
+        # The last row, number -1, stands for everything that has no mover.
         self._origin = np.zeros((len(movers) + 1, 3))
         self._twist = np.zeros((len(movers) + 1, 6))
 
