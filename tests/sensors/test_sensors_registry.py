@@ -116,7 +116,7 @@ def test_an_unknown_type_is_refused_with_the_nearest_one() -> None:
 
 def test_a_type_like_no_other_is_refused_without_a_guess() -> None:
     """No suggestion is made where none is near."""
-    with pytest.raises(RobotDescriptionError, match=r"\(known types: Accel, "):
+    with pytest.raises(RobotDescriptionError, match=r"\(known types: 3DRangeScanner, Accel, "):
         make("Zzzzzz")
 
 

@@ -1,0 +1,237 @@
+"""Depth images (robots checklist 78; protocol checklist 120; protocol reference 4.6)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from sensor_fakes import (
+    UDK,
+    UT2004,
+    Box,
+    FakeRobot,
+    Pole,
+    Scene,
+    make,
+    numbers,
+    read,
+    text_of,
+    values,
+    wall_ahead,
+)
+
+from usarsim_server.errors import RobotDescriptionError
+from usarsim_server.sensors.assembly import conf_line, sen_lines
+from usarsim_server.sensors.base import SetResult
+
+TINY = {"width": 4, "height": 6, "frames": 3}
+
+
+def scan(sensor, scene: Scene, dialect=UDK) -> list[dict[str, str]]:
+    """One whole image, frame by frame."""
+    assert sensor.set("SCAN", "", FakeRobot()) is SetResult.OK
+    frames = []
+    for _ in range(sensor.frames):
+        assert read(sensor, scene=scene)
+        frames.append(values(sensor, dialect))
+    return frames
+
+
+def image(frames: list[dict[str, str]], width: int) -> np.ndarray:
+    """Rows of an image from its frames."""
+    text = ",".join(frame["Range"].removesuffix(",") for frame in frames)
+    return np.array(numbers(text)).reshape(-1, width)
+
+
+def test_it_is_idle_until_it_is_asked() -> None:
+    """Protocol checklist 120, the template of 4.6; no ray is cast meanwhile."""
+    sensor = make("KinectDepth", "KinectDepth")
+    scene = Scene()
+    for _ in range(3):
+        assert read(sensor, scene=scene)
+    assert not scene.asked
+    assert sen_lines([sensor], 70.0, UDK) == [
+        "SEN {Time 70.0000} {Type RangeImager} {Name KinectDepth} {Resolution 320,240} "
+        "{FOV 1.0122,0.7853} {Frames 0} {Frame 0}"
+    ]
+
+
+@pytest.mark.parametrize("dialect", [UT2004, UDK])
+def test_a_scan_gives_twenty_frames_and_ends(dialect) -> None:
+    """Protocol checklist 120: Frame 0..19, 12 rows of 320 pixels each, then idle again."""
+    sensor = make("KinectDepth")
+    frames = scan(sensor, Scene(wall_ahead(2.0)), dialect)
+    assert [frame["Frame"] for frame in frames] == [str(i) for i in range(20)]
+    assert {frame["Frames"] for frame in frames} == {"20"}
+    for frame in frames:
+        assert len(numbers(frame["Range"].removesuffix(","))) == 12 * 320
+    for _ in range(2):
+        read(sensor)
+        idle = values(sensor, dialect)
+        assert (idle["Frames"], idle["Frame"]) == ("0", "0")
+        assert "Range" not in idle
+
+
+def test_each_frame_casts_its_own_rows_only() -> None:
+    """3840 rays per report, together the whole image without overlap."""
+    sensor, scene = make("KinectDepth"), Scene()
+    scan(sensor, scene)
+    assert [len(fan.directions) for fan in scene.asked] == [12 * 320] * 20
+    pitch = np.concatenate([np.arcsin(fan.directions[::320, 2]) for fan in scene.asked])
+    assert len(np.unique(pitch.round(9))) == 240
+    assert (np.diff(pitch) < 0.0).all()
+
+
+def test_a_wall_square_to_the_axis_has_constant_depth() -> None:
+    """Checklist 78: a wall at 3 m gives 3.00 in every pixel, not the way along the ray."""
+    sensor = make("KinectDepth")
+    assert set(image(scan(sensor, Scene(wall_ahead(3.0))), 320).ravel()) == {3.0}
+
+
+@given(st.floats(0.3, 12.0), st.floats(-0.4, 0.4))
+def test_depth_is_the_way_along_the_axis(distance: float, lean: float) -> None:
+    """A wall that leans sideways gives depths that change across the image as a plane does."""
+    sensor, robot = make("RangeImager", **TINY, fov=0.8), FakeRobot()
+    robot.place((0.0, 0.0, 0.0), (0.0, 0.0, lean))
+    sensor.set("SCAN", "", robot)
+    read(sensor, robot, Scene(wall_ahead(distance)))
+    depths = np.array(numbers(values(sensor)["Range"].removesuffix(","))).reshape(2, 4)
+    yaw = 0.8 * (np.arange(4) / 4 - 0.5)
+    expected = distance * np.cos(yaw) / np.cos(yaw + lean)
+    # Rows differ in pitch only, which a vertical wall does not show in the depth.
+    assert np.allclose(depths, expected, atol=0.0101)
+
+
+def test_rows_run_from_top_to_bottom_and_from_left_to_right() -> None:
+    """A pole on the left is in the first half of each row, a bar above in the first rows."""
+    sensor = make("KinectDepth")
+    left = image(scan(sensor, Scene(Pole(2.0, 0.5, 0.1), wall_ahead(5.0))), 320)
+    assert left[:, :160].min() < 2.0
+    assert left[:, 160:].min() == 5.0
+    above = image(scan(sensor, Scene(Box((2.0, -5, 0.2), (2.1, 5, 0.3)), wall_ahead(5.0))), 320)
+    assert above[:120].min() == 2.0
+    assert above[120:].min() == 5.0
+
+
+def test_the_field_of_view_is_that_of_the_original() -> None:
+    """Rays from -FOV/2 in steps of FOV/320, rows from +FOV/2 in steps of FOV/240."""
+    sensor, scene = make("KinectDepth"), Scene()
+    scan(sensor, scene)
+    first, last = scene.asked[0].directions, scene.asked[-1].directions
+    yaw = np.arctan2(-first[:320, 1], first[:320, 0])
+    assert np.allclose(yaw, -0.50613 + 1.01226 / 320 * np.arange(320))
+    assert np.arcsin(first[0, 2]) == pytest.approx(0.3927)
+    assert np.arcsin(last[-1, 2]) == pytest.approx(-0.3927 + 0.7854 / 240)
+
+
+def test_what_is_too_far_prints_the_maximum_range() -> None:
+    """A pixel without hit is 20.00, also at the edge of the image."""
+    sensor = make("KinectDepth")
+    assert set(image(scan(sensor, Scene()), 320).ravel()) == {20.0}
+    assert set(image(scan(sensor, Scene(wall_ahead(19.99))), 320).ravel()) == {19.99, 20.0}
+
+
+def test_sen_of_udk() -> None:
+    """The template of 4.6: size, angles, frame numbers, padded depths, a comma at the end."""
+    sensor = make("KinectDepth", "KinectDepth", **TINY)
+    sensor.set("SCAN", "", FakeRobot())
+    read(sensor, scene=Scene(wall_ahead(3.05)))
+    assert sen_lines([sensor], 71.2, UDK) == [
+        "SEN {Time 71.2000} {Type RangeImager} {Name KinectDepth} {Resolution 4,6} "
+        "{FOV 1.0122,0.7853} {Frames 3} {Frame 0} "
+        "{Range 3.05,3.05,3.05,3.05,3.05,3.05,3.05,3.05,}"
+    ]
+
+
+def test_sen_of_ut2004() -> None:
+    """The form that MOAST quotes: one resolution and one field of view in rad, no comma."""
+    sensor = make("RangeImager", "Scanner1", **TINY)
+    sensor.set("SCAN", "", FakeRobot())
+    read(sensor)
+    read(sensor, scene=Scene(wall_ahead(11.305)))
+    assert sen_lines([sensor], 5608.85, UT2004) == [
+        "SEN {Time 5608.85} {Type RangeImager} {Name Scanner1} {Frames 3} {Frame 1} "
+        "{Resolution 0.2530} {FOV 1.0122} "
+        "{Range 11.30,11.30,11.30,11.30,11.30,11.30,11.30,11.30}"
+    ]
+
+
+def test_conf_of_both_dialects() -> None:
+    """Protocol reference 4.8: pairs in udk, as a RangeScanner in ut2004."""
+    sensor = make("KinectDepth", "K")
+    assert conf_line([sensor], "RangeImager", "K", UDK) == (
+        "CONF {Type RangeImager} {Name K} {MaxRange 20.0000} {MinRange 0.1000} "
+        "{Resolution 320,240} {Fov 1.0122,0.7853}"
+    )
+    assert text_of(sensor.configuration(UT2004)) == (
+        "{MaxRange 20.0000} {MinRange 0.1000} {Resolution 0.0031} {Fov 1.0122} "
+        "{Paning True} {Tilting False}"
+    )
+
+
+def test_a_scan_during_an_image_changes_nothing() -> None:
+    """The image goes on and still has all its frames, once."""
+    sensor = make("RangeImager", **TINY)
+    seen = []
+    for step in range(6):
+        if step < 2:
+            assert sensor.set("SCAN", "", FakeRobot()) is SetResult.OK
+        read(sensor)
+        seen.append((values(sensor)["Frames"], values(sensor)["Frame"]))
+    assert seen == [("3", "0"), ("3", "1"), ("3", "2"), ("0", "0"), ("0", "0"), ("0", "0")]
+
+
+def test_a_second_image_begins_with_its_first_frame() -> None:
+    """Asked for after the last frame of the one before."""
+    sensor = make("RangeImager", **TINY)
+    for _ in range(2):
+        frames = scan(sensor, Scene(wall_ahead(2.0)))
+        assert [frame["Frame"] for frame in frames] == ["0", "1", "2"]
+
+
+def test_with_an_interval_of_zero_each_scan_sends_one_frame() -> None:
+    """Protocol checklist 121: nothing is periodic, so a report has to be asked for."""
+    sensor = make("RangeImager", **TINY, interval=0.0)
+    seen = []
+    for _ in range(4):
+        assert sensor.set("SCAN", "", FakeRobot()) is SetResult.SCAN
+        read(sensor)
+        seen.append(values(sensor)["Frame"])
+    assert seen == ["0", "1", "2", "0"]
+
+
+def test_noise_blurs_hits_only() -> None:
+    """A standard deviation of 2 cm on a wall, none on the sky."""
+    sensor = make("KinectDepth", noise=0.02)
+    depths = image(scan(sensor, Scene(Box((3.0, -9, -9), (4.0, 9, 0.0)))), 320)
+    assert set(depths[:119].ravel()) == {20.0}
+    assert depths[121:].std() == pytest.approx(0.02, rel=0.1)
+    assert depths[121:].mean() == pytest.approx(3.0 - 0.005, abs=0.002)
+
+
+@pytest.mark.parametrize(
+    ("options", "key"),
+    [
+        ({"height": 240, "frames": 7}, "frames"),
+        ({"width": 0}, "width"),
+        ({"height": 5000}, "height"),
+        ({"fov": 60}, "fov"),
+        ({"resolution": 0.1}, "resolution"),
+    ],
+)
+def test_impossible_images_are_refused(options: dict[str, object], key: str) -> None:
+    """Frames that do not divide the rows, absurd sizes, degrees, keys of other sensors."""
+    with pytest.raises(RobotDescriptionError, match=f"{key}: "):
+        make("RangeImager", **options)
+
+
+def test_other_opcodes_are_unknown() -> None:
+    """And start nothing."""
+    sensor, scene = make("RangeImager"), Scene()
+    assert sensor.set("RESET", "", FakeRobot()) is SetResult.UNKNOWN
+    read(sensor, scene=scene)
+    assert not scene.asked
+    assert math.isclose(sensor.interval(UDK), 0.1)
