@@ -15,7 +15,7 @@ import numpy as np
 
 from usarsim_server.errors import SpawnError
 from usarsim_server.simulation.frames import Pose, Vector
-from usarsim_server.simulation.model import CompiledWorld, root_qpos
+from usarsim_server.simulation.model import SHELF_HEIGHT, CompiledWorld, root_qpos
 from usarsim_server.simulation.movers import mocap_bodies
 from usarsim_server.simulation.snapshot import Snapshot
 
@@ -63,9 +63,13 @@ class Placement:
         """
         if not all(math.isfinite(value) for value in (*pose.position, *pose.quaternion)):
             raise SpawnError("the spawn pose is not finite")
-        grounded = self._above_floor(pose, self._world.slots[slot].rest_height)
-        self._check_inside(grounded)
-        for place in _rings(grounded):
+        rest_height = self._world.slots[slot].rest_height
+        grounded = self._above_floor(pose, rest_height)
+        if not self._inside(grounded):
+            x, y, z = grounded.position
+            raise SpawnError(f"the spawn position ({x:g}, {y:g}, {z:g}) is outside the world")
+        grounded = self._above_slab(snapshot, grounded, rest_height)
+        for place in filter(self._inside, _rings(grounded)):
             blocked, by_moving = self._overlap(snapshot, slot, place)
             if blocked <= TOLERATED:
                 return place
@@ -79,14 +83,11 @@ class Placement:
         x, y, z = pose.position
         raise SpawnError(f"no free place within {RINGS[-1]:g} m of ({x:.2f}, {y:.2f}, {z:.2f})")
 
-    def _check_inside(self, pose: Pose) -> None:
-        inside = all(
+    def _inside(self, pose: Pose) -> bool:
+        return all(
             low <= value <= high
             for low, value, high in zip(self._lower, pose.position, self._upper, strict=True)
         )
-        if not inside:
-            x, y, z = pose.position
-            raise SpawnError(f"the spawn position ({x:g}, {y:g}, {z:g}) is outside the world")
 
     def _above_floor(self, pose: Pose, rest_height: float) -> Pose:
         """Lift a pose below an endless floor to its surface; no way leads there otherwise."""
@@ -103,13 +104,52 @@ class Placement:
                 z = float(level) + rest_height + CLEARANCE
         return Pose((x, y, z), pose.quaternion)
 
-    def _overlap(self, snapshot: Snapshot, slot: int, pose: Pose) -> tuple[float, bool]:
-        """Deepest overlap (m) of the robot at a pose, and whether anything movable is in it."""
-        layout = self._world.layouts[slot]
+    def _above_slab(self, snapshot: Snapshot, pose: Pose, rest_height: float) -> Pose:
+        """Lift a pose with a void below it and something above onto the top of that.
+
+        This is where a client's robot ends that takes z for upwards: under a floor of finite
+        thickness, about to fall out of the world.
+        """
+        x, y, z = pose.position
+        self._show(snapshot)
+        mujoco.mj_kinematics(self._model, self._data)
+        if self._way(pose.position, -1.0) <= z - self._lower[2]:
+            return pose
+        bottom = self._way(pose.position, 1.0)
+        thickness = self._way((x, y, z + bottom + 1e-6), 1.0) if math.isfinite(bottom) else math.inf
+        if not math.isfinite(thickness):
+            return pose
+        return Pose((x, y, z + bottom + thickness + rest_height + CLEARANCE), pose.quaternion)
+
+    def _way(self, start: Vector, up: float) -> float:
+        """Way (m) to the next surface straight up (1) or down (-1); inf if there is none."""
+        geom = np.zeros(1, dtype=np.int32)
+        way = mujoco.mj_ray(
+            self._model,
+            self._data,
+            np.array(start),
+            np.array([0.0, 0.0, up]),
+            None,
+            1,
+            -1,
+            geom,
+            None,
+        )
+        reached = geom[0] >= 0 and start[2] + up * way < SHELF_HEIGHT - 100.0
+        return float(way) if reached else math.inf
+
+    def _show(self, snapshot: Snapshot) -> None:
+        """Bring the private copy into the state of a snapshot."""
         data = self._data
         data.qpos[:] = snapshot.qpos
         data.mocap_pos[:] = snapshot.xpos[self._mocap]
         data.mocap_quat[:] = snapshot.xquat[self._mocap]
+
+    def _overlap(self, snapshot: Snapshot, slot: int, pose: Pose) -> tuple[float, bool]:
+        """Deepest overlap (m) of the robot at a pose, and whether anything movable is in it."""
+        layout = self._world.layouts[slot]
+        data = self._data
+        self._show(snapshot)
         data.qpos[layout.qpos : layout.qpos + 7] = root_qpos(pose)
         mujoco.mj_kinematics(self._model, data)
         mujoco.mj_comPos(self._model, data)
@@ -118,7 +158,7 @@ class Placement:
             return 0.0, False
         pairs = data.contact.geom
         own = np.isin(pairs, layout.geoms)
-        touching = own.any(axis=1) & (data.contact.dist < -TOLERATED)
+        touching = own.any(axis=1) & ~own.all(axis=1) & (data.contact.dist < -TOLERATED)
         if not touching.any():
             return 0.0, False
         others = np.where(own[touching, 0], pairs[touching, 1], pairs[touching, 0])
