@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 
 from usarsim_server.errors import UsarsimError
 from usarsim_server.logs import Log
+from usarsim_server.simulation.articulation import JointOrder
 from usarsim_server.simulation.compensation import compensate
 from usarsim_server.simulation.frames import Pose
+from usarsim_server.simulation.limbs import Limbs
 from usarsim_server.simulation.model import (
     JOINT_WIDTH,
     CompiledWorld,
@@ -49,6 +51,7 @@ class Growth:
     world: CompiledWorld
     data: mujoco.MjData
     servos: WheelServos
+    limbs: Limbs
     traction: Traction
     joints: tuple[NDArray[np.intp], NDArray[np.intp]]
     """Old and new coordinate indices of everything that exists in both."""
@@ -80,6 +83,7 @@ class Engine:
         self.world = compile_world(scenery, slots, options, generation=0)
         self.data = mujoco.MjData(self.world.model)
         self._servos = WheelServos(self.world)
+        self._limbs = Limbs(self.world)
         self._moving = MovingBodies(self.world.model)
         self._traction = Traction(self.world.model, options.surfaces)
         self._active: dict[int, int] = {}
@@ -199,16 +203,40 @@ class Engine:
             raise ValueError(f"wheel speed targets out of bounds: {targets}")
         self._servos.command(slot, targets)
         self._note_driven(slot, bool(np.any(targets)))
-        dof = self.world.layouts[slot].dof
-        if self.data.qvel[dof] == 0.0:
-            self.data.qvel[dof] = WAKE
+        self._wake(slot)
 
     def wheel_targets(self, robot: int) -> Array:
         """Commanded wheel speeds (rad/s) of an active robot."""
         return self._servos.targets(self._active[robot])
 
+    def command_joints(self, robot: int, orders: Mapping[str, JointOrder]) -> None:
+        """Give orders to joints of a robot by name and wake it; unknown joints are ignored.
+
+        Raises:
+            ValueError: if a value is not finite.
+        """
+        slot = self._active.get(robot)
+        if slot is not None:
+            self._limbs.command(slot, orders)
+            self._wake(slot)
+
+    def operate_hand(self, robot: int, hand: str, close: bool) -> bool:
+        """Close or open a hand of a robot; whether it obeyed (see `Hands.operate`)."""
+        slot = self._active.get(robot)
+        if slot is None:
+            return False
+        self._look()
+        self._wake(slot)
+        return self._limbs.operate(self.data, slot, hand, close)
+
+    def _wake(self, slot: int) -> None:
+        dof = self.world.layouts[slot].dof
+        if self.data.qvel[dof] == 0.0:
+            self.data.qvel[dof] = WAKE
+
     def _release(self, slot: int) -> None:
         self._servos.release(slot)
+        self._limbs.release(slot)
         self._note_driven(slot, False)
 
     def _note_driven(self, slot: int, driven: bool) -> None:
@@ -230,6 +258,7 @@ class Engine:
         for dofs in (slice(layout.dof, layout.dof + 6), list(layout.joint_dof.values())):
             data.qvel[dofs] = WAKE
             data.qacc_warmstart[dofs] = 0.0
+        self._limbs.place(data, slot, coordinates)
 
     # -- stepping ----------------------------------------------------------------------------
 
@@ -252,13 +281,15 @@ class Engine:
     def _run(self, steps: int) -> None:
         model, data, servos = self.world.model, self.data, self._servos
         moving, compensated = self._moving, self._options.compensation
-        traction = self._traction
+        traction, limbs = self._traction, self._limbs
         patched = traction.near(data)
         for _ in range(steps):
             moving.apply(data, data.time)
             servos.update(data.qpos)
+            limbs.update(data.qpos)
             mujoco.mj_step1(model, data)
             servos.apply(data)
+            limbs.apply(data)
             moving.drag(data)
             if patched:
                 traction.apply(data)
@@ -267,6 +298,7 @@ class Engine:
             mujoco.mj_step2(model, data)
             if patched:
                 traction.release(data)
+        limbs.grip(data)
 
     def _keep_awake(self) -> None:
         """Robots that are told to drive must not sleep, even where something holds them fast."""
@@ -284,12 +316,14 @@ class Engine:
         data = self.data
         self._before = (data.qpos.copy(), data.qvel.copy(), data.qacc_warmstart.copy())
         self._servos_before = self._servos.state()
+        self._limbs_before = self._limbs.state(data)
 
     def _restore(self) -> None:
         data = self.data
         data.qpos[:], data.qvel[:], data.qacc_warmstart[:] = self._before
         data.time = self.time
         self._servos.restore(self._servos_before)
+        self._limbs.restore(data, self._limbs_before)
 
     # -- containing divergence ---------------------------------------------------------------
 
@@ -333,6 +367,7 @@ class Engine:
             if tree in robots:
                 slot = self._active[robots[tree]]
                 self._servos.release(slot)
+                self._limbs.release(slot)
                 self._put(slot, self.world.parking[slot])
             else:
                 self._put_back(tree)
@@ -362,6 +397,7 @@ class Engine:
     def _put_back(self, tree: int) -> None:
         """Put a tree to where the model has it, at rest."""
         model, data = self.world.model, self.data
+        self._limbs.drop(data, tree)
         dofs = model.dof_treeid == tree
         for joint in np.unique(model.dof_jntid[dofs]):
             start = model.jnt_qposadr[joint]
@@ -388,7 +424,7 @@ class Engine:
         mujoco.mj_forward(world.model, data)
         joints, dofs = matching_joints(old.model, world.model)
         traction = Traction(world.model, self._options.surfaces)
-        return Growth(world, data, WheelServos(world), traction, joints, dofs)
+        return Growth(world, data, WheelServos(world), Limbs(world), traction, joints, dofs)
 
     def adopt(self, growth: Growth) -> None:
         """Replace the model by a grown one and carry the whole state over."""
@@ -400,9 +436,11 @@ class Engine:
         new.qvel[growth.dofs[1]] = velocity
         new.time = old.time
         growth.servos.restore(self._servos.state())
+        growth.limbs.restore(new, self._limbs.state(old))
         carry_over(self.world.model, old, growth.world.model, new)
         before = self.world.slots
         self.world, self.data, self._servos = growth.world, new, growth.servos
+        self._limbs = growth.limbs
         self._moving.bind(self.world.model)
         for slot, (one, other) in enumerate(zip(before, self.world.slots, strict=False)):
             if one is not other:
@@ -426,6 +464,8 @@ class Engine:
             xpos=_frozen(data.xpos),
             xquat=_frozen(data.xquat),
             layouts=self._layouts(),
+            torque=_frozen(self._limbs.torques(data)),
+            hands=self._limbs.hands(),
         )
 
     def _look(self) -> None:

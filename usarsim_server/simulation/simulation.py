@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from usarsim_server.errors import SpawnError
 from usarsim_server.logs import Log
+from usarsim_server.simulation.articulation import JointOrder
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose, Vector
 from usarsim_server.simulation.mailbox import Mailbox
@@ -228,6 +229,27 @@ class Simulation:
         if not np.isfinite(targets).all():
             raise ValueError(f"wheel speed targets must be finite: {targets}")
         self._mail.post(lambda: self._engine.drive(robot, targets))
+
+    def command_joints(self, robot: int, orders: Mapping[str, JointOrder]) -> None:
+        """Give orders to joints that are no wheels, by name in any case, at the next step.
+
+        Values beyond what a joint can do are taken for the limit; unknown joints are ignored.
+
+        Raises:
+            ValueError: if a value is not finite.
+        """
+        if not all(math.isfinite(order.value) for order in orders.values()):
+            raise ValueError(f"orders must be finite: {orders}")
+        taken = dict(orders)
+        self._mail.post(lambda: self._engine.command_joints(robot, taken))
+
+    def operate_hand(self, robot: int, hand: str, close: bool) -> bool:
+        """Close or open a hand; blocks until it is done.
+
+        Returns:
+            Whether it obeyed: a coupling closes only on a tool and opens only if it has one.
+        """
+        return self._mail.ask(lambda: self._engine.operate_hand(robot, hand, close))
 
     def teleport(self, robot: int, pose: Pose) -> None:
         """Move a robot to a pose, at rest, at the next step.

@@ -13,6 +13,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.simulation.articulation import HandState
 from usarsim_server.simulation.frames import Pose, Vector
 
 __all__ = ["RobotBody", "RobotLayout", "RobotState", "Snapshot", "StateSource"]
@@ -73,6 +74,10 @@ class Snapshot:
     """Body orientations (nbody, 4), w x y z."""
     layouts: Mapping[int, RobotLayout] = field(default_factory=dict)
     """Layouts of the active robots by robot id."""
+    torque: Array = field(default_factory=lambda: np.zeros(0))
+    """Forces of the joint drives (nv,), N m or N; wheels included."""
+    hands: Mapping[int, Mapping[str, HandState]] = field(default_factory=dict)
+    """What hands are doing, by slot and name of the hand."""
 
 
 class RobotState(Protocol):
@@ -167,6 +172,14 @@ class RobotBody:
     def joint_position(self, joint: str) -> float:
         """Position of a joint by name (any case), rad or m. Raises KeyError if unknown."""
         return float(self.snapshot.qpos[self.layout.joint_qpos[joint.lower()]])
+
+    def joint_torque(self, joint: str) -> float:
+        """Force of a joint's drive by name (any case), N m or N. Raises KeyError if unknown."""
+        return float(self.snapshot.torque[self.layout.joint_dof[joint.lower()]])
+
+    def hand(self, name: str) -> HandState:
+        """What a hand is doing. Raises KeyError for an unknown hand."""
+        return self.snapshot.hands[self.layout.slot][name]
 
     def _body_pose(self, body: int) -> Pose:
         x, y, z = self.snapshot.xpos[body].tolist()

@@ -1,0 +1,166 @@
+"""What the simulation has to know of the joints, hands and tools of a robot class.
+
+A joint here is anything but a wheel: a pan-tilt, an arm, a flipper, a finger. A hand is whatever
+takes hold of things: fingers that close on them, a suction cup, a coupling for tools. A tool lies
+about as a body of its own until a coupling takes it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum, IntEnum
+from typing import NamedTuple
+
+import mujoco
+
+from usarsim_server.simulation.frames import IDENTITY, Pose
+
+__all__ = [
+    "Grip",
+    "HandModel",
+    "HandState",
+    "JointModel",
+    "JointOrder",
+    "Order",
+    "ToolModel",
+    "add_ties",
+    "anchor_name",
+    "tie_name",
+]
+
+TIE_SOLREF = (0.01, 1.0)
+TIE_SOLIMP = (0.98, 0.99, 0.001, 0.5, 2.0)
+"""Of what holds two bodies together: 10 micrometres of play under a body's own weight."""
+
+
+class Order(IntEnum):
+    """What a joint is told; the numbers are those of the wire (protocol reference 3.9)."""
+
+    POSITION = 0
+    VELOCITY = 1
+    TORQUE = 2
+
+
+class JointOrder(NamedTuple):
+    """An order to one joint: rad or m, rad/s or m/s, N m or N."""
+
+    order: Order
+    value: float
+
+
+@dataclass(frozen=True, slots=True)
+class JointModel:
+    """The drive of one joint.
+
+    Attributes:
+        name: of the joint in the specification; its range, if any, is there too.
+        max_speed: rad/s or m/s.
+        max_force: N m or N that the drive can exert.
+    """
+
+    name: str
+    max_speed: float
+    max_force: float
+
+
+class Grip(Enum):
+    """How a hand takes hold."""
+
+    PINCH = "fingers"
+    SUCTION = "suction"
+    COUPLING = "coupling"
+
+
+@dataclass(frozen=True, slots=True)
+class HandModel:
+    """Something that takes hold of bodies.
+
+    Attributes:
+        name: unique within the robot.
+        grip: how it takes hold.
+        body: name of the body that carries it in the specification.
+        tip: where it holds, in the frame of that body; suction acts along the x axis of it.
+        fingers: bodies that all have to touch a thing before it is held (PINCH).
+        reach: m in front of the tip within which suction catches (SUCTION).
+        strength: N of pull beyond which the thing slips away.
+        tolerance: m and rad by which a tool may be out of place (COUPLING).
+        tools: names of the tools it may take (COUPLING).
+    """
+
+    name: str
+    grip: Grip
+    body: str
+    tip: Pose = IDENTITY
+    fingers: tuple[str, ...] = ()
+    reach: float = 0.0
+    strength: float = math.inf
+    tolerance: tuple[float, float] = (0.0, 0.0)
+    tools: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class ToolModel:
+    """A body with a free joint of its own that comes and goes with the robot.
+
+    Attributes:
+        body: its name in the specification, a root body; so is its joint's.
+        pose: where it lies when the robot appears, relative to the robot's reference point.
+        holder: hand that holds it from the start, if any; then `pose` is where the hand is.
+    """
+
+    body: str
+    pose: Pose
+    holder: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class HandState:
+    """What a hand is doing.
+
+    Attributes:
+        closed: it was told to close.
+        holding: name of the body it holds, None if there is none.
+    """
+
+    closed: bool = False
+    holding: str | None = None
+
+
+def tie_name(prefix: str, hand: str) -> str:
+    """Name of the constraint that a hand holds with."""
+    return f"{prefix}{hand}:hold"
+
+
+def anchor_name(prefix: str) -> str:
+    """Name of the constraint that keeps an anchored robot in its place."""
+    return f"{prefix}:anchor"
+
+
+def add_ties(
+    spec: mujoco.MjSpec, prefix: str, root: str, hands: Sequence[HandModel], anchored: bool
+) -> None:
+    """Give one robot slot the constraints that it will hold things with, all of them idle.
+
+    Args:
+        spec: the world, with the slot already in it.
+        prefix: of the slot's names.
+        root: name of the robot's root body, without prefix.
+        hands: of the robot.
+        anchored: whether it stands fixed in the world.
+    """
+    ties = [(tie_name(prefix, hand.name), prefix + hand.body) for hand in hands]
+    if anchored:
+        ties.append((anchor_name(prefix), prefix + root))
+    for name, body in ties:
+        spec.add_equality(
+            name=name,
+            type=mujoco.mjtEq.mjEQ_WELD,
+            objtype=mujoco.mjtObj.mjOBJ_BODY,
+            name1=body,
+            name2="world",
+            active=False,
+            solref=TIE_SOLREF,
+            solimp=TIE_SOLIMP,
+        )

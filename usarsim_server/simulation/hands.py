@@ -1,0 +1,356 @@
+"""Taking hold of things: fingers, suction cups and tool couplings of all robots.
+
+What a hand holds is tied to it by a weld constraint, as the original did. Friction alone would be
+the more natural way to hold a thing between fingers, but it lets go by and by. So fingers close by
+force until all of them touch one body, which is then tied; it slips away when it is pulled harder
+than the hand is strong. The same constraint keeps anchored robots in their place.
+
+Only bodies that can move and belong to no robot are held. Used by the physics thread.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_server.simulation.articulation import (
+    Grip,
+    HandModel,
+    HandState,
+    ToolModel,
+    anchor_name,
+    tie_name,
+)
+from usarsim_server.simulation.frames import Pose, Vector
+from usarsim_server.simulation.model import CompiledWorld, root_qpos
+
+__all__ = ["Hands", "HandsState"]
+
+SLIP_TIME = 0.04
+"""s for which a pull has to be too strong; a knock is not a pull."""
+SEARCH_INTERVAL = 0.02
+"""s between two looks of a closed, empty hand for something to hold."""
+SKIN = 1e-3
+"""m by which a suction ray starts outside the cup."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(slots=True)
+class _Hand:
+    """One hand of one slot."""
+
+    model: HandModel
+    slot: int
+    tie: int
+    body: int
+    fingers: tuple[int, ...]
+    closed: bool = False
+    held: int = -1
+    strained: float = 0.0
+    searched: float = -math.inf
+
+
+HandsState = tuple[
+    tuple[tuple[int, str, bool, str | int | None], ...], dict[str, tuple[Array, bool]]
+]
+"""Slot, hand, closed and body held of every hand; relative pose and activity of every tie."""
+
+
+class Hands:
+    """All hands and anchors of one model generation."""
+
+    def __init__(self, world: CompiledWorld) -> None:
+        self._model = model = world.model
+        self._tools: dict[int, tuple[ToolModel, ...]] = {}
+        self._anchors: dict[int, int] = {}
+        self._hands: dict[int, list[_Hand]] = {}
+        bodies: set[int] = set()
+        for slot, (robot, layout) in enumerate(zip(world.slots, world.layouts, strict=True)):
+            prefix = f"robot{slot}:"
+            bodies |= layout.bodies
+            if robot.tools:
+                self._tools[slot] = robot.tools
+            if robot.anchored:
+                self._anchors[slot] = model.equality(anchor_name(prefix)).id
+            if robot.hands:
+                self._hands[slot] = [self._hand(slot, hand) for hand in robot.hands]
+        self._bases = [layout.base for layout in world.layouts]
+        tools = {self._body(slot, tool.body) for slot in self._tools for tool in self._tools[slot]}
+        movable = (model.body_weldid != 0) & (model.body_treeid >= 0)
+        movable[sorted(bodies | tools)] = False
+        self._movable = movable
+        self._all = [hand for hands in self._hands.values() for hand in hands]
+
+    def _hand(self, slot: int, hand: HandModel) -> _Hand:
+        return _Hand(
+            model=hand,
+            slot=slot,
+            tie=self._model.equality(tie_name(f"robot{slot}:", hand.name)).id,
+            body=self._body(slot, hand.body),
+            fingers=tuple(self._body(slot, finger) for finger in hand.fingers),
+        )
+
+    def _body(self, slot: int, name: str) -> int:
+        return int(self._model.body(f"robot{slot}:{name}").id)
+
+    # -- coming and going --------------------------------------------------------------------
+
+    def place(self, data: mujoco.MjData, slot: int, base: Pose) -> None:
+        """Let go of everything and take tools and anchor of a slot along to a new pose."""
+        for hand in self._hands.get(slot, ()):
+            self._let_go(data, hand)
+            hand.closed = False
+        if slot in self._anchors:
+            tie = self._anchors[slot]
+            self._tie(data, tie, self._bases[slot], 0, Pose(), base)
+        for tool in self._tools.get(slot, ()):
+            body = self._body(slot, tool.body)
+            self._put(data, body, base @ tool.pose)
+            for hand in self._hands.get(slot, ()):
+                if hand.model.name == tool.holder:
+                    self._tie(data, hand.tie, hand.body, body, hand.model.tip)
+                    hand.closed, hand.held = True, body
+
+    def drop(self, data: mujoco.MjData, tree: int) -> None:
+        """Let go of a body that is about to be put somewhere else."""
+        for hand in self._all:
+            if hand.held >= 0 and self._model.body_treeid[hand.held] == tree:
+                self._let_go(data, hand)
+
+    def state(self, data: mujoco.MjData) -> HandsState:
+        """A copy of everything that changes, for `restore`."""
+        model = self._model
+        hands = tuple(
+            (hand.slot, hand.model.name, hand.closed, self._key(hand.held)) for hand in self._all
+        )
+        used = [*(hand.tie for hand in self._all), *self._anchors.values()]
+        ties = {
+            model.equality(tie).name: (model.eq_data[tie].copy(), bool(data.eq_active[tie]))
+            for tie in used
+        }
+        return hands, ties
+
+    def restore(self, data: mujoco.MjData, state: HandsState) -> None:
+        """Go back to a copied state, of this generation or of another one."""
+        model = self._model
+        hands, ties = state
+        by_name = {(hand.slot, hand.model.name): hand for hand in self._all}
+        for slot, name, closed, held in hands:
+            hand = by_name[slot, name]
+            hand.closed, hand.strained = closed, data.time
+            hand.held = -1 if held is None else int(model.body(held).id)
+            if hand.held >= 0:
+                model.eq_obj2id[hand.tie] = hand.held
+        for name, (values, active) in ties.items():
+            tie = model.equality(name).id
+            model.eq_data[tie] = values
+            data.eq_active[tie] = active
+
+    def states(self, slot: int) -> dict[str, HandState]:
+        """What the hands of a slot are doing, by name."""
+        return {
+            hand.model.name: HandState(hand.closed, self._name(hand.held, slot))
+            for hand in self._hands.get(slot, ())
+        }
+
+    def slots(self) -> tuple[int, ...]:
+        """Slots that have hands."""
+        return tuple(self._hands)
+
+    def _key(self, body: int) -> str | int | None:
+        """What a body is found by in another generation; scenery keeps its numbers."""
+        return None if body < 0 else str(self._model.body(body).name) or body
+
+    def _name(self, body: int, slot: int) -> str | None:
+        """Name of a body for users: tools as the robot calls them, something in any case."""
+        if body < 0:
+            return None
+        name = str(self._model.body(body).name) or f"body{body}"
+        return name.removeprefix(f"robot{slot}:")
+
+    # -- orders ------------------------------------------------------------------------------
+
+    def operate(self, data: mujoco.MjData, slot: int, name: str, close: bool) -> bool:
+        """Close or open a hand of a slot.
+
+        Returns:
+            Whether it obeyed: a coupling closes only on a tool, and opens only if it has one;
+            false as well if there is no such hand.
+        """
+        found = (hand for hand in self._hands.get(slot, ()) if hand.model.name == name)
+        hand = next(found, None)
+        if hand is None:
+            return False
+        if hand.model.grip is Grip.COUPLING:
+            return self._couple(data, hand) if close else self._uncouple(data, hand)
+        if not close:
+            self._let_go(data, hand)
+        hand.closed = close
+        hand.searched = -math.inf
+        return True
+
+    def _couple(self, data: mujoco.MjData, hand: _Hand) -> bool:
+        if hand.held >= 0:
+            return False
+        place = _pose(data, hand.body) @ hand.model.tip
+        for tool in hand.model.tools:
+            body = self._body(hand.slot, tool)
+            if any(other.held == body for other in self._hands[hand.slot]):
+                continue
+            if _fits(place, _pose(data, body), *hand.model.tolerance):
+                self._put(data, body, place)
+                self._tie(data, hand.tie, hand.body, body, hand.model.tip)
+                hand.held, hand.closed = body, True
+                return True
+        return False
+
+    def _uncouple(self, data: mujoco.MjData, hand: _Hand) -> bool:
+        if hand.held < 0:
+            return False
+        self._let_go(data, hand)
+        hand.closed = False
+        return True
+
+    # -- between steps -----------------------------------------------------------------------
+
+    def update(self, data: mujoco.MjData) -> None:
+        """Let closed hands catch what they meet, and let go what is pulled too hard.
+
+        To be called after every few steps.
+        """
+        for hand in self._all:
+            if not hand.closed:
+                continue
+            if hand.held >= 0:
+                self._feel(data, hand)
+            elif data.time - hand.searched >= SEARCH_INTERVAL:
+                hand.searched = data.time
+                self._search(data, hand)
+
+    def _feel(self, data: mujoco.MjData, hand: _Hand) -> None:
+        rows = np.flatnonzero(
+            (data.efc_type[: data.ne] == mujoco.mjtConstraint.mjCNSTR_EQUALITY)
+            & (data.efc_id[: data.ne] == hand.tie)
+        )
+        pull = float(np.linalg.norm(data.efc_force[rows[:3]])) if rows.size else 0.0
+        if pull <= hand.model.strength:
+            hand.strained = data.time
+        elif data.time - hand.strained > SLIP_TIME:
+            self._let_go(data, hand)
+
+    def _search(self, data: mujoco.MjData, hand: _Hand) -> None:
+        if hand.model.grip is Grip.PINCH:
+            body = self._pinched(data, hand)
+        elif hand.model.grip is Grip.SUCTION:
+            body = self._sucked(data, hand)
+        else:
+            return
+        if body >= 0:
+            self._tie(data, hand.tie, hand.body, body, hand.model.tip, _pose(data, body))
+            hand.held, hand.strained = body, data.time
+
+    def _pinched(self, data: mujoco.MjData, hand: _Hand) -> int:
+        """The body that every finger touches, -1 if there is none."""
+        if not data.ncon:
+            return -1
+        pairs = self._model.geom_bodyid[data.contact.geom]
+        common: set[int] | None = None
+        for finger in hand.fingers:
+            touched = set(pairs[pairs[:, 0] == finger, 1].tolist())
+            touched |= set(pairs[pairs[:, 1] == finger, 0].tolist())
+            common = touched if common is None else common & touched
+        found = sorted(body for body in common or () if self._movable[body])
+        return found[0] if found else -1
+
+    def _sucked(self, data: mujoco.MjData, hand: _Hand) -> int:
+        """The body in front of the cup, -1 if there is none within reach."""
+        tip = _pose(data, hand.body) @ hand.model.tip
+        ahead = np.array(tip.rotate((1.0, 0.0, 0.0)))
+        origin = np.array(tip.position) + SKIN * ahead
+        geom = np.full(1, -1, dtype=np.int32)
+        distance = mujoco.mj_ray(self._model, data, origin, ahead, None, 1, hand.body, geom, None)
+        if geom[0] < 0 or not 0.0 <= distance <= hand.model.reach:
+            return -1
+        body = int(self._model.geom_bodyid[geom[0]])
+        return body if self._movable[body] else -1
+
+    # -- ties --------------------------------------------------------------------------------
+
+    def _tie(
+        self,
+        data: mujoco.MjData,
+        tie: int,
+        body: int,
+        other: int,
+        point: Pose,
+        place: Pose | None = None,
+    ) -> None:
+        """Tie another body to a body.
+
+        Args:
+            data: live state.
+            tie: the constraint.
+            body: what holds. other: what is held; 0, the world, for anchors.
+            point: where it is held, in the frame of `body`.
+            place: where the other body (for an anchor: the body itself) is in the world, to be
+                kept as it is; None to hold it with its origin at the point.
+        """
+        model = self._model
+        if other == 0:
+            assert place is not None
+            anchor, held = place.position, place.inverse().quaternion
+        elif place is None:
+            anchor, held = (0.0, 0.0, 0.0), point.quaternion
+        else:
+            here = _pose(data, body)
+            anchor = (place.inverse() @ here @ point).position
+            held = (here.inverse() @ place).quaternion
+        # The point of the second body, the same point of the first, their relative orientation.
+        model.eq_data[tie, 0:3] = anchor
+        model.eq_data[tie, 3:6] = point.position
+        model.eq_data[tie, 6:10] = held
+        model.eq_obj2id[tie] = other
+        data.eq_active[tie] = 1
+
+    def _let_go(self, data: mujoco.MjData, hand: _Hand) -> None:
+        if hand.held < 0:
+            return
+        data.eq_active[hand.tie] = 0
+        self._model.eq_obj2id[hand.tie] = 0
+        self._wake(data, hand.held)
+        hand.held = -1
+
+    def _put(self, data: mujoco.MjData, body: int, pose: Pose) -> None:
+        joint = self._model.body_jntadr[body]
+        start = self._model.jnt_qposadr[joint]
+        data.qpos[start : start + 7] = root_qpos(pose)
+        self._wake(data, body)
+
+    def _wake(self, data: mujoco.MjData, body: int) -> None:
+        """Let a body that is held no more, or is elsewhere, notice it (see `engine.WAKE`)."""
+        dofs = self._model.dof_treeid == self._model.body_treeid[body]
+        data.qvel[dofs & (data.qvel == 0.0)] = -0.0
+
+
+def _pose(data: mujoco.MjData, body: int) -> Pose:
+    x, y, z = data.xpos[body].tolist()
+    w, i, j, k = data.xquat[body].tolist()
+    return Pose((x, y, z), (w, i, j, k))
+
+
+def _fits(place: Pose, tool: Pose, distance: float, angle: float) -> bool:
+    """Whether a tool is near enough: origin, and direction of its x and y axes each."""
+    if math.dist(place.position, tool.position) > distance:
+        return False
+    axes: Sequence[Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+    for axis in axes:
+        cosine = float(np.dot(place.rotate(axis), tool.rotate(axis)))
+        if math.acos(min(1.0, max(-1.0, cosine))) > angle:
+            return False
+    return True

@@ -1,0 +1,206 @@
+"""Servos of every joint that is not a wheel, of all robots at once.
+
+A joint is told a position, a speed or a torque. Whatever it is told becomes a speed, never above
+the joint's limit, and the largest force that may be used to keep it. Towards a position the speed
+falls in proportion to the way that is left, so a joint moves at its full speed, comes to rest
+without overshoot, lands softly on its stops, and holds against gravity; what blocks it feels the
+drive's largest force and no more. A torque is that force with the highest speed in its direction:
+what yields is pushed along, what pushes back harder wins.
+
+As with the wheels, a speed servo of limited force is dry friction against a shaft that turns at
+the wanted speed (see `servo.py`): the joint's friction loss, its reference acceleration shifted
+between the two halves of a step. The solver then finds the force that is really needed, so no
+gains have to be tuned to the load.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_server.simulation.articulation import JointOrder, Order
+from usarsim_server.simulation.model import CompiledWorld
+
+__all__ = ["JointServos", "JointsState"]
+
+Array = NDArray[np.float64]
+JointsState = tuple[NDArray[Any], ...]
+
+GAIN = 20.0
+"""1/s: speed per way left. The force follows within 10 ms, so a joint settles without overshoot."""
+SETTLED_SPEED = 0.1
+"""rad/s or m/s: a joint that wants to go slower than this is holding its place."""
+HOLD_STEPS = 5
+"""Steps between two looks at joints that all hold their place."""
+DEAD_SPEED = 1e-4
+"""rad/s or m/s below which a set point is not worth the work: 5 micrometres or microradians off."""
+
+
+class JointServos:
+    """Set points of all jointed robots of one model generation; used by the physics thread."""
+
+    def __init__(self, world: CompiledWorld) -> None:
+        self._model = model = world.model
+        joints, speeds, forces = [], [], []
+        self._index: list[dict[str, int]] = []
+        for slot, robot in enumerate(world.slots):
+            index = {}
+            for joint in robot.joints:
+                index[joint.name.lower()] = len(joints)
+                joints.append(model.joint(f"robot{slot}:{joint.name}").id)
+                speeds.append(joint.max_speed)
+                forces.append(joint.max_force)
+            self._index.append(index)
+        self._joints = np.array(joints, dtype=np.intp)
+        self._coordinates = model.jnt_qposadr[self._joints].astype(np.intp)
+        self._dofs = model.jnt_dofadr[self._joints].astype(np.intp)
+        limited = model.jnt_limited[self._joints].astype(bool)
+        self._low = np.where(limited, model.jnt_range[self._joints, 0], -np.inf)
+        self._high = np.where(limited, model.jnt_range[self._joints, 1], np.inf)
+        self._home = model.qpos0[self._coordinates].copy()
+        self._max_speed = np.array(speeds, dtype=float)
+        self._max_force = np.array(forces, dtype=float)
+        self._slew = GAIN * self._max_speed * float(model.opt.timestep)
+        self._positioned = np.ones(len(joints), dtype=bool)
+        self._target = self._home.copy()
+        self._rate = np.zeros(len(joints))
+        self._force = self._max_force.copy()
+        self._speed = np.zeros(len(joints))
+        self._shift = np.zeros(max(model.nv, model.ntendon))
+        self._tendons = model.ntendon > 0
+        self._torque = np.zeros(model.nv)
+        self._fresh = False
+        self._waited = HOLD_STEPS
+        self._holding = False
+        self._moving = False
+
+    # -- orders ------------------------------------------------------------------------------
+
+    def command(self, slot: int, orders: Mapping[str, JointOrder]) -> None:
+        """Give orders to joints of a slot by name (any case); unknown names are ignored.
+
+        Positions and speeds beyond the limits are taken for the limits, torques likewise.
+
+        Raises:
+            ValueError: if a value is not finite; then no order is taken.
+        """
+        if not all(math.isfinite(order.value) for order in orders.values()):
+            raise ValueError(f"orders must be finite: {orders}")
+        for name, (order, value) in orders.items():
+            joint = self._index[slot].get(name.lower())
+            if joint is not None:
+                self._order(joint, order, value)
+        self._begin()
+
+    def _order(self, joint: int, order: Order, value: float) -> None:
+        fastest, force = self._max_speed[joint], self._max_force[joint]
+        self._positioned[joint] = order is Order.POSITION
+        if order is Order.POSITION:
+            self._target[joint] = min(max(value, self._low[joint]), self._high[joint])
+        elif order is Order.VELOCITY:
+            self._rate[joint] = min(max(value, -fastest), fastest)
+        else:
+            self._rate[joint] = math.copysign(fastest, value) if value else 0.0
+            force = min(abs(value), force)
+        self._force[joint] = force
+        self._model.dof_frictionloss[self._dofs[joint]] = force
+
+    def weaken(self, slot: int, name: str, share: float) -> bool:
+        """Let a joint use only a share (0 to 1) of its largest force; False if there is none."""
+        joint = self._index[slot].get(name.lower())
+        if joint is None:
+            return False
+        self._force[joint] = min(max(share, 0.0), 1.0) * self._max_force[joint]
+        self._model.dof_frictionloss[self._dofs[joint]] = self._force[joint]
+        self._begin()
+        return True
+
+    def release(self, slot: int) -> None:
+        """Forget all orders of a slot: its joints hold the position they start with."""
+        chosen = list(self._index[slot].values())
+        self._positioned[chosen] = True
+        self._target[chosen] = self._home[chosen]
+        self._rate[chosen] = self._speed[chosen] = 0.0
+        self._force[chosen] = self._max_force[chosen]
+        self._torque[self._dofs[chosen]] = 0.0
+        self._begin()
+
+    def _begin(self) -> None:
+        self._model.dof_frictionloss[self._dofs] = self._force
+        self._waited = HOLD_STEPS
+        self._holding = False
+
+    def target(self, slot: int, name: str) -> float | None:
+        """Position (rad or m) that a joint is told to take; None if it is told something else."""
+        joint = self._index[slot][name.lower()]
+        return float(self._target[joint]) if self._positioned[joint] else None
+
+    # -- state -------------------------------------------------------------------------------
+
+    def state(self) -> JointsState:
+        """A copy of everything that changes, for `restore`."""
+        return tuple(array.copy() for array in self._arrays())
+
+    def restore(self, state: JointsState) -> None:
+        """Go back to a copied state, of this generation or of one with fewer slots."""
+        for array, kept in zip(self._arrays(), state, strict=True):
+            array[: len(kept)] = kept
+        self._begin()
+
+    def _arrays(self) -> JointsState:
+        return self._positioned, self._target, self._rate, self._force, self._speed
+
+    # -- stepping ----------------------------------------------------------------------------
+
+    def update(self, qpos: Array) -> None:
+        """Advance all set points by one time step."""
+        if not len(self._joints):
+            return
+        self._fresh = True
+        if self._holding and self._waited < HOLD_STEPS:
+            self._waited += 1
+            return
+        here = qpos[self._coordinates]
+        wish = np.where(self._positioned, GAIN * (self._target - here), self._rate)
+        wish = np.minimum(np.maximum(wish, -self._max_speed), self._max_speed)
+        # Towards a stop as towards a target. Beyond a stop: back, but no faster than allowed.
+        wish = np.maximum(wish, np.minimum(GAIN * (self._low - here), self._max_speed))
+        wish = np.minimum(wish, np.maximum(GAIN * (self._high - here), -self._max_speed))
+        limit = self._slew * self._waited if self._holding else self._slew
+        speed = self._speed + np.minimum(np.maximum(wish - self._speed, -limit), limit)
+        self._speed = speed
+        size = np.abs(speed)
+        self._holding = bool((size < SETTLED_SPEED).all() and (np.abs(wish) < SETTLED_SPEED).all())
+        self._waited = 1
+        self._shift[self._dofs] = np.where(size < DEAD_SPEED, 0.0, speed)
+        self._moving = bool((size >= DEAD_SPEED).any())
+
+    def apply(self, data: mujoco.MjData) -> None:
+        """Hand the set points to the solver; to be called between `mj_step1` and `mj_step2`."""
+        if not (self._moving and data.nf):
+            return
+        rows = slice(data.ne, data.ne + data.nf)
+        shift = data.efc_KBIP[rows, 1] * self._shift[data.efc_id[rows]]
+        if self._tendons:  # their friction losses stand in the same rows
+            shift[data.efc_type[rows] != mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF] = 0.0
+        data.efc_aref[rows] += shift
+
+    def torques(self, data: mujoco.MjData) -> Array:
+        """Forces of the drives (nv,), N m or N, in the last step; zero where there is no drive.
+
+        Joints of sleeping robots keep the force with which they fell asleep.
+        """
+        if self._fresh:
+            self._fresh = False
+            rows = slice(data.ne, data.ne + data.nf)
+            dofs, forces = data.efc_id[rows], data.efc_force[rows]
+            if self._tendons:
+                real = data.efc_type[rows] == mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF
+                dofs, forces = dofs[real], forces[real]
+            self._torque[dofs] = forces
+        return self._torque
