@@ -53,7 +53,8 @@ class Objects:
 
     def __init__(self, world: CompiledWorld) -> None:
         self._model = world.model
-        self._bases = frozenset(layout.base for layout in world.layouts)
+        self._owner = {body: lay.base for lay in world.layouts for body in lay.bodies}
+        """Base of the slot that a body belongs to."""
         self._sizes: dict[tuple[int, int | None], Vector] = {}
 
     @cached_property
@@ -76,7 +77,7 @@ class Objects:
             return None
         body, single = self._object(geom)
         robot = None
-        if body in self._bases:
+        if body in self._owner:
             robot = next((r for r, lay in snapshot.layouts.items() if lay.base == body), None)
             if robot is None:
                 return None
@@ -109,9 +110,8 @@ class Objects:
         """The body whose frame counts, and the geom if it is an object of its own."""
         model = self._model
         body = int(model.geom_bodyid[geom])
-        root = int(model.body_rootid[body])
-        if root in self._bases:
-            return root, None
+        if body in self._owner:
+            return self._owner[body], None
         rigid = int(model.body_weldid[body])
         for candidate in (rigid, body):
             if candidate != WORLD and model.body(candidate).name:
@@ -122,7 +122,7 @@ class Objects:
         if single is not None:
             return str(self.names[single])
         name: str = self._model.body(body).name
-        return name.partition(":")[0] if body in self._bases else name
+        return name.partition(":")[0] if body in self._owner else name
 
     def _size(self, body: int, single: int | None) -> Vector:
         key = (body, single)
