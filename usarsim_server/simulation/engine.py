@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from usarsim_server.errors import UsarsimError
 from usarsim_server.logs import Log
 from usarsim_server.simulation.articulation import JointOrder
+from usarsim_server.simulation.belts import Belts
 from usarsim_server.simulation.compensation import compensate
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.limbs import Limbs
@@ -85,6 +86,7 @@ class Engine:
         self._servos = WheelServos(self.world)
         self._limbs = Limbs(self.world)
         self._moving = MovingBodies(self.world.model)
+        self._belts = Belts(self.world.model)
         self._traction = Traction(self.world.model, options.surfaces)
         self._active: dict[int, int] = {}
         self._driven: set[int] = set()
@@ -146,6 +148,15 @@ class Engine:
         w, i, j, k = self.data.xquat[base].tolist()
         return Pose((x, y, z), (w, i, j, k))
 
+    def run_belts(self, tag: str, factor: float) -> int:
+        """Let conveyors run at so many times their speed in the scene; how many there are."""
+        found = self._belts.run(tag, factor)
+        if found:
+            self._belts.apply(self.world.model)
+            # Whatever lies on a belt that stood still may sleep.
+            self.data.qvel[self.data.qvel == 0.0] = WAKE
+        return found
+
     # -- robots ------------------------------------------------------------------------------
 
     def free_slot(self, key: str) -> int | None:
@@ -175,20 +186,34 @@ class Engine:
         self._release(slot)
         self._put(slot, self.world.parking[slot])
 
-    def reseat(self, robot: int, slot: int) -> None:
-        """Give an active robot or thing another body, in a free slot, at the same pose."""
+    def reseat(self, robot: int, slot: int) -> bool:
+        """Give a robot or thing another body, in a free slot, at the same pose.
+
+        Returns:
+            Whether it is in the world.
+        """
+        if robot not in self._active:
+            return False
         pose = self.pose(robot)
         self.vacate(robot)
         self.occupy(robot, slot, pose)
+        return True
 
-    def teleport(self, robot: int, pose: Pose) -> None:
-        """Move an active robot or thing to a pose, at rest; it goes no way of its own any more.
+    def teleport(self, robot: int, pose: Pose) -> bool:
+        """Move a robot or thing to a pose, at rest; it goes no way of its own any more.
+
+        Returns:
+            Whether it is in the world.
 
         Raises:
             ValueError: if the pose is not finite.
         """
+        coordinates = _finite(root_qpos(pose))
+        if robot not in self._active:
+            return False
         self._moving.follow(robot, ())
-        self._put(self._active[robot], _finite(root_qpos(pose)))
+        self._put(self._active[robot], coordinates)
+        return True
 
     def drive(self, robot: int, targets: Array) -> None:
         """Set wheel speed targets (rad/s, part order) and wake the robot.
@@ -442,6 +467,7 @@ class Engine:
         self.world, self.data, self._servos = growth.world, new, growth.servos
         self._limbs = growth.limbs
         self._moving.bind(self.world.model)
+        self._belts.apply(self.world.model)
         for slot, (one, other) in enumerate(zip(before, self.world.slots, strict=False)):
             if one is not other:
                 self._put(slot, self.world.parking[slot])

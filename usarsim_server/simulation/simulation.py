@@ -19,24 +19,18 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.errors import SpawnError
 from usarsim_server.logs import Log
 from usarsim_server.simulation.articulation import JointOrder
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose, Vector
 from usarsim_server.simulation.mailbox import Mailbox
-from usarsim_server.simulation.model import (
-    CompiledWorld,
-    PhysicsOptions,
-    RobotModel,
-    check_mujoco_version,
-)
-from usarsim_server.simulation.movers import Mover
+from usarsim_server.simulation.model import PhysicsOptions, RobotModel, check_mujoco_version
+from usarsim_server.simulation.movers import Mover, Way
 from usarsim_server.simulation.objects import ObjectFacts
 from usarsim_server.simulation.pacing import Pacer, PaceReport
-from usarsim_server.simulation.placement import Placement
-from usarsim_server.simulation.raycaster import DynamicGeometry, StaticGeometry, cast
+from usarsim_server.simulation.raycaster import StaticGeometry, cast
 from usarsim_server.simulation.rays import RayFan, RayHits
+from usarsim_server.simulation.slots import SlotLimits, Slots
 from usarsim_server.simulation.snapshot import RobotBody, Snapshot
 
 __all__ = ["Listener", "Simulation", "SimulationOptions"]
@@ -46,10 +40,6 @@ _log = Log("simulation")
 BATCH_STEPS = 2
 """Steps per turn at a paced speed: commands are obeyed at least this often."""
 LOCKSTEP_BATCH_STEPS = 5
-GROWTH_LIMIT = 8
-"""Most slots added by one compilation."""
-GENERATIONS_KEPT = 3
-"""Former model generations whose snapshots can still be looked at."""
 
 
 class Listener(Protocol):
@@ -77,12 +67,14 @@ class SimulationOptions:
         physics: settings of the physics.
         speed: simulated seconds per wall second; infinity runs in lockstep.
         max_robots: most robots at a time.
+        max_things: most things at a time that were put into the world and are no robots.
         lower, upper: corners of the box that robots may be in, m.
     """
 
     physics: PhysicsOptions = field(default_factory=PhysicsOptions)
     speed: float = 1.0
     max_robots: int = 16
+    max_things: int = 256
     lower: Vector = (-1000.0, -1000.0, -50.0)
     upper: Vector = (1000.0, 1000.0, 200.0)
 
@@ -96,14 +88,13 @@ class Simulation:
         self._options = options
         self._engine = Engine(scenery, options.physics)
         self._static = StaticGeometry(self._engine.world)
-        self._dynamic = {0: DynamicGeometry(self._engine.world)}
-        self._placement = self._make_placement(self._engine.world)
         self._mail = Mailbox()
+        self._slots = Slots(
+            self._engine,
+            self._mail,
+            SlotLimits(options.max_robots, options.max_things, options.lower, options.upper),
+        )
         self._listeners: dict[int, Listener] = {}
-        self._spawning = threading.Lock()
-        self._spawns = 0
-        self._counting = threading.Lock()
-        self._robots = 0
         self._stopping = False
         self._thread: threading.Thread | None = None
         self._snapshot = self._engine.snapshot()
@@ -136,81 +127,42 @@ class Simulation:
 
     def cast(self, fans: Sequence[RayFan], snapshot: Snapshot, robot: int | None) -> list[RayHits]:
         """Answer ray fans against the world of a snapshot; the robot's own body is left out."""
-        return cast(fans, snapshot, robot, self._static, self._dynamic[snapshot.generation])
+        return cast(fans, snapshot, robot, self._static, self._slots.geometry(snapshot))
 
     def object_facts(self, name: str, snapshot: Snapshot) -> ObjectFacts | None:
         """Facts at a snapshot about the object that a ray's name belongs to (see `objects.py`)."""
-        return self._dynamic[snapshot.generation].objects.facts(name, snapshot)
+        return self._slots.geometry(snapshot).objects.facts(name, snapshot)
 
     # -- robots ------------------------------------------------------------------------------
 
     def spawn(self, model: RobotModel, pose: Pose) -> tuple[int, Pose]:
-        """Put a robot into the world; blocks until it is there.
+        """Put a robot or another thing into the world; blocks until it is there.
 
         Args:
             model: its class.
-            pose: wanted pose of the reference point.
+            pose: wanted pose of the reference point; a robot gets the nearest free one, a thing
+                this one or none.
 
         Returns:
-            The robot's number and the pose it really got.
+            Its number and the pose it really got.
 
         Raises:
             SpawnError: if the world is full or the pose cannot be used.
         """
-        self._count_spawns(1)
-        try:
-            with self._spawning:
-                return self._spawn(model, pose)
-        finally:
-            self._count_spawns(-1)
+        return self._slots.spawn(model, pose)
 
-    def _count_spawns(self, change: int) -> None:
-        with self._counting:
-            self._spawns += change
-        self._mail.notify()
+    def move(self, robot: int, pose: Pose) -> Pose:
+        """Move a robot or a thing, at rest, to where it would be put if it were spawned there.
 
-    def _spawn(self, model: RobotModel, pose: Pose) -> tuple[int, Pose]:
-        if len(self._mail.ask(lambda: self._engine.active)) >= self._options.max_robots:
-            raise SpawnError(f"the world is full ({self._options.max_robots} robots; --max-robots)")
-        slot = self._mail.ask(lambda: self._engine.free_slot(model.key))
-        if slot is None:
-            self._grow(model)
-            slot = self._mail.ask(lambda: self._engine.free_slot(model.key))
-        assert slot is not None
-        chosen = slot
-        placed = self._placement.find(self._mail.ask(self._engine.snapshot), chosen, pose)
-        robot = self._robots
-        self._robots += 1
-        self._mail.ask(lambda: self._engine.occupy(robot, chosen, placed))
-        return robot, placed
+        A robot gets the nearest free place, a thing this one or none.
 
-    def _grow(self, model: RobotModel) -> None:
-        """Compile a larger world in this thread while the physics goes on, then swap."""
-        slots = self._engine.world.slots
-        present = sum(slot.key == model.key for slot in slots)
-        count = max(1, min(present, GROWTH_LIMIT, self._options.max_robots - present))
-        started = time.perf_counter()
-        try:
-            growth = self._engine.grow([model] * count)
-        except ValueError as error:
-            raise SpawnError(f"robots of class {model.key} cannot be built: {error}") from error
-        dynamic = DynamicGeometry(growth.world)
-        placement = self._make_placement(growth.world)
+        Returns:
+            The pose it really got.
 
-        def adopt() -> None:
-            generation = growth.world.generation
-            # Handlers may still look at snapshots of the generations before.
-            kept = [*self._dynamic.items()][-GENERATIONS_KEPT:]
-            self._dynamic = {**dict(kept), generation: dynamic}
-            self._engine.adopt(growth)
-
-        self._mail.ask(adopt)
-        self._placement = placement
-        elapsed = 1e3 * (time.perf_counter() - started)
-        _log.debug("grown", model=model.key, slots=len(slots) + count, ms=round(elapsed, 1))
-
-    def _make_placement(self, world: CompiledWorld) -> Placement:
-        return Placement(world, self._options.lower, self._options.upper)
+        Raises:
+            SpawnError: if it is not in the world or the pose cannot be used.
+        """
+        return self._slots.move(robot, pose)
 
     def remove(self, robot: int) -> None:
         """Take a robot out of the world soon; unknown robots are ignored."""
@@ -279,6 +231,41 @@ class Simulation:
             ValueError: if a mover's body cannot be moved.
         """
         self._mail.ask(lambda: self._engine.set_movers(movers))
+
+    def follow(self, thing: int, plan: Callable[[float, Pose], Sequence[Way]]) -> None:
+        """Let a kinematic thing go its way from now on; blocks until it does.
+
+        Args:
+            thing: its number.
+            plan: given the present time (s) and pose, says where its bodies go, the base first;
+                no ways at all: it stays where it is. Called by the physics thread between two
+                steps; must return at once.
+
+        Raises:
+            KeyError: if it is not in the world.
+        """
+
+        def set_out() -> None:
+            engine = self._engine
+            engine.follow(thing, plan(engine.time, engine.pose(thing)))
+
+        self._mail.ask(set_out)
+
+    def reseat(self, thing: int, model: RobotModel) -> None:
+        """Give a thing another body at the same pose, for example one that forces move.
+
+        Raises:
+            SpawnError: if it is not in the world.
+        """
+        self._slots.reseat(thing, model)
+
+    def run_belts(self, tag: str, factor: float) -> int:
+        """Let conveyors run at so many times their speed in the scene (see `belts.py`).
+
+        Returns:
+            How many surfaces answer to the tag.
+        """
+        return self._mail.ask(lambda: self._engine.run_belts(tag, factor))
 
     # -- listeners ---------------------------------------------------------------------------
 
@@ -368,7 +355,7 @@ class Simulation:
         while not self._stopping:
             self._mail.obey()
             seen = self._mail.events
-            busy = self._spawns or not all(one.idle() for one in self._listeners.values())
+            busy = self._slots.busy or not all(one.idle() for one in self._listeners.values())
             if not busy and self._mail.empty:
                 return
             self._mail.wait(0.001, seen)
