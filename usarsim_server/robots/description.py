@@ -95,15 +95,18 @@ class DriveDescription:
     Attributes:
         max_wheel_speed: rad/s, announced as MaxSpeed and never exceeded.
         wheel_torque: N m per wheel that the servo can exert.
-        servo_gain: N m s/rad of the velocity servo.
+        servo_gain: N m s/rad of the velocity servo; torque over gain is the speed that a wheel
+            loses under load.
         wheel_acceleration: rad/s^2, the ramp of wheel speed targets.
+        wheel_deceleration: rad/s^2, the ramp towards standstill.
         parking_brake_delay: s of zero command after which the wheels are held in place.
     """
 
     max_wheel_speed: float
     wheel_torque: float = 8.0
-    servo_gain: float = 20.0
+    servo_gain: float = 100.0
     wheel_acceleration: float = 10.0
+    wheel_deceleration: float = 40.0
     parking_brake_delay: float = 0.3
 
 

@@ -213,4 +213,5 @@ def robot_model(description: RobotDescription) -> RobotModel:
         rest_height=description.rest_height,
         wheel_acceleration=description.drive.wheel_acceleration,
         brake_delay=description.drive.parking_brake_delay,
+        wheel_deceleration=description.drive.wheel_deceleration,
     )

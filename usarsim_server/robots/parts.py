@@ -193,6 +193,9 @@ def read_drive(table: TableReader, parent: Parent) -> DriveDescription:
         wheel_acceleration=table.number(
             "wheel_acceleration", base.wheel_acceleration, low=1e-3, high=1e6
         ),
+        wheel_deceleration=table.number(
+            "wheel_deceleration", base.wheel_deceleration, low=1e-3, high=1e6
+        ),
         parking_brake_delay=table.number(
             "parking_brake_delay", base.parking_brake_delay, low=0.0, high=1e6
         ),
