@@ -200,7 +200,8 @@ class TestRare:
         run(quiet, 0.2)
         run(spoiled, 0.2)
         np.testing.assert_array_equal(spoiled.wheel_targets(0), straight(6.0))
-        np.testing.assert_allclose(whole_state(spoiled, 0), whole_state(quiet, 0), atol=1e-9)
+        # The solver stops a little earlier or later in another company.
+        np.testing.assert_allclose(whole_state(spoiled, 0), whole_state(quiet, 0), atol=1e-7)
 
     def test_a_world_that_cannot_stand_is_an_error(self) -> None:
         """If the world diverges with every robot and object put away, the engine says so."""
