@@ -252,7 +252,16 @@ class TestSleep:
         run(engine, 1.0)
         assert base_qpos(engine, 0)[2] == pytest.approx(RADIUS, abs=0.01)
 
-    def test_a_stalled_robot_stays_awake(self) -> None:
+    def test_a_crawling_robot_stays_awake(self) -> None:
+        """A robot that is told to crawl slower than what counts as rest does crawl."""
+        engine = engine_with((0.0, 0.0))
+        run(engine, 2.0)
+        engine.drive(0, straight(0.0008))
+        start = base_qpos(engine, 0)[0]
+        run(engine, 20.0)
+        assert base_qpos(engine, 0)[0] - start == pytest.approx(20.0 * 0.0008 * RADIUS, rel=0.1)
+
+    def test_a_stalled_robot_goes_on(self) -> None:
         """A robot too weak to push what blocks it goes on as soon as that is taken away."""
         weak = robot_model("weak", torque=1.0)
         engine = Engine(floor(), PhysicsOptions(), [weak, ROBOT])
@@ -262,13 +271,14 @@ class TestSleep:
         engine.drive(0, straight(2.0))
         run(engine, 4.0)
         stalled = base_qpos(engine, 0)[0]
-        assert np.abs(base_qvel(engine, 0)[:3]).max() < 1e-3
+        assert np.abs(base_qvel(engine, 0)[:3]).max() < 0.005
         engine.vacate(1)
         run(engine, 1.0)
         assert base_qpos(engine, 0)[0] > stalled + 0.1
 
-    def test_a_crate_falls_when_its_robot_leaves(self) -> None:
-        """What slept on a robot wakes when the robot is taken away."""
+    @pytest.mark.parametrize("grown", [False, True])
+    def test_a_crate_falls_when_its_robot_leaves(self, grown: bool) -> None:
+        """What slept on a robot wakes when the robot is taken away, also in a model that grew."""
 
         def scenery() -> mujoco.MjSpec:
             spec = floor()()
@@ -278,6 +288,10 @@ class TestSleep:
         engine = engine_with((0.0, 0.0), scenery=scenery)
         run(engine, 3.0)
         assert engine.data.ntree_awake == 0
+        if grown:
+            engine.adopt(engine.grow([ROBOT]))
+            run(engine, 3.0)
+            assert engine.data.ntree_awake == 0
         assert engine.data.body("load").xpos[2] > 0.2
         engine.vacate(0)
         run(engine, 2.0)

@@ -310,6 +310,24 @@ class TestListeners:
         time.sleep(0.02)
         assert world.look().time == before
 
+    def test_time_stands_still_during_a_spawn(self, start: Start) -> None:
+        """In lockstep no time passes while a robot is being made."""
+        world = start()
+        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
+        world.attach(robot, Watcher(0.1))
+        moments: list[float] = []
+
+        def build() -> mujoco.MjSpec:
+            moments.append(world.look().time)
+            time.sleep(0.02)
+            moments.append(world.look().time)
+            return ROBOT.build()
+
+        wait_until(lambda: world.look().time > 0.5)
+        world.spawn(RobotModel("slow", build, ROBOT.driven, RADIUS), pose_at(0.0, 2.0))
+        assert moments[0] == moments[1] > 0.0
+        wait_until(lambda: world.look().time > moments[1] + 0.5)
+
     def test_attach_to_a_lost_robot(self) -> None:
         """A listener of a robot that is gone is told so at once."""
         world = simulation()

@@ -264,6 +264,12 @@ class TestUnderTheFloor:
         pose = pose_at(18.0, 18.0, 1.0)
         assert find(fresh(slab(0.3)), 0, pose) == pose
 
+    def test_parked_robots_are_no_ground(self) -> None:
+        """In a void right below the parked robots it stays where it was told, too."""
+        engine = Engine(mujoco.MjSpec, PhysicsOptions(), [ROBOT] * 9)
+        x, y, _ = engine.world.parking[8, :3]
+        assert find(engine, 0, pose_at(x, y, 1.0)) == pose_at(x, y, 1.0)
+
 
 class TestDrop:
     """What physics makes of a spawn (robots reference 5.1)."""
