@@ -8,8 +8,10 @@ from __future__ import annotations
 import asyncio
 import math
 import sys
+import time
+import weakref
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 from usarsim_server.protocol import messages
 from usarsim_server.robots.agent import AgentOptions, Mouth, RobotAgent
@@ -36,6 +38,9 @@ GAME_TYPE = "BotDeathMatch"
 SWITCH_INTERVAL = 0.0005
 """s after which a Python thread has to let others run; the default of 5 ms starves the physics."""
 
+STOP_TIMEOUT = 1.0
+"""s that the robots' threads get to end; the process has three in all."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Assembly:
@@ -47,6 +52,7 @@ class Assembly:
         simulation: the physics; its thread is started by `run`, or not at all in tests.
         fleet: the robots.
         services: what listens.
+        agents: the agents of all connections so far that still exist.
     """
 
     settings: Settings
@@ -54,13 +60,14 @@ class Assembly:
     simulation: Simulation
     fleet: Fleet
     services: tuple[Service, ...]
+    agents: weakref.WeakSet[RobotAgent] = field(default_factory=weakref.WeakSet)
 
     def make_agent(
         self, peer: str, outbox: Mouth, on_backlog_low: Callable[[], None]
     ) -> RobotAgent:
         """The agent of a new control connection."""
         lockstep = math.isinf(self.settings.speed)
-        return RobotAgent(
+        agent = RobotAgent(
             peer,
             outbox,
             on_backlog_low,
@@ -69,6 +76,20 @@ class Assembly:
             self.simulation.attention if lockstep else _nobody_waits,
             _agent_options(self.settings),
         )
+        self.agents.add(agent)
+        return agent
+
+    def stop(self) -> None:
+        """Stop the physics and wait for the threads of all agents.
+
+        They may be inside native code; a process that ended under them would crash.
+        """
+        self.simulation.stop()
+        for agent in tuple(self.agents):
+            agent.close()
+        deadline = time.monotonic() + STOP_TIMEOUT
+        for agent in tuple(self.agents):
+            agent.join(max(0.0, deadline - time.monotonic()))
 
 
 def assemble(settings: Settings) -> Assembly:
@@ -97,7 +118,7 @@ def assemble(settings: Settings) -> Assembly:
     assembly = Assembly(settings, world, simulation, fleet, ())
     if settings.port is not None:
         services.append(_control_service(settings, world, assembly))
-    return Assembly(settings, world, simulation, fleet, tuple(services))
+    return replace(assembly, services=tuple(services))
 
 
 def run(settings: Settings) -> int:
@@ -112,7 +133,7 @@ def run(settings: Settings) -> int:
     try:
         asyncio.run(run_services(assembly.services))
     finally:
-        assembly.simulation.stop()
+        assembly.stop()
     return 0
 
 

@@ -117,9 +117,7 @@ class Rehearsal:
 
     def close(self) -> None:
         """End all connections."""
-        for client in self._clients:
-            client.close()
-        self.assembly.simulation.stop()
+        self.assembly.stop()
 
     def __enter__(self) -> Rehearsal:
         """Use as a context manager."""
@@ -238,7 +236,7 @@ def running_server(**settings: object) -> Iterator[tuple[Assembly, dict[str, End
         for loop, stop in loops:
             loop.call_soon_threadsafe(stop.set)
         thread.join(TIMEOUT)
-        assembly.simulation.stop()
+        assembly.stop()
 
 
 class ServerProcess:

@@ -106,3 +106,15 @@ def test_robots_of_a_user(tmp_path: Path) -> None:
         client = server.client()
         client.send("INIT {ClassName USARBot.myrover}\r\nGETGEO {Type Robot}")
         assert "{Name MyRover}" in client.wait_for("GEO")
+
+
+def test_it_ends_cleanly_with_busy_robots() -> None:
+    """A server full of sensing robots ends with code 0: no thread is left inside native code."""
+    for _ in range(3):
+        with ServerProcess("--world", "arena", "--max-robots", "32") as server:
+            clients = [server.client() for _ in range(24)]
+            for index, client in enumerate(clients):
+                client.send(f"INIT {{ClassName P3AT}} {{Start RobotStart{index % 16 + 1}}}")
+            for client in clients:
+                client.wait_for("SEN")
+            assert server.stop() == 0, server.errors

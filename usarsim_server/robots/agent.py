@@ -163,6 +163,12 @@ class RobotAgent:
         if pilot is not None:
             self._fleet.remove(pilot.vehicle)
 
+    def join(self, timeout: float) -> None:
+        """Wait until the thread of a closed agent has ended, at most `timeout` seconds."""
+        thread = self._thread
+        if thread is not None and thread is not threading.current_thread():
+            thread.join(timeout)
+
     def _pending(self) -> bool:
         return bool(self._commands) or self._snapshot is not None or self._lost is not None
 
