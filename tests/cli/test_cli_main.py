@@ -141,7 +141,8 @@ def test_command_line_runs_as_a_module_and_survives_a_closed_pipe() -> None:
     """`python -m usarsim_server.cli robots | true` is no error and prints no traceback."""
     reader, writer = os.pipe()
     os.close(reader)
-    environment = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[2])}
+    found = [str(Path(cli.__file__).parents[2]), os.environ.get("PYTHONPATH", "")]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, found))}
     done = subprocess.run(
         [sys.executable, "-m", "usarsim_server.cli", "robots"],
         stdout=writer,
