@@ -104,7 +104,7 @@ def assemble(settings: Settings) -> Assembly:
     simulation = Simulation(
         lambda: build_scene(world),
         SimulationOptions(
-            physics=PhysicsOptions(timestep=settings.timestep),
+            physics=PhysicsOptions(timestep=settings.timestep, surfaces=world.surfaces),
             speed=settings.speed,
             max_robots=settings.max_robots,
             lower=world.lower,

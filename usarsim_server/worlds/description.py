@@ -5,11 +5,13 @@ Poses in world files and here are in the simulation frame: x forward, y left, z 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from usarsim_server.simulation.frames import Pose, Vector
+from usarsim_server.simulation.surfaces import Surface
 
 __all__ = [
     "FalseAlarm",
@@ -17,8 +19,12 @@ __all__ = [
     "Noise",
     "PathNode",
     "RfidTag",
+    "Smoke",
+    "SmokePuff",
+    "SmokeVolume",
     "SoundSource",
     "StartPose",
+    "Surface",
     "Victim",
     "WorldDescription",
     "Zone",
@@ -101,6 +107,72 @@ class FalseAlarm:
 
 
 @dataclass(frozen=True, slots=True)
+class SmokeVolume:
+    """Regional smoke: it weakens light along the way through it.
+
+    Attributes:
+        name: for the author.
+        shape: box or ellipsoid.
+        pose: of its middle.
+        size: full extents along its own axes, m.
+        density: 1/m. The part of the light that gets through s metres is exp(-density s); an
+            object is seen from about 3.9 / density metres away (Koschmieder's contrast of 2 %).
+    """
+
+    name: str
+    shape: str
+    pose: Pose
+    size: Vector
+    density: float
+
+
+@dataclass(frozen=True, slots=True)
+class SmokePuff:
+    """Local smoke: particles that light does not get through.
+
+    Attributes:
+        name: for the author.
+        position: middle of the cloud.
+        size: its full extents, m.
+        particles: how many there are at a time.
+        radius: of a particle, m.
+        seed: chooses their places.
+        lifetime: s that a particle takes from the foot of the cloud to its top, where it vanishes
+            and another starts; 0: they stand still.
+    """
+
+    name: str
+    position: Vector
+    size: Vector
+    particles: int
+    radius: float
+    seed: int
+    lifetime: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Smoke:
+    """All smoke of a world.
+
+    Attributes:
+        volumes: regional smoke.
+        puffs: local smoke.
+        haze: density everywhere below `haze_top`, 1/m.
+        haze_top: m.
+    """
+
+    volumes: tuple[SmokeVolume, ...] = ()
+    puffs: tuple[SmokePuff, ...] = ()
+    haze: float = 0.0
+    haze_top: float = math.inf
+
+    @property
+    def clear(self) -> bool:
+        """Whether there is none."""
+        return not (self.volumes or self.puffs or self.haze)
+
+
+@dataclass(frozen=True, slots=True)
 class Zone:
     """A named rectangle of the floor, for example a difficulty zone: x and y limits in metres."""
 
@@ -143,6 +215,8 @@ class WorldDescription:
         scene: MJCF file with the geometry.
         starts, victims, zones, path_nodes: see there.
         tags, sounds, false_alarms: what sensors of life find, beside the victims.
+        smoke: what weakens or stops light; sound passes.
+        surfaces: patches of water, mud, sand, ice.
         origin: geographic origin.
         north: wire-frame yaw of map north, rad (0: the x axis points north).
         time_limit: minutes, told in the greeting; 0 means none.
@@ -169,6 +243,8 @@ class WorldDescription:
     tags: tuple[RfidTag, ...] = ()
     sounds: tuple[SoundSource, ...] = ()
     false_alarms: tuple[FalseAlarm, ...] = ()
+    smoke: Smoke = Smoke()
+    surfaces: tuple[Surface, ...] = ()
 
     def start(self, tag: str) -> StartPose | None:
         """The first start pose with this tag, whatever its case; None if there is none."""

@@ -28,6 +28,7 @@ from usarsim_server.worlds.description import (
     Zone,
 )
 from usarsim_server.worlds.life import read_false_alarm, read_sound, read_tag, traits_of
+from usarsim_server.worlds.media import read_smoke, read_surface
 from usarsim_server.worlds.tables import Table
 from usarsim_server.worlds.victims import POSTURES
 
@@ -93,6 +94,8 @@ def load_world(folder: Path) -> WorldDescription:
         tags=tuple(read_tag(entry) for entry in table.tables("rfid")),
         sounds=tuple(read_sound(entry) for entry in table.tables("sound")),
         false_alarms=tuple(read_false_alarm(entry) for entry in table.tables("false_alarm")),
+        smoke=read_smoke(table.tables("smoke")),
+        surfaces=tuple(read_surface(entry) for entry in table.tables("surface")),
     )
     table.finish()
     _check_names(table, world)
@@ -209,6 +212,9 @@ def _check_names(table: Table, world: WorldDescription) -> None:
     _check_unique(table, "victim", "name", (victim.name for victim in world.victims))
     _check_unique(table, "zone", "name", (zone.name for zone in world.zones))
     _check_unique(table, "path_node", "tag", (node.tag for node in world.path_nodes))
+    _check_unique(table, "surface", "name", (surface.name for surface in world.surfaces))
+    smoke = [volume.name for volume in world.smoke.volumes]
+    _check_unique(table, "smoke", "name", smoke + [puff.name for puff in world.smoke.puffs])
     _check_unique(table, "rfid", "id", (str(tag.id) for tag in world.tags))
     _check_victims_tags(table, world)
     tags = {node.tag for node in world.path_nodes}

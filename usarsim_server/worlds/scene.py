@@ -8,10 +8,23 @@ import mujoco
 
 from usarsim_server import errors
 from usarsim_server.errors import WorldError
-from usarsim_server.worlds.description import WorldDescription
+from usarsim_server.worlds.description import Surface, WorldDescription
 from usarsim_server.worlds.victims import add_victim
 
 __all__ = ["build_scene", "movable_bodies"]
+
+PAINT = {
+    "water": (0.30, 0.45, 0.60, 1.0),
+    "mud": (0.33, 0.24, 0.16, 1.0),
+    "sand": (0.80, 0.69, 0.46, 1.0),
+    "ice": (0.80, 0.90, 0.96, 1.0),
+    "custom": (0.50, 0.50, 0.48, 1.0),
+}
+"""Colours of patches of ground whose substance the scene has no material for."""
+PAINT_DEPTH = 0.01
+"""m: thickness of a patch that is drawn on the floor."""
+PAINT_HEIGHT = 0.0005
+"""m by which it stands out, so that it covers the floor."""
 
 _LINE = re.compile(r"\bline (?:number=)?(\d+)", re.IGNORECASE)
 
@@ -36,6 +49,9 @@ def build_scene(world: WorldDescription) -> mujoco.MjSpec:
     try:
         for victim in world.victims:
             add_victim(spec, victim)
+        for number, surface in enumerate(world.surfaces, start=1):
+            if surface.painted:
+                _paint(spec, surface, number)
         model = spec.compile()
     except ValueError as error:
         raise _scene_error(world, error) from error
@@ -109,6 +125,23 @@ def _scene_error(world: WorldDescription, error: Exception) -> WorldError:
             "mend the scene; MuJoCo's XML reference lists elements and attributes",
             where=f"line {line[1]}" if line else None,
         )
+    )
+
+
+def _paint(spec: mujoco.MjSpec, surface: Surface, number: int) -> None:
+    """Draw a patch of ground on the floor; nothing touches the drawing."""
+    if spec.material(surface.kind) is None:
+        spec.add_material(name=surface.kind, rgba=PAINT[surface.kind])
+    middle = [sum(limits) / 2.0 for limits in (surface.x, surface.y)]
+    half = [(limits[1] - limits[0]) / 2.0 for limits in (surface.x, surface.y)]
+    spec.worldbody.add_geom(
+        name=f"surface_{number}",
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        pos=[*middle, PAINT_HEIGHT - PAINT_DEPTH / 2.0],
+        size=[*half, PAINT_DEPTH / 2.0],
+        material=surface.kind,
+        contype=0,
+        conaffinity=0,
     )
 
 

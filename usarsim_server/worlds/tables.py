@@ -90,9 +90,11 @@ class Table:
         return value
 
     def number(
-        self, key: str, *, default: float, low: float = -math.inf, high: float = math.inf
+        self, key: str, *, default: float | None, low: float = -math.inf, high: float = math.inf
     ) -> float:
-        """A finite number within limits."""
+        """A finite number within limits; without default it must be there."""
+        if default is not None and not self.has(key):
+            return float(default)
         value = self._finite(key, self._value(key, default))
         if not low <= value <= high:
             raise self.error(
