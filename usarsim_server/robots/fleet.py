@@ -22,6 +22,7 @@ from usarsim_server.simulation.rays import RayFan, RayHits
 from usarsim_server.simulation.simulation import Listener, Simulation
 from usarsim_server.simulation.snapshot import RobotBody, Snapshot
 from usarsim_server.worlds.description import WorldDescription
+from usarsim_server.worlds.smoke import smoke_field
 from usarsim_server.worlds.surroundings import Surroundings
 
 __all__ = ["Fleet", "Vehicle"]
@@ -99,6 +100,7 @@ class Fleet:
         self._simulation = simulation
         self._seed = seed
         self._surroundings = surroundings
+        self._smoke = smoke_field(world.smoke)
         self._lock = threading.Lock()
         self._models: dict[str, RobotModel] = {}
         self._vehicles: dict[int, Vehicle] = {}
@@ -185,6 +187,7 @@ class Fleet:
                     rng=self._rng(order, index),
                     objects=self.object_facts,
                     surroundings=self._surroundings,
+                    smoke=self._smoke,
                 ),
             )
             for index, item in enumerate(description.items)

@@ -23,6 +23,7 @@ from usarsim_server.simulation.objects import ObjectFacts
 from usarsim_server.simulation.rays import RayFan, RayHits
 from usarsim_server.simulation.snapshot import RobotState, Snapshot
 from usarsim_server.worlds.description import WorldDescription
+from usarsim_server.worlds.smoke import SmokeField
 from usarsim_server.worlds.surroundings import Surroundings
 
 __all__ = ["EVERYWHERE", "NOWHERE", "Sensor", "SensorContext", "SetReply", "SetResult"]
@@ -66,6 +67,7 @@ class SensorContext:
             None if there is no such object; robots bear their labels.
         surroundings: the live facts of the world; None: those of the world file, for this sensor
             alone.
+        smoke: what light meets on its way; None in clear air.
     """
 
     robot: RobotDescription
@@ -73,6 +75,7 @@ class SensorContext:
     rng: np.random.Generator
     objects: Callable[[str, Snapshot], ObjectFacts | None] = _unknown
     surroundings: Surroundings | None = None
+    smoke: SmokeField | None = None
 
     @property
     def life(self) -> Surroundings:

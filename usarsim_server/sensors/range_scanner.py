@@ -22,6 +22,7 @@ from usarsim_server.sensors.base import EVERYWHERE, SensorContext, SetResult
 from usarsim_server.sensors.fans import fan_at, wire_directions
 from usarsim_server.sensors.ranging import Ranging
 from usarsim_server.sensors.registry import register
+from usarsim_server.sensors.smoke import SmokeSight
 from usarsim_server.simulation.rays import RayFan, RayHits
 from usarsim_server.simulation.snapshot import RobotState
 
@@ -44,7 +45,8 @@ class RangeScanner(Ranging):
 
     Parameters: those of `Ranging`, and `fov`, `resolution` (rad); `sweep` = "yaw" or "pitch" (a
     scanner that nods scans from up to down); `strict_min_range` = true turns echoes nearer than
-    the minimum range into misses, which the original never did.
+    the minimum range into misses, which the original never did; `smoke` and `smoke_budget`, see
+    `SmokeSight`.
     """
 
     wire_type: ClassVar[str] = "RangeScanner"
@@ -54,6 +56,7 @@ class RangeScanner(Ranging):
     default_fov: ClassVar[float] = 3.14
     default_resolution: ClassVar[float] = 0.157
     through_glass: ClassVar[bool] = False
+    default_smoke: ClassVar[str] = "ignore"
     last_beam: ClassVar[bool] = True
     """Whether a beam at exactly -FOV/2 is part of the scan."""
 
@@ -66,6 +69,7 @@ class RangeScanner(Ranging):
         )
         self.sweep = read.choice("sweep", "yaw", ("yaw", "pitch"))
         self.strict_min_range = read.flag("strict_min_range", False)
+        self._sight = SmokeSight(read, context, self.default_smoke)
         self.beams = beam_count(self.fov, self.resolution, self.last_beam)
         self._directions = self._scan_directions()
         self._ranges: Array = np.full(self.beams, self.max_range)
@@ -75,14 +79,15 @@ class RangeScanner(Ranging):
     def rays(self, robot: RobotState) -> Sequence[RayFan]:
         """One ray per beam, in the order of the scan."""
         pose = self.world_pose(robot)
-        return (fan_at(pose, self._directions, self.max_range, through_glass=self.through_glass),)
+        fan = fan_at(pose, self._directions, self.max_range, through_glass=self.through_glass)
+        return (self._sight.send(fan, robot.time),)
 
     def measure(self, robot: RobotState, hits: Sequence[RayHits]) -> bool:
         """Keep one scan (m)."""
-        distances = hits[0].distances
+        distances = self._sight.receive(hits[0].distances)
         if self.strict_min_range:
             distances = np.where(distances < self.min_range, np.inf, distances)
-        self._ranges = self.echoes(distances)
+        self._ranges = self._sight.blank(self.echoes(distances))
         return True
 
     def data(self, dialect: Dialect) -> tuple[Segment, ...]:
@@ -135,6 +140,7 @@ class Hokuyo(RangeScanner):
 
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.3}
     default_fov: ClassVar[float] = 4.189
+    default_smoke: ClassVar[str] = "budget"
     default_resolution: ClassVar[float] = 0.0184086914
 
 

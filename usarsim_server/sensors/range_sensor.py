@@ -6,9 +6,12 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 from usarsim_server.protocol.values import Dialect, Segment
+from usarsim_server.robots.description import ItemDescription
+from usarsim_server.sensors.base import SensorContext
 from usarsim_server.sensors.fans import AHEAD, fan_at
 from usarsim_server.sensors.ranging import SingleRange
 from usarsim_server.sensors.registry import register
+from usarsim_server.sensors.smoke import SmokeSight
 from usarsim_server.simulation.rays import RayFan, RayHits
 from usarsim_server.simulation.snapshot import RobotState
 
@@ -19,6 +22,7 @@ __all__ = ["InfraredSensor", "RangeSensor"]
 class RangeSensor(SingleRange):
     """One ray; the minimum range is announced but not applied.
 
+    Parameters: those of `Ranging`; `smoke` and `smoke_budget`, see `SmokeSight`.
     Source: RangeSensor.uc of robocup-usarsim, whose item type is `Range`.
     """
 
@@ -26,14 +30,20 @@ class RangeSensor(SingleRange):
     default_max_range: ClassVar[float] = 3.0
     through_glass: ClassVar[bool] = False
 
+    def __init__(self, item: ItemDescription, context: SensorContext) -> None:
+        super().__init__(item, context)
+        self._sight = SmokeSight(self.parameters, context, "ignore")
+
     def rays(self, robot: RobotState) -> Sequence[RayFan]:
         """The single ray along the mount axis."""
         pose = self.world_pose(robot)
-        return (fan_at(pose, AHEAD, self.max_range, through_glass=self.through_glass),)
+        fan = fan_at(pose, AHEAD, self.max_range, through_glass=self.through_glass)
+        return (self._sight.send(fan, robot.time),)
 
     def distance(self, hits: Sequence[RayHits]) -> float:
-        """The distance as it is."""
-        return float(self.echoes(hits[0].distances)[0])
+        """The distance as it is, or as smoke lets it appear."""
+        distances = self._sight.receive(hits[0].distances)
+        return float(self._sight.blank(self.echoes(distances))[0])
 
 
 @register("IR", "IRSensor")
