@@ -252,14 +252,20 @@ class TestSleep:
         run(engine, 1.0)
         assert base_qpos(engine, 0)[2] == pytest.approx(RADIUS, abs=0.01)
 
-    def test_a_crawling_robot_stays_awake(self) -> None:
-        """A robot that is told to crawl slower than what counts as rest does crawl."""
+    @pytest.mark.parametrize("grown", [False, True])
+    def test_a_crawling_robot_stays_awake(self, grown: bool) -> None:
+        """A robot that is told to crawl slower than what counts as rest does crawl, then sleeps."""
         engine = engine_with((0.0, 0.0))
         run(engine, 2.0)
         engine.drive(0, straight(0.0008))
+        if grown:
+            engine.adopt(engine.grow([ROBOT]))
         start = base_qpos(engine, 0)[0]
         run(engine, 20.0)
-        assert base_qpos(engine, 0)[0] - start == pytest.approx(20.0 * 0.0008 * RADIUS, rel=0.1)
+        assert base_qpos(engine, 0)[0] - start == pytest.approx(20.0 * 0.0008 * RADIUS, rel=0.01)
+        engine.drive(0, straight(0.0))
+        run(engine, 2.0)
+        assert engine.data.ntree_awake == 0
 
     def test_a_stalled_robot_goes_on(self) -> None:
         """A robot too weak to push what blocks it goes on as soon as that is taken away."""

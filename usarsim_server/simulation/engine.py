@@ -90,7 +90,6 @@ class Engine:
         self._traction = Traction(self.world.model, options.surfaces)
         self._active: dict[int, int] = {}
         self._driven: set[int] = set()
-        self._find_driven()
         self.steps = 0
         mujoco.mj_kinematics(self.world.model, self.data)
 
@@ -265,13 +264,18 @@ class Engine:
         self._note_driven(slot, False)
 
     def _note_driven(self, slot: int, driven: bool) -> None:
-        if driven != (slot in self._driven):
-            (self._driven.add if driven else self._driven.remove)(slot)
-            self._find_driven()
+        """Robots that are told to drive must not sleep, however slow they are."""
+        if driven == (slot in self._driven):
+            return
+        (self._driven.add if driven else self._driven.remove)(slot)
+        self._allow_sleep(slot, not driven)
 
-    def _find_driven(self) -> None:
-        dofs = [self.world.layouts[slot].dof for slot in sorted(self._driven)]
-        self._driven_dofs = np.array(dofs, dtype=np.intp)
+    def _allow_sleep(self, slot: int, allowed: bool) -> None:
+        tree = self.world.model.dof_treeid[self.world.layouts[slot].dof]
+        policy = mujoco.mjtSleepPolicy
+        self.world.model.tree_sleep_policy[tree] = int(
+            policy.mjSLEEP_ALLOWED if allowed else policy.mjSLEEP_NEVER
+        )
 
     def _put(self, slot: int, coordinates: Array) -> None:
         layout = self.world.layouts[slot]
@@ -296,7 +300,6 @@ class Engine:
         Raises:
             UsarsimError: if the world diverges even without robots.
         """
-        self._keep_awake()
         self._remember()
         self._run(steps)
         lost = [] if self._sound() else self._contain(steps)
@@ -324,12 +327,6 @@ class Engine:
             if patched:
                 traction.release(data)
         limbs.grip(data)
-
-    def _keep_awake(self) -> None:
-        """Robots that are told to drive must not sleep, even where something holds them fast."""
-        still = self._driven_dofs[self.data.qvel[self._driven_dofs] == 0.0]
-        if still.size:
-            self.data.qvel[still] = WAKE
 
     def _sound(self) -> bool:
         qvel = self.data.qvel
@@ -472,7 +469,8 @@ class Engine:
             if one is not other:
                 self._put(slot, self.world.parking[slot])
         self._traction = growth.traction
-        self._find_driven()
+        for slot in self._driven:
+            self._allow_sleep(slot, False)
         mujoco.mj_kinematics(self.world.model, self.data)
 
     # -- looking -----------------------------------------------------------------------------
