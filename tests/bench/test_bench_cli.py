@@ -11,14 +11,14 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+
+from usarsim_server import __version__
+from usarsim_server.cli import bench, main
 from usarsim_tools.bench import suite
 from usarsim_tools.bench.errors import BenchError
 from usarsim_tools.bench.figures import Aim, Figure, Plan, Report, Section
 from usarsim_tools.bench.machine import describe_machine
 from usarsim_tools.bench.suite import MEASUREMENTS
-
-from usarsim_server import __version__
-from usarsim_server.cli import bench, main
 
 
 @dataclass

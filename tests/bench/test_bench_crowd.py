@@ -10,6 +10,7 @@ from collections.abc import Iterator
 
 import pytest
 from bench_fakes import FakeServer
+
 from usarsim_tools.bench import crowd as crowd_module
 from usarsim_tools.bench.crowd import Controller, Crowd, wander
 from usarsim_tools.bench.errors import BenchError

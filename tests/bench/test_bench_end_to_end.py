@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
+from usarsim_server.cli import main
 from usarsim_tools.bench import latency, memory, spawn, team
 from usarsim_tools.bench.errors import BenchError
 from usarsim_tools.bench.server import Server
-
-from usarsim_server.cli import main
 
 
 @pytest.fixture

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 from bench_fakes import FakeServer, StandIn
+
 from usarsim_tools.bench import memory
 from usarsim_tools.bench.crowd import Crowd
 from usarsim_tools.bench.errors import BenchError

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 
 import psutil
 import pytest
+
 from usarsim_tools.bench import procfs
 from usarsim_tools.bench.errors import BenchError
 from usarsim_tools.bench.machine import describe_machine

@@ -7,6 +7,7 @@ import math
 from datetime import UTC, datetime
 
 import pytest
+
 from usarsim_tools.bench.figures import Aim, Figure, Report, Section
 from usarsim_tools.bench.machine import Machine
 from usarsim_tools.bench.report import as_json, as_markdown, as_text

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from usarsim_tools.bench.statistics import (
     longest_extra_gap,
     percentile,

@@ -8,14 +8,14 @@ import time
 import mujoco
 import numpy as np
 import pytest
-from usarsim_tools.bench import stepping
-from usarsim_tools.bench.errors import BenchError
-from usarsim_tools.bench.figures import Plan
 
 from usarsim_server.validation import stepping as instrument
 from usarsim_server.validation.stepping import HALVES, Stopwatch, main, measure
 from usarsim_server.worlds.catalog import find_world
 from usarsim_server.worlds.loader import load_world
+from usarsim_tools.bench import stepping
+from usarsim_tools.bench.errors import BenchError
+from usarsim_tools.bench.figures import Plan
 
 
 @pytest.fixture

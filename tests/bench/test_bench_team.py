@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import pytest
 from bench_fakes import FakeServer, StandIn
+
 from usarsim_tools.bench import suite, team
 from usarsim_tools.bench.crowd import Crowd
 from usarsim_tools.bench.errors import BenchError

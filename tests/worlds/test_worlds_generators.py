@@ -21,18 +21,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from shipped_worlds import NAMES
-from usarsim_tools.worldgen import GENERATORS, __main__, differences, files
-from usarsim_tools.worldgen.arena import MAZE
-from usarsim_tools.worldgen.mjcf import Movable, Scene, number, turned
-from usarsim_tools.worldgen.sheet import PELVIS_HEIGHT, GeneratedWorld
-from usarsim_tools.worldgen.terrain import incline, ramp_rise, symmetric_heights
-from usarsim_tools.worldgen.walls import WallSize, door, wall, window
 
 from usarsim_server.data import data_directory
 from usarsim_server.simulation.frames import quaternion_from_rpy
 from usarsim_server.worlds import picture, victims
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.scene import build_scene
+from usarsim_tools.worldgen import GENERATORS, __main__, differences, files
+from usarsim_tools.worldgen.arena import MAZE
+from usarsim_tools.worldgen.mjcf import Movable, Scene, number, turned
+from usarsim_tools.worldgen.sheet import PELVIS_HEIGHT, GeneratedWorld
+from usarsim_tools.worldgen.terrain import incline, ramp_rise, symmetric_heights
+from usarsim_tools.worldgen.walls import WallSize, door, wall, window
 
 ROOT = Path(__file__).resolve().parents[2]
 

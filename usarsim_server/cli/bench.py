@@ -7,13 +7,12 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from usarsim_tools.bench.figures import Plan, Report
-from usarsim_tools.bench.report import as_json, as_markdown, as_text
-from usarsim_tools.bench.suite import MEASUREMENTS, take
-
 from usarsim_server import __version__
 from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_server.errors import UsarsimError
+from usarsim_tools.bench.figures import Plan, Report
+from usarsim_tools.bench.report import as_json, as_markdown, as_text
+from usarsim_tools.bench.suite import MEASUREMENTS, take
 
 __all__ = ["add_parser", "run"]
 
