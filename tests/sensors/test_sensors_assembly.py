@@ -98,7 +98,16 @@ TIMED = {
     "Tachometer": (False, True),
     "Touch": (False, True),
     "INS": (False, False),
+    "INU": (False, False),
     "GPS": (False, False),
+    "RangeScanner3D": (True, True),
+    "3DRangeScanner": (True, True),
+    "RangeImager": (True, True),
+    "RotatingPointCloudScanner": (True, True),
+    "ExampleSonarArray": (True, True),
+    "TouchArray": (False, True),
+    "LineLaser": (False, False),
+    "ObjectSensor": (False, False),
 }
 
 

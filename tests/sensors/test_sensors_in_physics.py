@@ -144,6 +144,37 @@ def test_touch_feels_a_true_surface(room: Bench, gap: float, expected: bool) -> 
     assert pad.touched is expected
 
 
+def depths(bench: Bench, height: float) -> set[float]:
+    """All depths of one whole image from a height above the reference point."""
+    camera = make("KinectDepth", robot=CART, location=(0.0, 0.0, -height))
+    camera.set("SCAN", "", bench.read())
+    pixels: set[float] = set()
+    for _ in range(camera.frames):
+        bench.read(camera)
+        pixels |= set(numbers(values(camera)["Range"].removesuffix(",")))
+    return pixels
+
+
+def test_depth_of_a_wall_at_three_metres() -> None:
+    """Checklist 78: 3.00 in all 76,800 pixels, by true rays; a robot in front of it is nearer."""
+    wall: Solid = ("wall", (3.5, 0.0, 2.0), (0.5, 6.0, 2.0))
+    assert depths(Bench(wall), 1.4) == {3.0}
+    pixels = depths(Bench(wall, at=((0.0, 0.0), (1.5, 0.0))), 0.04)
+    assert {1.3, 3.0} <= pixels
+    assert max(pixels) == 3.0
+
+
+@pytest.mark.parametrize("yaw", np.linspace(-1.5, 1.5, 7).tolist())
+@pytest.mark.parametrize(("gap", "expected"), [(0.01, True), (0.03, False)])
+def test_a_bumper_feels_a_post_anywhere_on_its_arc(yaw: float, gap: float, expected: bool) -> None:
+    """Checklist 104: a post of 4 cm at 1 cm in front of the arc, none at 3 cm."""
+    reach = 0.17 + gap + 0.02 * (abs(np.cos(yaw)) + abs(np.sin(yaw)))
+    post: Solid = ("post", (reach * np.cos(yaw), -reach * np.sin(yaw), 0.5), (0.02, 0.02, 0.5))
+    bumper = make("BumperArray", robot=CART, location=(0.0, 0.0, -0.3))
+    Bench(post).read(bumper)
+    assert bumper.touched is expected
+
+
 def test_a_roof_hides_the_sky() -> None:
     """Checklist 96 and 97: 11 satellites in the open, none below a wide roof."""
     roof: Solid = ("roof", (0.0, 0.0, 2.0), (60.0, 60.0, 0.1))
