@@ -109,3 +109,24 @@ def test_each_turn_stays_below_a_whole_turn(x: float, y: float, z: float) -> Non
     for before, after in zip((x, y, z), each_turn((x, y, z)), strict=True):
         assert 0.0 <= after < math.tau
         assert math.cos(after) == pytest.approx(math.cos(before), abs=1e-9)
+
+
+@given(st.floats(-3.0, 3.0))
+def test_start_points_move_and_turn_with_the_sensor(yaw: float) -> None:
+    """Two rays beside each other stay beside each other wherever the sensor looks."""
+    pose = pose_from_wire((1.0, 2.0, -0.5), (0.0, 0.0, yaw))
+    starts = np.array([[0.0, 0.1, 0.0], [0.0, -0.1, 0.2]])
+    fan = fan_at(pose, np.repeat(AHEAD, 2, axis=0), 3.0, starts=starts)
+    assert fan.origin.shape == (2, 3)
+    back = (fan.origin - np.array(pose.position)) @ pose.matrix()
+    assert np.allclose(back, starts)
+    assert np.allclose(fan.directions[0], fan.directions[1])
+
+
+def test_a_fan_asks_for_no_more_than_it_is_told_to() -> None:
+    """Normals, glass and names are extra."""
+    pose = pose_from_wire((0.0, 0.0, 0.0))
+    plain = fan_at(pose, AHEAD, 3.0)
+    assert plain.origin.shape == (3,)
+    assert (plain.normals, plain.through_glass, plain.identify) == (False, False, False)
+    assert fan_at(pose, AHEAD, 3.0, identify=True).identify
