@@ -19,6 +19,11 @@ from usarsim_server.protocol.messages.actuators import (
     mission_package_geometry,
     tool_changer_item,
 )
+from usarsim_server.protocol.messages.avatars import (
+    AvatarStatus,
+    avatar_bones,
+    avatar_status,
+)
 from usarsim_server.protocol.messages.results import result, viewports_result
 from usarsim_server.protocol.messages.sensors import (
     SensorMount,
@@ -43,18 +48,23 @@ from usarsim_server.protocol.messages.world import (
     start_poses,
     status_change,
 )
+from usarsim_server.protocol.messages.world_objects import ObjectStatus, object_status
 
 __all__ = [
     "ActuatorItem",
     "ActuatorLink",
     "AerialStatus",
+    "AvatarStatus",
     "EffectorMount",
     "GroundStatus",
+    "ObjectStatus",
     "SensorMount",
     "actuator_configuration",
     "actuator_geometry",
     "actuator_status",
     "aerial_status",
+    "avatar_bones",
+    "avatar_status",
     "closest_path_node",
     "configuration",
     "die",
@@ -68,6 +78,7 @@ __all__ = [
     "ground_status",
     "mission_package_configuration",
     "mission_package_geometry",
+    "object_status",
     "path_nodes",
     "result",
     "sensor_geometry",
