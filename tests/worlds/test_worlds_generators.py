@@ -91,16 +91,22 @@ def test_pictures_are_there_and_small(name: str) -> None:
 
 
 def test_the_documented_example_is_a_world(tmp_path: Path) -> None:
-    """The scene and the sheet printed in docs/worlds.md load and compile."""
+    """The scene and the sheets printed in docs/worlds.md load and compile."""
     text = (ROOT / "docs" / "worlds.md").read_text(encoding="utf-8")
-    blocks = dict(re.findall(r"```(xml|toml)\n(.*?)```", text, re.DOTALL))
+    (scene,) = re.findall(r"```xml\n(.*?)```", text, re.DOTALL)
+    sheet, life = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
     folder = tmp_path / "yard"
     folder.mkdir()
-    (folder / "scene.xml").write_text(blocks["xml"], encoding="utf-8")
-    (folder / "world.toml").write_text(blocks["toml"], encoding="utf-8")
+    (folder / "scene.xml").write_text(scene, encoding="utf-8")
+    (folder / "world.toml").write_text(sheet, encoding="utf-8")
     world = load_world(folder)
     assert build_scene(world).compile().nv == 6
     assert (len(world.starts), len(world.victims), len(world.path_nodes)) == (1, 1, 2)
+    (folder / "world.toml").write_text(sheet + life, encoding="utf-8")
+    world = load_world(folder)
+    assert build_scene(world).compile().nmocap == 1
+    assert (len(world.victims), len(world.tags), len(world.sounds)) == (2, 1, 1)
+    assert len(world.false_alarms) == 1
 
 
 def test_the_documentation_shows_every_shipped_world() -> None:

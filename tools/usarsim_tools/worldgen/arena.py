@@ -139,7 +139,7 @@ def _yellow(scene: Scene, world: GeneratedWorld) -> None:
     dead_end = MAZE.centre(2, 4)
     world.victim((*dead_end, 0.0), 90.0, "sitting", "Alive", figure="male", sound=True)
     x, y = MAZE.centre(4, 0)
-    world.victim((x + 0.75, y, 0.0), 0.0, "lying", "Unconscious", figure="female", co2=0.04)
+    world.victim((x + 0.75, y, 0.0), 0.0, "lying", "Unconscious", figure="female", co2=0.04, rfid=3)
 
 
 def _orange(scene: Scene, world: GeneratedWorld, shades: tuple[str, ...]) -> None:
@@ -148,9 +148,19 @@ def _orange(scene: Scene, world: GeneratedWorld, shades: tuple[str, ...]) -> Non
     _step_lane(scene, shades)
     _landing(scene)
     _yard(scene)
-    world.victim((-2.0, -9.72, 1.08), 180.0, "sitting", "Injured", figure="female", sound=True)
-    world.victim((10.9, -1.2, 0.0), 180.0, "standing", "Alive", figure="male", motion=True)
-    world.victim((9.9, -8.1, 0.0), 180.0, "lying", "Unconscious", figure="female", co2=0.05)
+    world.victim(
+        (-2.0, -9.72, 1.08),
+        180.0,
+        "sitting",
+        "Injured",
+        figure="female",
+        sound=True,
+        motion="wave",
+    )
+    walk = {"kind": "walk", "to": [9.4, -0.8, 0.93], "speed": 0.4, "pause": 3.0}
+    world.victim((10.9, -1.2, 0.0), 180.0, "standing", "Alive", figure="male", motion=walk)
+    world.victim((9.9, -8.1, 0.0), 180.0, "lying", "Unconscious", figure="female", co2=0.05, rfid=6)
+    world.false_alarm("Chest", (3.65, -8.55, 0.2), (4.35, -7.85, 0.95))
 
 
 def _crossing(scene: Scene) -> None:
@@ -242,10 +252,13 @@ def _red(scene: Scene, world: GeneratedWorld, shades: tuple[str, ...]) -> None:
     furniture.rubble(scene, (7.6, 11.4), (4.3, 7.0), 34, stones, "arena rubble east")
     furniture.rubble(scene, (5.2, 7.4), (7.9, 9.0), 12, stones, "arena rubble north")
     world.victim((10.6, 8.0, 0.0), -90.0, "lying", "Injured", figure="male", co2=0.05, sound=True)
-    world.victim((7.6, 8.75, 0.0), -90.0, "sitting", "Unconscious", figure="female", co2=0.04)
     world.victim(
-        (9.2, 2.2, 0.0), 150.0, "lying", "Dead", figure="male", roll=180.0, temperature=24.0
+        (7.6, 8.75, 0.0), -90.0, "sitting", "Unconscious", figure="female", co2=0.04, rfid=8
     )
+    world.victim(
+        (9.2, 2.2, 0.0), 150.0, "lying", "Dead", figure="male", roll=180.0, temperature=24.0, rfid=9
+    )
+    world.sound((11.8, 9.7, 1.5), loudness=60.0, duration=0.3, period=5.0)
 
 
 def _crates(scene: Scene) -> None:
@@ -284,3 +297,7 @@ def _facts(world: GeneratedWorld) -> None:
         ("Yard", (7.6, -4.2, 0.0), ("Middle", "StairsEast", "RedSouth")),
         ("RedSouth", (8.2, 1.6, 0.0), ("Yard",)),
     ]
+    for tag, (x, y, _), _ in world.nodes:
+        world.tag((x, y, 0.01), f"gate {tag}" if len(world.tags) % 2 == 0 else "")
+    world.tag((*MAZE.centre(3, 4), 0.01), "middle of the maze")
+    world.tag((9.2, 6.4, 0.4), single_shot=True)

@@ -333,11 +333,12 @@ def _movables(scene: Scene) -> None:
 
 def _victims(world: GeneratedWorld) -> None:
     world.victim((-10.6, 5.4, 0.0), 180.0, "lying", "Injured", figure="female", sound=True)
-    world.victim((-2.2, 2.6, 0.0), 120.0, "lying", "Unconscious", figure="male", co2=0.04)
+    world.victim((-2.2, 2.6, 0.0), 120.0, "lying", "Unconscious", figure="male", co2=0.04, rfid=1)
     world.victim((3.2, 6.6, 0.0), -120.0, "sitting", "Injured", figure="female", sound=True)
     world.victim((9.0, -7.5, 0.0), 180.0, "lying", "Unconscious", figure="male", co2=0.05)
-    world.victim((12.4, -6.4, 0.0), 70.0, "standing", "Alive", figure="male", motion=True)
-    world.victim((14.2, 8.9, 0.0), -135.0, "sitting", "Alive", figure="female", sound=True)
+    world.victim((12.4, -6.4, 0.0), 70.0, "standing", "Alive", figure="male", motion="wave")
+    world.victim((14.2, 8.9, 0.0), -135.0, "sitting", "Alive", figure="female", sound=65.0, rfid=5)
+    world.sound((-2.0, 8.0, 0.8), loudness=62.0, duration=1.0, period=4.0)
 
 
 def _facts(world: GeneratedWorld) -> None:
@@ -346,3 +347,4 @@ def _facts(world: GeneratedWorld) -> None:
     for n, (tag, x) in enumerate(stops):
         neighbours = [stops[i][0] for i in (n - 1, n + 1) if 0 <= i < len(stops)]
         world.nodes.append((tag, (x, 0.0, 0.0), tuple(neighbours)))
+        world.tag((x, 0.0, 0.01), f"corridor {tag}")

@@ -55,6 +55,9 @@ class GeneratedWorld:
         default_factory=list
     )
     nodes: list[tuple[str, Vector, tuple[str, ...]]] = field(default_factory=list)
+    tags: list[Mapping[str, object]] = field(default_factory=list)
+    sounds: list[Mapping[str, object]] = field(default_factory=list)
+    false_alarms: list[Mapping[str, object]] = field(default_factory=list)
 
     def start_grid(
         self, xs: Iterable[float], ys: Iterable[float], yaw: float = 0.0, prefix: str = "RobotStart"
@@ -79,6 +82,25 @@ class GeneratedWorld:
         name = f"{figure.capitalize()}Victim_{len(self.people)}"
         facts = {"figure": figure, **properties}
         self.people.append(Person(name, support, yaw, posture, status, facts, roll))
+
+    def tag(self, position: Vector, memory: str = "", *, single_shot: bool = False) -> None:
+        """Add an RFID tag; numbers begin with 101, beyond those of victims."""
+        facts: dict[str, object] = {"id": 101 + len(self.tags), "position": position}
+        if memory:
+            facts["memory"] = memory
+        if single_shot:
+            facts["single_shot"] = True
+        self.tags.append(facts)
+
+    def sound(self, position: Vector, loudness: float, duration: float, period: float) -> None:
+        """Add a source of sound: dB at 1 m, s, s from one beginning to the next."""
+        self.sounds.append(
+            {"position": position, "loudness": loudness, "duration": duration, "period": period}
+        )
+
+    def false_alarm(self, part: str, lower: Vector, upper: Vector) -> None:
+        """Add a box that victim sensors mistake for a part of a person."""
+        self.false_alarms.append({"part": part, "lower": lower, "upper": upper})
 
     def toml(self) -> str:
         """The finished text of `world.toml`."""
@@ -106,6 +128,9 @@ class GeneratedWorld:
             _table("path_node", {"tag": tag, "position": position, "neighbours": neighbours})
             for tag, position, neighbours in self.nodes
         ]
+        parts += [_table("rfid", tag) for tag in self.tags]
+        parts += [_table("sound", sound) for sound in self.sounds]
+        parts += [_table("false_alarm", alarm) for alarm in self.false_alarms]
         return "\n".join(parts[:2]) + "\n\n" + "\n\n".join(parts[2:]) + "\n"
 
 
