@@ -316,11 +316,11 @@ def test_a_3d_scan_of_the_wall(office: Stage) -> None:
 
 def test_the_bumper_meets_the_wall(office: Stage) -> None:
     """Checklist 104: False in the open, True once the robot has driven into the wall."""
-    client = office.place("A", -1.5, 0.4, math.pi / 2)
+    client = office.place("A", -1.5, 0.6, math.pi / 2)
     office.run(0.3)
     assert {value(line, "Touch") for line in lines_of(client, "Bumper")} == {"False"}
     client.send("DRIVE {Left 1.3} {Right 1.3}")
-    office.run(5.0)
+    office.run(2.0)
     assert value(lines_of(client, "Bumper")[-1], "Touch") == "True"
 
 
@@ -372,11 +372,11 @@ def test_equal_runs_in_the_arena_give_equal_text(folder: Path) -> None:
         with Rehearsal(world="arena", robots=(folder,), seed=5) as rehearsal:
             arena = Stage(rehearsal)
             client = arena.place("A", -1.0, 0.0, 0.0)
-            other = arena.place("B", 0.5, 0.1, 0.0)
+            other = arena.place("B", 0.5, 0.1, 0.0, "P3AT")
             client.send("DRIVE {Left 1.2} {Right 0.9}")
             other.send("DRIVE {Left -1.0} {Right -1.0}")
             client.send("SET {Type RangeImager} {Opcode SCAN}")
-            arena.run(1.5)
+            arena.run(0.9)
             runs.append(client.take("SEN"))
     assert runs[0] == runs[1]
     kinds = {value(line, "Type") for line in runs[0]}
