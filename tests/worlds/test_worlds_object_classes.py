@@ -117,7 +117,7 @@ def test_materials(tmp_path: Path) -> None:
 )
 def test_slips_are_told(tmp_path: Path, text: str, says: str) -> None:
     """Every error names the file and says what is wrong."""
-    with pytest.raises(WorldError, match="objects0.toml") as caught:
+    with pytest.raises(WorldError, match=r"objects0\.toml") as caught:
         catalog(tmp_path, text)
     assert says in str(caught.value)
 
