@@ -22,6 +22,7 @@ SHIPPED = (
     "P3DX",
     "pioneer2dx_with_sensors",
     "pioneer3at_with_sensors",
+    "RescueP2AT",
     "StereoP2AT",
 )
 
