@@ -199,6 +199,9 @@ LINES: dict[str, st.SearchStrategy[str]] = {
     "aerial status": st.builds(
         m.aerial_status, st.builds(m.AerialStatus, time=ANY), DIALECT, st.booleans()
     ),
+    "static status": st.builds(m.static_status, DIALECT, ANY, st.integers()),
+    "static geometry": st.builds(m.static_geometry, DIALECT, TEXT, TRIPLE),
+    "static configuration": st.builds(m.static_configuration, DIALECT, TEXT),
     "sensor": st.builds(
         m.sensor_line,
         DIALECT,

@@ -15,6 +15,9 @@ from usarsim_server.protocol.messages import (
     ground_configuration,
     ground_geometry,
     ground_status,
+    static_configuration,
+    static_geometry,
+    static_status,
 )
 from usarsim_server.protocol.values import Dialect
 
@@ -177,3 +180,28 @@ def test_ground_configuration_of_a_car() -> None:
     """4.8: Ackerman limits are printed in `udk`, too."""
     text = ground_configuration(UDK, "Car", "AckermanSteered", 1, 1, 1, 0.7, 0)
     assert text.endswith("{MaxFrontSteer 0.7000} {MaxRearSteer 0.0000}")
+
+
+def test_status_of_a_platform() -> None:
+    """4.4: BaseMachine with Type and Time in `ut2004`; StaticPlatform with Battery in `udk`."""
+    assert static_status(UT2004, 12.3047, 99999) == "STA {Type BaseMachine} {Time 12.30}"
+    assert static_status(UDK, 12.3047, 99999) == (
+        "STA {Time 12.3047} {Battery 99999} {Type StaticPlatform}"
+    )
+    assert "{Battery 0}" in static_status(UDK, 1.0, -3)
+
+
+def test_geometry_of_a_platform() -> None:
+    """4.7: Type and Name; only `ut2004` tells dimensions."""
+    assert static_geometry(UDK, "KR60", (1.0, 1.0, 0.0)) == "GEO {Type StaticPlatform} {Name KR60}"
+    assert static_geometry(UT2004, "KR60", (1.0, 1.0, 0.0)) == (
+        "GEO {Type BaseMachine} {Name KR60} {Dimensions 1.0000,1.0000,0.0000}"
+    )
+
+
+def test_configuration_of_a_platform() -> None:
+    """4.8, 130: Name first, no steering and no mass in `udk`; Type and Name in `ut2004`."""
+    assert static_configuration(UDK, "KR60") == (
+        "CONF {Name KR60} {Type StaticPlatform} {SteeringType None} {Mass 0}"
+    )
+    assert static_configuration(UT2004, "KR60") == "CONF {Type BaseMachine} {Name KR60}"

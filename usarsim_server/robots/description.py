@@ -6,20 +6,25 @@ robot's reference point; robot files are written in the wire frame, as the origi
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
 
 from usarsim_server.protocol.values import Dialect, Vector
-from usarsim_server.simulation.frames import Pose
+from usarsim_server.simulation.frames import IDENTITY, Pose
 
 __all__ = [
+    "ActuatorDescription",
     "BatteryDescription",
     "Caster",
     "DriveDescription",
+    "EffectorDescription",
     "ItemDescription",
+    "JointType",
     "Kind",
+    "LinkDescription",
     "RobotDescription",
     "RobotReport",
     "Shape",
@@ -34,17 +39,19 @@ class Kind(Enum):
 
     SKID_STEER = "skid_steer"
     DIFFERENTIAL = "differential"
+    STATIC = "static"
+    """A platform that stands fixed where it is put, such as the foot of an arm."""
 
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """One rigid piece of the chassis.
+    """One rigid piece of the chassis or of a link.
 
     Attributes:
         kind: box, cylinder, sphere, ellipsoid or capsule.
         size: full extents for a box (length, width, height); (radius, length) for cylinder and
             capsule; (radius,) for a sphere; three semi-axes for an ellipsoid. Metres.
-        pose: centre relative to the reference point.
+        pose: centre relative to the reference point, or to the link.
         mass: kg; 0 for a purely visual piece.
         color: red, green, blue, alpha in 0..1.
         collides: whether it takes part in contacts (rays and cameras always see it).
@@ -151,12 +158,89 @@ class RobotReport:
     max_rear_steer: float = 0.0
 
 
+class JointType(Enum):
+    """Joints of links, as CONF names them."""
+
+    REVOLUTE = "Revolute"
+    PRISMATIC = "Prismatic"
+
+
 @dataclass(frozen=True, slots=True)
-class ItemDescription:
-    """A sensor (later: actuator) as the robot file asks for it.
+class LinkDescription:
+    """A link that moves on one joint: of an arm, a pan-tilt, a flipper, a finger.
 
     Attributes:
-        type: sensor type of the registry, for example `RangeScanner` or `SICK`.
+        body: name of the link; sensors and effectors are mounted on it by this name.
+        joint: name of the joint that moves it.
+        parent: index of the link that carries it; None for the base of the chain.
+        type: of the joint.
+        axis: unit vector in the link's frame; right-handed turns about it, or shifts along it,
+            are positive.
+        pose: of the link's frame, through whose origin the axis goes, relative to the parent
+            while the joint is at zero.
+        shapes: the link's body.
+        limits: lowest and highest position of the joint, rad or m; None if it has no stops.
+        max_speed: rad/s or m/s. max_torque: N m or N.
+        damping: passive resistance, N m s/rad or N s/m.
+        home: position in which the robot appears, rad or m.
+    """
+
+    body: str
+    joint: str
+    parent: int | None
+    type: JointType
+    axis: Vector
+    pose: Pose
+    shapes: tuple[Shape, ...]
+    limits: tuple[float, float] | None
+    max_speed: float
+    max_torque: float
+    damping: float = 0.0
+    home: float = 0.0
+
+    @property
+    def mass(self) -> float:
+        """Mass of the link, kg."""
+        return sum(shape.mass for shape in self.shapes)
+
+    def placed(self, position: float) -> Pose:
+        """Pose relative to the parent at a position (rad or m) of the joint."""
+        x, y, z = self.axis
+        if self.type is JointType.PRISMATIC:
+            return self.pose @ Pose((x * position, y * position, z * position))
+        sine = math.sin(position / 2.0)
+        turn = (math.cos(position / 2.0), x * sine, y * sine, z * sine)
+        return self.pose @ Pose((0.0, 0.0, 0.0), turn)
+
+
+@dataclass(frozen=True, slots=True)
+class ActuatorDescription:
+    """A chain or tree of links: a mission package, an arm, or bare joints such as flippers.
+
+    Attributes:
+        name: item name on the wire.
+        mount: name of the link of another actuator that carries it; None for the chassis.
+        pose: of its base, relative to the link or to the reference point.
+        links: in the order of their numbers on the wire; a parent stands before its children.
+        tip: tool point in the frame of the last link.
+        package: it is an item with CONF, GEO and status lines; otherwise its joints are driven by
+            name and STA tells where they are.
+    """
+
+    name: str
+    mount: str | None
+    pose: Pose
+    links: tuple[LinkDescription, ...]
+    tip: Vector = (0.0, 0.0, 0.0)
+    package: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class ItemDescription:
+    """A sensor or an effector as the robot file asks for it.
+
+    Attributes:
+        type: type of the registry, for example `RangeScanner` or `SICK`.
         name: item name on the wire.
         link: link that carries it; None for the chassis.
         pose: relative to the link (or the reference point).
@@ -170,6 +254,38 @@ class ItemDescription:
     pose: Pose
     parameters: Mapping[str, object] = field(default_factory=dict)
     where: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class EffectorDescription:
+    """A gripper, a suction cup, a tool changer: something that takes hold of things.
+
+    Attributes:
+        item: type, name, link that carries it, pose on that link, parameters of its type.
+        shapes: its body.
+        fingers: links on joints of their own; they open towards their lowest position and close
+            towards their highest one.
+        tip: where it holds, relative to its pose.
+        detached: it lies loose beside the robot until a tool changer takes it; its pose is then
+            relative to the reference point.
+    """
+
+    item: ItemDescription
+    shapes: tuple[Shape, ...] = ()
+    fingers: tuple[LinkDescription, ...] = ()
+    tip: Vector = (0.0, 0.0, 0.0)
+    detached: bool = False
+
+    @property
+    def name(self) -> str:
+        """Item name on the wire, and name of its body."""
+        return self.item.name
+
+    @property
+    def mass(self) -> float:
+        """Mass with fingers, kg."""
+        pieces = sum(shape.mass for shape in self.shapes)
+        return pieces + sum(finger.mass for finger in self.fingers)
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,6 +304,8 @@ class RobotDescription:
         drive, battery, report: see there; battery None means the robot has none (99999 in STA).
         items: sensors in mount order.
         source: the file it came from.
+        actuators: mission packages, arms, flippers; what carries another stands before it.
+        effectors: what takes hold of things.
     """
 
     name: str
@@ -204,8 +322,45 @@ class RobotDescription:
     report: RobotReport
     items: tuple[ItemDescription, ...]
     source: Path
+    actuators: tuple[ActuatorDescription, ...] = ()
+    effectors: tuple[EffectorDescription, ...] = ()
 
     @property
     def driven_wheels(self) -> tuple[Wheel, ...]:
         """The driven wheels in part order."""
         return tuple(wheel for wheel in self.wheels if wheel.driven)
+
+    @property
+    def links(self) -> Iterator[LinkDescription]:
+        """All links that move on a joint with a drive, fingers included; wheels are not."""
+        for actuator in self.actuators:
+            yield from actuator.links
+        for effector in self.effectors:
+            yield from effector.fingers
+
+    def home_pose(self, link: str | None) -> Pose:
+        """Pose of a link relative to the reference point when the robot appears; None: chassis.
+
+        Raises:
+            KeyError: if no actuator has such a link.
+        """
+        if link is None:
+            return IDENTITY
+        found = self.find_link(link)
+        if found is None:
+            raise KeyError(link)
+        actuator, number = found
+        one = actuator.links[number - 1]
+        if one.parent is None:
+            carrier = self.home_pose(actuator.mount) @ actuator.pose
+        else:
+            carrier = self.home_pose(actuator.links[one.parent].body)
+        return carrier @ one.placed(one.home)
+
+    def find_link(self, name: str) -> tuple[ActuatorDescription, int] | None:
+        """The actuator that a link (by name, any case) belongs to, and its number, from 1."""
+        for actuator in self.actuators:
+            for number, link in enumerate(actuator.links, start=1):
+                if link.body.lower() == name.lower():
+                    return actuator, number
+        return None

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.actuators.effector import Effector
+from usarsim_server.actuators.registry import create_effectors
 from usarsim_server.logs import Log
-from usarsim_server.robots.description import RobotDescription
+from usarsim_server.robots.description import Kind, RobotDescription
 from usarsim_server.robots.mjcf import build_spec
 from usarsim_server.robots.roster import Roster
 from usarsim_server.sensors.base import Sensor, SensorContext
 from usarsim_server.sensors.registry import create_sensor
+from usarsim_server.simulation.articulation import JointModel, JointOrder, ToolModel
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import RobotModel
 from usarsim_server.simulation.objects import ObjectFacts
@@ -61,6 +64,14 @@ class Vehicle:
     def drive(self, targets: NDArray[np.float64]) -> None:
         """Set the wheel speed targets (rad/s) of the driven wheels in part order."""
         self.simulation.drive(self.robot, targets)
+
+    def command_joints(self, orders: Mapping[str, JointOrder]) -> None:
+        """Give orders to joints that are no wheels, by name."""
+        self.simulation.command_joints(self.robot, orders)
+
+    def operate_hand(self, hand: str, close: bool) -> bool:
+        """Close or open a hand; whether it obeyed."""
+        return self.simulation.operate_hand(self.robot, hand, close)
 
     def teleport(self, pose: Pose) -> None:
         """Move it to a pose, at rest."""
@@ -208,7 +219,12 @@ class Fleet:
 
 
 def robot_model(description: RobotDescription) -> RobotModel:
-    """What the simulation has to know of a class."""
+    """What the simulation has to know of a class.
+
+    Raises:
+        RobotDescriptionError: if an effector's type or parameters are wrong.
+    """
+    effectors = create_effectors(description)
     return RobotModel(
         key=description.model,
         build=lambda: build_spec(description),
@@ -217,4 +233,22 @@ def robot_model(description: RobotDescription) -> RobotModel:
         wheel_acceleration=description.drive.wheel_acceleration,
         brake_delay=description.drive.parking_brake_delay,
         wheel_deceleration=description.drive.wheel_deceleration,
+        joints=tuple(
+            JointModel(link.joint, link.max_speed, link.max_torque) for link in description.links
+        ),
+        hands=tuple(effector.hand() for effector in effectors),
+        tools=tuple(
+            _tool(effector, effectors) for effector in effectors if effector.description.detached
+        ),
+        anchored=description.kind is Kind.STATIC,
     )
+
+
+def _tool(tool: Effector, effectors: Sequence[Effector]) -> ToolModel:
+    """A loose effector lies where its file says, or sits where it is held from the start."""
+    for holder in effectors:
+        if holder.first_tool == tool.name:
+            item = holder.description.item
+            place = tool.robot.home_pose(item.link) @ item.pose @ holder.hand().tip
+            return ToolModel(tool.name, place, holder.name)
+    return ToolModel(tool.name, tool.description.item.pose)

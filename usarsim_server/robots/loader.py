@@ -7,14 +7,14 @@ says only what differs. Every key is described in docs/robots-howto.md.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from usarsim_server.data import data_directory
 from usarsim_server.errors import RobotDescriptionError, at
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots import parts
+from usarsim_server.robots import limb_parts, parts
 from usarsim_server.robots.description import Kind, RobotDescription
 from usarsim_server.robots.tables import TableReader, read_toml
 
@@ -174,20 +174,28 @@ def _robot(
 ) -> RobotDescription:
     kinds = [kind.value for kind in Kind]
     dialects = [dialect.value for dialect in Dialect]
-    wheels = parts.read_wheels(reader, parent)
-    casters = parts.read_casters(reader, parent)
+    kind = Kind(reader.choice("kind", kinds, parent.kind.value if parent else None))
+    dialect = Dialect(reader.choice("dialect", dialects, parent.dialect.value if parent else None))
+    if parent is not None and (kind is Kind.STATIC) != (parent.kind is Kind.STATIC):
+        reader.fail(f"is {kind.value}, {parent.name} is {parent.kind.value}", "drop it", "kind")
+    wheels = parts.read_wheels(reader, kind, parent)
+    casters = parts.read_casters(reader, kind, parent)
     shapes = parts.read_shapes(reader, parent)
     parts.check_weight(reader, shapes, casters)
-    drive = parts.read_drive(reader.table("drive"), parent)
+    drive = parts.read_drive(reader, kind, parent)
+    actuators = limb_parts.read_actuators(reader, parent, dialect)
+    effectors = limb_parts.read_effectors(reader, parent, actuators, dialect)
+    links = [link.body for actuator in actuators for link in actuator.links]
     mass = sum(piece.mass for piece in shapes) + sum(piece.mass for piece in casters)
     mass += sum(wheel.mass for wheel in wheels)
+    mass += sum(link.mass for actuator in actuators for link in actuator.links)
+    mass += sum(effector.mass for effector in effectors if not effector.detached)
+    report = reader.table("report")
     robot = RobotDescription(
         name=name,
         model=name,
-        kind=Kind(reader.choice("kind", kinds, parent.kind.value if parent else None)),
-        dialect=Dialect(
-            reader.choice("dialect", dialects, parent.dialect.value if parent else None)
-        ),
+        kind=kind,
+        dialect=dialect,
         description=reader.text("description", parent.description if parent else ""),
         shapes=shapes,
         wheels=wheels,
@@ -195,10 +203,17 @@ def _robot(
         rest_height=parts.read_rest_height(reader, wheels, parent),
         drive=drive,
         battery=parts.read_battery(reader, parent),
-        report=parts.read_report(reader.table("report"), wheels, mass, drive, parent),
-        items=parts.read_items(reader, wheels, parent),
+        report=(
+            parts.read_report(report, wheels, mass, drive, parent)
+            if wheels
+            else parts.read_platform_report(report, mass, parent)
+        ),
+        items=parts.read_items(reader, [*(wheel.name for wheel in wheels), *links], parent),
         source=path,
+        actuators=actuators,
+        effectors=effectors,
     )
+    limb_parts.check_names(reader, _bodies(robot))
     if parent is not None and _body(robot) == _body(parent):
         return replace(robot, model=parent.model)
     return robot
@@ -208,4 +223,12 @@ def _body(robot: RobotDescription) -> tuple[object, ...]:
     """Everything that the physics depends on; robots equal in it are interchangeable there."""
     # The speed limit is kept by the drive law, outside the physics.
     drive = replace(robot.drive, max_wheel_speed=0.0)
-    return robot.kind, robot.shapes, robot.wheels, robot.casters, robot.rest_height, drive
+    body = (robot.kind, robot.shapes, robot.wheels, robot.casters, robot.rest_height, drive)
+    return *body, robot.actuators, robot.effectors
+
+
+def _bodies(robot: RobotDescription) -> Iterator[str]:
+    """Names of all parts that have one."""
+    yield from (wheel.name for wheel in robot.wheels)
+    yield from (link.body for link in robot.links)
+    yield from (effector.name for effector in robot.effectors)

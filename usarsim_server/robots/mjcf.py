@@ -5,8 +5,18 @@ from __future__ import annotations
 import itertools
 
 import mujoco
+import numpy as np
 
-from usarsim_server.robots.description import RobotDescription, Shape, Wheel
+from usarsim_server.robots.description import (
+    EffectorDescription,
+    JointType,
+    Kind,
+    LinkDescription,
+    RobotDescription,
+    Shape,
+    Wheel,
+)
+from usarsim_server.simulation.frames import IDENTITY, Pose
 
 __all__ = ["build_spec"]
 
@@ -19,7 +29,10 @@ BODY_FRICTION = (0.5, 0.005, 0.0001)
 CONTACT_SOLREF = (0.02, 1.0)
 CONTACT_SOLIMP = (0.9, 0.95, 0.001, 0.5, 2.0)
 ARMATURE = 0.01
-"""kg m^2 that gear and motor add to a driven wheel (robots reference 4.1)."""
+"""kg m^2 (kg) that gear and motor add to a driven wheel (robots reference 4.1), and to a link."""
+SERVO_SOLREF = (0.02, 1.0)
+SERVO_SOLIMP = (0.999, 0.999, 0.001, 0.5, 2.0)
+"""Of the servo of a link: it reaches its speed in 10 ms, and sags 0.1 mrad/s under gravity."""
 RUBBER = (0.08, 0.08, 0.08, 1.0)
 
 _TYPES = {
@@ -35,11 +48,14 @@ def build_spec(robot: RobotDescription) -> mujoco.MjSpec:
     """Make the model of one robot.
 
     The root body `base` hangs on the free joint `free`, its origin is the reference point. Body,
-    joint, geom and, if driven, actuator of a wheel carry the wheel's name. Masses, mass centre and
-    inertia follow from the pieces.
+    joint, geom and, if driven, actuator of a wheel carry the wheel's name. Links and effectors are
+    bodies of their names; detached effectors are root bodies on free joints of their names. Joints
+    of links are built at their home positions; what drives them is their friction loss (see
+    `joint_servos.py`). Masses, mass centre and inertia follow from the pieces.
     """
     spec = mujoco.MjSpec()
     spec.modelname = robot.model
+    spec.compiler.degree = False
     base = spec.worldbody.add_body(name=BASE)
     base.add_freejoint(name=FREE_JOINT)
     # Trees with actuators never sleep unless they are told that they may.
@@ -65,9 +81,73 @@ def build_spec(robot: RobotDescription) -> mujoco.MjSpec:
         _add_wheel(base, wheel)
         if wheel.driven:
             _add_servo(spec, wheel, robot.drive.servo_gain, robot.drive.wheel_torque)
-    for one, other in itertools.combinations([BASE, *(wheel.name for wheel in robot.wheels)], 2):
+    limbs = _add_limbs(spec, base, robot)
+    if robot.kind is Kind.STATIC:
+        base.gravcomp = 1.0  # its anchor has nothing to carry
+    # No part of a robot touches another one, arms included.
+    parts = [BASE, *(wheel.name for wheel in robot.wheels), *limbs]
+    for one, other in itertools.combinations(parts, 2):
         spec.add_exclude(name=f"{one}:{other}", bodyname1=one, bodyname2=other)
     return spec
+
+
+def _add_limbs(spec: mujoco.MjSpec, base: mujoco.MjsBody, robot: RobotDescription) -> list[str]:
+    """Add links and effectors; returns the names of their bodies."""
+    bodies: dict[str, mujoco.MjsBody] = {}
+    for actuator in robot.actuators:
+        carrier = base if actuator.mount is None else bodies[actuator.mount]
+        for link in actuator.links:
+            if link.parent is None:
+                bodies[link.body] = _add_link(carrier, link, actuator.pose)
+            else:
+                bodies[link.body] = _add_link(bodies[actuator.links[link.parent].body], link)
+    for effector in robot.effectors:
+        if effector.detached:
+            body = spec.worldbody.add_body(name=effector.name)
+            body.add_freejoint(name=effector.name)
+            body.sleep = mujoco.mjtSleepPolicy.mjSLEEP_ALLOWED
+        else:
+            link_name = effector.item.link
+            body = (base if link_name is None else bodies[link_name]).add_body(name=effector.name)
+        _add_effector(body, effector)
+        bodies[effector.name] = body
+        bodies |= {link.body: _add_link(body, link) for link in effector.fingers}
+    return list(bodies)
+
+
+def _add_effector(body: mujoco.MjsBody, effector: EffectorDescription) -> None:
+    body.pos, body.quat = effector.item.pose.position, effector.item.pose.quaternion
+    for number, shape in enumerate(effector.shapes):
+        _add_shape(body, f"{effector.name}:{number}", shape)
+
+
+def _add_link(
+    carrier: mujoco.MjsBody, link: LinkDescription, base: Pose = IDENTITY
+) -> mujoco.MjsBody:
+    pose = base @ link.placed(link.home)
+    body = carrier.add_body(name=link.body, pos=pose.position, quat=pose.quaternion)
+    joint = body.add_joint(
+        name=link.joint,
+        type=(
+            mujoco.mjtJoint.mjJNT_HINGE
+            if link.type is JointType.REVOLUTE
+            else mujoco.mjtJoint.mjJNT_SLIDE
+        ),
+        axis=link.axis,
+        ref=link.home,
+        armature=ARMATURE,
+        frictionloss=link.max_torque,
+        solref_friction=SERVO_SOLREF,
+        solimp_friction=SERVO_SOLIMP,
+    )
+    # A number, or from MuJoCo 3.17 on the coefficients of a polynomial.
+    joint.damping = [link.damping, 0.0, 0.0] if np.ndim(joint.damping) else link.damping
+    if link.limits is not None:
+        joint.limited = mujoco.mjtLimited.mjLIMITED_TRUE
+        joint.range = link.limits
+    for number, shape in enumerate(link.shapes):
+        _add_shape(body, f"{link.body}:{number}", shape)
+    return body
 
 
 def _add_shape(base: mujoco.MjsBody, name: str, shape: Shape) -> None:

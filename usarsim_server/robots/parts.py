@@ -17,6 +17,7 @@ from usarsim_server.robots.description import (
     Color,
     DriveDescription,
     ItemDescription,
+    Kind,
     RobotDescription,
     RobotReport,
     Shape,
@@ -31,8 +32,11 @@ __all__ = [
     "read_casters",
     "read_drive",
     "read_items",
+    "read_platform_report",
+    "read_pose",
     "read_report",
     "read_rest_height",
+    "read_shape",
     "read_shapes",
     "read_wheels",
 ]
@@ -53,11 +57,11 @@ DEFAULT_TORQUE = 50000.0
 """MaxTorque of a joint that says nothing else, N m (robots reference 1.2); announced only."""
 
 # Beyond these a number is a slip of the pen, and MuJoCo would refuse it far from its origin.
-_LONGEST = 100.0  # m
+LONGEST = 100.0  # m
 _SHORTEST = 1e-4  # m
-_HEAVIEST = 1e5  # kg
-_LIGHTEST = 1e-3  # kg, of anything that moves by itself
-_FASTEST = 1e4  # rad/s
+HEAVIEST = 1e5  # kg
+LIGHTEST = 1e-3  # kg, of anything that moves by itself
+FASTEST = 1e4  # rad/s
 
 _DERIVED = dict.fromkeys(
     ("wheel_radius", "track_width", "wheel_base", "wheel_separation", "mass"),
@@ -71,8 +75,13 @@ _log = Log("robots")
 Parent = RobotDescription | None
 
 
-def read_wheels(reader: TableReader, parent: Parent) -> tuple[Wheel, ...]:
-    """Wheels in part order, the order in which encoders count them."""
+def read_wheels(reader: TableReader, kind: Kind, parent: Parent) -> tuple[Wheel, ...]:
+    """Wheels in part order, the order in which encoders count them; platforms have none."""
+    if kind is Kind.STATIC:
+        for key in ("wheel", "caster", "drive"):
+            if reader.has(key):
+                reader.fail("stands on a static platform", "remove it, or change kind", key)
+        return ()
     if parent is not None and not reader.has("wheel"):
         return parent.wheels
     wheels = tuple(_wheel(table) for table in reader.tables("wheel"))
@@ -92,7 +101,7 @@ def _wheel(table: TableReader) -> Wheel:
         table.fail(
             f"is {name!r}", "use letters, digits and _, first a letter, not base or free", "name"
         )
-    x, y, z = table.vector("position", low=-_LONGEST, high=_LONGEST)
+    x, y, z = table.vector("position", low=-LONGEST, high=LONGEST)
     if y != 0.0:
         by_position = "right" if y > 0.0 else "left"
         side = table.choice("side", ("left", "right"), by_position)
@@ -104,26 +113,28 @@ def _wheel(table: TableReader) -> Wheel:
         name=name,
         side=side,
         position=flip_point((x, y, z)),
-        radius=table.number("radius", low=_SHORTEST, high=_LONGEST),
-        width=table.number("width", low=_SHORTEST, high=_LONGEST),
-        mass=table.number("mass", low=_LIGHTEST, high=_HEAVIEST),
+        radius=table.number("radius", low=_SHORTEST, high=LONGEST),
+        width=table.number("width", low=_SHORTEST, high=LONGEST),
+        mass=table.number("mass", low=LIGHTEST, high=HEAVIEST),
         driven=table.boolean("driven", True),
     )
     table.finish()
     return wheel
 
 
-def read_casters(reader: TableReader, parent: Parent) -> tuple[Caster, ...]:
+def read_casters(reader: TableReader, kind: Kind, parent: Parent) -> tuple[Caster, ...]:
     """Casters; their balls belong to the chassis body."""
+    if kind is Kind.STATIC:
+        return ()
     if parent is not None and not reader.has("caster"):
         return parent.casters
     casters = []
     for table in reader.tables("caster"):
         casters.append(
             Caster(
-                position=flip_point(table.vector("position", low=-_LONGEST, high=_LONGEST)),
-                radius=table.number("radius", low=_SHORTEST, high=_LONGEST),
-                mass=table.number("mass", 0.0, low=0.0, high=_HEAVIEST),
+                position=flip_point(table.vector("position", low=-LONGEST, high=LONGEST)),
+                radius=table.number("radius", low=_SHORTEST, high=LONGEST),
+                mass=table.number("mass", 0.0, low=0.0, high=HEAVIEST),
             )
         )
         table.finish()
@@ -134,19 +145,19 @@ def read_shapes(reader: TableReader, parent: Parent) -> tuple[Shape, ...]:
     """Chassis pieces; at least one."""
     if parent is not None and not reader.has("shape"):
         return parent.shapes
-    shapes = tuple(_shape(table) for table in reader.tables("shape"))
+    shapes = tuple(read_shape(table) for table in reader.tables("shape"))
     if not shapes:
         reader.fail("is missing", "add a [[shape]] table for the chassis", "shape")
     return shapes
 
 
-def _shape(table: TableReader) -> Shape:
+def read_shape(table: TableReader) -> Shape:
     kind = table.choice("kind", tuple(SHAPE_SIZES))
     shape = Shape(
         kind=kind,
-        size=table.numbers("size", (SHAPE_SIZES[kind],), low=_SHORTEST, high=_LONGEST),
-        pose=_pose(table),
-        mass=table.number("mass", 0.0, low=0.0, high=_HEAVIEST),
+        size=table.numbers("size", (SHAPE_SIZES[kind],), low=_SHORTEST, high=LONGEST),
+        pose=read_pose(table),
+        mass=table.number("mass", 0.0, low=0.0, high=HEAVIEST),
         color=_color(table),
         collides=table.boolean("collides", True),
     )
@@ -163,12 +174,18 @@ def _color(table: TableReader) -> Color:
 def check_weight(reader: TableReader, shapes: Sequence[Shape], casters: Sequence[Caster]) -> None:
     """Refuse a chassis without mass."""
     mass = sum(shape.mass for shape in shapes) + sum(caster.mass for caster in casters)
-    if mass < _LIGHTEST:
+    if mass < LIGHTEST:
         reader.fail("all pieces are weightless", "give a shape its mass", "shape")
 
 
 def read_rest_height(reader: TableReader, wheels: Sequence[Wheel], parent: Parent) -> float:
-    """By default, and give or take a little, where the lowest driven wheel touches the floor."""
+    """By default, and give or take a little, where the lowest driven wheel touches the floor.
+
+    The reference point of a platform is where its file says, by default on the floor.
+    """
+    if not wheels:
+        default = parent.rest_height if parent else 0.0
+        return reader.number("rest_height", default, low=-LONGEST, high=LONGEST)
     touching = max(wheel.radius - wheel.position[2] for wheel in wheels if wheel.driven)
     inherited = parent is not None and parent.wheels == wheels
     default = parent.rest_height if parent and inherited else round(touching, 9)
@@ -182,12 +199,15 @@ def read_rest_height(reader: TableReader, wheels: Sequence[Wheel], parent: Paren
     return height
 
 
-def read_drive(table: TableReader, parent: Parent) -> DriveDescription:
+def read_drive(reader: TableReader, kind: Kind, parent: Parent) -> DriveDescription:
     """Limits of the wheel servos."""
+    if kind is Kind.STATIC:
+        return DriveDescription(max_wheel_speed=0.0)
+    table = reader.table("drive")
     base = parent.drive if parent else DriveDescription(max_wheel_speed=math.nan)
     limit = parent.drive.max_wheel_speed if parent else None
     drive = DriveDescription(
-        max_wheel_speed=table.number("max_wheel_speed", limit, low=1e-3, high=_FASTEST),
+        max_wheel_speed=table.number("max_wheel_speed", limit, low=1e-3, high=FASTEST),
         wheel_torque=table.number("wheel_torque", base.wheel_torque, low=1e-3, high=1e6),
         servo_gain=table.number("servo_gain", base.servo_gain, low=1e-3, high=1e6),
         wheel_acceleration=table.number(
@@ -244,7 +264,7 @@ def read_report(
             "dimensions",
             old.dimensions if old and same_wheels else (base, track, 0.0),
             low=0.0,
-            high=_LONGEST,
+            high=LONGEST,
         ),
         center_of_gravity=table.vector(
             "center_of_gravity", old.center_of_gravity if old else (0.0, 0.0, 0.0)
@@ -264,28 +284,53 @@ def read_report(
     return report
 
 
+def read_platform_report(table: TableReader, mass: float, parent: Parent) -> RobotReport:
+    """What GEO and CONF announce of a platform without wheels."""
+    nothing = (0.0, 0.0, 0.0)
+    report = RobotReport(
+        steering_type="None",
+        dimensions=table.vector(
+            "dimensions", parent.report.dimensions if parent else nothing, low=0.0, high=LONGEST
+        ),
+        center_of_gravity=nothing,
+        wheel_radius=0.0,
+        track_width=0.0,
+        wheel_base=0.0,
+        mass=round(mass, 9),
+        max_speed=0.0,
+        max_torque=0.0,
+    )
+    table.finish(_DERIVED)
+    return report
+
+
 def _extent(values: Sequence[float]) -> float:
     # Rounded, because 0.2356 + 0.2356 must not print as 0.4711 when digits are cut off.
     return round(max(values) - min(values), 9)
 
 
 def read_items(
-    reader: TableReader, wheels: Sequence[Wheel], parent: Parent
+    reader: TableReader, links: Sequence[str], parent: Parent
 ) -> tuple[ItemDescription, ...]:
     """Sensors in mount order; one that an inherited sensor equals in type and name replaces it.
 
     Cameras are checked and left out.
+
+    Args:
+        reader: the file.
+        links: names of wheels and other links that may carry sensors.
+        parent: the robot that is extended.
     """
-    links = [wheel.name for wheel in wheels]
     items = list(_without(reader, parent.items if parent else ()))
     inherited = len(items)
     for item in items:
         if item.link is not None and item.link not in links:
             reader.fail(
                 f"the inherited sensor {item.name!r} sits on {item.link!r}, which is gone",
-                "keep the wheel's name, or drop the sensor with without = [...]",
+                "keep that name, or drop the sensor with without = [...]",
                 "wheel",
             )
+    _check_without(reader, parent)
     for table in reader.tables("sensor"):
         item = _item(table, links)
         twins = [i for i, other in enumerate(items) if _same_item(item, other)]
@@ -307,11 +352,20 @@ def _same_item(one: ItemDescription, other: ItemDescription) -> bool:
 
 def _without(reader: TableReader, items: Sequence[ItemDescription]) -> Sequence[ItemDescription]:
     dropped = reader.texts("without")
-    for name in dropped:
-        if not any(item.name == name for item in items):
-            names = list(dict.fromkeys(item.name for item in items))
-            reader.fail(f"no inherited sensor {name!r}", nearest(name, names), "without")
     return [item for item in items if item.name not in dropped]
+
+
+def _check_without(reader: TableReader, parent: Parent) -> None:
+    """Refuse to drop what was not inherited."""
+    inherited: list[str] = []
+    if parent is not None:
+        inherited += [item.name for item in parent.items]
+        inherited += [actuator.name for actuator in parent.actuators]
+        inherited += [effector.name for effector in parent.effectors]
+    for name in reader.texts("without"):
+        if name not in inherited:
+            names = list(dict.fromkeys(inherited))
+            reader.fail(f"no inherited sensor {name!r}", nearest(name, names), "without")
 
 
 def _item(table: TableReader, links: Sequence[str], kind: str = "") -> ItemDescription:
@@ -327,10 +381,10 @@ def _item(table: TableReader, links: Sequence[str], kind: str = "") -> ItemDescr
         if not _WORD.fullmatch(word):
             table.fail(f"is {word!r}", "use one word without blanks and braces", key)
     table.number("interval", 0.0, low=0.0, high=1e6)
-    return ItemDescription(type_, name, link, _pose(table), table.rest("interval"), table.place)
+    return ItemDescription(type_, name, link, read_pose(table), table.rest("interval"), table.place)
 
 
-def _pose(table: TableReader) -> Pose:
-    location = table.vector("position", (0.0, 0.0, 0.0), low=-_LONGEST, high=_LONGEST)
+def read_pose(table: TableReader) -> Pose:
+    location = table.vector("position", (0.0, 0.0, 0.0), low=-LONGEST, high=LONGEST)
     rotation = table.vector("rotation", (0.0, 0.0, 0.0), low=-1000.0, high=1000.0)
     return pose_from_wire(location, rotation)

@@ -10,12 +10,23 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from usarsim_server.actuators.articulation import Articulation
 from usarsim_server.logs import Log
 from usarsim_server.protocol import messages
 from usarsim_server.protocol.dialects import sends_results, sta_period
-from usarsim_server.protocol.requests import Drive, GetConf, GetGeo, Request, Set
+from usarsim_server.protocol.requests import (
+    Act,
+    Drive,
+    GetConf,
+    GetGeo,
+    MisPkg,
+    MultiDrive,
+    Request,
+    Set,
+)
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.battery import NO_BATTERY, Battery
+from usarsim_server.robots.description import Kind
 from usarsim_server.robots.drive import WheelDrive
 from usarsim_server.robots.fleet import Vehicle
 from usarsim_server.robots.schedule import Schedule
@@ -28,6 +39,8 @@ __all__ = ["Pilot", "PilotOptions"]
 
 UPRIGHTING_LIFT = 0.05
 """m that a flipped robot is set down from."""
+UDK_LIMB_PERIOD = 0.1
+"""Simulated s between two ASTA and two EFF lines (protocol reference 4.9)."""
 LIGHT_INTENSITY = 100
 """Percent; the only intensity the original ever reported for a lit lamp (4.3)."""
 
@@ -71,6 +84,7 @@ class Pilot:
         self._log = log
         self._drive = WheelDrive(vehicle.description)
         self._battery = _battery(vehicle, battery_life)
+        self._limbs = Articulation(vehicle.description, vehicle)
         self._sensors = vehicle.sensors
         self._schedule = Schedule(self._intervals())
         self._spawned: float | None = None
@@ -98,8 +112,10 @@ class Pilot:
         match request:
             case Drive():
                 self._obey_drive(request)
+            case MisPkg() | Act() | MultiDrive():
+                self._limbs.obey(request)
             case Set():
-                return self._obey_set(request)
+                return self._obey_set(request) + self._limbs.set(request, self._dialect)
             case GetConf():
                 return self._answer(self._configuration(request))
             case GetGeo():
@@ -112,6 +128,7 @@ class Pilot:
         targets = self._drive.command(request, self._dialect)
         if targets is not None:
             self.vehicle.drive(targets)
+        self._limbs.drive(request)
         if request.flip and self._dialect is Dialect.UT2004:
             self._flip()
 
@@ -156,9 +173,12 @@ class Pilot:
         return [line] if line else []
 
     def _configuration(self, request: GetConf) -> str | None:
-        if request.type.lower() != "robot":
-            return conf_line(self._sensors, request.type, request.name, self._dialect)
-        robot = self.vehicle.description
+        kind, name, robot = request.type, request.name, self.vehicle.description
+        if kind.lower() != "robot":
+            line = conf_line(self._sensors, kind, name, self._dialect)
+            return line or self._limbs.configuration(kind, name, self._dialect)
+        if robot.kind is Kind.STATIC:
+            return messages.static_configuration(self._dialect, robot.name)
         report = robot.report
         return messages.ground_configuration(
             self._dialect,
@@ -172,9 +192,12 @@ class Pilot:
         )
 
     def _geometry(self, request: GetGeo) -> str | None:
-        robot = self.vehicle.description
-        if request.type.lower() != "robot":
-            return geo_line(self._sensors, request.type, request.name, robot, self._dialect)
+        kind, name, robot = request.type, request.name, self.vehicle.description
+        if kind.lower() != "robot":
+            line = geo_line(self._sensors, kind, name, robot, self._dialect)
+            return line or self._limbs.geometry(kind, name)
+        if robot.kind is Kind.STATIC:
+            return messages.static_geometry(self._dialect, robot.name, robot.report.dimensions)
         report = robot.report
         return messages.ground_geometry(
             robot.name,
@@ -205,10 +228,15 @@ class Pilot:
             return []
         lines: list[str] = []
         if due[0] == 0:
-            lines.append(self._status(snapshot.time))
+            lines.append(self._status(state))
         self._check_battery(snapshot.time)
         if not self._dead:
-            lines += self._measure([self._sensors[index - 1] for index in due if index], state)
+            last = len(self._sensors)
+            lines += self._measure([self._sensors[i - 1] for i in due if 0 < i <= last], state)
+            if last + 1 in due:
+                lines += self._limbs.actuator_lines(self._dialect, state)
+            if last + 2 in due:
+                lines += self._limbs.effector_lines(state)
         return lines
 
     def _begin(self, state: RobotBody) -> None:
@@ -232,9 +260,18 @@ class Pilot:
         return next((one.name for one in self._sensors if one.wire_type == "Battery"), "Battery")
 
     def _intervals(self) -> list[float]:
-        """Interval of STA and of every sensor, in that order."""
+        """Interval of STA, of every sensor, of actuators and of effectors, in that order."""
         sensors = [sensor.interval(self._dialect) for sensor in self._sensors]
-        return [sta_period(self._dialect), *sensors]
+        status = sta_period(self._dialect)
+        udk = self._dialect is Dialect.UDK
+        actuators = UDK_LIMB_PERIOD if udk else status
+        effectors = UDK_LIMB_PERIOD if udk else 0.0
+        return [
+            status,
+            *sensors,
+            actuators if self._limbs.actuators else 0.0,
+            effectors if self._limbs.effectors else 0.0,
+        ]
 
     def _measure(self, sensors: Sequence[Sensor], state: RobotBody) -> list[str]:
         """Take readings with one batch of rays and write them down."""
@@ -248,15 +285,17 @@ class Pilot:
         ]
         return sen_lines(measured, state.time, self._dialect)
 
-    def _status(self, time: float) -> str:
-        light = self._drive.light
+    def _status(self, state: RobotBody) -> str:
+        light, time = self._drive.light, state.time
+        if self.vehicle.description.kind is Kind.STATIC:
+            return messages.static_status(self._dialect, time, self._remaining(time))
         udk = self._dialect is Dialect.UDK
         return messages.ground_status(
             messages.GroundStatus(
                 time=time,
                 front_steer=0.0,
                 rear_steer=0.0,
-                joints=(),
+                joints=self._limbs.joints(state),
                 light=light,
                 light_intensity=LIGHT_INTENSITY if light or udk else 0,
                 battery=self._remaining(time),

@@ -102,6 +102,13 @@ class TableReader:
             return self._default(key, default, "a number")
         return self._finite(self._table[key], key, low, high)
 
+    def whole(self, key: str, default: int | None = None, *, low: int, high: int) -> int:
+        """A whole number within the closed interval from `low` to `high`."""
+        number = self.number(key, default, low=low, high=high)
+        if number != int(number):
+            self.fail(f"is {number:g}", "write a whole number", key)
+        return int(number)
+
     def numbers(
         self,
         key: str,
@@ -177,12 +184,16 @@ class TableReader:
         return TableReader(value, self._path, f"[{key}]")
 
     def tables(self, key: str) -> list[TableReader]:
-        """A list of tables, each named in its errors by number and, if it has one, by name."""
+        """A list of tables, each named in its errors by number and, if it has one, by name.
+
+        Tables within tables are named by all of them.
+        """
         values = self._table[key] if self.has(key) else []
         if not isinstance(values, list) or not all(isinstance(value, dict) for value in values):
             self.fail("is not a list of tables", f"write [[{key}]] above each of them", key)
+        outer = f"{self._where} " if self._where else ""
         return [
-            TableReader(value, self._path, f"[[{key}]] number {number}{_name(value)}")
+            TableReader(value, self._path, f"{outer}[[{key}]] number {number}{_name(value)}")
             for number, value in enumerate(values, start=1)
         ]
 

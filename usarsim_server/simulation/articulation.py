@@ -41,10 +41,12 @@ class Order(IntEnum):
     POSITION = 0
     VELOCITY = 1
     TORQUE = 2
+    STIFFNESS = 3
+    """Share (0 to 1) of its largest force that the joint may use from now on; not on the wire."""
 
 
 class JointOrder(NamedTuple):
-    """An order to one joint: rad or m, rad/s or m/s, N m or N."""
+    """An order to one joint: rad or m, rad/s or m/s, N m or N, or a share of 1."""
 
     order: Order
     value: float

@@ -46,7 +46,9 @@ class JointServos:
 
     def __init__(self, world: CompiledWorld) -> None:
         self._model = model = world.model
-        joints, speeds, forces = [], [], []
+        joints: list[int] = []
+        speeds: list[float] = []
+        forces: list[float] = []
         self._index: list[dict[str, int]] = []
         for slot, robot in enumerate(world.slots):
             index = {}
@@ -69,7 +71,8 @@ class JointServos:
         self._positioned = np.ones(len(joints), dtype=bool)
         self._target = self._home.copy()
         self._rate = np.zeros(len(joints))
-        self._force = self._max_force.copy()
+        self._push = np.full(len(joints), np.inf)
+        self._share = np.ones(len(joints))
         self._speed = np.zeros(len(joints))
         self._shift = np.zeros(max(model.nv, model.ntendon))
         self._tendons = model.ntendon > 0
@@ -98,27 +101,19 @@ class JointServos:
         self._begin()
 
     def _order(self, joint: int, order: Order, value: float) -> None:
-        fastest, force = self._max_speed[joint], self._max_force[joint]
+        fastest = self._max_speed[joint]
+        if order is Order.STIFFNESS:
+            self._share[joint] = min(max(value, 0.0), 1.0)
+            return
         self._positioned[joint] = order is Order.POSITION
+        self._push[joint] = np.inf
         if order is Order.POSITION:
             self._target[joint] = min(max(value, self._low[joint]), self._high[joint])
         elif order is Order.VELOCITY:
             self._rate[joint] = min(max(value, -fastest), fastest)
         else:
             self._rate[joint] = math.copysign(fastest, value) if value else 0.0
-            force = min(abs(value), force)
-        self._force[joint] = force
-        self._model.dof_frictionloss[self._dofs[joint]] = force
-
-    def weaken(self, slot: int, name: str, share: float) -> bool:
-        """Let a joint use only a share (0 to 1) of its largest force; False if there is none."""
-        joint = self._index[slot].get(name.lower())
-        if joint is None:
-            return False
-        self._force[joint] = min(max(share, 0.0), 1.0) * self._max_force[joint]
-        self._model.dof_frictionloss[self._dofs[joint]] = self._force[joint]
-        self._begin()
-        return True
+            self._push[joint] = abs(value)
 
     def release(self, slot: int) -> None:
         """Forget all orders of a slot: its joints hold the position they start with."""
@@ -126,12 +121,15 @@ class JointServos:
         self._positioned[chosen] = True
         self._target[chosen] = self._home[chosen]
         self._rate[chosen] = self._speed[chosen] = 0.0
-        self._force[chosen] = self._max_force[chosen]
+        self._push[chosen] = np.inf
+        self._share[chosen] = 1.0
         self._torque[self._dofs[chosen]] = 0.0
         self._begin()
 
     def _begin(self) -> None:
-        self._model.dof_frictionloss[self._dofs] = self._force
+        # Without force there is no friction, and the joint swings freely.
+        force = np.minimum(self._push, self._share * self._max_force)
+        self._model.dof_frictionloss[self._dofs] = force
         self._waited = HOLD_STEPS
         self._holding = False
 
@@ -153,7 +151,10 @@ class JointServos:
         self._begin()
 
     def _arrays(self) -> JointsState:
-        return self._positioned, self._target, self._rate, self._force, self._speed
+        return (
+            *(self._positioned, self._target, self._rate),
+            *(self._push, self._share, self._speed),
+        )
 
     # -- stepping ----------------------------------------------------------------------------
 

@@ -173,6 +173,10 @@ class RobotBody:
         """Position of a joint by name (any case), rad or m. Raises KeyError if unknown."""
         return float(self.snapshot.qpos[self.layout.joint_qpos[joint.lower()]])
 
+    def joint_velocity(self, joint: str) -> float:
+        """Rate of a joint by name (any case), rad/s or m/s. Raises KeyError if unknown."""
+        return float(self.snapshot.qvel[self.layout.joint_dof[joint.lower()]])
+
     def joint_torque(self, joint: str) -> float:
         """Force of a joint's drive by name (any case), N m or N. Raises KeyError if unknown."""
         return float(self.snapshot.torque[self.layout.joint_dof[joint.lower()]])

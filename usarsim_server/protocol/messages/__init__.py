@@ -39,6 +39,9 @@ from usarsim_server.protocol.messages.vehicles import (
     ground_configuration,
     ground_geometry,
     ground_status,
+    static_configuration,
+    static_geometry,
+    static_status,
 )
 from usarsim_server.protocol.messages.world import (
     closest_path_node,
@@ -84,6 +87,9 @@ __all__ = [
     "sensor_geometry",
     "sensor_line",
     "start_poses",
+    "static_configuration",
+    "static_geometry",
+    "static_status",
     "status_change",
     "tool_changer_item",
     "viewports_result",

@@ -24,10 +24,14 @@ __all__ = [
     "ground_configuration",
     "ground_geometry",
     "ground_status",
+    "static_configuration",
+    "static_geometry",
+    "static_status",
 ]
 
 _DIGITS = 4
 _ACKERMAN = "AckermanSteered"
+_PLATFORMS = {Dialect.UT2004: "BaseMachine", Dialect.UDK: "StaticPlatform"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -180,6 +184,35 @@ def ground_configuration(
         _steer_limit("MaxFrontSteer", max_front, limits),
         _steer_limit("MaxRearSteer", max_rear, limits),
     )
+
+
+def static_status(dialect: Dialect, time: float, battery: int) -> str:
+    """STA of a platform that stands fixed.
+
+    Args:
+        dialect: decides Type and digits, and only `udk` tells of the battery.
+        time: simulated s.
+        battery: s of expected life; 99999 if there is no battery.
+    """
+    kind = segment("Type", _PLATFORMS[dialect])
+    stamp = time_segment(time, FACETS[dialect].time_digits)
+    if dialect is Dialect.UT2004:
+        return line("STA", kind, stamp)
+    return line("STA", stamp, count("Battery", max(battery, 0)), kind)
+
+
+def static_geometry(dialect: Dialect, class_name: str, dimensions: Vector) -> str:
+    """GEO of a platform that stands fixed; only `ut2004` tells its dimensions (m)."""
+    size = (triple("Dimensions", dimensions, _DIGITS),) if dialect is Dialect.UT2004 else ()
+    return line("GEO", segment("Type", _PLATFORMS[dialect]), segment("Name", class_name), *size)
+
+
+def static_configuration(dialect: Dialect, class_name: str) -> str:
+    """CONF of a platform that stands fixed; `udk` adds that it neither steers nor weighs."""
+    kind, name = segment("Type", _PLATFORMS[dialect]), segment("Name", class_name)
+    if dialect is Dialect.UT2004:
+        return line("CONF", kind, name)
+    return line("CONF", name, kind, segment("SteeringType", "None"), segment("Mass", "0"))
 
 
 def _light_battery_view(status: GroundStatus | AerialStatus) -> tuple[str, ...]:

@@ -1,0 +1,114 @@
+"""What an effector is: a hand at the end of a link, its commands, and the text about it.
+
+An effector type is one class in one file. It says how its hand takes hold and which SET opcodes it
+obeys; lines, mounts and schedules are done once, for all of them.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import ClassVar, Protocol
+
+from usarsim_server.protocol.messages import EffectorMount, effector_status
+from usarsim_server.protocol.numbers import read_number
+from usarsim_server.protocol.values import Item
+from usarsim_server.robots.description import EffectorDescription, RobotDescription
+from usarsim_server.sensors.base import SetResult
+from usarsim_server.sensors.parameters import Parameters
+from usarsim_server.simulation.articulation import HandModel, JointOrder, Order
+from usarsim_server.simulation.frames import flip_point, wire_from_pose
+from usarsim_server.simulation.snapshot import RobotBody
+
+__all__ = ["Effector", "Machine"]
+
+
+class Machine(Protocol):
+    """The moving parts of one robot, as effectors and actuators use them."""
+
+    def command_joints(self, orders: Mapping[str, JointOrder]) -> None:
+        """Give orders to joints by name."""
+
+    def operate_hand(self, hand: str, close: bool) -> bool:
+        """Close or open a hand; whether it obeyed."""
+
+    def look(self) -> RobotBody | None:
+        """The present state; None if the robot has left the world."""
+
+
+class Effector(ABC):
+    """Base of all effectors; one instance belongs to one robot and is used by one thread.
+
+    Attributes:
+        name: item name, also the name of its body and of its hand.
+        description: what the robot file says.
+        robot: the class it is mounted on.
+        parameters: the remaining keys of the robot file; what is read here is known as a key.
+    """
+
+    wire_type: ClassVar[str]
+    """Type on the wire, canonical spelling."""
+
+    def __init__(self, description: EffectorDescription, robot: RobotDescription) -> None:
+        """Read the description; subclasses read their own keys from `self.parameters`.
+
+        Raises:
+            RobotDescriptionError: a key has a value that cannot be used.
+        """
+        self.name = description.name
+        self.description = description
+        self.robot = robot
+        self.parameters = Parameters(description.item)
+        self.first_tool: str | None = None
+        """Detached effector that it holds from the start, if any."""
+
+    @abstractmethod
+    def hand(self) -> HandModel:
+        """How it takes hold."""
+
+    @abstractmethod
+    def configuration(self) -> Item:
+        """Name and segments of CONF."""
+
+    def operate(self, close: bool, machine: Machine) -> bool:
+        """Close or open: fingers, if it has any, then the hand; whether it obeyed."""
+        orders = {}
+        for finger in self.description.fingers:
+            assert finger.limits is not None
+            orders[finger.joint] = JointOrder(Order.POSITION, finger.limits[close])
+        if orders:
+            machine.command_joints(orders)
+        return machine.operate_hand(self.name, close)
+
+    def set(self, opcode: str, params: str, machine: Machine) -> SetResult:
+        """Obey a SET command; `opcode` is upper case. Unknown opcodes change nothing."""
+        if opcode not in ("CLOSE", "OPEN", "GRIP"):
+            return SetResult.UNKNOWN
+        close = opcode == "CLOSE" or (opcode == "GRIP" and read_number(params) != 0.0)
+        return SetResult.OK if self.operate(close, machine) else SetResult.FAILED
+
+    def attached(self, state: RobotBody) -> bool:
+        """Whether it is part of the robot at present; a loose one neither acts nor reports."""
+        if not self.description.detached:
+            return True
+        hands = state.snapshot.hands.get(state.layout.slot, {})
+        return any(hand.holding == self.name for hand in hands.values())
+
+    def status(self, state: RobotBody) -> str:
+        """The EFF line."""
+        closed = state.hand(self.name).closed
+        return effector_status(state.time, self.wire_type, self.name, closed)
+
+    def mount(self) -> EffectorMount:
+        """Where it sits, for GEO."""
+        item = self.description.item
+        location, rotation = wire_from_pose(item.pose)
+        carrier = self.robot.find_link(item.link) if item.link is not None else None
+        return EffectorMount(
+            name=self.name,
+            location=location,
+            rotation=rotation,
+            mount=self.robot.name if carrier is None else carrier[0].name,
+            mount_link=None if carrier is None else carrier[1],
+            tip=flip_point(self.description.tip),
+        )
