@@ -126,17 +126,15 @@ class MovingBodies:
         To be called between `mj_step1` and `mj_step2`, and before the contact compensation, which
         judges by how fast things slide.
         """
-        if not self._ways:
+        if not (self._ways and data.ncon):
             return
-        self._measure(data.time)
         contact = data.contact
-        if not (len(contact.geom) and self._twist.any()):
-            return
         rows = self._row_of_geom[contact.geom]
         known = (rows >= 0).any(axis=1) & (contact.efc_address >= 0)
         chosen = np.flatnonzero(known)
         if not chosen.size:
             return
+        self._measure(data.time)
         velocity = self._contact_velocity(contact.pos[chosen], rows[chosen])
         frames = contact.frame[chosen].reshape(-1, 3, 3)
         local = np.einsum("nij,nj->ni", frames, velocity[:, :3])
