@@ -9,7 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from usarsim_server.protocol.messages import configuration, sensor_geometry, sensor_line
+from usarsim_server.protocol.messages import (
+    SensorMount,
+    configuration,
+    sensor_geometry,
+    sensor_line,
+)
 from usarsim_server.protocol.values import Dialect, Item
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.sensors.base import Sensor
@@ -63,9 +68,9 @@ def geo_line(
         return None
     mounts = []
     for sensor in found:
-        pose, mount = _carried(sensor, robot, dialect)
+        pose, mount, link = _carried(sensor, robot, dialect)
         location, rotation = wire_from_pose(pose)
-        mounts.append((sensor.wire_name(dialect), location, rotation, mount))
+        mounts.append(SensorMount(sensor.wire_name(dialect), location, rotation, mount, link))
     return sensor_geometry(dialect, found[0].wire_type, mounts)
 
 
@@ -114,14 +119,20 @@ def _names(sensor: Sensor) -> set[str]:
     return {sensor.name.lower(), *(sensor.wire_name(dialect).lower() for dialect in Dialect)}
 
 
-def _carried(sensor: Sensor, robot: RobotDescription, dialect: Dialect) -> tuple[Pose, str]:
-    """Pose and Mount of GEO. UDK knew wheels only as parts of the vehicle, so there a sensor on a
-    wheel is announced where it is on the body."""
+def _carried(
+    sensor: Sensor, robot: RobotDescription, dialect: Dialect
+) -> tuple[Pose, str, int | None]:
+    """Pose, Mount and MountLink of GEO. UDK named the actuator and the number of its link; it knew
+    wheels only as parts of the vehicle, so there a sensor on a wheel is announced where it is on
+    the body."""
     if dialect is Dialect.UT2004:
-        return sensor.mount, HARD if sensor.link is None else sensor.link
+        return sensor.mount, HARD if sensor.link is None else sensor.link, None
     if sensor.link is None:
-        return sensor.mount, robot.name
+        return sensor.mount, robot.name, None
+    found = robot.find_link(sensor.link)
+    if found is not None:
+        return sensor.mount, found[0].name, found[1]
     for wheel in robot.wheels:
         if wheel.name.lower() == sensor.link.lower():
-            return Pose(wheel.position) @ sensor.mount, robot.name
-    return sensor.mount, sensor.link
+            return Pose(wheel.position) @ sensor.mount, robot.name, None
+    return sensor.mount, sensor.link, None
