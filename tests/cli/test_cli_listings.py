@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -19,7 +20,16 @@ from usarsim_server.robots.description import (
     RobotReport,
 )
 from usarsim_server.simulation.frames import pose_from_wire
-from usarsim_server.worlds.description import StartPose, Victim, WorldDescription, Zone
+from usarsim_server.worlds.description import (
+    Smoke,
+    SmokePuff,
+    SmokeVolume,
+    StartPose,
+    Surface,
+    Victim,
+    WorldDescription,
+    Zone,
+)
 
 YARD = WorldDescription(
     name="yard",
@@ -94,11 +104,24 @@ def test_world_details_are_in_the_wire_frame() -> None:
     assert "Mud. More mud." in lines
 
 
+def test_smoke_and_ground_are_described() -> None:
+    """Regional, local and global smoke with density and place, patches with what they do."""
+    box = SmokeVolume("kitchen", "box", pose_from_wire((1, 2, -1.5)), (2.0, 2.0, 2.0), 0.4)
+    puff = SmokePuff("fire", (3.0, -1.0, 1.0), (1.0, 1.0, 2.0), 60, 0.1, 1)
+    mud = Surface("bog", "mud", (0.0, 2.0), (1.0, 5.0), (-0.1, 0.1), 0.4, 15.0, 0.02)
+    world = replace(YARD, smoke=Smoke((box,), (puff,), haze=0.02), surfaces=(mud,))
+    lines = squeezed("\n".join(worlds.details(world)))
+    assert "kitchen regional 0.4 1,2,-1.5" in lines
+    assert "fire local 3,1,-1" in lines
+    assert "global 0.02 everywhere" in [line.strip() for line in lines]
+    assert "bog mud 0.4 15.0 0.02 0 to 2 -5 to -1" in lines
+
+
 def test_empty_world_has_no_empty_tables() -> None:
     """What a world does not have is left out."""
     bare = WorldDescription("bare", "bare", "Bare", "", Path("/b"), Path("/b/s"), ())
     text = "\n".join(worlds.details(bare))
-    assert not any(head in text for head in ("START ", "VICTIM ", "ZONE "))
+    assert not any(head in text for head in ("START ", "VICTIM ", "ZONE ", "SMOKE ", "GROUND "))
     assert "20 min" in text
 
 

@@ -21,6 +21,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from shipped_worlds import NAMES
+from world_files import HEAD, START, write_world
 
 from usarsim_server.data import data_directory
 from usarsim_server.simulation.frames import quaternion_from_rpy
@@ -47,7 +48,7 @@ def test_committed_worlds_are_what_the_generators_make(name: str) -> None:
 
 
 def test_every_generator_has_a_folder() -> None:
-    """Generators and tested worlds are the same four."""
+    """Generators and tested worlds are the same."""
     assert tuple(GENERATORS) == NAMES
 
 
@@ -94,7 +95,7 @@ def test_the_documented_example_is_a_world(tmp_path: Path) -> None:
     """The scene and the sheets printed in docs/worlds.md load and compile."""
     text = (ROOT / "docs" / "worlds.md").read_text(encoding="utf-8")
     (scene,) = re.findall(r"```xml\n(.*?)```", text, re.DOTALL)
-    sheet, life = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
+    sheet, life, smoke, ground = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
     folder = tmp_path / "yard"
     folder.mkdir()
     (folder / "scene.xml").write_text(scene, encoding="utf-8")
@@ -107,6 +108,10 @@ def test_the_documented_example_is_a_world(tmp_path: Path) -> None:
     assert build_scene(world).compile().nmocap == 1
     assert (len(world.victims), len(world.tags), len(world.sounds)) == (2, 1, 1)
     assert len(world.false_alarms) == 1
+    (folder / "world.toml").write_text(sheet + smoke + ground, encoding="utf-8")
+    world = load_world(folder)
+    assert (len(world.smoke.volumes), len(world.smoke.puffs), len(world.surfaces)) == (1, 1, 2)
+    assert build_scene(world).geom("surface_2") is not None
 
 
 def test_the_documentation_shows_every_shipped_world() -> None:
@@ -320,3 +325,41 @@ def test_a_picture_shows_the_world_and_its_starts(tmp_path: Path) -> None:
     assert (blue[0] > red[0] + 10).all()
     assert (abs(green[-1] - red[-1]) < 15).all()
     assert ((green > red + 40) & (green > blue + 20)).sum() > 50
+
+
+@pytest.mark.skipif(find_library("EGL") is None, reason="no EGL library on this machine")
+def test_a_picture_shows_smoke_and_ground(tmp_path: Path) -> None:
+    """Drawn with mud and smoke the middle is brown below and grey above; without, neither."""
+    scene = """<mujoco><worldbody>
+      <geom name="floor" type="plane" size="0 0 1" rgba="0.9 0.9 0.9 1"/>
+      <camera name="overview" pos="0 -6 2" xyaxes="1 0 0 0 0.316 0.949" fovy="50"/>
+    </worldbody></mujoco>"""
+    media = """
+[[smoke]]
+name = "cloud"
+kind = "regional"
+shape = "ellipsoid"
+position = [0, 6, 2]
+size = [6, 4, 3]
+density = 2.0
+
+[[surface]]
+name = "bog"
+kind = "mud"
+x = [-3, 3]
+y = [-3.5, 1]
+"""
+    images = []
+    for extra in (media, ""):
+        folder = write_world(tmp_path, HEAD + START + extra, scene)
+        target = tmp_path / "yard.png"
+        command = [sys.executable, "-m", "usarsim_server.worlds.picture", str(folder), str(target)]
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "MUJOCO_GL": "egl"}
+        subprocess.run([*command, "--width", "96", "--height", "60"], env=environment, check=True)
+        images.append(decode(target.read_bytes()).astype(int))
+    drawn, bare = images
+    brown = drawn[45, 40:56]
+    assert (brown[:, 0] > brown[:, 2] + 15).all()
+    assert np.abs(np.ptp(bare[45, 40:56], axis=1)).max() < 10
+    cloud = np.abs(drawn - bare).sum(axis=2)[:25, 40:56]
+    assert cloud.max() > 60

@@ -132,7 +132,7 @@ def test_custom_ground_has_only_what_it_says(tmp_path: Path) -> None:
 MISTAKES = [
     (REGIONAL.replace('"regional"', '"thick"'), "[[smoke]] 1: kind", "regional, local, global"),
     (REGIONAL.replace("density = 0.4", ""), "[[smoke]] 1: density", "add density"),
-    (REGIONAL.replace("0.4", "0"), "[[smoke]] 1: density", "more than 0"),
+    (REGIONAL.replace("0.4", "0"), "[[smoke]] 1: density", "out of range"),
     (REGIONAL.replace("0.4", "-1"), "[[smoke]] 1: density", "out of range"),
     (REGIONAL.replace('"ellipsoid"', '"ball"'), "[[smoke]] 1: shape", "box, ellipsoid"),
     (REGIONAL.replace("[4.0, 2, 3.0]", "[4.0, 0, 3.0]"), "[[smoke]] 1: size", "full lengths"),

@@ -200,7 +200,7 @@ def places(name: str) -> np.ndarray:
     return np.array([x0, y0]) + STEP * np.array(sorted(reachable(name)))
 
 
-@pytest.mark.parametrize("name", ["arena", "office"])
+@pytest.mark.parametrize("name", ["arena", "office", "smoke_corridor"])
 def test_every_victim_can_be_approached_on_wheels(name: str) -> None:
     """A robot comes within 1.5 m of every victim without climbing (on a landing: beside it)."""
     ground = places(name)

@@ -15,7 +15,7 @@ from usarsim_server.cli.common import (
     table,
 )
 from usarsim_server.simulation.frames import Pose, flip_point, wire_from_pose
-from usarsim_server.worlds.description import WorldDescription, Zone
+from usarsim_server.worlds.description import Smoke, Surface, WorldDescription, Zone
 
 __all__ = ["add_parser", "run"]
 
@@ -71,6 +71,23 @@ def details(world: WorldDescription) -> Iterator[str]:
     if world.zones:
         areas = [(zone.name, zone.kind, *_limits(zone)) for zone in world.zones]
         yield table(("ZONE", "KIND", "X", "Y"), areas)
+    if not world.smoke.clear:
+        yield table(("SMOKE", "KIND", "DENSITY", "LOCATION"), _smoke(world.smoke))
+    if world.surfaces:
+        patches = [
+            (s.name, s.kind, s.friction, s.drag, s.sinkage, *_limits(s)) for s in world.surfaces
+        ]
+        yield table(("GROUND", "KIND", "FRICTION", "DRAG", "SINKAGE", "X", "Y"), patches)
+
+
+def _smoke(smoke: Smoke) -> Iterator[tuple[str, str, str, str]]:
+    for volume in smoke.volumes:
+        density = f"{volume.density:g}"
+        yield volume.name, "regional", density, numbers(flip_point(volume.pose.position))
+    for puff in smoke.puffs:
+        yield puff.name, "local", "", numbers(flip_point(puff.position))
+    if smoke.haze:
+        yield "", "global", f"{smoke.haze:g}", "everywhere"
 
 
 def _place(pose: Pose) -> tuple[str, str]:
@@ -78,7 +95,7 @@ def _place(pose: Pose) -> tuple[str, str]:
     return numbers(location), numbers(rotation, 4)
 
 
-def _limits(zone: Zone) -> tuple[str, str]:
+def _limits(zone: Zone | Surface) -> tuple[str, str]:
     corners = [flip_point((x, y, 0.0)) for x, y in zip(zone.x, zone.y, strict=True)]
     x, y = (sorted(corner[axis] for corner in corners) for axis in (0, 1))
     return " to ".join(map(number, x)), " to ".join(map(number, y))

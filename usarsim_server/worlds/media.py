@@ -20,7 +20,7 @@ PARTICLE_RADIUS = 0.128
 """m: 32 Unreal units, as the particles of the original had (robots reference 1.12)."""
 PARTICLES = 60
 MAX_PARTICLES = 5000
-MAX_DENSITY = 100.0
+MIN_DENSITY, MAX_DENSITY = 1e-6, 100.0
 MAX_SIZE = 10_000.0
 
 LEVEL = (-0.1, 0.1)
@@ -38,11 +38,12 @@ class Ground(NamedTuple):
 GROUNDS: Mapping[str, Ground | None] = {
     "water": Ground(friction=0.5, drag=25.0, sinkage=0.0),
     "mud": Ground(friction=0.4, drag=15.0, sinkage=0.02),
-    "sand": Ground(friction=0.6, drag=0.0, sinkage=0.02),
+    "sand": Ground(friction=0.6, drag=0.0, sinkage=0.01),
     "ice": Ground(friction=0.1, drag=0.0, sinkage=0.0),
     "custom": None,
 }
-"""Starting values, chosen so that a four-wheeled Pioneer gets through all of them on the level."""
+"""Starting values. On the level a Pioneer with four wheels gets through all of them, one with two
+wheels and a caster through all but the mud."""
 
 
 def read_smoke(tables: Sequence[Table]) -> Smoke:
@@ -96,10 +97,7 @@ def _puff(table: Table, number: int) -> SmokePuff:
 
 
 def _density(table: Table) -> float:
-    density = table.number("density", default=None, low=0.0, high=MAX_DENSITY)
-    if density == 0.0:
-        raise table.error("density", "no smoke at all", "write more than 0, or delete the table")
-    return density
+    return table.number("density", default=None, low=MIN_DENSITY, high=MAX_DENSITY)
 
 
 def _size(table: Table) -> Vector:

@@ -7,6 +7,7 @@ its camera `overview` sees it, or from above one corner, with an arrow at every 
 from __future__ import annotations
 
 import argparse
+import math
 import struct
 import sys
 import zlib
@@ -19,9 +20,10 @@ from numpy.typing import NDArray
 
 from usarsim_server.errors import UsarsimError
 from usarsim_server.worlds.catalog import find_world
-from usarsim_server.worlds.description import WorldDescription
+from usarsim_server.worlds.description import SmokeVolume, WorldDescription
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.scene import build_scene
+from usarsim_server.worlds.smoke import SmokeField
 
 __all__ = ["draw_world", "main", "png"]
 
@@ -32,10 +34,17 @@ _OVERSAMPLING = 2
 _SHADOW_MAP = 8192
 _ARROW_LENGTH, _ARROW_WIDTH = 1.5, 0.07
 _ARROW_COLOR = np.array([0.05, 0.60, 0.30, 1.0], np.float32)
+_SMOKE_SHADE = 0.55
+_SMOKE_ALPHA = 0.35
+_PARTICLE_COLOR = np.array([0.25, 0.25, 0.25, 0.45], np.float32)
+_SHAPES = {"box": mujoco.mjtGeom.mjGEOM_BOX, "ellipsoid": mujoco.mjtGeom.mjGEOM_ELLIPSOID}
 
 
 def draw_world(world: WorldDescription, width: int = 960, height: int = 600) -> Image:
-    """Render a world with shadows and smoothed edges; start poses are shown as green arrows.
+    """Render a world with shadows and smoothed edges.
+
+    Start poses are shown as green arrows, regional and local smoke (as it is at first) as grey
+    bodies that can be seen through.
 
     Args:
         world: what to draw.
@@ -57,10 +66,16 @@ def draw_world(world: WorldDescription, width: int = 960, height: int = 600) -> 
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    with mujoco.Renderer(model, *shape, max_geom=model.ngeom + len(world.starts) + 100) as renderer:
+    particles, radii = SmokeField(world.smoke).particles(0.0)
+    extra = len(world.starts) + len(world.smoke.volumes) + len(particles)
+    with mujoco.Renderer(model, *shape, max_geom=model.ngeom + extra + 100) as renderer:
         renderer.update_scene(data, _viewpoint(model))
         for start in world.starts:
             _add_arrow(renderer.scene, start.pose.position, start.pose.rotate((1.0, 0.0, 0.0)))
+        for volume in world.smoke.volumes:
+            _add_volume(renderer.scene, volume)
+        for centre, radius in zip(particles, radii, strict=True):
+            _add_particle(renderer.scene, centre, radius)
         fine = renderer.render()
     blocks = fine.reshape(height, _OVERSAMPLING, width, _OVERSAMPLING, 3)
     smooth: Image = blocks.mean(axis=(1, 3)).round().astype(np.uint8)
@@ -87,6 +102,23 @@ def _add_arrow(scene: mujoco.MjvScene, tail: Sequence[float], heading: Sequence[
     kind = mujoco.mjtGeom.mjGEOM_ARROW
     mujoco.mjv_initGeom(geom, kind, np.zeros(3), np.zeros(3), np.zeros(9), _ARROW_COLOR)
     mujoco.mjv_connector(geom, kind, _ARROW_WIDTH, start, tip)
+    scene.ngeom += 1
+
+
+def _add_volume(scene: mujoco.MjvScene, volume: SmokeVolume) -> None:
+    """Denser smoke is darker."""
+    shade = _SMOKE_SHADE * math.exp(-0.5 * volume.density)
+    color = np.array([shade, shade, shade, _SMOKE_ALPHA], np.float32)
+    half = np.array(volume.size) / 2.0
+    place, turn = np.array(volume.pose.position), volume.pose.matrix().reshape(9)
+    mujoco.mjv_initGeom(scene.geoms[scene.ngeom], _SHAPES[volume.shape], half, place, turn, color)
+    scene.ngeom += 1
+
+
+def _add_particle(scene: mujoco.MjvScene, centre: NDArray[np.float64], radius: float) -> None:
+    geom, size = scene.geoms[scene.ngeom], np.array([radius, 0.0, 0.0])
+    turn = np.eye(3).reshape(9)
+    mujoco.mjv_initGeom(geom, mujoco.mjtGeom.mjGEOM_SPHERE, size, centre, turn, _PARTICLE_COLOR)
     scene.ngeom += 1
 
 

@@ -76,7 +76,7 @@ class SmokeField:
         # From the end of the piece backwards, where the density is surely above zero.
         surplus = np.take_along_axis(gained, piece, axis=1)[:, 0] - depths
         end = np.take_along_axis(places, piece + 1, axis=1)[:, 0]
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             distance = end - surplus / np.take_along_axis(density, piece, axis=1)[:, 0]
         return np.where(reached.any(axis=1), distance, np.inf)
 

@@ -58,6 +58,8 @@ class GeneratedWorld:
     tags: list[Mapping[str, object]] = field(default_factory=list)
     sounds: list[Mapping[str, object]] = field(default_factory=list)
     false_alarms: list[Mapping[str, object]] = field(default_factory=list)
+    smoke: list[Mapping[str, object]] = field(default_factory=list)
+    surfaces: list[Mapping[str, object]] = field(default_factory=list)
 
     def start_grid(
         self, xs: Iterable[float], ys: Iterable[float], yaw: float = 0.0, prefix: str = "RobotStart"
@@ -131,6 +133,8 @@ class GeneratedWorld:
         parts += [_table("rfid", tag) for tag in self.tags]
         parts += [_table("sound", sound) for sound in self.sounds]
         parts += [_table("false_alarm", alarm) for alarm in self.false_alarms]
+        parts += [_table("smoke", facts) for facts in self.smoke]
+        parts += [_table("surface", facts) for facts in self.surfaces]
         return "\n".join(parts[:2]) + "\n\n" + "\n\n".join(parts[2:]) + "\n"
 
 
