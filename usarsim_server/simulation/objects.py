@@ -88,7 +88,7 @@ class Objects:
         return ObjectFacts(
             name=self._name(body, single),
             pose=Pose((x, y, z), (w, i, j, k)) @ place,
-            material=self._model.mat(material).name if material >= 0 else None,
+            material=self._material(body, material),
             size=self._size(body, single),
             robot=robot,
         )
@@ -123,6 +123,13 @@ class Objects:
             return str(self.names[single])
         name: str = self._model.body(body).name
         return name.partition(":")[0] if body in self._owner else name
+
+    def _material(self, body: int, material: int) -> str | None:
+        """Name of a material as the scene, or the maker of the robot or thing, gave it."""
+        if material < 0:
+            return None
+        name: str = self._model.mat(material).name
+        return name.partition(":")[2] if body in self._owner else name
 
     def _size(self, body: int, single: int | None) -> Vector:
         key = (body, single)

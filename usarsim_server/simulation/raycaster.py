@@ -8,7 +8,8 @@ model, and only for fans that can reach them at all.
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import mujoco
@@ -155,6 +156,10 @@ class DynamicGeometry:
         self._is_robot = np.array([root in robots for root in self._trees], dtype=bool)
         self._layouts = world.layouts
         self._mocap = mocap_bodies(model)
+        moving = np.flatnonzero(model.body_weldid[model.geom_bodyid] != 0)
+        self._glass = np.array(
+            [geom for geom in moving.tolist() if _is_glass(world.model, geom)], dtype=np.intp
+        )
 
     def cast(
         self, fans: Sequence[RayFan], snapshot: Snapshot, robot: int | None
@@ -171,7 +176,8 @@ class DynamicGeometry:
             self._model.geom_rgba[hidden, 3] = 0.0
             try:
                 for index in self._reachable(fans, own):
-                    answers[index] = self._cast_fan(fans[index])
+                    with self._seen_through(fans[index].through_glass):
+                        answers[index] = self._cast_fan(fans[index])
             finally:
                 self._model.geom_rgba[hidden, 3] = self._alpha[hidden]
         return answers
@@ -212,6 +218,17 @@ class DynamicGeometry:
         angle = np.arccos(np.clip(cosine, -1.0, 1.0))
         seen = within & ((angle - spread <= half[:, None]) | (distance <= reach))
         return [int(index) for index in np.flatnonzero(seen.any(axis=1))]
+
+    @contextmanager
+    def _seen_through(self, through: bool) -> Iterator[None]:
+        """Inside, moving glass is invisible if it is to be."""
+        alpha = self._model.geom_rgba[self._glass, 3]
+        if through:
+            self._model.geom_rgba[self._glass, 3] = 0.0
+        try:
+            yield
+        finally:
+            self._model.geom_rgba[self._glass, 3] = alpha
 
     def _cast_fan(self, fan: RayFan) -> _Surfaces:
         count = len(fan.directions)

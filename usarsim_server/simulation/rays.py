@@ -26,8 +26,8 @@ class RayFan:
         directions: (n, 3) unit vectors in the world frame.
         max_range: rays end here; a longer way counts as no hit, m.
         normals: also return surface normals.
-        through_glass: pass through static geometry of a transparent material (its material or
-            geom name contains `glass` or `trans`).
+        through_glass: pass through geometry of a transparent material (its material or geom name
+            contains `glass` or `trans`).
         identify: also name what was hit.
     """
 
