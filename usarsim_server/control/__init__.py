@@ -1,0 +1,1 @@
+"""World controllers and avatars: connections that have no robot."""
