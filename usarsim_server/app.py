@@ -51,6 +51,7 @@ class Assembly:
         world: the world it runs.
         simulation: the physics; its thread is started by `run`, or not at all in tests.
         fleet: the robots.
+        surroundings: people, tags and sounds of the world.
         services: what listens.
         agents: the agents of all connections so far that still exist.
     """
@@ -59,6 +60,7 @@ class Assembly:
     world: WorldDescription
     simulation: Simulation
     fleet: Fleet
+    surroundings: Surroundings
     services: tuple[Service, ...]
     agents: weakref.WeakSet[RobotAgent] = field(default_factory=weakref.WeakSet)
 
@@ -115,7 +117,7 @@ def assemble(settings: Settings) -> Assembly:
     simulation.set_movers(surroundings.movers)
     fleet = Fleet(roster, world, simulation, settings.seed, surroundings)
     services: list[Service] = []
-    assembly = Assembly(settings, world, simulation, fleet, ())
+    assembly = Assembly(settings, world, simulation, fleet, surroundings, ())
     if settings.port is not None:
         services.append(_control_service(settings, world, assembly))
     return replace(assembly, services=tuple(services))

@@ -188,9 +188,7 @@ def test_no_beginning_is_lost_or_doubled(delay: float, period: float, cuts: list
     cuts = sorted(cuts)
     whole = beginnings(noise, cuts[0], cuts[-1])
     parts = [
-        start
-        for low, high in itertools.pairwise(cuts)
-        for start in beginnings(noise, low, high)
+        start for low, high in itertools.pairwise(cuts) for start in beginnings(noise, low, high)
     ]
     assert parts == whole
     assert all(start >= delay for start in whole)
