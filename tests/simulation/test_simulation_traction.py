@@ -442,6 +442,23 @@ def test_a_teleported_robot_is_in_the_patch_at_once() -> None:
     assert base_qpos(moved, 0) == pytest.approx(base_qpos(there, 0), abs=1e-12)
 
 
+@pytest.mark.parametrize("value", [math.nan, math.inf, 1e200])
+@pytest.mark.parametrize("array", ["qpos", "qvel"])
+def test_a_robot_that_diverges_in_mud_leaves_alone(array: str, value: float) -> None:
+    """A patch changes nothing about containment: the other robot in it drives on."""
+    mud = patch(x=(-9.0, 9.0), friction=0.6, drag=10.0, sinkage=0.02)
+    engine = engine_with((0.0, 0.0), (0.0, 1.5), surfaces=(mud,))
+    for robot in (0, 1):
+        engine.drive(robot, straight(4.0))
+    run(engine, 0.4)
+    layout = engine.world.layouts[1]
+    getattr(engine.data, array)[layout.dof if array == "qvel" else layout.qpos] = value
+    assert engine.advance(2) == [1]
+    run(engine, 1.0)
+    assert base_qpos(engine, 0)[0] > 0.3
+    assert not engine.data.xfrc_applied.any()
+
+
 def test_a_world_of_patches_without_anything_loose() -> None:
     """Patches in an empty world are no obstacle to stepping."""
     engine = Engine(floor(), PhysicsOptions(surfaces=(patch(),)))

@@ -12,8 +12,8 @@ endless plane as on a ramp, without any geometry of their own:
   gave.
 * Drag: -drag times velocity, on each body that touches the patch. A body that has sunk in by z
   pushes ground before it: its rolling resistance is the load times sqrt(z/d), d being the diameter
-  (the classical result for a rigid wheel on yielding ground, see Gerstner in the literature on
-  rolling resistance). Below `CREEP_SPEED` it fades, so that it never pushes.
+  (the textbook formula for a slow rigid wheel on yielding ground). Below `CREEP_SPEED` it fades,
+  so that it never pushes.
 
 The load of a body is the weight of its robot, divided evenly among those of its bodies that touch
 ground. Nothing is remembered from step to step.
@@ -89,6 +89,8 @@ class Traction:
         centres = data.qpos[self._places][:, None]
         return bool(((centres > self._near_low) & (centres < self._near_high)).all(axis=2).any())
 
+    # What has diverged is the engine's business, afterwards.
+    @np.errstate(over="ignore", invalid="ignore")
     def apply(self, data: mujoco.MjData) -> None:
         """Change contacts and set forces; between `mj_step1` and `mj_step2`, before compensation.
 
