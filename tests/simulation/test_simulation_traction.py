@@ -442,7 +442,7 @@ def test_a_teleported_robot_is_in_the_patch_at_once() -> None:
     assert base_qpos(moved, 0) == pytest.approx(base_qpos(there, 0), abs=1e-12)
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf, 1e200])
+@pytest.mark.parametrize("value", [math.nan, math.inf, 1e100])
 @pytest.mark.parametrize("array", ["qpos", "qvel"])
 def test_a_robot_that_diverges_in_mud_leaves_alone(array: str, value: float) -> None:
     """A patch changes nothing about containment: the other robot in it drives on."""
