@@ -13,6 +13,9 @@ import weakref
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
+from usarsim_server.control.objects import WorldObjects
+from usarsim_server.control.roles import SpecialRoles
+from usarsim_server.data import data_directory
 from usarsim_server.protocol import messages
 from usarsim_server.robots.agent import AgentOptions, Mouth, RobotAgent
 from usarsim_server.robots.fleet import Fleet
@@ -27,6 +30,7 @@ from usarsim_server.simulation.simulation import Simulation, SimulationOptions
 from usarsim_server.worlds.catalog import find_world
 from usarsim_server.worlds.description import WorldDescription
 from usarsim_server.worlds.loader import load_world
+from usarsim_server.worlds.object_classes import SHEET, load_objects
 from usarsim_server.worlds.scene import build_scene
 from usarsim_server.worlds.surroundings import Surroundings
 
@@ -61,6 +65,7 @@ class Assembly:
     simulation: Simulation
     fleet: Fleet
     surroundings: Surroundings
+    objects: WorldObjects
     services: tuple[Service, ...]
     agents: weakref.WeakSet[RobotAgent] = field(default_factory=weakref.WeakSet)
 
@@ -77,6 +82,13 @@ class Assembly:
             self.world,
             self.simulation.attention if lockstep else _nobody_waits,
             _agent_options(self.settings),
+            SpecialRoles(
+                self.objects,
+                self.fleet,
+                self.world,
+                self.simulation,
+                self.settings.clean_on_close,
+            ),
         )
         self.agents.add(agent)
         return agent
@@ -109,6 +121,7 @@ def assemble(settings: Settings) -> Assembly:
             physics=PhysicsOptions(timestep=settings.timestep, surfaces=world.surfaces),
             speed=settings.speed,
             max_robots=settings.max_robots,
+            max_things=settings.max_objects,
             lower=world.lower,
             upper=world.upper,
         ),
@@ -117,7 +130,10 @@ def assemble(settings: Settings) -> Assembly:
     simulation.set_movers(surroundings.movers)
     fleet = Fleet(roster, world, simulation, settings.seed, surroundings)
     services: list[Service] = []
-    assembly = Assembly(settings, world, simulation, fleet, surroundings, ())
+    catalog = load_objects([data_directory("worlds") / SHEET, world.folder / SHEET])
+    objects = WorldObjects(catalog, simulation, world.lower, world.upper)
+    fleet.call_things(objects.label)
+    assembly = Assembly(settings, world, simulation, fleet, surroundings, objects, ())
     if settings.port is not None:
         services.append(_control_service(settings, world, assembly))
     return replace(assembly, services=tuple(services))

@@ -41,6 +41,8 @@ class Settings:
         config: the file that was read.
         robots: folders with further robot files.
         max_robots: robots at the same time.
+        max_objects: objects that world controllers may put into the world, and avatars.
+        clean_on_close: objects leave with the world controller that created them.
         log_level: a name of `logs.LEVELS`.
         sta_order: order of the STA segments in the udk dialect (protocol reference 5.3).
         max_connections: control connections at the same time.
@@ -66,6 +68,8 @@ class Settings:
     config: Path | None = None
     robots: tuple[Path, ...] = ()
     max_robots: int = 16
+    max_objects: int = 256
+    clean_on_close: bool = True
     log_level: str = "warning"
     sta_order: Literal["ut2004", "udk"] = "ut2004"
     max_connections: int = 64
@@ -254,6 +258,12 @@ def _number(low: float, high: float) -> Check:
     return check
 
 
+def _boolean(value: object, folder: Path) -> bool:
+    if not isinstance(value, bool):
+        raise ValueError
+    return value
+
+
 def _port(value: object, folder: Path) -> int | None:
     if value == "off":
         return None
@@ -383,6 +393,19 @@ OPTIONS: tuple[Option, ...] = (
     ),
     Option(
         "max_robots", "a whole number from 1 to 64", _integer(1, 64), "robots at the same time", "N"
+    ),
+    Option(
+        "max_objects",
+        "a whole number from 0 to 4096",
+        _integer(0, 4096),
+        "objects of world controllers, and avatars, at the same time",
+        "N",
+    ),
+    Option(
+        "clean_on_close",
+        "true or false",
+        _boolean,
+        "whether objects leave with their world controller",
     ),
     _word_option("log_level", tuple(LEVELS), "least severe log lines to show", "|".join(LEVELS)),
     _word_option("sta_order", ("ut2004", "udk"), "order of STA segments in the udk dialect"),

@@ -1,4 +1,5 @@
-"""The handler of one connection: a thread with a mailbox that owns at most one robot.
+"""The handler of one connection: a thread with a mailbox that owns at most one robot, or
+another role such as that of a world controller.
 
 Commands keep their order, whether they come before, with or after INIT. Snapshots do not queue:
 a handler that is late looks at the newest one and skips what it missed.
@@ -27,8 +28,9 @@ from usarsim_server.protocol.requests import (
     Request,
     Unknown,
 )
-from usarsim_server.robots.fleet import Fleet
+from usarsim_server.robots.fleet import Fleet, Vehicle
 from usarsim_server.robots.pilot import Pilot, PilotOptions
+from usarsim_server.robots.role import Casting, Role, RoleFactory, robots_only
 from usarsim_server.simulation.frames import Pose, pose_from_wire, wire_from_pose
 from usarsim_server.simulation.snapshot import Snapshot
 from usarsim_server.worlds.description import WorldDescription
@@ -77,6 +79,7 @@ class RobotAgent:
         world: WorldDescription,
         attention: Callable[[], None],
         options: AgentOptions,
+        roles: RoleFactory = robots_only,
     ) -> None:
         """Make an agent; its thread starts with the first command.
 
@@ -88,6 +91,7 @@ class RobotAgent:
             world: for start poses and path nodes.
             attention: tells the simulation that this agent became idle (lockstep).
             options: see there.
+            roles: makes what is no robot, such as a world controller.
         """
         self._peer = peer
         self._mouth = mouth
@@ -96,15 +100,19 @@ class RobotAgent:
         self._world = world
         self._attention = attention
         self._options = options
+        self._roles = roles
         self._log = Log("robot", connection=peer)
         self._selector = DialectSelector(options.dialect)
-        self._pilot: Pilot | None = None
+        self._role: Role | None = None
+        self._leave: Callable[[], None] = _nothing
+        self._vehicle: Vehicle | None = None
         self._mail = threading.Condition()
         self._commands: deque[Command] = deque()
         self._snapshot: Snapshot | None = None
         self._lost: str | None = None
         self._busy = False
         self._closed = False
+        self._ended = False
         self._thread: threading.Thread | None = None
         self._due = math.inf
 
@@ -148,9 +156,10 @@ class RobotAgent:
             self._mail.notify()
 
     def idle(self) -> bool:
-        """Whether all commands and snapshots have been dealt with."""
+        """Whether all commands and snapshots have been dealt with, and a goodbye too."""
         with self._mail:
-            return not (self._busy or self._pending())
+            leaving = self._closed and self._thread is not None and not self._ended
+            return not (self._busy or self._pending() or leaving)
 
     def close(self) -> None:
         """The client is gone: the robot leaves the world."""
@@ -159,9 +168,10 @@ class RobotAgent:
             self._commands.clear()
             self._due = math.inf
             self._mail.notify()
-        pilot = self._pilot
-        if pilot is not None:
-            self._fleet.remove(pilot.vehicle)
+        vehicle = self._vehicle
+        if vehicle is not None:
+            # At once; its thread may be busy.
+            self._fleet.remove(vehicle)
 
     def join(self, timeout: float) -> None:
         """Wait until the thread of a closed agent has ended, at most `timeout` seconds."""
@@ -185,7 +195,7 @@ class RobotAgent:
             self._dismiss()
             with self._mail:
                 self._busy = False
-                self._closed = True
+                self._closed = self._ended = True
             self._attention()
 
     def _turn(self) -> bool:
@@ -204,10 +214,10 @@ class RobotAgent:
         if lost is not None:
             self._lose(lost)
         self._execute_waiting()
-        if snapshot is not None and self._pilot is not None:
-            for line in self._pilot.report(snapshot):
+        if snapshot is not None and self._role is not None:
+            for line in self._role.report(snapshot):
                 self._mouth.put_stream(messages.encode(line))
-            for line in self._pilot.take_news():
+            for line in self._role.take_news():
                 self._mouth.put_reply(messages.encode(line))
             self._set_due()
         return True
@@ -242,51 +252,65 @@ class RobotAgent:
         return self._obey(request)
 
     def _obey(self, request: Request) -> list[str]:
-        if self._pilot is None:
+        if self._role is None:
             self._log.debug("ignored: no robot yet", request=type(request).__name__)
             return []
-        return self._pilot.obey(request)
+        return self._role.obey(request)
 
     def _set_dialect(self) -> None:
-        if self._pilot is not None and self._pilot.dialect is not self._selector.current:
+        if self._role is not None and self._role.dialect is not self._selector.current:
             self._log.debug("dialect changed", dialect=self._selector.current.value)
-            self._pilot.dialect = self._selector.current
+            self._role.dialect = self._selector.current
             self._set_due()
 
     def _set_due(self) -> None:
         with self._mail:
-            if self._pilot is not None and self._snapshot is None and not self._closed:
-                self._due = self._pilot.due
+            if self._role is not None and self._snapshot is None and not self._closed:
+                self._due = self._role.due
 
     # -- INIT --------------------------------------------------------------------------------
 
     def _initialise(self, init: Init) -> None:
-        if self._pilot is not None:
+        if self._role is not None:
             if not self._options.replace_robot:
                 self._log.info("second INIT ignored", second=init.class_name)
                 return
             self._dismiss()
-        description = self._fleet.describe(init.class_name)
-        if description is None:
-            self._log.warning("INIT failed: unknown class", robot_class=init.class_name)
-            return
         try:
-            vehicle = self._fleet.spawn(description, init.name, self._place(init))
+            pose = self._place(init)
+            casting = self._roles(init, pose, self._log) or self._robot(init, pose)
         except UsarsimError as error:
             self._log.warning(f"INIT failed: {error}", robot_class=init.class_name)
             return
-        self._selector.initialised(description.dialect, init)
-        self._log = self._log.bind(robot=vehicle.name)
-        dialect = self._selector.current
-        pilot = Pilot(vehicle, dialect, self._options.pilot, init.battery, self._log)
-        self._pilot = pilot
+        if casting is None:
+            self._log.warning("INIT failed: unknown class", robot_class=init.class_name)
+            return
+        self._selector.initialised(casting.dialect, init)
+        self._log = self._log.bind(robot=casting.name)
+        self._leave, self._role = casting.leave, casting.role
+        self._role.dialect = self._selector.current
         if self._closed:
             self._dismiss()
-            return
-        self._due = 0.0
-        vehicle.attach(self)
-        self._log.info(
-            "robot spawned", robot_class=description.name, dialect=dialect.value, id=vehicle.robot
+        elif casting.attach is not None:
+            self._due = 0.0
+            casting.attach(self)
+
+    def _robot(self, init: Init, pose: Pose) -> Casting | None:
+        """A vehicle of the class that INIT names; None if there is no such class."""
+        description = self._fleet.describe(init.class_name)
+        if description is None:
+            return None
+        vehicle = self._fleet.spawn(description, init.name, pose)
+        log = self._log.bind(robot=vehicle.name)
+        pilot = Pilot(vehicle, description.dialect, self._options.pilot, init.battery, log)
+        self._vehicle = vehicle
+        log.info("robot spawned", robot_class=description.name, id=vehicle.robot)
+        return Casting(
+            pilot,
+            vehicle.name,
+            description.dialect,
+            leave=lambda: self._fleet.remove(vehicle),
+            attach=vehicle.attach,
         )
 
     def _place(self, init: Init) -> Pose:
@@ -305,14 +329,14 @@ class RobotAgent:
         return pose_from_wire(init.location or zero, init.rotation or zero)
 
     def _dismiss(self) -> None:
-        pilot, self._pilot = self._pilot, None
-        if pilot is not None:
-            self._fleet.remove(pilot.vehicle)
-            self._log = Log("robot", connection=self._peer)
+        self._role = self._vehicle = None
+        leave, self._leave = self._leave, _nothing
+        leave()
+        self._log = Log("robot", connection=self._peer)
 
     def _lose(self, reason: str) -> None:
         """The simulation took the robot away; the connection stays and may INIT again."""
-        if self._pilot is None:
+        if self._role is None:
             return
         self._log.warning("robot removed", reason=reason)
         self._mouth.put_reply(messages.encode(messages.die("None", DIE_FELL)))
@@ -344,3 +368,7 @@ class RobotAgent:
         )
         location, _ = wire_from_pose(Pose(nearest.position))
         return [messages.closest_path_node(nearest.tag, location)]
+
+
+def _nothing() -> None:
+    """What a connection without a role takes along when it leaves."""

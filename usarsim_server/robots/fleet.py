@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -116,6 +116,7 @@ class Fleet:
         self._models: dict[str, RobotModel] = {}
         self._vehicles: dict[int, Vehicle] = {}
         self._names: set[str] = set()
+        self._label_of_thing: Callable[[int], str | None] = _nameless
         self._order = 0
 
     @property
@@ -170,7 +171,34 @@ class Fleet:
             return facts
         with self._lock:
             vehicle = self._vehicles.get(facts.robot)
-        return facts if vehicle is None else replace(facts, name=vehicle.name)
+        label = vehicle.name if vehicle else self._label_of_thing(facts.robot)
+        return facts if label is None else replace(facts, name=label)
+
+    def call_things(self, label: Callable[[int], str | None]) -> None:
+        """Have facts about what is no robot name it, by its number in the simulation."""
+        self._label_of_thing = label
+
+    def find(self, name: str) -> Vehicle | None:
+        """The vehicle with a label, whatever its case; None if there is none."""
+        wanted = name.strip().lower()
+        return next((one for one in self.vehicles if one.name.lower() == wanted), None)
+
+    def move(self, name: str, change: Callable[[Pose], Pose]) -> bool:
+        """Put a vehicle somewhere else, at rest, or beside it; whether there is one.
+
+        Args:
+            name: its label, in any case.
+            change: makes the wanted pose from the present one.
+
+        Raises:
+            SpawnError: if the pose cannot be used.
+        """
+        vehicle = self.find(name)
+        state = None if vehicle is None else vehicle.look()
+        if vehicle is None or state is None:
+            return False
+        self._simulation.move(vehicle.robot, change(state.pose))
+        return True
 
     def remove(self, vehicle: Vehicle) -> None:
         """Take a vehicle out of the world; a second call does nothing."""
@@ -216,6 +244,11 @@ class Fleet:
                 model = robot_model(description)
                 self._models[description.model] = model
             return model
+
+
+def _nameless(number: int) -> str | None:
+    """Labels of a world that holds robots only."""
+    return None
 
 
 def robot_model(description: RobotDescription) -> RobotModel:

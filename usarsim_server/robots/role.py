@@ -1,0 +1,68 @@
+"""What a connection can be: the conductor of a robot, or something else that obeys and reports."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from usarsim_server.logs import Log
+from usarsim_server.protocol.requests import Init, Request
+from usarsim_server.protocol.values import Dialect
+from usarsim_server.simulation.frames import Pose
+from usarsim_server.simulation.simulation import Listener
+from usarsim_server.simulation.snapshot import Snapshot
+
+__all__ = ["Casting", "Role", "RoleFactory", "robots_only"]
+
+
+class Role(Protocol):
+    """Deals with the requests of one connection; used by that connection's thread alone."""
+
+    dialect: Dialect
+    """Of everything it writes; may be changed at any time."""
+
+    @property
+    def due(self) -> float:
+        """Simulated time of the next snapshot wanted; infinity for none."""
+
+    def obey(self, request: Request) -> list[str]:
+        """Carry out a request; returns the reply lines."""
+
+    def report(self, snapshot: Snapshot) -> list[str]:
+        """The streamed lines that are due at a snapshot."""
+
+    def take_news(self) -> list[str]:
+        """Lines that came up while reporting and must arrive."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Casting:
+    """A role that a connection has been given.
+
+    Attributes:
+        role: the role.
+        name: names it in the log.
+        dialect: of the era that its class comes from.
+        leave: takes everything that belongs to it out of the world; called by the connection's
+            thread.
+        attach: has a listener woken with snapshots; None if it wants none.
+    """
+
+    role: Role
+    name: str
+    dialect: Dialect
+    leave: Callable[[], None]
+    attach: Callable[[Listener], None] | None = None
+
+
+RoleFactory = Callable[[Init, Pose, Log], Casting | None]
+"""Makes the role that INIT asks for, at the pose it means; None if it asks for a robot.
+
+Raises `UsarsimError` if the role cannot be played.
+"""
+
+
+def robots_only(init: Init, pose: Pose, log: Log) -> Casting | None:
+    """The factory of a server that knows robots and nothing else."""
+    return None
