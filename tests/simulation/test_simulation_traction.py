@@ -140,11 +140,14 @@ def test_ice_on_a_slope_of_ten_degrees(friction: float, climbs: bool) -> None:
     assert way > 0.3 if climbs else way < 0.0
 
 
-def test_frictionless_casters_stay_so() -> None:
+@pytest.mark.parametrize("dimension", [1, 3])
+def test_frictionless_casters_stay_so(dimension: int) -> None:
     """A ball that has no friction keeps its speed on a patch that grips."""
-    engine = sliding(smooth_ball(0.1), patch(x=(-9.0, 9.0), friction=0.8), x=0.0, speed=1.0)
+    engine = sliding(
+        smooth_ball(0.1, dimension), patch(x=(-9.0, 9.0), friction=0.8), x=0.0, speed=1.0
+    )
     run(engine, 1.0)
-    assert engine.data.qvel[0] == pytest.approx(1.0, abs=1e-6)
+    assert engine.data.qvel[0] == pytest.approx(1.0, abs=2e-4)
 
 
 def test_a_fast_body_feels_the_patch_from_its_edge() -> None:
@@ -210,7 +213,7 @@ def test_a_wall_inside_a_patch_keeps_its_friction() -> None:
 # -- drag ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("drag", [2.0, 8.0, 400.0])
+@pytest.mark.parametrize("drag", [2.0, 8.0, 400.0, 6000.0])
 @pytest.mark.parametrize("timestep", [0.002, 0.004])
 def test_water_slows_a_gliding_block_exponentially(drag: float, timestep: float) -> None:
     """v(t) = v0 exp(-c t / m) without friction; a very strong drag stops it and never reverses."""
@@ -303,14 +306,14 @@ def test_a_robot_goes_in_and_out_without_a_hop() -> None:
     assert base_qpos(engine, 0)[2] == pytest.approx(level, abs=1e-3)
 
 
-def smooth_ball(radius: float) -> Scenery:
+def smooth_ball(radius: float, dimension: int = 1) -> Scenery:
     """A ball without friction on the floor."""
     return thing(
         Geom.mjGEOM_SPHERE,
         [radius, 0, 0],
         radius,
         mass=3.0,
-        condim=1,
+        condim=dimension,
         priority=1,
         friction=[0, 0, 0],
     )
