@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, replace
 from usarsim_server.control.objects import WorldObjects
 from usarsim_server.control.roles import SpecialRoles
 from usarsim_server.data import data_directory
+from usarsim_server.errors import UsarsimError
 from usarsim_server.protocol import messages
 from usarsim_server.robots.agent import AgentOptions, Mouth, RobotAgent
 from usarsim_server.robots.fleet import Fleet
@@ -143,16 +144,28 @@ def run(settings: Settings) -> int:
     """Serve until told to end; returns the exit code.
 
     Raises:
-        UsarsimError: if the server cannot start.
+        UsarsimError: if the server cannot start, or the physics has to give up.
     """
     sys.setswitchinterval(SWITCH_INTERVAL)
     assembly = assemble(settings)
-    assembly.simulation.start()
     try:
-        asyncio.run(run_services(assembly.services))
+        asyncio.run(_serve(assembly))
     finally:
         assembly.stop()
+    if assembly.simulation.failure is not None:
+        raise UsarsimError(f"the physics had to give up: {assembly.simulation.failure}")
     return 0
+
+
+async def _serve(assembly: Assembly) -> None:
+    """Run the world and all services until a signal, or until the physics gives up."""
+    stop, loop = asyncio.Event(), asyncio.get_running_loop()
+
+    def give_up() -> None:
+        loop.call_soon_threadsafe(stop.set)
+
+    assembly.simulation.start(give_up)
+    await run_services(assembly.services, stop=stop)
 
 
 def _control_service(

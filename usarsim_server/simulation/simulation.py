@@ -97,6 +97,8 @@ class Simulation:
         self._listeners: dict[int, Listener] = {}
         self._stopping = False
         self._thread: threading.Thread | None = None
+        self._on_failure: Callable[[], None] | None = None
+        self.failure: Exception | None = None
         self._snapshot = self._engine.snapshot()
 
     # -- looking -----------------------------------------------------------------------------
@@ -286,9 +288,14 @@ class Simulation:
 
     # -- running -----------------------------------------------------------------------------
 
-    def start(self) -> None:
-        """Start the physics thread."""
+    def start(self, on_failure: Callable[[], None] | None = None) -> None:
+        """Start the physics thread.
+
+        Args:
+            on_failure: called, on that thread, if it has to give up; `failure` says why.
+        """
         self._mail.disown()
+        self._on_failure = on_failure
         self._thread = threading.Thread(target=self._run, name="physics", daemon=True)
         self._thread.start()
 
@@ -325,7 +332,9 @@ class Simulation:
                 self._run_paced(Pacer(self._options.speed, self._engine.time))
         except Exception as error:
             _log.exception("the physics thread died", error)
-            raise
+            self.failure = error
+            if self._on_failure is not None:
+                self._on_failure()
         finally:
             self._mail.end()
 
