@@ -284,7 +284,7 @@ def test_flip(stage: Rehearsal, client: RehearsedClient) -> None:
     stage.run(1.0)
     state = stage.assembly.fleet.vehicles[-1].look()
     assert state is not None
-    assert state.pose.rotate((0, 0, 1))[2] < -0.9
+    assert state.pose.rotate((0, 0, 1))[2] < -0.8
     client.send("DRIVE {Flip True}")
     stage.run(1.0)
     state = stage.assembly.fleet.vehicles[-1].look()

@@ -15,7 +15,8 @@ from usarsim_server.robots.mjcf import build_spec
 from usarsim_server.robots.roster import load_roster
 
 ROBOTS = {robot.name: robot for robot in load_roster().descriptions()}
-MODELS = sorted({robot.model for robot in ROBOTS.values()})
+WHEELED = {name: robot for name, robot in ROBOTS.items() if robot.wheels}
+MODELS = sorted({robot.model for robot in WHEELED.values()})
 
 
 def on_floor(robot: RobotDescription, height: float, copies: int = 1) -> mujoco.MjModel:
@@ -50,9 +51,11 @@ def test_structure(name: str) -> None:
     assert model.body("base").parentid[0] == 0
     assert model.joint("free").type[0] == mujoco.mjtJoint.mjJNT_FREE
     assert model.joint("free").bodyid[0] == model.body("base").id
-    assert model.nbody == 2 + len(robot.wheels)
+    links = list(robot.links)
+    loose = sum(effector.detached for effector in robot.effectors)
+    assert model.nbody == 2 + len(robot.wheels) + len(links) + len(robot.effectors)
     assert model.nu == len(robot.driven_wheels)
-    assert model.nv == 6 + len(robot.wheels)
+    assert model.nv == 6 + len(robot.wheels) + len(links) + 6 * loose
     for wheel in robot.wheels:
         body = model.body(wheel.name)
         assert body.parentid[0] == model.body("base").id
@@ -69,9 +72,13 @@ def test_structure(name: str) -> None:
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_announced_mass_is_the_mass_of_the_bodies(name: str) -> None:
-    """CONF Mass equals the sum of all body masses within 0.1 % (5.1 #8)."""
+    """CONF Mass equals the sum of all masses that hang on the robot within 0.1 % (5.1 #8).
+
+    Mission packages are included, tools that lie beside it are not.
+    """
     model = build_spec(ROBOTS[name]).compile()
-    assert model.body_mass.sum() == pytest.approx(ROBOTS[name].report.mass, rel=1e-3)
+    mass = model.body("base").subtreemass[0]
+    assert mass == pytest.approx(ROBOTS[name].report.mass, rel=1e-3)
 
 
 def test_mass_centre_of_the_real_p3at() -> None:
@@ -85,7 +92,10 @@ def test_mass_centre_of_the_real_p3at() -> None:
 
 @pytest.mark.parametrize("name", MODELS)
 def test_mass_centre_is_low_and_between_the_wheels(name: str) -> None:
-    """Every robot is balanced: centre on the middle line, inside the support, below 0.2 m."""
+    """Every robot is balanced: centre on the middle line, inside the support, below 0.2 m.
+
+    An arm beside the middle line draws it aside, but no more than a centimetre.
+    """
     robot = ROBOTS[name]
     model = on_floor(robot, 0.0)
     data = mujoco.MjData(model)
@@ -94,7 +104,8 @@ def test_mass_centre_is_low_and_between_the_wheels(name: str) -> None:
     support = [wheel.position[0] for wheel in robot.wheels]
     support += [caster.position[0] for caster in robot.casters]
     assert min(support) + 0.05 < x < max(support) - 0.03
-    assert abs(y) < 1e-6
+    lopsided = any(actuator.pose.position[1] for actuator in robot.actuators)
+    assert abs(y) < (0.01 if lopsided else 1e-6)
     assert 0.05 < z < 0.2
 
 

@@ -12,18 +12,21 @@ from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.robots.roster import Roster, load_roster
 
 SHIPPED = (
+    "KR60",
     "OmniP2AT",
     "OmniP2DX",
     "P2AT",
     "P2AT_ATLANTA",
     "P2DX",
     "P3AT",
+    "P3AT_arm",
     "P3AT_real",
     "P3DX",
     "pioneer2dx_with_sensors",
     "pioneer3at_with_sensors",
     "RescueP2AT",
     "StereoP2AT",
+    "TwoLink",
 )
 
 

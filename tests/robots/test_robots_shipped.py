@@ -236,8 +236,16 @@ def test_real_p3at_is_the_model_of_the_validation() -> None:
 
 
 def test_eras_kinds_and_batteries() -> None:
-    """Dialect by era, drive family by wheels, 1200 s of battery unless stated otherwise."""
+    """Dialect by era, drive family by wheels, 1200 s of battery unless stated otherwise.
+
+    Platforms have neither wheels nor a battery; STA of the original shows 99999 for them.
+    """
     for name, robot in ROBOTS.items():
+        if robot.kind is Kind.STATIC:
+            assert robot.dialect is Dialect.UDK
+            assert robot.battery is None
+            assert not robot.wheels
+            continue
         assert robot.dialect is (Dialect.UDK if name.startswith("P3AT") else Dialect.UT2004)
         assert robot.kind is (Kind.DIFFERENTIAL if robot.casters else Kind.SKID_STEER)
         assert len(robot.driven_wheels) == (2 if robot.casters else 4)
@@ -264,3 +272,80 @@ def test_files_state_their_frame_and_sources() -> None:
         if "position" in text:
             assert "Frame of this file: x forward, y right, z down" in text, path
             assert "tarting value" in text, path
+
+
+LIMITS = {
+    "KR60": [
+        ("Revolute", (-3.14, 3.14), 600, 100),
+        ("Revolute", (-2.356, 0.61), 1500, 200),
+        ("Revolute", (-2.094, 2.757), 700, 100),
+        ("Revolute", (-3.14, 3.14), 100, 10),
+        ("Revolute", (-2.076, 2.076), 60, 5),
+        ("Revolute", (-3.14, 3.14), 25, 5),
+    ],
+    "TwoLink": [("Revolute", (-2.967, 2.967), 50000, 0.25)],
+    "P2AT": [("Revolute", None, 20, 0), ("Revolute", (-0.7854, 0.7854), 20, 0)],
+}
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_joints_have_the_ranges_of_the_reference(name: str) -> None:
+    """Arms and pan-tilts have the ranges, forces and damping of 1.9 and 1.10 (5.1 #12)."""
+    (actuator,) = ROBOTS[name].actuators
+    assert [
+        (link.type.value, link.limits, link.max_torque, link.damping) for link in actuator.links
+    ] == LIMITS[name]
+
+
+def test_joint_speeds_follow_the_era() -> None:
+    """0.1745 rad/s in UT2004, 1.571 rad/s in UDK, unless a finger says otherwise (1.10)."""
+    for robot in ROBOTS.values():
+        speed = 0.1745 if robot.dialect is Dialect.UT2004 else 1.571
+        links = [link for actuator in robot.actuators for link in actuator.links]
+        assert {link.max_speed for link in links} <= {speed}
+
+
+def test_kr60_anchors_and_masses() -> None:
+    """The joints of KR60 stand where 1.9 has them, with its masses, tool changer and gripper."""
+    robot = ROBOTS["KR60"]
+    links = robot.actuators[0].links
+    anchors = [wire_from_pose(robot.home_pose(link.body))[0] for link in links]
+    assert np.round(anchors, 3).tolist() == [
+        [0.070, 0.01, -0.413],
+        [0.494, -0.2, -0.796],
+        [0.490, -0.14, -1.801],
+        [0.981, 0.022, -1.97],
+        [1.473, 0.09, -1.97],
+        [1.625, 0.02, -1.97],
+    ]
+    masses = [link.mass for link in links]
+    assert masses == pytest.approx([1, 0.5, 0.2, 0.1, 0.05, 0.025])
+    changer, gripper = robot.effectors
+    place = robot.home_pose(changer.item.link) @ changer.item.pose
+    assert wire_from_pose(place)[0] == pytest.approx((1.69, 0.02, -1.97))
+    assert wire_from_pose(place)[1][1] == pytest.approx(1.5708, abs=1e-3)
+    assert (changer.name, gripper.name) == ("toolchange", "KR60gripper")
+    assert gripper.detached
+    assert gripper.mass == 1.5
+
+
+def test_p2at_carries_its_camera_on_the_pan_tilt() -> None:
+    """Pan-tilt at (0.12, 0, -0.2), tilt 0.05 above, 14 kg with it (1.6, 1.10)."""
+    robot = ROBOTS["P2AT"]
+    (actuator,) = robot.actuators
+    assert actuator.name == "CameraPanTilt"
+    assert [link.body for link in actuator.links] == ["CameraPanTilt_Link1", "CameraPanTilt_Link2"]
+    tilt = wire_from_pose(robot.home_pose("CameraPanTilt_Link2"))
+    assert tilt[0] == pytest.approx((0.12, 0, -0.25))
+    assert tilt[1] == pytest.approx((0, 0, 0))
+    assert robot.report.mass == 14.0
+
+
+def test_p3at_arm_is_a_p3at_with_an_arm() -> None:
+    """The arm stands at (0.1, 0.043724, -0.357424) (1.2.1); everything else is P3AT's."""
+    robot, plain = ROBOTS["P3AT_arm"], ROBOTS["P3AT"]
+    (actuator,) = robot.actuators
+    assert wire_from_pose(actuator.pose)[0] == pytest.approx((0.1, 0.043724, -0.357424))
+    assert len(actuator.links) == 5
+    assert (robot.shapes, robot.wheels, robot.items) == (plain.shapes, plain.wheels, plain.items)
+    assert robot.report.mass == pytest.approx(plain.report.mass + 1.7)
