@@ -158,6 +158,13 @@ def test_actuator_configuration() -> None:
     )
 
 
+def test_a_slider_needs_limits_in_order() -> None:
+    """139 and 183: CONF Actuator gives a link that turns for ever one turn, smaller limit first."""
+    text = actuator_configuration([PAN_TILT])
+    assert "{Link 1} {JointType Revolute} {MaxTorque 20.0000} {MinValue -3.1415} " in text
+    assert "{MinValue -3.1415} {MaxValue 3.1415} {Link 2}" in text
+
+
 def test_several_actuators_share_a_line() -> None:
     """127: without Name all of them follow each other, each again beginning with Name."""
     other = ActuatorItem(name="ArmB", links=ARM.links)

@@ -5,6 +5,7 @@ Links are given in model order and are numbered from 1 on the wire, in both dial
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -37,6 +38,10 @@ __all__ = [
 ]
 
 _ZERO: Vector = (0.0, 0.0, 0.0)
+
+ENDLESS = (-math.pi, math.pi)
+"""Limits (rad or m) that CONF Actuator states for a joint without any: programs of that generation
+make sliders of them, and a minimum above the maximum ends those."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -229,7 +234,7 @@ def actuator_configuration(actuators: Sequence[ActuatorItem]) -> str:
                 count("Link", index),
                 segment("JointType", link.joint_type),
                 number("MaxTorque", link.max_torque, 4),
-                *_limits("MinValue", "MaxValue", link.limits),
+                *_limits("MinValue", "MaxValue", link.limits or ENDLESS),
             )
     return line("CONF", segment("Type", "Actuator"), *body)
 
