@@ -108,7 +108,7 @@ def test_a_client_that_does_not_read(connect: Connect) -> None:
     assert factor > 0.8
     lines = lazy.read_for(1.5)
     assert sum(line.startswith("GEO {Type Sonar}") for line in lines) == 20
-    assert all(re.match(r"(NFO|STA|SEN|GEO) \{.*\}$", line) for line in lines)
+    assert all(re.match(r"(NFO|STA|SEN|GEO|MISSTA) \{.*\}$", line) for line in lines)
 
 
 def test_lines_of_one_step_carry_one_time(connect: Connect) -> None:
