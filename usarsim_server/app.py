@@ -13,6 +13,7 @@ import weakref
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
+from usarsim_server.control.avatars import Avatars
 from usarsim_server.control.objects import WorldObjects
 from usarsim_server.control.roles import SpecialRoles
 from usarsim_server.data import data_directory
@@ -28,10 +29,12 @@ from usarsim_server.services.ready import Service, run_services
 from usarsim_server.settings import Settings
 from usarsim_server.simulation.model import PhysicsOptions
 from usarsim_server.simulation.simulation import Simulation, SimulationOptions
+from usarsim_server.worlds import avatar_classes, object_classes
+from usarsim_server.worlds.avatar_classes import load_avatars
 from usarsim_server.worlds.catalog import find_world
 from usarsim_server.worlds.description import WorldDescription
 from usarsim_server.worlds.loader import load_world
-from usarsim_server.worlds.object_classes import SHEET, load_objects
+from usarsim_server.worlds.object_classes import load_objects
 from usarsim_server.worlds.scene import build_scene
 from usarsim_server.worlds.surroundings import Surroundings
 
@@ -67,6 +70,7 @@ class Assembly:
     fleet: Fleet
     surroundings: Surroundings
     objects: WorldObjects
+    avatars: Avatars
     services: tuple[Service, ...]
     agents: weakref.WeakSet[RobotAgent] = field(default_factory=weakref.WeakSet)
 
@@ -75,6 +79,7 @@ class Assembly:
     ) -> RobotAgent:
         """The agent of a new control connection."""
         lockstep = math.isinf(self.settings.speed)
+        options = _agent_options(self.settings)
         agent = RobotAgent(
             peer,
             outbox,
@@ -82,13 +87,15 @@ class Assembly:
             self.fleet,
             self.world,
             self.simulation.attention if lockstep else _nobody_waits,
-            _agent_options(self.settings),
+            options,
             SpecialRoles(
                 self.objects,
+                self.avatars,
                 self.fleet,
                 self.world,
                 self.simulation,
                 self.settings.clean_on_close,
+                options.pilot.quiet_period,
             ),
         )
         self.agents.add(agent)
@@ -131,10 +138,13 @@ def assemble(settings: Settings) -> Assembly:
     simulation.set_movers(surroundings.movers)
     fleet = Fleet(roster, world, simulation, settings.seed, surroundings)
     services: list[Service] = []
-    catalog = load_objects([data_directory("worlds") / SHEET, world.folder / SHEET])
+    shipped = data_directory("worlds")
+    catalog = load_objects([folder / object_classes.SHEET for folder in (shipped, world.folder)])
     objects = WorldObjects(catalog, simulation, world.lower, world.upper)
-    fleet.call_things(objects.label)
-    assembly = Assembly(settings, world, simulation, fleet, surroundings, objects, ())
+    classes = load_avatars([folder / avatar_classes.SHEET for folder in (shipped, world.folder)])
+    avatars = Avatars(classes, simulation)
+    fleet.call_things(lambda body: objects.label(body) or avatars.label(body))
+    assembly = Assembly(settings, world, simulation, fleet, surroundings, objects, avatars, ())
     if settings.port is not None:
         services.append(_control_service(settings, world, assembly))
     return replace(assembly, services=tuple(services))

@@ -26,7 +26,7 @@ from usarsim_server.simulation.rays import RayFan, RayHits
 from usarsim_server.simulation.snapshot import Snapshot
 from usarsim_server.simulation.tessellation import triangles
 
-__all__ = ["DynamicGeometry", "StaticGeometry", "cast"]
+__all__ = ["DynamicGeometry", "StaticGeometry", "cast", "cast_scenery"]
 
 Array = NDArray[np.float64]
 
@@ -271,6 +271,12 @@ def cast(
         _merge(fan, fixed, moved)
         for fan, fixed, moved in zip(fans, _cast_static(fans, static), moving, strict=True)
     ]
+
+
+def cast_scenery(fans: Sequence[RayFan], static: StaticGeometry) -> list[RayHits]:
+    """Answer fans against what never moves."""
+    fixed = _cast_static(fans, static)
+    return [_merge(fan, surfaces, None) for fan, surfaces in zip(fans, fixed, strict=True)]
 
 
 def _cast_static(fans: Sequence[RayFan], static: StaticGeometry) -> list[_Surfaces]:

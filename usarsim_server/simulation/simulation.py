@@ -28,7 +28,7 @@ from usarsim_server.simulation.model import PhysicsOptions, RobotModel, check_mu
 from usarsim_server.simulation.movers import Mover, Way
 from usarsim_server.simulation.objects import ObjectFacts
 from usarsim_server.simulation.pacing import Pacer, PaceReport
-from usarsim_server.simulation.raycaster import StaticGeometry, cast
+from usarsim_server.simulation.raycaster import StaticGeometry, cast, cast_scenery
 from usarsim_server.simulation.rays import RayFan, RayHits
 from usarsim_server.simulation.slots import SlotLimits, Slots
 from usarsim_server.simulation.snapshot import RobotBody, Snapshot
@@ -130,6 +130,10 @@ class Simulation:
     def cast(self, fans: Sequence[RayFan], snapshot: Snapshot, robot: int | None) -> list[RayHits]:
         """Answer ray fans against the world of a snapshot; the robot's own body is left out."""
         return cast(fans, snapshot, robot, self._static, self._slots.geometry(snapshot))
+
+    def cast_scenery(self, fans: Sequence[RayFan]) -> list[RayHits]:
+        """Answer ray fans against the part of the world that never moves."""
+        return cast_scenery(fans, self._static)
 
     def object_facts(self, name: str, snapshot: Snapshot) -> ObjectFacts | None:
         """Facts at a snapshot about the object that a ray's name belongs to (see `objects.py`)."""
