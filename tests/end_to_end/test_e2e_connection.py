@@ -8,6 +8,7 @@ import socket
 import struct
 import time
 from collections.abc import Callable
+from itertools import pairwise
 
 import pytest
 
@@ -99,14 +100,13 @@ def test_a_client_that_does_not_read(connect: Connect) -> None:
     lazy.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     lazy.send("INIT {ClassName P2AT} {Location 30,0,-0.3}")
     lively.send("INIT {ClassName P2AT} {Location 33,0,-0.3}")
-    before, wall = _sta_time(lively.wait_for("STA")), time.monotonic()
     for _ in range(20):
         lazy.send("GETGEO {Type Sonar}")
-    while time.monotonic() < wall + 3.0:
-        line = lively.wait_for("STA")
-    factor = (_sta_time(line) - before) / (time.monotonic() - wall)
-    assert factor > 0.8
-    lines = lazy.read_for(1.5)
+    # Far more than its buffers hold is said to the lazy one meanwhile.
+    times = [_sta_time(lively.wait_for("STA")) for _ in range(15)]
+    gaps = [later - earlier for earlier, later in pairwise(times)]
+    assert max(gaps) < 0.45, "the world and the other robot went on"
+    lines = lazy.read_for(2.5)
     assert sum(line.startswith("GEO {Type Sonar}") for line in lines) == 20
     assert all(re.match(r"(NFO|STA|SEN|GEO|MISSTA) \{.*\}$", line) for line in lines)
 
