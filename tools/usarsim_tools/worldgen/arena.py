@@ -292,12 +292,17 @@ def _facts(world: GeneratedWorld) -> None:
         ("MazeWest", (-7.2, 5.8, 0.0), ("Staging",)),
         ("RampsWest", (-7.2, -4.6, 0.0), ("Staging", "StairsWest", "Middle")),
         ("StairsWest", (-7.6, -8.0, 0.0), ("Staging", "RampsWest", "StairsEast")),
-        ("StairsEast", (0.6, -8.0, 0.0), ("StairsWest", "Middle", "Yard")),
-        ("Middle", (-1.0, -4.6, 0.0), ("RampsWest", "StairsEast", "Yard")),
-        ("Yard", (7.6, -4.2, 0.0), ("Middle", "StairsEast", "RedSouth")),
+        ("StairsEast", (0.6, -8.0, 0.0), ("StairsWest", "Aisle")),
+        ("Middle", (-1.0, -4.6, 0.0), ("RampsWest", "Yard")),
+        ("Yard", (7.6, -4.2, 0.0), ("Middle", "YardSouth", "RedSouth")),
         ("RedSouth", (8.2, 1.6, 0.0), ("Yard",)),
     ]
     for tag, (x, y, _), _ in world.nodes:
         world.tag((x, y, 0.01), f"gate {tag}" if len(world.tags) % 2 == 0 else "")
     world.tag((*MAZE.centre(3, 4), 0.01), "middle of the maze")
     world.tag((9.2, 6.4, 0.4), single_shot=True)
+    # Where nothing but the way turns there is no gate.
+    world.nodes += [
+        ("Aisle", (3.6, -7.3, 0.0), ("StairsEast", "YardSouth")),
+        ("YardSouth", (7.4, -7.4, 0.0), ("Aisle", "Yard")),
+    ]

@@ -47,6 +47,34 @@ ROOMS: dict[str, tuple[str, Range, Range]] = {
     "south6": ("workshop", (10.6, 15.0), (-10.0, -5.0)),
 }
 
+WAYS: tuple[tuple[str, tuple[float, float], tuple[str, ...]], ...] = (
+    ("Lobby", (-9.0, 0.0), ("West", "MeetingDoor", "KitchenDoor")),
+    ("West", (-5.9, 0.0), ("Lobby", "North1", "South1Door")),
+    ("South1Door", (-3.7, 0.0), ("West", "South1", "North2Door")),
+    ("North2Door", (-0.4, 0.0), ("South1Door", "North2", "Centre")),
+    ("Centre", (0.2, 0.0), ("North2Door", "South2Door")),
+    ("South2Door", (0.7, 0.0), ("Centre", "South2", "East")),
+    ("East", (5.1, 0.0), ("South2Door", "North3", "Lounge", "StoreDoor")),
+    ("StoreDoor", (7.3, 0.0), ("East", "Store", "LibraryDoor")),
+    ("LibraryDoor", (10.6, 0.0), ("StoreDoor", "Library", "End")),
+    ("End", (11.2, 0.0), ("LibraryDoor", "ServersDoor")),
+    ("ServersDoor", (11.7, 0.0), ("End", "Servers")),
+    ("MeetingDoor", (-8.4, 3.4), ("Lobby", "Meeting")),
+    ("Meeting", (-8.4, 5.0), ("MeetingDoor",)),
+    ("KitchenDoor", (-9.5, -3.3), ("Lobby", "Kitchen")),
+    ("Kitchen", (-10.6, -6.4), ("KitchenDoor",)),
+    ("North1", (-5.9, 1.9), ("West",)),
+    ("North2", (-0.4, 1.9), ("North2Door",)),
+    ("North3", (5.1, 1.9), ("East",)),
+    ("Library", (10.6, 2.2), ("LibraryDoor",)),
+    ("South1", (-3.7, -2.4), ("South1Door",)),
+    ("South2", (0.7, -2.4), ("South2Door",)),
+    ("Lounge", (5.1, -2.6), ("East",)),
+    ("Store", (7.3, -2.4), ("StoreDoor",)),
+    ("Servers", (11.7, -2.2), ("ServersDoor",)),
+)
+"""Path nodes: tag, place on the floor, neighbours. A corridor node stands before every door."""
+
 
 def build() -> GeneratedWorld:
     """The office with its facts."""
@@ -343,8 +371,5 @@ def _victims(world: GeneratedWorld) -> None:
 
 def _facts(world: GeneratedWorld) -> None:
     world.zones += [(name, kind, x, y) for name, (kind, x, y) in ROOMS.items()]
-    stops = ("Lobby", -9.0), ("West", -5.9), ("Centre", 0.2), ("East", 5.1), ("End", 11.2)
-    for n, (tag, x) in enumerate(stops):
-        neighbours = [stops[i][0] for i in (n - 1, n + 1) if 0 <= i < len(stops)]
-        world.nodes.append((tag, (x, 0.0, 0.0), tuple(neighbours)))
-        world.tag((x, 0.0, 0.01), f"corridor {tag}")
+    for tag, (x, y), neighbours in WAYS:
+        world.nodes.append((tag, (x, y, 0.0), neighbours))
