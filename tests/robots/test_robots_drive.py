@@ -160,16 +160,16 @@ def test_robot_name_on_a_wheel_command_is_ignored() -> None:
     assert drive(WheelDrive(P2DX), left=1.0, right=1.0, name="robot_0") == (1.0, 1.0)
 
 
-def test_wheel_by_wheel_form_in_ut2004() -> None:
+@pytest.mark.parametrize("dialect", Dialect)
+def test_wheel_by_wheel_form(dialect: Dialect) -> None:
     """WheelNumber groups drive the wheels they name and no others (protocol reference 6.9 #150)."""
     law = WheelDrive(P2AT)
     wheels = (WheelTarget(0, 1.0), WheelTarget(1, 9.0), WheelTarget(7, 1.0), WheelTarget(2))
-    assert drive(law, wheels=wheels) == (1.0, LIMIT, 0.0, 0.0)
-    assert drive(law, wheels=(WheelTarget(3, 50),), normalized=True) == pytest.approx(
+    assert drive(law, dialect, wheels=wheels) == (1.0, LIMIT, 0.0, 0.0)
+    assert drive(law, dialect, wheels=(WheelTarget(3, 50),), normalized=True) == pytest.approx(
         (1.0, LIMIT, 0.0, LIMIT / 2)
     )
-    assert drive(law, wheels=(WheelTarget(-1, 1.0),)) is None
-    assert drive(WheelDrive(P2AT), UDK, wheels=wheels) is None
+    assert drive(law, dialect, wheels=(WheelTarget(-1, 1.0),)) is None
 
 
 @pytest.mark.parametrize("dialect", Dialect)

@@ -57,8 +57,8 @@ class WheelDrive:
             self._light = drive.light
         percent = self._is_percent(drive, dialect)
         moved = self._set_sides(drive, dialect, percent)
-        if dialect is Dialect.UT2004:
-            moved |= self._set_wheels(drive, percent)
+        # UDK knew no wheel by wheel form; no client of it can mean anything else by these groups.
+        moved |= self._set_wheels(drive, percent)
         return self.targets if moved else None
 
     def stop(self) -> Array:

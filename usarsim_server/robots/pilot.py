@@ -302,7 +302,7 @@ class Pilot:
                 view=-1,
             ),
             self._dialect,
-            udk_order=self._options.udk_sta_order,
+            udk_order=udk and self._options.udk_sta_order,
         )
 
     def _remaining(self, time: float) -> int:
