@@ -314,7 +314,7 @@ class Engine:
         for _ in range(steps):
             moving.apply(data, data.time)
             servos.update(data.qpos)
-            limbs.update(data.qpos)
+            limbs.update(data)
             mujoco.mj_step1(model, data)
             servos.apply(data)
             limbs.apply(data)
@@ -326,7 +326,7 @@ class Engine:
             mujoco.mj_step2(model, data)
             if patched:
                 traction.release(data)
-        limbs.grip(data)
+        limbs.feel(data)
 
     def _sound(self) -> bool:
         qvel = self.data.qvel
@@ -458,7 +458,7 @@ class Engine:
         new.qvel[growth.dofs[1]] = velocity
         new.time = old.time
         growth.servos.restore(self._servos.state())
-        growth.limbs.restore(new, self._limbs.state(old))
+        growth.limbs.inherit(new, self._limbs, old)
         carry_over(self.world.model, old, growth.world.model, new)
         before = self.world.slots
         self.world, self.data, self._servos = growth.world, new, growth.servos
@@ -488,7 +488,7 @@ class Engine:
             xpos=_frozen(data.xpos),
             xquat=_frozen(data.xquat),
             layouts=self._layouts(),
-            torque=_frozen(self._limbs.torques(data)),
+            torque=_frozen(self._limbs.torques()),
             hands=self._limbs.hands(),
         )
 

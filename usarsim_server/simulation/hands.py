@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -38,8 +39,6 @@ SEARCH_INTERVAL = 0.02
 SKIN = 1e-3
 """m by which a suction ray starts outside the cup."""
 
-Array = NDArray[np.float64]
-
 
 @dataclass(slots=True)
 class _Hand:
@@ -56,10 +55,9 @@ class _Hand:
     searched: float = -math.inf
 
 
-HandsState = tuple[
-    tuple[tuple[int, str, bool, str | int | None], ...], dict[str, tuple[Array, bool]]
-]
-"""Slot, hand, closed and body held of every hand; relative pose and activity of every tie."""
+HandsState = tuple[tuple[tuple[bool, int], ...], NDArray[Any], NDArray[Any], NDArray[Any]]
+"""Closed and body held of every hand; then pose, second body and activity of every tie."""
+NOTHING = np.zeros(0)
 
 
 class Hands:
@@ -86,6 +84,9 @@ class Hands:
         movable[sorted(bodies | tools)] = False
         self._movable = movable
         self._all = [hand for hands in self._hands.values() for hand in hands]
+        self._ties = np.array(
+            [*(hand.tie for hand in self._all), *self._anchors.values()], dtype=np.intp
+        )
 
     def _hand(self, slot: int, hand: HandModel) -> _Hand:
         return _Hand(
@@ -125,32 +126,42 @@ class Hands:
 
     def state(self, data: mujoco.MjData) -> HandsState:
         """A copy of everything that changes, for `restore`."""
-        model = self._model
-        hands = tuple(
-            (hand.slot, hand.model.name, hand.closed, self._key(hand.held)) for hand in self._all
-        )
-        used = [*(hand.tie for hand in self._all), *self._anchors.values()]
-        ties = {
-            model.equality(tie).name: (model.eq_data[tie].copy(), bool(data.eq_active[tie]))
-            for tie in used
-        }
-        return hands, ties
+        model, ties = self._model, self._ties
+        if not ties.size:
+            return (), NOTHING, NOTHING, NOTHING
+        hands = tuple((hand.closed, hand.held) for hand in self._all)
+        return hands, model.eq_data[ties], model.eq_obj2id[ties], data.eq_active[ties]
 
     def restore(self, data: mujoco.MjData, state: HandsState) -> None:
-        """Go back to a copied state, of this generation or of another one."""
-        model = self._model
-        hands, ties = state
-        by_name = {(hand.slot, hand.model.name): hand for hand in self._all}
-        for slot, name, closed, held in hands:
-            hand = by_name[slot, name]
-            hand.closed, hand.strained = closed, data.time
-            hand.held = -1 if held is None else int(model.body(held).id)
-            if hand.held >= 0:
-                model.eq_obj2id[hand.tie] = hand.held
-        for name, (values, active) in ties.items():
-            tie = model.equality(name).id
-            model.eq_data[tie] = values
-            data.eq_active[tie] = active
+        """Go back to a copied state of this generation."""
+        model, ties = self._model, self._ties
+        hands, values, bodies, active = state
+        for hand, (closed, held) in zip(self._all, hands, strict=True):
+            hand.closed, hand.held, hand.strained = closed, held, data.time
+        if ties.size:
+            model.eq_data[ties] = values
+            model.eq_obj2id[ties] = bodies
+            data.eq_active[ties] = active
+
+    def inherit(self, data: mujoco.MjData, older: Hands, old: mujoco.MjData) -> None:
+        """Take over from an older generation, whose slots are the first ones of this one."""
+        for hand, former in zip(self._all, older._all, strict=False):
+            hand.closed, hand.strained = former.closed, data.time
+            hand.held = -1
+            if former.held >= 0:
+                # Scenery comes first and keeps its numbers; nameless bodies are scenery.
+                name = older._model.body(former.held).name
+                hand.held = int(self._model.body(name).id) if name else former.held
+                self._model.eq_obj2id[hand.tie] = hand.held
+            self._copy(data, hand.tie, older, former.tie, old)
+        for slot, tie in older._anchors.items():
+            self._copy(data, self._anchors[slot], older, tie, old)
+
+    def _copy(
+        self, data: mujoco.MjData, tie: int, older: Hands, former: int, old: mujoco.MjData
+    ) -> None:
+        self._model.eq_data[tie] = older._model.eq_data[former]
+        data.eq_active[tie] = old.eq_active[former]
 
     def states(self, slot: int) -> dict[str, HandState]:
         """What the hands of a slot are doing, by name."""
@@ -162,10 +173,6 @@ class Hands:
     def slots(self) -> tuple[int, ...]:
         """Slots that have hands."""
         return tuple(self._hands)
-
-    def _key(self, body: int) -> str | int | None:
-        """What a body is found by in another generation; scenery keeps its numbers."""
-        return None if body < 0 else str(self._model.body(body).name) or body
 
     def _name(self, body: int, slot: int) -> str | None:
         """Name of a body for users: tools as the robot calls them, something in any case."""

@@ -49,6 +49,7 @@ class JointServos:
         joints: list[int] = []
         speeds: list[float] = []
         forces: list[float] = []
+        roots: list[int] = []
         self._index: list[dict[str, int]] = []
         for slot, robot in enumerate(world.slots):
             index = {}
@@ -57,8 +58,11 @@ class JointServos:
                 joints.append(model.joint(f"robot{slot}:{joint.name}").id)
                 speeds.append(joint.max_speed)
                 forces.append(joint.max_force)
+                roots.append(world.layouts[slot].dof)
             self._index.append(index)
         self._joints = np.array(joints, dtype=np.intp)
+        self._roots = np.array(roots, dtype=np.intp)
+        self._busy = self._roots[:0]
         self._coordinates = model.jnt_qposadr[self._joints].astype(np.intp)
         self._dofs = model.jnt_dofadr[self._joints].astype(np.intp)
         limited = model.jnt_limited[self._joints].astype(bool)
@@ -77,9 +81,10 @@ class JointServos:
         self._shift = np.zeros(max(model.nv, model.ntendon))
         self._tendons = model.ntendon > 0
         self._torque = np.zeros(model.nv)
-        self._fresh = False
         self._waited = HOLD_STEPS
+        self._here = np.full(len(joints), np.nan)
         self._holding = False
+        self._settled = False
         self._moving = False
 
     # -- orders ------------------------------------------------------------------------------
@@ -131,7 +136,7 @@ class JointServos:
         force = np.minimum(self._push, self._share * self._max_force)
         self._model.dof_frictionloss[self._dofs] = force
         self._waited = HOLD_STEPS
-        self._holding = False
+        self._holding = self._settled = False
 
     def target(self, slot: int, name: str) -> float | None:
         """Position (rad or m) that a joint is told to take; None if it is told something else."""
@@ -162,11 +167,14 @@ class JointServos:
         """Advance all set points by one time step."""
         if not len(self._joints):
             return
-        self._fresh = True
         if self._holding and self._waited < HOLD_STEPS:
             self._waited += 1
             return
         here = qpos[self._coordinates]
+        if self._settled and (here == self._here).all():
+            self._waited = 1
+            return
+        self._here = here
         wish = np.where(self._positioned, GAIN * (self._target - here), self._rate)
         wish = np.minimum(np.maximum(wish, -self._max_speed), self._max_speed)
         # Towards a stop as towards a target. Beyond a stop: back, but no faster than allowed.
@@ -176,7 +184,10 @@ class JointServos:
         speed = self._speed + np.minimum(np.maximum(wish - self._speed, -limit), limit)
         self._speed = speed
         size = np.abs(speed)
-        self._holding = bool((size < SETTLED_SPEED).all() and (np.abs(wish) < SETTLED_SPEED).all())
+        busy = (size >= SETTLED_SPEED) | (np.abs(wish) >= SETTLED_SPEED)
+        self._holding = not busy.any()
+        self._busy = self._roots[:0] if self._holding else self._roots[busy]
+        self._settled = self._holding and bool((speed == wish).all())
         self._waited = 1
         self._shift[self._dofs] = np.where(size < DEAD_SPEED, 0.0, speed)
         self._moving = bool((size >= DEAD_SPEED).any())
@@ -191,17 +202,27 @@ class JointServos:
             shift[data.efc_type[rows] != mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF] = 0.0
         data.efc_aref[rows] += shift
 
-    def torques(self, data: mujoco.MjData) -> Array:
-        """Forces of the drives (nv,), N m or N, in the last step; zero where there is no drive.
+    def busy(self) -> NDArray[np.intp]:
+        """First velocity index of each robot with a joint under way, also of one that is blocked.
+
+        Such robots must not fall asleep; indices may repeat.
+        """
+        return self._busy
+
+    def feel(self, data: mujoco.MjData) -> None:
+        """Note the forces of the drives in the last step, for `torques`."""
+        if not (len(self._joints) and data.nf):
+            return
+        rows = slice(data.ne, data.ne + data.nf)
+        dofs, forces = data.efc_id[rows], data.efc_force[rows]
+        if self._tendons:
+            real = data.efc_type[rows] == mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF
+            dofs, forces = dofs[real], forces[real]
+        self._torque[dofs] = forces
+
+    def torques(self) -> Array:
+        """Forces of the drives (nv,), N m or N; zero where there is no drive.
 
         Joints of sleeping robots keep the force with which they fell asleep.
         """
-        if self._fresh:
-            self._fresh = False
-            rows = slice(data.ne, data.ne + data.nf)
-            dofs, forces = data.efc_id[rows], data.efc_force[rows]
-            if self._tendons:
-                real = data.efc_type[rows] == mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF
-                dofs, forces = dofs[real], forces[real]
-            self._torque[dofs] = forces
         return self._torque

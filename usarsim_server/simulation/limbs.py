@@ -54,16 +54,21 @@ class Limbs:
 
     # -- stepping ----------------------------------------------------------------------------
 
-    def update(self, qpos: Array) -> None:
+    def update(self, data: mujoco.MjData) -> None:
         """Before every step."""
-        self._joints.update(qpos)
+        self._joints.update(data.qpos)
+        busy = self._joints.busy()
+        if busy.size:
+            # Zero, but not byte by byte: what sleeps wakes (see `engine.WAKE`).
+            data.qvel[busy[data.qvel[busy] == 0.0]] = -0.0
 
     def apply(self, data: mujoco.MjData) -> None:
         """Between the two halves of every step."""
         self._joints.apply(data)
 
-    def grip(self, data: mujoco.MjData) -> None:
+    def feel(self, data: mujoco.MjData) -> None:
         """After every few steps."""
+        self._joints.feel(data)
         self._hands.update(data)
 
     # -- state -------------------------------------------------------------------------------
@@ -73,14 +78,19 @@ class Limbs:
         return self._joints.state(), self._hands.state(data)
 
     def restore(self, data: mujoco.MjData, state: LimbsState) -> None:
-        """Go back to a copied state, of this generation or of one with fewer slots."""
+        """Go back to a copied state of this generation."""
         joints, hands = state
         self._joints.restore(joints)
         self._hands.restore(data, hands)
 
-    def torques(self, data: mujoco.MjData) -> Array:
+    def inherit(self, data: mujoco.MjData, older: Limbs, old: mujoco.MjData) -> None:
+        """Take over from an older generation, whose slots are the first ones of this one."""
+        self._joints.restore(older._joints.state())
+        self._hands.inherit(data, older._hands, old)
+
+    def torques(self) -> Array:
         """Forces of the joint drives by velocity index, see `JointServos.torques`."""
-        return self._joints.torques(data)
+        return self._joints.torques()
 
     def hands(self) -> dict[int, dict[str, HandState]]:
         """What all hands are doing, by slot and name."""
