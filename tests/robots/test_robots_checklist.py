@@ -303,6 +303,15 @@ def test_geometry_predicts_motion(stage: Rehearsal, connect: Connect) -> None:
     assert turned == pytest.approx(radius * 2 / track * 2.1, rel=0.1)
 
 
+def test_no_flip_in_udk(stage: Rehearsal, connect: Connect) -> None:
+    """Flip is of the UT2004 generation: in udk an overturned robot stays so (robots 50)."""
+    client = connect("{ClassName P2AT} {Dialect udk} {Rotation 3.14159,0,0}")
+    client.send("DRIVE {Flip True}")
+    stage.run(1.5)
+    roll = float(values(_sen(client, "GroundTruth")[-1], "Orientation")[0].split(",")[0])
+    assert abs(roll) > 2.8
+
+
 # -- links -----------------------------------------------------------------------------------------
 
 
@@ -320,13 +329,18 @@ def _links(client: RehearsedClient) -> list[float]:
         ("MISPKG {Name CameraPanTilt} {Link 9} {Value 1} {Link 1} {Value 0.3}", 0.3, 0.0),
         ("MISPKG {Name CameraPanTilt} {Link 2} {Value 3}", 0.0, 0.7854),
         ("MISPKG {Name CameraPanTilt} {Rotation 0,0.2,0.3}", 0.3, 0.2),
+        ("DRIVE {Name CameraPanTilt_Link2} {Value 0.2}", 0.0, 0.2),
+        ("DRIVE {Order 0} {Value 0.2} {Steer 0} {Name camerapantilt_link1}", 0.2, 0.0),
+        ("SET {Type Joint} {Name CameraPanTilt_Link2} {Opcode Angle} {Params 0.2}", 0.0, 0.2),
+        ("SET {Type joint} {Name AllJoints} {Opcode Target} {Params 0.2}", 0.2, 0.2),
+        ("SET {Type Joint} {Name Nobody} {Opcode Angle} {Params 0.2}", 0.0, 0.0),
         ("MISPGK {Name CameraPanTilt} {Link 1} {Value 0.3}", 0.0, 0.0),
     ],
 )
 def test_links_move(
     stage: Rehearsal, connect: Connect, command: str, pan: float, tilt: float
 ) -> None:
-    """Links obey by number, limits hold, unknown ones do no harm (checks 157 to 160; 3.6)."""
+    """Links obey by number, limits hold, unknown ones do no harm (checks 155 to 160; 3.6)."""
     client = connect("{ClassName P2AT}")
     client.send(command)
     stage.run(6.0)
