@@ -1,0 +1,194 @@
+"""World controllers and avatars over real sockets (protocol reference 3.13, 3.14, 4.11)."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Callable
+
+import pytest
+
+from usarsim_server.testing import Rehearsal, RehearsedClient, ScriptedClient
+
+Connect = Callable[[], ScriptedClient]
+
+
+def controller(connect: Connect) -> ScriptedClient:
+    """A connection that is a world controller."""
+    client = connect()
+    client.wait_for("NFO {Gametype")
+    client.send("INIT {ClassName USARBot.WorldController} {Name WC} {Location 0,0,0}")
+    return client
+
+
+def status(client: ScriptedClient, filters: str = "") -> dict[str, dict[str, str]]:
+    """GetSTA as a table by name."""
+    client.send(f"CONTROL {{Type GetSTA}} {filters}")
+    line = client.wait_for("STA")
+    assert line.count("{") == line.count("}")
+    pairs = [pair.partition(" ")[::2] for pair in re.findall(r"\{([^{}]*)\}", line)]
+    rows = [dict(pairs[start : start + 5]) for start in range(0, len(pairs), 5)]
+    return {row["Name"]: row for row in rows}
+
+
+def where(client: ScriptedClient, name: str) -> list[float]:
+    """Location of an object."""
+    return vector(status(client, f"{{Name {name}}}")[name]["Location"])
+
+
+def vector(text: str) -> list[float]:
+    """Numbers of a vector."""
+    return [float(part) for part in text.split(",")]
+
+
+def scan(robot: ScriptedClient) -> float:
+    """What the middle beam of the next scan says, m."""
+    line = robot.wait_for(lambda line: "{Type RangeScanner}" in line)
+    found = re.search(r"\{Range ([^}]*)\}", line)
+    assert found is not None
+    values = vector(found.group(1))
+    return values[len(values) // 2]
+
+
+def eventually(check: Callable[[], bool], seconds: float = 5.0) -> None:
+    """Wait until something is true."""
+    deadline = time.monotonic() + seconds
+    while not check():
+        assert time.monotonic() < deadline, "it did not happen in time"
+        time.sleep(0.05)
+
+
+def test_a_whole_session(connect: Connect) -> None:
+    """Create, ask, move, see, push, remove by name and by box, go round, clean up (167 to 172)."""
+    wc, robot = controller(connect), connect()
+    robot.send("INIT {ClassName USARBot.P2AT} {Name Pusher} {Location -60,40,-0.3}")
+    robot.wait_for("STA")
+    far = scan(robot)
+
+    wc.send(
+        "CONTROL {Type Create} {ClassName USARPhysObj.Wall} {Name Target} "
+        "{Location -50, 40, -0.6} {Rotation 0, 0, 0} {Memory seen?} {Physics None}"
+    )
+    target = status(wc)["Target"]
+    assert target["Size"] == "0.1000,1.2000,1.2000"
+    assert (target["Location"], target["Memory"]) == ("-50.0000,40.0000,-0.6000", "seen?")
+    eventually(lambda: scan(robot) < far - 1.0)
+    at_ten = scan(robot)
+
+    wc.send("CONTROL {Type AbsMove} {Name Target} {Location -54,40,-0.6}")
+    assert where(wc, "Target") == [-54.0, 40.0, -0.6]
+    eventually(lambda: abs(at_ten - scan(robot) - 4.0) < 0.1)
+
+    wc.send("CONTROL {Type Kill} {Name Target}")
+    wc.send("CONTROL {Type GetSTA} {Name Target}")
+    assert wc.wait_for("STA") == "STA"
+
+    wc.send(
+        "CONTROL {Type Create} {ClassName WCCrate} {Name Load} {Location -59,40,-0.25} "
+        "{Physics RigidBody}"
+    )
+    robot.send("DRIVE {Left 4} {Right 4}")
+    eventually(lambda: where(wc, "Load")[0] > -58.3, 10.0)
+    robot.send("DRIVE {Left 0} {Right 0}")
+    assert where(wc, "Load")[2] == pytest.approx(-0.25, abs=0.02)
+
+    for n in range(3):
+        wc.send(
+            f"CONTROL {{Type Create}} {{ClassName Box}} {{Name b{n}}} {{Location {n},60,-0.15}}"
+        )
+    wc.send("CONTROL {Type KillAll} {MinPos 1.5,61,0.5} {MaxPos -0.5,59,-1}")
+    assert set(status(wc)) == {"Load", "b2"}
+
+    wc.send("CONTROL {Type SetWP} {Name b2} {Speed 2} {Loop true}")
+    wc.send("CONTROL {Type AddWP} {Name b2} {WP 2,61,-0.15;3,61,-0.15;3,60,-0.15;2,60,-0.15}")
+    places = set()
+    deadline = time.monotonic() + 3.0
+    while time.monotonic() < deadline:
+        x, y, z = where(wc, "b2")
+        assert (1.99 <= x <= 3.01, 59.99 <= y <= 61.01, z) == (True, True, -0.15)
+        places.add((round(x), round(y)))
+    assert places == {(2, 60), (2, 61), (3, 60), (3, 61)}
+
+    witness = controller(connect)
+    assert set(status(witness)) == {"Load", "b2"}
+    wc.close()
+    eventually(lambda: status(witness) == {})
+
+
+def test_others_may_not_control(connect: Connect) -> None:
+    """CONTROL with a robot, or with nothing, is neither obeyed nor answered (167)."""
+    robot, nobody, wc = connect(), connect(), controller(connect)
+    robot.send("INIT {ClassName P2AT} {Location 90,-60,-0.3}")
+    for client in (robot, nobody):
+        client.send("CONTROL {Type Create} {ClassName Box} {Name Sly} {Location 0,-60,-0.15}")
+        client.send("CONTROL {Type GetSTA}")
+        assert not [line for line in client.read_for(0.6) if line.startswith("STA {Name")]
+    assert status(wc, "{Name Sly}") == {}
+
+
+def test_objects_leave_with_a_broken_connection(connect: Connect) -> None:
+    """A controller that creates in a hurry and hangs up leaves nothing behind (172)."""
+    wc, witness = controller(connect), controller(connect)
+    for n in range(20):
+        wc.send(f"CONTROL {{Type Create}} {{ClassName Ball}} {{Name h{n}}} {{Location {n},-80,-1}}")
+    wc.close()
+    time.sleep(0.2)
+    eventually(lambda: not any(name.startswith("h") for name in status(witness)))
+    time.sleep(0.3)
+    assert not any(name.startswith("h") for name in status(witness))
+
+
+def test_an_avatar_walks(connect: Connect) -> None:
+    """INIT, MOVE, STA twenty times a second, and goodbye."""
+    client = connect()
+    client.wait_for("NFO {Gametype")
+    client.send(
+        "INIT {ClassName USARAvatar.USARAvatarNewMale} {Name Worker1} {Location -20,-60,-1}\r\n"
+        "MOVE {Type Walk_Forward} {Action New} {Location -18, -60}"
+    )
+    lines = client.read_for(3.0)
+    heads = {line.split()[0] for line in lines}
+    assert heads == {"STA", "BSTA"}
+    reports = [line for line in lines if line.startswith("STA")]
+    assert 45 <= len(reports) <= 60
+    assert re.fullmatch(
+        r"STA \{Time \d+\.\d{4}\} \{Type USARAvatarNewMale\} \{Name Worker1\} "
+        r"\{Location -18\.\d\d,-60\.\d\d,-0\.9\d\} \{Orientation \S+\} \{Walking False\}",
+        reports[-1],
+    )
+    assert any("{Walking True}" in line for line in reports)
+
+
+def play() -> list[str]:
+    """The session of the first test, in lockstep; all lines of all clients."""
+
+    def send(client: RehearsedClient, *lines: str) -> None:
+        client.send(*(f"CONTROL {{Type {line}" for line in lines))
+
+    with Rehearsal(world="empty") as stage:
+        wc, robot, person = (stage.connect() for _ in range(3))
+        wc.send("INIT {ClassName USARBot.WorldController} {Name WC}")
+        robot.send("INIT {ClassName P2AT} {Location 0,0,-0.3}")
+        person.send("INIT {ClassName USARAvatar.Worker} {Location 3,3,-1}")
+        send(
+            wc,
+            "Create} {ClassName WCCrate} {Name a} {Location 1,0,-0.25} {Physics RigidBody}",
+            "Create} {ClassName Box} {Name b} {Location 2,0,-0.15}",
+            "SetWP} {Name b} {Loop 1}",
+            "AddWP} {Name b} {WP 2,1,-0.15;3,1,-0.15;2,0,-0.15}",
+            "Rotate} {Name b} {Speed 0,0,1}",
+        )
+        robot.send("DRIVE {Left 3} {Right 3}")
+        person.send("MOVE {Type Run} {Action New} {Location 1.5,0}")
+        for _ in range(10):
+            stage.run(0.4)
+            send(wc, "GetSTA}")
+        send(wc, "KillAll} {MinPos 0,-1,-1} {MaxPos 9,9,1}", "GetSTA}")
+        return wc.lines + robot.lines + person.lines
+
+
+def test_in_lockstep_runs_are_bit_identical() -> None:
+    """The same session twice gives the very same lines."""
+    first, second = play(), play()
+    assert "STA" in first
+    assert first == second
