@@ -124,25 +124,22 @@ def arm_engine(
 
 def order(engine: Engine, robot: int = 0, **values: float) -> None:
     """Order positions: `lift=0.5` for `lift_joint`."""
-    engine.command_joints(
-        robot,
-        {f"{name}_joint": JointOrder(Order.POSITION, value) for name, value in values.items()},
-    )
+    _command(engine, robot, Order.POSITION, values)
 
 
 def spin(engine: Engine, robot: int = 0, **values: float) -> None:
     """Order speeds."""
-    engine.command_joints(
-        robot,
-        {f"{name}_joint": JointOrder(Order.VELOCITY, value) for name, value in values.items()},
-    )
+    _command(engine, robot, Order.VELOCITY, values)
 
 
 def push(engine: Engine, robot: int = 0, **values: float) -> None:
     """Order torques."""
-    engine.command_joints(
-        robot, {f"{name}_joint": JointOrder(Order.TORQUE, value) for name, value in values.items()}
-    )
+    _command(engine, robot, Order.TORQUE, values)
+
+
+def _command(engine: Engine, robot: int, kind: Order, values: dict[str, float]) -> None:
+    orders = {f"{name}_joint": JointOrder(kind, value) for name, value in values.items()}
+    engine.command_joints(robot, orders)
 
 
 def position(engine: Engine, joint: str, robot: int = 0) -> float:

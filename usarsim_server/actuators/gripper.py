@@ -22,7 +22,8 @@ DEFAULT_STRENGTH = 100.0
 class Gripper(Effector):
     """Fingers that close with all their force until each of them touches the same thing.
 
-    Parameters: `strength` (N), the pull beyond which a held thing slips away.
+    Parameters: `strength` (N), the pull, beyond what the friction of the fingers bears, at which a
+    held thing slips away.
     """
 
     wire_type: ClassVar[str] = "Gripper"

@@ -86,7 +86,8 @@ class HandModel:
         tip: where it holds, in the frame of that body; suction acts along the x axis of it.
         fingers: bodies that all have to touch a thing before it is held (PINCH).
         reach: m in front of the tip within which suction catches (SUCTION).
-        strength: N of pull beyond which the thing slips away.
+        strength: N of pull, beyond what the friction of fingers bears, at which the thing slips
+            away; then the hand has to be told to close again.
         tolerance: m and rad by which a tool may be out of place (COUPLING).
         tools: names of the tools it may take (COUPLING).
     """

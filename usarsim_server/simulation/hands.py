@@ -51,12 +51,14 @@ class _Hand:
     fingers: tuple[int, ...]
     closed: bool = False
     held: int = -1
+    lost: bool = False
+    """What it held slipped away; it has to be told to close again."""
     strained: float = 0.0
     searched: float = -math.inf
 
 
-HandsState = tuple[tuple[tuple[bool, int], ...], NDArray[Any], NDArray[Any], NDArray[Any]]
-"""Closed and body held of every hand; then pose, second body and activity of every tie."""
+HandsState = tuple[tuple[tuple[bool, int, bool], ...], NDArray[Any], NDArray[Any], NDArray[Any]]
+"""Closed, body held and lost of every hand; then pose, second body and activity of every tie."""
 NOTHING = np.zeros(0)
 
 
@@ -106,7 +108,7 @@ class Hands:
         """Let go of everything and take tools and anchor of a slot along to a new pose."""
         for hand in self._hands.get(slot, ()):
             self._let_go(data, hand)
-            hand.closed = False
+            hand.closed = hand.lost = False
         if slot in self._anchors:
             tie = self._anchors[slot]
             self._tie(data, tie, self._bases[slot], 0, Pose(), base)
@@ -129,15 +131,15 @@ class Hands:
         model, ties = self._model, self._ties
         if not ties.size:
             return (), NOTHING, NOTHING, NOTHING
-        hands = tuple((hand.closed, hand.held) for hand in self._all)
+        hands = tuple((hand.closed, hand.held, hand.lost) for hand in self._all)
         return hands, model.eq_data[ties], model.eq_obj2id[ties], data.eq_active[ties]
 
     def restore(self, data: mujoco.MjData, state: HandsState) -> None:
         """Go back to a copied state of this generation."""
         model, ties = self._model, self._ties
         hands, values, bodies, active = state
-        for hand, (closed, held) in zip(self._all, hands, strict=True):
-            hand.closed, hand.held, hand.strained = closed, held, data.time
+        for hand, (closed, held, lost) in zip(self._all, hands, strict=True):
+            hand.closed, hand.held, hand.lost, hand.strained = closed, held, lost, data.time
         if ties.size:
             model.eq_data[ties] = values
             model.eq_obj2id[ties] = bodies
@@ -146,7 +148,7 @@ class Hands:
     def inherit(self, data: mujoco.MjData, older: Hands, old: mujoco.MjData) -> None:
         """Take over from an older generation, whose slots are the first ones of this one."""
         for hand, former in zip(self._all, older._all, strict=False):
-            hand.closed, hand.strained = former.closed, data.time
+            hand.closed, hand.lost, hand.strained = former.closed, former.lost, data.time
             hand.held = -1
             if former.held >= 0:
                 # Scenery comes first and keeps its numbers; nameless bodies are scenery.
@@ -198,7 +200,7 @@ class Hands:
             return self._couple(data, hand) if close else self._uncouple(data, hand)
         if not close:
             self._let_go(data, hand)
-        hand.closed = close
+        hand.closed, hand.lost = close, False
         hand.searched = -math.inf
         return True
 
@@ -236,7 +238,7 @@ class Hands:
                 continue
             if hand.held >= 0:
                 self._feel(data, hand)
-            elif data.time - hand.searched >= SEARCH_INTERVAL:
+            elif not hand.lost and data.time - hand.searched >= SEARCH_INTERVAL:
                 hand.searched = data.time
                 self._search(data, hand)
 
@@ -245,11 +247,18 @@ class Hands:
             (data.efc_type[: data.ne] == mujoco.mjtConstraint.mjCNSTR_EQUALITY)
             & (data.efc_id[: data.ne] == hand.tie)
         )
-        pull = float(np.linalg.norm(data.efc_force[rows[:3]])) if rows.size else 0.0
-        if pull <= hand.model.strength:
+        force = data.efc_force[rows[:3]] if rows.size else np.zeros(3)
+        if hand.model.grip is Grip.SUCTION:
+            # What is pushed against a cup stays there.
+            ahead = np.array((_pose(data, hand.body) @ hand.model.tip).rotate((1.0, 0.0, 0.0)))
+            force = force - min(0.0, float(force @ ahead)) * ahead
+        if float(np.linalg.norm(force)) <= hand.model.strength:
             hand.strained = data.time
         elif data.time - hand.strained > SLIP_TIME:
             self._let_go(data, hand)
+            hand.lost = True
+            # A cup that lost its thing has lost its vacuum; fingers stay closed.
+            hand.closed = hand.model.grip is Grip.PINCH
 
     def _search(self, data: mujoco.MjData, hand: _Hand) -> None:
         if hand.model.grip is Grip.PINCH:

@@ -37,6 +37,8 @@ SETTLED_SPEED = 0.1
 """rad/s or m/s: a joint that wants to go slower than this is holding its place."""
 HOLD_STEPS = 5
 """Steps between two looks at joints that all hold their place."""
+STALLED = 1e-7
+"""rad or m that a joint goes in a step if something blocks it."""
 DEAD_SPEED = 1e-4
 """rad/s or m/s below which a set point is not worth the work: 5 micrometres or microradians off."""
 
@@ -82,7 +84,7 @@ class JointServos:
         self._tendons = model.ntendon > 0
         self._torque = np.zeros(model.nv)
         self._waited = HOLD_STEPS
-        self._here = np.full(len(joints), np.nan)
+        self._here = np.full(len(joints), np.inf)
         self._holding = False
         self._settled = False
         self._moving = False
@@ -136,6 +138,7 @@ class JointServos:
         force = np.minimum(self._push, self._share * self._max_force)
         self._model.dof_frictionloss[self._dofs] = force
         self._waited = HOLD_STEPS
+        self._here = np.full(len(self._joints), np.inf)
         self._holding = self._settled = False
 
     def target(self, slot: int, name: str) -> float | None:
@@ -174,6 +177,7 @@ class JointServos:
         if self._settled and (here == self._here).all():
             self._waited = 1
             return
+        gone = np.abs(here - self._here)
         self._here = here
         wish = np.where(self._positioned, GAIN * (self._target - here), self._rate)
         wish = np.minimum(np.maximum(wish, -self._max_speed), self._max_speed)
@@ -184,9 +188,11 @@ class JointServos:
         speed = self._speed + np.minimum(np.maximum(wish - self._speed, -limit), limit)
         self._speed = speed
         size = np.abs(speed)
-        busy = (size >= SETTLED_SPEED) | (np.abs(wish) >= SETTLED_SPEED)
-        self._holding = not busy.any()
-        self._busy = self._roots[:0] if self._holding else self._roots[busy]
+        going = (size >= SETTLED_SPEED) | (np.abs(wish) >= SETTLED_SPEED)
+        self._holding = not going.any()
+        # A joint that pushes as hard as it can and does not budge may sleep; not one turning back.
+        stalled = (speed == wish) & (gone < STALLED)
+        self._busy = self._roots[:0] if self._holding else self._roots[going & ~stalled]
         self._settled = self._holding and bool((speed == wish).all())
         self._waited = 1
         self._shift[self._dofs] = np.where(size < DEAD_SPEED, 0.0, speed)
@@ -203,9 +209,9 @@ class JointServos:
         data.efc_aref[rows] += shift
 
     def busy(self) -> NDArray[np.intp]:
-        """First velocity index of each robot with a joint under way, also of one that is blocked.
+        """First velocity index of each robot with a joint under way; indices may repeat.
 
-        Such robots must not fall asleep; indices may repeat.
+        Such robots must not fall asleep.
         """
         return self._busy
 
