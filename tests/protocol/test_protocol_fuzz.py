@@ -199,6 +199,35 @@ LINES: dict[str, st.SearchStrategy[str]] = {
     "aerial status": st.builds(
         m.aerial_status, st.builds(m.AerialStatus, time=ANY), DIALECT, st.booleans()
     ),
+    "avatar": st.builds(
+        m.avatar_status,
+        st.builds(
+            m.AvatarStatus,
+            time=ANY,
+            class_name=TEXT,
+            name=TEXT,
+            location=TRIPLE,
+            orientation=TRIPLE,
+            walking=st.booleans(),
+        ),
+    ),
+    "avatar bones": st.builds(
+        m.avatar_bones, ANY, TEXT, st.lists(st.tuples(TEXT, TRIPLE), max_size=4)
+    ),
+    "objects": st.builds(
+        m.object_status,
+        st.lists(
+            st.builds(
+                m.ObjectStatus,
+                name=TEXT,
+                size=TRIPLE,
+                location=TRIPLE,
+                rotation=TRIPLE,
+                memory=TEXT,
+            ),
+            max_size=3,
+        ),
+    ),
     "static status": st.builds(m.static_status, DIALECT, ANY, st.integers()),
     "static geometry": st.builds(m.static_geometry, DIALECT, TEXT, TRIPLE),
     "static configuration": st.builds(m.static_configuration, DIALECT, TEXT),
