@@ -36,6 +36,7 @@ from sim_fakes import (
     yard,
 )
 
+from usarsim_server.simulation import raycaster
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.model import PhysicsOptions
 from usarsim_server.simulation.raycaster import DynamicGeometry, StaticGeometry, cast
@@ -332,6 +333,36 @@ class TestFans:
         )
         assert len(set(np.round(together.distances, 3))) > 5
 
+    @pytest.mark.parametrize("seed", range(3))
+    def test_many_start_points_at_robots(self, seed: int) -> None:
+        """Each of many parallel rays meets the robot that MuJoCo's single ray meets, or nothing."""
+        engine = engine_with((0.0, 0.0), (1.5, 0.2, RADIUS, 0.5), (2.0, -0.8))
+        caster, snapshot = Caster(engine), engine.snapshot()
+        dice = np.random.default_rng(seed)
+        origins = dice.uniform((-1.0, -1.2, 0.02), (-0.5, 0.6, 0.3), (300, 3))
+        directions = np.tile([1.0, 0.0, 0.0], (300, 1))
+        fan = RayFan(origins, directions, 2.4, normals=True, identify=True)
+        (hit,) = caster.at(snapshot, fan, robot=0)
+        reference = Reference(engine.world)
+        reference.show(snapshot, 0)
+        assert hit.normals is not None
+        assert hit.names is not None
+        met = np.zeros(1, dtype=np.int32)
+        for row, (origin, direction) in enumerate(zip(origins, directions, strict=True)):
+            normal = np.zeros(3)
+            far = mujoco.mj_ray(
+                reference.model, reference.data, origin, direction, None, 1, -1, met, normal
+            )
+            if met[0] < 0 or far > fan.max_range:
+                assert np.isinf(hit.distances[row])
+                assert hit.names[row] is None
+                assert not hit.normals[row].any()
+            else:
+                assert hit.distances[row] == pytest.approx(far, abs=1e-9)
+                np.testing.assert_allclose(hit.normals[row], normal, atol=1e-9)
+                assert hit.names[row] == caster.dynamic.objects.names[met[0]]
+        assert 30 < np.isfinite(hit.distances).sum() < 270
+
 
 class TestMoving:
     """Robots, crates and doors."""
@@ -485,7 +516,7 @@ class TestCulling:
 
     @pytest.mark.parametrize("seed", range(4))
     def test_never_drops_a_hit(self, seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-        """With and without culling answers are the same, for random poses, fans and joints."""
+        """Without culling of fans and rays answers are the same, for random poses and joints."""
         dice = np.random.default_rng(seed)
         model = replace(ROBOT, build=arm_robot)
         engine = engine_with(*[(2.0 * k, 0.0) for k in range(6)], model=model, scenery=yard)
@@ -506,12 +537,14 @@ class TestCulling:
             with_culling = caster.at(snapshot, *fans, robot=own)
             with monkeypatch.context() as patch:
                 base = snapshot.layouts[own].base
-                found = caster.dynamic._reachable(fans, caster.dynamic._tree_of_root[base])
+                trees = caster.dynamic._trees_seen(caster.dynamic._tree_of_root[base])
+                found = caster.dynamic._reachable(fans, trees)
                 culled += len(fans) - len(found)
                 total += len(fans)
                 patch.setattr(
-                    DynamicGeometry, "_reachable", lambda _, fans, own: list(range(len(fans)))
+                    DynamicGeometry, "_reachable", lambda _, fans, trees: list(range(len(fans)))
                 )
+                patch.setattr(raycaster, "touching", every_ray)
                 without = caster.at(snapshot, *fans, robot=own)
             for one, other in zip(with_culling, without, strict=True):
                 np.testing.assert_array_equal(one.distances, other.distances)
@@ -524,7 +557,12 @@ class TestCulling:
         caster(ray((0.3, 0, 0.15), (1, 0, 0)), robot=0)
         own = caster.dynamic._tree_of_root[engine.world.layouts[0].base]
         fans = [ray((0.3, 0, 0.15), (1, 0, 0)), ray((0.3, 0, 0.15), (-1, 0, 0))]
-        assert caster.dynamic._reachable(fans, own) == [0]
+        assert caster.dynamic._reachable(fans, caster.dynamic._trees_seen(own)) == [0]
+
+
+def every_ray(fan: RayFan, centres: Array, radii: Array) -> NDArray[np.bool_]:
+    """Culls nothing."""
+    return np.ones(len(fan.directions), dtype=bool)
 
 
 def aimed_fan(dice: np.random.Generator, target: Array) -> RayFan:

@@ -1,4 +1,5 @@
-"""Which fans can reach anything that moves: cones of rays against bounding spheres."""
+"""Which fans, and which of their rays, can reach anything that moves: cones and rays against
+bounding spheres."""
 
 from __future__ import annotations
 
@@ -10,9 +11,14 @@ from numpy.typing import NDArray
 
 from usarsim_server.simulation.rays import RayFan
 
-__all__ = ["bounding_spheres", "cones", "starts"]
+__all__ = ["bounding_spheres", "cones", "starts", "touching"]
 
 Array = NDArray[np.float64]
+
+SLACK = 1e-6
+"""m by which spheres are taken larger: rounding must not lose a ray that grazes one."""
+ROUNDING = 1e-12
+"""Relative error of a square of a distance that is reckoned with, many times the true one."""
 
 
 def bounding_spheres(model: mujoco.MjModel) -> tuple[NDArray[np.intp], Array, dict[int, int]]:
@@ -76,3 +82,25 @@ def cones(fans: Sequence[RayFan]) -> tuple[Array, Array]:
         axes[index] = mean / norm
         half[index] = np.arccos(np.clip((fan.directions @ axes[index]).min(), -1.0, 1.0))
     return axes, half
+
+
+def touching(fan: RayFan, centres: Array, radii: Array) -> NDArray[np.bool_]:
+    """Which rays (n,) of a fan pass through a sphere, or begin in one.
+
+    Args:
+        fan: its range does not matter.
+        centres: (t, 3) m.
+        radii: (t,) m, infinity included.
+    """
+    if fan.origin.ndim == 1:
+        offset = centres - fan.origin
+        ahead = fan.directions @ offset.T
+        away = np.einsum("ti,ti->t", offset, offset)
+    else:
+        offset = centres[None] - fan.origin[:, None]
+        ahead = np.einsum("nti,ni->nt", offset, fan.directions)
+        away = np.einsum("nti,nti->nt", offset, offset)
+    # The square of the distance of a centre from the ray; from its start if it lies behind.
+    gap = (1.0 - ROUNDING) * away - np.maximum(ahead, 0.0) ** 2
+    touched: NDArray[np.bool_] = (gap <= (radii + SLACK) ** 2).any(axis=1)
+    return touched

@@ -18,7 +18,8 @@ from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
 
-from usarsim_server.simulation.culling import bounding_spheres, cones, starts
+from usarsim_server.simulation.bundles import cast_some
+from usarsim_server.simulation.culling import bounding_spheres, cones, starts, touching
 from usarsim_server.simulation.model import SHELF_NAME, CompiledWorld
 from usarsim_server.simulation.movers import mocap_bodies
 from usarsim_server.simulation.objects import Names, Objects, geom_names
@@ -45,6 +46,14 @@ class _Surfaces:
     distances: Array
     normals: Array | None = None
     names: Names | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Spheres:
+    """Centres (t, 3) and radii (t,), m."""
+
+    centres: Array
+    radii: Array
 
 
 class _TriangleScene:
@@ -175,9 +184,10 @@ class DynamicGeometry:
             answers: list[_Surfaces | None] = [None] * len(fans)
             self._model.geom_rgba[hidden, 3] = 0.0
             try:
-                for index in self._reachable(fans, own):
+                trees = self._trees_seen(own)
+                for index in self._reachable(fans, trees):
                     with self._seen_through(fans[index].through_glass):
-                        answers[index] = self._cast_fan(fans[index])
+                        answers[index] = self._cast_fan(fans[index], trees)
             finally:
                 self._model.geom_rgba[hidden, 3] = self._alpha[hidden]
         return answers
@@ -196,15 +206,19 @@ class DynamicGeometry:
             shown = self._alpha[layout.geoms] if layout.base in active else 0.0
             self._model.geom_rgba[layout.geoms, 3] = shown
 
-    def _reachable(self, fans: Sequence[RayFan], own: int) -> list[int]:
-        """Fans whose cone and range touch the bounding sphere of something that moves."""
+    def _trees_seen(self, own: int) -> _Spheres:
+        """Bounding spheres of everything that moves and is there, but one tree."""
         present = self._present.copy()
         if own >= 0:
             present[own] = False
         trees = np.flatnonzero(present)
-        if not len(trees) or not fans:
+        return _Spheres(self._data.xpos[self._trees[trees]], self._radius[trees])
+
+    def _reachable(self, fans: Sequence[RayFan], trees: _Spheres) -> list[int]:
+        """Fans whose cone and range touch a sphere."""
+        centres, radii = trees.centres, trees.radii
+        if not len(radii) or not fans:
             return []
-        centres, radii = self._data.xpos[self._trees[trees]], self._radius[trees]
         origins, spreads = starts(fans)
         axes, half = cones(fans)
         reach = radii[None] + spreads[:, None]
@@ -230,32 +244,21 @@ class DynamicGeometry:
         finally:
             self._model.geom_rgba[self._glass, 3] = alpha
 
-    def _cast_fan(self, fan: RayFan) -> _Surfaces:
+    def _cast_fan(self, fan: RayFan, trees: _Spheres) -> _Surfaces | None:
+        """Hits of those rays that can hit at all, None if there are none."""
+        rays = np.flatnonzero(touching(fan, trees.centres, trees.radii))
+        if not len(rays):
+            return None
         count = len(fan.directions)
-        distances = np.empty(count)
-        geoms = np.empty(count, dtype=np.int32)
-        normals = np.zeros((count, 3)) if fan.normals else None
-        directions = np.ascontiguousarray(fan.directions, dtype=float)
-        points = np.atleast_2d(np.ascontiguousarray(fan.origin, dtype=float))
-        share = count // len(points)
-        for row, start in enumerate(points):
-            part = slice(row * share, (row + 1) * share)
-            mujoco.mj_multiRay(
-                self._model,
-                self._data,
-                start,
-                directions[part].reshape(-1),
-                None,
-                0,
-                -1,
-                geoms[part],
-                distances[part],
-                None if normals is None else normals[part].reshape(-1),
-                share,
-                fan.max_range,
-            )
+        distances = np.full(count, np.inf)
+        geoms = np.full(count, -1, dtype=np.int32)
+        distances[rays], geoms[rays], facing = cast_some(self._model, self._data, fan, rays)
+        normals = None
+        if facing is not None:
+            normals = np.zeros((count, 3))
+            normals[rays] = facing
         names = self.objects.names[geoms] if fan.identify else None
-        return _Surfaces(np.where(geoms < 0, np.inf, distances), normals, names)
+        return _Surfaces(distances, normals, names)
 
 
 def cast(
