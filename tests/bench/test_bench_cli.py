@@ -57,7 +57,8 @@ class TestArguments:
     def test_all_is_the_default(self, taken: Taken, words: list[str]) -> None:
         """Without a word everything is measured, in the order of the suite."""
         assert main(["bench", *words]) == 0
-        assert taken.names == ("team", "largest", "latency", "spawn", "memory", "stepping")
+        names = ("team", "largest", "latency", "spawn", "memory", "sensors", "stepping")
+        assert taken.names == names
         assert (taken.plan.robots, taken.plan.seconds, taken.plan.world) == (None, None, "arena")
 
     @pytest.mark.parametrize("name", list(MEASUREMENTS))
@@ -97,6 +98,13 @@ class TestArguments:
             main(["bench", *words])
         assert ended.value.code == 2
         assert not taken.calls
+
+    def test_every_measurement_is_explained(self, capsys: pytest.CaptureFixture[str]) -> None:
+        """The help names all of them, each with its line."""
+        with pytest.raises(SystemExit):
+            main(["bench", "--help"])
+        told = " ".join(capsys.readouterr().out.split())
+        assert all(f"{name} {text}" in told for name, (_, text) in MEASUREMENTS.items())
 
     def test_the_version_goes_along(self, taken: Taken) -> None:
         """The report names the server that was measured."""

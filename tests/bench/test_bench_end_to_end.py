@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from usarsim_server.cli import main
-from usarsim_tools.bench import latency, memory, spawn, team
+from usarsim_tools.bench import latency, memory, sensors, spawn, team
 from usarsim_tools.bench.errors import BenchError
 from usarsim_tools.bench.server import Server
 
@@ -100,6 +100,21 @@ class TestMeasurements:
         assert figures["Memory with 2 robots"]["value"] > figures["Memory without robots"]["value"]
         assert figures["Threads left behind"]["value"] == 0
         assert figures["Descriptors left behind"]["value"] == 0
+
+    def test_sensors(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Robots with all sensors stream and send depth images; lasers send whole scans."""
+        monkeypatch.setattr(sensors, "IMAGE_CHANCE", 1.0)
+        figures = measured(tmp_path, "sensors", 4.0)
+        for team_name in ("All types", "Lasers"):
+            name = f"{team_name}: real-time factor, lowest of all robots"
+            assert figures[name]["aim"] == ">= 0.999"
+            assert figures[f"{team_name}: processor use of the server"]["value"] > 0.0
+        # One for each of the types that report by themselves, and those of the P3AT.
+        assert figures["All types: streams of a robot, fewest"]["value"] > 60
+        assert figures["All types: depth images of all robots"]["value"] > 0.0
+        scans = figures["Lasers: whole scans of a robot, fewest"]
+        assert scans["aim"] == ">= 19"
+        assert 2.0 < scans["value"] < 21.0
 
     def test_stepping(self, tmp_path: Path) -> None:
         """One scene gives rates, ratios and contacts."""

@@ -13,6 +13,7 @@ from usarsim_tools.bench.statistics import (
     longest_extra_gap,
     percentile,
     period,
+    rate,
     real_time_factor,
     trend,
     worst_window,
@@ -158,6 +159,21 @@ class TestGaps:
         """A stream that begins after the span says nothing about it."""
         with pytest.raises(ValueError, match="not begun"):
             longest_extra_gap(self.TIMES, -2.0, -1.0)
+
+
+class TestRate:
+    def test_counts_what_is_in_the_span(self) -> None:
+        """Moments at either end belong to the span, others do not."""
+        times = [0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5]
+        assert rate(times, 1.0, 3.0) == pytest.approx(5 / 2.0)
+        assert rate(times, 4.0, 5.0) == 0.0
+        assert rate([], 0.0, 1.0) == 0.0
+
+    @pytest.mark.parametrize("stop", [2.0, 1.0])
+    def test_needs_a_span(self, stop: float) -> None:
+        """There is no rate over no time."""
+        with pytest.raises(ValueError, match="span of time"):
+            rate([2.0], 2.0, stop)
 
 
 class TestTrend:

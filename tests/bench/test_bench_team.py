@@ -59,6 +59,15 @@ class TestTryTeam:
         assert trial.load.process == pytest.approx(0.7)
         assert trial.resident == 2000
 
+    def test_is_of_the_class_asked_for(self) -> None:
+        """All robots are of one class, and the trial says when they were watched."""
+        with FakeServer() as server, Crowd(server.port, 0) as crowd:
+            trial = team.try_team(StandIn(), crowd, 2, 0.6, "Gadget")  # type: ignore[arg-type]
+            inits = server.commands("INIT")
+        assert len(inits) == 2
+        assert all("{ClassName USARBot.Gadget}" in line for line in inits)
+        assert 0.6 <= trial.stop - trial.start < 5.0
+
     def test_a_robot_that_goes_silent_is_named(self) -> None:
         """A stream that stops is an error, not a good figure of the others."""
         with FakeServer() as server, Crowd(server.port, 0) as crowd:
@@ -75,7 +84,9 @@ class TestTryTeam:
 
 def trial(robots: int, factor: float) -> TeamTrial:
     """A trial with a factor and no matter what else."""
-    return TeamTrial(robots, factor, factor - 0.01, Load(0.5, 0.1, None), 100.0, 1e4, 2**20)
+    return TeamTrial(
+        robots, factor, factor - 0.01, Load(0.5, 0.1, None), 100.0, 1e4, 2**20, 5.0, 7.0
+    )
 
 
 class NoServer:

@@ -21,7 +21,7 @@ from typing import Self
 from usarsim_tools.bench.errors import BenchError
 from usarsim_tools.bench.recording import Chunk, start_tags
 
-__all__ = ["DEFAULT_CLASS", "Controller", "Crowd", "wander"]
+__all__ = ["DEFAULT_CLASS", "Behaviour", "Controller", "Crowd", "wander"]
 
 DEFAULT_CLASS = "P3AT"
 DRIVE_PERIOD = 0.5

@@ -12,6 +12,7 @@ __all__ = [
     "longest_extra_gap",
     "percentile",
     "period",
+    "rate",
     "real_time_factor",
     "trend",
     "worst_window",
@@ -97,6 +98,17 @@ def period(times: Sequence[float]) -> float:
     if len(times) < 2:
         raise ValueError("a period needs two moments")
     return median(later - earlier for earlier, later in pairwise(times))
+
+
+def rate(times: Sequence[float], start: float, stop: float) -> float:
+    """Moments per second within a span.
+
+    Raises:
+        ValueError: if the span has no length.
+    """
+    if stop <= start:
+        raise ValueError("a rate needs a span of time")
+    return sum(start <= moment <= stop for moment in times) / (stop - start)
 
 
 def longest_extra_gap(times: Sequence[float], start: float, stop: float) -> float:

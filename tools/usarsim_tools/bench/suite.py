@@ -10,6 +10,7 @@ from usarsim_tools.bench.figures import Plan, Report, Section
 from usarsim_tools.bench.latency import measure_latency
 from usarsim_tools.bench.machine import describe_machine
 from usarsim_tools.bench.memory import measure_memory
+from usarsim_tools.bench.sensors import measure_sensors
 from usarsim_tools.bench.spawn import measure_spawn
 from usarsim_tools.bench.stepping import measure_stepping
 from usarsim_tools.bench.team import measure_largest, measure_team
@@ -24,6 +25,7 @@ MEASUREMENTS: Mapping[str, tuple[Measurement, str]] = {
     "latency": (measure_latency, "from DRIVE on the socket to the wheels"),
     "spawn": (measure_spawn, "what the others notice of a newcomer"),
     "memory": (measure_memory, "memory of a team, and after robots came and went"),
+    "sensors": (measure_sensors, "real time with a robot's every sensor, and with fast lasers"),
     "stepping": (measure_stepping, "the step loop against MuJoCo alone"),
 }
 """Function and one line of help of each, in the order in which `all` takes them."""

@@ -45,6 +45,7 @@ class TeamTrial:
         load: processors used meanwhile.
         lines, octets: received per second by all clients together.
         resident: bytes of memory of the server at the end.
+        start, stop: wall times between which it was watched.
     """
 
     robots: int
@@ -54,9 +55,17 @@ class TeamTrial:
     lines: float
     octets: float
     resident: int
+    start: float
+    stop: float
 
 
-def try_team(server: Server, crowd: Crowd, robots: int, seconds: float) -> TeamTrial:
+def try_team(
+    server: Server,
+    crowd: Crowd,
+    robots: int,
+    seconds: float,
+    robot_class: str = DEFAULT_CLASS,
+) -> TeamTrial:
     """Bring a team into the world, let it drive around and watch.
 
     Raises:
@@ -64,7 +73,7 @@ def try_team(server: Server, crowd: Crowd, robots: int, seconds: float) -> TeamT
     """
     for _ in range(robots):
         # One after the other: a crowd at the door is not what is measured here.
-        crowd.wait_until_speaking([crowd.join()])
+        crowd.wait_until_speaking([crowd.join(robot_class)])
     crowd.run(SETTLE)
     before = server.usage()
     start, stop = crowd.run(seconds)
@@ -86,6 +95,8 @@ def try_team(server: Server, crowd: Crowd, robots: int, seconds: float) -> TeamT
         lines=len(told) / (stop - start),
         octets=sum(len(line) + 2 for _, line in told) / (stop - start),
         resident=after.resident,
+        start=start,
+        stop=stop,
     )
 
 
