@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import random
 import re
+import shutil
+from pathlib import Path
 
 import pytest
 from control_harness import (
@@ -17,6 +19,7 @@ from control_harness import (
     where,
 )
 
+from usarsim_server.data import data_directory
 from usarsim_server.testing import Rehearsal, RehearsedClient
 
 # -- who may control -------------------------------------------------------------------------------
@@ -406,3 +409,72 @@ def test_runs_repeat_bit_for_bit() -> None:
     first, second = play(), play()
     assert len(first) > 50
     assert first == second
+
+
+@pytest.mark.parametrize(
+    ("kind", "segments"),
+    [
+        ("Rotate", {"Speed": "1,0,0"}),
+        ("AddWP", {"WP": "3,3,-1"}),
+        ("SetWP", {"Speed": "2"}),
+        ("ClearWP", {}),
+        ("AbsMove", {"Location": "4,4,-1"}),
+    ],
+)
+def test_what_has_just_left_is_no_trouble(
+    stage: Rehearsal, client: RehearsedClient, kind: str, segments: dict[str, str]
+) -> None:
+    """An object that the physics took away a moment ago is refused, and the controller lives."""
+    create(client, "a", "1,0,-0.15", Physics="RigidBody")
+    control(client, "AddWP", Name="a", WP="2,0,-0.15")
+    found = stage.assembly.objects.find("a")
+    assert found is not None
+    stage.assembly.simulation.remove(found.body)
+    stage.settle()
+    assert control(client, kind, Name="a", **segments) == []
+    create(client, "a", "1,0,-0.15")
+    assert where(client, "a") == near(1, 0, HEIGHT)
+
+
+def test_a_second_init_can_change_the_role() -> None:
+    """With second_init=replace a controller becomes a robot and a robot an avatar (1.1)."""
+    with Rehearsal(world="empty", second_init="replace") as stage:
+        client = controller(stage)
+        create(client, "a", "5,0,-0.15")
+        client.send("INIT {ClassName P2AT} {Location 0,0,-0.3}")
+        stage.run(0.5)
+        assert client.take("STA {Type GroundVehicle}")
+        assert stage.assembly.objects.present() == []
+        client.send("INIT {ClassName USARAvatar.Worker} {Location 0,3,-1}")
+        stage.run(0.5)
+        assert "{Type USARAvatarWorker}" in client.take("STA")[-1]
+        assert stage.assembly.fleet.vehicles == ()
+        client.send("INIT {ClassName USARBot.WorldController}")
+        assert status(client) == {}
+        assert stage.assembly.avatars.present() == []
+
+
+def test_conveyors(tmp_path: Path) -> None:
+    """Conveyor scales the speed of the belts of the scene by their tag."""
+    shutil.copytree(data_directory("worlds") / "empty", tmp_path / "factory")
+    scene = tmp_path / "factory" / "scene.xml"
+    belts = "".join(
+        f'<geom name="line:{n}" type="box" size="5 0.5 0.1" pos="0 {3 * n} 0.1" '
+        'surfacevel="0.4 0 0 0 0 0"/>'
+        for n in range(2)
+    )
+    scene.write_text(scene.read_text().replace("</worldbody>", f"{belts}</worldbody>"))
+    with Rehearsal(world=str(tmp_path / "factory")) as stage:
+        client = controller(stage)
+        for n in range(2):
+            create(client, f"b{n}", f"0,{-3 * n},-0.35", Physics="RigidBody")
+        stage.run(2.0)
+        assert [where(client, f"b{n}")[0] for n in range(2)] == pytest.approx([0.8] * 2, abs=0.05)
+        control(client, "Conveyor", Name="LINE", Speed="-1")
+        stage.run(2.0)
+        assert [where(client, f"b{n}")[0] for n in range(2)] == pytest.approx([0.0] * 2, abs=0.1)
+        control(client, "Conveyor", Name="line", Speed="0")
+        stage.run(1.0)
+        before = where(client, "b0")
+        stage.run(1.0)
+        assert where(client, "b0") == near(*before)

@@ -7,12 +7,25 @@ import math
 import mujoco
 import numpy as np
 import pytest
-from sim_fakes import ROBOT, Geom, add_box, add_crate, floor, pose_at, simulation, straight
+from limb_fakes import CRANE, close, holding
+from sim_fakes import (
+    ROBOT,
+    Geom,
+    add_box,
+    add_crate,
+    base_qpos,
+    floor,
+    pose_at,
+    run,
+    simulation,
+    straight,
+)
 
 from usarsim_server.errors import SpawnError
+from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.fitting import TOLERATED
 from usarsim_server.simulation.frames import Pose
-from usarsim_server.simulation.model import RobotModel
+from usarsim_server.simulation.model import PhysicsOptions, RobotModel
 from usarsim_server.simulation.rays import RayFan
 from usarsim_server.simulation.simulation import Simulation
 
@@ -438,3 +451,42 @@ class TestBelts:
         world.run_until(world.look().time + 2.0)
         moved = np.array(self.crates(world)) - before
         assert moved == pytest.approx([1.8, 0.6, 0.6], abs=0.06)
+
+
+class TestHeld:
+    """Things in the hands of robots."""
+
+    @staticmethod
+    def engine() -> Engine:
+        """A crane that holds a thing of 14 cm half a metre before it, and room for another."""
+
+        def scene() -> mujoco.MjSpec:
+            spec = floor()()
+            add_box(spec, "table", (0.5, 0.0, 0.04), (0.3, 0.3, 0.04))
+            return spec
+
+        parcel = thing(rigid=True, half=0.07, key="parcel")
+        engine = Engine(scene, PhysicsOptions(), [CRANE, parcel, thing(half=0.07, key="parcel")])
+        engine.occupy(0, 0, Pose((0.0, 0.0, 0.0)))
+        engine.occupy(1, 1, at(0.5, z=0.15))
+        close(engine)
+        run(engine, 1.0)
+        assert holding(engine, "grip") == "robot1:base"
+        return engine
+
+    @pytest.mark.parametrize("how", ["vacate", "teleport", "reseat"])
+    def test_what_is_taken_away_is_let_go(self, how: str) -> None:
+        """A held thing that is removed, moved or turned into another leaves the robot in peace."""
+        engine = self.engine()
+        before = base_qpos(engine, 0)
+        if how == "vacate":
+            engine.vacate(1)
+        elif how == "teleport":
+            engine.teleport(1, at(5.0))
+        else:
+            engine.reseat(1, 2)
+        assert holding(engine, "grip") is None
+        run(engine, 1.0)
+        assert base_qpos(engine, 0) == pytest.approx(before, abs=5e-3)
+        if how == "teleport":
+            assert engine.pose(1).position == pytest.approx((5.0, 0.0, 0.07), abs=2e-3)

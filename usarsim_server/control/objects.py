@@ -312,7 +312,11 @@ class WorldObjects:
         return self._steer(one, lambda now, time: replace(now, fall=Fall(drop, time)))
 
     def _steer(self, one: WorldObject, change: Change) -> WorldObject:
-        """Change how an object moves; it gets the body that suits its motion."""
+        """Change how an object moves; it gets the body that suits its motion.
+
+        Raises:
+            SpawnError: if it is not in the world any more.
+        """
         if not one.placed:
             self._simulation.reseat(one.body, _model(one, rigid=False))
         steered = one
@@ -326,7 +330,11 @@ class WorldObjects:
                 steered = replace(steered, pose=top)
             return [steered.way()] if steered.moves else []
 
-        self._simulation.follow(one.body, plan)
+        try:
+            self._simulation.follow(one.body, plan)
+        except KeyError:
+            self._remove([one])
+            raise SpawnError("it has left the world") from None
         if steered.physics is Physics.RIGID and not steered.moves:
             self._simulation.reseat(one.body, _model(one, rigid=True))
             steered = replace(steered, placed=False)

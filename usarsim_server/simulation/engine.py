@@ -280,9 +280,11 @@ class Engine:
     def _put(self, slot: int, coordinates: Array) -> None:
         layout = self.world.layouts[slot]
         data, model = self.data, self.world.model
-        put(self.world, data, slot, coordinates)
         if layout.mocap.size:
+            put(self.world, data, slot, coordinates)
             return
+        self._limbs.drop(data, int(model.dof_treeid[layout.dof]))
+        put(self.world, data, slot, coordinates)
         data.qpos[list(layout.joint_qpos.values())] = model.qpos0[list(layout.joint_qpos.values())]
         for dofs in (slice(layout.dof, layout.dof + 6), list(layout.joint_dof.values())):
             data.qvel[dofs] = WAKE

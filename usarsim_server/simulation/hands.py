@@ -73,7 +73,8 @@ class Hands:
         bodies: set[int] = set()
         for slot, (robot, layout) in enumerate(zip(world.slots, world.layouts, strict=True)):
             prefix = f"robot{slot}:"
-            bodies |= layout.bodies
+            if robot.robot:
+                bodies |= layout.bodies
             if robot.tools:
                 self._tools[slot] = robot.tools
             if robot.anchored:
