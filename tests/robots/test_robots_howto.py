@@ -8,10 +8,12 @@ from pathlib import Path
 import pytest
 from robot_files import table, write
 
+from usarsim_server.actuators.registry import effector_types
 from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.robots.loader import load_robot
 from usarsim_server.robots.mjcf import build_spec
 from usarsim_server.robots.roster import load_roster
+from usarsim_server.testing import Rehearsal
 
 PAGE = Path(__file__).parents[2] / "docs" / "robots-howto.md"
 TEXT = PAGE.read_text(encoding="utf-8")
@@ -45,6 +47,28 @@ def test_variant_example_is_a_fast_p3at(tmp_path: Path) -> None:
     assert robot.drive.max_wheel_speed == 8.17
 
 
+def test_arm_example_moves_and_holds(tmp_path: Path) -> None:
+    """The armed rover of the page has an arm of two links and a gripper, and stands upright."""
+    (tmp_path / "Rover.toml").write_text(BLOCKS[0], encoding="utf-8")
+    (tmp_path / "ArmedRover.toml").write_text(BLOCKS[2], encoding="utf-8")
+    with Rehearsal(world="empty", robots=[tmp_path]) as stage:
+        client = stage.connect()
+        client.send("INIT {ClassName ArmedRover} {Location 0,0,-0.2} {Dialect udk}")
+        client.send("MISPKG {Name Arm} {Link 1} {Value 0.5}", "DRIVE {Name Arm_Joint2} {Value 0.2}")
+        client.send("SET {Type Gripper} {Name Hand} {Opcode CLOSE}")
+        stage.run(8.0)
+        arm, hand = client.take("ASTA")[-1], stage.assembly.fleet.vehicles[0].look()
+        assert re.search(r"\{Link 1\} \{Value 0\.(4999|5)\d*\} \{Link 2\} \{Value 0\.(1999|2)", arm)
+        assert hand is not None
+        assert hand.hand("Hand").closed
+        assert hand.pose.rotate((0.0, 0.0, 1.0))[2] > 0.999
+        client.send("MULTIDRIVE {Arm_Joint1 -0.5}")
+        client.send("SET {Type Joint} {Name Arm_Joint2} {Opcode Angle} {Params 0.1}")
+        stage.run(8.0)
+        arm = client.take("ASTA")[-1]
+        assert re.search(r"\{Value -0\.(4999|5)\d*\} \{Link 2\} \{Value 0\.(1|0999)", arm)
+
+
 @pytest.mark.parametrize(
     ("title", "key"),
     [
@@ -73,3 +97,29 @@ def test_tables_list_exactly_the_known_keys(tmp_path: Path, title: str, key: str
     tables = {"shape", "wheel", "caster", "drive", "report", "sensor", "camera"}
     tables |= {"actuator", "effector"}
     assert section(title) == (known - tables if key is None else known)
+
+
+@pytest.mark.parametrize(
+    ("title", "nested"), [("`[[actuator]]`", False), ("`[[actuator.link]]`", True)]
+)
+def test_tables_of_arms_list_exactly_the_known_keys(
+    tmp_path: Path, title: str, nested: bool
+) -> None:
+    """The tables about actuators have exactly the keys that the loader knows."""
+    probe = "zzzzzzzzzzzz"
+    piece = {"kind": "box", "size": [0.1, 0.1, 0.1], "mass": 1.0}
+    link: dict[str, object] = {"shape": [piece]}
+    actuator: dict[str, object] = {"name": "Arm", "link": [link]}
+    (link if nested else actuator)[probe] = 1
+    with pytest.raises(RobotDescriptionError, match=probe) as caught:
+        load_robot(write(tmp_path, "Test", table(actuator=[actuator])))
+    known = set(str(caught.value).split("known are: ")[1].rstrip(")").split(", "))
+    assert section(title) == known
+
+
+def test_effector_types_are_all_described() -> None:
+    """The page names every effector type that a robot file may name, but not their aliases."""
+    body = TEXT.split("### `[[effector]]`", 1)[1].split("\n#", 1)[0]
+    described = set(re.findall(r"^\| `([A-Z]\w+)` \|", body, re.MULTILINE))
+    assert described == {"Gripper", "VacuumGripper", "ToolChanger"}
+    assert described <= set(effector_types())

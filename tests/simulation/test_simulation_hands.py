@@ -171,7 +171,7 @@ class TestSuction:
         assert height(engine, "box") == pytest.approx(0.47, abs=0.02)
 
     def test_pressing_does_not_loosen(self) -> None:
-        """A box that is pushed against a cup of 30 N with 100 N stays there, one pulled does not."""
+        """Pushed against a cup of 30 N with 100 N a box stays, pulled with 60 N it comes off."""
         engine = crane()
         run(engine, 0.2)
         engine.operate_hand(0, "cup", True)

@@ -35,6 +35,8 @@ GAIN = 20.0
 """1/s: speed per way left. The force follows within 10 ms, so a joint settles without overshoot."""
 SETTLED_SPEED = 0.1
 """rad/s or m/s: a joint that wants to go slower than this is holding its place."""
+ARRIVED_SPEED = 1e-3
+"""rad/s or m/s: a joint that wants to go slower is where it shall be, give or take 50 micro."""
 HOLD_STEPS = 5
 """Steps between two looks at joints that all hold their place."""
 STALLED = 1e-7
@@ -188,11 +190,11 @@ class JointServos:
         speed = self._speed + np.minimum(np.maximum(wish - self._speed, -limit), limit)
         self._speed = speed
         size = np.abs(speed)
-        going = (size >= SETTLED_SPEED) | (np.abs(wish) >= SETTLED_SPEED)
-        self._holding = not going.any()
+        fastest = np.maximum(size, np.abs(wish))
+        self._holding = bool((fastest < SETTLED_SPEED).all())
         # A joint that pushes as hard as it can and does not budge may sleep; not one turning back.
         stalled = (speed == wish) & (gone < STALLED)
-        self._busy = self._roots[:0] if self._holding else self._roots[going & ~stalled]
+        self._busy = self._roots[(fastest >= ARRIVED_SPEED) & ~stalled]
         self._settled = self._holding and bool((speed == wish).all())
         self._waited = 1
         self._shift[self._dofs] = np.where(size < DEAD_SPEED, 0.0, speed)
