@@ -66,6 +66,8 @@ class Avatar:
         def ways(time: float, pose: Pose) -> list[Way]:
             walk = plan(time)
             chosen.append(walk)
+            if not walk.legs:
+                return []  # all bodies stay where they are
             performance = Performance(walk, self.kind.height)
             return [_way(performance, number) for number in range(len(performance.poses(time)))]
 

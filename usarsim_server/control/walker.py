@@ -137,6 +137,8 @@ class Walker:
             return []
         location, orientation = wire_from_pose(state.pose)
         stance = self._walk.stance(snapshot.time)
+        if self._walk.legs and snapshot.time > self._walk.end:
+            self._halt()  # nobody has to place a body any more that stays where it is
         status = messages.AvatarStatus(
             time=snapshot.time,
             class_name=self._avatar.kind.name,
