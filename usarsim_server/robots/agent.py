@@ -300,9 +300,10 @@ class RobotAgent:
         description = self._fleet.describe(init.class_name)
         if description is None:
             return None
+        asked = self._fleet.time
         vehicle = self._fleet.spawn(description, init.name, pose)
         log = self._log.bind(robot=vehicle.name)
-        pilot = Pilot(vehicle, description.dialect, self._options.pilot, init.battery, log)
+        pilot = Pilot(vehicle, description.dialect, self._options.pilot, init.battery, log, asked)
         self._vehicle = vehicle
         log.info("robot spawned", robot_class=description.name, id=vehicle.robot)
         return Casting(

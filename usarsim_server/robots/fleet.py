@@ -125,6 +125,11 @@ class Fleet:
         with self._lock:
             return tuple(self._vehicles.values())
 
+    @property
+    def time(self) -> float:
+        """Simulated time of this moment, s; blocks until the physics is between two steps."""
+        return self._simulation.look().time
+
     def describe(self, class_name: str) -> RobotDescription | None:
         """The class that a client means, None if there is none."""
         return self._roster.find(class_name)

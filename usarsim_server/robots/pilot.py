@@ -68,6 +68,7 @@ class Pilot:
         options: PilotOptions,
         battery_life: float | None,
         log: Log,
+        asked: float = 0.0,
     ) -> None:
         """Take over a vehicle that has just been spawned.
 
@@ -77,7 +78,10 @@ class Pilot:
             options: see there.
             battery_life: s of battery life that INIT asked for; None for the robot's own.
             log: names connection and robot.
+            asked: simulated time of INIT, from which the quiet period counts: a robot for which
+                the world had to grow first shall not be silent the longer for it.
         """
+        self._asked = asked
         self.vehicle = vehicle
         self._dialect = dialect
         self._options = options
@@ -245,7 +249,7 @@ class Pilot:
         for sensor in self._sensors:
             if not sensor.rays(state):
                 sensor.measure(state, ())
-        self._schedule.begin(state.time + self._options.quiet_period)
+        self._schedule.begin(max(state.time, self._asked + self._options.quiet_period))
 
     def announce(self, time: float, event: str, wire_type: str, name: str) -> None:
         """Have the client told that the configuration has changed by itself."""
