@@ -500,3 +500,33 @@ def test_a_vacuum_gripper_on_a_tool_changer(bench: Rehearsal) -> None:
     assert not any("{Name KR60gripper}" in line for line in client.take("EFF"))
     client.close()
     bench.run(0.05)
+
+
+# -- flippers --------------------------------------------------------------------------------------
+
+
+def test_flippers_are_driven_by_name_and_told_in_sta(tmp_path: Path) -> None:
+    """MULTIDRIVE moves bare joints whatever the case of their names; STA tells them (check 154)."""
+    side = {"FR": 0.2, "FL": -0.2}
+    links = "".join(
+        f'[[actuator.link]]\nname = "{name}Flipper"\nparent = 0\nposition = [0.2, {y}, 0]\n'
+        "axis = [0, 1, 0]\n"
+        'shape = [{ kind = "capsule", size = [0.03, 0.2], rotation = [0, 1.5708, 0], '
+        "position = [0.1, 0, 0], mass = 0.3, collides = false }]\n"
+        for name, y in side.items()
+    )
+    (tmp_path / "Crawler.toml").write_text(
+        'extends = "P3AT"\n[[actuator]]\nname = "Flippers"\npackage = false\n' + links,
+        encoding="utf-8",
+    )
+    with Rehearsal(world="empty", robots=[tmp_path]) as own:
+        client = own.connect()
+        client.send("INIT {ClassName Crawler} {Location 0,0,-0.25} {Dialect ut2004}")
+        client.send("MULTIDRIVE {FRFlipper 0.5} {FLflipper -0.25}", "GETCONF {Type MisPkg}")
+        own.run(2.0)
+        newest = [line for line in client.lines if line.startswith("STA")][-1]
+        found = re.search(r"\{FRFlipper ([\d.-]+)\} \{FLFlipper ([\d.-]+)\}", newest)
+        assert found is not None
+        assert float(found[1]) == pytest.approx(0.5, abs=1e-3)
+        assert float(found[2]) == pytest.approx(-0.25, abs=1e-3)
+        assert not any(line.startswith(("MISSTA", "CONF")) for line in client.lines)

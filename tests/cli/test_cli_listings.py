@@ -180,6 +180,20 @@ def test_shipped_robots_are_listed_and_described(capsys) -> None:
     assert any(line.startswith("lms200 ") for line in lines)
 
 
+def test_arms_and_effectors_are_described(capsys) -> None:
+    """Details of an arm list joints with limits, speed and torque, and what it takes hold with."""
+    assert main(["robots", "KR60"]) == 0
+    lines = squeezed(capsys.readouterr().out)
+    assert "KR60Arm KR60Arm_Link2 KR60Arm_Joint2 revolute -2.356,0.61 1.571 1500" in lines
+    assert "toolchange ToolChanger KR60Arm_Link6" in lines
+    assert "KR60gripper VacuumGripper loose" in lines
+    assert "kind static" in lines
+    assert not any("wheel" in line for line in lines)
+    assert main(["robots", "P2AT"]) == 0
+    pan = "CameraPanTilt CameraPanTilt_Link1 CameraPanTilt_Joint1 revolute none 0.1745 20"
+    assert pan in squeezed(capsys.readouterr().out)
+
+
 def test_unknown_robot_is_an_error_with_the_nearest_name(capsys) -> None:
     """A misspelt class is one error line that names the right one, or all."""
     assert main(["robots", "USARBot.P3TA"]) == 2

@@ -10,7 +10,12 @@ from pathlib import Path
 
 from usarsim_server.cli.common import Subparsers, add_command, facts, number, numbers, table
 from usarsim_server.errors import RobotDescriptionError
-from usarsim_server.robots.description import ItemDescription, RobotDescription
+from usarsim_server.robots.description import (
+    ActuatorDescription,
+    ItemDescription,
+    Kind,
+    RobotDescription,
+)
 from usarsim_server.simulation.frames import wire_from_pose
 
 __all__ = ["add_parser", "run"]
@@ -57,6 +62,15 @@ def details(robot: RobotDescription) -> Iterator[str]:
     """Blocks that describe a class."""
     yield f"{robot.name}: {robot.description}"
     yield facts(_facts(robot))
+    if robot.actuators:
+        rows = [row for actuator in robot.actuators for row in _links(actuator)]
+        yield table(("ACTUATOR", "LINK", "JOINT", "MOVES", "LIMITS", "SPEED", "TORQUE"), rows)
+    if robot.effectors:
+        rows = [
+            (one.name, one.item.type, "loose" if one.detached else one.item.link or "-")
+            for one in robot.effectors
+        ]
+        yield table(("EFFECTOR", "TYPE", "LINK"), rows)
     if robot.items:
         yield "Sensors are mounted in the wire frame: x forward, y right, z down, in m and rad."
         rows = [_item(item) for item in robot.items]
@@ -68,6 +82,9 @@ def _facts(robot: RobotDescription) -> Iterator[tuple[str, object]]:
     yield "file", robot.source
     yield "era", robot.dialect.value
     yield "kind", robot.kind.value
+    if robot.kind is Kind.STATIC:
+        yield "battery", f"{robot.battery.life:g} s" if robot.battery is not None else "none"
+        return
     yield "wheel radius", f"{number(report.wheel_radius, 4)} m"
     yield "track width", f"{number(report.track_width, 4)} m"
     yield "wheel base", f"{number(report.wheel_base, 4)} m"
@@ -76,6 +93,14 @@ def _facts(robot: RobotDescription) -> Iterator[tuple[str, object]]:
     ground = number(speed * report.wheel_radius)
     yield "wheel speed", f"at most {number(speed, 4)} rad/s, {ground} m/s on the ground"
     yield "battery", f"{robot.battery.life:g} s" if robot.battery is not None else "none"
+
+
+def _links(actuator: ActuatorDescription) -> Iterator[tuple[str, ...]]:
+    for link in actuator.links:
+        limits = "none" if link.limits is None else numbers(link.limits, 4)
+        speed, torque = number(link.max_speed, 4), number(link.max_torque, 4)
+        kind = link.type.value.lower()
+        yield actuator.name, link.body, link.joint, kind, limits, speed, torque
 
 
 def _item(item: ItemDescription) -> tuple[str, ...]:
