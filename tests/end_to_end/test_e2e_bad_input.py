@@ -91,6 +91,7 @@ def test_silly_drive_values(connect: Connect, value: str) -> None:
     client.send("INIT {ClassName P2AT} {Location 70,0,-0.3}")
     other.send("INIT {ClassName P2AT} {Location 73,0,-0.3}")
     client.wait_for("STA")
+    other.read_for(1.0)  # until it has come to rest
     place = other.wait_for(lambda line: "GroundTruth" in line and line.startswith("SEN"))
     client.send(f"DRIVE {{Left {value}}} {{Right -{value}}} {{Normalized true}}")
     client.send(f"SET {{Type INS}} {{Name INS}} {{Opcode POSE}} {{Params {value},0,0,0,0,{value}}}")
