@@ -28,6 +28,16 @@ from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import PhysicsOptions, RobotModel
 
+def build_thing() -> mujoco.MjSpec:
+    """A light box that is no robot."""
+    spec = mujoco.MjSpec()
+    base = spec.worldbody.add_body(name="base")
+    base.add_freejoint(name="free")
+    base.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.06, 0.06, 0.06], mass=0.2)
+    return spec
+
+
+THING = RobotModel("thing", build_thing, (), 0.06, robot=False)
 ANCHORED = replace(ARM, key="anchored", anchored=True)
 
 
@@ -323,6 +333,24 @@ class TestComingAndGoing:
         run(engine, 0.5)
         assert holding(engine, "grip") is None
         assert abs(float(engine.data.body("parcel").xpos[0]) - 0.5) < 0.05
+
+    def test_a_thing_that_is_taken_away_is_let_go(self) -> None:
+        """Things that come and go in slots can be held, and leave without their holder."""
+        engine = Engine(floor(), PhysicsOptions(), [CRANE, THING])
+        engine.occupy(0, 0, Pose((0.0, 0.0, 0.0)))
+        engine.occupy(1, 1, Pose((0.5, 0.5, 0.05)))
+        run(engine, 0.2)
+        order(engine, hoist=0.0)
+        engine.operate_hand(0, "cup", True)
+        run(engine, 0.1)
+        assert holding(engine, "cup") == "robot1:base"
+        order(engine, hoist=0.3)
+        run(engine, 1.0)
+        engine.vacate(1)
+        run(engine, 0.5)
+        assert holding(engine, "cup") is None
+        assert height(engine, "robot1:base") > 1000.0
+        assert height(engine, "robot0:hoist") == pytest.approx(0.5, abs=0.01)
 
     def test_growth_keeps_hold(self) -> None:
         """What was held before the model grew is held after it, and so is a tool."""

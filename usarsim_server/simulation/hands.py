@@ -27,7 +27,7 @@ from usarsim_server.simulation.articulation import (
     anchor_name,
     tie_name,
 )
-from usarsim_server.simulation.frames import Pose, Vector
+from usarsim_server.simulation.frames import Pose, Quaternion, Vector
 from usarsim_server.simulation.model import CompiledWorld, root_qpos
 
 __all__ = ["Hands", "HandsState"]
@@ -106,20 +106,21 @@ class Hands:
     # -- coming and going --------------------------------------------------------------------
 
     def place(self, data: mujoco.MjData, slot: int, base: Pose) -> None:
-        """Let go of everything and take tools and anchor of a slot along to a new pose."""
+        """A slot goes to a new pose: its hands let go, others let go of it, its tools go along."""
+        self.drop(data, int(self._model.body_treeid[self._bases[slot]]))
         for hand in self._hands.get(slot, ()):
             self._let_go(data, hand)
             hand.closed = hand.lost = False
         if slot in self._anchors:
-            tie = self._anchors[slot]
-            self._tie(data, tie, self._bases[slot], 0, Pose(), base)
+            here, turn = base.position, base.inverse().quaternion
+            self._tie(data, self._anchors[slot], 0, here, (0.0, 0.0, 0.0), turn)
         for tool in self._tools.get(slot, ()):
             body = self._body(slot, tool.body)
             self._put(data, body, base @ tool.pose)
             for hand in self._hands.get(slot, ()):
                 if hand.model.name == tool.holder:
-                    self._tie(data, hand.tie, hand.body, body, hand.model.tip)
-                    hand.closed, hand.held = True, body
+                    self._hold_at_tip(data, hand, body)
+                    hand.closed = True
 
     def drop(self, data: mujoco.MjData, tree: int) -> None:
         """Let go of a body that is about to be put somewhere else."""
@@ -215,8 +216,8 @@ class Hands:
                 continue
             if _fits(place, _pose(data, body), *hand.model.tolerance):
                 self._put(data, body, place)
-                self._tie(data, hand.tie, hand.body, body, hand.model.tip)
-                hand.held, hand.closed = body, True
+                self._hold_at_tip(data, hand, body)
+                hand.closed = True
                 return True
         return False
 
@@ -269,8 +270,7 @@ class Hands:
         else:
             return
         if body >= 0:
-            self._tie(data, hand.tie, hand.body, body, hand.model.tip, _pose(data, body))
-            hand.held, hand.strained = body, data.time
+            self._hold_where_it_is(data, hand, body)
 
     def _pinched(self, data: mujoco.MjData, hand: _Hand) -> int:
         """The body that every finger touches, -1 if there is none."""
@@ -299,39 +299,43 @@ class Hands:
 
     # -- ties --------------------------------------------------------------------------------
 
+    def _hold_at_tip(self, data: mujoco.MjData, hand: _Hand, body: int) -> None:
+        """Hold a tool with its origin at the tip."""
+        tip = hand.model.tip
+        self._tie(data, hand.tie, body, (0.0, 0.0, 0.0), tip.position, tip.quaternion)
+        hand.held, hand.strained = body, data.time
+
+    def _hold_where_it_is(self, data: mujoco.MjData, hand: _Hand, body: int) -> None:
+        """Hold a thing at the tip, but as it happens to be."""
+        carrier, place, tip = _pose(data, hand.body), _pose(data, body), hand.model.tip
+        anchor = (place.inverse() @ carrier @ tip).position
+        turn = (carrier.inverse() @ place).quaternion
+        self._tie(data, hand.tie, body, anchor, tip.position, turn)
+        hand.held, hand.strained = body, data.time
+
     def _tie(
         self,
         data: mujoco.MjData,
         tie: int,
-        body: int,
         other: int,
-        point: Pose,
-        place: Pose | None = None,
+        anchor: Vector,
+        point: Vector,
+        turn: Quaternion,
     ) -> None:
-        """Tie another body to a body.
+        """Make a tie hold.
 
         Args:
             data: live state.
-            tie: the constraint.
-            body: what holds. other: what is held; 0, the world, for anchors.
-            point: where it is held, in the frame of `body`.
-            place: where the other body (for an anchor: the body itself) is in the world, to be
-                kept as it is; None to hold it with its origin at the point.
+            tie: the constraint; its first body is what holds.
+            other: what is held; 0, the world, for anchors.
+            anchor: the point that is held, in the frame of the other body.
+            point: the same in the frame of the first body.
+            turn: orientation of the other body seen from the first one.
         """
         model = self._model
-        if other == 0:
-            assert place is not None
-            anchor, held = place.position, place.inverse().quaternion
-        elif place is None:
-            anchor, held = (0.0, 0.0, 0.0), point.quaternion
-        else:
-            here = _pose(data, body)
-            anchor = (place.inverse() @ here @ point).position
-            held = (here.inverse() @ place).quaternion
-        # The point of the second body, the same point of the first, their relative orientation.
         model.eq_data[tie, 0:3] = anchor
-        model.eq_data[tie, 3:6] = point.position
-        model.eq_data[tie, 6:10] = held
+        model.eq_data[tie, 3:6] = point
+        model.eq_data[tie, 6:10] = turn
         model.eq_obj2id[tie] = other
         data.eq_active[tie] = 1
 
