@@ -28,6 +28,7 @@ from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import PhysicsOptions, RobotModel
 
+
 def build_thing() -> mujoco.MjSpec:
     """A light box that is no robot."""
     spec = mujoco.MjSpec()
