@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "usarsim_server"
 TOOLS = ROOT / "tools" / "usarsim_tools"
 
-VALUES = {"errors", "logs", "data"}
+VALUES = {"errors", "logs", "data", "plugins"}
 MIDDLE = {
     "protocol",
     "simulation",
@@ -36,6 +36,7 @@ ROOMS: dict[str, set[str]] = {
     "errors": set(),
     "logs": set(),
     "data": set(),
+    "plugins": {"errors", "logs"},
     "protocol": set(),
     "settings": {"errors", "logs", "protocol"},
     "simulation": {"errors", "logs"},

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import pytest
 from actuator_fakes import HAND, Machine, effector, robot
 
+from usarsim_server import plugins
 from usarsim_server.actuators import registry
 from usarsim_server.actuators.effector import Effector
 from usarsim_server.actuators.registry import (
@@ -30,8 +31,8 @@ from usarsim_server.simulation.articulation import Grip, HandModel
 def types(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """The registry for the length of a test."""
     effector_types()
-    table = dict(registry._types)
-    monkeypatch.setattr(registry, "_types", table)
+    table: dict[str, Any] = dict(registry.TYPES._types)
+    monkeypatch.setattr(registry.TYPES, "_types", table)
     return table
 
 
@@ -113,10 +114,11 @@ def test_types_of_other_packages(
             raise ImportError("no such module")
 
     points = [Point(name, "x:y", GROUP) for name in ("Broken", "Magnet")]
-    monkeypatch.setattr(registry, "entry_points", lambda group: points if group == GROUP else [])
-    monkeypatch.setattr(registry, "_discovered", False)
+    monkeypatch.setattr(plugins, "entry_points", lambda group: points if group == GROUP else [])
+    monkeypatch.setattr(registry.TYPES, "_discovered", False)
+    monkeypatch.setattr(registry.TYPES, "_broken", {})
     types.clear()
-    monkeypatch.setattr(registry, "importlib", _NoImports)
+    monkeypatch.setattr(plugins, "importlib", _NoImports)
     with caplog.at_level(logging.WARNING):
         assert effector_types() == ["Magnet"]
     assert "Broken" in caplog.text

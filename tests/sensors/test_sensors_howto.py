@@ -30,7 +30,7 @@ def blocks(language: str) -> list[str]:
 def thermometer(monkeypatch: pytest.MonkeyPatch) -> Any:
     """The example's class, registered for the length of a test."""
     sensor_types()
-    monkeypatch.setattr(registry, "_types", dict(registry._types))
+    monkeypatch.setattr(registry.TYPES, "_types", dict(registry.TYPES._types))
     names: dict[str, Any] = {"__name__": "thermometer_of_the_page"}
     exec(blocks("python")[0], names)
     return names["Thermometer"]

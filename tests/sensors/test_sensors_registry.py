@@ -44,9 +44,9 @@ class Thermometer(Sensor):
 def fresh_registry(monkeypatch: pytest.MonkeyPatch) -> None:
     """The registry before its first use, restored afterwards."""
     sensor_types()
-    monkeypatch.setattr(registry, "_types", dict(registry._types))
-    monkeypatch.setattr(registry, "_broken", {})
-    monkeypatch.setattr(registry, "_discovered", False)
+    monkeypatch.setattr(registry.TYPES, "_types", dict(registry.TYPES._types))
+    monkeypatch.setattr(registry.TYPES, "_broken", {})
+    monkeypatch.setattr(registry.TYPES, "_discovered", False)
 
 
 def install(folder: Path, monkeypatch: pytest.MonkeyPatch, entry_points: str) -> None:
@@ -215,7 +215,7 @@ def test_a_broken_package_does_not_stop_the_others(
 ) -> None:
     """Its failure is logged, told to who asks for its type, and everything else works."""
     install(tmp_path, monkeypatch, "Geiger = no_such_module_for_test:Geiger")
-    with caplog.at_level(logging.WARNING, logger=registry.__name__):
+    with caplog.at_level(logging.WARNING, logger="usarsim.plugins"):
         assert "Sonar" in sensor_types()
     assert "Geiger" in caplog.text
     with pytest.raises(RobotDescriptionError, match=r"'Geiger' failed to load .*no_such_module"):
