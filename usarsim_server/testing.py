@@ -18,6 +18,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from types import TracebackType
+from typing import Self
 
 from usarsim_server.app import Assembly, assemble
 from usarsim_server.protocol.framing import LineFramer
@@ -34,6 +35,26 @@ TIMEOUT = 10.0
 
 SETTLE_POLL = 0.0002
 """s of wall time between two looks at an agent that is busy."""
+
+
+class _Closing:
+    """Something that is closed at the end of a `with` block."""
+
+    def close(self) -> None:
+        """End it."""
+        raise NotImplementedError
+
+    def __enter__(self) -> Self:
+        """Use as a context manager."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
 
 
 class RehearsedClient:
@@ -75,7 +96,7 @@ class RehearsedClient:
         self.agent.close()
 
 
-class Rehearsal:
+class Rehearsal(_Closing):
     """A world that is played by hand, in lockstep, in this thread."""
 
     def __init__(self, **settings: object) -> None:
@@ -119,20 +140,8 @@ class Rehearsal:
         """End all connections."""
         self.assembly.stop()
 
-    def __enter__(self) -> Rehearsal:
-        """Use as a context manager."""
-        return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
-
-
-class ScriptedClient:
+class ScriptedClient(_Closing):
     """A legacy controller in slow motion: sends text, reads whole lines."""
 
     def __init__(self, port: int, host: str = "127.0.0.1", timeout: float = TIMEOUT) -> None:
@@ -190,18 +199,6 @@ class ScriptedClient:
     def close(self) -> None:
         """Hang up."""
         self.socket.close()
-
-    def __enter__(self) -> ScriptedClient:
-        """Use as a context manager."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 @contextlib.contextmanager
