@@ -1,0 +1,1 @@
+"""Cameras: what they see, where their tiles lie, who renders them."""

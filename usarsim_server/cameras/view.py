@@ -1,0 +1,156 @@
+"""Small values that the camera room hands around: the grid of tiles, views, frames.
+
+Pixels are counted from the upper left corner of the full frame, x to the right, y down.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_server.simulation.frames import Pose
+
+__all__ = ["CameraView", "Frame", "FrameSource", "Grid", "Region", "Watch"]
+
+
+@dataclass(frozen=True, slots=True)
+class Region:
+    """A rectangle of pixels of the full frame."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+
+    @property
+    def empty(self) -> bool:
+        """Whether it has no pixels."""
+        return self.width <= 0 or self.height <= 0
+
+    def inside(self, width: int, height: int) -> bool:
+        """Whether it has pixels and all of them lie in a picture of this size."""
+        fits_x = 0 <= self.x and self.x + self.width <= width
+        return not self.empty and fits_x and 0 <= self.y and self.y + self.height <= height
+
+    def meets(self, other: Region) -> bool:
+        """Whether the two have pixels in common."""
+        apart_x = self.x + self.width <= other.x or other.x + other.width <= self.x
+        apart_y = self.y + self.height <= other.y or other.y + other.height <= self.y
+        return not (self.empty or other.empty or apart_x or apart_y)
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """How the full frame is divided into tiles, filled row by row (side channels 2.10).
+
+    Attributes:
+        columns, rows: number of tiles.
+        tile_width, tile_height: of one tile, pixels.
+    """
+
+    columns: int = 4
+    rows: int = 4
+    tile_width: int = 320
+    tile_height: int = 240
+
+    @property
+    def width(self) -> int:
+        """Of the full frame, pixels."""
+        return self.columns * self.tile_width
+
+    @property
+    def height(self) -> int:
+        """Of the full frame, pixels."""
+        return self.rows * self.tile_height
+
+    @property
+    def tiles(self) -> int:
+        """Number of tiles."""
+        return self.columns * self.rows
+
+    @property
+    def frame(self) -> Region:
+        """The full frame."""
+        return Region(0, 0, self.width, self.height)
+
+    def region(self, tile: int) -> Region:
+        """Where a tile lies."""
+        row, column = divmod(tile, self.columns)
+        x, y = column * self.tile_width, row * self.tile_height
+        return Region(x, y, self.tile_width, self.tile_height)
+
+
+@dataclass(frozen=True, slots=True)
+class CameraView:
+    """One live camera as the renderer needs to know it.
+
+    Attributes:
+        key: number of the camera, never used again.
+        name: item name on the wire.
+        owner: label of the robot; empty for a spectator.
+        robot: number of the robot in the simulation; None if it stands still in the world.
+        link: link that carries it; None for the chassis.
+        pose: relative to the link, chassis or world; it looks along x, y is left, z is up.
+        fov: horizontal field of view, rad.
+        tile: number of its tile; None if there was none left.
+    """
+
+    key: int
+    name: str
+    owner: str
+    robot: int | None
+    link: str | None
+    pose: Pose
+    fov: float
+    tile: int | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """A picture of all tiles at one time.
+
+    Attributes:
+        number: grows with every frame.
+        time: simulated time of its newest tile, s.
+        pixels: (height, width, 3) uint8, red green blue, top row first; read-only.
+    """
+
+    number: int
+    time: float
+    pixels: NDArray[np.uint8]
+
+
+class Watch(Protocol):
+    """Somebody looks; tiles that nobody looks at are not rendered."""
+
+    def look_at(self, region: Region) -> None:
+        """Change what is looked at."""
+
+    def close(self) -> None:
+        """Look away; a second call does nothing."""
+
+
+class FrameSource(Protocol):
+    """Where pictures come from; every method returns at once and may be called by any thread."""
+
+    @property
+    def grid(self) -> Grid:
+        """Geometry of the full frame."""
+
+    def newest(self, region: Region) -> Frame | None:
+        """The newest frame, if all tiles in the region that have a camera are up to date in it.
+
+        None means: watch the region and a frame will come soon.
+        """
+
+    def watch(self, region: Region, on_frame: Callable[[Frame], None]) -> Watch:
+        """Have a region rendered from now on.
+
+        Args:
+            region: what is looked at.
+            on_frame: told of every new frame, by the rendering thread; must return at once.
+        """

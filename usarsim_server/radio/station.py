@@ -1,0 +1,37 @@
+"""Small values that the radio room hands around."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from usarsim_server.protocol.values import Vector
+
+__all__ = ["ObstacleCounter", "Station", "StationSource"]
+
+
+@dataclass(frozen=True, slots=True)
+class Station:
+    """A robot or a ComStation at one instant.
+
+    Attributes:
+        name: label from INIT, in its own spelling.
+        position: of its reference point, simulation frame, m.
+        battery_empty: whether it has run out of power.
+    """
+
+    name: str
+    position: Vector
+    battery_empty: bool = False
+
+
+StationSource = Callable[[], Sequence[Station]]
+"""All stations of this moment in the order of spawning; may block for a physics step."""
+
+
+class ObstacleCounter(Protocol):
+    """Counts what stands between two points."""
+
+    def count(self, start: Vector, end: Vector) -> int:
+        """Obstacles between two points (simulation frame, m) by the rule of side channels 3.3."""
