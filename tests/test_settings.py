@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 from usarsim_server.cli import build_parser
 from usarsim_server.cli.serve import settings_from
 from usarsim_server.errors import SettingsError
+from usarsim_server.options import OPTIONS
 from usarsim_server.protocol.dialects import DialectMode
-from usarsim_server.settings import OPTIONS, Settings, load_settings
+from usarsim_server.settings import Settings, load_settings
 
 PORT_KEYS = [
     "port",

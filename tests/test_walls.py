@@ -38,7 +38,8 @@ ROOMS: dict[str, set[str]] = {
     "data": set(),
     "plugins": {"errors", "logs"},
     "protocol": set(),
-    "settings": {"errors", "logs", "protocol"},
+    "options": {"errors", "logs", "protocol"},
+    "settings": {"errors", "options", "protocol"},
     "simulation": {"errors", "logs"},
     "worlds": {"protocol", "simulation"} | VALUES,
     "sensors": MIDDLE | VALUES,
@@ -52,7 +53,9 @@ ROOMS: dict[str, set[str]] = {
     "app": MIDDLE | VALUES | {"services", "settings"},
     "testing": MIDDLE | VALUES | {"app", "services", "settings"},
     "validation": MIDDLE | VALUES | {"app", "cli", "settings", "testing"},
-    "cli": MIDDLE | VALUES | {"app", "importers", "services", "settings", "testing", "validation"},
+    "cli": MIDDLE
+    | VALUES
+    | {"app", "importers", "options", "services", "settings", "testing", "validation"},
 }
 """What each room may import of the others, beside itself."""
 

@@ -1,28 +1,23 @@
 """Settings of one server: frozen, checked, from the command line and a TOML file.
 
-`OPTIONS` is the one table of everything that can be set. The command line is made from it, the
-file is read with it, and both are checked by it, so that a value means the same in either place.
-A value on the command line wins over the file, the file over the default.
+A value on the command line wins over the file, the file over the default; what can be set at all
+stands in `options.py`.
 """
 
 from __future__ import annotations
 
-import difflib
-import json
-import math
-import os
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from usarsim_server.errors import SettingsError, at
-from usarsim_server.logs import LEVELS
+from usarsim_server.options import OPTIONS, is_port, nearest
 from usarsim_server.protocol.dialects import DialectMode
 
-__all__ = ["OPTIONS", "Option", "Settings", "load_settings"]
+__all__ = ["Settings", "load_settings"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,62 +74,13 @@ class Settings:
     quiet_period: float = 0.27
 
 
-Check = Callable[[object, Path], object]
-"""Turns a value of the file, or the like from the command line, into that of the field.
-
-The folder is the one that relative paths start from. Raises `ValueError` if the value does
-not fit, with what is wrong or with an empty message for plain "does not fit".
-"""
-
-
-@dataclass(frozen=True, slots=True)
-class Option:
-    """One thing that can be set.
-
-    Attributes:
-        key: field of `Settings` and key of the file.
-        expects: what to write, for help and for errors.
-        check: see `Check`.
-        help: one line.
-        metavar: placeholder on the command line; None for what only the file can set.
-        text: the value is text as it stands, even if it looks like a number.
-        repeat: may be given more than once on the command line.
-    """
-
-    key: str
-    expects: str
-    check: Check
-    help: str
-    metavar: str | None = None
-    text: bool = False
-    repeat: bool = False
-
-    @property
-    def flag(self) -> str:
-        """The command line option."""
-        return "--" + self.key.replace("_", "-")
-
-    def read(self, value: object, folder: Path) -> object:
-        """The checked value of the field; `ValueError` in words if it does not fit."""
-        try:
-            return self.check(value, folder)
-        except ValueError as error:
-            raise ValueError(str(error) or f"{_shown(value)} does not fit") from None
-
-    def read_text(self, text: str | list[str], folder: Path) -> object:
-        """The checked value of what stood on the command line."""
-        if self.text or isinstance(text, list):
-            return self.read(text, folder)
-        return self.read(_number_or_text(text), folder)
-
-
 def load_settings(
     command_line: Mapping[str, str | list[str] | None], config: Path | None = None
 ) -> Settings:
     """Put settings together.
 
     Args:
-        command_line: texts by key of `OPTIONS`; None stands for an option that was not given.
+        command_line: texts by key of `options.OPTIONS`; None stands for an option not given.
         config: the file, or None.
 
     Raises:
@@ -183,7 +129,7 @@ def _read_file(path: Path) -> dict[str, object]:
         key = written.replace("-", "_")
         option = _BY_KEY.get(key)
         if option is None:
-            cure = _nearest(key, _BY_KEY) or f"known: {', '.join(_BY_KEY)}"
+            cure = nearest(key, _BY_KEY) or f"known: {', '.join(_BY_KEY)}"
             raise SettingsError(at(path, "no such setting", cure, where=where))
         if key in values:
             raise SettingsError(at(path, "given twice", f"write {key} once", where=where))
@@ -216,221 +162,5 @@ def _where(text: str, key: str) -> str:
     return key
 
 
-def _nearest(word: str, known: Iterable[str]) -> str | None:
-    """A question that names the known word which the misspelt one resembles, if there is one."""
-    close = difflib.get_close_matches(word.lower(), list(known), n=1)
-    return f"did you mean {close[0]}?" if close else None
-
-
-def _shown(value: object) -> str:
-    """A value as the user wrote it, shortened."""
-    text = json.dumps(value, ensure_ascii=False) if isinstance(value, str) else str(value)
-    return text if len(text) <= 60 else text[:57] + "..."
-
-
-def _number_or_text(text: str) -> object:
-    """What the text would be in the file without quotes: an integer, a number, or else text."""
-    for kind in (int, float):
-        try:
-            return kind(text)
-        except ValueError:
-            continue
-    return text
-
-
-def _integer(low: int, high: int) -> Check:
-    def check(value: object, folder: Path) -> int:
-        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-            raise ValueError
-        return value
-
-    return check
-
-
-def _number(low: float, high: float) -> Check:
-    def check(value: object, folder: Path) -> float:
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise ValueError
-        if not low <= value <= high:  # false for NaN
-            raise ValueError
-        return float(value)
-
-    return check
-
-
-def _boolean(value: object, folder: Path) -> bool:
-    if not isinstance(value, bool):
-        raise ValueError
-    return value
-
-
-def _port(value: object, folder: Path) -> int | None:
-    if value == "off":
-        return None
-    number = _integer(0, 65535)(value, folder)
-    assert isinstance(number, int)
-    return number
-
-
-def _speed(value: object, folder: Path) -> object:
-    return math.inf if value == "max" else _number(0.01, 1000.0)(value, folder)
-
-
-def _one_of(*words: str) -> Check:
-    def check(value: object, folder: Path) -> str:
-        if not isinstance(value, str):
-            raise ValueError
-        if value not in words:
-            advice = _nearest(value, words)
-            raise ValueError(f"{_shown(value)} is unknown" + (f", {advice}" if advice else ""))
-        return value
-
-    return check
-
-
-def _dialect(value: object, folder: Path) -> DialectMode:
-    return DialectMode(_one_of(*_DIALECTS)(value, folder))
-
-
-def _host(value: object, folder: Path) -> str:
-    if not isinstance(value, str) or not value.strip() or not value.isprintable():
-        raise ValueError
-    return value.strip()
-
-
-def _world(value: object, folder: Path) -> str:
-    if not isinstance(value, str) or not value.strip():
-        raise ValueError
-    # A bare word is a shipped world; anything with a slash is a place seen from the file.
-    return str(_path(value, folder).absolute()) if "/" in value else value
-
-
-def _folders(value: object, folder: Path) -> tuple[Path, ...]:
-    entries = [value] if isinstance(value, str) else value
-    if not isinstance(entries, list):
-        raise ValueError
-    found = []
-    for entry in entries:
-        if not isinstance(entry, str) or not entry:
-            raise ValueError
-        path = _path(entry, folder)
-        if not path.is_dir():
-            raise ValueError(f"there is no folder {json.dumps(str(path))}")
-        found.append(path)
-    return tuple(found)
-
-
-def _path(text: str, folder: Path) -> Path:
-    # Not `Path.expanduser`, which raises where there is no such user.
-    return folder / os.path.expanduser(text)
-
-
-_DIALECTS = tuple(mode.value for mode in DialectMode)
-_PORT = 'a port from 0 (any free one) to 65535, or "off"'
-
-
-def _port_option(key: str, service: str) -> Option:
-    return Option(key, _PORT, _port, f"port of {service}", "N")
-
-
-def _word_option(key: str, words: tuple[str, ...], help: str, metavar: str | None = None) -> Option:
-    return Option(key, f"one of {', '.join(words)}", _one_of(*words), help, metavar, text=True)
-
-
-OPTIONS: tuple[Option, ...] = (
-    Option(
-        "world",
-        "the name of a world (see `usarsim worlds`) or the path of a world folder",
-        _world,
-        "world to simulate, a name or a folder",
-        "NAME|PATH",
-        text=True,
-    ),
-    Option("host", "an address of this machine", _host, "address to listen on", "ADDR", text=True),
-    _port_option("port", "robot control"),
-    _port_option("image_port", "the camera images"),
-    _port_option("groundtruth_port", "positions for wireless simulation"),
-    _port_option("wireless_port", "wireless simulation"),
-    _port_option("truth_port", "poses for scoring tools"),
-    _port_option("comserver_port", "the older wireless simulation"),
-    Option(
-        "dialect",
-        f"one of {', '.join(_DIALECTS)}",
-        _dialect,
-        "shape of the output: that of an era, or by robot class",
-        "|".join(_DIALECTS),
-        text=True,
-    ),
-    Option(
-        "speed",
-        'a factor from 0.01 to 1000, or "max"',
-        _speed,
-        "simulated seconds per second",
-        "FACTOR|max",
-    ),
-    Option(
-        "seed",
-        "a whole number from 0 to 2^63 - 1",
-        _integer(0, 2**63 - 1),
-        "seed of all noise",
-        "N",
-    ),
-    Option(
-        "timestep",
-        "seconds from 0.0005 to 0.02",
-        _number(0.0005, 0.02),
-        "step of the physics in seconds",
-        "S",
-    ),
-    Option(
-        "robots",
-        "an existing folder, or a list of them",
-        _folders,
-        "folder with further robot files; may be repeated",
-        "DIR",
-        text=True,
-        repeat=True,
-    ),
-    Option(
-        "max_robots", "a whole number from 1 to 64", _integer(1, 64), "robots at the same time", "N"
-    ),
-    Option(
-        "max_objects",
-        "a whole number from 0 to 4096",
-        _integer(0, 4096),
-        "objects of world controllers, and avatars, at the same time",
-        "N",
-    ),
-    Option(
-        "clean_on_close",
-        "true or false",
-        _boolean,
-        "whether objects leave with their world controller",
-    ),
-    _word_option("log_level", tuple(LEVELS), "least severe log lines to show", "|".join(LEVELS)),
-    _word_option("sta_order", ("ut2004", "udk"), "order of STA segments in the udk dialect"),
-    Option(
-        "max_connections",
-        "a whole number from 1 to 1024",
-        _integer(1, 1024),
-        "control connections at the same time",
-    ),
-    _word_option("default_start", ("origin", "first"), "place of robots whose INIT names none"),
-    _word_option("second_init", ("ignore", "replace"), "what a second INIT does"),
-    Option(
-        "outbox_bytes",
-        "bytes from 65536 to 67108864",
-        _integer(64 * 1024, 64 * 1024 * 1024),
-        "periodic lines that may wait for one client",
-    ),
-    Option(
-        "quiet_period",
-        "seconds from 0 to 10",
-        _number(0.0, 10.0),
-        "silence after INIT, seconds of wall time",
-    ),
-)
-"""Everything that can be set, in the order of the help."""
-
 _BY_KEY = {option.key: option for option in OPTIONS}
-_PORT_KEYS = tuple(option.key for option in OPTIONS if option.check is _port)
+_PORT_KEYS = tuple(option.key for option in OPTIONS if is_port(option))

@@ -16,7 +16,8 @@ import usarsim_server
 from usarsim_server import cli
 from usarsim_server.cli import build_parser, main
 from usarsim_server.errors import WorldError
-from usarsim_server.settings import OPTIONS, Settings
+from usarsim_server.options import OPTIONS
+from usarsim_server.settings import Settings
 
 
 @pytest.fixture

@@ -33,8 +33,8 @@ class Region:
 
     def inside(self, width: int, height: int) -> bool:
         """Whether it has pixels and all of them lie in a picture of this size."""
-        fits_x = 0 <= self.x and self.x + self.width <= width
-        return not self.empty and fits_x and 0 <= self.y and self.y + self.height <= height
+        fits_x = self.x >= 0 and self.x + self.width <= width
+        return not self.empty and fits_x and self.y >= 0 and self.y + self.height <= height
 
     def meets(self, other: Region) -> bool:
         """Whether the two have pixels in common."""

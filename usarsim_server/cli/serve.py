@@ -12,7 +12,8 @@ from types import FrameType
 
 from usarsim_server import logs
 from usarsim_server.cli.common import Subparsers, add_command
-from usarsim_server.settings import OPTIONS, Option, Settings, load_settings
+from usarsim_server.options import OPTIONS, Option
+from usarsim_server.settings import Settings, load_settings
 
 __all__ = ["add_parser", "run"]
 
