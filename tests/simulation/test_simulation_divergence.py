@@ -24,7 +24,8 @@ from sim_fakes import (
 )
 
 from usarsim_server.errors import UsarsimError
-from usarsim_server.simulation.engine import SPEED_LIMIT, Engine
+from usarsim_server.simulation.divergence import SPEED_LIMIT
+from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.model import PhysicsOptions
 
 

@@ -3,27 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from types import MappingProxyType
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.errors import UsarsimError
 from usarsim_server.logs import Log
 from usarsim_server.simulation.articulation import JointOrder
 from usarsim_server.simulation.belts import Belts
 from usarsim_server.simulation.compensation import compensate
+from usarsim_server.simulation.divergence import SPEED_LIMIT, culprits, is_sound
 from usarsim_server.simulation.frames import Pose
+from usarsim_server.simulation.growth import Growth, grow
 from usarsim_server.simulation.limbs import Limbs
 from usarsim_server.simulation.model import (
     JOINT_WIDTH,
-    CompiledWorld,
     PhysicsOptions,
     RobotModel,
     compile_world,
-    matching_joints,
     put,
     root_qpos,
 )
@@ -32,12 +30,9 @@ from usarsim_server.simulation.servo import WheelServos
 from usarsim_server.simulation.snapshot import RobotLayout, Snapshot
 from usarsim_server.simulation.traction import Traction
 
-__all__ = ["Engine", "Growth"]
+__all__ = ["Engine"]
 
 Array = NDArray[np.float64]
-
-SPEED_LIMIT = 1000.0
-"""m/s and rad/s: a body that is faster has diverged."""
 
 WAKE = -0.0
 """Written to a velocity of a sleeping body: equal to zero, but not byte by byte, so it wakes."""
@@ -45,27 +40,11 @@ WAKE = -0.0
 _log = Log("simulation")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Growth:
-    """A larger model that was compiled aside, ready to replace the running one."""
-
-    world: CompiledWorld
-    data: mujoco.MjData
-    servos: WheelServos
-    limbs: Limbs
-    traction: Traction
-    joints: tuple[NDArray[np.intp], NDArray[np.intp]]
-    """Old and new coordinate indices of everything that exists in both."""
-    dofs: tuple[NDArray[np.intp], NDArray[np.intp]]
-    """Old and new velocity indices of everything that exists in both."""
-
-
 class Engine:
     """Steps the world, holds robots in slots, contains divergence.
 
-    MuJoCo would reset the whole world when one body diverges. Here a batch of steps that ends in
-    nonsense is taken back, the body whose absence lets it succeed is found by trial, and only
-    that one leaves: a robot is parked, a movable object returns to where the world file has it.
+    Of what diverges (see `divergence.py`) a robot leaves the world, a movable object returns to
+    where the world file has it.
 
     Attributes:
         world: the current model generation.
@@ -303,12 +282,13 @@ class Engine:
             UsarsimError: if the world diverges even without robots.
         """
         self._remember()
-        self._run(steps)
-        lost = [] if self._sound() else self._contain(steps)
+        self.run(steps)
+        lost = [] if is_sound(self.data) else self._take_out(culprits(self, steps))
         self.steps += steps
         return lost
 
-    def _run(self, steps: int) -> None:
+    def run(self, steps: int) -> None:
+        """Part of `advance`: step, whatever comes of it; `steps` does not count these."""
         model, data, servos = self.world.model, self.data, self._servos
         moving, compensated = self._moving, self._options.compensation
         traction, limbs = self._traction, self._limbs
@@ -330,19 +310,14 @@ class Engine:
                 traction.release(data)
         limbs.feel(data)
 
-    def _sound(self) -> bool:
-        qvel = self.data.qvel
-        if qvel.size and not (qvel.max() < SPEED_LIMIT and qvel.min() > -SPEED_LIMIT):
-            return False
-        return bool(np.isfinite(self.data.qpos).all())
-
     def _remember(self) -> None:
         data = self.data
         self._before = (data.qpos.copy(), data.qvel.copy(), data.qacc_warmstart.copy())
         self._servos_before = self._servos.state()
         self._limbs_before = self._limbs.state(data)
 
-    def _restore(self) -> None:
+    def restore(self) -> None:
+        """Part of containing divergence: go back to before the last batch."""
         data = self.data
         data.qpos[:], data.qvel[:], data.qacc_warmstart[:] = self._before
         data.time = self.time
@@ -351,52 +326,16 @@ class Engine:
 
     # -- containing divergence ---------------------------------------------------------------
 
-    def _contain(self, steps: int) -> list[int]:
-        """Repeat a batch that failed without the bodies that make it fail."""
-        self._restore()
-        for _ in range(steps):
-            self._run(1)
-            if not self._sound():
-                break
-        else:
-            return []  # whatever it was, it is gone
-        suspects = self._suspects()
-        everything = list(range(self.world.model.ntree))
-        trials = [[tree] for tree in suspects]
-        trials += [suspects[:count] for count in range(2, len(suspects) + 1)]
-        for culprits in (*trials, everything):
-            if self._goes_without(culprits, steps):
-                return self._take_out(culprits)
-        raise UsarsimError("the physics of the world diverges, with robots and without")
-
-    def _suspects(self) -> list[int]:
-        """Kinematic trees in a bad state, the likeliest origin first.
-
-        A value that is not finite spreads through the constraint solver within the step, but not
-        through the accelerations before constraints; a finite one spreads by contact at most.
-        """
-        model, data = self.world.model, self.data
-        speed = np.nan_to_num(np.abs(data.qvel), nan=SPEED_LIMIT, posinf=np.finfo(float).max)
-        speed[~np.isfinite(data.qacc_smooth)] = np.inf
-        worst = np.zeros(model.ntree)
-        np.maximum.at(worst, model.dof_treeid, speed)
-        order = [int(tree) for tree in np.argsort(-worst, kind="stable")]
-        return [tree for tree in order if worst[tree] >= SPEED_LIMIT] or order
-
-    def _goes_without(self, trees: Sequence[int], steps: int) -> bool:
-        """Take the last batch back and repeat it with some trees put away."""
-        self._restore()
+    def put_away(self, tree: int) -> None:
+        """Part of containing divergence: park a robot's tree, put any other back."""
         robots = self._robot_of_tree()
-        for tree in trees:
-            if tree in robots:
-                slot = self._active[robots[tree]]
-                self._servos.release(slot)
-                self._limbs.release(slot)
-                self._put(slot, self.world.parking[slot])
-            else:
-                self._put_back(tree)
-        self._run(steps)
-        return self._sound()
+        if tree in robots:
+            slot = self._active[robots[tree]]
+            self._servos.release(slot)
+            self._limbs.release(slot)
+            self._put(slot, self.world.parking[slot])
+        else:
+            self._put_back(tree)
 
     def _take_out(self, trees: Sequence[int]) -> list[int]:
         """Strike the robots among the trees off the list; the rest is only reported."""
@@ -443,12 +382,7 @@ class Engine:
         """
         old = self.world
         kept = (replaced.get(number, slot) for number, slot in enumerate(old.slots))
-        world = compile_world(self._scenery, (*kept, *added), self._options, old.generation + 1)
-        data = mujoco.MjData(world.model)
-        mujoco.mj_forward(world.model, data)
-        joints, dofs = matching_joints(old.model, world.model)
-        traction = Traction(world.model, self._options.surfaces)
-        return Growth(world, data, WheelServos(world), Limbs(world), traction, joints, dofs)
+        return grow(old, self._scenery, (*kept, *added), self._options)
 
     def adopt(self, growth: Growth) -> None:
         """Replace the model by a grown one and carry the whole state over."""
