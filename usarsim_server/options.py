@@ -40,6 +40,7 @@ class Option:
         metavar: placeholder on the command line; None for what only the file can set.
         text: the value is text as it stands, even if it looks like a number.
         repeat: may be given more than once on the command line.
+        switch: true or false; on the command line the option alone means true.
     """
 
     key: str
@@ -49,6 +50,7 @@ class Option:
     metavar: str | None = None
     text: bool = False
     repeat: bool = False
+    switch: bool = False
 
     @property
     def flag(self) -> str:
@@ -77,12 +79,15 @@ def nearest(word: str, known: Iterable[str]) -> str | None:
 
 def _shown(value: object) -> str:
     """A value as the user wrote it, shortened."""
-    text = json.dumps(value, ensure_ascii=False) if isinstance(value, str) else str(value)
+    quoted = isinstance(value, str | bool)
+    text = json.dumps(value, ensure_ascii=False) if quoted else str(value)
     return text if len(text) <= 60 else text[:57] + "..."
 
 
 def _number_or_text(text: str) -> object:
-    """What the text would be in the file without quotes: an integer, a number, or else text."""
+    """What the text would be in the file without quotes: a truth, a number, or else text."""
+    if text in ("true", "false"):
+        return text == "true"
     for kind in (int, float):
         try:
             return kind(text)
@@ -188,6 +193,10 @@ def _port_option(key: str, service: str) -> Option:
 
 def _word_option(key: str, words: tuple[str, ...], help: str, metavar: str | None = None) -> Option:
     return Option(key, f"one of {', '.join(words)}", _one_of(*words), help, metavar, text=True)
+
+
+def _switch_option(key: str, help: str) -> Option:
+    return Option(key, "true or false", _boolean, help, "true|false", switch=True)
 
 
 OPTIONS: tuple[Option, ...] = (

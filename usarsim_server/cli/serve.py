@@ -42,6 +42,8 @@ def add_parser(subparsers: Subparsers) -> None:
                 dest=option.key,
                 metavar=option.metavar,
                 action="append" if option.repeat else "store",
+                nargs="?" if option.switch else None,
+                const="true" if option.switch else None,
                 help=f"{option.help} ({_default(option, defaults)})",
             )
 
@@ -76,6 +78,8 @@ def _default(option: Option, defaults: Settings) -> str:
         return "default off"
     if value == ():
         return "default none"
+    if isinstance(value, bool):
+        return f"default {str(value).lower()}"
     return f"default {getattr(value, 'value', value)}"
 
 
