@@ -181,7 +181,7 @@ def test_defaults_are_those_of_the_legacy_installations() -> None:
 def test_every_setting_has_exactly_one_option() -> None:
     """Nothing in `Settings` is out of reach, and the table names nothing else."""
     keys = [option.key for option in OPTIONS]
-    assert sorted([*keys, "config"]) == sorted(field.name for field in fields(Settings))
+    assert sorted([*keys, "config", "written"]) == sorted(field.name for field in fields(Settings))
 
 
 def test_settings_cannot_be_changed() -> None:
@@ -225,9 +225,19 @@ def test_command_line_wins_over_the_file(
     from_file = load_settings({}, path)
     both = served("--config", str(path), f"{flag(key)}={text}")
     assert getattr(both, key) == value != getattr(from_file, key)
-    unchanged = {field.name for field in fields(Settings)} - {key}
+    unchanged = {field.name for field in fields(Settings)} - {key, "written"}
     assert all(getattr(both, name) == getattr(from_file, name) for name in unchanged)
     assert both.config == path
+
+
+def test_settings_know_which_of_them_were_asked_for(tmp_path: Path) -> None:
+    """A port that somebody wrote down is demanded, even if it is the default; others are not."""
+    path = written(tmp_path, "image-port = 5003\n")
+    settings = served("--config", str(path), "--truth-port=3989")
+    assert settings.demands("image_port")
+    assert settings.demands("truth_port")
+    assert not settings.demands("groundtruth_port")
+    assert not Settings().demands("port")
 
 
 def test_hyphens_of_the_command_line_are_understood_in_the_file(tmp_path: Path) -> None:

@@ -51,7 +51,7 @@ ROOMS: dict[str, set[str]] = {
     "importers": {"protocol", "simulation", "worlds"} | VALUES,
     "services": MIDDLE | VALUES,
     "app": MIDDLE | VALUES | {"services", "settings"},
-    "testing": MIDDLE | VALUES | {"app", "services", "settings"},
+    "testing": MIDDLE | VALUES | {"app", "options", "services", "settings"},
     "validation": MIDDLE | VALUES | {"app", "cli", "settings", "testing"},
     "cli": MIDDLE
     | VALUES

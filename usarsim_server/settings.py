@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -46,6 +46,7 @@ class Settings:
         second_init: what a second INIT on a connection does (protocol reference 3.2).
         outbox_bytes: budget of periodic lines waiting for one client, bytes.
         quiet_period: s of wall time after INIT without STA and SEN (protocol reference 1.8).
+        written: keys that somebody wrote down, whatever the value; see `demands`.
     """
 
     world: str = "arena"
@@ -72,6 +73,15 @@ class Settings:
     second_init: Literal["ignore", "replace"] = "ignore"
     outbox_bytes: int = 256 * 1024
     quiet_period: float = 0.27
+    written: frozenset[str] = field(default=frozenset(), compare=False)
+
+    def demands(self, key: str) -> bool:
+        """Whether a setting was asked for and is no mere default.
+
+        A server that cannot have a port that was asked for does not start; without one that it
+        would merely have liked it goes on.
+        """
+        return key in self.written
 
 
 def load_settings(
@@ -98,7 +108,7 @@ def load_settings(
             raise SettingsError(at(option.flag, str(error), f"write {option.expects}")) from None
         places[option.key] = option.flag
     fitting: dict[str, Any] = values
-    settings = Settings(config=config, **fitting)
+    settings = Settings(config=config, written=frozenset(values), **fitting)
     _check_ports(settings, places)
     return settings
 

@@ -21,6 +21,7 @@ from types import TracebackType
 from typing import Self
 
 from usarsim_server.app import Assembly, assemble
+from usarsim_server.options import OPTIONS, is_port
 from usarsim_server.protocol.framing import LineFramer
 from usarsim_server.protocol.grammar import parse_line
 from usarsim_server.robots.agent import RobotAgent
@@ -32,6 +33,9 @@ __all__ = ["Rehearsal", "RehearsedClient", "ScriptedClient", "ServerProcess", "r
 
 TIMEOUT = 10.0
 """s of wall time after which a test gives up waiting."""
+
+SIDE_PORTS = tuple(one.key for one in OPTIONS if is_port(one) and one.key != "port")
+"""Settings of all ports but that of robot control."""
 
 SETTLE_POLL = 0.0002
 """s of wall time between two looks at an agent that is busy."""
@@ -206,9 +210,11 @@ def running_server(**settings: object) -> Iterator[tuple[Assembly, dict[str, End
     """Run a whole server in this process while inside; yields it and its endpoints by name.
 
     Args:
-        settings: fields of `Settings`; all ports default to any free one or off.
+        settings: fields of `Settings`; the control port defaults to any free one, those of the
+            side channels to none.
     """
-    assembly = assemble(Settings(**{"port": 0, **settings}))  # type: ignore[arg-type]
+    ports = {**dict.fromkeys(SIDE_PORTS), "port": 0}
+    assembly = assemble(Settings(**{**ports, **settings}))  # type: ignore[arg-type]
     ready = threading.Event()
     endpoints: dict[str, Endpoint] = {}
     loops: list[tuple[asyncio.AbstractEventLoop, asyncio.Event]] = []
@@ -248,12 +254,14 @@ class ServerProcess:
         """Start it and wait for READY.
 
         Args:
-            arguments: of `usarsim serve`; the control port defaults to any free one.
+            arguments: of `usarsim serve`; the control port defaults to any free one, those of
+                the side channels to none.
 
         Raises:
             RuntimeError: if it does not become ready; with what it said.
         """
-        command = [sys.executable, "-m", "usarsim_server.cli", "serve", "--port", "0", *arguments]
+        ports = [f"--{key.replace('_', '-')}=off" for key in SIDE_PORTS] + ["--port=0"]
+        command = [sys.executable, "-m", "usarsim_server.cli", "serve", *ports, *arguments]
         self.process = subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )

@@ -30,8 +30,9 @@ class Service(Protocol):
 
     Attributes:
         name: as it stands on the READY line.
-        required: whether the server is pointless without it; a service that is not required and
-            cannot start is a warning.
+        required: whether the server shall not run without it, because it is pointless then or
+            because somebody asked for this very port (`Settings.demands`); a service that is not
+            required and cannot start is a warning (side channels reference 10, no. 10).
     """
 
     @property
