@@ -24,6 +24,7 @@ __all__ = [
     "read_int",
     "read_number",
     "read_vector",
+    "single",
     "vector",
 ]
 
@@ -121,6 +122,26 @@ def fixed(value: float, digits: int) -> str:
     text = f"{abs(units):0{digits + 1}d}"
     sign = "-" if units < 0 else ""
     return f"{sign}{text[:-digits]}.{text[-digits:]}" if digits else f"{sign}{text}"
+
+
+def single(value: float, digits: int) -> str:
+    """Print a number as the original's own formatter does: single precision, truncated.
+
+    There is no slack: 1.3 is a little less than that in single precision and prints 1.2999, as
+    recorded from the original, and a small negative number keeps its sign (side channels
+    reference 3.2). Not-a-number and infinities print as 0.
+
+    Args:
+        value: to print.
+        digits: digits after the point, at least one.
+    """
+    value = float(value)
+    if not math.isfinite(value):
+        value = 0.0
+    nearest = float(np.float32(min(max(value, -MAX_MAGNITUDE), MAX_MAGNITUDE)))
+    # 24 significant bits times a power of ten below 2^29 is exact in double precision.
+    units = f"{int(abs(nearest) * 10.0**digits):0{digits + 1}d}"
+    return f"{'-' if nearest < 0.0 else ''}{units[:-digits]}.{units[-digits:]}"
 
 
 def vector(values: Iterable[float], digits: int) -> str:

@@ -1,0 +1,76 @@
+"""Answers GETPOS and GETOBS: who is where, and what stands between them (side channels 3)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from usarsim_server.protocol import ground_truth as text
+from usarsim_server.protocol.ground_truth import BetweenPoints, BetweenRobots, Query
+from usarsim_server.radio.station import ObstacleCounter, Station, StationSource
+from usarsim_server.simulation.frames import flip_point
+
+__all__ = ["GroundTruth"]
+
+
+class GroundTruth:
+    """Knows all stations and everything between them; may be used by any thread."""
+
+    def __init__(self, stations: StationSource, obstacles: ObstacleCounter) -> None:
+        """Know the world.
+
+        Args:
+            stations: all robots of this moment.
+            obstacles: counts what stands between two points.
+        """
+        self._stations = stations
+        self._obstacles = obstacles
+
+    def answer(self, line: str) -> str | None:
+        """The reply to one request, both without line end; None: there is no reply.
+
+        May block for a physics step, so it is not for the event loop. An empty text is a reply,
+        too: an empty line has to be sent.
+
+        Raises:
+            UsarsimError: if the simulation has ended.
+        """
+        replies = self.answers([line])
+        return replies[0] if replies else None
+
+    def answers(self, lines: Iterable[str]) -> list[str]:
+        """The replies to requests that came together, in order, about one and the same moment.
+
+        Cheaper than one by one: the physics is asked once for all of them. See `answer`.
+        """
+        queries = [query for line in lines if (query := text.read_query(line)) is not None]
+        needed = any(isinstance(query, text.Positions | BetweenRobots) for query in queries)
+        stations = self._stations() if needed else ()
+        return [self._reply(query, stations) for query in queries]
+
+    def _reply(self, query: Query, stations: Sequence[Station]) -> str:
+        match query:
+            case text.Positions():
+                return text.positions(_position(one) for one in stations)
+            case BetweenRobots():
+                return text.obstacles(query, self._between(query, stations))
+            case BetweenPoints():
+                ends = flip_point(query.start_point), flip_point(query.end_point)
+                return text.obstacles(query, self._obstacles.count(*ends))
+            case _:
+                return ""
+
+    def _between(self, query: BetweenRobots, stations: Sequence[Station]) -> int:
+        start, end = _find(stations, query.start), _find(stations, query.end)
+        if start is None or end is None:
+            return text.UNKNOWN_COUNT
+        return self._obstacles.count(start.position, end.position)
+
+
+def _position(station: Station) -> text.Position:
+    return text.Position(station.name, flip_point(station.position), station.battery_empty)
+
+
+def _find(stations: Sequence[Station], name: str) -> Station | None:
+    """The first station of a name, whatever its case (side channels 3.3)."""
+    wanted = name.lower()
+    return next((one for one in stations if one.name.lower() == wanted), None)
