@@ -17,6 +17,10 @@ class WorldError(UsarsimError):
     """A world folder is missing, incomplete or inconsistent."""
 
 
+class MapImportError(WorldError):
+    """A map of another program cannot be imported."""
+
+
 class RobotDescriptionError(UsarsimError):
     """A robot file cannot be used."""
 

@@ -1,0 +1,142 @@
+"""Reading files of unknown origin with bounded memory, and finding those that a map names."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path, PurePosixPath, PureWindowsPath
+
+from usarsim_server.errors import MapImportError, at
+
+__all__ = ["MAX_BYTES", "AssetIndex", "read_bytes", "read_head", "read_text"]
+
+MAX_BYTES = 1 << 30
+"""Largest map or mesh file that is read; the largest known map of the leagues has 60 MB."""
+
+MAX_INDEXED = 200_000
+"""Files that are looked at in asset folders."""
+
+HEAD = 4096
+
+
+def read_head(path: Path) -> bytes:
+    """The first 4 KiB of a file.
+
+    Raises:
+        MapImportError: it cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            return file.read(HEAD)
+    except OSError as error:
+        raise _unreadable(path, error) from error
+
+
+def read_bytes(path: Path, limit: int = MAX_BYTES) -> bytes:
+    """A whole file, or a refusal if it is larger than the limit.
+
+    Raises:
+        MapImportError: it cannot be read or is too large.
+    """
+    try:
+        with path.open("rb") as file:
+            content = file.read(limit + 1)
+    except OSError as error:
+        raise _unreadable(path, error) from error
+    if len(content) > limit:
+        problem = f"larger than {limit >> 20} MiB"
+        raise MapImportError(at(path, problem, "export the map in smaller parts"))
+    return content
+
+
+def read_text(path: Path, limit: int = MAX_BYTES) -> str:
+    """A text file in UTF-8, UTF-16 (with or without mark) or Latin-1; line ends become LF.
+
+    Raises:
+        MapImportError: it cannot be read or is too large.
+    """
+    content = read_bytes(path, limit)
+    return decode(content).replace("\r\n", "\n").replace("\r", "\n")
+
+
+def decode(content: bytes) -> str:
+    """Text of bytes in UTF-8, UTF-16 or Latin-1, whatever they are."""
+    if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return content.decode("utf-16", errors="replace")
+    if content[1:2] == b"\0" and content[3:4] == b"\0":
+        return content.decode("utf-16-le", errors="replace")
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return content.decode("latin-1")
+
+
+class AssetIndex:
+    """Files below some folders, found by name without regard to case or lost directories."""
+
+    def __init__(self, folders: Iterable[Path]) -> None:
+        """Look through the folders at the first question, not now."""
+        self._folders = tuple(dict.fromkeys(Path(folder) for folder in folders))
+        self._by_name: dict[str, list[Path]] | None = None
+
+    def find(self, name: str, extensions: Sequence[str] = ()) -> Path | None:
+        """A file by the name that a map gives.
+
+        Args:
+            name: path in any style (`C:\\\\tex\\\\a.tga`, `file:///a%20b.png`, `textures/a.jpg`),
+                with or without extension.
+            extensions: tried in this order in place of or behind the written one.
+        """
+        plain = _plain(name)
+        for folder in self._folders:
+            direct = folder / plain
+            if plain and direct.is_file():
+                return direct
+        last = PurePosixPath(plain).name.lower()
+        if not last:
+            return None
+        wanted = [last, *(last + ext for ext in extensions)]
+        stem = PurePosixPath(last).stem
+        wanted += [stem + ext for ext in extensions]
+        found = self._index()
+        for candidate in wanted:
+            if candidate in found:
+                return _nearest(found[candidate], plain)
+        return None
+
+    def _index(self) -> dict[str, list[Path]]:
+        if self._by_name is None:
+            self._by_name = {}
+            count = 0
+            for folder in self._folders:
+                for path in sorted(folder.rglob("*")) if folder.is_dir() else ():
+                    count += 1
+                    if count > MAX_INDEXED:
+                        return self._by_name
+                    if path.is_file():
+                        self._by_name.setdefault(path.name.lower(), []).append(path)
+        return self._by_name
+
+
+def _plain(name: str) -> str:
+    """A relative path with forward slashes."""
+    from urllib.parse import unquote
+
+    name = name.strip().strip('"')
+    for scheme in ("file://", "model://", "package://"):
+        if name.lower().startswith(scheme):
+            name = name[len(scheme) :]
+    if "%" in name:
+        name = unquote(name)
+    windows = PureWindowsPath(name)
+    parts = [part for part in windows.parts if part not in (windows.anchor, "..", ".", "/")]
+    return "/".join(parts)
+
+
+def _nearest(paths: Sequence[Path], wanted: str) -> Path:
+    """Of files with the same name the one that shares most folder names with the wanted path."""
+    folders = {part.lower() for part in PurePosixPath(wanted).parts[:-1]}
+    return max(paths, key=lambda path: len(folders & {part.lower() for part in path.parts[:-1]}))
+
+
+def _unreadable(path: Path, error: OSError) -> MapImportError:
+    return MapImportError(at(path, f"cannot be read: {error.strerror}", "check the path"))

@@ -1,0 +1,84 @@
+"""What an import has to tell its user: counts, missing files, warnings; collected, not printed."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+__all__ = ["Findings", "Remark"]
+
+MAX_WARNINGS = 500
+"""Different warnings that are kept; a broken file could give millions."""
+
+
+@dataclass(frozen=True, slots=True)
+class Remark:
+    """One thing the user should know.
+
+    Attributes:
+        subject: object or file it is about.
+        text: what happened and what to do about it.
+        times: how often.
+    """
+
+    subject: str
+    text: str
+    times: int = 1
+
+
+class Findings:
+    """A notebook that readers and builder share during one import."""
+
+    def __init__(self) -> None:
+        self._classes: Counter[str] = Counter()
+        self._skipped: Counter[str] = Counter()
+        self._missing: Counter[tuple[str, str]] = Counter()
+        self._warnings: Counter[tuple[str, str]] = Counter()
+        self._facts: dict[str, object] = {}
+
+    def count(self, kind: str, times: int = 1) -> None:
+        """An actor, node or element of this class was read."""
+        self._classes[kind] += times
+
+    def skip(self, kind: str, times: int = 1) -> None:
+        """One of this class was left out because nothing is known about the class (item 16)."""
+        self._skipped[kind] += times
+
+    def missing(self, kind: str, name: str) -> None:
+        """A `mesh`, `texture`, `model` or `file` that the map names was not found (item 70)."""
+        self._missing[kind, name] += 1
+
+    def warn(self, subject: str, text: str) -> None:
+        """Something worth knowing about one subject; equal warnings are counted."""
+        key = (subject, text)
+        if key in self._warnings or len(self._warnings) < MAX_WARNINGS:
+            self._warnings[key] += 1
+
+    def fact(self, name: str, value: object) -> None:
+        """A number or word for the report; replaces an earlier one."""
+        self._facts[name] = value
+
+    @property
+    def classes(self) -> Mapping[str, int]:
+        """Objects read, by class."""
+        return MappingProxyType(self._classes)
+
+    @property
+    def skipped(self) -> Mapping[str, int]:
+        """Objects left out, by class."""
+        return MappingProxyType(self._skipped)
+
+    @property
+    def facts(self) -> Mapping[str, object]:
+        """Facts by name."""
+        return MappingProxyType(self._facts)
+
+    def missing_list(self) -> list[tuple[str, str, int]]:
+        """Kind, name and number of uses of everything missing, once each, sorted."""
+        return sorted((kind, name, times) for (kind, name), times in self._missing.items())
+
+    def warnings(self) -> list[Remark]:
+        """In the order of first appearance."""
+        return [Remark(subject, text, n) for (subject, text), n in self._warnings.items()]

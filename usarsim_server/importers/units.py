@@ -1,0 +1,156 @@
+"""From the frames and units of other programs into the simulation frame (worlds reference 2).
+
+Unreal: x forward, y right, z up (left-handed), lengths in Unreal units, angles in 65536ths of a
+turn. All functions return float64 arrays; lengths come out in metres.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_server.simulation.frames import Pose
+
+__all__ = [
+    "ROTATION_UNIT",
+    "UU_PER_METRE",
+    "axis_matrix",
+    "pose_of_matrix",
+    "unreal_matrix",
+    "unreal_points",
+    "unreal_pose",
+    "unreal_rotation",
+]
+
+Array = NDArray[np.float64]
+
+UU_PER_METRE = 250.0
+"""Unreal units per metre in USARSim maps (worlds reference 2.2)."""
+
+ROTATION_UNIT = math.tau / 65536.0
+"""rad per Unreal rotation unit."""
+
+MIRROR = np.diag([1.0, -1.0, 1.0])
+
+
+def unreal_points(points: Sequence[Sequence[float]] | Array, scale: float = UU_PER_METRE) -> Array:
+    """Points (n, 3) or one point (3,): (X, Y, Z) becomes (X, -Y, Z) / scale (item 1).
+
+    This is a reflection: whoever uses it on faces reverses their vertex order once.
+    """
+    answer: Array = np.asarray(points, dtype=float) * np.array([1.0, -1.0, 1.0]) / scale
+    return answer
+
+
+def unreal_rotation(pitch: float, yaw: float, roll: float) -> Array:
+    """Rotation (3, 3) in the simulation frame of a rotator in rotation units, unwrapped or not.
+
+    Rz(-yaw) Ry(-pitch) Rx(roll) (worlds reference 2.3; items 2 to 6).
+    """
+    cp, sp = _cos_sin(pitch)
+    cy, sy = _cos_sin(yaw)
+    cr, sr = _cos_sin(roll)
+    turn_z = np.array([[cy, sy, 0.0], [-sy, cy, 0.0], [0.0, 0.0, 1.0]])
+    turn_y = np.array([[cp, 0.0, -sp], [0.0, 1.0, 0.0], [sp, 0.0, cp]])
+    turn_x = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
+    answer: Array = turn_z @ turn_y @ turn_x
+    return answer
+
+
+def unreal_pose(
+    location: Sequence[float], rotator: Sequence[float], scale: float = UU_PER_METRE
+) -> Pose:
+    """Pose of an actor; the rotator is (pitch, yaw, roll) in rotation units."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = unreal_rotation(*rotator)
+    matrix[:3, 3] = unreal_points(np.asarray(location, dtype=float), scale)
+    return pose_of_matrix(matrix)
+
+
+def unreal_matrix(
+    location: Sequence[float] = (0.0, 0.0, 0.0),
+    rotator: Sequence[float] = (0.0, 0.0, 0.0),
+    scale3d: Sequence[float] = (1.0, 1.0, 1.0),
+    pivot: Sequence[float] = (0.0, 0.0, 0.0),
+    scale: float = UU_PER_METRE,
+    main_scale: Sequence[float] = (1.0, 1.0, 1.0),
+    post_scale: Sequence[float] = (1.0, 1.0, 1.0),
+) -> Array:
+    """Matrix (4, 4) from an actor's local frame (already mirrored, in metres) into the world.
+
+    T(location) diag(post) R diag(main DrawScale DrawScale3D) T(-pivot), items 11 and 12. Diagonal
+    scales are the same in the mirrored frame. `main_scale` and `post_scale` are those of UE1 and
+    UE2 brushes.
+    """
+    linear = (
+        np.diag(np.asarray(post_scale, dtype=float))
+        @ unreal_rotation(*rotator)
+        @ np.diag(np.asarray(scale3d, dtype=float) * np.asarray(main_scale, dtype=float))
+    )
+    matrix = np.eye(4)
+    matrix[:3, :3] = linear
+    matrix[:3, 3] = unreal_points(np.asarray(location, dtype=float), scale) - linear @ (
+        unreal_points(np.asarray(pivot, dtype=float), scale)
+    )
+    return matrix
+
+
+def axis_matrix(up: str) -> Array:
+    """Rotation (3, 3) that takes a right-handed file with this axis up into the simulation frame.
+
+    Z: as it is; Y: (x, -z, y); X: (-y, -z, x) (worlds reference 2.4).
+
+    Raises:
+        ValueError: the axis is not one of X, Y and Z.
+    """
+    match up.upper():
+        case "Z":
+            return np.eye(3)
+        case "Y":
+            return np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+        case "X":
+            return np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+    raise ValueError(f"up axis {up!r} is not one of X, Y, Z")
+
+
+def pose_of_matrix(matrix: Array) -> Pose:
+    """The rigid part of a matrix (4, 4): place, and the rotation nearest to its upper left."""
+    left, _, right = np.linalg.svd(matrix[:3, :3])
+    if np.linalg.det(left @ right) < 0.0:
+        left[:, 2] *= -1.0
+    turn = left @ right
+    x, y, z = (float(value) for value in matrix[:3, 3])
+    return Pose((x, y, z), _quaternion(turn))
+
+
+def _cos_sin(units: float) -> tuple[float, float]:
+    # Quarter turns are exact: walls of rotated rooms stay axis-parallel boxes.
+    quarter, rest = divmod(units, 16384)
+    if rest == 0:
+        return ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[int(quarter) % 4]
+    return math.cos(units * ROTATION_UNIT), math.sin(units * ROTATION_UNIT)
+
+
+def _quaternion(turn: Array) -> tuple[float, float, float, float]:
+    """Unit quaternion w, x, y, z of a rotation matrix; the largest component is found first."""
+    m = turn
+    trace = float(m[0, 0] + m[1, 1] + m[2, 2])
+    squares = np.array([1.0 + trace, *(1.0 + 2.0 * np.diag(m) - trace)])
+    largest = int(np.argmax(squares))
+    w, x, y, z = (
+        (squares[0], m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]),
+        (m[2, 1] - m[1, 2], squares[1], m[0, 1] + m[1, 0], m[0, 2] + m[2, 0]),
+        (m[0, 2] - m[2, 0], m[0, 1] + m[1, 0], squares[2], m[1, 2] + m[2, 1]),
+        (m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], squares[3]),
+    )[largest]
+    length = math.sqrt(w * w + x * x + y * y + z * z)
+    sign = -1.0 if w < 0.0 else 1.0
+    return (
+        float(sign * w / length),
+        float(sign * x / length),
+        float(sign * y / length),
+        float(sign * z / length),
+    )
