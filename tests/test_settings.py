@@ -16,6 +16,7 @@ from usarsim_server.cli.serve import settings_from
 from usarsim_server.errors import SettingsError
 from usarsim_server.options import OPTIONS
 from usarsim_server.protocol.dialects import DialectMode
+from usarsim_server.protocol.images import NORMAL, ImageType
 from usarsim_server.settings import Settings, load_settings
 
 PORT_KEYS = [
@@ -36,6 +37,16 @@ GOOD = [
     *((key, "0", "0", 0) for key in PORT_KEYS),
     *((key, "65535", "65535", 65535) for key in PORT_KEYS),
     *((key, "off", '"off"', None) for key in PORT_KEYS),
+    *(("image_type", f"{number}", f"{number}", ImageType(number)) for number in (0, 5, 6, 300)),
+    *(
+        ("image_type", name, f'"{name}"', ImageType(number))
+        for name, number in [("RAW", 0), ("super", 1), ("Good", 2), ("fair", 4), ("BAD", 5)]
+    ),
+    ("image_type", "", '""', NORMAL),
+    ("image_legacy", "true", "true", True),
+    ("image_legacy", "false", "false", False),
+    ("image_silent_push", "off", '"off"', 0.0),
+    ("image_silent_push", "0.5", "0.5", 0.5),
     ("dialect", "auto", '"auto"', DialectMode.AUTO),
     ("dialect", "ut2004", '"ut2004"', DialectMode.UT2004),
     ("dialect", "udk", '"udk"', DialectMode.UDK),
@@ -71,6 +82,13 @@ BAD = [
     ("host", "a\tb", '"a\\tb"'),
     *((key, text, toml) for key in PORT_KEYS for text, toml in [("-1", "-1"), ("65536", "65536")]),
     *((key, text, toml) for key in PORT_KEYS for text, toml in [("on", '"on"'), ("1.5", "1.5")]),
+    ("image_type", "JPEG", '"JPEG"'),
+    ("image_type", "-1", "-1"),
+    ("image_type", "true", "true"),
+    ("image_legacy", "yes", '"yes"'),
+    ("image_legacy", "1", "1"),
+    ("image_silent_push", "-1", "-1"),
+    ("image_silent_push", "never", '"never"'),
     ("dialect", "utopia", '"utopia"'),
     ("dialect", "UDK", '"UDK"'),
     ("speed", "0", "0"),
@@ -117,6 +135,9 @@ ILL_TYPED = [
     ("second_init", "true"),
     ("clean_on_close", '"true"'),
     ("clean_on_close", "1"),
+    ("image_legacy", '"true"'),
+    ("image_type", "3.0"),
+    ("image_type", '"3"'),
     ("outbox_bytes", "1"),
     ("quiet_period", "-0.1"),
     ("quiet_period", "nan"),
@@ -159,6 +180,9 @@ def test_defaults_are_those_of_the_legacy_installations() -> None:
         wireless_port=50000,
         truth_port=3989,
         comserver_port=None,
+        image_type=NORMAL,
+        image_legacy=False,
+        image_silent_push=2.0,
         dialect=DialectMode.AUTO,
         speed=1.0,
         seed=0,
@@ -220,6 +244,8 @@ def test_command_line_wins_over_the_file(
     file = {**others, "host": '"10.0.0.1"', "log_level": '"info"'}
     file |= {"port": "98", "image_port": "97", "timestep": "0.01"}
     file |= {"groundtruth_port": "96", "wireless_port": "95", "comserver_port": "94"}
+    file |= {"image_type": '"FAIR"' if text != "fair" else "7", "image_silent_push": "9"}
+    file["image_legacy"] = "false" if text == "true" else "true"
     file["dialect"] = '"ut2004"' if text == "udk" else '"udk"'
     path = written(tmp_path, "".join(f"{name} = {toml}\n" for name, toml in file.items()))
     from_file = load_settings({}, path)
@@ -243,6 +269,14 @@ def test_settings_know_which_of_them_were_asked_for(tmp_path: Path) -> None:
 def test_hyphens_of_the_command_line_are_understood_in_the_file(tmp_path: Path) -> None:
     """`image-port` is what the help says, so the file takes it too."""
     assert load_settings({}, written(tmp_path, "image-port = 1\n")).image_port == 1
+
+
+@pytest.mark.parametrize("option", [one for one in OPTIONS if one.switch])
+def test_switch_alone_means_true(option) -> None:
+    """A switch needs no value on the command line; with one it can overrule the file."""
+    assert getattr(served(option.flag), option.key) is True
+    assert getattr(served(option.flag, "--seed=1"), option.key) is True
+    assert getattr(served(option.flag, "false"), option.key) is False
 
 
 # Paths

@@ -16,6 +16,7 @@ from pathlib import Path
 
 from usarsim_server.logs import LEVELS
 from usarsim_server.protocol.dialects import DialectMode
+from usarsim_server.protocol.images import IMAGE_TYPES, ImageType
 
 __all__ = ["OPTIONS", "Option", "is_port", "nearest"]
 
@@ -150,6 +151,19 @@ def _dialect(value: object, folder: Path) -> DialectMode:
     return DialectMode(_one_of(*_DIALECTS)(value, folder))
 
 
+def _image_type(value: object, folder: Path) -> ImageType:
+    if isinstance(value, str):
+        word = value.upper()
+        return ImageType.named(str(_one_of(*IMAGE_TYPES)(word, folder) if word else word))
+    number = _integer(0, 2**31 - 1)(value, folder)
+    assert isinstance(number, int)
+    return ImageType(number)
+
+
+def _patience(value: object, folder: Path) -> object:
+    return 0.0 if value == "off" else _number(0.0, 3600.0)(value, folder)
+
+
 def _host(value: object, folder: Path) -> str:
     if not isinstance(value, str) or not value.strip() or not value.isprintable():
         raise ValueError
@@ -215,6 +229,21 @@ OPTIONS: tuple[Option, ...] = (
     _port_option("wireless_port", "wireless simulation"),
     _port_option("truth_port", "poses for scoring tools"),
     _port_option("comserver_port", "the older wireless simulation"),
+    Option(
+        "image_type",
+        f"{', '.join(IMAGE_TYPES)} or a number from 0 up",
+        _image_type,
+        "encoding of the camera images",
+        "RAW|NORMAL|...",
+    ),
+    _switch_option("image_legacy", "send image clients a picture before they ask"),
+    Option(
+        "image_silent_push",
+        'seconds from 0 to 3600, or "off"',
+        _patience,
+        "seconds after which an image client that never asked gets a picture",
+        "S|off",
+    ),
     Option(
         "dialect",
         f"one of {', '.join(_DIALECTS)}",

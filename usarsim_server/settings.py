@@ -16,6 +16,7 @@ from typing import Any, Literal
 from usarsim_server.errors import SettingsError, at
 from usarsim_server.options import OPTIONS, is_port, nearest
 from usarsim_server.protocol.dialects import DialectMode
+from usarsim_server.protocol.images import NORMAL, ImageType
 
 __all__ = ["Settings", "load_settings"]
 
@@ -29,6 +30,10 @@ class Settings:
         host: address to listen on; the default reaches this machine only.
         port: control port; as for all ports 0 takes any free one and None switches it off.
         image_port, groundtruth_port, wireless_port, truth_port, comserver_port: side channels.
+        image_type: encoding of the camera images (side channels reference 2.3).
+        image_legacy: send image clients a picture before they ask (side channels reference 2.8).
+        image_silent_push: s of wall time after which an image client that has sent nothing gets
+            one picture; 0 for never (side channels reference 2.12).
         dialect: shape of the output, or how it is chosen (protocol reference 5.3).
         speed: simulated seconds per second of wall time; `math.inf` for as fast as possible.
         seed: of all noise.
@@ -57,6 +62,9 @@ class Settings:
     wireless_port: int | None = 50000
     truth_port: int | None = 3989
     comserver_port: int | None = None
+    image_type: ImageType = NORMAL
+    image_legacy: bool = False
+    image_silent_push: float = 2.0
     dialect: DialectMode = DialectMode.AUTO
     speed: float = 1.0
     seed: int = 0
