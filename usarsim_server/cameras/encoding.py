@@ -1,0 +1,162 @@
+"""From a part of a frame to the bytes that answer a request (side channels reference 2.3, 2.4).
+
+An `Encoder` may be used by several threads at once. While it works it lets other Python threads
+run: the physics must not wait for a JPEG.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from usarsim_server.cameras.view import Frame, Region
+from usarsim_server.protocol.images import ImageType, raw_header, raw_row_length, reply_header
+
+__all__ = ["Encoder", "JpegCodec", "pillow_jpeg"]
+
+JpegCodec = Callable[[NDArray[np.uint8], int, bytes], memoryview]
+"""Makes a JPEG: pixels (height, width, 3) uint8 red green blue, quality 0 to 100, head.
+
+Returns the head and behind it a complete JPEG file with 4:2:0 chroma. A codec that is faster than
+`pillow_jpeg` can take its place.
+"""
+
+GREY = 128
+"""Value of all channels of a picture that stands for one that did not come."""
+
+CACHE_BYTES = 32 * 1024 * 1024
+"""Encoded pictures of the newest frame that are kept; eight raw frames of 1280 x 960."""
+
+
+class Encoder:
+    """Encodes regions of frames, each but once while its frame is the newest."""
+
+    def __init__(
+        self,
+        image_type: ImageType,
+        jpeg: JpegCodec | None = None,
+        cache_bytes: int = CACHE_BYTES,
+    ) -> None:
+        """Make an encoder with an empty cache.
+
+        Args:
+            image_type: of all pictures.
+            jpeg: see `JpegCodec`; None for that of Pillow.
+            cache_bytes: budget of the pictures that are kept.
+        """
+        self._type = image_type
+        self._jpeg = jpeg or pillow_jpeg
+        self._budget = cache_bytes
+        self._lock = threading.Lock()
+        self._number = -1
+        self._kept: dict[Region, memoryview] = {}
+        self._bytes = 0
+
+    @property
+    def image_type(self) -> ImageType:
+        """Of all pictures."""
+        return self._type
+
+    @property
+    def kept_bytes(self) -> int:
+        """Size of the pictures that are kept."""
+        return self._bytes
+
+    def found(self, frame: Frame, region: Region) -> memoryview | None:
+        """The encoded region if it is at hand; returns at once."""
+        with self._lock:
+            return self._kept.get(region) if frame.number == self._number else None
+
+    def encode(self, frame: Frame, region: Region) -> memoryview:
+        """The whole reply, header and payload, for a region inside the frame; read-only.
+
+        Takes milliseconds if it is not at hand.
+
+        Raises:
+            ValueError: if the region is not inside the frame, or too large for its encoding.
+        """
+        message = self.found(frame, region)
+        if message is None:
+            message = self._encode(_cut(frame.pixels, region))
+            self._keep(frame.number, region, message)
+        return message
+
+    def grey(self, region: Region) -> memoryview:
+        """The whole reply with a grey picture of a region's size."""
+        shape = (region.height, region.width, 3)
+        return self._encode(np.full(shape, GREY, dtype=np.uint8))
+
+    def _encode(self, pixels: NDArray[np.uint8]) -> memoryview:
+        if self._type.quality is None:
+            return _raw(pixels, self._type)
+        # The length is known only when the payload is there; the place for it is not copied later.
+        head = reply_header(self._type, 0)
+        message = self._jpeg(pixels, self._type.quality, head)
+        message[: len(head)] = reply_header(self._type, len(message) - len(head))
+        return message.toreadonly()
+
+    def _keep(self, number: int, region: Region, message: memoryview) -> None:
+        with self._lock:
+            if number < self._number or len(message) > self._budget:
+                return
+            if number > self._number:
+                self._number = number
+                self._kept.clear()
+                self._bytes = 0
+            if region in self._kept:
+                return
+            while self._bytes + len(message) > self._budget:
+                oldest = next(iter(self._kept))
+                self._bytes -= len(self._kept.pop(oldest))
+            self._kept[region] = message
+            self._bytes += len(message)
+
+
+def pillow_jpeg(pixels: NDArray[np.uint8], quality: int, head: bytes) -> memoryview:
+    """A `JpegCodec`: Pillow, which is libjpeg-turbo.
+
+    Raises:
+        ValueError: if a side is longer than a JPEG may have.
+    """
+    picture = Image.fromarray(np.ascontiguousarray(pixels))
+    # Pillow holds Python's global lock while it encodes into memory of Python, but lets go of it
+    # while it encodes into a file; so this one lies in memory.
+    with os.fdopen(os.memfd_create("jpeg"), "w+b", buffering=0) as file:
+        file.write(head)
+        try:
+            picture.save(file, "JPEG", quality=quality, subsampling="4:2:0")
+        except OSError as error:
+            size = f"{picture.width} x {picture.height}"
+            raise ValueError(f"cannot encode {size} pixels: {error}") from error
+        message = memoryview(bytearray(os.fstat(file.fileno()).st_size))
+        file.seek(0)
+        file.readinto(message)
+    return message
+
+
+def _cut(pixels: NDArray[np.uint8], region: Region) -> NDArray[np.uint8]:
+    height, width = pixels.shape[:2]
+    if not region.inside(width, height):
+        raise ValueError(f"{region} is not inside {width} x {height} pixels")
+    below, right = region.y + region.height, region.x + region.width
+    return pixels[region.y : below, region.x : right]
+
+
+def _raw(pixels: NDArray[np.uint8], image_type: ImageType) -> memoryview:
+    """Header, size, and rows of blue, green, red, each filled up to a multiple of four bytes."""
+    height, width = pixels.shape[:2]
+    row = raw_row_length(width)
+    size = raw_header(width, height)
+    head = reply_header(image_type, len(size) + height * row) + size
+    message = bytearray(len(head) + height * row)
+    message[: len(head)] = head
+    rows = np.frombuffer(message, np.uint8, offset=len(head)).reshape(height, row)
+    filled = rows[:, : 3 * width].reshape(height, width, 3)
+    for channel in range(3):  # four times as fast as one copy with the channels reversed
+        filled[:, :, channel] = pixels[:, :, 2 - channel]
+    return memoryview(message).toreadonly()
