@@ -149,14 +149,6 @@ def test_items_keep_order_link_parameters_and_place(tmp_path: Path) -> None:
     assert encoder.parameters == {"wheel": 1}
 
 
-def test_cameras_are_checked_and_left_out(tmp_path: Path) -> None:
-    """Camera tables are accepted but become no streaming item; their mistakes are still found."""
-    camera = {"name": "Camera", "position": [0, 0, -0.4], "fov": 1.4}
-    assert [item.name for item in load(tmp_path, camera=[camera]).items] == ["F1"]
-    with pytest.raises(RobotDescriptionError, match=r"\[\[camera\]\] number 1 \(Camera\) position"):
-        load(tmp_path, camera=[{**camera, "position": [0, 0]}])
-
-
 def test_battery_table_and_its_absence(tmp_path: Path) -> None:
     """A battery table with or without keys is a battery; false and nothing are none."""
     assert load(tmp_path, battery={}).battery == BatteryDescription(1200.0, 1.0e6)

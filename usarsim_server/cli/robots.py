@@ -12,6 +12,7 @@ from usarsim_server.cli.common import Subparsers, add_command, facts, number, nu
 from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.robots.description import (
     ActuatorDescription,
+    CameraDescription,
     ItemDescription,
     Kind,
     RobotDescription,
@@ -75,6 +76,9 @@ def details(robot: RobotDescription) -> Iterator[str]:
         yield "Sensors are mounted in the wire frame: x forward, y right, z down, in m and rad."
         rows = [_item(item) for item in robot.items]
         yield table(("SENSOR", "TYPE", "LINK", "LOCATION", "ROTATION", "PARAMETERS"), rows)
+    if robot.cameras:
+        rows = [_camera(camera) for camera in robot.cameras]
+        yield table(("CAMERA", "LINK", "LOCATION", "ROTATION", "FOV", "ZOOM", "RATE"), rows)
 
 
 def _facts(robot: RobotDescription) -> Iterator[tuple[str, object]]:
@@ -108,6 +112,13 @@ def _item(item: ItemDescription) -> tuple[str, ...]:
     parameters = " ".join(f"{key}={_parameter(value)}" for key, value in item.parameters.items())
     link = item.link or "-"
     return item.name, item.type, link, numbers(location, 4), numbers(rotation, 4), parameters
+
+
+def _camera(camera: CameraDescription) -> tuple[str, ...]:
+    location, rotation = wire_from_pose(camera.pose)
+    place = (numbers(location, 4), numbers(rotation, 4))
+    zoom = f"{number(camera.min_fov, 4)} to {number(camera.max_fov, 4)}"
+    return camera.name, camera.link or "-", *place, number(camera.fov, 4), zoom, f"{camera.rate:g}"
 
 
 def _parameter(value: object) -> str:

@@ -18,6 +18,7 @@ from usarsim_server.simulation.frames import IDENTITY, Pose
 __all__ = [
     "ActuatorDescription",
     "BatteryDescription",
+    "CameraDescription",
     "Caster",
     "DriveDescription",
     "EffectorDescription",
@@ -289,6 +290,30 @@ class EffectorDescription:
 
 
 @dataclass(frozen=True, slots=True)
+class CameraDescription:
+    """A camera with a zoom lens (robots reference 2.7); its resolution is that of a tile.
+
+    Attributes:
+        name: item name on the wire.
+        link: link that carries it; None for the chassis.
+        pose: relative to the link (or the reference point); it looks along x, z is up.
+        fov: horizontal field of view when the robot appears, rad.
+        min_fov, max_fov: ends of the zoom, rad.
+        rate: pictures per second of simulated time.
+        where: `file: [[camera]] number n (name)` for error messages.
+    """
+
+    name: str
+    link: str | None = None
+    pose: Pose = IDENTITY
+    fov: float = 1.3963
+    min_fov: float = 0.3491
+    max_fov: float = 2.0944
+    rate: float = 15.0
+    where: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class RobotDescription:
     """One robot class.
 
@@ -306,6 +331,7 @@ class RobotDescription:
         source: the file it came from.
         actuators: mission packages, arms, flippers; what carries another stands before it.
         effectors: what takes hold of things.
+        cameras: in mount order.
     """
 
     name: str
@@ -324,6 +350,7 @@ class RobotDescription:
     source: Path
     actuators: tuple[ActuatorDescription, ...] = ()
     effectors: tuple[EffectorDescription, ...] = ()
+    cameras: tuple[CameraDescription, ...] = ()
 
     @property
     def driven_wheels(self) -> tuple[Wheel, ...]:

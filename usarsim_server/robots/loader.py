@@ -14,7 +14,7 @@ from pathlib import Path
 from usarsim_server.data import data_directory
 from usarsim_server.errors import RobotDescriptionError, at
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots import limb_parts, parts
+from usarsim_server.robots import camera_parts, limb_parts, parts
 from usarsim_server.robots.description import Kind, RobotDescription
 from usarsim_server.robots.tables import TableReader, read_toml
 
@@ -186,6 +186,7 @@ def _robot(
     actuators = limb_parts.read_actuators(reader, parent, dialect)
     effectors = limb_parts.read_effectors(reader, parent, actuators, dialect)
     links = [link.body for actuator in actuators for link in actuator.links]
+    carriers = [*(wheel.name for wheel in wheels), *links]
     mass = sum(piece.mass for piece in shapes) + sum(piece.mass for piece in casters)
     mass += sum(wheel.mass for wheel in wheels)
     mass += sum(link.mass for actuator in actuators for link in actuator.links)
@@ -208,10 +209,11 @@ def _robot(
             if wheels
             else parts.read_platform_report(report, mass, parent)
         ),
-        items=parts.read_items(reader, [*(wheel.name for wheel in wheels), *links], parent),
+        items=parts.read_items(reader, carriers, parent),
         source=path,
         actuators=actuators,
         effectors=effectors,
+        cameras=camera_parts.read_cameras(reader, carriers, parent),
     )
     limb_parts.check_names(reader, _bodies(robot))
     if parent is not None and _body(robot) == _body(parent):

@@ -32,6 +32,7 @@ __all__ = [
     "read_casters",
     "read_drive",
     "read_items",
+    "read_link",
     "read_platform_report",
     "read_pose",
     "read_report",
@@ -68,7 +69,8 @@ _DERIVED = dict.fromkeys(
     "leave it out: it follows from the wheels and masses, so that GEO and motion agree",
 )
 _WHEEL_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
-_WORD = re.compile(r"[^\s{}]+")
+WORD = re.compile(r"[^\s{}]+")
+"""Item names and types on the wire."""
 
 _log = Log("robots")
 
@@ -314,8 +316,6 @@ def read_items(
 ) -> tuple[ItemDescription, ...]:
     """Sensors in mount order; one that an inherited sensor equals in type and name replaces it.
 
-    Cameras are checked and left out.
-
     Args:
         reader: the file.
         links: names of wheels and other links that may carry sensors.
@@ -341,8 +341,6 @@ def read_items(
             # AirRobot mounts two items called GPS; the original did not mind (5.1 #16).
             _log.warning("a second item of this type and name", item=item.where)
         items.append(item)
-    for table in reader.tables("camera"):
-        _item(table, links, kind="Camera")
     return tuple(items)
 
 
@@ -362,26 +360,30 @@ def _check_without(reader: TableReader, parent: Parent) -> None:
         inherited += [item.name for item in parent.items]
         inherited += [actuator.name for actuator in parent.actuators]
         inherited += [effector.name for effector in parent.effectors]
+        inherited += [camera.name for camera in parent.cameras]
     for name in reader.texts("without"):
         if name not in inherited:
             names = list(dict.fromkeys(inherited))
             reader.fail(f"no inherited sensor {name!r}", nearest(name, names), "without")
 
 
-def _item(table: TableReader, links: Sequence[str], kind: str = "") -> ItemDescription:
-    link = table.text("link", "") or None
-    if link is not None:
-        known = {known.lower(): known for known in links}
-        if link.lower() not in known:
-            table.fail(f"no link {link!r}", nearest(link, links), "link")
-        link = known[link.lower()]
-    type_ = table.text("type", kind or None)
+def _item(table: TableReader, links: Sequence[str]) -> ItemDescription:
+    link = read_link(table, links)
+    type_ = table.text("type")
     name = table.text("name")
     for key, word in (("type", type_), ("name", name)):
-        if not _WORD.fullmatch(word):
+        if not WORD.fullmatch(word):
             table.fail(f"is {word!r}", "use one word without blanks and braces", key)
     table.number("interval", 0.0, low=0.0, high=1e6)
     return ItemDescription(type_, name, link, read_pose(table), table.rest("interval"), table.place)
+
+
+def read_link(table: TableReader, links: Sequence[str]) -> str | None:
+    link = table.text("link", "")
+    known = {known.lower(): known for known in links}
+    if link and link.lower() not in known:
+        table.fail(f"no link {link!r}", nearest(link, links), "link")
+    return known[link.lower()] if link else None
 
 
 def read_pose(table: TableReader) -> Pose:
