@@ -24,7 +24,12 @@ from usarsim_server.simulation.articulation import JointOrder
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose, Vector
 from usarsim_server.simulation.mailbox import Mailbox
-from usarsim_server.simulation.model import PhysicsOptions, RobotModel, check_mujoco_version
+from usarsim_server.simulation.model import (
+    CompiledWorld,
+    PhysicsOptions,
+    RobotModel,
+    check_mujoco_version,
+)
 from usarsim_server.simulation.movers import Mover, Way
 from usarsim_server.simulation.objects import ObjectFacts
 from usarsim_server.simulation.pacing import Pacer, PaceReport
@@ -121,6 +126,14 @@ class Simulation:
     def speed(self) -> float:
         """Simulated seconds per wall second asked for; infinity in lockstep."""
         return self._options.speed
+
+    def compiled(self, snapshot: Snapshot) -> CompiledWorld:
+        """The model that a snapshot belongs to, for who wants to draw it; not to be written to.
+
+        Raises:
+            KeyError: if the snapshot is older than some generations of the model.
+        """
+        return self._slots.compiled(snapshot)
 
     def robot_state(self, robot: int, snapshot: Snapshot) -> RobotBody | None:
         """A robot's window onto a snapshot; None if it is not in there."""
