@@ -59,6 +59,7 @@ class Slots:
         self._mail = mail
         self._limits = limits
         self._dynamic = {0: DynamicGeometry(engine.world)}
+        self._worlds = {0: engine.world}
         self._judge(engine.world)
         self._lock = threading.Lock()
         self._counting = threading.Lock()
@@ -73,6 +74,10 @@ class Slots:
     def geometry(self, snapshot: Snapshot) -> DynamicGeometry:
         """What moves, in the model generation of a snapshot."""
         return self._dynamic[snapshot.generation]
+
+    def compiled(self, snapshot: Snapshot) -> CompiledWorld:
+        """The model generation of a snapshot."""
+        return self._worlds[snapshot.generation]
 
     def spawn(self, model: RobotModel, pose: Pose) -> tuple[int, Pose]:
         """Put a robot or a thing into the world.
@@ -193,6 +198,8 @@ class Slots:
             # Handlers may still look at snapshots of the generations before.
             kept = [*self._dynamic.items()][-GENERATIONS_KEPT:]
             self._dynamic = {**dict(kept), generation: dynamic}
+            worlds = {number: self._worlds[number] for number, _ in kept}
+            self._worlds = {**worlds, generation: growth.world}
             self._engine.adopt(growth)
 
         self._mail.ask(adopt)
