@@ -23,7 +23,7 @@ from usarsim_server.simulation.culling import bounding_spheres, cones, starts, t
 from usarsim_server.simulation.model import SHELF_NAME, CompiledWorld
 from usarsim_server.simulation.movers import mocap_bodies
 from usarsim_server.simulation.objects import Names, Objects, geom_names
-from usarsim_server.simulation.rays import RayFan, RayHits
+from usarsim_server.simulation.rays import RayFan, RayHits, SceneryHit
 from usarsim_server.simulation.snapshot import Snapshot
 from usarsim_server.simulation.tessellation import triangles
 
@@ -142,6 +142,27 @@ class StaticGeometry:
             if geoms is not None:
                 geoms[nearer] = plane.geom
         return _Surfaces(distances, surface, None if geoms is None else self._names[geoms])
+
+    def first_hit(self, origin: Array, direction: Array, reach: float) -> SceneryHit | None:
+        """What a single ray meets first; None if there is nothing within reach.
+
+        Args:
+            origin: (3,) m. direction: (3,) unit vector. reach: m.
+        """
+        distances, faces = self._full.cast(origin[None], direction[None])
+        distance, geom, normal = float(distances[0]), -1, np.zeros(3)
+        if faces[0] >= 0:
+            geom, normal = int(self._full.geoms(faces)[0]), self._full.normals(faces)[0]
+        for plane in self._planes:
+            slope = float(direction @ plane.normal)
+            if slope < 0.0:
+                way = (plane.offset - float(origin @ plane.normal)) / slope
+                if 0.0 <= way < distance:
+                    distance, geom, normal = way, plane.geom, plane.normal
+        if geom < 0 or distance > reach:
+            return None
+        entering = float(normal @ direction) <= 0.0
+        return SceneryHit(distance, geom, self._names[geom], entering)
 
 
 class DynamicGeometry:

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["RayCaster", "RayFan", "RayHits"]
+__all__ = ["RayCaster", "RayFan", "RayHits", "SceneryHit"]
 
 Array = NDArray[np.float64]
 
@@ -55,6 +55,23 @@ class RayHits:
     distances: Array
     normals: Array | None = None
     names: tuple[str | None, ...] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class SceneryHit:
+    """The first surface of the world that a single ray meets.
+
+    Attributes:
+        distance: along the ray, m.
+        geom: number of the geom, which tells pieces without a name apart.
+        name: as in `RayHits.names`.
+        entering: the ray meets the surface from outside; unknown orientation counts as that.
+    """
+
+    distance: float
+    geom: int
+    name: str | None
+    entering: bool
 
 
 class RayCaster(Protocol):

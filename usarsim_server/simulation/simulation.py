@@ -34,7 +34,7 @@ from usarsim_server.simulation.movers import Mover, Way
 from usarsim_server.simulation.objects import ObjectFacts
 from usarsim_server.simulation.pacing import Pacer, PaceReport
 from usarsim_server.simulation.raycaster import StaticGeometry, cast, cast_scenery
-from usarsim_server.simulation.rays import RayFan, RayHits
+from usarsim_server.simulation.rays import RayFan, RayHits, SceneryHit
 from usarsim_server.simulation.slots import SlotLimits, Slots
 from usarsim_server.simulation.snapshot import RobotBody, Snapshot
 
@@ -147,6 +147,16 @@ class Simulation:
     def cast_scenery(self, fans: Sequence[RayFan]) -> list[RayHits]:
         """Answer ray fans against the part of the world that never moves."""
         return cast_scenery(fans, self._static)
+
+    def first_scenery(
+        self, origin: NDArray[np.float64], direction: NDArray[np.float64], reach: float
+    ) -> SceneryHit | None:
+        """What a single ray meets first of the part of the world that never moves.
+
+        Args:
+            origin: (3,) m. direction: (3,) unit vector. reach: m.
+        """
+        return self._static.first_hit(origin, direction, reach)
 
     def object_facts(self, name: str, snapshot: Snapshot) -> ObjectFacts | None:
         """Facts at a snapshot about the object that a ray's name belongs to (see `objects.py`)."""
