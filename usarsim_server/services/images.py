@@ -1,0 +1,284 @@
+"""The image service: camera clients connect here, TCP 5003 (side channels reference 2).
+
+Requests of one client are answered in order, each with the newest picture there is. Nothing of a
+client is read while it is being answered, so what it asks for too early waits in TCP; a client
+that does not read its picture is waited for without limit, as the original did, and costs the
+memory of that one picture. Pictures are encoded in threads beside the event loop, each but once
+for however many clients ask for it.
+
+The service knows no camera and no renderer: pictures come from a `FrameSource`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+from usarsim_server.cameras.encoding import Encoder
+from usarsim_server.cameras.view import Frame, FrameSource, Region
+from usarsim_server.logs import Log
+from usarsim_server.protocol.images import FullFrame, Request, RequestLexer, empty_reply
+from usarsim_server.services.attention import Attention, Bell
+from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits
+
+__all__ = ["ImageLimits", "ImageService"]
+
+_CHUNK = 1024
+"""Bytes read at a time: at most 512 requests of one client that wait outside the kernel."""
+_ENCODERS = 2
+"""Threads that encode; a picture of 1280 x 960 takes 3 ms."""
+
+
+@dataclass(frozen=True, slots=True)
+class ImageLimits:
+    """What the clients of the image port may use, and how long things take. Wall time.
+
+    Attributes:
+        max_connections: the original had no limit; a client that stalls holds one picture.
+        send_buffer: bytes of kernel buffer per client, before the kernel doubles it.
+        receive_buffer: the same for requests.
+        patience: s that a request waits for the renderer; then it is answered with the latest
+            frame that came meanwhile, or with a grey picture.
+        linger: s for which a region is rendered on after it was asked for.
+        regions: regions rendered for one client at a time; as many as a grid has tiles at most.
+        repeat: s between two copies of the same picture to the same client. One that asks again
+            as soon as it can read would otherwise keep a core busy with pictures it has already.
+    """
+
+    max_connections: int = 64
+    send_buffer: int = 256 * 1024
+    receive_buffer: int = 8 * 1024
+    patience: float = 2.0
+    linger: float = 2.0
+    regions: int = 64
+    repeat: float = 0.004
+
+
+class ImageService:
+    """Accepts image clients on one port."""
+
+    name = "images"
+
+    def __init__(
+        self,
+        host: str,
+        port: int,
+        source: FrameSource,
+        encoder: Encoder,
+        *,
+        legacy: bool = False,
+        silent_push: float = 2.0,
+        required: bool = False,
+        limits: ImageLimits | None = None,
+    ) -> None:
+        """Describe the service; nothing is opened before `start`.
+
+        Args:
+            host: address or host name to listen on.
+            port: 0 takes any free one.
+            source: where pictures come from.
+            encoder: makes replies of them.
+            legacy: send every client a picture when it connects (side channels reference 2.8).
+            silent_push: s after which a client that has sent nothing gets one picture; 0 for
+                never. Clients of the original ImageSrv speak only after a picture, others only
+                before (side channels reference 2.12).
+            required: whether the server shall not run without this port.
+            limits: see `ImageLimits`.
+        """
+        self.required = required
+        self._source = source
+        self._encoder = encoder
+        self._legacy = legacy
+        self._silent_push = silent_push
+        self._limits = limits or ImageLimits()
+        self._log = Log(self.name)
+        self._listener = Listener(
+            self.name,
+            host,
+            port,
+            self._serve,
+            option="--image-port",
+            limits=ListenerLimits(
+                max_connections=self._limits.max_connections,
+                receive_buffer=self._limits.receive_buffer,
+                send_buffer=self._limits.send_buffer,
+            ),
+        )
+        self._desk: _Desk | None = None
+
+    @property
+    def connections(self) -> int:
+        """Number of clients connected."""
+        return self._listener.connections
+
+    async def start(self) -> Endpoint:
+        """Open the port.
+
+        Raises:
+            ServiceError: if it cannot be opened.
+        """
+        self._desk = _Desk(self._source, self._encoder, self._limits.patience, self._log)
+        return await self._listener.start()
+
+    async def stop(self) -> None:
+        """Close the port and every connection; nothing is looked at any more."""
+        await self._listener.stop()
+        if self._desk is not None:
+            self._desk.close()
+
+    async def _serve(self, client: socket.socket, peer: str) -> None:
+        assert self._desk is not None, "clients come after start only"
+        log = self._log.bind(connection=peer)
+        conversation = _Conversation(client, self._desk, self._limits)
+        log.info("client connected")
+        try:
+            await conversation.run(self._legacy, self._silent_push)
+        finally:
+            conversation.attention.close()
+            log.info("client left", pictures=conversation.sent)
+
+
+class _Desk:
+    """Hands out encoded pictures; all clients share it."""
+
+    def __init__(self, source: FrameSource, encoder: Encoder, patience: float, log: Log) -> None:
+        self.source = source
+        self.bell = Bell()
+        self._encoder = encoder
+        self._patience = patience
+        self._log = log
+        self._loop = asyncio.get_running_loop()
+        self._threads = ThreadPoolExecutor(_ENCODERS, "image-encoder")
+        self._under_way: dict[tuple[int, Region], asyncio.Future[memoryview]] = {}
+        self._complained = False
+
+    def close(self) -> None:
+        """Let the threads end; nobody may ask any more."""
+        self._threads.shutdown(wait=False, cancel_futures=True)
+
+    def empty(self) -> bytes:
+        """The answer to a rectangle outside the frame."""
+        return empty_reply(self._encoder.image_type)
+
+    async def frame(self, region: Region) -> Frame | None:
+        """The newest frame in which a region is up to date.
+
+        If it takes too long: the latest frame that came meanwhile, None if none did.
+        """
+        deadline = self._loop.time() + self._patience
+        latest: Frame | None = None
+        while True:
+            news = self.bell.next()
+            frame = self.source.newest(region)
+            if frame is not None:
+                self._complained = False
+                return frame
+            done, _ = await asyncio.wait({news}, timeout=deadline - self._loop.time())
+            if not done:
+                self._complain()
+                return latest
+            latest = news.result()
+
+    async def picture(self, frame: Frame | None, region: Region) -> memoryview:
+        """The reply for a region of a frame; a grey one for None."""
+        if frame is None:
+            return await self._loop.run_in_executor(self._threads, self._encoder.grey, region)
+        message = self._encoder.found(frame, region)
+        if message is not None:
+            return message
+        key = frame.number, region
+        work = self._under_way.get(key)
+        if work is None:
+            encode = self._encoder.encode
+            work = self._loop.run_in_executor(self._threads, encode, frame, region)
+            self._under_way[key] = work
+            work.add_done_callback(lambda done: self._finished(key, done))
+        # Others may wait for the same picture when this client goes.
+        return await asyncio.shield(work)
+
+    def _finished(self, key: tuple[int, Region], work: asyncio.Future[memoryview]) -> None:
+        self._under_way.pop(key, None)
+        if not work.cancelled():
+            work.exception()  # a failure has been seen even if no client is left to see it
+
+    def _complain(self) -> None:
+        if not self._complained:
+            self._log.warning("the renderer is late: a client got an old or grey picture")
+        self._complained = True
+
+
+class _Conversation:
+    """One client: its requests and what it looks at.
+
+    Attributes:
+        attention: what the client looks at.
+        sent: number of pictures it got.
+    """
+
+    def __init__(self, client: socket.socket, desk: _Desk, limits: ImageLimits) -> None:
+        self._client = client
+        self._desk = desk
+        self._limits = limits
+        self._loop = asyncio.get_running_loop()
+        self.attention = Attention(desk.source, desk.bell, limits.linger, limits.regions)
+        self.sent = 0
+        self._last: tuple[int, Region] | None = None
+        self._last_time = 0.0
+
+    async def run(self, legacy: bool, silent_push: float) -> None:
+        """Answer requests until the client closes; `OSError` if it is lost."""
+        lexer = RequestLexer()
+        if legacy:
+            await self._answer(FullFrame())
+        data = await (self._receive() if legacy else self._first(silent_push))
+        while data:
+            for request in lexer.feed(data):
+                await self._answer(request)
+            # `sock_recv` does not yield while there is data: let other clients have a turn.
+            await asyncio.sleep(0)
+            data = await self._receive()
+
+    async def _receive(self) -> bytes:
+        return await self._loop.sock_recv(self._client, _CHUNK)
+
+    async def _first(self, silent_push: float) -> bytes:
+        """The first bytes; a client that takes its time gets a picture meanwhile."""
+        # Not a timeout on the reading itself, which could lose bytes that come that moment.
+        reading = asyncio.ensure_future(self._receive())
+        try:
+            if silent_push > 0.0:
+                done, _ = await asyncio.wait({reading}, timeout=silent_push)
+                if not done:
+                    await self._answer(FullFrame())
+            return await reading
+        finally:
+            reading.cancel()
+
+    async def _answer(self, request: Request) -> None:
+        grid = self._desk.source.grid
+        if isinstance(request, FullFrame):
+            region = grid.frame
+        else:
+            region = Region(request.x, request.y, request.width, request.height)
+        if not region.inside(grid.width, grid.height):
+            await self._send(self._desk.empty())
+            return
+        self.attention.turn_to(region)
+        frame = await self._desk.frame(region)
+        if frame is not None and (frame.number, region) == self._last:
+            await asyncio.sleep(self._last_time + self._limits.repeat - self._loop.time())
+            frame = await self._desk.frame(region)
+        self._last = (frame.number, region) if frame is not None else None
+        # From here on the frame itself is not needed: a client that stalls holds one picture.
+        message = await self._desk.picture(frame, region)
+        del frame
+        self._last_time = self._loop.time()
+        await self._send(message)
+
+    async def _send(self, message: memoryview | bytes) -> None:
+        """Header and payload in one piece; returns when the kernel has all of it."""
+        await self._loop.sock_sendall(self._client, message)
+        self.sent += 1
+        await asyncio.sleep(0)
