@@ -14,7 +14,6 @@ from usarsim_server.robots.description import (
     EffectorDescription,
     ItemDescription,
     JointType,
-    Kind,
     LinkDescription,
     RobotDescription,
     RobotReport,
@@ -134,7 +133,7 @@ def robot(
     return RobotDescription(
         name=name,
         model=name,
-        kind=Kind.STATIC,
+        kind="static",
         dialect=UDK,
         description="",
         shapes=(PIECE,),

@@ -15,7 +15,6 @@ from usarsim_server.robots.description import (
     BatteryDescription,
     DriveDescription,
     ItemDescription,
-    Kind,
     RobotDescription,
     RobotReport,
 )
@@ -50,7 +49,7 @@ YARD = WorldDescription(
 ROVER = RobotDescription(
     name="Rover",
     model="Rover",
-    kind=Kind.SKID_STEER,
+    kind="skid_steer",
     dialect=Dialect.UDK,
     description="A rover",
     shapes=(),

@@ -12,7 +12,7 @@ import pytest
 from robot_files import LEFT, SENSOR, SHAPE, table, write
 
 from usarsim_server.errors import RobotDescriptionError
-from usarsim_server.robots.description import JointType, Kind, RobotDescription
+from usarsim_server.robots.description import JointType, RobotDescription
 from usarsim_server.robots.fleet import robot_model
 from usarsim_server.robots.loader import load_robot
 from usarsim_server.robots.mjcf import build_spec
@@ -324,7 +324,7 @@ def test_what_sat_on_a_dropped_arm_is_missed(tmp_path: Path) -> None:
 def test_a_platform_has_neither_wheels_nor_drive(tmp_path: Path) -> None:
     """`static` needs no wheels and stands on its reference point; CONF tells no limits."""
     robot = load_robot(write(tmp_path, "Desk", PLATFORM))
-    assert robot.kind is Kind.STATIC
+    assert robot.kind == "static"
     assert (robot.wheels, robot.casters, robot.battery, robot.rest_height) == ((), (), None, 0.0)
     assert robot.report.steering_type == "None"
     assert robot.report.mass == pytest.approx(100.4)
@@ -337,7 +337,7 @@ def test_a_platform_has_neither_wheels_nor_drive(tmp_path: Path) -> None:
 )
 def test_a_platform_refuses_wheels(tmp_path: Path, key: str, value: Any) -> None:
     """Wheels of a platform are a mistake, not a decoration."""
-    with pytest.raises(RobotDescriptionError, match=f"{key}: stands on a static platform"):
+    with pytest.raises(RobotDescriptionError, match=f"{key}: stands on a robot without wheels"):
         load_robot(write(tmp_path, "Desk", {**PLATFORM, key: value}))
 
 

@@ -13,7 +13,7 @@ from robot_files import CASTER, LEFT, RIGHT, SENSOR, SHAPE, table, write
 
 from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots.description import BatteryDescription, Kind
+from usarsim_server.robots.description import BatteryDescription
 from usarsim_server.robots.loader import load_robot
 from usarsim_server.simulation.frames import wire_from_pose
 
@@ -31,7 +31,7 @@ def test_small_file_loads_with_defaults(tmp_path: Path) -> None:
     """A file that says only what it must becomes a robot with the documented defaults."""
     robot = load(tmp_path)
     assert (robot.name, robot.model) == ("Test", "Test")
-    assert robot.kind is Kind.DIFFERENTIAL
+    assert robot.kind == "differential"
     assert robot.dialect is Dialect.UT2004
     assert robot.description == "a small test robot"
     assert robot.source == tmp_path / "Test.toml"

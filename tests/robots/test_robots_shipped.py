@@ -11,7 +11,7 @@ import pytest
 from usarsim_server.data import data_directory
 from usarsim_server.protocol.messages import ground_configuration, ground_geometry
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots.description import Kind, RobotDescription
+from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.roster import load_roster
 from usarsim_server.sensors.base import SensorContext
 from usarsim_server.sensors.registry import create_sensor
@@ -241,13 +241,13 @@ def test_eras_kinds_and_batteries() -> None:
     Platforms have neither wheels nor a battery; STA of the original shows 99999 for them.
     """
     for name, robot in ROBOTS.items():
-        if robot.kind is Kind.STATIC:
+        if robot.kind == "static":
             assert robot.dialect is Dialect.UDK
             assert robot.battery is None
             assert not robot.wheels
             continue
         assert robot.dialect is (Dialect.UDK if name.startswith("P3AT") else Dialect.UT2004)
-        assert robot.kind is (Kind.DIFFERENTIAL if robot.casters else Kind.SKID_STEER)
+        assert robot.kind == ("differential" if robot.casters else "skid_steer")
         assert len(robot.driven_wheels) == (2 if robot.casters else 4)
         assert robot.battery is not None
         assert robot.battery.life == (3600 if "with_sensors" in name else 1200)

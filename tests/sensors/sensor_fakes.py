@@ -17,7 +17,6 @@ from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import (
     DriveDescription,
     ItemDescription,
-    Kind,
     RobotDescription,
     RobotReport,
     Wheel,
@@ -166,12 +165,13 @@ def four_wheels() -> tuple[Wheel, ...]:
     )
 
 
-def describe_robot(name: str = "P3AT", kind: Any = Kind.SKID_STEER, **changes: Any):
+def describe_robot(name: str = "P3AT", kind: Any = "skid_steer", **changes: Any):
     """A robot class with four driven wheels."""
     values: dict[str, Any] = {
         "name": name,
         "model": name,
         "kind": kind,
+        "rolls": kind in ("skid_steer", "differential"),
         "dialect": UDK,
         "description": "",
         "shapes": (),

@@ -14,7 +14,6 @@ from usarsim_server.robots.description import (
     ActuatorDescription,
     CameraDescription,
     ItemDescription,
-    Kind,
     RobotDescription,
 )
 from usarsim_server.simulation.frames import wire_from_pose
@@ -53,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
 def listing(robots: Iterable[RobotDescription]) -> str:
     """One line per class."""
     rows = [
-        (robot.name, robot.dialect.value, robot.kind.value, robot.description)
+        (robot.name, robot.dialect.value, robot.kind, robot.description)
         for robot in sorted(robots, key=lambda robot: robot.name.lower())
     ]
     return table(("CLASS", "ERA", "KIND", "DESCRIPTION"), rows)
@@ -85,8 +84,8 @@ def _facts(robot: RobotDescription) -> Iterator[tuple[str, object]]:
     report = robot.report
     yield "file", robot.source
     yield "era", robot.dialect.value
-    yield "kind", robot.kind.value
-    if robot.kind is Kind.STATIC:
+    yield "kind", robot.kind
+    if report.wheel_radius == 0.0:
         yield "battery", f"{robot.battery.life:g} s" if robot.battery is not None else "none"
         return
     yield "wheel radius", f"{number(report.wheel_radius, 4)} m"

@@ -7,7 +7,7 @@ robot's reference point; robot files are written in the wire frame, as the origi
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
@@ -24,24 +24,16 @@ __all__ = [
     "EffectorDescription",
     "ItemDescription",
     "JointType",
-    "Kind",
     "LinkDescription",
     "RobotDescription",
     "RobotReport",
     "Shape",
     "Wheel",
+    "find_link",
+    "home_pose",
 ]
 
 Color = tuple[float, float, float, float]
-
-
-class Kind(Enum):
-    """Families of vehicles; each has one drive law and one STA form."""
-
-    SKID_STEER = "skid_steer"
-    DIFFERENTIAL = "differential"
-    STATIC = "static"
-    """A platform that stands fixed where it is put, such as the foot of an arm."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,9 +65,11 @@ class Wheel:
     Attributes:
         name: joint name, unique within the robot.
         side: `left` or `right`.
-        position: centre relative to the reference point, m.
+        position: centre relative to the reference point, or to the link that carries it, m.
         radius: m. width: m. mass: kg.
         driven: False for a free wheel.
+        link: name of the link that carries it, such as a steering knuckle; None: the chassis.
+        collides: False for a wheel that touches nothing, such as the sprocket of a track.
     """
 
     name: str
@@ -85,6 +79,8 @@ class Wheel:
     width: float
     mass: float
     driven: bool = True
+    link: str | None = None
+    collides: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +132,7 @@ class RobotReport:
     """What GEO and CONF announce; clients compute with these numbers.
 
     Attributes:
-        steering_type: SkidSteered for both families here.
+        steering_type: SkidSteered, AckermanSteered, OmniDrive, Unknown or None.
         dimensions: m, as printed in GEO.
         center_of_gravity: wire frame, m.
         wheel_radius: m. track_width: m, printed as WheelSeparation. wheel_base: m.
@@ -321,7 +317,7 @@ class RobotDescription:
         name: class name on the wire, as the client's own spelling resolves to it (an alias keeps
             its own name here).
         model: name of the class whose geometry this is; robots of one model share parked slots.
-        kind: drive family.
+        kind: family of vehicles (see `families/`).
         dialect: dialect of the era the class comes from (`auto` starts with it).
         description: one line for listings.
         shapes, wheels, casters: the body.
@@ -332,11 +328,13 @@ class RobotDescription:
         actuators: mission packages, arms, flippers; what carries another stands before it.
         effectors: what takes hold of things.
         cameras: in mount order.
+        gear: what the family alone knows of its robots, such as steering or rotors.
+        rolls: odometry and encoders work on it.
     """
 
     name: str
     model: str
-    kind: Kind
+    kind: str
     dialect: Dialect
     description: str
     shapes: tuple[Shape, ...]
@@ -351,6 +349,8 @@ class RobotDescription:
     actuators: tuple[ActuatorDescription, ...] = ()
     effectors: tuple[EffectorDescription, ...] = ()
     cameras: tuple[CameraDescription, ...] = ()
+    gear: object | None = None
+    rolls: bool = True
 
     @property
     def driven_wheels(self) -> tuple[Wheel, ...]:
@@ -371,23 +371,39 @@ class RobotDescription:
         Raises:
             KeyError: if no actuator has such a link.
         """
-        if link is None:
-            return IDENTITY
-        found = self.find_link(link)
-        if found is None:
-            raise KeyError(link)
-        actuator, number = found
-        one = actuator.links[number - 1]
-        if one.parent is None:
-            carrier = self.home_pose(actuator.mount) @ actuator.pose
-        else:
-            carrier = self.home_pose(actuator.links[one.parent].body)
-        return carrier @ one.placed(one.home)
+        return home_pose(self.actuators, link)
 
     def find_link(self, name: str) -> tuple[ActuatorDescription, int] | None:
         """The actuator that a link (by name, any case) belongs to, and its number, from 1."""
-        for actuator in self.actuators:
-            for number, link in enumerate(actuator.links, start=1):
-                if link.body.lower() == name.lower():
-                    return actuator, number
-        return None
+        return find_link(self.actuators, name)
+
+
+def home_pose(actuators: Sequence[ActuatorDescription], link: str | None) -> Pose:
+    """Pose of a link relative to the reference point when the robot appears; None: chassis.
+
+    Raises:
+        KeyError: if no actuator has such a link.
+    """
+    if link is None:
+        return IDENTITY
+    found = find_link(actuators, link)
+    if found is None:
+        raise KeyError(link)
+    actuator, number = found
+    one = actuator.links[number - 1]
+    if one.parent is None:
+        carrier = home_pose(actuators, actuator.mount) @ actuator.pose
+    else:
+        carrier = home_pose(actuators, actuator.links[one.parent].body)
+    return carrier @ one.placed(one.home)
+
+
+def find_link(
+    actuators: Sequence[ActuatorDescription], name: str
+) -> tuple[ActuatorDescription, int] | None:
+    """The actuator that a link (by name, any case) belongs to, and its number, from 1."""
+    for actuator in actuators:
+        for number, link in enumerate(actuator.links, start=1):
+            if link.body.lower() == name.lower():
+                return actuator, number
+    return None

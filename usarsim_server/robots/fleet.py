@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from usarsim_server.actuators.effector import Effector
 from usarsim_server.actuators.registry import create_effectors
 from usarsim_server.logs import Log
-from usarsim_server.robots.description import Kind, RobotDescription
+from usarsim_server.robots.description import RobotDescription
+from usarsim_server.robots.families.registry import family_of
 from usarsim_server.robots.mjcf import build_spec
 from usarsim_server.robots.roster import Roster
 from usarsim_server.sensors.base import Sensor, SensorContext
@@ -68,6 +69,10 @@ class Vehicle:
     def command_joints(self, orders: Mapping[str, JointOrder]) -> None:
         """Give orders to joints that are no wheels, by name."""
         self.simulation.command_joints(self.robot, orders)
+
+    def command_law(self, values: NDArray[np.float64]) -> None:
+        """Set the command of what its family added to the physics."""
+        self.simulation.command_law(self.robot, values)
 
     def operate_hand(self, hand: str, close: bool) -> bool:
         """Close or open a hand; whether it obeyed."""
@@ -263,6 +268,7 @@ def robot_model(description: RobotDescription) -> RobotModel:
         RobotDescriptionError: if an effector's type or parameters are wrong.
     """
     effectors = create_effectors(description)
+    family = family_of(description)
     return RobotModel(
         key=description.model,
         build=lambda: build_spec(description),
@@ -278,7 +284,8 @@ def robot_model(description: RobotDescription) -> RobotModel:
         tools=tuple(
             _tool(effector, effectors) for effector in effectors if effector.description.detached
         ),
-        anchored=description.kind is Kind.STATIC,
+        anchored=family.anchored,
+        laws=family.laws(description),
     )
 
 

@@ -15,7 +15,8 @@ from usarsim_server.data import data_directory
 from usarsim_server.errors import RobotDescriptionError, at
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots import camera_parts, limb_parts, parts
-from usarsim_server.robots.description import Kind, RobotDescription
+from usarsim_server.robots.description import RobotDescription
+from usarsim_server.robots.families.registry import families, find_family
 from usarsim_server.robots.tables import TableReader, read_toml
 
 __all__ = ["Library", "RobotFile", "load_robot"]
@@ -172,18 +173,18 @@ def _parent(reader: TableReader, find_parent: ParentFinder) -> RobotDescription 
 def _robot(
     reader: TableReader, path: Path, name: str, parent: RobotDescription | None
 ) -> RobotDescription:
-    kinds = [kind.value for kind in Kind]
     dialects = [dialect.value for dialect in Dialect]
-    kind = Kind(reader.choice("kind", kinds, parent.kind.value if parent else None))
+    kind = reader.choice("kind", families(), parent.kind if parent else None)
+    family = find_family(kind)
     dialect = Dialect(reader.choice("dialect", dialects, parent.dialect.value if parent else None))
-    if parent is not None and (kind is Kind.STATIC) != (parent.kind is Kind.STATIC):
-        reader.fail(f"is {kind.value}, {parent.name} is {parent.kind.value}", "drop it", "kind")
-    wheels = parts.read_wheels(reader, kind, parent)
-    casters = parts.read_casters(reader, kind, parent)
+    if parent is not None and family.wheeled != find_family(parent.kind).wheeled:
+        reader.fail(f"is {kind}, {parent.name} is {parent.kind}", "drop it", "kind")
+    actuators = limb_parts.read_actuators(reader, parent, dialect)
+    wheels = parts.read_wheels(reader, family.wheeled, actuators, parent)
+    casters = parts.read_casters(reader, parent)
     shapes = parts.read_shapes(reader, parent)
     parts.check_weight(reader, shapes, casters)
-    drive = parts.read_drive(reader, kind, parent)
-    actuators = limb_parts.read_actuators(reader, parent, dialect)
+    drive = parts.read_drive(reader, wheels, parent)
     effectors = limb_parts.read_effectors(reader, parent, actuators, dialect)
     links = [link.body for actuator in actuators for link in actuator.links]
     carriers = [*(wheel.name for wheel in wheels), *links]
@@ -191,7 +192,7 @@ def _robot(
     mass += sum(wheel.mass for wheel in wheels)
     mass += sum(link.mass for actuator in actuators for link in actuator.links)
     mass += sum(effector.mass for effector in effectors if not effector.detached)
-    report = reader.table("report")
+    gear = family.read(reader, parent, wheels, actuators)
     robot = RobotDescription(
         name=name,
         model=name,
@@ -201,19 +202,17 @@ def _robot(
         shapes=shapes,
         wheels=wheels,
         casters=casters,
-        rest_height=parts.read_rest_height(reader, wheels, parent),
+        rest_height=parts.read_rest_height(reader, wheels, actuators, parent),
         drive=drive,
         battery=parts.read_battery(reader, parent),
-        report=(
-            parts.read_report(report, wheels, mass, drive, parent)
-            if wheels
-            else parts.read_platform_report(report, mass, parent)
-        ),
+        report=family.report(reader.table("report"), wheels, actuators, mass, drive, parent),
         items=parts.read_items(reader, carriers, parent),
         source=path,
         actuators=actuators,
         effectors=effectors,
         cameras=camera_parts.read_cameras(reader, carriers, parent),
+        gear=gear,
+        rolls=family.wheel_sensors,
     )
     limb_parts.check_names(reader, _bodies(robot))
     if parent is not None and _body(robot) == _body(parent):
@@ -226,7 +225,7 @@ def _body(robot: RobotDescription) -> tuple[object, ...]:
     # The speed limit is kept by the drive law, outside the physics.
     drive = replace(robot.drive, max_wheel_speed=0.0)
     body = (robot.kind, robot.shapes, robot.wheels, robot.casters, robot.rest_height, drive)
-    return *body, robot.actuators, robot.effectors
+    return *body, robot.actuators, robot.effectors, robot.gear
 
 
 def _bodies(robot: RobotDescription) -> Iterator[str]:

@@ -10,12 +10,12 @@ import numpy as np
 from usarsim_server.robots.description import (
     EffectorDescription,
     JointType,
-    Kind,
     LinkDescription,
     RobotDescription,
     Shape,
     Wheel,
 )
+from usarsim_server.robots.families.registry import family_of
 from usarsim_server.simulation.frames import IDENTITY, Pose
 
 __all__ = ["build_spec"]
@@ -77,22 +77,26 @@ def build_spec(robot: RobotDescription) -> mujoco.MjSpec:
             solimp=CONTACT_SOLIMP,
             rgba=RUBBER,
         )
+    limbs = _add_limbs(spec, base, robot)
     for wheel in robot.wheels:
-        _add_wheel(base, wheel)
+        _add_wheel(base if wheel.link is None else limbs[wheel.link], wheel)
         if wheel.driven:
             _add_servo(spec, wheel, robot.drive.servo_gain, robot.drive.wheel_torque)
-    limbs = _add_limbs(spec, base, robot)
-    if robot.kind is Kind.STATIC:
+    family = family_of(robot)
+    if family.anchored:
         base.gravcomp = 1.0  # its anchor has nothing to carry
     # No part of a robot touches another one, arms included.
     parts = [BASE, *(wheel.name for wheel in robot.wheels), *limbs]
     for one, other in itertools.combinations(parts, 2):
         spec.add_exclude(name=f"{one}:{other}", bodyname1=one, bodyname2=other)
+    family.complete(spec, robot)
     return spec
 
 
-def _add_limbs(spec: mujoco.MjSpec, base: mujoco.MjsBody, robot: RobotDescription) -> list[str]:
-    """Add links and effectors; returns the names of their bodies."""
+def _add_limbs(
+    spec: mujoco.MjSpec, base: mujoco.MjsBody, robot: RobotDescription
+) -> dict[str, mujoco.MjsBody]:
+    """Add links and effectors; returns their bodies by name."""
     bodies: dict[str, mujoco.MjsBody] = {}
     for actuator in robot.actuators:
         carrier = base if actuator.mount is None else bodies[actuator.mount]
@@ -112,7 +116,7 @@ def _add_limbs(spec: mujoco.MjSpec, base: mujoco.MjsBody, robot: RobotDescriptio
         _add_effector(body, effector)
         bodies[effector.name] = body
         bodies |= {link.body: _add_link(body, link) for link in effector.fingers}
-    return list(bodies)
+    return bodies
 
 
 def _add_effector(body: mujoco.MjsBody, effector: EffectorDescription) -> None:
@@ -195,6 +199,8 @@ def _add_wheel(base: mujoco.MjsBody, wheel: Wheel) -> None:
         size=[wheel.radius, wheel.width / 2.0, wheel.radius],
         mass=wheel.mass,
         condim=3,
+        contype=int(wheel.collides),
+        conaffinity=int(wheel.collides),
         friction=WHEEL_FRICTION,
         solref=CONTACT_SOLREF,
         solimp=CONTACT_SOLIMP,

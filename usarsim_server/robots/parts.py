@@ -11,17 +11,19 @@ import re
 from collections.abc import Sequence
 
 from usarsim_server.logs import Log
+from usarsim_server.protocol.values import Vector
 from usarsim_server.robots.description import (
+    ActuatorDescription,
     BatteryDescription,
     Caster,
     Color,
     DriveDescription,
     ItemDescription,
-    Kind,
     RobotDescription,
     RobotReport,
     Shape,
     Wheel,
+    home_pose,
 )
 from usarsim_server.robots.tables import TableReader, nearest
 from usarsim_server.simulation.frames import Pose, flip_point, pose_from_wire
@@ -40,6 +42,7 @@ __all__ = [
     "read_shape",
     "read_shapes",
     "read_wheels",
+    "wheel_place",
 ]
 
 RESERVED_NAMES = frozenset({"base", "free"})
@@ -77,16 +80,29 @@ _log = Log("robots")
 Parent = RobotDescription | None
 
 
-def read_wheels(reader: TableReader, kind: Kind, parent: Parent) -> tuple[Wheel, ...]:
-    """Wheels in part order, the order in which encoders count them; platforms have none."""
-    if kind is Kind.STATIC:
+def read_wheels(
+    reader: TableReader,
+    needed: bool,
+    actuators: Sequence[ActuatorDescription],
+    parent: Parent,
+) -> tuple[Wheel, ...]:
+    """Wheels in part order, the order in which encoders count them.
+
+    Args:
+        reader: the file.
+        needed: there must be driven wheels on both sides; otherwise there must be none.
+        actuators: their links may carry wheels.
+        parent: the robot that is extended.
+    """
+    if not needed:
         for key in ("wheel", "caster", "drive"):
             if reader.has(key):
-                reader.fail("stands on a static platform", "remove it, or change kind", key)
+                reader.fail("stands on a robot without wheels", "remove it, or change kind", key)
         return ()
     if parent is not None and not reader.has("wheel"):
         return parent.wheels
-    wheels = tuple(_wheel(table) for table in reader.tables("wheel"))
+    links = [link.body for actuator in actuators for link in actuator.links]
+    wheels = tuple(_wheel(table, links) for table in reader.tables("wheel"))
     names = [wheel.name.lower() for wheel in wheels]
     for name in names:
         if names.count(name) > 1:
@@ -97,14 +113,20 @@ def read_wheels(reader: TableReader, kind: Kind, parent: Parent) -> tuple[Wheel,
     return wheels
 
 
-def _wheel(table: TableReader) -> Wheel:
+def wheel_place(wheel: Wheel, actuators: Sequence[ActuatorDescription]) -> Vector:
+    """Centre of a wheel relative to the reference point when the robot appears, m."""
+    return (home_pose(actuators, wheel.link) @ Pose(wheel.position)).position
+
+
+def _wheel(table: TableReader, links: Sequence[str]) -> Wheel:
     name = table.text("name")
     if not _WHEEL_NAME.fullmatch(name) or name.lower() in RESERVED_NAMES:
         table.fail(
             f"is {name!r}", "use letters, digits and _, first a letter, not base or free", "name"
         )
     x, y, z = table.vector("position", low=-LONGEST, high=LONGEST)
-    if y != 0.0:
+    link = read_link(table, links)
+    if y != 0.0 and link is None:
         by_position = "right" if y > 0.0 else "left"
         side = table.choice("side", ("left", "right"), by_position)
         if side != by_position:
@@ -119,15 +141,15 @@ def _wheel(table: TableReader) -> Wheel:
         width=table.number("width", low=_SHORTEST, high=LONGEST),
         mass=table.number("mass", low=LIGHTEST, high=HEAVIEST),
         driven=table.boolean("driven", True),
+        link=link,
+        collides=table.boolean("collides", True),
     )
     table.finish()
     return wheel
 
 
-def read_casters(reader: TableReader, kind: Kind, parent: Parent) -> tuple[Caster, ...]:
+def read_casters(reader: TableReader, parent: Parent) -> tuple[Caster, ...]:
     """Casters; their balls belong to the chassis body."""
-    if kind is Kind.STATIC:
-        return ()
     if parent is not None and not reader.has("caster"):
         return parent.casters
     casters = []
@@ -180,15 +202,21 @@ def check_weight(reader: TableReader, shapes: Sequence[Shape], casters: Sequence
         reader.fail("all pieces are weightless", "give a shape its mass", "shape")
 
 
-def read_rest_height(reader: TableReader, wheels: Sequence[Wheel], parent: Parent) -> float:
+def read_rest_height(
+    reader: TableReader,
+    wheels: Sequence[Wheel],
+    actuators: Sequence[ActuatorDescription],
+    parent: Parent,
+) -> float:
     """By default, and give or take a little, where the lowest driven wheel touches the floor.
 
     The reference point of a platform is where its file says, by default on the floor.
     """
-    if not wheels:
+    rolling = [wheel for wheel in wheels if wheel.driven and wheel.collides]
+    if not rolling:
         default = parent.rest_height if parent else 0.0
         return reader.number("rest_height", default, low=-LONGEST, high=LONGEST)
-    touching = max(wheel.radius - wheel.position[2] for wheel in wheels if wheel.driven)
+    touching = max(wheel.radius - wheel_place(wheel, actuators)[2] for wheel in rolling)
     inherited = parent is not None and parent.wheels == wheels
     default = parent.rest_height if parent and inherited else round(touching, 9)
     height = reader.number("rest_height", default)
@@ -201,9 +229,9 @@ def read_rest_height(reader: TableReader, wheels: Sequence[Wheel], parent: Paren
     return height
 
 
-def read_drive(reader: TableReader, kind: Kind, parent: Parent) -> DriveDescription:
+def read_drive(reader: TableReader, wheels: Sequence[Wheel], parent: Parent) -> DriveDescription:
     """Limits of the wheel servos."""
-    if kind is Kind.STATIC:
+    if not wheels:
         return DriveDescription(max_wheel_speed=0.0)
     table = reader.table("drive")
     base = parent.drive if parent else DriveDescription(max_wheel_speed=math.nan)
@@ -246,21 +274,33 @@ def read_battery(reader: TableReader, parent: Parent) -> BatteryDescription | No
 def read_report(
     table: TableReader,
     wheels: Sequence[Wheel],
+    actuators: Sequence[ActuatorDescription],
     mass: float,
     drive: DriveDescription,
     parent: Parent,
+    steering_type: str = "SkidSteered",
+    steer: tuple[float, float] = (0.0, 0.0),
 ) -> RobotReport:
-    """What GEO and CONF announce; all geometry follows from the driven wheels (5.1 #19)."""
+    """What GEO and CONF announce; all geometry follows from the driven wheels (5.1 #19).
+
+    Args:
+        table: `[report]`.
+        wheels, actuators, mass, drive: the body.
+        parent: the robot that is extended.
+        steering_type: announced unless the file says otherwise.
+        steer: MaxFrontSteer and MaxRearSteer unless the file says otherwise, rad.
+    """
     driven = [wheel for wheel in wheels if wheel.driven]
-    track = _extent([wheel.position[1] for wheel in driven])
-    base = _extent([wheel.position[0] for wheel in driven])
+    places = [wheel_place(wheel, actuators) for wheel in driven]
+    track = _extent([place[1] for place in places])
+    base = _extent([place[0] for place in places])
     # Announced figures are inherited only as long as what they describe is.
     same_wheels = parent is not None and parent.wheels == tuple(wheels)
     same_limit = parent is not None and parent.drive.max_wheel_speed == drive.max_wheel_speed
     old = parent.report if parent else None
     report = RobotReport(
         steering_type=table.choice(
-            "steering_type", STEERING_TYPES, old.steering_type if old else "SkidSteered"
+            "steering_type", STEERING_TYPES, old.steering_type if old else steering_type
         ),
         dimensions=table.vector(
             "dimensions",
@@ -279,8 +319,8 @@ def read_report(
             "max_speed", old.max_speed if old and same_limit else drive.max_wheel_speed, low=0.0
         ),
         max_torque=table.number("max_torque", old.max_torque if old else DEFAULT_TORQUE, low=0.0),
-        max_front_steer=table.number("max_front_steer", old.max_front_steer if old else 0.0),
-        max_rear_steer=table.number("max_rear_steer", old.max_rear_steer if old else 0.0),
+        max_front_steer=table.number("max_front_steer", old.max_front_steer if old else steer[0]),
+        max_rear_steer=table.number("max_rear_steer", old.max_rear_steer if old else steer[1]),
     )
     table.finish(_DERIVED)
     return report

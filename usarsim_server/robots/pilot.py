@@ -26,8 +26,8 @@ from usarsim_server.protocol.requests import (
 )
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.battery import NO_BATTERY, Battery
-from usarsim_server.robots.description import Kind
-from usarsim_server.robots.drive import WheelDrive
+from usarsim_server.robots.families.base import StatusFacts
+from usarsim_server.robots.families.registry import family_of
 from usarsim_server.robots.fleet import Vehicle
 from usarsim_server.robots.schedule import Schedule
 from usarsim_server.sensors.assembly import conf_line, find_sensors, geo_line, sen_lines
@@ -41,8 +41,6 @@ UPRIGHTING_LIFT = 0.05
 """m that a flipped robot is set down from."""
 UDK_LIMB_PERIOD = 0.1
 """Simulated s between two ASTA and two EFF lines (protocol reference 4.9)."""
-LIGHT_INTENSITY = 100
-"""Percent; the only intensity the original ever reported for a lit lamp (4.3)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +84,8 @@ class Pilot:
         self._dialect = dialect
         self._options = options
         self._log = log
-        self._drive = WheelDrive(vehicle.description)
+        self._family = family_of(vehicle.description)
+        self._conduct = self._family.conduct(vehicle)
         self._battery = _battery(vehicle, battery_life)
         self._limbs = Articulation(vehicle.description, vehicle)
         self._sensors = vehicle.sensors
@@ -129,9 +128,7 @@ class Pilot:
         return []
 
     def _obey_drive(self, request: Drive) -> None:
-        targets = self._drive.command(request, self._dialect)
-        if targets is not None:
-            self.vehicle.drive(targets)
+        self._conduct.command(request, self._dialect)
         self._limbs.drive(request)
         if request.flip and self._dialect is Dialect.UT2004:
             self._flip()
@@ -181,36 +178,14 @@ class Pilot:
         if kind.lower() != "robot":
             line = conf_line(self._sensors, kind, name, self._dialect)
             return line or self._limbs.configuration(kind, name, self._dialect)
-        if robot.kind is Kind.STATIC:
-            return messages.static_configuration(self._dialect, robot.name)
-        report = robot.report
-        return messages.ground_configuration(
-            self._dialect,
-            robot.name,
-            report.steering_type,
-            report.mass,
-            report.max_speed,
-            report.max_torque,
-            report.max_front_steer,
-            report.max_rear_steer,
-        )
+        return self._family.configuration(robot, self._dialect)
 
     def _geometry(self, request: GetGeo) -> str | None:
         kind, name, robot = request.type, request.name, self.vehicle.description
         if kind.lower() != "robot":
             line = geo_line(self._sensors, kind, name, robot, self._dialect)
             return line or self._limbs.geometry(kind, name)
-        if robot.kind is Kind.STATIC:
-            return messages.static_geometry(self._dialect, robot.name, robot.report.dimensions)
-        report = robot.report
-        return messages.ground_geometry(
-            robot.name,
-            report.dimensions,
-            report.center_of_gravity,
-            report.wheel_radius,
-            report.track_width,
-            report.wheel_base,
-        )
+        return self._family.geometry(robot, self._dialect)
 
     # -- reports -----------------------------------------------------------------------------
 
@@ -290,24 +265,13 @@ class Pilot:
         return sen_lines(measured, state.time, self._dialect)
 
     def _status(self, state: RobotBody) -> str:
-        light, time = self._drive.light, state.time
-        if self.vehicle.description.kind is Kind.STATIC:
-            return messages.static_status(self._dialect, time, self._remaining(time))
-        udk = self._dialect is Dialect.UDK
-        return messages.ground_status(
-            messages.GroundStatus(
-                time=time,
-                front_steer=0.0,
-                rear_steer=0.0,
-                joints=self._limbs.joints(state),
-                light=light,
-                light_intensity=LIGHT_INTENSITY if light or udk else 0,
-                battery=self._remaining(time),
-                view=-1,
-            ),
-            self._dialect,
-            udk_order=udk and self._options.udk_sta_order,
+        facts = StatusFacts(
+            state=state,
+            joints=self._limbs.joints(state),
+            battery=self._remaining(state.time),
+            udk_order=self._options.udk_sta_order,
         )
+        return self._conduct.status(facts, self._dialect)
 
     def _remaining(self, time: float) -> int:
         if self._battery is None or self._spawned is None:
@@ -319,7 +283,7 @@ class Pilot:
             return
         if self._battery.empty(time - self._spawned):
             self._dead = True
-            self.vehicle.drive(self._drive.stop())
+            self._conduct.stop()
             self._log.info("battery is empty")
             self.announce(time, "BatteryEmpty", "Battery", self._battery_name())
 

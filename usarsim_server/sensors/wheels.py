@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from usarsim_server.robots.description import Kind, RobotDescription
+from usarsim_server.robots.description import RobotDescription
 
 __all__ = ["front_wheel", "has_wheel_sensors"]
-
-_KINDS = frozenset({Kind.SKID_STEER, Kind.DIFFERENTIAL})
 
 
 def has_wheel_sensors(robot: RobotDescription) -> bool:
     """Whether odometry and encoders work on this kind of robot; elsewhere they stay silent."""
-    return robot.kind in _KINDS
+    return robot.rolls
 
 
 def front_wheel(robot: RobotDescription, side: str) -> int | None:

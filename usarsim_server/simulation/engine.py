@@ -15,8 +15,9 @@ from usarsim_server.simulation.belts import Belts
 from usarsim_server.simulation.compensation import compensate
 from usarsim_server.simulation.divergence import SPEED_LIMIT, culprits, is_sound
 from usarsim_server.simulation.frames import Pose
-from usarsim_server.simulation.growth import Growth, grow
+from usarsim_server.simulation.growth import Growth, grow, laws_of
 from usarsim_server.simulation.limbs import Limbs
+from usarsim_server.simulation.machines import Machine, Machines
 from usarsim_server.simulation.model import (
     JOINT_WIDTH,
     PhysicsOptions,
@@ -64,7 +65,9 @@ class Engine:
         self.data = mujoco.MjData(self.world.model)
         self._servos = WheelServos(self.world)
         self._limbs = Limbs(self.world)
+        self._laws = laws_of(self.world)
         self._moving = MovingBodies(self.world.model)
+        self._machines = Machines()
         self._belts = Belts(self.world.model)
         self._traction = Traction(self.world.model, options.surfaces)
         self._active: dict[int, int] = {}
@@ -94,13 +97,14 @@ class Engine:
         """What places the mocap bodies of the world before every step."""
         return self._moving.movers
 
-    def set_movers(self, movers: Sequence[Mover]) -> None:
-        """Replace all movers; a body that nobody moves any more stays where it is.
+    def set_movers(self, movers: Sequence[Mover], machines: Sequence[Machine] = ()) -> None:
+        """Replace all movers and machines; a body that nobody moves any more stays where it is.
 
         Raises:
-            ValueError: if a mover's body cannot be moved; the old ones stay.
+            ValueError: if a body cannot be moved; the old ones stay.
         """
-        self._moving.replace(movers)
+        self._moving.replace([*movers, *(own for one in machines for own in one.movers)])
+        self._machines.replace(machines, self.world)
 
     def follow(self, robot: int, ways: Sequence[Way]) -> None:
         """Let the bodies of a kinematic thing go their ways, the base first; none: they stay.
@@ -154,6 +158,7 @@ class Engine:
         self._put(slot, _finite(root_qpos(pose)))
         self._active[robot] = slot
         self._release(slot)
+        self._laws.occupy(slot)
 
     def vacate(self, robot: int) -> None:
         """Park the robot's slot again; unknown robots are ignored."""
@@ -190,7 +195,9 @@ class Engine:
         if robot not in self._active:
             return False
         self._moving.follow(robot, ())
-        self._put(self._active[robot], coordinates)
+        slot = self._active[robot]
+        self._laws.forget(slot, self.data)
+        self._put(slot, coordinates)
         return True
 
     def drive(self, robot: int, targets: Array) -> None:
@@ -223,6 +230,17 @@ class Engine:
             self._limbs.command(slot, orders)
             self._wake(slot)
 
+    def command_law(self, robot: int, values: Array) -> None:
+        """Command the laws of motion of a robot (see `laws.py`) and wake it.
+
+        Raises:
+            ValueError: if the count is wrong or a value is not finite.
+        """
+        slot = self._active.get(robot)
+        if slot is not None:
+            self._laws.command(slot, values)
+            self._wake(slot)
+
     def operate_hand(self, robot: int, hand: str, close: bool) -> bool:
         """Close or open a hand of a robot; whether it obeyed (see `Hands.operate`)."""
         slot = self._active.get(robot)
@@ -240,6 +258,7 @@ class Engine:
     def _release(self, slot: int) -> None:
         self._servos.release(slot)
         self._limbs.release(slot)
+        self._laws.vacate(slot, self.data)
         self._note_driven(slot, False)
 
     def _note_driven(self, slot: int, driven: bool) -> None:
@@ -291,15 +310,18 @@ class Engine:
         """Part of `advance`: step, whatever comes of it; `steps` does not count these."""
         model, data, servos = self.world.model, self.data, self._servos
         moving, compensated = self._moving, self._options.compensation
-        traction, limbs = self._traction, self._limbs
+        traction, limbs, laws = self._traction, self._limbs, self._laws
         patched = traction.near(data)
         for _ in range(steps):
             moving.apply(data, data.time)
             servos.update(data.qpos)
             limbs.update(data)
+            laws.prepare(data)
             mujoco.mj_step1(model, data)
             servos.apply(data)
             limbs.apply(data)
+            laws.push(data)
+            self._machines.decide(data)
             moving.drag(data)
             if patched:
                 traction.apply(data)
@@ -315,6 +337,8 @@ class Engine:
         self._before = (data.qpos.copy(), data.qvel.copy(), data.qacc_warmstart.copy())
         self._servos_before = self._servos.state()
         self._limbs_before = self._limbs.state(data)
+        self._machines_before = self._machines.state()
+        self._laws_before = self._laws.state()
 
     def restore(self) -> None:
         """Part of containing divergence: go back to before the last batch."""
@@ -323,6 +347,8 @@ class Engine:
         data.time = self.time
         self._servos.restore(self._servos_before)
         self._limbs.restore(data, self._limbs_before)
+        self._machines.restore(self._machines_before)
+        self._laws.restore(self._laws_before)
 
     # -- containing divergence ---------------------------------------------------------------
 
@@ -333,6 +359,7 @@ class Engine:
             slot = self._active[robots[tree]]
             self._servos.release(slot)
             self._limbs.release(slot)
+            self._laws.vacate(slot, self.data)
             self._put(slot, self.world.parking[slot])
         else:
             self._put_back(tree)
@@ -395,11 +422,13 @@ class Engine:
         new.time = old.time
         growth.servos.restore(self._servos.state())
         growth.limbs.inherit(new, self._limbs, old)
+        growth.laws.inherit(self._laws)
         carry_over(self.world.model, old, growth.world.model, new)
         before = self.world.slots
         self.world, self.data, self._servos = growth.world, new, growth.servos
-        self._limbs = growth.limbs
+        self._limbs, self._laws = growth.limbs, growth.laws
         self._moving.bind(self.world.model)
+        self._machines.bind(self.world)
         self._belts.apply(self.world.model)
         for slot, (one, other) in enumerate(zip(before, self.world.slots, strict=False)):
             if one is not other:

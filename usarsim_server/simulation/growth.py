@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.simulation.laws import Laws
 from usarsim_server.simulation.limbs import Limbs
 from usarsim_server.simulation.model import (
     CompiledWorld,
@@ -16,11 +17,12 @@ from usarsim_server.simulation.model import (
     RobotModel,
     compile_world,
     matching_joints,
+    slot_prefix,
 )
 from usarsim_server.simulation.servo import WheelServos
 from usarsim_server.simulation.traction import Traction
 
-__all__ = ["Growth", "grow"]
+__all__ = ["Growth", "grow", "laws_of"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,7 +31,7 @@ class Growth:
 
     Attributes:
         world, data: the model and a state of it.
-        servos, limbs, traction: what works on it.
+        servos, limbs, laws, traction: what works on it.
         joints: old and new coordinate indices of everything that exists in both.
         dofs: old and new velocity indices of everything that exists in both.
     """
@@ -38,6 +40,7 @@ class Growth:
     data: mujoco.MjData
     servos: WheelServos
     limbs: Limbs
+    laws: Laws
     traction: Traction
     joints: tuple[NDArray[np.intp], NDArray[np.intp]]
     dofs: tuple[NDArray[np.intp], NDArray[np.intp]]
@@ -55,4 +58,13 @@ def grow(
     mujoco.mj_forward(world.model, data)
     joints, dofs = matching_joints(old.model, world.model)
     traction = Traction(world.model, options.surfaces)
-    return Growth(world, data, WheelServos(world), Limbs(world), traction, joints, dofs)
+    return Growth(
+        world, data, WheelServos(world), Limbs(world), laws_of(world), traction, joints, dofs
+    )
+
+
+def laws_of(world: CompiledWorld) -> Laws:
+    """The laws of motion of all slots."""
+    return Laws(
+        world.model, [(slot_prefix(number), one.laws) for number, one in enumerate(world.slots)]
+    )

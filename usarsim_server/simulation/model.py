@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from usarsim_server.errors import UsarsimError
 from usarsim_server.simulation.articulation import HandModel, JointModel, ToolModel, add_ties
 from usarsim_server.simulation.frames import Pose
+from usarsim_server.simulation.laws import LawModel
 from usarsim_server.simulation.snapshot import RobotLayout
 from usarsim_server.simulation.surfaces import Surface
 
@@ -31,6 +32,7 @@ __all__ = [
     "matching_joints",
     "put",
     "root_qpos",
+    "slot_prefix",
 ]
 
 SHELF_HEIGHT = 2000.0
@@ -92,6 +94,7 @@ class RobotModel:
         hands: what takes hold of things (see `hands.py`).
         tools: further root bodies of the specification, each on a free joint of its own.
         anchored: it stands fixed wherever it is put.
+        laws: what moves it beside wheels and joints (see `laws.py`).
     """
 
     key: str
@@ -107,6 +110,7 @@ class RobotModel:
     hands: tuple[HandModel, ...] = ()
     tools: tuple[ToolModel, ...] = ()
     anchored: bool = False
+    laws: tuple[LawModel, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -168,8 +172,8 @@ def compile_world(
         for body in list(built.worldbody.bodies):
             if not robot.kinematic:
                 body.sleep = mujoco.mjtSleepPolicy.mjSLEEP_INIT
-            frame.attach_body(body, _prefix(slot), "")
-        add_ties(spec, _prefix(slot), ROOT_BODY, robot.hands, robot.anchored)
+            frame.attach_body(body, slot_prefix(slot), "")
+        add_ties(spec, slot_prefix(slot), ROOT_BODY, robot.hands, robot.anchored)
     model = spec.compile()
     layouts = tuple(_layout(model, slot, robot) for slot, robot in enumerate(slots))
     for layout in layouts:
@@ -252,12 +256,12 @@ def _parking_place(slot: int, robot: RobotModel) -> NDArray[np.float64]:
     return np.array([x, y, z, 1.0, 0.0, 0.0, 0.0])
 
 
-def _prefix(slot: int) -> str:
+def slot_prefix(slot: int) -> str:
     return f"robot{slot}:"
 
 
 def _layout(model: mujoco.MjModel, slot: int, robot: RobotModel) -> RobotLayout:
-    prefix = _prefix(slot)
+    prefix = slot_prefix(slot)
     base = model.body(prefix + ROOT_BODY).id
     if robot.kinematic:
         return _kinematic_layout(model, slot, base)
@@ -288,7 +292,7 @@ def _layout(model: mujoco.MjModel, slot: int, robot: RobotModel) -> RobotLayout:
 
 
 def _kinematic_layout(model: mujoco.MjModel, slot: int, base: int) -> RobotLayout:
-    prefix = _prefix(slot)
+    prefix = slot_prefix(slot)
     names = [model.body(body).name for body in range(model.nbody)]
     bodies = [body for body, name in enumerate(names) if name.startswith(prefix)]
     nothing = np.zeros(0, dtype=np.intp)

@@ -23,6 +23,7 @@ from usarsim_server.logs import Log
 from usarsim_server.simulation.articulation import JointOrder
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose, Vector
+from usarsim_server.simulation.machines import Machine
 from usarsim_server.simulation.mailbox import Mailbox
 from usarsim_server.simulation.model import (
     CompiledWorld,
@@ -224,6 +225,16 @@ class Simulation:
         taken = dict(orders)
         self._mail.post(lambda: self._engine.command_joints(robot, taken))
 
+    def command_law(self, robot: int, values: NDArray[np.float64]) -> None:
+        """Command the laws of motion of a robot (see `laws.py`) at the next step.
+
+        Raises:
+            ValueError: if a value is not finite.
+        """
+        if not np.isfinite(values).all():
+            raise ValueError(f"a command must be finite: {values}")
+        self._mail.post(lambda: self._engine.command_law(robot, values))
+
     def operate_hand(self, robot: int, hand: str, close: bool) -> bool:
         """Close or open a hand; blocks until it is done.
 
@@ -253,13 +264,13 @@ class Simulation:
 
     # -- bodies that go their own way --------------------------------------------------------
 
-    def set_movers(self, movers: Sequence[Mover]) -> None:
+    def set_movers(self, movers: Sequence[Mover], machines: Sequence[Machine] = ()) -> None:
         """Replace everything that places mocap bodies of the world (see `movers.py`).
 
         Raises:
-            ValueError: if a mover's body cannot be moved.
+            ValueError: if a body cannot be moved.
         """
-        self._mail.ask(lambda: self._engine.set_movers(movers))
+        self._mail.ask(lambda: self._engine.set_movers(movers, machines))
 
     def follow(self, thing: int, plan: Callable[[float, Pose], Sequence[Way]]) -> None:
         """Let a kinematic thing go its way from now on; blocks until it does.

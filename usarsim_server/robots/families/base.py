@@ -1,0 +1,183 @@
+"""What a family of vehicles is; every family is one class in one file of this folder.
+
+A family knows the words of its vehicles on the wire, the law that turns DRIVE into targets, the
+tables of its own in robot files, and whatever it adds to the body in the physics.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Protocol
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_server.protocol.requests import Drive
+from usarsim_server.protocol.values import Dialect
+from usarsim_server.robots.description import (
+    ActuatorDescription,
+    DriveDescription,
+    RobotDescription,
+    RobotReport,
+    Wheel,
+)
+from usarsim_server.robots.tables import TableReader
+from usarsim_server.simulation.articulation import JointOrder
+from usarsim_server.simulation.laws import LawModel
+from usarsim_server.simulation.snapshot import RobotBody
+
+__all__ = ["Conduct", "Family", "Machine", "StatusFacts"]
+
+Array = NDArray[np.float64]
+
+LIGHT_INTENSITY = 100
+"""Percent; the only intensity the original ever reported for a lit lamp (protocol 4.3)."""
+
+
+@dataclass(frozen=True, slots=True)
+class StatusFacts:
+    """What every STA line may need.
+
+    Attributes:
+        state: the robot at the instant of the line.
+        joints: name and position (rad or m) of joints that STA tells of, in model order.
+        battery: s of expected life; 99999 if there is none.
+        view: viewport that shows the robot, -1 if none.
+        udk_order: the udk line is to be exactly as the original's (protocol reference 5.2 no. 1).
+    """
+
+    state: RobotBody
+    joints: tuple[tuple[str, float], ...]
+    battery: int
+    view: int = -1
+    udk_order: bool = False
+
+    @property
+    def time(self) -> float:
+        """Simulated s."""
+        return self.state.time
+
+
+class Machine(Protocol):
+    """The parts of one robot that a drive law commands; never blocks."""
+
+    @property
+    def description(self) -> RobotDescription:
+        """Its class."""
+
+    def drive(self, targets: Array) -> None:
+        """Set the wheel speed targets (rad/s) of the driven wheels in part order."""
+
+    def command_joints(self, orders: dict[str, JointOrder]) -> None:
+        """Give orders to joints that are no wheels, by name."""
+
+    def command_law(self, values: Array) -> None:
+        """Set the command of the law that the family added to the physics (see `laws.py`)."""
+
+
+class Conduct(ABC):
+    """Drives one robot on behalf of its pilot; remembers what it was last told.
+
+    Attributes:
+        light: whether the headlight is on.
+    """
+
+    def __init__(self, machine: Machine) -> None:
+        self.machine = machine
+        self.light = False
+
+    def command(self, drive: Drive, dialect: Dialect) -> None:
+        """Obey a DRIVE; members of other families are ignored."""
+        if drive.light is not None:
+            self.light = drive.light
+        self.steer(drive, dialect)
+
+    @abstractmethod
+    def steer(self, drive: Drive, dialect: Dialect) -> None:
+        """Obey what concerns motion."""
+
+    @abstractmethod
+    def stop(self) -> None:
+        """Stand still, or do what a machine without power does."""
+
+    @abstractmethod
+    def status(self, facts: StatusFacts, dialect: Dialect) -> str:
+        """The STA line."""
+
+    def light_intensity(self, dialect: Dialect) -> int:
+        """Percent; udk prints the full one whether the lamp is lit or not (protocol 4.3)."""
+        return LIGHT_INTENSITY if self.light or dialect is Dialect.UDK else 0
+
+
+class Family(ABC):
+    """A kind of vehicle. Stateless; registered with `register_family` under its `kind`s.
+
+    Attributes:
+        wheeled: its robots need driven wheels on both sides; others have none.
+        anchored: its robots stand fixed wherever they are put.
+        wheel_sensors: odometry and encoders work on it.
+    """
+
+    wheeled: ClassVar[bool] = True
+    anchored: ClassVar[bool] = False
+    wheel_sensors: ClassVar[bool] = False
+
+    @abstractmethod
+    def conduct(self, machine: Machine) -> Conduct:
+        """What drives one robot of this family."""
+
+    @abstractmethod
+    def configuration(self, robot: RobotDescription, dialect: Dialect) -> str:
+        """The CONF line of the vehicle."""
+
+    @abstractmethod
+    def geometry(self, robot: RobotDescription, dialect: Dialect) -> str:
+        """The GEO line of the vehicle."""
+
+    def read(
+        self,
+        reader: TableReader,
+        parent: RobotDescription | None,
+        wheels: Sequence[Wheel],
+        actuators: Sequence[ActuatorDescription],
+    ) -> object | None:
+        """Read the family's own tables of a robot file into `RobotDescription.gear`.
+
+        Must be a value that compares equal to that of an equal file; it counts as part of the
+        body, so robots that differ in it do not share slots.
+
+        Raises:
+            RobotDescriptionError: if one cannot be used.
+        """
+        return parent.gear if parent is not None else None
+
+    def report(
+        self,
+        table: TableReader,
+        wheels: Sequence[Wheel],
+        actuators: Sequence[ActuatorDescription],
+        mass: float,
+        drive: DriveDescription,
+        parent: RobotDescription | None,
+    ) -> RobotReport:
+        """Read the `[report]` table: what GEO and CONF announce.
+
+        Raises:
+            RobotDescriptionError: if it cannot be used.
+        """
+        from usarsim_server.robots import parts
+
+        if wheels:
+            return parts.read_report(table, wheels, actuators, mass, drive, parent)
+        return parts.read_platform_report(table, mass, parent)
+
+    def complete(self, spec: mujoco.MjSpec, robot: RobotDescription) -> None:
+        """Add to the body what the common parts do not have (called last by `build_spec`)."""
+        return
+
+    def laws(self, robot: RobotDescription) -> tuple[LawModel, ...]:
+        """What moves the body before every physics step, beside wheels and joints."""
+        return ()

@@ -1,0 +1,44 @@
+"""Platforms that stand fixed where they are put, such as the foot of an arm (protocol 3.4.7)."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from usarsim_server.protocol import messages
+from usarsim_server.protocol.requests import Drive
+from usarsim_server.protocol.values import Dialect
+from usarsim_server.robots.description import RobotDescription
+from usarsim_server.robots.families.base import Conduct, Family, Machine, StatusFacts
+from usarsim_server.robots.families.registry import register_family
+
+__all__ = ["Platform"]
+
+
+class PlatformConduct(Conduct):
+    """A platform goes nowhere."""
+
+    def steer(self, drive: Drive, dialect: Dialect) -> None:
+        pass
+
+    def stop(self) -> None:
+        pass
+
+    def status(self, facts: StatusFacts, dialect: Dialect) -> str:
+        return messages.static_status(dialect, facts.time, facts.battery)
+
+
+@register_family("static")
+class Platform(Family):
+    """Neither wheels nor weight, as far as anybody outside can tell."""
+
+    wheeled: ClassVar[bool] = False
+    anchored: ClassVar[bool] = True
+
+    def conduct(self, machine: Machine) -> Conduct:
+        return PlatformConduct(machine)
+
+    def configuration(self, robot: RobotDescription, dialect: Dialect) -> str:
+        return messages.static_configuration(dialect, robot.name)
+
+    def geometry(self, robot: RobotDescription, dialect: Dialect) -> str:
+        return messages.static_geometry(dialect, robot.name, robot.report.dimensions)

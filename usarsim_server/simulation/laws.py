@@ -1,0 +1,167 @@
+"""Laws of motion beside wheels and joints: rotors, propellers, buoyancy, tracks.
+
+A law belongs to one slot and is obeyed by the physics thread before every step. It may write
+forces on the bodies of its own robot (`data.xfrc_applied`), surface velocities of its own geoms,
+and nothing else.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Law", "LawModel", "Laws", "LawsState"]
+
+Array = NDArray[np.float64]
+
+
+class Law(ABC):
+    """What moves one robot. Must be deterministic."""
+
+    def prepare(self, model: mujoco.MjModel, data: mujoco.MjData, command: Array) -> None:
+        """Before the first half of a step, which finds the contacts."""
+        return
+
+    def push(self, model: mujoco.MjModel, data: mujoco.MjData, command: Array) -> None:
+        """Between the halves: positions and velocities are up to date, forces count now."""
+        return
+
+    @abstractmethod
+    def release(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """The robot leaves or is put elsewhere: take back what was written, forget the rest."""
+
+    def state(self) -> Array:
+        """A copy of what the law remembers, as numbers."""
+        return np.zeros(0)
+
+    def restore(self, state: Array) -> None:
+        """Go back to a copied state."""
+        return
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LawModel:
+    """A law of a robot class.
+
+    Attributes:
+        make: makes the law for a slot from the compiled model and the prefix of all names of
+            that slot (`prefix + "base"` is its chassis).
+        channels: how many numbers it takes as a command; zeros until the first one.
+    """
+
+    make: Callable[[mujoco.MjModel, str], Law]
+    channels: int
+
+
+LawsState = tuple[Array, tuple[Array, ...], frozenset[int]]
+"""Commands, what the laws remember, and which slots have laws that hold."""
+
+
+class Laws:
+    """The laws of all slots of one model generation."""
+
+    def __init__(
+        self, model: mujoco.MjModel, slots: Iterable[tuple[str, tuple[LawModel, ...]]]
+    ) -> None:
+        """Make all laws.
+
+        Args:
+            model: compiled.
+            slots: prefix of names and laws of every slot.
+        """
+        self._model = model
+        self._laws: dict[int, list[tuple[Law, slice]]] = {}
+        self._span: dict[int, slice] = {}
+        channels = 0
+        for number, (prefix, models) in enumerate(slots):
+            begin = channels
+            for one in models:
+                place = slice(channels, channels + one.channels)
+                self._laws.setdefault(number, []).append((one.make(model, prefix), place))
+                channels = place.stop
+            self._span[number] = slice(begin, channels)
+        self._commands = np.zeros(channels)
+        self._active: set[int] = set()
+        self._running: list[tuple[Law, Array]] = []
+
+    def command(self, slot: int, values: Array) -> None:
+        """Set the command of a slot, all laws one after the other.
+
+        Raises:
+            ValueError: if the count is wrong or a value is not finite.
+        """
+        span = self._span[slot]
+        if values.shape != (span.stop - span.start,) or not np.isfinite(values).all():
+            raise ValueError(f"command does not fit: {values}")
+        self._commands[span] = values
+
+    def commanded(self, slot: int) -> bool:
+        """Whether the command of a slot asks for anything but zeros."""
+        return bool(self._commands[self._span[slot]].any())
+
+    def occupy(self, slot: int) -> None:
+        """A robot takes the slot: its laws hold from now on."""
+        if slot in self._laws:
+            self._active.add(slot)
+            self._list()
+
+    def forget(self, slot: int, data: mujoco.MjData) -> None:
+        """The robot of a slot was put elsewhere: its laws forget, its command stays."""
+        for law, _ in self._laws.get(slot, ()):
+            law.release(self._model, data)
+
+    def vacate(self, slot: int, data: mujoco.MjData) -> None:
+        """The laws of a slot hold no longer; its command is zero."""
+        self.forget(slot, data)
+        self._commands[self._span[slot]] = 0.0
+        if slot in self._active:
+            self._active.remove(slot)
+            self._list()
+
+    def _list(self) -> None:
+        self._running = [
+            (law, self._commands[place])
+            for slot in sorted(self._active)
+            for law, place in self._laws[slot]
+        ]
+
+    def prepare(self, data: mujoco.MjData) -> None:
+        """Before the first half of every step."""
+        for law, command in self._running:
+            law.prepare(self._model, data, command)
+
+    def push(self, data: mujoco.MjData) -> None:
+        """Between the two halves of every step."""
+        for law, command in self._running:
+            law.push(self._model, data, command)
+
+    def state(self) -> LawsState:
+        """A copy of everything that changes, for `restore`."""
+        laws = tuple(law.state() for one in self._laws.values() for law, _ in one)
+        return self._commands.copy(), laws, frozenset(self._active)
+
+    def restore(self, state: LawsState) -> None:
+        """Go back to a copied state of this generation."""
+        commands, laws, active = state
+        self._commands[:] = commands
+        if active != self._active:
+            self._active = set(active)
+            self._list()
+        every = [law for one in self._laws.values() for law, _ in one]
+        for law, kept in zip(every, laws, strict=True):
+            law.restore(kept)
+
+    def inherit(self, older: Laws) -> None:
+        """Take over the robots of an older generation, which sit in the same slots here."""
+        for slot in older._active:
+            self._commands[self._span[slot]] = older._commands[older._span[slot]]
+            pairs = zip(self._laws.get(slot, ()), older._laws.get(slot, ()), strict=True)
+            for (law, _), (old, _) in pairs:
+                law.restore(old.state())
+        self._active = set(older._active)
+        self._list()
