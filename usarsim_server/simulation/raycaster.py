@@ -31,6 +31,9 @@ __all__ = ["DynamicGeometry", "StaticGeometry", "cast", "cast_scenery"]
 
 Array = NDArray[np.float64]
 
+SEEN_GROUPS = 3
+"""Geoms of groups 0 to 2 are seen, as by MuJoCo's renderers; the others only collide."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Plane:
@@ -367,6 +370,8 @@ def _static_geoms(model: mujoco.MjModel) -> list[int]:
 
 
 def _visible(model: mujoco.MjModel, geom: int) -> bool:
+    if model.geom_group[geom] >= SEEN_GROUPS:
+        return False
     material = model.geom_matid[geom]
     color = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
     return bool(color[3] > 0.0)
