@@ -7,8 +7,9 @@ drain and never leaves it, so the printed value falls by one a second (robots re
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
-__all__ = ["NO_BATTERY", "Battery"]
+__all__ = ["NO_BATTERY", "Battery", "BatteryGauge"]
 
 NO_BATTERY = 99999
 """What STA prints for a robot without a battery, and the most it prints for one with it."""
@@ -44,3 +45,23 @@ class Battery:
 
     def _remaining(self, elapsed: float) -> float:
         return max(self._life - max(elapsed, 0.0), 0.0)
+
+
+class BatteryGauge:
+    """Shows everybody the battery of a robot that its pilot keeps; may be read by any thread."""
+
+    def __init__(self) -> None:
+        """Until it is connected it shows a robot without a battery."""
+        self._read: Callable[[float], int] = lambda time: NO_BATTERY
+
+    def connect(self, read: Callable[[float], int]) -> None:
+        """Show what a function makes of a simulated time (s): whole seconds of life left."""
+        self._read = read
+
+    def seconds(self, time: float) -> int:
+        """Whole seconds of life left at a simulated time (s)."""
+        return self._read(time)
+
+    def empty(self, time: float) -> bool:
+        """Whether the battery is empty as wireless simulation sees it (side channels 3.2)."""
+        return self.seconds(time) <= 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from usarsim_server.actuators.effector import Effector
 from usarsim_server.actuators.registry import create_effectors
 from usarsim_server.logs import Log
+from usarsim_server.robots.battery import BatteryGauge
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.families.registry import family_of
 from usarsim_server.robots.mjcf import build_spec
@@ -42,6 +43,7 @@ class Vehicle:
         robot: its number in the simulation.
         sensors: in mount order.
         simulation: the world it is in.
+        gauge: shows how much is left in its battery.
     """
 
     name: str
@@ -49,6 +51,7 @@ class Vehicle:
     robot: int
     sensors: tuple[Sensor, ...]
     simulation: Simulation
+    gauge: BatteryGauge = field(default_factory=BatteryGauge)
 
     def state(self, snapshot: Snapshot) -> RobotBody | None:
         """Its state in a snapshot; None if it is not in there."""

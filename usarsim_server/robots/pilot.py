@@ -93,6 +93,7 @@ class Pilot:
         self._spawned: float | None = None
         self._dead = False
         self._news: list[str] = []
+        vehicle.gauge.connect(self._remaining)
 
     # -- requests ----------------------------------------------------------------------------
 
