@@ -19,11 +19,15 @@ from usarsim_server.control.roles import SpecialRoles
 from usarsim_server.data import data_directory
 from usarsim_server.errors import UsarsimError
 from usarsim_server.protocol import messages
+from usarsim_server.radio.ground_truth import GroundTruth
+from usarsim_server.radio.obstacles import SceneryObstacles
+from usarsim_server.radio.stations import stations_of
 from usarsim_server.robots.agent import AgentOptions, Mouth, RobotAgent
 from usarsim_server.robots.fleet import Fleet
 from usarsim_server.robots.pilot import PilotOptions
 from usarsim_server.robots.roster import load_roster
 from usarsim_server.services.control import ControlLimits, ControlService
+from usarsim_server.services.ground_truth import ground_truth_service
 from usarsim_server.services.outbox import OutboxLimits
 from usarsim_server.services.ready import Service, run_services
 from usarsim_server.settings import Settings
@@ -147,6 +151,17 @@ def assemble(settings: Settings) -> Assembly:
     assembly = Assembly(settings, world, simulation, fleet, surroundings, objects, avatars, ())
     if settings.port is not None:
         services.append(_control_service(settings, world, assembly))
+    stations = stations_of(lambda: fleet.vehicles, simulation.look)
+    ground_truth = GroundTruth(stations, SceneryObstacles(simulation))
+    if settings.groundtruth_port is not None:
+        services.append(
+            ground_truth_service(
+                settings.host,
+                settings.groundtruth_port,
+                ground_truth.answers,
+                required=settings.demands("groundtruth_port"),
+            )
+        )
     return replace(assembly, services=tuple(services))
 
 
