@@ -6,6 +6,7 @@ import contextlib
 from collections.abc import Callable, Iterator
 
 import pytest
+from images_harness import FakeSource, RunningImages
 from services_harness import Running
 
 from usarsim_server.services.control import ControlLimits
@@ -22,3 +23,18 @@ def control() -> Iterator[Callable[..., Running]]:
             return running
 
         yield start
+
+
+@pytest.fixture
+def images() -> Iterator[type[RunningImages]]:
+    """Starts image services, as `RunningImages`; they end with the test."""
+    started: list[RunningImages] = []
+
+    class Started(RunningImages):
+        def __init__(self, *arguments, **options) -> None:  # type: ignore[no-untyped-def]
+            super().__init__(*(arguments or (FakeSource(),)), **options)
+            started.append(self)
+
+    yield Started
+    for running in started:
+        running.stop()

@@ -1,0 +1,482 @@
+"""The image service: requests and replies, pushes, waiting for the renderer, attention."""
+
+from __future__ import annotations
+
+import asyncio
+import io
+import socket
+import threading
+import time
+
+import numpy as np
+import pytest
+from images_harness import (
+    BIG,
+    GRID,
+    TILE,
+    TILE_REQUEST,
+    FakeSource,
+    ImageClient,
+    rectangle,
+)
+from numpy.typing import NDArray
+from PIL import Image
+from services_harness import eventually
+
+from usarsim_server.cameras.encoding import Encoder, pillow_jpeg
+from usarsim_server.cameras.view import Grid, Region
+from usarsim_server.errors import ServiceError
+from usarsim_server.protocol.images import NORMAL, RAW, ImageType
+from usarsim_server.services.images import ImageLimits, ImageService
+from usarsim_server.services.listener import Endpoint
+from usarsim_server.services.ready import run_services
+
+TILE_SIZE = (TILE.width, TILE.height)
+QUICK = ImageLimits(patience=0.2, linger=0.2)
+
+
+def replies_to(client: ImageClient, data: bytes, count: int) -> list[tuple[int, bytes]]:
+    """Exactly so many replies, then silence."""
+    client.send(data)
+    found = [client.reply() for _ in range(count)]
+    assert client.silent_for(0.1)
+    return found
+
+
+# Requests and replies
+
+
+@pytest.mark.parametrize(
+    ("data", "count"),
+    [
+        pytest.param(b"OK", 1, id="check 3"),
+        pytest.param(b"OK\r\n", 1, id="check 4"),
+        pytest.param(b"\r\nOK", 1, id="check 5"),
+        pytest.param(b"ok", 0, id="check 6"),
+        pytest.param(b"OOK", 0, id="check 7"),
+        pytest.param(b"OOKOK", 1, id="check 7"),
+        pytest.param(b"OK" * 5, 5, id="check 9"),
+        pytest.param(b"\0\0\0" + TILE_REQUEST, 1, id="check 22"),
+        pytest.param(rectangle(0x4F4B4F4B, 0x55555555, 0x4F4B, 1), 1, id="check 24"),
+        pytest.param(TILE_REQUEST + b"OK", 2, id="check 26"),
+    ],
+)
+def test_each_request_has_exactly_one_reply(images, data: bytes, count: int) -> None:
+    """Checks 3 to 9, 22, 24, 26: n requests give n replies; everything else gives nothing."""
+    client = images().connect()
+    replies_to(client, data, count)
+    replies_to(client, b"OK", 1)
+
+
+@pytest.mark.parametrize("request_bytes", [b"OK", TILE_REQUEST])
+def test_request_byte_by_byte_has_one_reply(images, request_bytes: bytes) -> None:
+    """Checks 8 and 23: pauses inside a request do not matter."""
+    client = images().connect()
+    for byte in request_bytes[:-1]:
+        client.send(bytes([byte]))
+        time.sleep(0.01)
+    assert client.silent_for(0.2)
+    replies_to(client, request_bytes[-1:], 1)
+
+
+@pytest.mark.parametrize("number", [0, 1, 3, 5, 259])
+def test_type_is_the_same_for_both_kinds_of_request(images, number: int) -> None:
+    """Checks 11 and 12: the configured type; JPEGs decode to the size asked for."""
+    client = images(FakeSource(), ImageType(number)).connect()
+    replies = replies_to(client, b"OK" + TILE_REQUEST, 2)
+    assert [kind for kind, _ in replies] == [number % 256] * 2
+    if number:
+        sizes = [Image.open(io.BytesIO(payload)).size for _, payload in replies]
+        assert sizes == [(GRID.width, GRID.height), TILE_SIZE]
+
+
+def test_rectangle_of_the_frame_is_the_frame(images) -> None:
+    """Check 20."""
+    client = images().connect()
+    full, cut = replies_to(client, b"OK" + rectangle(0, 0, GRID.width, GRID.height), 2)
+    assert full == cut
+
+
+@pytest.mark.parametrize(("image_type", "payload"), [(RAW, bytes(4)), (NORMAL, b"")])
+@pytest.mark.parametrize(
+    "asked",
+    [
+        (128, 0, 64, 48),
+        (0, 0, 0, 48),
+        (0, 0, 64, 0),
+        (100, 60, 64, 48),
+        (0, 0, 129, 96),
+        (2**32 - 1, 2**32 - 1, 2**32 - 1, 2**32 - 1),
+    ],
+)
+def test_rectangle_outside_has_an_empty_reply(images, image_type, payload, asked) -> None:
+    """Check 25: one empty picture, no rendering, and the connection lives on."""
+    running = images(FakeSource(), image_type)
+    client = running.connect()
+    assert replies_to(client, rectangle(*asked), 1) == [(image_type.byte, payload)]
+    assert running.source.looked_at == set()
+    replies_to(client, b"OK", 1)
+
+
+def test_each_request_gets_the_newest_picture(images) -> None:
+    """Check 34: pictures follow the renderer; a repeat without news is the same picture."""
+    running = images()
+    client = running.connect()
+    for value in (7, 9, 250):
+        running.source.show(value)
+        client.send(b"OK")
+        assert client.value() == value
+    client.send(b"OK")
+    assert client.value() == 250
+
+
+def test_pictures_leave_in_one_piece(images, monkeypatch) -> None:
+    """Header and payload are handed to TCP together (side channels reference 10, no. 4)."""
+    running = images()
+    sent: list[int] = []
+    sendall = running.loop.sock_sendall
+
+    async def counted(client: socket.socket, data: memoryview) -> None:
+        sent.append(len(data))
+        await sendall(client, data)
+
+    monkeypatch.setattr(running.loop, "sock_sendall", counted)
+    client = running.connect()
+    replies_to(client, b"OK" + TILE_REQUEST, 2)
+    assert sent == [9 + 128 * 96 * 3, 9 + 64 * 48 * 3]
+
+
+def test_requests_every_ten_milliseconds_are_all_answered(images) -> None:
+    """Check 33: repeats or not."""
+    client = images().connect()
+    for _ in range(30):
+        client.send(b"OK\r\n")
+        time.sleep(0.01)
+    assert [client.value() for _ in range(30)] == [0] * 30
+
+
+def test_repeats_are_paced_and_news_are_not(images) -> None:
+    """A client that asks without pause gets the same picture again only after a little while."""
+    limits = ImageLimits(repeat=0.05)
+    client = images(FakeSource(), limits=limits).connect()
+    started = time.monotonic()
+    replies_to(client, b"OK" * 5, 5)
+    assert time.monotonic() - started > 4 * 0.05
+    changing = images(FakeSource(), limits=ImageLimits(repeat=30.0)).connect()
+    changing.send((TILE_REQUEST + b"OK") * 5)
+    for _ in range(5):
+        changing.value(TILE_SIZE)
+        changing.value()
+
+
+# Pushes
+
+
+def test_nothing_is_sent_unasked(images) -> None:
+    """Check 2: without legacy mode a silent client gets nothing."""
+    running = images()
+    assert running.connect().silent_for(0.5)
+    assert running.source.looked_at == set(), "nobody looks, nothing is rendered"
+
+
+def test_legacy_mode_pushes_one_picture(images) -> None:
+    """Check 27: one picture on connect, then request and reply as always."""
+    client = images(legacy=True, silent_push=0.05).connect()
+    replies_to(client, b"", 1)
+    replies_to(client, b"OK", 1)
+
+
+def test_legacy_mode_and_an_immediate_request_are_two_pictures(images) -> None:
+    """Check 28."""
+    replies_to(images(legacy=True).connect(), b"OK", 2)
+
+
+def test_silent_client_gets_one_picture(images) -> None:
+    """Side channels reference 2.12: one push, never a second one."""
+    client = images(silent_push=0.1).connect()
+    assert client.silent_for(0.05)
+    replies_to(client, b"", 1)
+    assert client.silent_for(0.3)
+    replies_to(client, b"OK", 1)
+
+
+@pytest.mark.parametrize("word", [b"OK", b"O", b"\0"])
+def test_client_that_speaks_in_time_gets_no_push(images, word: bytes) -> None:
+    """Check 29: whatever it says first, only what it asked for is sent."""
+    client = images(silent_push=0.3).connect()
+    time.sleep(0.05)
+    client.send(word)
+    if word == b"OK":
+        client.value()
+    assert client.silent_for(0.5)
+
+
+def test_request_during_the_push_is_answered_too(images) -> None:
+    """Bytes that come while the picture is on its way are not lost."""
+    source = FakeSource(value=None)
+    running = images(source, silent_push=0.05, limits=ImageLimits(patience=5.0))
+    client = running.connect()
+    assert eventually(lambda: bool(source.watches)), "the push waits for the renderer"
+    client.send(b"OK")
+    source.show(5)
+    assert [client.value(), client.value()] == [5, 5]
+    assert client.silent_for(0.1)
+
+
+# Waiting for the renderer
+
+
+def test_request_waits_for_the_first_frame(images) -> None:
+    """Nothing rendered yet: the client gets the first real picture, no placeholder."""
+    source = FakeSource(value=None)
+    client = images(source).connect()
+    client.send(b"OK")
+    assert eventually(lambda: source.looked_at == {GRID.frame})
+    assert client.silent_for(0.1)
+    source.show(42)
+    assert client.value() == 42
+
+
+def test_frame_that_is_not_yet_up_to_date_is_waited_over(images) -> None:
+    """Frames in which the tile is still old do not count."""
+    source = FakeSource(value=None)
+    client = images(source).connect()
+    client.send(TILE_REQUEST)
+    assert eventually(lambda: source.looked_at == {TILE})
+    source.show(1, fresh=False)
+    assert client.silent_for(0.1)
+    source.show(2)
+    assert client.value(TILE_SIZE) == 2
+
+
+def test_renderer_that_is_too_late_is_replaced_by_grey(images, caplog) -> None:
+    """Never silent: after a while a grey picture of the right size, and one warning."""
+    source = FakeSource(value=None)
+    client = images(source, limits=QUICK).connect()
+    client.send(b"OK" + TILE_REQUEST)
+    assert client.value() == 128
+    assert client.value(TILE_SIZE) == 128
+    late = [record for record in caplog.messages if "renderer is late" in record]
+    assert len(late) == 1
+    source.show(3)
+    client.send(b"OK")
+    assert client.value() == 3
+
+
+def test_slow_renderer_gives_what_it_has(images) -> None:
+    """Frames that came while the client waited are better than grey."""
+    source = FakeSource(value=None)
+    client = images(source, limits=QUICK).connect()
+    client.send(b"OK")
+    assert eventually(lambda: bool(source.watches))
+    source.show(77, fresh=False)
+    assert client.value() == 77
+
+
+def test_word_of_many_frames_reaches_the_loop_once() -> None:
+    """A renderer that is faster than the loop does not fill it with calls; the last frame wins."""
+
+    async def scenario() -> None:
+        from usarsim_server.services.attention import Bell
+
+        bell, source = Bell(), FakeSource()
+        watch = source.watch(GRID.frame, bell.ring)
+        news = bell.next()
+        calls = 0
+        soon = asyncio.get_running_loop().call_soon_threadsafe
+
+        def counted(*arguments):  # type: ignore[no-untyped-def]
+            nonlocal calls
+            calls += 1
+            return soon(*arguments)
+
+        bell._loop.call_soon_threadsafe = counted  # type: ignore[method-assign]
+        for value in range(50):
+            source.show(value)
+        assert int((await news).pixels[0, 0, 0]) == 49
+        assert calls == 1
+        watch.close()
+
+    asyncio.run(scenario())
+
+
+# Attention
+
+
+def test_region_is_watched_while_it_is_asked_for(images) -> None:
+    """Rendering goes on for a while after a request, and stops when nobody asks again."""
+    running = images(limits=ImageLimits(linger=0.3))
+    client = running.connect()
+    for _ in range(5):
+        client.send(TILE_REQUEST)
+        client.value(TILE_SIZE)
+        assert running.source.looked_at == {TILE}
+        time.sleep(0.1)
+    assert running.source.most_watches == 1
+    assert eventually(lambda: running.source.looked_at == set())
+
+
+def test_each_region_has_its_own_time(images) -> None:
+    """What was asked for earlier is forgotten earlier."""
+    running = images(limits=ImageLimits(linger=0.5))
+    client = running.connect()
+    client.send(TILE_REQUEST)
+    client.value(TILE_SIZE)
+    time.sleep(0.25)
+    client.send(b"OK")
+    client.value()
+    assert GRID.frame in running.source.looked_at
+    assert eventually(lambda: running.source.looked_at == {GRID.frame})
+    assert eventually(lambda: running.source.looked_at == set())
+
+
+def test_client_that_leaves_looks_at_nothing(images) -> None:
+    """The end of a connection ends its rendering at once."""
+    running = images(limits=ImageLimits(linger=60.0))
+    client = running.connect()
+    client.send(b"OK")
+    client.value()
+    assert running.source.looked_at == {GRID.frame}
+    client.close()
+    assert eventually(lambda: running.source.looked_at == set())
+
+
+def test_regions_of_one_client_are_bounded(images) -> None:
+    """A client that invents rectangles makes the oldest give way."""
+    running = images(limits=ImageLimits(regions=3))
+    client = running.connect()
+    for x in range(10):
+        client.send(rectangle(x, 0, 4, 4))
+        client.value((4, 4))
+    assert running.source.most_watches <= 3
+    assert running.source.looked_at == {Region(x, 0, 4, 4) for x in (7, 8, 9)}
+
+
+# Work that is shared
+
+
+class SlowCodec:
+    """Counts calls; slow enough for several clients to ask meanwhile."""
+
+    def __init__(self) -> None:
+        self.calls = 0
+
+    def __call__(self, pixels: NDArray[np.uint8], quality: int, head: bytes) -> memoryview:
+        self.calls += 1
+        time.sleep(0.1)
+        return pillow_jpeg(pixels, quality, head)
+
+
+def test_clients_share_one_encoding(images) -> None:
+    """Ten clients that ask for the same picture at the same time pay once."""
+    codec = SlowCodec()
+    running = images(FakeSource(), NORMAL, codec)
+    clients = [running.connect() for _ in range(10)]
+    for client in clients:
+        client.send(b"OK")
+    clients.pop().reset()
+    assert len({client.reply() for client in clients}) == 1
+    assert codec.calls == 1
+
+
+def test_loop_does_not_wait_for_the_encoder(images) -> None:
+    """While a picture is encoded the event loop serves others."""
+    go_on = threading.Event()
+
+    def held(pixels: NDArray[np.uint8], quality: int, head: bytes) -> memoryview:
+        go_on.wait(10.0)
+        return pillow_jpeg(pixels, quality, head)
+
+    running = images(FakeSource(), NORMAL, held)
+    waiting, outside = running.connect(), running.connect()
+    waiting.send(b"OK")
+    for _ in range(20):
+        outside.send(rectangle(999, 0, 1, 1))
+        assert outside.reply() == (3, b"")
+    assert waiting.silent_for(0.01)
+    go_on.set()
+    assert waiting.reply()[0] == 3
+
+
+def test_defect_in_the_encoder_ends_one_client_only(images, caplog) -> None:
+    """An exception closes the connection that met it, with a log line; others live on."""
+
+    def broken(pixels: NDArray[np.uint8], quality: int, head: bytes) -> memoryview:
+        if pixels.shape == (48, 64, 3):
+            raise ValueError("cannot encode")
+        return pillow_jpeg(pixels, quality, head)
+
+    running = images(FakeSource(), NORMAL, broken)
+    victim, other = running.connect(), running.connect()
+    victim.send(TILE_REQUEST)
+    assert victim.ended()
+    assert "connection closed by a server error" in caplog.messages
+    replies_to(other, b"OK", 1)
+
+
+# The port
+
+
+def test_connection_beyond_the_limit_is_closed(images) -> None:
+    """A place that comes free is given to the next."""
+    running = images(limits=ImageLimits(max_connections=2))
+    first, second = running.connect(), running.connect()
+    replies_to(first, b"OK", 1)
+    replies_to(second, b"OK", 1)
+    assert running.connect().ended()
+    first.close()
+    assert eventually(lambda: running.service.connections == 1)
+    replies_to(running.connect(), b"OK", 1)
+
+
+class Always:
+    """A service that always starts."""
+
+    name = "always"
+    required = True
+
+    async def start(self) -> Endpoint:
+        """Pretend."""
+        return Endpoint("always", "127.0.0.1", 1)
+
+    async def stop(self) -> None:
+        """Pretend."""
+
+
+def run_with_taken_port(required: bool) -> list[Endpoint]:
+    """Endpoints of a server whose image port is taken."""
+    found: list[Endpoint] = []
+
+    async def scenario(port: int) -> None:
+        images = ImageService("127.0.0.1", port, FakeSource(), Encoder(RAW), required=required)
+        stop = asyncio.Event()
+
+        def ready(endpoints) -> None:  # type: ignore[no-untyped-def]
+            found.extend(endpoints)
+            stop.set()
+
+        await run_services([Always(), images], ready, stop)
+
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        asyncio.run(scenario(taken.getsockname()[1]))
+    return found
+
+
+def test_taken_port_is_a_warning(caplog) -> None:
+    """Side channels reference 2.7: the image service alone fails, the server goes on."""
+    assert [endpoint.name for endpoint in run_with_taken_port(required=False)] == ["always"]
+    assert any("--image-port" in message for message in caplog.messages)
+
+
+def test_taken_port_that_was_asked_for_is_an_error() -> None:
+    """Somebody who names a port wants it."""
+    with pytest.raises(ServiceError, match="--image-port"):
+        run_with_taken_port(required=True)
+
+
+def test_other_grids_have_their_own_frame(images) -> None:
+    """The frame is the grid exactly (side channels reference 10, no. 2)."""
+    client = images(FakeSource(Grid(4, 1, 32, 24))).connect()
+    client.send(b"OK")
+    assert client.value((128, 24)) == 0
+    assert (BIG.width, BIG.height) == (1280, 960)

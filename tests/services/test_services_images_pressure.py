@@ -1,0 +1,194 @@
+"""Image clients that are slow, stall, flood and vanish: nobody else notices."""
+
+from __future__ import annotations
+
+import gc
+import random
+import struct
+import threading
+import time
+
+import numpy as np
+import psutil
+from images_harness import BIG, TILE, TILE_REQUEST, FakeSource, ImageClient, RunningImages
+from services_harness import eventually
+
+from usarsim_server.services.images import ImageLimits
+
+BIG_SIZE = (BIG.width, BIG.height)
+FRAME_BYTES = 5 + 4 + 3 * BIG.width * BIG.height
+
+
+def ask_and_stall(running: RunningImages, requests: bytes = b"OK") -> ImageClient:
+    """A client that asks for large pictures and reads nothing."""
+    client = running.connect(receive_buffer=4096)
+    client.send(requests)
+    return client
+
+
+def test_stalled_clients_do_not_hold_up_others(images) -> None:
+    """Check 30: beside twenty that stall, a client that reads gets all it asks for."""
+    running = images(FakeSource(BIG))
+    stalled = [ask_and_stall(running, b"OK" * 50) for _ in range(20)]
+    reader = running.connect()
+    for value in range(1, 30):
+        running.source.show(value)
+        reader.send(TILE_REQUEST)
+        assert reader.value((TILE.width, TILE.height)) == value
+    for client in stalled:
+        client.close()
+    assert eventually(lambda: running.service.connections == 1)
+
+
+def test_client_that_stalls_and_goes_on_has_an_intact_stream(images) -> None:
+    """Check 31: pictures are whole, in order and one per request, however late they are read."""
+    running = images(FakeSource(BIG))
+    client = ask_and_stall(running, b"OK" * 8)
+    for value in range(1, 30):
+        running.source.show(value)
+        time.sleep(0.01)
+    values = [client.value(BIG_SIZE) for _ in range(8)]
+    assert values[1:] == [29] * 7, "requests that waited are answered with the newest picture"
+    assert client.silent_for(0.1)
+
+
+def test_pictures_are_not_encoded_ahead(images) -> None:
+    """A client that does not read makes no work: its next request waits until it has read."""
+    running = images(FakeSource(BIG))
+    client = ask_and_stall(running, b"OK" * 100)
+    assert eventually(lambda: running.encoder.kept_bytes > 0)
+    time.sleep(0.1)
+    running.source.show(1)
+    time.sleep(0.1)
+    assert running.encoder.found(running.source.newest(BIG.frame), BIG.frame) is None
+    client.close()
+
+
+def test_flood_of_requests_waits_in_tcp(images) -> None:
+    """A client that only asks is pushed back by TCP after a few thousand requests."""
+    running = images(FakeSource(BIG))
+    client = running.connect(receive_buffer=4096, send_buffer=4096)
+    client.socket.setblocking(False)
+    sent, last = 0, time.monotonic()
+    while sent < 4_000_000 and time.monotonic() - last < 0.3:
+        try:
+            sent += client.socket.send(b"OK" * 4096)
+            last = time.monotonic()
+        except BlockingIOError:
+            time.sleep(0.01)
+    assert sent < 1_000_000
+    client.reset()
+    assert eventually(lambda: running.service.connections == 0)
+
+
+def test_client_that_leaves_in_the_middle_of_a_picture_disturbs_nobody(images, caplog) -> None:
+    """Check 32: reset, close and half-close after half a picture."""
+    running = images(FakeSource(BIG))
+    witness = running.connect()
+    for end in ("reset", "close", "half"):
+        client = ask_and_stall(running)
+        client.socket.recv(1000)
+        if end == "half":
+            client.socket.shutdown(1)
+            rest = FRAME_BYTES - 1000
+            while rest > 0 and (chunk := client.socket.recv(1 << 16)):
+                rest -= len(chunk)
+            assert rest == 0, "what was asked for before is still delivered"
+            assert client.ended()
+        else:
+            getattr(client, end)()
+        assert eventually(lambda: running.service.connections == 1)
+        witness.send(TILE_REQUEST)
+        witness.value((TILE.width, TILE.height))
+    assert not [record for record in caplog.records if record.levelname in ("WARNING", "ERROR")]
+
+
+def test_client_that_leaves_while_it_waits_is_forgotten(images) -> None:
+    """Nothing was rendered yet when it went: its attention ends with it."""
+    source = FakeSource(value=None)
+    running = images(source, limits=ImageLimits(patience=0.2))
+    client = running.connect()
+    client.send(b"OK")
+    assert eventually(lambda: bool(source.watches))
+    client.reset()
+    assert eventually(lambda: running.service.connections == 0)
+    assert source.watches == []
+
+
+def test_stop_does_not_wait_for_clients(images) -> None:
+    """The server ends although clients stall, wait for the renderer, or are silent."""
+    running = images(FakeSource(BIG), silent_push=60.0)
+    ask_and_stall(running, b"OK" * 10)
+    running.connect()
+    running.source.fresh = False
+    ask_and_stall(running)
+    assert eventually(lambda: running.service.connections == 3)
+    clients = list(running.clients)
+    started = time.monotonic()
+    running.call(running.service.stop())
+    assert time.monotonic() - started < 1.5, "the listener would have given up only after 2 s"
+    assert running.source.watches == []
+    assert all(client.ended() for client in clients)
+
+
+def test_stalled_client_costs_one_picture(images) -> None:
+    """Twelve clients that stall in twelve different pictures hold twelve pictures, no more."""
+    running = images(FakeSource(BIG))
+    gc.collect()
+    before = psutil.Process().memory_info().rss
+    for value in range(12):
+        running.source.show(value)
+        client = ask_and_stall(running, b"OK" * 200)
+        client.socket.recv(100)
+    grown = psutil.Process().memory_info().rss - before
+    # The newest frame, the picture in the cache and the encoder's work come on top.
+    assert grown < (12 + 6) * FRAME_BYTES
+
+
+class Guest:
+    """A client with a will of its own: asks, reads a little, stalls, vanishes."""
+
+    def __init__(self, running: RunningImages, chance: random.Random) -> None:
+        self._client = running.connect(receive_buffer=4096)
+        self._chance = chance
+        words = [b"OK", b"OK\r\n" * 20, TILE_REQUEST, b"U" + struct.pack(">4I", 9, 9, 9**9, 1)]
+        words += [b"\0\xff" * 200, b"U\0\0", b"O"]
+        self._client.send(b"".join(chance.choices(words, k=3)))
+
+    def end(self) -> None:
+        """Read something or nothing, and go in one way or another."""
+        self._client.socket.settimeout(0.01)
+        try:
+            for _ in range(self._chance.randrange(4)):
+                self._client.socket.recv(self._chance.choice((1, 1000, 1 << 20)))
+        except (TimeoutError, ConnectionError):
+            pass
+        self._chance.choice((self._client.reset, self._client.close))()
+
+
+def test_clients_come_and_go_for_a_while(images) -> None:
+    """200 visits beside a running renderer leave no connection, watch, thread or memory."""
+    chance = random.Random(5)
+    running = images(FakeSource(BIG), silent_push=0.05)
+    witness = running.connect()
+    guests: list[Guest] = []
+    used: list[int] = []
+    for visit in range(200):
+        guests.append(Guest(running, chance))
+        if len(guests) > 8:
+            guests.pop(chance.randrange(len(guests))).end()
+        if visit % 10 == 9:
+            running.source.show(visit)
+            witness.send(TILE_REQUEST)
+            assert witness.value((TILE.width, TILE.height)) == visit
+            used.append(psutil.Process().memory_info().rss)
+    for guest in guests:
+        guest.end()
+    assert eventually(lambda: running.service.connections == 1)
+    witness.close()
+    assert eventually(lambda: running.service.connections == 0)
+    assert running.source.watches == []
+    encoders = [one for one in threading.enumerate() if one.name.startswith("image-encoder")]
+    assert len(encoders) <= 2
+    # Eight guests hold up to eight pictures at any time, from the start.
+    assert np.median(used[-5:]) - np.median(used[2:7]) < 8 * FRAME_BYTES
