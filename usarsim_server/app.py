@@ -39,6 +39,7 @@ from usarsim_server.worlds.catalog import find_world
 from usarsim_server.worlds.description import WorldDescription
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.object_classes import load_objects
+from usarsim_server.worlds.operators import operators_of
 from usarsim_server.worlds.scene import build_scene
 from usarsim_server.worlds.surroundings import Surroundings
 
@@ -139,7 +140,8 @@ def assemble(settings: Settings) -> Assembly:
         ),
     )
     surroundings = Surroundings(world)
-    simulation.set_movers(surroundings.movers)
+    operators = operators_of(world.machinery)
+    simulation.set_movers((*surroundings.movers, *operators.movers), operators.machines)
     fleet = Fleet(roster, world, simulation, settings.seed, surroundings)
     services: list[Service] = []
     shipped = data_directory("worlds")

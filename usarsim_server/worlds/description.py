@@ -12,6 +12,7 @@ from pathlib import Path
 
 from usarsim_server.simulation.frames import Pose, Vector
 from usarsim_server.simulation.surfaces import Surface
+from usarsim_server.worlds.machinery import Machinery
 
 __all__ = [
     "FalseAlarm",
@@ -217,6 +218,7 @@ class WorldDescription:
         tags, sounds, false_alarms: what sensors of life find, beside the victims.
         smoke: what weakens or stops light; sound passes.
         surfaces: patches of water, mud, sand, ice.
+        machinery: doors, belts, lifts and moving obstacles.
         origin: geographic origin.
         north: wire-frame yaw of map north, rad (0: the x axis points north).
         time_limit: minutes, told in the greeting; 0 means none.
@@ -245,6 +247,7 @@ class WorldDescription:
     false_alarms: tuple[FalseAlarm, ...] = ()
     smoke: Smoke = Smoke()
     surfaces: tuple[Surface, ...] = ()
+    machinery: Machinery = Machinery()  # noqa: RUF009 - immutable
 
     def start(self, tag: str) -> StartPose | None:
         """The first start pose with this tag, whatever its case; None if there is none."""

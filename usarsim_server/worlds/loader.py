@@ -28,6 +28,7 @@ from usarsim_server.worlds.description import (
     Zone,
 )
 from usarsim_server.worlds.life import read_false_alarm, read_sound, read_tag, traits_of
+from usarsim_server.worlds.machine_tables import read_machinery
 from usarsim_server.worlds.media import read_smoke, read_surface
 from usarsim_server.worlds.tables import Table
 from usarsim_server.worlds.victims import POSTURES
@@ -96,6 +97,7 @@ def load_world(folder: Path) -> WorldDescription:
         false_alarms=tuple(read_false_alarm(entry) for entry in table.tables("false_alarm")),
         smoke=read_smoke(table.tables("smoke")),
         surfaces=tuple(read_surface(entry) for entry in table.tables("surface")),
+        machinery=read_machinery(table),
     )
     table.finish()
     _check_names(table, world)

@@ -1,4 +1,4 @@
-"""From a world folder to a MuJoCo specification: scenery, victims, light."""
+"""From a world folder to a MuJoCo specification: scenery, victims, machinery, light."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import mujoco
 from usarsim_server import errors
 from usarsim_server.errors import WorldError
 from usarsim_server.worlds.description import Surface, WorldDescription
+from usarsim_server.worlds.machine_bodies import add_machinery
 from usarsim_server.worlds.victims import add_victim
 
 __all__ = ["build_scene", "movable_bodies"]
@@ -30,14 +31,15 @@ _LINE = re.compile(r"\bline (?:number=)?(\d+)", re.IGNORECASE)
 
 
 def build_scene(world: WorldDescription) -> mujoco.MjSpec:
-    """Read the scene of a world and put its victims in.
+    """Read the scene of a world and put its victims and its machinery in.
 
     The result compiles. Its extent and centre are fixed, so that parking robots far away does
     not change clip planes and shadows of cameras; a scene without light is given some.
 
     Raises:
         WorldError: if MuJoCo cannot read or compile the scene, if the scene sets what the server
-            decides (`option`, `keyframe`), or if a movable body has no name.
+            decides (`option`, `keyframe`), if a movable body has no name, or if a name or a
+            material of the machinery does not fit the scene.
     """
     try:
         spec = mujoco.MjSpec.from_file(str(world.scene))
@@ -52,6 +54,7 @@ def build_scene(world: WorldDescription) -> mujoco.MjSpec:
         for number, surface in enumerate(world.surfaces, start=1):
             if surface.painted:
                 _paint(spec, surface, number)
+        add_machinery(spec, world)
         model = spec.compile()
     except ValueError as error:
         raise _scene_error(world, error) from error
