@@ -269,6 +269,15 @@ LINES: dict[str, st.SearchStrategy[str]] = {
             max_size=2,
         ),
     ),
+    "camera configuration": st.builds(
+        m.camera_configuration,
+        DIALECT,
+        TEXT,
+        st.lists(
+            st.builds(m.CameraItem, name=TEXT, default_fov=ANY, min_fov=ANY, max_fov=ANY, fov=ANY),
+            max_size=3,
+        ),
+    ),
     "result": st.builds(
         m.result,
         ANY,
@@ -278,18 +287,23 @@ LINES: dict[str, st.SearchStrategy[str]] = {
         st.lists(st.tuples(st.sampled_from(["ID", "Mem"]), TEXT), max_size=2),
     ),
     "viewports": st.builds(
-        m.viewports_result, ANY, st.lists(st.tuples(TEXT, st.booleans()), max_size=4)
+        m.viewports_result,
+        ANY,
+        st.lists(st.tuples(TEXT, st.booleans()), max_size=4),
+        st.none() | st.tuples(TEXT, st.booleans()),
     ),
 }
 
 WELL_FORMED = re.compile(rb"[A-Z]+( \{[^{}]*\})*\r\n")
+GLUED = re.compile(rb"[A-Z]+( (\{[^{}]*\})+)*\r\n")
+"""Where segments stand without blanks between them: side channels reference 2.10."""
 UNTIDY = re.compile(rb"[\x00-\x1f]|  ")
 NOT_A_NUMBER = re.compile(rb"\b(nan|inf)\b|\d[eE][+-]?\d")
 
 
-def check_line(data: bytes) -> None:
+def check_line(data: bytes, form: re.Pattern[bytes] = WELL_FORMED) -> None:
     """Assert checks 6 to 9 of one line as it goes to the socket."""
-    assert WELL_FORMED.fullmatch(data)
+    assert form.fullmatch(data)
     assert not UNTIDY.search(data[:-2])
 
 
@@ -308,7 +322,7 @@ def test_every_line_is_well_formed(kind: str) -> None:
     @given(LINES[kind])
     def check(line: str) -> None:
         if line:
-            check_line(m.encode(line))
+            check_line(m.encode(line), GLUED if kind == "camera configuration" else WELL_FORMED)
 
     check()
 

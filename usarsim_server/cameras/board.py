@@ -74,6 +74,7 @@ class CameraBoard:
         link: str | None,
         pose: Pose,
         fov: float,
+        rate: float = 15.0,
     ) -> CameraView:
         """A camera appears and takes the lowest free tile, if there is one.
 
@@ -81,7 +82,7 @@ class CameraBoard:
         """
         with self._lock:
             key = next(self._keys)
-            self._cameras[key] = CameraView(key, name, owner, robot, link, pose, fov, None)
+            self._cameras[key] = CameraView(key, name, owner, robot, link, pose, fov, None, rate)
             every = range(self._grid.tiles)
             tile = next((one for one in every if one not in self._places), None)
             if tile is not None:

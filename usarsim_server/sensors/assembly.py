@@ -20,7 +20,7 @@ from usarsim_server.robots.description import RobotDescription
 from usarsim_server.sensors.base import Sensor
 from usarsim_server.simulation.frames import Pose, wire_from_pose
 
-__all__ = ["conf_line", "find_sensors", "geo_line", "sen_lines"]
+__all__ = ["carried", "conf_line", "find_sensors", "geo_line", "sen_lines"]
 
 HARD = "HARD"
 """Mount of everything fixed to the body in `ut2004`."""
@@ -68,7 +68,7 @@ def geo_line(
         return None
     mounts = []
     for sensor in found:
-        pose, mount, link = _carried(sensor, robot, dialect)
+        pose, mount, link = carried(sensor.mount, sensor.link, robot, dialect)
         location, rotation = wire_from_pose(pose)
         mounts.append(SensorMount(sensor.wire_name(dialect), location, rotation, mount, link))
     return sensor_geometry(dialect, found[0].wire_type, mounts)
@@ -119,20 +119,28 @@ def _names(sensor: Sensor) -> set[str]:
     return {sensor.name.lower(), *(sensor.wire_name(dialect).lower() for dialect in Dialect)}
 
 
-def _carried(
-    sensor: Sensor, robot: RobotDescription, dialect: Dialect
+def carried(
+    pose: Pose, link: str | None, robot: RobotDescription, dialect: Dialect
 ) -> tuple[Pose, str, int | None]:
-    """Pose, Mount and MountLink of GEO. UDK named the actuator and the number of its link; it knew
-    wheels only as parts of the vehicle, so there a sensor on a wheel is announced where it is on
-    the body."""
+    """Pose, Mount and MountLink of GEO.
+
+    UDK named the actuator and the number of its link; it knew wheels only as parts of the vehicle,
+    so there what sits on a wheel is announced where it is on the body.
+
+    Args:
+        pose: relative to the link.
+        link: link that carries the item; None for the chassis.
+        robot: the class.
+        dialect: see above.
+    """
     if dialect is Dialect.UT2004:
-        return sensor.mount, HARD if sensor.link is None else sensor.link, None
-    if sensor.link is None:
-        return sensor.mount, robot.name, None
-    found = robot.find_link(sensor.link)
+        return pose, HARD if link is None else link, None
+    if link is None:
+        return pose, robot.name, None
+    found = robot.find_link(link)
     if found is not None:
-        return sensor.mount, found[0].name, found[1]
+        return pose, found[0].name, found[1]
     for wheel in robot.wheels:
-        if wheel.name.lower() == sensor.link.lower():
-            return Pose(wheel.position) @ sensor.mount, robot.name, None
-    return sensor.mount, sensor.link, None
+        if wheel.name.lower() == link.lower():
+            return Pose(wheel.position) @ pose, robot.name, None
+    return pose, link, None

@@ -2,7 +2,8 @@
 
 All functions return one line without its end; an empty text means that nothing is to be sent.
 `encode` turns a line into the bytes of one write. Between any two segments there is exactly one
-blank, also where the original glued them (protocol reference 1.3).
+blank, also where the original glued them (protocol reference 1.3); only the configuration of
+cameras in `udk` keeps the original's form.
 """
 
 from usarsim_server.protocol.messages.actuators import (
@@ -24,6 +25,7 @@ from usarsim_server.protocol.messages.avatars import (
     avatar_bones,
     avatar_status,
 )
+from usarsim_server.protocol.messages.cameras import CameraItem, camera_configuration
 from usarsim_server.protocol.messages.results import result, viewports_result
 from usarsim_server.protocol.messages.sensors import (
     SensorMount,
@@ -58,6 +60,7 @@ __all__ = [
     "ActuatorLink",
     "AerialStatus",
     "AvatarStatus",
+    "CameraItem",
     "EffectorMount",
     "GroundStatus",
     "ObjectStatus",
@@ -68,6 +71,7 @@ __all__ = [
     "aerial_status",
     "avatar_bones",
     "avatar_status",
+    "camera_configuration",
     "closest_path_node",
     "configuration",
     "die",

@@ -38,9 +38,21 @@ def result(
     )
 
 
-def viewports_result(time: float, viewports: Sequence[tuple[str, bool]]) -> str:
-    """RES of `SET {Type Viewports}`: camera (or Disabled, None) and success of each viewport."""
+def viewports_result(
+    time: float,
+    viewports: Sequence[tuple[str, bool]],
+    config: tuple[str, bool] | None = None,
+) -> str:
+    """RES of `SET {Type Viewports}`.
+
+    Args:
+        time: simulated s.
+        viewports: camera (or Disabled, None) and success of each viewport.
+        config: SingleView or QuadView, and success (side channels reference 2.11).
+    """
     body: list[str] = []
+    if config is not None:
+        body += (segment("Config", config[0]), segment("Status", _verdict(config[1])))
     for index, (camera, ok) in enumerate(viewports, start=1):
         body += (segment(f"Viewport{index}", camera), segment("Status", _verdict(ok)))
     stamp = time_segment(time, _TIME_DIGITS)
