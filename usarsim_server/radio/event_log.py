@@ -1,0 +1,110 @@
+"""The record of a wireless simulation, one event a line, for analysis afterwards.
+
+Comma-separated, as the original wrote it (side channels reference 4.6): event, local time, names,
+then what belongs to the event; simulated time (s) comes last. Names that hold commas are quoted.
+
+    REGISTERED,2026-01-31 12:00:00.125,Robot1,192.168.0.11,3333;2323,12.340
+    IN_RANGE,2026-01-31 12:00:00.250,ComStation,Robot1,-56.6597,10.000,12.464
+    DATA_SENT,2026-01-31 12:00:01.250,Robot1,ComStation,4096,13.460
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable
+from datetime import datetime
+from enum import StrEnum
+from pathlib import Path
+from typing import TextIO
+
+from usarsim_server.errors import SettingsError, at
+from usarsim_server.logs import Log
+
+__all__ = ["Event", "EventLog"]
+
+
+class Event(StrEnum):
+    """What can happen; the fields between time and simulated time are told for each."""
+
+    REGISTERED = "REGISTERED"
+    """Name, address, ports joined by semicolons."""
+    DEREGISTERED = "DEREGISTERED"
+    """Name."""
+    OUT_OF_BATTERY = "OUT_OF_BATTERY"
+    """Name."""
+    OUT_OF_RANGE = "OUT_OF_RANGE"
+    """Both names, strength in dBm, distance in m."""
+    IN_RANGE = "IN_RANGE"
+    """Both names, strength in dBm, distance in m."""
+    CON_ESTABLISHED = "CON_ESTABLISHED"
+    """Name of the source and of the target, address and port of the target."""
+    CON_TERMINATED = "CON_TERMINATED"
+    """As CON_ESTABLISHED."""
+    DATA_SENT = "DATA_SENT"
+    """Name of the sender and of the receiver, bytes since the last such line."""
+
+
+class EventLog:
+    """Writes events to a file; without one it does nothing. For one thread."""
+
+    def __init__(
+        self,
+        path: Path | None,
+        clock: Callable[[], float],
+        now: Callable[[], datetime] = datetime.now,
+    ) -> None:
+        """Open the file; an old one is replaced.
+
+        Args:
+            path: a file, or a folder, in which a file is then named like those of the original,
+                `log-<date>-<time>.txt`; None for no record.
+            clock: simulated time, s.
+            now: local time.
+
+        Raises:
+            SettingsError: if it cannot be written.
+        """
+        self._clock = clock
+        self._now = now
+        self._file: TextIO | None = None
+        if path is not None:
+            self._file = _open(path, now())
+            self._rows = csv.writer(self._file, lineterminator="\n")
+
+    def write(self, event: Event, *fields: object) -> None:
+        """Add a line; numbers that are no whole ones are printed with six digits."""
+        if self._file is None:
+            return
+        stamp = self._now().isoformat(sep=" ", timespec="milliseconds")
+        texts = [f"{one:.6g}" if isinstance(one, float) else one for one in fields]
+        self._try(lambda: self._rows.writerow([event, stamp, *texts, f"{self._clock():.3f}"]))
+
+    def flush(self) -> None:
+        """Hand over to the system what was written."""
+        if self._file is not None:
+            self._try(self._file.flush)
+
+    def close(self) -> None:
+        """End the record."""
+        if self._file is not None:
+            self._try(self._file.close)
+            self._file = None
+
+    def _try(self, act: Callable[[], object]) -> None:
+        """A full disk ends the record, not the server."""
+        try:
+            act()
+        except OSError as error:
+            Log("wireless").warning("the record of events ends here", reason=error.strerror)
+            self._file = None
+
+
+def _open(path: Path, now: datetime) -> TextIO:
+    if path.is_dir():
+        stamp = now.strftime("%Y.%m.%d-%H.%M.%S.") + f"{now.microsecond // 1000:03d}"
+        path = path / f"log-{stamp}.txt"
+    try:
+        return path.open("w", encoding="utf-8", newline="")
+    except OSError as error:
+        cure = "name a file in a folder that exists and may be written"
+        raise SettingsError(at(path, f"cannot be written: {error.strerror}", cure)) from None
