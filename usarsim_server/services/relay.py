@@ -1,0 +1,433 @@
+"""Joining two TCP connections: what one robot sends comes out at the other (side channels 4.3).
+
+A `RelayPort` is a port of the server that leads to one port of one robot. Whoever connects to it is
+joined with that robot: the relay dials, then passes bytes both ways, untouched and in order. A side
+that has nothing more to say is passed on as such; the other direction goes on.
+
+What waits in a relay is bounded, and TCP pushes back on a sender whose receiver does not read.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import errno
+import math
+import socket
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from usarsim_server.logs import Log
+from usarsim_server.radio.shaping import LinkClock, LinkShape
+
+__all__ = ["DialError", "Dialler", "LinkWatcher", "RelayPort", "Road", "dial", "join", "pump"]
+
+BUFFER = 64 * 1024
+"""Bytes read at a time where traffic simply passes; the original read 2048 (4.3)."""
+BLOCK = 8 * 1024
+"""Bytes read at a time on a shaped link: the finest grain of bandwidth."""
+WAITING_BYTES, WAITING_BLOCKS = 256 * 1024, 4096
+"""What may be on its way in one direction of a shaped link."""
+KERNEL_BUFFER = 256 * 1024
+"""Bytes per socket and direction, before the kernel doubles it."""
+DIAL_TIMEOUT = 5.0
+"""s of wall time for a robot to accept a connection."""
+MOST_LINKS = 32
+"""Connections through one port at a time."""
+_RESOURCE_PAUSE = 0.1
+_OUT_OF_RESOURCES = frozenset({errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ENOBUFS})
+
+_log = Log("relay")
+
+
+class DialError(Exception):
+    """A robot does not accept the connection."""
+
+
+@dataclass(frozen=True, slots=True)
+class Road:
+    """What all links of a service have in common.
+
+    Attributes:
+        shape: what happens to the traffic.
+        speed: simulated seconds per second; at infinity nothing waits.
+        seed: of losses.
+    """
+
+    shape: LinkShape = field(default_factory=LinkShape)
+    speed: float = 1.0
+    seed: int = 0
+
+    @property
+    def plain(self) -> bool:
+        """Whether traffic simply passes."""
+        return self.shape.plain or math.isinf(self.speed)
+
+
+class LinkWatcher(Protocol):
+    """Is told about the links of a relay port, on the event loop."""
+
+    def dialled(self, port: int) -> None:
+        """The server is about to dial from this port of its own."""
+
+    def established(self) -> None:
+        """Both sides are joined."""
+
+    def passed(self, forward: bool, size: int) -> None:
+        """Bytes were handed on; forward is away from the one who connected."""
+
+    def ended(self, port: int, established: bool) -> None:
+        """The link of that port of the server's own is gone."""
+
+
+def tune(one: socket.socket) -> None:
+    """Make a socket fit for relaying: at once, bounded, and noticing dead peers."""
+    one.setblocking(False)
+    with contextlib.suppress(OSError):
+        one.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        one.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        one.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, 60)
+        one.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, 10)
+
+
+class Dialler:
+    """A connection to a robot that is about to be made.
+
+    Attributes:
+        port: of the server's own, fixed before the robot can see it.
+    """
+
+    def __init__(self, host: str, port: int) -> None:
+        """Choose the port.
+
+        Raises:
+            DialError: if there is none left, or the address is of no kind that is known here.
+        """
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        self._address = (host, port)
+        try:
+            self._socket = socket.socket(family, socket.SOCK_STREAM)
+        except OSError as error:
+            raise DialError(error.strerror) from error
+        try:
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, KERNEL_BUFFER)
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, KERNEL_BUFFER)
+            self._socket.bind(("", 0))
+            tune(self._socket)
+        except OSError as error:
+            self._socket.close()
+            raise DialError(error.strerror) from error
+        self.port: int = self._socket.getsockname()[1]
+
+    async def connect(self) -> socket.socket:
+        """Dial; returns the connected socket, which is closed if this fails.
+
+        Raises:
+            DialError: if the robot refuses or does not answer in time.
+        """
+        try:
+            async with asyncio.timeout(DIAL_TIMEOUT):
+                await asyncio.get_running_loop().sock_connect(self._socket, self._address)
+        except (OSError, TimeoutError, OverflowError) as error:
+            self._socket.close()
+            raise DialError(str(error) or "no answer") from error
+        except BaseException:
+            self._socket.close()
+            raise
+        return self._socket
+
+
+async def dial(host: str, port: int) -> socket.socket:
+    """Connect to a robot at a numeric address.
+
+    Raises:
+        DialError: if that fails.
+    """
+    return await Dialler(host, port).connect()
+
+
+async def join(
+    one: socket.socket,
+    other: socket.socket,
+    road: Road,
+    name: str,
+    passed: Callable[[bool, int], None],
+) -> None:
+    """Pass bytes both ways until both sides have ended, or either is lost.
+
+    Args:
+        one: the one that connected; not closed here, as the other is not.
+        other: the one that was dialled.
+        road: what happens on the way.
+        name: of the link; equal names lose equal frames.
+        passed: told how many bytes were handed on, and whether from `one` to `other`.
+    """
+    ways = [
+        asyncio.create_task(pump(one, other, road, f"{name}>", lambda size: passed(True, size))),
+        asyncio.create_task(pump(other, one, road, f"{name}<", lambda size: passed(False, size))),
+    ]
+    try:
+        done, _ = await asyncio.wait(ways, return_when=asyncio.FIRST_EXCEPTION)
+        for way in done:
+            if not isinstance(error := way.exception(), OSError | None):
+                raise error
+    finally:
+        for way in ways:
+            way.cancel()
+        await asyncio.gather(*ways, return_exceptions=True)
+
+
+async def pump(
+    source: socket.socket,
+    target: socket.socket,
+    road: Road,
+    name: str,
+    passed: Callable[[int], None],
+) -> None:
+    """Pass bytes one way until the source says no more; then tell the target so.
+
+    Raises:
+        OSError: if either side is lost.
+    """
+    if road.plain:
+        await _pump_at_once(source, target, passed)
+    else:
+        await _Delay(source, target, road, name, passed).run()
+    target.shutdown(socket.SHUT_WR)
+
+
+async def _pump_at_once(
+    source: socket.socket, target: socket.socket, passed: Callable[[int], None]
+) -> None:
+    loop = asyncio.get_running_loop()
+    buffer = memoryview(bytearray(BUFFER))
+    while size := await loop.sock_recv_into(source, buffer):
+        await loop.sock_sendall(target, buffer[:size])
+        passed(size)
+        # Neither call yields while it has data and room: let the other links have a turn.
+        await asyncio.sleep(0)
+
+
+class _Delay:
+    """One direction of a shaped link: a reader, what is on its way, a writer."""
+
+    def __init__(
+        self,
+        source: socket.socket,
+        target: socket.socket,
+        road: Road,
+        name: str,
+        passed: Callable[[int], None],
+    ) -> None:
+        self._source, self._target = source, target
+        self._speed = road.speed
+        self._passed = passed
+        self._clock = LinkClock(road.shape, f"{road.seed}\0{name}")
+        self._loop = asyncio.get_running_loop()
+        self._blocks: deque[tuple[float, bytes]] = deque()
+        self._bytes = 0
+        self._changed = asyncio.Event()
+
+    async def run(self) -> None:
+        lost: list[BaseException] = []
+        try:
+            async with asyncio.TaskGroup() as tasks:
+                tasks.create_task(self._read())
+                tasks.create_task(self._write())
+        except* OSError as group:
+            lost.extend(group.exceptions)
+        if lost:
+            raise lost[0]
+
+    async def _read(self) -> None:
+        data = b"begin"
+        while data:
+            while self._bytes >= WAITING_BYTES or len(self._blocks) >= WAITING_BLOCKS:
+                await self._change()
+            data = await self._loop.sock_recv(self._source, BLOCK)
+            due = self._clock.arrival(self._loop.time() * self._speed, len(data)) / self._speed
+            self._blocks.append((due, data))
+            self._bytes += len(data)
+            self._changed.set()
+            await asyncio.sleep(0)
+
+    async def _write(self) -> None:
+        while True:
+            while not self._blocks:
+                await self._change()
+            due, data = self._blocks[0]
+            await asyncio.sleep(max(0.0, due - self._loop.time()))
+            if not data:
+                return  # the end of the stream takes as long as a byte
+            await self._loop.sock_sendall(self._target, data)
+            self._passed(len(data))
+            self._blocks.popleft()
+            self._bytes -= len(data)
+            self._changed.set()
+
+    async def _change(self) -> None:
+        self._changed.clear()
+        await self._changed.wait()
+
+
+class RelayPort:
+    """A port of the server that leads to one port of one robot; used on one event loop.
+
+    Attributes:
+        port: its number, the same over all outages.
+    """
+
+    def __init__(
+        self,
+        host: str,
+        target: tuple[str, int],
+        road: Road,
+        name: str,
+        watcher: LinkWatcher,
+        tasks: set[asyncio.Task[None]],
+    ) -> None:
+        """Take a free port; nobody can connect before `open`.
+
+        Args:
+            host: address to listen on.
+            target: numeric address and port of the robot.
+            road: what happens to the traffic.
+            name: of the link, for losses and the log.
+            watcher: told about links.
+            tasks: holds the running links, so that whoever stops the service can wait for them.
+
+        Raises:
+            OSError: if there is no port left.
+        """
+        self._host = host
+        self._target = target
+        self._road = road
+        self._name = name
+        self._watcher = watcher
+        self._tasks = tasks
+        self._loop = asyncio.get_running_loop()
+        self._links: set[asyncio.Task[None]] = set()
+        self._count = 0
+        self._listening = False
+        self._resume: asyncio.TimerHandle | None = None
+        self._socket: socket.socket | None = _bound(host, 0)
+        self.port: int = self._socket.getsockname()[1]
+
+    @property
+    def listening(self) -> bool:
+        """Whether connections are accepted."""
+        return self._listening
+
+    @property
+    def links(self) -> int:
+        """Number of connections that pass through."""
+        return len(self._links)
+
+    def open(self) -> None:
+        """Accept connections; does nothing if it does already."""
+        if self._listening:
+            return
+        try:
+            self._socket = self._socket or _bound(self._host, self.port)
+            self._socket.listen(MOST_LINKS)
+        except OSError as error:
+            _log.warning("a port cannot be opened again", port=self.port, reason=error.strerror)
+            return
+        self._listening = True
+        self._loop.add_reader(self._socket.fileno(), self._accept)
+
+    def close(self) -> None:
+        """Refuse connections and end all links; the port stays reserved."""
+        if not self._listening:
+            return
+        self._drop()
+        # A bound socket that does not listen refuses everybody and keeps the number.
+        with contextlib.suppress(OSError):
+            self._socket = _bound(self._host, self.port)
+
+    def release(self) -> None:
+        """Give the port up and end all links."""
+        self._drop()
+
+    def _drop(self) -> None:
+        self._listening = False
+        if self._resume is not None:
+            self._resume.cancel()
+        if self._socket is not None:
+            self._loop.remove_reader(self._socket.fileno())
+            self._socket.close()
+            self._socket = None
+        for link in self._links:
+            link.cancel()
+        self._links = set()
+
+    def _accept(self) -> None:
+        assert self._socket is not None
+        try:
+            client, _ = self._socket.accept()
+        except (BlockingIOError, InterruptedError):
+            return
+        except OSError as error:
+            if error.errno in _OUT_OF_RESOURCES:
+                self._pause()
+            return
+        if len(self._links) >= MOST_LINKS:
+            _log.info("connection refused: too many through one port", link=self._name)
+            client.close()
+            return
+        self._count += 1
+        link = self._loop.create_task(self._link(client, f"{self._name}#{self._count}"))
+        for tasks in (self._links, self._tasks):
+            tasks.add(link)
+            link.add_done_callback(tasks.discard)
+        # Not a `finally` in the coroutine: one that is cancelled before its first step runs none.
+        link.add_done_callback(lambda _: client.close())
+
+    def _pause(self) -> None:
+        """Out of descriptors: look again in a while instead of at once."""
+        assert self._socket is not None
+        self._loop.remove_reader(self._socket.fileno())
+        self._resume = self._loop.call_later(_RESOURCE_PAUSE, self._accept_again)
+
+    def _accept_again(self) -> None:
+        if self._listening and self._socket is not None:
+            self._loop.add_reader(self._socket.fileno(), self._accept)
+
+    async def _link(self, client: socket.socket, name: str) -> None:
+        try:
+            tune(client)
+            dialler = Dialler(*self._target)
+        except (DialError, OSError) as error:
+            _log.info("cannot dial", link=name, reason=error)
+            return
+        self._watcher.dialled(dialler.port)
+        joined = False
+        try:
+            with await dialler.connect() as robot:
+                joined = True
+                self._watcher.established()
+                await join(client, robot, self._road, name, self._watcher.passed)
+        except DialError as error:
+            _log.info("a robot does not answer", link=name, reason=error)
+        except Exception as error:  # a defect in one link must not end the others
+            _log.exception("link closed by a server error", error, link=name)
+        finally:
+            self._watcher.ended(dialler.port, joined)
+
+
+def _bound(host: str, port: int) -> socket.socket:
+    """A socket that has a port and does not listen."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    one = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        one.setblocking(False)
+        one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        one.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, KERNEL_BUFFER)
+        one.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, KERNEL_BUFFER)
+        one.bind((host, port))
+    except OSError:
+        one.close()
+        raise
+    return one
