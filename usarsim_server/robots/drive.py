@@ -14,9 +14,39 @@ from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import RobotDescription
 
-__all__ = ["WheelDrive"]
+__all__ = ["SpeedScale", "WheelDrive"]
 
 Array = NDArray[np.float64]
+
+
+class SpeedScale:
+    """Reads the wheel speeds of DRIVE: limited, in rad/s or percent."""
+
+    def __init__(self, limit: float) -> None:
+        """Take the limit, rad/s."""
+        self._limit = limit
+        self._sticky = False
+        self._percent = False
+
+    def note(self, drive: Drive, dialect: Dialect) -> None:
+        """Find out what the speeds of a command are.
+
+        In `ut2004` Normalized holds for the command that carries it, in `udk` until it is sent
+        again (protocol reference 3.4).
+        """
+        if dialect is Dialect.UT2004:
+            self._percent = bool(drive.normalized)
+            return
+        if drive.normalized is not None:
+            self._sticky = drive.normalized
+        self._percent = self._sticky
+
+    def read(self, value: float | None) -> float | None:
+        """A wheel speed (rad/s) within the limit; not a number counts as not sent."""
+        if value is None or math.isnan(value):
+            return None
+        speed = value * self._limit / 100.0 if self._percent else value
+        return max(-self._limit, min(self._limit, speed))
 
 
 class WheelDrive:
@@ -26,9 +56,8 @@ class WheelDrive:
         """Start with all wheels at rest and the headlight off."""
         wheels = robot.driven_wheels
         self._left = np.array([wheel.side == "left" for wheel in wheels], dtype=bool)
-        self._limit = robot.drive.max_wheel_speed
+        self._scale = SpeedScale(robot.drive.max_wheel_speed)
         self._targets = np.zeros(len(wheels))
-        self._percent = False
         self._light = False
 
     @property
@@ -55,10 +84,10 @@ class WheelDrive:
         """
         if drive.light is not None:
             self._light = drive.light
-        percent = self._is_percent(drive, dialect)
-        moved = self._set_sides(drive, dialect, percent)
+        self._scale.note(drive, dialect)
+        moved = self._set_sides(drive, dialect)
         # UDK knew no wheel by wheel form; no client of it can mean anything else by these groups.
-        moved |= self._set_wheels(drive, percent)
+        moved |= self._set_wheels(drive)
         return self.targets if moved else None
 
     def stop(self) -> Array:
@@ -66,15 +95,8 @@ class WheelDrive:
         self._targets[:] = 0.0
         return self.targets
 
-    def _is_percent(self, drive: Drive, dialect: Dialect) -> bool:
-        if dialect is Dialect.UT2004:
-            return bool(drive.normalized)
-        if drive.normalized is not None:
-            self._percent = drive.normalized
-        return self._percent
-
-    def _set_sides(self, drive: Drive, dialect: Dialect, percent: bool) -> bool:
-        left, right = self._speed(drive.left, percent), self._speed(drive.right, percent)
+    def _set_sides(self, drive: Drive, dialect: Dialect) -> bool:
+        left, right = self._scale.read(drive.left), self._scale.read(drive.right)
         if dialect is Dialect.UDK and (left is None or right is None):
             return False
         if left is not None:
@@ -83,19 +105,12 @@ class WheelDrive:
             self._targets[~self._left] = right
         return left is not None or right is not None
 
-    def _set_wheels(self, drive: Drive, percent: bool) -> bool:
+    def _set_wheels(self, drive: Drive) -> bool:
         """The wheel by wheel form of DRIVE; wheels it does not name keep their speed."""
         moved = False
         for wheel in drive.wheels:
-            speed = self._speed(wheel.speed, percent)
+            speed = self._scale.read(wheel.speed)
             if speed is not None and 0 <= wheel.number < len(self._targets):
                 self._targets[wheel.number] = speed
                 moved = True
         return moved
-
-    def _speed(self, value: float | None, percent: bool) -> float | None:
-        """A wheel speed within the limit; not a number counts as not sent."""
-        if value is None or math.isnan(value):
-            return None
-        speed = value * self._limit / 100.0 if percent else value
-        return max(-self._limit, min(self._limit, speed))

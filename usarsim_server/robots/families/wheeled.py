@@ -37,7 +37,7 @@ class WheelConduct(Conduct):
                 time=facts.time,
                 front_steer=front or 0.0,
                 rear_steer=rear or 0.0,
-                joints=facts.joints,
+                joints=self.joints(facts),
                 light=self.light,
                 light_intensity=self.light_intensity(dialect),
                 battery=facts.battery,
@@ -47,6 +47,10 @@ class WheelConduct(Conduct):
             dialect,
             udk_order=dialect is Dialect.UDK and facts.udk_order,
         )
+
+    def joints(self, facts: StatusFacts) -> tuple[tuple[str, float], ...]:
+        """Joints that STA tells of by name, such as flippers."""
+        return facts.joints
 
     def steering(self, facts: StatusFacts, dialect: Dialect) -> tuple[float | None, float | None]:
         """Front and rear steering angle, rad; None without steering."""

@@ -1,0 +1,310 @@
+"""Cars: wheels that are steered by axle (protocol reference 3.4.2, robots reference 1.4, 4.9).
+
+A steered wheel sits on a link of an actuator with `package = false`; as in the original, joints
+whose name contains FrontSteer or RearSteer are the steering joints. By default every wheel stands
+square to the line to the centre of the turn and rolls at its own speed, so the robot turns on the
+radius that its angles ask for; the original gave all of them the same angle and speed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from usarsim_server.protocol.requests import Drive
+from usarsim_server.protocol.values import Dialect
+from usarsim_server.robots import parts
+from usarsim_server.robots.description import (
+    ActuatorDescription,
+    DriveDescription,
+    LinkDescription,
+    RobotDescription,
+    RobotReport,
+    Wheel,
+)
+from usarsim_server.robots.drive import SpeedScale
+from usarsim_server.robots.families.base import Conduct, Machine, StatusFacts
+from usarsim_server.robots.families.registry import register_family
+from usarsim_server.robots.families.wheeled import WheelConduct, WheeledFamily
+from usarsim_server.robots.tables import TableReader
+from usarsim_server.simulation.articulation import JointOrder, Order
+from usarsim_server.simulation.frames import Pose
+
+__all__ = ["Ackerman", "SteeredWheel", "Steering", "steered_wheels", "turn"]
+
+FRONT, REAR = "frontsteer", "rearsteer"
+STRAIGHT = 1e-4
+"""rad: below this a wheel counts as straight when the mean angle of an axle is taken."""
+
+
+@dataclass(frozen=True, slots=True)
+class SteeredWheel:
+    """A wheel as steering sees it, simulation frame.
+
+    Attributes:
+        x, y: of its contact with the floor, m from the reference point.
+        joint: its steering joint; None: it points ahead.
+        front: its joint follows FrontSteer, otherwise RearSteer.
+        sense: +1 if a positive joint position turns the wheel to the left, -1 if to the right.
+        limits: of the joint, rad.
+        driven: it has a drive.
+        radius: m.
+    """
+
+    x: float
+    y: float
+    joint: str | None = None
+    front: bool = True
+    sense: float = 1.0
+    limits: tuple[float, float] = (-math.pi, math.pi)
+    driven: bool = True
+    radius: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Steering:
+    """The `[steering]` table.
+
+    Attributes:
+        literal: all steered wheels of an axle take the same angle, all wheels the same speed.
+        wheels: in part order.
+    """
+
+    literal: bool
+    wheels: tuple[SteeredWheel, ...]
+
+
+def steered_wheels(
+    wheels: Sequence[Wheel], actuators: Sequence[ActuatorDescription]
+) -> tuple[SteeredWheel, ...]:
+    """The wheels with the joints of the links that carry them."""
+    by_body = {link.body: (actuator, link) for actuator in actuators for link in actuator.links}
+    found = []
+    for wheel in wheels:
+        x, y, _ = parts.wheel_place(wheel, actuators)
+        one = SteeredWheel(x, y, driven=wheel.driven, radius=wheel.radius)
+        if wheel.link is not None:
+            actuator, link = by_body[wheel.link]
+            one = replace(
+                one,
+                joint=link.joint,
+                front=REAR not in link.joint.lower(),
+                sense=_sense(actuator, link),
+                limits=link.limits or one.limits,
+            )
+        found.append(one)
+    return tuple(found)
+
+
+def _sense(actuator: ActuatorDescription, link: LinkDescription) -> float:
+    """Whether positive positions of an upright axis turn to the left."""
+    pose = actuator.pose if link.parent is None else Pose((0.0, 0.0, 0.0))
+    up = (pose @ link.pose).rotate(link.axis)[2]
+    return 1.0 if up >= 0.0 else -1.0
+
+
+def turn(
+    wheels: Sequence[SteeredWheel], front: float, rear: float, literal: bool
+) -> tuple[list[float], list[float]]:
+    """Angles and speeds of all wheels in a turn.
+
+    The two angles are those of imagined wheels in the middle of the front and rear axle. The
+    lines through the axles of all wheels meet in one point, the centre of the turn.
+
+    Args:
+        wheels: the wheels.
+        front, rear: angles of the imagined wheels, rad, positive to the left.
+        literal: the same for all instead.
+
+    Returns:
+        Angle of every wheel (rad, positive to the left; wheels without joint are straight) and
+        its spin over that of the first wheel when running straight.
+    """
+    if literal:
+        angles = [(front if wheel.front else rear) if wheel.joint else 0.0 for wheel in wheels]
+        return angles, [1.0] * len(wheels)
+    ahead, behind = _axles(wheels)
+    # Rigid motion with unit speed ahead: sideways speed and yaw rate from the two conditions
+    # tan(angle) = sideways speed at the axle.
+    apart = max(ahead - behind, 1e-6)
+    curvature = (math.tan(front) - math.tan(rear)) / apart
+    sideways = math.tan(rear) - curvature * behind
+    angles, speeds = [], []
+    for wheel in wheels:
+        forward, left = 1.0 - curvature * wheel.y, sideways + curvature * wheel.x
+        smaller = wheels[0].radius / wheel.radius
+        if wheel.joint is None:
+            angles.append(0.0)
+            speeds.append(forward * smaller)
+            continue
+        # A wheel beyond the centre of the turn rolls backwards rather than turn about.
+        sign = 1.0 if forward >= 0.0 else -1.0
+        angles.append(math.atan2(sign * left, sign * forward))
+        speeds.append(sign * math.hypot(forward, left) * smaller)
+    return angles, speeds
+
+
+def _axles(wheels: Sequence[SteeredWheel]) -> tuple[float, float]:
+    """Distance ahead of the reference point of the front and of the rear axle, m."""
+    xs = [wheel.x for wheel in wheels]
+    middle = (max(xs) + min(xs)) / 2.0
+    front = [x for x in xs if x >= middle]
+    rear = [x for x in xs if x < middle] or [min(xs)]
+    return sum(front) / len(front), sum(rear) / len(rear)
+
+
+class CarConduct(WheelConduct):
+    """Speed, FrontSteer and RearSteer become wheel speeds and steering angles."""
+
+    def __init__(self, machine: Machine) -> None:
+        super().__init__(machine)
+        gear = machine.description.gear
+        assert isinstance(gear, Steering)
+        self._gear = gear
+        self._limit = machine.description.drive.max_wheel_speed
+        self._scale = SpeedScale(self._limit)
+        self._speed = 0.0
+        self._angles = [0.0, 0.0]
+        """FrontSteer and RearSteer as on the wire: positive to the right."""
+
+    def steer(self, drive: Drive, dialect: Dialect) -> None:
+        """Obey; UDK wants all three members, elsewhere one that is absent keeps its value."""
+        members = (drive.speed, drive.front_steer, drive.rear_steer)
+        if dialect is Dialect.UDK and None in members:
+            return
+        self._scale.note(drive, dialect)
+        speed = self._scale.read(drive.speed)
+        if speed is not None:
+            self._speed = speed
+        for axle, angle in enumerate(members[1:]):
+            if angle is not None and not math.isnan(angle):
+                self._angles[axle] = self._within(angle, axle == 0)
+        if any(member is not None for member in members):
+            self._move()
+
+    def _within(self, angle: float, front: bool) -> float:
+        """An angle of the wire that the joints of an axle can take; 0 if there are none."""
+        ranges = [
+            sorted(-wheel.sense * limit for limit in wheel.limits)
+            for wheel in self._gear.wheels
+            if wheel.joint is not None and wheel.front == front
+        ]
+        low = max((one[0] for one in ranges), default=0.0)
+        high = min((one[1] for one in ranges), default=0.0)
+        return max(low, min(high, angle))
+
+    def _move(self) -> None:
+        front, rear = (-angle for angle in self._angles)
+        angles, ratios = turn(self._gear.wheels, front, rear, self._gear.literal)
+        pairs = list(zip(self._gear.wheels, ratios, strict=True))
+        driven = np.array([ratio for wheel, ratio in pairs if wheel.driven])
+        # No tread may run faster than that of the first wheel at its limit; all slow down
+        # together, so that the turn stays true.
+        first = self._gear.wheels[0].radius
+        treads = [abs(ratio) * wheel.radius / first for wheel, ratio in pairs if wheel.driven]
+        highest = self._limit / max(treads)
+        self.machine.drive(driven * max(-highest, min(highest, self._speed)))
+        self.machine.command_joints(
+            {
+                wheel.joint: JointOrder(Order.POSITION, wheel.sense * angle)
+                for wheel, angle in zip(self._gear.wheels, angles, strict=True)
+                if wheel.joint is not None
+            }
+        )
+
+    def stop(self) -> None:
+        self._speed = 0.0
+        self.machine.drive(np.zeros(len(self.machine.description.driven_wheels)))
+
+    def joints(self, facts: StatusFacts) -> tuple[tuple[str, float], ...]:
+        """Joints that STA tells of by name: all but the steering."""
+        steering = {wheel.joint for wheel in self._gear.wheels}
+        return tuple(joint for joint in facts.joints if joint[0] not in steering)
+
+    def steering(self, facts: StatusFacts, dialect: Dialect) -> tuple[float | None, float | None]:
+        """As commanded in udk, as they are in ut2004 (protocol reference 4.3)."""
+        if dialect is Dialect.UDK:
+            return self._angles[0], self._angles[1]
+        return self._measured(facts, True), self._measured(facts, False)
+
+    def _measured(self, facts: StatusFacts, front: bool) -> float:
+        """Angle of the imagined wheel in the middle of an axle, rad, positive to the right."""
+        angles = [
+            -wheel.sense * facts.state.joint_position(wheel.joint)
+            for wheel in self._gear.wheels
+            if wheel.joint is not None and wheel.front == front
+        ]
+        if not angles:
+            return 0.0
+        if self._gear.literal or any(abs(angle) < STRAIGHT for angle in angles):
+            return sum(angles) / len(angles)
+        # The cotangent grows evenly from the inner to the outer wheel.
+        return math.atan(len(angles) / sum(1.0 / math.tan(angle) for angle in angles))
+
+
+@register_family("ackerman")
+class Ackerman(WheeledFamily):
+    """Cars and trucks."""
+
+    wheel_sensors = False
+
+    def conduct(self, machine: Machine) -> Conduct:
+        return CarConduct(machine)
+
+    def read(
+        self,
+        reader: TableReader,
+        parent: RobotDescription | None,
+        wheels: Sequence[Wheel],
+        actuators: Sequence[ActuatorDescription],
+    ) -> object | None:
+        inherited = parent.gear if parent is not None else None
+        table = reader.table("steering")
+        literal = table.boolean(
+            "literal", inherited.literal if isinstance(inherited, Steering) else False
+        )
+        table.finish()
+        found = steered_wheels(wheels, actuators)
+        if not any(wheel.joint for wheel in found):
+            reader.fail(
+                "no wheel is steered",
+                "let wheels sit on links whose joint is called ...FrontSteer or ...RearSteer",
+                "wheel",
+            )
+        for wheel in found:
+            if wheel.joint and not any(word in wheel.joint.lower() for word in (FRONT, REAR)):
+                reader.fail(
+                    f"the joint {wheel.joint!r} steers neither axle",
+                    "call it ...FrontSteer or ...RearSteer",
+                    "wheel",
+                )
+        return Steering(literal, found)
+
+    def report(
+        self,
+        table: TableReader,
+        wheels: Sequence[Wheel],
+        actuators: Sequence[ActuatorDescription],
+        mass: float,
+        drive: DriveDescription,
+        parent: RobotDescription | None,
+    ) -> RobotReport:
+        widths = [0.0, 0.0]
+        for wheel in steered_wheels(wheels, actuators):
+            if wheel.joint is not None:
+                # The original announced the width of the joint's range (robots reference 1.4).
+                width = round(wheel.limits[1] - wheel.limits[0], 9)
+                widths[0 if wheel.front else 1] = width
+        return parts.read_report(
+            table,
+            wheels,
+            actuators,
+            mass,
+            drive,
+            parent,
+            steering_type="AckermanSteered",
+            steer=(widths[0], widths[1]),
+        )

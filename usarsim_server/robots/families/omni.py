@@ -1,0 +1,120 @@
+"""Robots whose wheels are driven and steered one by one (protocol reference 3.4.3, 3.4.6)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from usarsim_server.protocol.requests import Drive, WheelTarget
+from usarsim_server.protocol.values import Dialect
+from usarsim_server.robots import parts
+from usarsim_server.robots.description import (
+    ActuatorDescription,
+    DriveDescription,
+    RobotDescription,
+    RobotReport,
+    Wheel,
+)
+from usarsim_server.robots.drive import SpeedScale
+from usarsim_server.robots.families.ackerman import SteeredWheel, Steering, steered_wheels
+from usarsim_server.robots.families.base import Conduct, Machine, StatusFacts
+from usarsim_server.robots.families.registry import register_family
+from usarsim_server.robots.families.wheeled import WheelConduct, WheeledFamily
+from usarsim_server.robots.tables import TableReader
+from usarsim_server.simulation.articulation import JointOrder, Order
+
+__all__ = ["Omni"]
+
+
+class OmniConduct(WheelConduct):
+    """Wheels that are not named, or members that are absent, keep what they had."""
+
+    def __init__(self, machine: Machine) -> None:
+        super().__init__(machine)
+        gear = machine.description.gear
+        assert isinstance(gear, Steering)
+        self._wheels = [wheel for wheel in gear.wheels if wheel.driven]
+        self._names = [wheel.name.lower() for wheel in machine.description.driven_wheels]
+        self._scale = SpeedScale(machine.description.drive.max_wheel_speed)
+        self._speeds = np.zeros(len(self._wheels))
+
+    def steer(self, drive: Drive, dialect: Dialect) -> None:
+        """Obey the groups of a command, then its single wheel if it names one."""
+        self._scale.note(drive, dialect)
+        orders: dict[str, JointOrder] = {}
+        moved = [self._turn(target, orders) for target in (*drive.wheels, *self._single(drive))]
+        if any(moved):
+            self.machine.drive(self._speeds.copy())
+        if orders:
+            self.machine.command_joints(orders)
+
+    def _single(self, drive: Drive) -> tuple[WheelTarget, ...]:
+        """The single joint form: Steer 1 is the steering axis of a wheel, 0 its spin."""
+        name = (drive.name or "").lower()
+        if drive.value is None or name not in self._names:
+            return ()
+        number = self._names.index(name)
+        if drive.steer:
+            return (WheelTarget(number, steer=drive.value),)
+        return (WheelTarget(number, speed=drive.value),) if drive.order == Order.VELOCITY else ()
+
+    def _turn(self, target: WheelTarget, orders: dict[str, JointOrder]) -> bool:
+        if not 0 <= target.number < len(self._wheels):
+            return False
+        wheel = self._wheels[target.number]
+        if wheel.joint is not None and target.steer is not None and not math.isnan(target.steer):
+            orders[wheel.joint] = JointOrder(Order.POSITION, _position(wheel, target.steer))
+        speed = self._scale.read(target.speed)
+        if speed is None:
+            return False
+        self._speeds[target.number] = speed
+        return True
+
+    def stop(self) -> None:
+        self._speeds[:] = 0.0
+        self.machine.drive(self._speeds.copy())
+
+    def joints(self, facts: StatusFacts) -> tuple[tuple[str, float], ...]:
+        """Joints that STA tells of by name: all but the steering."""
+        steering = {wheel.joint for wheel in self._wheels}
+        return tuple(joint for joint in facts.joints if joint[0] not in steering)
+
+
+def _position(wheel: SteeredWheel, steer: float) -> float:
+    """Joint position for an angle of the wire, which is positive to the right; within limits."""
+    low, high = wheel.limits
+    return max(low, min(high, -wheel.sense * steer))
+
+
+@register_family("omni")
+class Omni(WheeledFamily):
+    """Every wheel on a knuckle of its own."""
+
+    wheel_sensors = False
+
+    def conduct(self, machine: Machine) -> Conduct:
+        return OmniConduct(machine)
+
+    def read(
+        self,
+        reader: TableReader,
+        parent: RobotDescription | None,
+        wheels: Sequence[Wheel],
+        actuators: Sequence[ActuatorDescription],
+    ) -> object | None:
+        return Steering(True, steered_wheels(wheels, actuators))
+
+    def report(
+        self,
+        table: TableReader,
+        wheels: Sequence[Wheel],
+        actuators: Sequence[ActuatorDescription],
+        mass: float,
+        drive: DriveDescription,
+        parent: RobotDescription | None,
+    ) -> RobotReport:
+        return parts.read_report(
+            table, wheels, actuators, mass, drive, parent, steering_type="OmniDrive"
+        )
