@@ -134,6 +134,7 @@ class RunningImages:
         limits: ImageLimits | None = None,
         legacy: bool = False,
         silent_push: float = 0.0,
+        bound: Callable[[str], Region | None] | None = None,
     ) -> None:
         self.source = source
         self.encoder = Encoder(image_type, codec)
@@ -146,6 +147,7 @@ class RunningImages:
             self.encoder,
             legacy=legacy,
             silent_push=silent_push,
+            bound=bound,
             limits=limits,
         )
         self._thread = threading.Thread(target=self._serve, daemon=True)

@@ -414,6 +414,31 @@ def test_defect_in_the_encoder_ends_one_client_only(images, caplog) -> None:
     replies_to(other, b"OK", 1)
 
 
+# Bound views
+
+
+def test_bound_client_sees_its_part_as_the_whole(images) -> None:
+    """SET Camera Client (side channels 2.11): OK gives the tile, rectangles are cut out of it."""
+    asked: list[str] = []
+    views: list[Region | None] = [TILE]
+
+    def bound(address: str) -> Region | None:
+        asked.append(address)
+        return views[0]
+
+    running = images(bound=bound)
+    client = running.connect()
+    client.send(b"OK" + rectangle(60, 40, 4, 8) + rectangle(0, 0, 65, 48))
+    assert client.value(TILE_SIZE) == 0
+    assert client.value((4, 8)) == 0
+    assert client.reply() == (0, bytes(4)), "outside of its part"
+    assert running.source.looked_at == {TILE, Region(124, 88, 4, 8)}
+    assert set(asked) == {"127.0.0.1"}
+    views[0] = None
+    client.send(b"OK")
+    assert client.value() == 0
+
+
 # The port
 
 

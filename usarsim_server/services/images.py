@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -70,6 +71,7 @@ class ImageService:
         *,
         legacy: bool = False,
         silent_push: float = 2.0,
+        bound: Callable[[str], Region | None] | None = None,
         required: bool = False,
         limits: ImageLimits | None = None,
     ) -> None:
@@ -84,6 +86,8 @@ class ImageService:
             silent_push: s after which a client that has sent nothing gets one picture; 0 for
                 never. Clients of the original ImageSrv speak only after a picture, others only
                 before (side channels reference 2.12).
+            bound: the part of the frame that is the whole for a client, by its address without
+                port; None for those who see all (side channels reference 2.11).
             required: whether the server shall not run without this port.
             limits: see `ImageLimits`.
         """
@@ -92,6 +96,7 @@ class ImageService:
         self._encoder = encoder
         self._legacy = legacy
         self._silent_push = silent_push
+        self._bound = bound or _sees_all
         self._limits = limits or ImageLimits()
         self._log = Log(self.name)
         self._listener = Listener(
@@ -131,7 +136,8 @@ class ImageService:
     async def _serve(self, client: socket.socket, peer: str) -> None:
         assert self._desk is not None, "clients come after start only"
         log = self._log.bind(connection=peer)
-        conversation = _Conversation(client, self._desk, self._limits)
+        host = client.getpeername()[0]
+        conversation = _Conversation(client, self._desk, self._limits, lambda: self._bound(host))
         log.info("client connected")
         try:
             await conversation.run(self._legacy, self._silent_push)
@@ -217,10 +223,17 @@ class _Conversation:
         sent: number of pictures it got.
     """
 
-    def __init__(self, client: socket.socket, desk: _Desk, limits: ImageLimits) -> None:
+    def __init__(
+        self,
+        client: socket.socket,
+        desk: _Desk,
+        limits: ImageLimits,
+        bound: Callable[[], Region | None],
+    ) -> None:
         self._client = client
         self._desk = desk
         self._limits = limits
+        self._bound = bound
         self._loop = asyncio.get_running_loop()
         self.attention = Attention(desk.source, desk.bell, limits.linger, limits.regions)
         self.sent = 0
@@ -257,12 +270,8 @@ class _Conversation:
             reading.cancel()
 
     async def _answer(self, request: Request) -> None:
-        grid = self._desk.source.grid
-        if isinstance(request, FullFrame):
-            region = grid.frame
-        else:
-            region = Region(request.x, request.y, request.width, request.height)
-        if not region.inside(grid.width, grid.height):
+        region = self._region(request)
+        if region is None:
             await self._send(self._desk.empty())
             return
         self.attention.turn_to(region)
@@ -277,8 +286,23 @@ class _Conversation:
         self._last_time = self._loop.time()
         await self._send(message)
 
+    def _region(self, request: Request) -> Region | None:
+        """The part of the full frame that is meant; None if there is no such part."""
+        view = self._bound() or self._desk.source.grid.frame
+        if isinstance(request, FullFrame):
+            return view
+        part = Region(request.x, request.y, request.width, request.height)
+        if not part.inside(view.width, view.height):
+            return None
+        return Region(view.x + part.x, view.y + part.y, part.width, part.height)
+
     async def _send(self, message: memoryview | bytes) -> None:
         """Header and payload in one piece; returns when the kernel has all of it."""
         await self._loop.sock_sendall(self._client, message)
         self.sent += 1
         await asyncio.sleep(0)
+
+
+def _sees_all(address: str) -> Region | None:
+    """Nobody's view is bound."""
+    return None
