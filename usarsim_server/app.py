@@ -12,7 +12,9 @@ import time
 import weakref
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
+from usarsim_server.control.actors import Actors
 from usarsim_server.control.avatars import Avatars
 from usarsim_server.control.objects import WorldObjects
 from usarsim_server.control.roles import SpecialRoles
@@ -30,6 +32,9 @@ from usarsim_server.services.control import ControlLimits, ControlService
 from usarsim_server.services.ground_truth import ground_truth_service
 from usarsim_server.services.outbox import OutboxLimits
 from usarsim_server.services.ready import Service, run_services
+from usarsim_server.services.relay import Road
+from usarsim_server.services.truth import truth_service
+from usarsim_server.services.wireless import WirelessLimits, WirelessService
 from usarsim_server.settings import Settings
 from usarsim_server.simulation.model import PhysicsOptions
 from usarsim_server.simulation.simulation import Simulation, SimulationOptions
@@ -154,7 +159,8 @@ def assemble(settings: Settings) -> Assembly:
     if settings.port is not None:
         services.append(_control_service(settings, world, assembly))
     stations = stations_of(lambda: fleet.vehicles, simulation.look)
-    ground_truth = GroundTruth(stations, SceneryObstacles(simulation))
+    obstacles = SceneryObstacles(simulation)
+    ground_truth = GroundTruth(stations, obstacles)
     if settings.groundtruth_port is not None:
         services.append(
             ground_truth_service(
@@ -164,6 +170,18 @@ def assemble(settings: Settings) -> Assembly:
                 required=settings.demands("groundtruth_port"),
             )
         )
+    if settings.truth_port is not None:
+        actors = Actors(simulation, lambda: fleet.vehicles, surroundings.victims, avatars, objects)
+        services.append(
+            truth_service(
+                settings.host,
+                settings.truth_port,
+                actors.answer,
+                required=settings.demands("truth_port"),
+            )
+        )
+    radio = RadioWorld(stations, obstacles, lambda: simulation.snapshot.time, settings.speed)
+    services += _wireless_services(settings, radio, ground_truth)
     return replace(assembly, services=tuple(services))
 
 

@@ -95,11 +95,11 @@ class Avatars:
         """The class that a client means, without package; None if there is none."""
         return self._classes.get(name.strip().lower())
 
-    def present(self) -> list[tuple[Avatar, Pose]]:
-        """All avatars in the order of their coming, with their poses at this moment."""
+    def present(self, snapshot: Snapshot | None = None) -> list[tuple[Avatar, Pose]]:
+        """All avatars in the order of coming, with their poses in a snapshot or, if None, now."""
         with self._lock:
             avatars = tuple(self._avatars.values())
-        snapshot = self._simulation.look()
+        snapshot = snapshot or self._simulation.look()
         states = ((one, one.state(snapshot)) for one in avatars)
         return [(one, state.pose) for one, state in states if state is not None]
 

@@ -20,6 +20,7 @@ from usarsim_server.simulation.frames import Pose, Vector, flip_point
 from usarsim_server.simulation.model import RobotModel
 from usarsim_server.simulation.movers import Way
 from usarsim_server.simulation.simulation import Simulation
+from usarsim_server.simulation.snapshot import Snapshot
 from usarsim_server.worlds.object_classes import ObjectCatalog, ObjectClass
 from usarsim_server.worlds.object_models import LARGEST_RIGID, object_model, object_size
 
@@ -63,9 +64,9 @@ class WorldObjects:
 
     # -- looking -----------------------------------------------------------------------------
 
-    def present(self) -> list[tuple[WorldObject, Pose]]:
-        """All objects in the order of creation, with their poses at this moment."""
-        snapshot = self._simulation.look()
+    def present(self, snapshot: Snapshot | None = None) -> list[tuple[WorldObject, Pose]]:
+        """All objects in the order of creation, with their poses in a snapshot or, if None, now."""
+        snapshot = snapshot or self._simulation.look()
         found = []
         for one in tuple(self._objects.values()):
             state = self._simulation.robot_state(one.body, snapshot)

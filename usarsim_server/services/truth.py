@@ -1,0 +1,52 @@
+"""The truth service: scoring tools ask here for the poses of everybody, TCP 3989.
+
+Every line is a query, even an empty one, and is answered by a listing in one piece: a tool reads
+once after data has arrived and takes what is there (side channels reference 6 and 7).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from usarsim_server.protocol.truth import QueryFramer
+from usarsim_server.services.dialogue import DialogueLimits, DialogueService
+
+__all__ = ["TRUTH_LIMITS", "truth_service"]
+
+TRUTH_LIMITS = DialogueLimits(together=False, pause=1 / 60)
+"""One listing for each query; a tool that asks again at once gets sixty a second, about as many as
+the original, which answered once a tick."""
+
+
+def truth_service(
+    host: str,
+    port: int,
+    answer: Callable[[str], str],
+    *,
+    required: bool = False,
+    limits: DialogueLimits = TRUTH_LIMITS,
+) -> DialogueService:
+    """Describe the service; nothing is opened before it is started.
+
+    Args:
+        host: address or host name to listen on.
+        port: 0 takes any free one.
+        answer: the listing, line ends included, for a query without line end; may block.
+        required: see `ready.Service`.
+        limits: see `DialogueLimits`.
+    """
+
+    def respond(lines: list[bytes]) -> bytes:
+        listings = [answer(line.decode("latin-1")) for line in lines]
+        return "".join(listings).encode("latin-1", "replace")
+
+    return DialogueService(
+        "truth",
+        host,
+        port,
+        "--truth-port",
+        QueryFramer,
+        respond,
+        required=required,
+        limits=limits,
+    )
