@@ -54,7 +54,7 @@ class Actor:
 
 
 def read_query(line: str) -> Query:
-    """Read a line without its end; keys in any case, the first of equal ones counts; never raises."""
+    """Read a line without its end; keys in any case, the first of equals counts; never raises."""
     commands = parse_line(line.encode("latin-1", "replace"))
     if not commands:
         return Query()
