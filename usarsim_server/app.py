@@ -21,13 +21,17 @@ from usarsim_server.control.roles import SpecialRoles
 from usarsim_server.data import data_directory
 from usarsim_server.errors import UsarsimError
 from usarsim_server.protocol import messages
+from usarsim_server.radio.configuration import RadioOptions, read_radio, read_radio_file
+from usarsim_server.radio.event_log import EventLog
 from usarsim_server.radio.ground_truth import GroundTruth
+from usarsim_server.radio.network import Network, RadioWorld
 from usarsim_server.radio.obstacles import SceneryObstacles
 from usarsim_server.radio.stations import stations_of
 from usarsim_server.robots.agent import AgentOptions, Mouth, RobotAgent
 from usarsim_server.robots.fleet import Fleet
 from usarsim_server.robots.pilot import PilotOptions
 from usarsim_server.robots.roster import load_roster
+from usarsim_server.services.comserver import ComServerLimits, ComServerService
 from usarsim_server.services.control import ControlLimits, ControlService
 from usarsim_server.services.ground_truth import ground_truth_service
 from usarsim_server.services.outbox import OutboxLimits
@@ -228,6 +232,60 @@ def _control_service(
             outbox=OutboxLimits(stream_bytes=settings.outbox_bytes),
         ),
     )
+
+
+def _wireless_services(
+    settings: Settings, world: RadioWorld, ground_truth: GroundTruth
+) -> list[Service]:
+    """The two wireless simulations, as far as they are wanted; each has a network of its own."""
+    if settings.wireless_port is None and settings.comserver_port is None:
+        return []
+    options = _radio_options(settings)
+    log = EventLog(settings.wireless_log, world.clock)
+
+    def network() -> Network:
+        return Network(
+            world,
+            options.model,
+            options.fading,
+            cache_distance=options.cache_distance,
+            patience=options.patience,
+            log=log,
+        )
+
+    services: list[Service] = []
+    if settings.wireless_port is not None:
+        services.append(
+            WirelessService(
+                settings.host,
+                settings.wireless_port,
+                network(),
+                ground_truth.answers,
+                road=Road(options.shape, settings.speed, settings.seed),
+                limits=WirelessLimits(poll=options.poll),
+                required=settings.demands("wireless_port"),
+            )
+        )
+    if settings.comserver_port is not None:
+        services.append(
+            ComServerService(
+                settings.host,
+                settings.comserver_port,
+                network(),
+                limits=ComServerLimits(poll=options.poll),
+                required=settings.demands("comserver_port"),
+            )
+        )
+    return services
+
+
+def _radio_options(settings: Settings) -> RadioOptions:
+    given = settings.wireless
+    if isinstance(given, Path):
+        table, place = read_radio_file(given), str(given)
+    else:
+        table, place = dict(given or {}), f"{settings.config or 'settings'}: [wireless]"
+    return read_radio(table, place, settings.wireless_model, settings.seed)
 
 
 def _agent_options(settings: Settings) -> AgentOptions:

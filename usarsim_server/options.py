@@ -170,11 +170,28 @@ def _host(value: object, folder: Path) -> str:
     return value.strip()
 
 
+def _word(value: object, folder: Path) -> str:
+    if not isinstance(value, str) or not value.strip():
+        raise ValueError
+    return value.strip()
+
+
 def _world(value: object, folder: Path) -> str:
     if not isinstance(value, str) or not value.strip():
         raise ValueError
     # A bare word is a shipped world; anything with a slash is a place seen from the file.
     return str(_path(value, folder).absolute()) if "/" in value else value
+
+
+def _radio(value: object, folder: Path) -> object:
+    """A table as it stands, or the path of a file that holds one."""
+    return value if isinstance(value, dict) else _file(value, folder)
+
+
+def _file(value: object, folder: Path) -> Path:
+    if not isinstance(value, str) or not value.strip():
+        raise ValueError
+    return _path(value, folder)
 
 
 def _folders(value: object, folder: Path) -> tuple[Path, ...]:
@@ -229,6 +246,30 @@ OPTIONS: tuple[Option, ...] = (
     _port_option("wireless_port", "wireless simulation"),
     _port_option("truth_port", "poses for scoring tools"),
     _port_option("comserver_port", "the older wireless simulation"),
+    Option(
+        "wireless",
+        "a table (see docs/wireless.md) or the path of a file with one",
+        _radio,
+        "file with the settings of the wireless simulation",
+        "FILE.toml",
+        text=True,
+    ),
+    Option(
+        "wireless_model",
+        "the name of a propagation model",
+        _word,
+        "how radio signals spread, instead of the model that the settings name",
+        "NAME",
+        text=True,
+    ),
+    Option(
+        "wireless_log",
+        "the path of a file, or of a folder",
+        _file,
+        "record the events of the wireless simulation",
+        "FILE",
+        text=True,
+    ),
     Option(
         "image_type",
         f"{', '.join(IMAGE_TYPES)} or a number from 0 up",

@@ -30,6 +30,10 @@ class Settings:
         host: address to listen on; the default reaches this machine only.
         port: control port; as for all ports 0 takes any free one and None switches it off.
         image_port, groundtruth_port, wireless_port, truth_port, comserver_port: side channels.
+        wireless: settings of the wireless simulation, or the file that holds them; checked by
+            `radio.configuration.read_radio`.
+        wireless_model: propagation model that wins over theirs.
+        wireless_log: where to record its events; None for nowhere.
         image_type: encoding of the camera images (side channels reference 2.3).
         image_legacy: send image clients a picture before they ask (side channels reference 2.8).
         image_silent_push: s of wall time after which an image client that has sent nothing gets
@@ -62,6 +66,9 @@ class Settings:
     wireless_port: int | None = 50000
     truth_port: int | None = 3989
     comserver_port: int | None = None
+    wireless: Mapping[str, object] | Path | None = None
+    wireless_model: str | None = None
+    wireless_log: Path | None = None
     image_type: ImageType = NORMAL
     image_legacy: bool = False
     image_silent_push: float = 2.0
