@@ -1,0 +1,130 @@
+"""Image clients of the benchmark: what they ask, count and time."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import socket
+import threading
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from usarsim_tools.bench.camera_client import Picture, Viewer, summed_up
+from usarsim_tools.bench.errors import BenchError
+
+
+class FakeImages:
+    """Answers each request after a while with 1000 bytes that change with every second answer."""
+
+    def __init__(self, request_length: int = 2, pause: float = 0.0, limit: int = 10**9) -> None:
+        self.requests: list[bytes] = []
+        self._length, self._pause, self._limit = request_length, pause, limit
+        self._listening = socket.create_server(("127.0.0.1", 0))
+        self.port: int = self._listening.getsockname()[1]
+        threading.Thread(target=self._serve, daemon=True).start()
+
+    def _serve(self) -> None:
+        with contextlib.suppress(OSError):
+            client, _ = self._listening.accept()
+            with client:
+                for number in itertools.count():
+                    request = client.recv(self._length, socket.MSG_WAITALL)
+                    if not request or number == self._limit:
+                        return
+                    self.requests.append(request)
+                    time.sleep(self._pause)
+                    payload = bytes([number // 2 % 256]) * 1000
+                    client.sendall(b"\3" + len(payload).to_bytes(4) + payload)
+
+    def close(self) -> None:
+        """Hear nobody any more."""
+        self._listening.close()
+
+
+@pytest.fixture
+def serve() -> Iterator[type[FakeImages]]:
+    """Starts fake servers that end with the test."""
+    started: list[FakeImages] = []
+
+    class Started(FakeImages):
+        def __init__(self, *arguments, **options) -> None:  # type: ignore[no-untyped-def]
+            super().__init__(*arguments, **options)
+            started.append(self)
+
+    yield Started
+    for one in started:
+        one.close()
+
+
+def wait_for(viewer: Viewer, count: int) -> None:
+    """Until a viewer has so many pictures."""
+    deadline = time.monotonic() + 10.0
+    while len(viewer.pictures) < count and time.monotonic() < deadline:
+        time.sleep(0.005)
+
+
+def test_viewer_asks_for_the_full_frame_and_knows_repeats(serve: type[FakeImages]) -> None:
+    """Each answer is one picture of its true size; every second one is news."""
+    server = serve()
+    with Viewer(server.port) as viewer:
+        wait_for(viewer, 20)
+    assert set(server.requests) == {b"OK"}
+    assert len(server.requests) == len(viewer.pictures) >= 20
+    assert {one.octets for one in viewer.pictures} == {1005}
+    changes = [a.content != b.content for a, b in itertools.pairwise(viewer.pictures)]
+    assert changes[:6] == [False, True, False, True, False, True]
+
+
+def test_viewer_asks_for_a_rectangle(serve: type[FakeImages]) -> None:
+    """`U` and four big-endian integers."""
+    server = serve(request_length=17)
+    with Viewer(server.port, (320, 0, 320, 240)) as viewer:
+        wait_for(viewer, 1)
+    assert server.requests[0] == bytes.fromhex("55 00000140 00000000 00000140 000000F0")
+
+
+def test_viewer_keeps_its_rate(serve: type[FakeImages]) -> None:
+    """It asks no more often than told, and not in bursts after it was held up."""
+    server = serve(pause=0.05)
+    with Viewer(server.port, rate=10.0) as viewer:
+        wait_for(viewer, 5)
+    gaps = [b.asked - a.asked for a, b in itertools.pairwise(viewer.pictures)]
+    assert min(gaps) > 0.05 - 0.001
+    assert viewer.pictures[4].asked - viewer.pictures[0].asked > 0.39
+    assert all(one.come - one.asked >= 0.05 for one in viewer.pictures)
+
+
+def test_server_that_hangs_up_is_an_error(serve: type[FakeImages]) -> None:
+    """A measurement without pictures is none."""
+    server = serve(limit=3)
+    viewer = Viewer(server.port)
+    wait_for(viewer, 3)
+    time.sleep(0.05)
+    with pytest.raises(BenchError, match="hung up"):
+        viewer.close()
+
+
+def test_nobody_there_is_an_error() -> None:
+    """A server without images cannot be measured."""
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+    with pytest.raises(BenchError, match="nobody listens"):
+        Viewer(port)
+
+
+def test_span_is_summed_up() -> None:
+    """Rates count what came within the span; times to answer are those of these pictures."""
+    pictures = [Picture(n * 0.1, n * 0.1 + 0.01 + 0.001 * n, 1000, n // 2) for n in range(100)]
+    trial = summed_up(pictures, 1.0, 5.0)
+    assert trial.pictures == pytest.approx(10.0, abs=0.3)
+    assert trial.news == pytest.approx(5.0, abs=0.3)
+    assert trial.octets == pytest.approx(10_000, rel=0.03)
+    assert 0.020 <= trial.median <= trial.tail <= trial.longest <= 0.060
+
+
+def test_too_few_pictures_are_an_error() -> None:
+    """One picture has no rate."""
+    with pytest.raises(BenchError, match="only 1 pictures"):
+        summed_up([Picture(0.0, 0.1, 1, 1)], 0.0, 1.0)
