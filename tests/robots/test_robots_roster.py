@@ -12,6 +12,7 @@ from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.robots.roster import Roster, load_roster
 
 SHIPPED = (
+    "ComStation",
     "KR60",
     "OmniP2AT",
     "OmniP2DX",
