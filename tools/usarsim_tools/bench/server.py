@@ -28,6 +28,7 @@ class Server:
 
     Attributes:
         port: of robot control.
+        ports: of all services that listen, by the name on the READY line.
         pid: of its process.
     """
 
@@ -61,12 +62,13 @@ class Server:
         self.pid = self._process.pid
         assert self._process.stdout is not None
         ready = self._process.stdout.readline()
-        found = re.search(r"control=\S+:(\d+)", ready)
-        if not ready.startswith("READY") or found is None:
+        found = re.findall(r"(\w+)=\S+:(\d+)", ready)
+        self.ports = {name: int(port) for name, port in found}
+        if not ready.startswith("READY") or "control" not in self.ports:
             self._process.kill()
             self._process.wait()
             raise BenchError(f"the server did not start: {self._said()}")
-        self.port = int(found[1])
+        self.port = self.ports["control"]
 
     def usage(self) -> Usage:
         """What it uses at this moment.
