@@ -389,3 +389,15 @@ def _load_or_refuse(sheet: bytes) -> None:
             assert all(math.isfinite(v) for start in world.starts for v in start.pose.position)
     assert "world.toml" in said
     assert "\n" not in said
+
+
+def test_objects_keep_the_names_of_their_map(tmp_path: Path) -> None:
+    """A look-up by the name or tag of the map finds all things (worlds reference 13, 69)."""
+    things = (
+        '[[object]]\nname = "desk"\n'
+        '[[object]]\nname = "desk-2"\noriginal = "desk"\ntag = "Loose"\nmovable = true\n'
+    )
+    world = load_world(write_world(tmp_path, HEAD + START + things))
+    assert [thing.name for thing in world.objects_called("Desk")] == ["desk", "desk-2"]
+    assert [thing.movable for thing in world.objects_called("loose")] == [True]
+    assert world.objects_called("chair") == ()

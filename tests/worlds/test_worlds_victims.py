@@ -193,3 +193,15 @@ def test_an_unknown_posture_is_an_error_of_the_caller() -> None:
     """The loader checks postures; here a wrong one is a KeyError."""
     with pytest.raises(KeyError):
         add_victim(mujoco.MjSpec(), Victim("A", Pose(), "flying", "Alive"))
+
+
+def test_scale_is_applied_to_the_figure() -> None:
+    """A victim of scale 1.5 is one and a half times as tall (worlds reference 13, 28)."""
+    heights = []
+    for scale in (1.0, 1.5):
+        pose = Pose((0.0, 0.0, scale * PELVIS_HEIGHT["standing"]))
+        victim = Victim("Big", pose, "standing", "Alive", {}, scale)
+        low, high = extents(*compiled(victim))
+        heights.append(high[2] - low[2])
+        assert low[2] == pytest.approx(0.0, abs=0.03)
+    assert heights[1] == pytest.approx(1.5 * heights[0])

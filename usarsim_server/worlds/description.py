@@ -17,6 +17,7 @@ from usarsim_server.worlds.machinery import Machinery
 __all__ = [
     "FalseAlarm",
     "GeographicOrigin",
+    "NamedObject",
     "Noise",
     "PathNode",
     "RfidTag",
@@ -51,6 +52,7 @@ class Victim:
         status: for example Alive, Injured, Unconscious or Dead.
         properties: free keys; those that the server knows (sound, co2, rfid, motion, figure) are
             read by `life.traits_of`.
+        scale: size; 1 is an adult of 1.70 m.
     """
 
     name: str
@@ -58,6 +60,7 @@ class Victim:
     posture: str
     status: str
     properties: Mapping[str, object] = field(default_factory=dict)
+    scale: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,6 +196,25 @@ class PathNode:
 
 
 @dataclass(frozen=True, slots=True)
+class NamedObject:
+    """A thing of the scene that has a history: what it was called in the map it comes from.
+
+    Attributes:
+        name: of its body or first geom in the scene, unique.
+        original: name in the map; several things may share one.
+        tag: in the map, empty if there is none.
+        kind: class in the map.
+        movable: it can be pushed.
+    """
+
+    name: str
+    original: str
+    tag: str = ""
+    kind: str = ""
+    movable: bool = False
+
+
+@dataclass(frozen=True, slots=True)
 class GeographicOrigin:
     """Latitude and longitude (degrees, north and east positive) of the wire frame's origin.
 
@@ -219,6 +241,7 @@ class WorldDescription:
         smoke: what weakens or stops light; sound passes.
         surfaces: patches of water, mud, sand, ice.
         machinery: doors, belts, lifts and moving obstacles.
+        objects: things of the scene with their names in the map they come from.
         origin: geographic origin.
         north: wire-frame yaw of map north, rad (0: the x axis points north).
         time_limit: minutes, told in the greeting; 0 means none.
@@ -248,6 +271,16 @@ class WorldDescription:
     smoke: Smoke = Smoke()
     surfaces: tuple[Surface, ...] = ()
     machinery: Machinery = Machinery()  # noqa: RUF009 - immutable
+    objects: tuple[NamedObject, ...] = ()
+
+    def objects_called(self, original: str) -> tuple[NamedObject, ...]:
+        """All things that had this name or tag in the map, whatever its capitals."""
+        wanted = original.strip().lower()
+        return tuple(
+            thing
+            for thing in self.objects
+            if wanted in (thing.original.lower(), thing.name.lower(), thing.tag.lower())
+        )
 
     def start(self, tag: str) -> StartPose | None:
         """The first start pose with this tag, whatever its case; None if there is none."""

@@ -21,6 +21,7 @@ from usarsim_server.simulation.frames import (
 )
 from usarsim_server.worlds.description import (
     GeographicOrigin,
+    NamedObject,
     PathNode,
     StartPose,
     Victim,
@@ -97,6 +98,7 @@ def load_world(folder: Path) -> WorldDescription:
         false_alarms=tuple(read_false_alarm(entry) for entry in table.tables("false_alarm")),
         smoke=read_smoke(table.tables("smoke")),
         surfaces=tuple(read_surface(entry) for entry in table.tables("surface")),
+        objects=tuple(_object(entry) for entry in table.tables("object")),
         machinery=read_machinery(table),
     )
     table.finish()
@@ -135,6 +137,7 @@ def _victim(table: Table, place: str) -> Victim:
         posture=table.choice("posture", POSTURES),
         status=table.word("status", default="Alive"),
         properties=table.free("properties"),
+        scale=table.number("scale", default=1.0, low=0.1, high=10.0),
     )
     table.finish()
     traits_of(victim, table.path, place)
@@ -160,6 +163,19 @@ def _path_node(table: Table) -> PathNode:
     )
     table.finish()
     return node
+
+
+def _object(table: Table) -> NamedObject:
+    name = table.text("name")
+    thing = NamedObject(
+        name=name,
+        original=table.text("original", default=name),
+        tag=table.text("tag", default=""),
+        kind=table.text("kind", default=""),
+        movable=table.flag("movable", default=False),
+    )
+    table.finish()
+    return thing
 
 
 def _origin(table: Table) -> GeographicOrigin:

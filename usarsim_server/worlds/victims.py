@@ -160,13 +160,14 @@ class _Figure:
 
     body: mujoco.MjsBody
     prefix: str
+    scale: float = 1.0
 
     def limb(self, piece: str, start: Vector, end: Vector, radius: float, color: Color) -> None:
         self.body.add_geom(
             name=f"{self.prefix}:{piece}",
             type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-            fromto=[*start, *end],
-            size=[radius, 0.0, 0.0],
+            fromto=[value * self.scale for value in (*start, *end)],
+            size=[radius * self.scale, 0.0, 0.0],
             rgba=[*color, 1.0],
         )
 
@@ -176,9 +177,9 @@ class _Figure:
         self.body.add_geom(
             name=f"{self.prefix}:{piece}",
             type=mujoco.mjtGeom.mjGEOM_ELLIPSOID,
-            pos=center,
+            pos=[value * self.scale for value in center],
             quat=_upright(up, front),
-            size=axes,
+            size=[value * self.scale for value in axes],
             rgba=[*color, 1.0],
         )
 
@@ -214,7 +215,8 @@ def add_victim(spec: mujoco.MjSpec, victim: Victim) -> tuple[Mover, ...]:
         female=victim.properties.get("figure") == "female",
     )
     name = f"victim:{victim.name}"
-    figure = _Figure(_add_body(spec, name, way(0.0) if way else victim.pose, way is not None), name)
+    body = _add_body(spec, name, way(0.0) if way else victim.pose, way is not None)
+    figure = _Figure(body, name, victim.scale)
     _add_trunk(figure, posture, looks)
     movers = [Mover(name, way)] if way else []
     for side, sign in (("Left", 1.0), ("Right", -1.0)):
@@ -278,9 +280,11 @@ def _add_waving_arm(
 ) -> Mover:
     """The right arm raised, its forearm a body of its own with the origin in the elbow."""
     elbow = _add_upper_arm(figure, posture, _WAVING, "Right", -1.0, looks)
-    way = swinging(pose @ Pose(elbow), wave)
+    x, y, z = (value * figure.scale for value in elbow)
+    way = swinging(pose @ Pose((x, y, z)), wave)
     name = f"{figure.prefix}/forearm"
-    forearm = _Figure(_add_body(spec, name, way(0.0), mocap=True), figure.prefix)
+    body = _add_body(spec, name, way(0.0), mocap=True)
+    forearm = _Figure(body, figure.prefix, figure.scale)
     _add_forearm(forearm, (0.0, 0.0, 0.0), _side(_WAVING.fore, -1.0), "Right", looks)
     return Mover(name, way)
 
