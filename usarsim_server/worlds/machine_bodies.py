@@ -38,6 +38,8 @@ GRIP = 1.0
 """Friction of what one stands on: as of floors, so that wheels decide."""
 SMOOTH = 0.5
 """Friction of what one runs into: as of walls."""
+POLISH = 0.2
+"""Friction of a leaf that is pushed open, whatever pushes it; else driven wheels climb it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,6 +135,8 @@ def _add_leaf(spec: mujoco.MjSpec, door: Door, leaf: Leaf, material: str) -> Non
     if spring is None:
         return
     geom.mass = spring.mass
+    geom.friction = [POLISH, 0.005, 0.0001]
+    geom.priority = 1
     far = leaf.sign * door.travel
     if spec.compiler.degree:
         far = math.degrees(far)

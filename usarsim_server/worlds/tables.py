@@ -186,9 +186,13 @@ class Table:
     def _finite(self, key: str, value: object) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise self._wrong(key, value, "a number")
-        if not math.isfinite(value):
-            raise self.error(key, f"{value} is not finite", "write an ordinary number")
-        return float(value)
+        try:
+            number = float(value)
+        except OverflowError:  # whole numbers may be as long as one likes
+            number = math.inf
+        if not math.isfinite(number):
+            raise self.error(key, f"{number} is not finite", "write an ordinary number")
+        return number
 
     def _check_word(self, key: str, value: str) -> str:
         bad = next(
