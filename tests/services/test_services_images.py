@@ -24,9 +24,10 @@ from PIL import Image
 from services_harness import eventually
 
 from usarsim_server.cameras.encoding import Encoder, pillow_jpeg
-from usarsim_server.cameras.view import Grid, Region
+from usarsim_server.cameras.view import Frame, Grid, Region
 from usarsim_server.errors import ServiceError
 from usarsim_server.protocol.images import NORMAL, RAW, ImageType
+from usarsim_server.services.attention import Bell, Repeats
 from usarsim_server.services.images import ImageLimits, ImageService
 from usarsim_server.services.listener import Endpoint
 from usarsim_server.services.ready import run_services
@@ -162,11 +163,32 @@ def test_repeats_are_paced_and_news_are_not(images) -> None:
     started = time.monotonic()
     replies_to(client, b"OK" * 5, 5)
     assert time.monotonic() - started > 4 * 0.05
-    changing = images(FakeSource(), limits=ImageLimits(repeat=30.0)).connect()
-    changing.send((TILE_REQUEST + b"OK") * 5)
-    for _ in range(5):
-        changing.value(TILE_SIZE)
-        changing.value()
+    started = time.monotonic()
+    replies_to(client, (TILE_REQUEST + b"OK") * 4, 8)
+    assert time.monotonic() - started > 3 * 0.05, "each region is paced, also in turns"
+    changing = images(FakeSource(), limits=ImageLimits(repeat=30.0))
+    client = changing.connect()
+    for value in range(5):
+        changing.source.show(value)
+        client.send(TILE_REQUEST + b"OK")
+        assert client.value(TILE_SIZE) == value
+        assert client.value() == value
+
+
+def test_copies_are_told_from_news() -> None:
+    """A new number or a new region is news; what is remembered is bounded."""
+    first, second = (Frame(number, 0.0, np.zeros((1, 1, 3), np.uint8)) for number in (1, 2))
+    repeats = Repeats(1.0, 3)
+    assert repeats.pause(first, TILE, 0.0) == 0.0
+    repeats.note(first, TILE, 5.0)
+    assert repeats.pause(first, TILE, 5.25) == 0.75
+    assert repeats.pause(first, TILE, 6.5) == 0.0
+    assert repeats.pause(first, GRID.frame, 5.25) == 0.0
+    assert repeats.pause(second, TILE, 5.25) == 0.0
+    for x in range(100):
+        repeats.note(first, Region(x, 0, 1, 1), 6.0)
+        assert len(repeats._got) <= 3
+    assert repeats.pause(first, TILE, 5.25) == 0.0, "forgotten: served without pause"
 
 
 # Pushes
@@ -277,8 +299,6 @@ def test_word_of_many_frames_reaches_the_loop_once() -> None:
     """A renderer that is faster than the loop does not fill it with calls; the last frame wins."""
 
     async def scenario() -> None:
-        from usarsim_server.services.attention import Bell
-
         bell, source = Bell(), FakeSource()
         watch = source.watch(GRID.frame, bell.ring)
         news = bell.next()

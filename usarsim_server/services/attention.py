@@ -1,4 +1,4 @@
-"""What image clients look at, and how word of a new frame reaches the event loop."""
+"""What image clients look at and have seen, and how word of a new frame reaches the event loop."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import contextlib
 
 from usarsim_server.cameras.view import Frame, FrameSource, Region, Watch
 
-__all__ = ["Attention", "Bell"]
+__all__ = ["Attention", "Bell", "Repeats"]
 
 
 class Bell:
@@ -92,3 +92,32 @@ class Attention:
     def _drop(self, region: Region) -> None:
         watch, _ = self._watches.pop(region)
         watch.close()
+
+
+class Repeats:
+    """What one client has got of one frame, so that it gets no copies without pause."""
+
+    def __init__(self, pause: float, most: int) -> None:
+        """Know of nothing as yet.
+
+        Args:
+            pause: s between two copies.
+            most: regions to remember.
+        """
+        self._pause = pause
+        self._most = most
+        self._number = -1
+        self._got: dict[Region, float] = {}
+
+    def pause(self, frame: Frame, region: Region, now: float) -> float:
+        """Seconds to wait at a time (s) until a copy is due; 0 for what is new to the client."""
+        if frame.number != self._number or region not in self._got:
+            return 0.0
+        return max(0.0, self._got[region] + self._pause - now)
+
+    def note(self, frame: Frame, region: Region, now: float) -> None:
+        """The client is being sent a region of a frame at a time (s)."""
+        if frame.number != self._number or len(self._got) >= self._most:
+            self._number = frame.number
+            self._got.clear()
+        self._got[region] = now

@@ -21,7 +21,7 @@ from usarsim_server.cameras.encoding import Encoder
 from usarsim_server.cameras.view import Frame, FrameSource, Region
 from usarsim_server.logs import Log
 from usarsim_server.protocol.images import FullFrame, Request, RequestLexer, empty_reply
-from usarsim_server.services.attention import Attention, Bell
+from usarsim_server.services.attention import Attention, Bell, Repeats
 from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits
 
 __all__ = ["ImageLimits", "ImageService"]
@@ -237,8 +237,7 @@ class _Conversation:
         self._loop = asyncio.get_running_loop()
         self.attention = Attention(desk.source, desk.bell, limits.linger, limits.regions)
         self.sent = 0
-        self._last: tuple[int, Region] | None = None
-        self._last_time = 0.0
+        self._repeats = Repeats(limits.repeat, limits.regions)
 
     async def run(self, legacy: bool, silent_push: float) -> None:
         """Answer requests until the client closes; `OSError` if it is lost."""
@@ -276,14 +275,14 @@ class _Conversation:
             return
         self.attention.turn_to(region)
         frame = await self._desk.frame(region)
-        if frame is not None and (frame.number, region) == self._last:
-            await asyncio.sleep(self._last_time + self._limits.repeat - self._loop.time())
+        if frame is not None and (pause := self._repeats.pause(frame, region, self._loop.time())):
+            await asyncio.sleep(pause)
             frame = await self._desk.frame(region)
-        self._last = (frame.number, region) if frame is not None else None
+        if frame is not None:
+            self._repeats.note(frame, region, self._loop.time())
         # From here on the frame itself is not needed: a client that stalls holds one picture.
         message = await self._desk.picture(frame, region)
         del frame
-        self._last_time = self._loop.time()
         await self._send(message)
 
     def _region(self, request: Request) -> Region | None:
