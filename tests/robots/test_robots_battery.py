@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from usarsim_server.robots.battery import NO_BATTERY, Battery
+from usarsim_server.robots.battery import NO_BATTERY, Battery, BatteryGauge
 
 
 def test_value_falls_by_one_a_second_from_1200() -> None:
@@ -91,3 +91,14 @@ def test_value_never_rises_and_empty_agrees_with_it(life: float, one: float, oth
     assert battery.remaining_energy(early) >= battery.remaining_energy(late) >= 0.0
     if battery.empty(late):
         assert battery.remaining_seconds(late) == 0
+
+
+def test_a_gauge_shows_what_it_is_connected_to() -> None:
+    """Side channels 64: empty from the last whole second on, as STA prints it; robots without a
+    battery, or whose pilot has not begun, never."""
+    gauge = BatteryGauge()
+    assert not gauge.empty(1e9)
+    assert gauge.seconds(0.0) == NO_BATTERY
+    gauge.connect(Battery(3.0).remaining_seconds)
+    assert [gauge.seconds(time) for time in (0.0, 1.5, 2.5, 9.0)] == [3, 1, 0, 0]
+    assert [gauge.empty(time) for time in (0.0, 1.9, 2.1, 9.0)] == [False, False, True, True]

@@ -1,0 +1,267 @@
+"""Services that answer: order, framing, slow readers, floods, the end of everything."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import socket
+import threading
+import time
+from collections.abc import Callable, Coroutine, Iterator
+from typing import TypeVar
+
+import pytest
+from services_harness import Client, eventually
+
+from usarsim_server.errors import ServiceError, UsarsimError
+from usarsim_server.services.dialogue import DialogueLimits, DialogueService
+from usarsim_server.services.ground_truth import ground_truth_service
+from usarsim_server.services.listener import Endpoint
+from usarsim_server.services.truth import truth_service
+
+T = TypeVar("T")
+
+
+class Running:
+    """A service on a loop of its own."""
+
+    def __init__(self, service: DialogueService) -> None:
+        self.service = service
+        self.loop = asyncio.new_event_loop()
+        self.thread = threading.Thread(target=self.loop.run_forever, daemon=True)
+        self.thread.start()
+        self.endpoint: Endpoint = self.call(service.start())
+
+    def call(self, coroutine: Coroutine[None, None, T]) -> T:
+        """Run a coroutine on the loop."""
+        return asyncio.run_coroutine_threadsafe(coroutine, self.loop).result(5.0)
+
+    def connect(self, **sizes: int) -> Client:
+        """A client."""
+        return Client((self.endpoint.host, self.endpoint.port), **sizes)
+
+    def stop(self) -> None:
+        """End it."""
+        self.call(self.service.stop())
+        self.loop.call_soon_threadsafe(self.loop.stop)
+        self.thread.join(2.0)
+        self.loop.close()
+
+
+Start = Callable[[DialogueService], Running]
+
+
+@pytest.fixture
+def start() -> Iterator[Start]:
+    """Starts services; they end with the test."""
+    with contextlib.ExitStack() as stack:
+
+        def begin(service: DialogueService) -> Running:
+            running = Running(service)
+            stack.callback(running.stop)
+            return running
+
+        yield begin
+
+
+def echo(lines: object) -> list[str]:
+    """Answers every line that begins with `GET` by itself."""
+    assert isinstance(lines, list)
+    return [f"GOT {line}" for line in lines if line.startswith("GET")]
+
+
+def ground(answers: Callable[..., list[str]] = echo, **options: object) -> DialogueService:
+    """A ground truth service on any free port."""
+    return ground_truth_service("127.0.0.1", 0, answers, **options)  # type: ignore[arg-type]
+
+
+def test_nothing_is_said_on_connecting(start: Start) -> None:
+    """47: the client speaks first."""
+    assert start(ground()).connect().silent_for(0.3)
+
+
+def test_requests_are_answered_in_order_however_they_arrive(start: Start) -> None:
+    """54, 55, 61: several in one segment, one in several, unknown ones not at all, CR LF behind."""
+    client = start(ground()).connect()
+    client.send(b"GET1\r\nGET2\n\nHELLO\rGET3\r\n")
+    assert [client.line() for _ in range(3)] == [b"GOT GET1\r\n", b"GOT GET2\r\n", b"GOT GET3\r\n"]
+    for piece in (b"GE", b"T", b"4\r", b"\nGET5\n"):
+        client.send(piece)
+        time.sleep(0.01)
+    assert [client.line() for _ in range(2)] == [b"GOT GET4\r\n", b"GOT GET5\r\n"]
+    assert client.silent_for(0.1)
+
+
+def test_an_empty_reply_is_an_empty_line(start: Start) -> None:
+    """60: an incomplete request is answered by CR LF alone."""
+    client = start(ground(lambda lines: [""])).connect()
+    client.send(b"GETOBS {From a}\r\n")
+    assert client.line() == b"\r\n"
+
+
+def test_answers_are_worked_out_beside_the_event_loop(start: Start) -> None:
+    """An answer that waits for the physics holds up neither the loop nor another client."""
+    gate, threads = threading.Event(), []
+
+    def slow(lines: list[str]) -> list[str]:
+        threads.append(threading.current_thread())
+        if lines == ["GET slow"]:
+            gate.wait(5.0)
+        return echo(lines)
+
+    running = start(ground(slow))
+    patient, quick = running.connect(), running.connect()
+    patient.send(b"GET slow\n")
+    assert eventually(lambda: bool(threads))
+    quick.send(b"GET quick\n")
+    assert quick.line() == b"GOT GET quick\r\n"
+    gate.set()
+    assert patient.line() == b"GOT GET slow\r\n"
+    assert running.thread not in threads
+
+
+def test_who_does_not_read_is_not_asked_further(start: Start) -> None:
+    """Slow readers: the server stops working for them, remembers nothing and serves the others."""
+    served = []
+
+    def large(lines: list[str]) -> list[str]:
+        served.append(len(lines))
+        return ["x" * 5000 for _ in lines]
+
+    running = start(ground(large, limits=DialogueLimits(kernel_buffer=8192)))
+    lazy = running.connect(receive_buffer=4096)
+    lazy.socket.settimeout(0.5)
+    with contextlib.suppress(TimeoutError):
+        while True:
+            lazy.send(b"GETPOS\r\n" * 1000)
+    before = sum(served)
+    time.sleep(0.2)
+    assert sum(served) == before < 3000
+    other = running.connect()
+    other.send(b"GETPOS\r\n")
+    assert len(other.line()) == 5002
+    lazy.socket.settimeout(5.0)
+    for _ in range(before):
+        assert lazy.line() == b"x" * 5000 + b"\r\n"
+
+
+def test_who_hangs_up_in_the_middle_disturbs_nobody(start: Start) -> None:
+    """97: a query and an immediate end, a reset, half a request: the others do not notice."""
+    running = start(ground())
+    stay = running.connect()
+    for farewell in (b"GET1\r\n" * 50, b"GET", b""):
+        for reset in (False, True):
+            leaving = running.connect()
+            leaving.send(farewell)
+            if reset:
+                leaving.socket.setsockopt(
+                    socket.SOL_SOCKET, socket.SO_LINGER, b"\x01\0\0\0\0\0\0\0"
+                )
+            leaving.socket.close()
+    assert eventually(lambda: running.service.connections == 1)
+    stay.send(b"GET2\n")
+    assert stay.line() == b"GOT GET2\r\n"
+
+
+def test_long_lines_do_no_harm(start: Start) -> None:
+    """A line without end is thrown away; the next request is answered."""
+    client = start(ground()).connect()
+    client.send(b"GET" + b"x" * 200_000 + b"\r\nGET2\r\n")
+    assert client.line() == b"GOT GET2\r\n"
+
+
+def test_bytes_of_any_kind_come_back_unharmed(start: Start) -> None:
+    """Names are bytes of the client's own code page; the server passes them on."""
+    client = start(ground()).connect()
+    client.send(b"GET {From \xe4\xff\x00\x07}\r\n")
+    assert client.line() == b"GOT GET {From \xe4\xff\x00\x07}\r\n"
+
+
+def test_a_world_that_has_ended_ends_the_conversation_only(start: Start) -> None:
+    """Once the physics is gone a question closes its connection and nothing else."""
+
+    def ended(lines: list[str]) -> list[str]:
+        raise UsarsimError("the simulation has ended")
+
+    running = start(ground(ended))
+    client, other = running.connect(), running.connect()
+    client.send(b"GETPOS\n")
+    assert client.line() == b""
+    assert other.silent_for(0.1)
+
+
+def test_a_defect_closes_one_connection_only(start: Start) -> None:
+    """An answer that fails ends that conversation; the service goes on."""
+
+    def broken(lines: list[str]) -> list[str]:
+        if lines == ["GET bug"]:
+            raise RuntimeError("a defect")
+        return echo(lines)
+
+    running = start(ground(broken))
+    client, other = running.connect(), running.connect()
+    client.send(b"GET bug\n")
+    assert client.line() == b""
+    other.send(b"GET2\n")
+    assert other.line() == b"GOT GET2\r\n"
+
+
+def test_a_busy_port_names_its_own_option(start: Start) -> None:
+    """The error says which port is taken and how to choose another, for either service."""
+    running = start(ground())
+    port = running.endpoint.port
+    for service in (
+        ground_truth_service("127.0.0.1", port, echo, required=True),
+        truth_service("127.0.0.1", port, str),
+    ):
+        option = f"--{service.name}-port"
+        with pytest.raises(ServiceError, match=rf"port {port} is already in use .*{option} N"):
+            running.call(service.start())
+    assert ground_truth_service("127.0.0.1", port, echo, required=True).required
+    assert not truth_service("127.0.0.1", port, str).required
+
+
+# -- the truth service ---------------------------------------------------------------------------
+
+
+def listing(line: str) -> str:
+    """A listing of one actor called like the query."""
+    return f"{{Name {line}}}\r\n{{End}}\r\n"
+
+
+def truth(answer: Callable[[str], str] = listing) -> DialogueService:
+    """A truth service on any free port."""
+    return truth_service("127.0.0.1", 0, answer)
+
+
+def test_every_line_is_a_query_even_an_empty_one(start: Start) -> None:
+    """88, 89: CR LF alone is answered, a split CR LF once."""
+    client = start(truth()).connect()
+    assert client.silent_for(0.2)
+    client.send(b"\r\n")
+    assert [client.line(), client.line()] == [b"{Name }\r\n", b"{End}\r\n"]
+    client.send(b"{Actors}\r")
+    time.sleep(0.05)
+    client.send(b"\n")
+    assert [client.line(), client.line()] == [b"{Name {Actors}}\r\n", b"{End}\r\n"]
+    assert client.silent_for(0.2)
+
+
+def test_a_listing_arrives_in_one_piece(start: Start) -> None:
+    """95: 64 actors in the first read after data is there."""
+    whole = "".join(f"{{Name P3AT_{n}}} {'x' * 100}\r\n" for n in range(64)) + "{End}\r\n"
+    client = start(truth(lambda line: whole)).connect()
+    for _ in range(5):
+        client.send(b"\r\n")
+        assert client.socket.recv(1 << 20) == whole.encode()
+
+
+def test_who_asks_without_pause_is_answered_at_the_rate_of_frames(start: Start) -> None:
+    """Side channels 7: a tool that asks in a tight loop gets sixty listings a second at most, each
+    of them, and costs no core."""
+    client = start(truth()).connect()
+    begun = time.monotonic()
+    client.send(b"\r\n" * 13)
+    lines = [client.line() for _ in range(26)]
+    assert lines == [b"{Name }\r\n", b"{End}\r\n"] * 13
+    assert time.monotonic() - begun >= 12 / 60 - 0.02
