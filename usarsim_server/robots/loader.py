@@ -193,7 +193,7 @@ def _robot(
     mass += sum(link.mass for actuator in actuators for link in actuator.links)
     mass += sum(effector.mass for effector in effectors if not effector.detached)
     gear = family.read(reader, parent, wheels, actuators)
-    robot = RobotDescription(
+    read = RobotDescription(
         name=name,
         model=name,
         kind=kind,
@@ -202,7 +202,9 @@ def _robot(
         shapes=shapes,
         wheels=wheels,
         casters=casters,
-        rest_height=parts.read_rest_height(reader, wheels, actuators, parent),
+        rest_height=parts.read_rest_height(
+            reader, wheels, actuators, parent, family.support(gear, actuators)
+        ),
         drive=drive,
         battery=parts.read_battery(reader, parent),
         report=family.report(reader.table("report"), wheels, actuators, mass, drive, parent),
@@ -214,6 +216,7 @@ def _robot(
         gear=gear,
         rolls=family.wheel_sensors,
     )
+    robot = family.finish(read)
     limb_parts.check_names(reader, _bodies(robot))
     if parent is not None and _body(robot) == _body(parent):
         return replace(robot, model=parent.model)

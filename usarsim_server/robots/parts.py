@@ -32,6 +32,7 @@ __all__ = [
     "check_weight",
     "read_battery",
     "read_casters",
+    "read_color",
     "read_drive",
     "read_items",
     "read_link",
@@ -182,15 +183,15 @@ def read_shape(table: TableReader) -> Shape:
         size=table.numbers("size", (SHAPE_SIZES[kind],), low=_SHORTEST, high=LONGEST),
         pose=read_pose(table),
         mass=table.number("mass", 0.0, low=0.0, high=HEAVIEST),
-        color=_color(table),
+        color=read_color(table),
         collides=table.boolean("collides", True),
     )
     table.finish()
     return shape
 
 
-def _color(table: TableReader) -> Color:
-    channels = table.numbers("color", (3, 4), (0.5, 0.5, 0.5), low=0.0, high=1.0)
+def read_color(table: TableReader, default: Color = (0.5, 0.5, 0.5, 1.0)) -> Color:
+    channels = table.numbers("color", (3, 4), default, low=0.0, high=1.0)
     red, green, blue, alpha = (*channels, 1.0)[:4]
     return red, green, blue, alpha
 
@@ -207,23 +208,35 @@ def read_rest_height(
     wheels: Sequence[Wheel],
     actuators: Sequence[ActuatorDescription],
     parent: Parent,
+    support: float | None = None,
 ) -> float:
-    """By default, and give or take a little, where the lowest driven wheel touches the floor.
+    """By default, and give or take a little, where what it stands on touches the floor.
 
     The reference point of a platform is where its file says, by default on the floor.
+
+    Args:
+        reader: the file.
+        wheels, actuators: the body; driven wheels touch the floor.
+        parent: the robot that is extended.
+        support: height of the reference point above the floor on what is no wheel, m.
     """
-    rolling = [wheel for wheel in wheels if wheel.driven and wheel.collides]
-    if not rolling:
+    heights = [
+        wheel.radius - wheel_place(wheel, actuators)[2]
+        for wheel in wheels
+        if wheel.driven and wheel.collides
+    ]
+    heights += [] if support is None else [support]
+    if not heights:
         default = parent.rest_height if parent else 0.0
         return reader.number("rest_height", default, low=-LONGEST, high=LONGEST)
-    touching = max(wheel.radius - wheel_place(wheel, actuators)[2] for wheel in rolling)
-    inherited = parent is not None and parent.wheels == wheels
+    touching, name = max(heights), "wheels" if support is None else "tracks"
+    inherited = parent is not None and parent.wheels == wheels and support is None
     default = parent.rest_height if parent and inherited else round(touching, 9)
     height = reader.number("rest_height", default)
     if abs(height - touching) > REST_TOLERANCE:
         reader.fail(
-            f"is {height:g}, but the wheels touch the floor at {touching:g}",
-            "leave it out, or move the wheels",
+            f"is {height:g}, but the {name} touch the floor at {touching:g}",
+            f"leave it out, or move the {name}",
             "rest_height",
         )
     return height

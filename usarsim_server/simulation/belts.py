@@ -10,7 +10,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Belts"]
+__all__ = ["MARK", "Belts"]
+
+MARK = 1e-9
+"""m/s, rad/s: what a geom must have at compile time whose surface is moved later; no belt."""
 
 
 class Belts:
@@ -21,7 +24,7 @@ class Belts:
         velocity = getattr(model, "geom_surfacevel", np.zeros((0, 6)))
         self._speeds: dict[str, NDArray[np.float64]] = {
             model.geom(geom).name: velocity[geom].copy()
-            for geom in np.flatnonzero(velocity.any(axis=1))
+            for geom in np.flatnonzero((np.abs(velocity) > MARK).any(axis=1))
         }
         self._factors: dict[str, float] = {}
 

@@ -154,6 +154,15 @@ class Family(ABC):
         """
         return parent.gear if parent is not None else None
 
+    def support(
+        self, gear: object | None, actuators: Sequence[ActuatorDescription]
+    ) -> float | None:
+        """Height of the reference point above a flat floor when standing on what is no wheel, m.
+
+        None: only wheels, if any, touch the floor.
+        """
+        return None
+
     def report(
         self,
         table: TableReader,
@@ -173,6 +182,10 @@ class Family(ABC):
         if wheels:
             return parts.read_report(table, wheels, actuators, mass, drive, parent)
         return parts.read_platform_report(table, mass, parent)
+
+    def finish(self, robot: RobotDescription) -> RobotDescription:
+        """The last word on what has just been read: adds what follows from the gear."""
+        return robot
 
     def complete(self, spec: mujoco.MjSpec, robot: RobotDescription) -> None:
         """Add to the body what the common parts do not have (called last by `build_spec`)."""
