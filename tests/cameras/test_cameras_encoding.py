@@ -177,17 +177,29 @@ def test_each_region_of_a_frame_is_encoded_once() -> None:
 
 
 def test_newer_frame_replaces_what_is_kept() -> None:
-    """Pictures of the newest frame are kept, older ones are forgotten and never come back."""
+    """Of each region the newest picture is kept; what comes late never replaces it."""
     encoder = Encoder(NORMAL)
     old, new = frame(1), frame(2, scene() // 2)
     encoder.encode(old, TILE)
-    encoder.encode(old, GRID.frame)
     message = encoder.encode(new, TILE)
     assert encoder.found(old, TILE) is None
     assert encoder.kept_bytes == len(message)
     late = encoder.encode(old, TILE)
     assert np.abs(jpeg_pixels(late).mean() - jpeg_pixels(message).mean()) > 20
     assert encoder.found(new, TILE) is message
+
+
+def test_regions_are_kept_by_themselves() -> None:
+    """A region in which nothing is new keeps its older frame beside newer ones of others."""
+    codec = CountingCodec()
+    encoder = Encoder(NORMAL, codec)
+    old, new = frame(1), frame(2)
+    still = encoder.encode(old, TILE)
+    whole = encoder.encode(new, GRID.frame)
+    assert encoder.encode(old, TILE) is still
+    assert encoder.encode(new, GRID.frame) is whole
+    assert encoder.kept_bytes == len(still) + len(whole)
+    assert codec.calls == 2
 
 
 def test_cache_stays_within_its_budget() -> None:
@@ -198,8 +210,10 @@ def test_cache_stays_within_its_budget() -> None:
     for region in regions:
         encoder.encode(source, region)
         assert encoder.kept_bytes <= 100_000
+        encoder.found(source, regions[0])
     assert encoder.found(source, regions[-1]) is not None
-    assert encoder.found(source, regions[0]) is None
+    assert encoder.found(source, regions[0]) is not None, "used all the time"
+    assert encoder.found(source, regions[1]) is None
     encoder.encode(source, GRID.frame)
     assert encoder.found(source, GRID.frame) is None, "larger than the budget"
 

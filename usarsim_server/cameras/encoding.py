@@ -30,11 +30,11 @@ GREY = 128
 """Value of all channels of a picture that stands for one that did not come."""
 
 CACHE_BYTES = 32 * 1024 * 1024
-"""Encoded pictures of the newest frame that are kept; eight raw frames of 1280 x 960."""
+"""Encoded pictures that are kept; eight raw frames of 1280 x 960."""
 
 
 class Encoder:
-    """Encodes regions of frames, each but once while its frame is the newest."""
+    """Encodes regions of frames, each but once while it is the newest of its region."""
 
     def __init__(
         self,
@@ -53,8 +53,8 @@ class Encoder:
         self._jpeg = jpeg or pillow_jpeg
         self._budget = cache_bytes
         self._lock = threading.Lock()
-        self._number = -1
-        self._kept: dict[Region, memoryview] = {}
+        # The newest of each region with the number of its frame; the one used last at the end.
+        self._kept: dict[Region, tuple[int, memoryview]] = {}
         self._bytes = 0
 
     @property
@@ -70,7 +70,11 @@ class Encoder:
     def found(self, frame: Frame, region: Region) -> memoryview | None:
         """The encoded region if it is at hand; returns at once."""
         with self._lock:
-            return self._kept.get(region) if frame.number == self._number else None
+            number, message = self._kept.get(region, (None, None))
+            if message is None or number != frame.number:
+                return None
+            self._kept[region] = self._kept.pop(region)
+            return message
 
     def encode(self, frame: Frame, region: Region) -> memoryview:
         """The whole reply, header and payload, for a region inside the frame; read-only.
@@ -102,18 +106,15 @@ class Encoder:
 
     def _keep(self, number: int, region: Region, message: memoryview) -> None:
         with self._lock:
-            if number < self._number or len(message) > self._budget:
+            kept, old = self._kept.get(region, (-1, memoryview(b"")))
+            if number <= kept or len(message) > self._budget:
                 return
-            if number > self._number:
-                self._number = number
-                self._kept.clear()
-                self._bytes = 0
-            if region in self._kept:
-                return
+            self._kept.pop(region, None)
+            self._bytes -= len(old)
             while self._bytes + len(message) > self._budget:
-                oldest = next(iter(self._kept))
-                self._bytes -= len(self._kept.pop(oldest))
-            self._kept[region] = message
+                _, oldest = self._kept.pop(next(iter(self._kept)))
+                self._bytes -= len(oldest)
+            self._kept[region] = number, message
             self._bytes += len(message)
 
 
