@@ -280,7 +280,7 @@ class TestSettings:
     def test_the_command_line_wins(self) -> None:
         """A model named outside replaces that of the table, and its errors name the option."""
         assert type(read_radio({"model": "none"}, "x", "distance").model) is type(model("distance"))
-        with pytest.raises(SettingsError, match="^--wireless-model: unknown propagation model"):
+        with pytest.raises(SettingsError, match=r"^--wireless-model: unknown propagation model"):
             read_radio({}, "x", "telepathy")
 
     @pytest.mark.parametrize(

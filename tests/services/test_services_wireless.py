@@ -1,0 +1,480 @@
+"""The wireless simulation server over sockets (side channels reference 4, checks 68 to 77)."""
+
+from __future__ import annotations
+
+import contextlib
+import random
+import socket
+import struct
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from wireless_harness import FAR, NEAR, Line, Robot, Running, eventually
+
+from usarsim_server.services.wireless import WirelessLimits
+
+ENOUGH = 32 * 1024 * 1024
+"""Bytes that no bounded link takes before anybody reads them."""
+
+
+def received(end: socket.socket, size: int) -> bytes:
+    """So many bytes, or what there is until the end."""
+    data = b""
+    while len(data) < size and (chunk := end.recv(65536)):
+        data += chunk
+    return data
+
+
+def refuses(port: int) -> bool:
+    """Whether nobody listens on a port."""
+    try:
+        socket.create_connection(("127.0.0.1", port), timeout=2.0).close()
+    except ConnectionRefusedError:
+        return True
+    return False
+
+
+def closed(end: socket.socket) -> bool:
+    """Whether the other side has hung up or is lost."""
+    with contextlib.suppress(ConnectionError):
+        return end.recv(65536) == b""
+    return True
+
+
+def stuff(end: socket.socket) -> int:
+    """Send until nothing more is taken; returns how many bytes were."""
+    end.settimeout(0.3)
+    sent = 0
+    with contextlib.suppress(TimeoutError):
+        while sent < ENOUGH:
+            sent += end.send(b"x" * 65536)
+    return sent
+
+
+class TestDialogue:
+    def test_init(self) -> None:
+        """INIT answers INITREPLY {Status OK} (check 68); a second one is refused."""
+        with Running(Line(A=0)) as running:
+            talker = running.talker()
+            assert talker.ask("INIT {Robot A} {Port 3333}") == "INITREPLY {Status OK}"
+            refused = "ERROR {Reason Method.Unknown.Or.Can.INIT.only.once}"
+            assert talker.ask("INIT {Robot A} {Port 3333}") == refused
+            assert talker.ask("LISTEN {Port 1}") == refused
+            assert talker.ask("getss {Robot A}") == refused
+
+    @pytest.mark.parametrize("verb", ["GETSS {Robot A}", "DNS {Robot A}", "REVERSEDNS {Port 1}"])
+    def test_init_comes_first(self, verb: str) -> None:
+        """Any other verb first is told to use INIT (check 69)."""
+        with Running(Line(A=0)) as running:
+            answer = running.talker().ask(verb)
+            assert answer == "ERROR {Reason Must.Use.INIT.Method.First}"
+
+    def test_init_may_be_tried_again(self) -> None:
+        """After each refused INIT another one on the same connection succeeds (check 70)."""
+        with Running(Line(A=0, B=1)) as running:
+            running.robot("A")
+            talker = running.talker()
+            assert talker.ask("INIT {Robot A} {Port 1}") == "ERROR {Reason Robot.Alread.Exists}"
+            assert talker.ask("INIT {Robot B} {Port x}") == (
+                "ERROR {Reason Ports.List.Must.Be.Integer}"
+            )
+            assert talker.ask("INIT {Port 1}") == "ERROR {Reason Robot.Name.Must.Not.Be.Empty}"
+            assert talker.ask("INIT {Robot B} {Port 1}") == "INITREPLY {Status OK}"
+
+    def test_strengths(self) -> None:
+        """Oneself, an unknown robot, one at 10 m, one without place, one at no distance (71)."""
+        with Running(Line(A=0, B=10.5, C=0), patience=100) as running:
+            a = running.robot("A").control
+            for name in ("B", "C", "Ghost"):
+                running.robot(name)
+            assert a.ask("GETSS {Robot A}") == "SS {Robot A} {Strength INF} {Error SS.To.Self}"
+            assert a.ask("GETSS {Robot X}") == (
+                "SS {Robot X} {Strength NaN} {Error Robot.Does.Not.Exist}"
+            )
+            assert a.ask("GETSS {Robot B}") == "SS {Robot B} {Strength -63.1966}"
+            assert a.ask("GETSS {Robot Ghost}") == (
+                "SS {Robot Ghost} {Strength NaN} {Error Model.Returned.NaN}"
+            )
+            assert a.ask("GETSS {Robot C}") == (
+                "SS {Robot C} {Strength INF} {Error Model.Returned.INF}"
+            )
+
+    def test_strength_follows_a_moving_robot(self) -> None:
+        """GETSS tells where the robot is now, not where it was."""
+        with Running(Line(A=0, B=2)) as running:
+            a = running.robot("A").control
+            running.robot("B")
+            assert a.ask("GETSS {Robot B}").endswith("{Strength -49.67}")
+            running.line.places["B"] = 9.0
+            assert eventually(lambda: a.ask("GETSS {Robot B}").endswith("{Strength -56.2021}"))
+
+    def test_ports_of_pairs(self) -> None:
+        """Repeated DNS gives the same port, the way back another one (check 72)."""
+        with Running(Line(A=0, B=1)) as running:
+            a, b = running.robot("A", 2), running.robot("B", 2)
+            first = a.road_to("B")
+            assert a.road_to("B") == first
+            assert a.road_to("B", b.ports[0]) == first
+            assert a.road_to("B", b.ports[1]) != first
+            assert b.road_to("A") != first
+
+    def test_lookups_that_fail(self) -> None:
+        """DNS of oneself, of nobody, of a wrong port, of no number (4.2)."""
+        with Running(Line(A=0, B=1)) as running:
+            a, b = running.robot("A").control, running.robot("B")
+            for name in ("A", "X", "b"):
+                assert a.ask(f"DNS {{Robot {name}}}") == (
+                    f"DNSREPLY {{Robot {name}}} {{Port -1}} {{Error NoSuchRobot}}"
+                )
+            wrong = b.ports[0] % 60000 + 1
+            assert a.ask(f"DNS {{Robot B}} {{Port {wrong}}}") == (
+                "DNSREPLY {Robot B} {Port -1} {Error RobotDoesNotListenOnThisPort}"
+            )
+            assert a.ask("DNS {Robot B} {Port x}") == "ERROR {Reason Port.Must.Be.Integer}"
+            assert a.ask("REVERSEDNS") == "ERROR {Reason Port.Must.Be.Integer}"
+
+    def test_what_crashed_the_original(self) -> None:
+        """Empty lines, bare verbs, and DNS towards a robot without ports do no harm (check 77)."""
+        with Running(Line(A=0, B=1)) as running:
+            a = running.robot("A").control
+            assert running.talker().ask("INIT {Robot B}") == "INITREPLY {Status OK}"
+            assert a.ask("\r\n\r\nGETSS").startswith("SS {Robot } {Strength NaN}")
+            assert a.ask("X") == "ERROR {Reason Method.Unknown.Or.Can.INIT.only.once}"
+            assert a.ask("DNS {Robot B}") == (
+                "DNSREPLY {Robot B} {Port -1} {Error RobotDoesNotListenOnThisPort}"
+            )
+
+    def test_requests_in_any_chunking(self) -> None:
+        """Several requests in one segment and one in several are answered in order."""
+        with Running(Line(A=0, B=2)) as running:
+            a = running.robot("A").control
+            running.robot("B")
+            a.socket.sendall(b"GETSS {Robot A}\r\nGETSS {Robot B}\r\nGETSS {Ro")
+            assert "Robot A" in a.line()
+            assert "Robot B" in a.line()
+            assert "Robot X" in a.ask("bot X}")
+
+    def test_ground_truth_on_the_same_port(self) -> None:
+        """A connection that begins with GETPOS or GETOBS is one of ground truth for good."""
+        with Running(Line()) as running:
+            for verb in ("GETPOS", "getobs {From A} {To B}"):
+                talker = running.talker()
+                assert talker.ask(verb) == f"TRUTH {verb}"
+                assert talker.ask("INIT {Robot A}") == "TRUTH INIT {Robot A}"
+
+    def test_no_more_ports_than_allowed(self) -> None:
+        """Beyond the limit DNS fails as in the original, and what there is goes on."""
+        limits = WirelessLimits(ports_per_robot=2, poll=0.02)
+        with Running(Line(A=0, B=1), limits=limits) as running:
+            a, b = running.robot("A"), running.robot("B", 3)
+            roads = [a.road_to("B", port) for port in b.ports[:2]]
+            answer = a.control.ask(f"DNS {{Robot B}} {{Port {b.ports[2]}}}")
+            assert answer == "ERROR {Reason Could.Not.Allocate.Port}"
+            assert a.road_to("B", b.ports[0]) == roads[0]
+
+    def test_garbage_disturbs_nobody(self) -> None:
+        """Random bytes and over-long lines leave the server and the others alone."""
+        with Running(Line(A=0, B=2)) as running:
+            a = running.robot("A").control
+            running.robot("B")
+            noise = running.talker()
+            noise.socket.sendall(random.Random(1).randbytes(200_000))
+            noise.socket.sendall(b"INIT {Robot " + b"x" * 300_000)
+            noise.socket.close()
+            assert a.ask("GETSS {Robot B}").endswith("{Strength -49.67}")
+
+
+class TestRelay:
+    def test_bytes_arrive_unchanged_both_ways(self) -> None:
+        """A megabyte of everything each way at the same time (check 73)."""
+        with Running(Line(A=0, B=1)) as running:
+            mine, theirs = running.robot("A").link(running.robot("B"))
+            there, back = (random.Random(n).randbytes(1_000_003) for n in (1, 2))
+            got: list[bytes] = []
+            threads = [
+                threading.Thread(target=mine.sendall, args=(there,)),
+                threading.Thread(target=theirs.sendall, args=(back,)),
+                threading.Thread(target=lambda: got.append(received(mine, len(back)))),
+            ]
+            for thread in threads:
+                thread.start()
+            assert received(theirs, len(there)) == there
+            for thread in threads:
+                thread.join(5.0)
+            assert got == [back]
+
+    def test_ports_lead_to_their_listeners(self) -> None:
+        """Each relay port ends at the target port it was asked for."""
+        with Running(Line(A=0, B=1)) as running:
+            a, b = running.robot("A"), running.robot("B", 2)
+            for number in (1, 0):
+                mine = a.call(a.road_to("B", b.ports[number]))
+                mine.sendall(b"%d" % number)
+                assert received(b.accept(number), 1) == b"%d" % number
+
+    def test_reverse_lookup(self) -> None:
+        """The target learns who is behind a connection; others learn nothing (check 74)."""
+        with Running(Line(A=0, B=1, C=2)) as running:
+            a, b, c = (running.robot(name) for name in "ABC")
+            _, theirs = a.link(b)
+            port = theirs.getpeername()[1]
+            assert b.control.ask(f"REVERSEDNS {{Port {port}}}") == (
+                f"REVERSEDNSREPLY {{Port {port}}} {{Robot A}}"
+            )
+            for other in (a, c):
+                assert other.control.ask(f"REVERSEDNS {{Port {port}}}") == (
+                    f"REVERSEDNSREPLY {{Port {port}}} {{Error UnknownOrIllegalPort}}"
+                )
+
+    def test_links_of_a_pair_are_separate(self) -> None:
+        """Several connections through one port are links of their own."""
+        with Running(Line(A=0, B=1)) as running:
+            a, b = running.robot("A"), running.robot("B")
+            links = [a.link(b) for _ in range(3)]
+            for number, (mine, _) in enumerate(links):
+                mine.sendall(b"%d" % number)
+            assert [received(theirs, 1) for _, theirs in links] == [b"0", b"1", b"2"]
+            links[1][0].close()
+            assert closed(links[1][1])
+            links[2][1].sendall(b"on")
+            assert received(links[2][0], 2) == b"on"
+
+    def test_half_closed_links(self) -> None:
+        """One side says no more and still hears the other."""
+        with Running(Line(A=0, B=1)) as running:
+            mine, theirs = running.robot("A").link(running.robot("B"))
+            mine.sendall(b"question")
+            mine.shutdown(socket.SHUT_WR)
+            assert received(theirs, 100) == b"question"
+            theirs.sendall(b"answer")
+            theirs.close()
+            assert received(mine, 100) == b"answer"
+
+    def test_a_target_that_refuses(self) -> None:
+        """The caller is connected, then hears the end (4.3)."""
+        with Running(Line(A=0, B=1)) as running:
+            a, b = running.robot("A"), running.robot("B")
+            road = a.road_to("B")
+            b.listeners[0].close()
+            assert closed(a.call(road))
+            assert not refuses(road)
+
+    def test_a_reset_ends_the_other_side(self) -> None:
+        """A lost peer ends the link on both sides."""
+        with Running(Line(A=0, B=1)) as running:
+            mine, theirs = running.robot("A").link(running.robot("B"))
+            mine.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            mine.close()
+            assert closed(theirs)
+
+    def test_a_receiver_that_does_not_read(self) -> None:
+        """Its sender is stopped by TCP after a bounded amount; other links and GETSS go on."""
+        with Running(Line(A=0, B=1)) as running:
+            a, b = running.robot("A"), running.robot("B")
+            mine, theirs = a.link(b)
+            other, there = a.link(b)
+            sent = stuff(mine)
+            assert sent < ENOUGH
+            other.sendall(b"still")
+            assert received(there, 5) == b"still"
+            assert a.control.ask("GETSS {Robot B}").startswith("SS {Robot B} {Strength -")
+            assert len(received(theirs, sent)) == sent
+
+
+class TestReach:
+    def test_out_of_range_and_back(self) -> None:
+        """Both sockets close and the port refuses; back again the same port accepts (check 75)."""
+        with Running(Line(A=0, B=NEAR)) as running:
+            a, b = running.robot("A"), running.robot("B")
+            road = a.road_to("B")
+            mine, theirs = a.call(road), b.accept()
+            for _ in range(2):
+                running.line.places["B"] = FAR
+                assert closed(mine)
+                assert closed(theirs)
+                assert eventually(lambda: refuses(road))
+                assert a.road_to("B") == road
+                running.line.places["B"] = NEAR
+                assert eventually(lambda: not refuses(road))
+                b.accept().close()
+                mine, theirs = a.call(road), b.accept()
+                mine.sendall(b"again")
+                assert received(theirs, 5) == b"again"
+
+    def test_a_port_asked_for_out_of_range(self) -> None:
+        """DNS answers, the port refuses until the radio reaches."""
+        with Running(Line(A=0, B=FAR)) as running:
+            a, b = running.robot("A"), running.robot("B")
+            road = a.road_to("B")
+            assert refuses(road)
+            running.line.places["B"] = NEAR
+            assert eventually(lambda: not refuses(road))
+            b.accept().close()
+
+    def test_only_the_pair_out_of_range_is_cut(self) -> None:
+        """A third robot in the middle keeps its links to both."""
+        with Running(Line(A=0, B=30, C=NEAR)) as running:
+            a, b, c = (running.robot(name) for name in "ABC")
+            links = [a.link(b), a.link(c), b.link(c)]
+            running.line.places["B"] = 55
+            assert closed(links[0][0])
+            for mine, theirs in links[1:]:
+                mine.sendall(b"x")
+                assert received(theirs, 1) == b"x"
+
+    @pytest.mark.parametrize("why", ["gone", "battery"])
+    def test_dismissed_robots(self, why: str) -> None:
+        """Gone from the simulator or without power: control, links and ports close (check 76)."""
+        with Running(Line(A=0, B=1)) as running:
+            a, b = running.robot("A"), running.robot("B")
+            road = a.road_to("B")
+            mine, theirs = a.call(road), b.accept()
+            if why == "gone":
+                del running.line.places["B"]
+            else:
+                running.line.empty.add("B")
+            assert b.control.ended()
+            assert closed(mine)
+            assert closed(theirs)
+            assert eventually(lambda: refuses(road))
+            assert a.control.ask("GETSS {Robot B}").endswith("{Error Robot.Does.Not.Exist}")
+            assert a.control.ask("DNS {Robot B}").endswith("{Error NoSuchRobot}")
+
+    def test_hanging_up_unregisters(self) -> None:
+        """The name is free again and everything of it is closed (4.2)."""
+        with Running(Line(A=0, B=1)) as running:
+            a, b = running.robot("A"), running.robot("B")
+            mine, _ = a.link(b)
+            b.control.socket.close()
+            assert closed(mine)
+            assert eventually(lambda: running.wireless.registered == ("A",))
+            again = Robot(running, "B")
+            mine, theirs = a.link(again)
+            mine.sendall(b"x")
+            assert received(theirs, 1) == b"x"
+
+    def test_without_propagation_all_is_open(self) -> None:
+        """The model `none` links robots that no simulator knows."""
+        with Running(Line(), model="none") as running:
+            a, b = running.robot("A"), running.robot("B")
+            mine, theirs = a.link(b)
+            time.sleep(0.3)  # longer than the patience
+            mine.sendall(b"x")
+            assert received(theirs, 1) == b"x"
+            assert a.control.ask("GETSS {Robot B}") == "SS {Robot B} {Strength 0}"
+
+
+class TestRecord:
+    def test_events(self, tmp_path: Path) -> None:
+        """Registration, links and bytes are on record, in order (4.6)."""
+        file = tmp_path / "events.csv"
+        with Running(Line(A=0, B=NEAR), log=file) as running:
+            a, b = running.robot("A"), running.robot("B")
+            mine, theirs = a.link(b)
+            mine.sendall(b"x" * 1000)
+            theirs.sendall(b"y" * 10)
+            assert len(received(theirs, 1000)) == 1000
+            assert len(received(mine, 10)) == 10
+            assert eventually(lambda: "DATA_SENT" in file.read_text())
+            mine.close()
+            theirs.close()
+            b.control.socket.close()
+            assert eventually(lambda: len(running.wireless.registered) == 1)
+            port = b.ports[0]
+        fields = [line.split(",") for line in file.read_text().splitlines()]
+        told = [[one[0], *one[2:-1]] for one in fields]
+        assert told[0] == ["REGISTERED", "A", "127.0.0.1", str(a.ports[0])]
+        for event in (
+            ["REGISTERED", "B", "127.0.0.1", str(port)],
+            ["IN_RANGE", "A", "B", "-62.9847", "10"],
+            ["CON_ESTABLISHED", "A", "B", "127.0.0.1", str(port)],
+            ["DATA_SENT", "A", "B", "1000"],
+            ["DATA_SENT", "B", "A", "10"],
+            ["CON_TERMINATED", "A", "B", "127.0.0.1", str(port)],
+            ["DEREGISTERED", "B"],
+        ):
+            assert told.count(event) == 1, event
+
+
+class TestShaping:
+    def test_latency(self) -> None:
+        """A byte takes the latency, there and back, and order is kept."""
+        with Running(Line(A=0, B=1), latency=0.1) as running:
+            mine, theirs = running.robot("A").link(running.robot("B"))
+            start = time.monotonic()
+            mine.sendall(b"ping")
+            assert received(theirs, 4) == b"ping"
+            theirs.sendall(b"pong")
+            assert received(mine, 4) == b"pong"
+            assert time.monotonic() - start >= 0.2
+
+    def test_latency_is_simulated_time(self) -> None:
+        """At ten times the speed it takes a tenth; at full speed nothing waits."""
+        for speed, most in ((10.0, 5.0), (float("inf"), 5.0)):
+            with Running(Line(A=0, B=1), speed=speed, latency=20.0 if speed > 10 else 2.0) as one:
+                mine, theirs = one.robot("A").link(one.robot("B"))
+                start = time.monotonic()
+                mine.sendall(b"ping")
+                assert received(theirs, 4) == b"ping"
+                passed = time.monotonic() - start
+                assert (0.2 if speed == 10.0 else 0.0) <= passed < most
+
+    def test_bandwidth_and_loss_keep_the_stream_whole(self) -> None:
+        """100 KB at 250 KB/s take 0.4 s at the least, and lost frames only delay."""
+        with Running(Line(A=0, B=1), bandwidth=250e3, loss=0.02, retry_delay=0.001) as running:
+            mine, theirs = running.robot("A").link(running.robot("B"))
+            data = random.Random(3).randbytes(100_000)
+            start = time.monotonic()
+
+            def send() -> None:
+                mine.sendall(data)
+                mine.close()
+
+            sender = threading.Thread(target=send)
+            sender.start()
+            assert received(theirs, len(data) + 1) == data
+            assert time.monotonic() - start >= 0.4
+            sender.join(5.0)
+
+    def test_a_shaped_link_is_bounded(self) -> None:
+        """A sender faster than the link is stopped."""
+        with Running(Line(A=0, B=1), bandwidth=1000) as running:
+            mine, _ = running.robot("A").link(running.robot("B"))
+            sent = stuff(mine)
+            assert sent < ENOUGH
+
+
+def test_a_team_of_sixteen_and_a_base_in_full_mesh() -> None:
+    """Everybody talks to everybody at the same time, 136 links both ways."""
+    names = ["Base", *(f"Robot{n:02d}" for n in range(16))]
+    with Running(Line(**{name: float(n) / 10 for n, name in enumerate(names)})) as running:
+        team = {name: running.robot(name) for name in names}
+        links = [
+            (one, other, *team[one].link(team[other]))
+            for n, one in enumerate(names)
+            for other in names[n + 1 :]
+        ]
+        assert len(links) == 136
+        for one, other, mine, theirs in links:
+            mine.sendall(f"{one}>{other}".encode())
+            theirs.sendall(f"{other}>{one}".encode())
+        for one, other, mine, theirs in links:
+            assert received(theirs, len(one) + len(other) + 1).decode() == f"{one}>{other}"
+            assert received(mine, len(one) + len(other) + 1).decode() == f"{other}>{one}"
+
+
+def test_stopping_ends_everything() -> None:
+    """Links, ports and control connections are gone when the service has stopped."""
+    running = Running(Line(A=0, B=1))
+    a, b = running.robot("A"), running.robot("B")
+    road = a.road_to("B")
+    mine, theirs = a.call(road), b.accept()
+    running.call(running.wireless.stop())
+    assert closed(mine)
+    assert closed(theirs)
+    assert a.control.ended()
+    assert refuses(road)
+    assert refuses(running.port)
+    running.stop()

@@ -1,0 +1,227 @@
+"""The wireless services on real ports, with stations that a test moves along a line.
+
+Between two stations stands one obstacle for each 10 m: below 50 m a link is up (-88.9 dBm at 49 m),
+from there on it is down (-95.3 dBm at 50 m).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import socket
+import threading
+import time
+from collections.abc import Callable, Coroutine
+from pathlib import Path
+from typing import Any, Self, TypeVar
+
+from usarsim_server.protocol.values import Vector
+from usarsim_server.radio.configuration import read_radio
+from usarsim_server.radio.event_log import EventLog
+from usarsim_server.radio.network import Network, RadioWorld
+from usarsim_server.radio.station import Station
+from usarsim_server.services.comserver import ComServerLimits, ComServerService
+from usarsim_server.services.relay import Road
+from usarsim_server.services.wireless import WirelessLimits, WirelessService
+
+T = TypeVar("T")
+
+NEAR, FAR = 10.0, 80.0
+"""m: places where a station at 0 is heard and is not."""
+POLL = 0.02
+
+
+def eventually(condition: Callable[[], bool], within: float = 3.0) -> bool:
+    """Whether the condition comes true within so many seconds."""
+    deadline = time.monotonic() + within
+    while time.monotonic() < deadline:
+        if condition():
+            return True
+        time.sleep(0.005)
+    return condition()
+
+
+class Line:
+    """Stations on a line, by their place in metres."""
+
+    def __init__(self, **places: float) -> None:
+        self.places = places
+        self.empty: set[str] = set()
+
+    def stations(self) -> list[Station]:
+        """All stations of this moment."""
+        return [
+            Station(name, (place, 0.0, 0.0), name in self.empty)
+            for name, place in list(self.places.items())
+        ]
+
+    def count(self, start: Vector, end: Vector) -> int:
+        """One obstacle each 10 m."""
+        return int(abs(end[0] - start[0]) // 10)
+
+
+class Talker:
+    """A robot's control connection."""
+
+    def __init__(self, port: int) -> None:
+        self.socket = socket.create_connection(("127.0.0.1", port), timeout=5.0)
+        self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._rest = b""
+
+    def ask(self, line: str) -> str:
+        """Send a line, read the answer."""
+        self.socket.sendall(line.encode("latin-1") + b"\r\n")
+        return self.line()
+
+    def line(self) -> str:
+        """The next line without its end."""
+        return self.until(b"\r\n").decode("latin-1")
+
+    def until(self, end: bytes) -> bytes:
+        """What comes up to an end mark, without it."""
+        while end not in self._rest:
+            data = self.socket.recv(65536)
+            if not data:
+                raise ConnectionError("the server closed the connection")
+            self._rest += data
+        text, _, self._rest = self._rest.partition(end)
+        return text
+
+    def message(self, text: bytes) -> bytes:
+        """Send a message of the ComServer, read the answer, both with semicolon."""
+        self.socket.sendall(text)
+        return self.until(b";") + b";"
+
+    def ended(self) -> bool:
+        """Whether the server has hung up."""
+        with contextlib.suppress(ConnectionResetError):
+            while self.socket.recv(65536):
+                pass
+        return True
+
+
+class Robot:
+    """A controller that listens on ports of its own and is registered."""
+
+    def __init__(self, running: Running, name: str, listeners: int = 1) -> None:
+        self.name = name
+        self.listeners = [socket.create_server(("127.0.0.1", 0)) for _ in range(listeners)]
+        self.ports = [one.getsockname()[1] for one in self.listeners]
+        self.control = running.talker()
+        self._running = running
+        ports = ",".join(map(str, self.ports))
+        answer = self.control.ask(f"INIT {{Robot {name}}} {{Port {ports}}}")
+        assert answer == "INITREPLY {Status OK}", answer
+        running.sockets += self.listeners
+
+    def road_to(self, other: str, port: int | None = None) -> int:
+        """The relay port that leads to another robot."""
+        wanted = "" if port is None else f" {{Port {port}}}"
+        answer = self.control.ask(f"DNS {{Robot {other}}}{wanted}")
+        prefix = f"DNSREPLY {{Robot {other}}} {{Port "
+        assert answer.startswith(prefix), answer
+        return int(answer.removeprefix(prefix).rstrip("}"))
+
+    def call(self, road: int) -> socket.socket:
+        """Connect to a relay port."""
+        made = socket.create_connection(("127.0.0.1", road), timeout=5.0)
+        self._running.sockets.append(made)
+        return made
+
+    def accept(self, listener: int = 0) -> socket.socket:
+        """Take a connection that the server made."""
+        self.listeners[listener].settimeout(5.0)
+        made, _ = self.listeners[listener].accept()
+        made.settimeout(5.0)
+        self._running.sockets.append(made)
+        return made
+
+    def link(self, other: Robot) -> tuple[socket.socket, socket.socket]:
+        """A link to another robot: our end and theirs."""
+        mine = self.call(self.road_to(other.name))
+        return mine, other.accept()
+
+
+class Running:
+    """Both services on an event loop of its own thread."""
+
+    def __init__(
+        self,
+        line: Line,
+        *,
+        log: Path | None = None,
+        limits: WirelessLimits | None = None,
+        speed: float = 1.0,
+        **radio: object,
+    ) -> None:
+        self.line = line
+        self.sockets: list[socket.socket] = []
+        options = read_radio({"patience": 0.1, "cache_distance": 0, **radio}, "test")
+        world = RadioWorld(line.stations, line, lambda: 0.0, speed)
+        record = EventLog(log, world.clock)
+
+        def network() -> Network:
+            return Network(world, options.model, patience=options.patience, log=record)
+
+        def truth(lines: object) -> list[str]:
+            assert isinstance(lines, list)
+            return [f"TRUTH {text}" for text in lines]
+
+        self.wireless = WirelessService(
+            "127.0.0.1",
+            0,
+            network(),
+            truth,
+            road=Road(options.shape, speed),
+            limits=limits or WirelessLimits(poll=POLL),
+        )
+        self.comserver = ComServerService(
+            "127.0.0.1", 0, network(), limits=ComServerLimits(poll=POLL)
+        )
+        self.loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+        self.port = self.call(self.wireless.start()).port
+        self.com_port = self.call(self.comserver.start()).port
+
+    def _serve(self) -> None:
+        asyncio.set_event_loop(self.loop)
+        self.loop.run_forever()
+
+    def call(self, coroutine: Coroutine[Any, Any, T]) -> T:
+        """Have something done on the event loop."""
+        return asyncio.run_coroutine_threadsafe(coroutine, self.loop).result(10)
+
+    def talker(self) -> Talker:
+        """A new control connection of the wireless simulation."""
+        made = Talker(self.port)
+        self.sockets.append(made.socket)
+        return made
+
+    def com_talker(self) -> Talker:
+        """A new control connection of the ComServer."""
+        made = Talker(self.com_port)
+        self.sockets.append(made.socket)
+        return made
+
+    def robot(self, name: str, listeners: int = 1) -> Robot:
+        """A registered robot."""
+        return Robot(self, name, listeners)
+
+    def stop(self) -> None:
+        """Stop everything."""
+        if self.loop.is_closed():
+            return
+        self.call(self.wireless.stop())
+        self.call(self.comserver.stop())
+        self.loop.call_soon_threadsafe(self.loop.stop)
+        self._thread.join(5)
+        self.loop.close()
+        for one in self.sockets:
+            one.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.stop()
