@@ -95,7 +95,7 @@ class Attention:
 
 
 class Repeats:
-    """What one client has got of one frame, so that it gets no copies without pause."""
+    """What one client has got of late, so that it gets no copies without pause."""
 
     def __init__(self, pause: float, most: int) -> None:
         """Know of nothing as yet.
@@ -106,18 +106,17 @@ class Repeats:
         """
         self._pause = pause
         self._most = most
-        self._number = -1
-        self._got: dict[Region, float] = {}
+        # By region: number of the frame and when it was sent, the region sent last at the end.
+        self._got: dict[Region, tuple[int, float]] = {}
 
     def pause(self, frame: Frame, region: Region, now: float) -> float:
         """Seconds to wait at a time (s) until a copy is due; 0 for what is new to the client."""
-        if frame.number != self._number or region not in self._got:
-            return 0.0
-        return max(0.0, self._got[region] + self._pause - now)
+        number, sent = self._got.get(region, (-1, now))
+        return max(0.0, sent + self._pause - now) if number == frame.number else 0.0
 
     def note(self, frame: Frame, region: Region, now: float) -> None:
         """The client is being sent a region of a frame at a time (s)."""
-        if frame.number != self._number or len(self._got) >= self._most:
-            self._number = frame.number
-            self._got.clear()
-        self._got[region] = now
+        self._got.pop(region, None)
+        if len(self._got) >= self._most:
+            del self._got[next(iter(self._got))]
+        self._got[region] = frame.number, now
