@@ -1,0 +1,161 @@
+"""Makes finished pictures: geometry from a backend, light and smoke on top; one thread's own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_server.cameras.backend import Backend, Quality, Wanted
+from usarsim_server.cameras.gl import GlBackend
+from usarsim_server.cameras.looks import Air, brightness, reaching, shine
+from usarsim_server.cameras.probe import INSTALL, platforms_to_try, usable_platform, works
+from usarsim_server.cameras.raytraced import RayBackend
+from usarsim_server.cameras.stage import Stage
+from usarsim_server.cameras.view import CameraView
+from usarsim_server.cameras.viewpoint import Eye, View
+from usarsim_server.errors import UsarsimError
+from usarsim_server.logs import Log
+from usarsim_server.simulation.model import CompiledWorld
+from usarsim_server.simulation.snapshot import Snapshot
+from usarsim_server.worlds.description import Smoke
+
+__all__ = ["RENDERERS", "Painter", "PainterOptions", "check_renderer", "nobody_lit"]
+
+RENDERERS = ("auto", "egl", "osmesa", "rays")
+
+_log = Log("cameras")
+
+
+@dataclass(frozen=True, slots=True)
+class PainterOptions:
+    """How pictures are made.
+
+    Attributes:
+        renderer: one of `RENDERERS`.
+        quality: see there.
+        smoke: of the world.
+    """
+
+    renderer: str = "auto"
+    quality: Quality = field(default_factory=Quality)
+    smoke: Smoke = field(default_factory=Smoke)
+
+
+def nobody_lit(robot: int) -> bool:
+    """No robot has its light on."""
+    return False
+
+
+class Painter:
+    """Makes pictures of snapshots; must be used and closed by the thread that made it."""
+
+    def __init__(
+        self,
+        compiled: Callable[[Snapshot], CompiledWorld],
+        options: PainterOptions,
+        lit: Callable[[int], bool] = nobody_lit,
+    ) -> None:
+        """Open a backend.
+
+        Args:
+            compiled: the model that a snapshot belongs to.
+            options: see there.
+            lit: whether a robot, by its number, has its headlight on.
+        """
+        self._compiled = compiled
+        self._options = options
+        self._lit = lit
+        self._air = Air(options.smoke)
+        self._backend = _open(options)
+        self._stage: Stage | None = None
+        self._light = 1.0
+
+    @property
+    def renderer(self) -> str:
+        """What draws: `egl`, `osmesa` or `rays`."""
+        return self._backend.name
+
+    def place(self, view: CameraView, snapshot: Snapshot, width: int, height: int) -> Eye | None:
+        """The eye of a camera in a snapshot; None if its robot is not there."""
+        pose = self._show(snapshot).place(view)
+        return None if pose is None else Eye(pose, view.fov, width, height)
+
+    def tile(self, eye: Eye, snapshot: Snapshot) -> NDArray[np.uint8]:
+        """What an eye sees, (height, width, 3), finished; valid until the next picture."""
+        stage = self._show(snapshot)
+        lamps = reaching(stage.lamps(self._lit), eye)
+        hazy = not self._air.clear
+        wanted = Wanted(depth=hazy or bool(lamps), albedo=bool(lamps))
+        shot = self._backend.render(stage, eye, wanted)
+        colors = shot.colors
+        if lamps:
+            assert shot.depth is not None
+            assert shot.albedo is not None
+            colors = shine(colors, shot.albedo, shot.depth, eye, lamps)
+        if hazy:
+            assert shot.depth is not None
+            colors = self._air.veil(colors, shot.depth, eye, snapshot.time, self._light)
+        return colors
+
+    def picture(self, view: View, snapshot: Snapshot) -> NDArray[np.generic]:
+        """A picture in the mode of a view (see `View`); the caller's own."""
+        eye = Eye(view.pose, view.fov, view.width, view.height)
+        if view.mode == "rgb":
+            return self.tile(eye, snapshot).copy()
+        depth = view.mode == "depth"
+        shot = self._backend.render(self._show(snapshot), eye, Wanted(depth=depth, geoms=not depth))
+        answer = shot.depth if depth else shot.geoms
+        assert answer is not None
+        return answer.copy()
+
+    def fall_back(self, error: Exception) -> None:
+        """Go on with rays after the backend failed.
+
+        Raises:
+            Exception: the error itself, if rays are what failed.
+        """
+        if isinstance(self._backend, RayBackend):
+            raise error
+        _log.error("the renderer failed, rays take over", renderer=self.renderer, error=error)
+        self._backend.close()
+        self._backend = RayBackend()
+
+    def close(self) -> None:
+        """Give back what the backend holds."""
+        self._backend.close()
+
+    def _show(self, snapshot: Snapshot) -> Stage:
+        stage = self._stage
+        if stage is None or stage.generation != snapshot.generation:
+            stage = self._stage = Stage(self._compiled(snapshot))
+            self._light = brightness(stage.model)
+        stage.show(snapshot)
+        return stage
+
+
+def check_renderer(renderer: str) -> None:
+    """Make sure that a renderer asked for by name works here.
+
+    Raises:
+        UsarsimError: if it does not.
+    """
+    wanted = platforms_to_try(renderer)
+    if renderer != "auto" and wanted and usable_platform(wanted) is None:
+        raise UsarsimError(
+            f"--renderer: {renderer} does not work on this machine: {works(renderer)} "
+            f"(cure: {INSTALL[renderer]}, or write auto)"
+        )
+
+
+def _open(options: PainterOptions) -> Backend:
+    """The best backend that works here."""
+    platform = usable_platform(platforms_to_try(options.renderer))
+    if platform is not None:
+        try:
+            return GlBackend(platform, options.quality)
+        except RuntimeError as error:
+            _log.warning("OpenGL failed after all, rays take over", error=error)
+    return RayBackend()
