@@ -26,6 +26,12 @@ from usarsim_server.protocol.messages.avatars import (
     avatar_status,
 )
 from usarsim_server.protocol.messages.cameras import CameraItem, camera_configuration
+from usarsim_server.protocol.messages.machines import (
+    legged_status,
+    machine_configuration,
+    machine_geometry,
+    nautic_status,
+)
 from usarsim_server.protocol.messages.results import result, viewports_result
 from usarsim_server.protocol.messages.sensors import (
     SensorMount,
@@ -83,8 +89,12 @@ __all__ = [
     "ground_configuration",
     "ground_geometry",
     "ground_status",
+    "legged_status",
+    "machine_configuration",
+    "machine_geometry",
     "mission_package_configuration",
     "mission_package_geometry",
+    "nautic_status",
     "object_status",
     "path_nodes",
     "result",
