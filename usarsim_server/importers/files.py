@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import itertools
+import os
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path, PurePosixPath, PureWindowsPath
+from urllib.parse import unquote
 
 from usarsim_server.errors import MapImportError, at
 
@@ -16,6 +19,9 @@ MAX_INDEXED = 200_000
 """Files that are looked at in asset folders."""
 
 HEAD = 4096
+
+USUAL = {"meshes", "staticmeshes", "textures", "materials", "models", "assets", "images"}
+"""Folders beside a map that are searched without being told."""
 
 
 def read_head(path: Path) -> bytes:
@@ -73,9 +79,16 @@ def decode(content: bytes) -> str:
 class AssetIndex:
     """Files below some folders, found by name without regard to case or lost directories."""
 
-    def __init__(self, folders: Iterable[Path]) -> None:
-        """Look through the folders at the first question, not now."""
+    def __init__(self, folders: Iterable[Path], beside: Path | None = None) -> None:
+        """Look through the folders at the first question, not now.
+
+        Args:
+            folders: searched with everything below them.
+            beside: a map; its own folder is searched too, but of what is below only folders with
+                the usual names, for a map may lie in somebody's home.
+        """
         self._folders = tuple(dict.fromkeys(Path(folder) for folder in folders))
+        self._near = () if beside is None else tuple(_usual_folders(beside.parent))
         self._by_name: dict[str, list[Path]] | None = None
 
     def find(self, name: str, extensions: Sequence[str] = ()) -> Path | None:
@@ -87,7 +100,7 @@ class AssetIndex:
             extensions: tried in this order in place of or behind the written one.
         """
         plain = _plain(name)
-        for folder in self._folders:
+        for folder in (*self._folders, *self._near):
             direct = folder / plain
             if plain and direct.is_file():
                 return direct
@@ -107,20 +120,46 @@ class AssetIndex:
         if self._by_name is None:
             self._by_name = {}
             count = 0
-            for folder in self._folders:
-                for path in sorted(folder.rglob("*")) if folder.is_dir() else ():
-                    count += 1
-                    if count > MAX_INDEXED:
-                        return self._by_name
-                    if path.is_file():
-                        self._by_name.setdefault(path.name.lower(), []).append(path)
+            deep = (path for folder in self._folders for path in _below(folder))
+            flat = (path for folder in self._near for path in _inside(folder))
+            for path in itertools.chain(deep, flat):
+                count += 1
+                if count > MAX_INDEXED:
+                    break
+                self._by_name.setdefault(path.name.lower(), []).append(path)
         return self._by_name
+
+
+def _usual_folders(folder: Path) -> Iterator[Path]:
+    """A map's folder and those below it where exporters put meshes and pictures."""
+    yield folder
+    for path in _sorted(folder):
+        if path.is_dir() and path.name.lower() in USUAL:
+            yield path
+
+
+def _below(folder: Path) -> Iterator[Path]:
+    """All files below a folder, folder by folder in order; links are not followed."""
+    for parent, folders, files in os.walk(folder):
+        folders.sort()
+        for name in sorted(files):
+            yield Path(parent, name)
+
+
+def _inside(folder: Path) -> Iterator[Path]:
+    """All files of a folder."""
+    yield from (path for path in _sorted(folder) if path.is_file())
+
+
+def _sorted(folder: Path) -> list[Path]:
+    try:
+        return sorted(folder.iterdir())
+    except OSError:
+        return []
 
 
 def _plain(name: str) -> str:
     """A relative path with forward slashes."""
-    from urllib.parse import unquote
-
     name = name.strip().strip('"')
     for scheme in ("file://", "model://", "package://"):
         if name.lower().startswith(scheme):

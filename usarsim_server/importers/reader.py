@@ -22,7 +22,17 @@ from usarsim_server.importers.findings import Findings
 from usarsim_server.importers.scene import Scene
 from usarsim_server.plugins import PluginTypes
 
-__all__ = ["GROUP", "Context", "ImportOptions", "Reader", "find_reader", "need", "read_scene"]
+__all__ = [
+    "GROUP",
+    "Context",
+    "ImportOptions",
+    "Reader",
+    "find_reader",
+    "need",
+    "read_scene",
+    "readers",
+    "register",
+]
 
 GROUP = "usarsim_server.importers"
 """Entry point group for readers of other packages."""

@@ -1,0 +1,227 @@
+"""Starts, victims, path nodes and lights: what of a map goes into `world.toml`, and lamps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_server.importers.emitter import Lamp
+from usarsim_server.importers.findings import Findings
+from usarsim_server.importers.names import NameBook, safe
+from usarsim_server.importers.probe import Probe
+from usarsim_server.importers.scene import Light, LightKind, Scene, Start
+from usarsim_server.importers.sheet import Entry, rotation
+from usarsim_server.simulation.frames import Pose, Vector, quaternion_from_rpy, rpy_from_quaternion
+from usarsim_server.worlds.victims import PELVIS_HEIGHT
+
+__all__ = ["MAX_LAMPS", "Place", "lamps", "path_node_entries", "start_entries", "victim_entries"]
+
+Array = NDArray[np.float64]
+
+MAX_LAMPS = 7
+"""OpenGL's fixed lights are eight, and the headlight is one of them."""
+
+FLOOR_BELOW = 2.0
+"""m within which a start has to have a floor (worlds reference 11)."""
+
+FREE = 0.15
+"""m: radius of the ball that has to fit at a start."""
+
+HOVER = 0.25
+"""m above the floor of start poses that the importer makes."""
+
+STANDING_ROOM, SITTING_ROOM = 1.8, 1.0
+"""m of headroom that a person needs to stand and to sit."""
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A start pose as the report tells it: m above the floor, m of overlap, free headroom."""
+
+    name: str
+    height: float
+    overlap: float
+
+
+def lamps(lights: Sequence[Light], findings: Findings) -> list[Lamp]:
+    """MuJoCo lights; the brightest and widest ones if there are too many (item 76)."""
+    shining = [light for light in lights if light.kind is not LightKind.AMBIENT]
+    if len(shining) > MAX_LAMPS:
+        order = sorted(
+            range(len(shining)),
+            key=lambda i: (
+                shining[i].kind is not LightKind.DIRECTIONAL,
+                -shining[i].brightness * (shining[i].reach or math.inf),
+                i,
+            ),
+        )
+        kept = sorted(order[:MAX_LAMPS])
+        findings.warn(
+            "lights",
+            f"{len(shining) - MAX_LAMPS} of {len(shining)} lights were left out: cameras know "
+            f"{MAX_LAMPS}",
+        )
+        shining = [shining[i] for i in kept]
+    book = NameBook()
+    return [Lamp(_lamp(light, book.take(light.name))) for light in shining]
+
+
+def _lamp(light: Light, name: str) -> dict[str, object]:
+    strength = min(1.0, max(0.0, light.brightness)) * 0.8
+    values: dict[str, object] = {
+        "name": name,
+        "pos": light.position,
+        "diffuse": tuple(min(1.0, max(0.0, c)) * strength for c in light.color),
+        "specular": (0.1, 0.1, 0.1),
+        "castshadow": light.shadows,
+    }
+    if light.kind is LightKind.DIRECTIONAL:
+        return {**values, "type": "directional", "dir": _unit(light.direction)}
+    if light.reach > 0.0:
+        # Down to a twentieth at the reach.
+        values["attenuation"] = (1.0, 0.0, 19.0 / light.reach**2)
+    if light.kind is LightKind.SPOT:
+        cutoff = min(90.0, max(1.0, light.cone))
+        return {**values, "type": "spot", "dir": _unit(light.direction), "cutoff": cutoff}
+    return {**values, "type": "point"}
+
+
+def start_entries(
+    scene: Scene, probe: Probe, bounds: tuple[Array, Array], findings: Findings
+) -> tuple[list[Entry], list[Place]]:
+    """`[[start]]` tables, and what the report says about them (item 71)."""
+    book = NameBook()
+    entries: list[Entry] = []
+    places: list[Place] = []
+    starts = list(scene.starts)
+    inside = [start for start in starts if _within(start.pose.position, bounds)]
+    for start in starts:
+        if start not in inside:
+            findings.warn(start.name, "a start pose far outside the map was left out")
+    if not inside:
+        inside = [_default_start(probe, bounds)]
+        findings.warn(
+            inside[0].name,
+            "the map has no start pose; this one was made, add others with a sidecar file",
+        )
+    for start in inside:
+        tag = book.take(start.name)
+        if tag.lower() != start.name.lower():
+            findings.warn(start.name, f"start pose is called {tag} on the wire")
+        position = start.pose.position
+        entries.append({"tag": tag, "position": _exact(position), **rotation(start.pose)})
+        height, overlap = probe.height(position), probe.overlap(position, FREE)
+        places.append(Place(tag, height, overlap))
+        if height > FLOOR_BELOW:
+            findings.warn(start.name, f"no floor within {FLOOR_BELOW:g} m below this start pose")
+        if overlap > 0.02:
+            findings.warn(start.name, "something solid is in the place of this start pose")
+    return entries, places
+
+
+def _default_start(probe: Probe, bounds: tuple[Array, Array]) -> Start:
+    """A free place on a floor, as near as possible to the middle of the map."""
+    low, high = bounds
+    middle = (low + high) / 2.0
+    step = max(0.5, float((high - low)[:2].max()) / 40.0)
+    offsets = sorted(
+        ((x * step, y * step) for x in range(-20, 21) for y in range(-20, 21)),
+        key=lambda o: (math.hypot(*o), o),
+    )
+    for from_top in (False, True):
+        top = float(high[2]) + 0.5 if from_top else float(middle[2])
+        for x, y in offsets:
+            point = (float(middle[0]) + x, float(middle[1]) + y, top)
+            if not _within(point, bounds, slack=1.0):
+                continue
+            height = probe.height(point)
+            if not math.isfinite(height) or height > float(high[2] - low[2]) + 2.0:
+                continue
+            place = (point[0], point[1], point[2] - height + HOVER + 0.15)
+            if probe.overlap(place, 0.35) == 0.0:
+                return Start("Start", Pose((place[0], place[1], point[2] - height + HOVER)))
+    x, y, z = (float(middle[0]), float(middle[1]), float(high[2]) + HOVER)
+    return Start("Start", Pose((x, y, z)))
+
+
+def _within(point: Vector, bounds: tuple[Array, Array], slack: float = 40.0) -> bool:
+    low, high = bounds
+    here = np.array(point)
+    return bool((here >= low - slack).all() and (here <= high + slack).all())
+
+
+def victim_entries(scene: Scene, probe: Probe, findings: Findings) -> list[Entry]:
+    """`[[victim]]` tables: people stand, sit or lie on what is below them."""
+    book = NameBook()
+    entries: list[Entry] = []
+    for victim in scene.victims:
+        x, y, z = victim.pose.position
+        height = victim.height
+        if height is None:
+            height = probe.height((x, y, z + 0.05)) - 0.05
+        if not math.isfinite(height) or height > 3.0:
+            findings.warn(victim.name, "no floor below this victim; it stays where it is")
+            height = 0.0
+        floor = z - height
+        posture = victim.posture or _posture(probe, (x, y, floor))
+        scale = float(np.prod(np.abs(victim.scale))) ** (1.0 / 3.0)
+        scale = min(10.0, max(0.1, scale or 1.0))
+        _, _, yaw = rpy_from_quaternion(victim.pose.quaternion)
+        upright = Pose((x, y, floor), quaternion_from_rpy(0.0, 0.0, yaw))
+        entries.append(
+            {
+                "name": book.take(victim.name),
+                "position": _exact((x, y, floor + PELVIS_HEIGHT[posture] * scale)),
+                **rotation(upright),
+                "posture": posture,
+                "status": safe(victim.status),
+                "scale": scale if abs(scale - 1.0) > 1e-9 else None,
+                "properties": {"figure": victim.figure, **victim.properties},
+            }
+        )
+    return entries
+
+
+def _posture(probe: Probe, floor: Vector) -> str:
+    x, y, z = floor
+    room = probe.headroom((x, y, z + 0.05))
+    if room >= STANDING_ROOM:
+        return "standing"
+    return "sitting" if room >= SITTING_ROOM else "lying"
+
+
+def path_node_entries(scene: Scene, findings: Findings) -> list[Entry]:
+    """`[[path_node]]` tables."""
+    book = NameBook()
+    tags: dict[str, str] = {}
+    for node in scene.path_nodes:
+        tag = book.take(node.name)
+        tags.setdefault(node.name, tag)
+        if tag.lower() != node.name.lower():
+            findings.warn(node.name, f"path node is called {tag} on the wire")
+    book = NameBook()
+    entries: list[Entry] = []
+    for node in scene.path_nodes:
+        known = [tags[name] for name in node.neighbours if name in tags]
+        entries.append(
+            {
+                "tag": book.take(node.name),
+                "position": _exact(node.position),
+                "neighbours": known or None,
+            }
+        )
+    return entries
+
+
+def _exact(position: Vector) -> list[float]:
+    return [float(value) for value in position]
+
+
+def _unit(direction: Vector) -> tuple[float, float, float]:
+    x, y, z = direction
+    length = math.hypot(x, y, z)
+    return (x / length, y / length, z / length) if length > 1e-9 else (0.0, 0.0, -1.0)

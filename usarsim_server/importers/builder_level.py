@@ -1,0 +1,138 @@
+"""Brushes and terrain into the scene: convex cells to collide with, their faces to be seen."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_server.importers.cells import Cell, Point
+from usarsim_server.importers.csg import Solid, clip_to_box, evaluate
+from usarsim_server.importers.emitter import Emitter, attributes, place
+from usarsim_server.importers.findings import Findings
+from usarsim_server.importers.looks import looks_of_grid, looks_of_level
+from usarsim_server.importers.names import NameBook
+from usarsim_server.importers.pieces import BoxPiece, piece_of_cell
+from usarsim_server.importers.scene import Brush, Heightfield
+from usarsim_server.simulation.frames import IDENTITY, Pose
+
+__all__ = ["GIANT", "GRIP", "SMOOTH", "add_brushes", "add_heightfield"]
+
+Array = NDArray[np.float64]
+
+GIANT = 400.0
+"""m: a brush or object larger than this is a backdrop; it does not count for the bounds."""
+
+MARGIN = 50.0
+"""m around the rest of the map at which backdrops are cut off."""
+
+GRIP = 1.0
+"""Friction of what one stands on, as in the shipped worlds."""
+
+SMOOTH = 0.5
+"""Friction of what one only runs into."""
+
+WALL = 0.35
+"""m: a cell that is higher and thinner than this is a wall."""
+
+BASE = 1.0
+"""m of solid ground below the lowest point of terrain."""
+
+
+def add_brushes(
+    emitter: Emitter,
+    brushes: Sequence[Brush],
+    filled: bool | None,
+    limits: tuple[Point, Point] | None,
+    names: NameBook,
+    findings: Findings,
+    progress: Callable[[float], None],
+) -> Solid:
+    """Carry out the brushes, and put the result into the scene.
+
+    Args:
+        emitter: of the scene.
+        brushes: in order.
+        filled: see `evaluate`.
+        limits: box to which everything is cut, None if no brush is a giant.
+        names: for the geoms.
+        findings: takes facts and warnings.
+        progress: told the part that is done.
+    """
+    solid = evaluate(brushes, filled, findings=findings, progress=progress)
+    if limits is not None:
+        clip_to_box(solid, *limits)
+    count = boxes = 0
+    for cell, owner in zip(solid.cells, solid.owners, strict=True):
+        piece = piece_of_cell(cell)
+        count += 1
+        boxes += isinstance(piece, BoxPiece)
+        name = names.take(f"{brushes[owner].name if owner >= 0 else 'rock'}.solid")
+        emitter.add_solid(piece, IDENTITY, _friction(cell), name)
+    looks = looks_of_level(solid)
+    if looks:
+        emitter.mesh_files(solid, "level", looks)
+        emitter.add_world(emitter.show(solid, IDENTITY, [names.take("level") for _ in looks]))
+    if count:
+        findings.fact("brush cells", count)
+        findings.fact("brush cells that are boxes", boxes)
+    return solid
+
+
+def _friction(cell: Cell) -> float:
+    width = min(cell.upper[0] - cell.lower[0], cell.upper[1] - cell.lower[1])
+    return SMOOTH if width < WALL < cell.upper[2] - cell.lower[2] else GRIP
+
+
+def materials_of(brushes: Sequence[Brush]) -> list[str]:
+    """Names of materials that brushes use, and the empty name, which new faces may have."""
+    return ["", *(polygon.material for brush in brushes for polygon in brush.polygons)]
+
+
+def add_heightfield(
+    emitter: Emitter, field: Heightfield, names: NameBook, findings: Findings
+) -> str | None:
+    """Terrain: a height field to stand on, triangles to be seen; returns its name.
+
+    Height fields are endlessly thick below, and cheap (worlds reference 9.2).
+    """
+    heights = np.asarray(field.heights, dtype=float)
+    if heights.ndim != 2 or min(heights.shape) < 2 or not np.isfinite(heights).all():
+        findings.warn(field.name, "terrain without a sound grid of heights was left out")
+        return None
+    name = names.take(field.name)
+    hfield(emitter, name, heights, field.spacing, field.pose)
+    look = replace(
+        looks_of_grid(heights, field.spacing, field.texture_size), material=field.material
+    )
+    emitter.mesh_files(field, field.name, [look])
+    emitter.add_world(emitter.show(field, field.pose, [name]))
+    return name
+
+
+def hfield(
+    emitter: Emitter, name: str, heights: Array, spacing: tuple[float, float], pose: Pose
+) -> None:
+    """A height field that only collides; the pose is that of its corner [0, 0]."""
+    rows, columns = heights.shape
+    low, high = float(heights.min()), float(heights.max())
+    span = max(high - low, 1e-3)
+    half = ((columns - 1) * spacing[0] / 2.0, (rows - 1) * spacing[1] / 2.0)
+    (emitter.folder / "meshes").mkdir(exist_ok=True)
+    file = f"meshes/{name}.hfield"
+    data = ((heights - low) / span).astype("<f4")
+    (emitter.folder / file).write_bytes(struct.pack("<2i", rows, columns) + data.tobytes())
+    size = (*half, span, BASE)
+    emitter.add_asset(f"<hfield{attributes({'name': name, 'file': file, 'size': size})}/>")
+    values = {
+        "name": f"{name}.solid",
+        "type": "hfield",
+        "hfield": name,
+        **place(pose @ Pose((half[0], half[1], low))),
+        "group": 3,
+        "friction": GRIP,
+    }
+    emitter.add_world([f"<geom{attributes(values)}/>"])
