@@ -47,6 +47,10 @@ GOOD = [
     ("image_legacy", "false", "false", False),
     ("image_silent_push", "off", '"off"', 0.0),
     ("image_silent_push", "0.5", "0.5", 0.5),
+    ("tiles", "1x1", '"1x1"', (1, 1)),
+    ("tiles", "8X8", '"8 x 8"', (8, 8)),
+    ("tile_size", "176x144", '"176x144"', (176, 144)),
+    ("tile_size", "16x2048", '"16x2048"', (16, 2048)),
     ("dialect", "auto", '"auto"', DialectMode.AUTO),
     ("dialect", "ut2004", '"ut2004"', DialectMode.UT2004),
     ("dialect", "udk", '"udk"', DialectMode.UDK),
@@ -89,6 +93,14 @@ BAD = [
     ("image_legacy", "1", "1"),
     ("image_silent_push", "-1", "-1"),
     ("image_silent_push", "never", '"never"'),
+    ("tiles", "0x4", '"0x4"'),
+    ("tiles", "13x5", '"13x5"'),
+    ("tiles", "4", '"4"'),
+    ("tiles", "-4x-4", '"-4x-4"'),
+    ("tile_size", "15x240", '"15x240"'),
+    ("tile_size", "320x2049", '"320x2049"'),
+    ("tile_size", "320*240", '"320*240"'),
+    ("tile_size", "99999x99999", '"99999x99999"'),
     ("dialect", "utopia", '"utopia"'),
     ("dialect", "UDK", '"UDK"'),
     ("speed", "0", "0"),
@@ -137,6 +149,9 @@ ILL_TYPED = [
     ("clean_on_close", "1"),
     ("image_legacy", '"true"'),
     ("image_type", "3.0"),
+    ("tiles", "[4, 4]"),
+    ("tiles", "4"),
+    ("tile_size", "true"),
     ("image_type", '"3"'),
     ("outbox_bytes", "1"),
     ("quiet_period", "-0.1"),
@@ -183,6 +198,8 @@ def test_defaults_are_those_of_the_legacy_installations() -> None:
         image_type=NORMAL,
         image_legacy=False,
         image_silent_push=2.0,
+        tiles=(4, 4),
+        tile_size=(320, 240),
         dialect=DialectMode.AUTO,
         speed=1.0,
         seed=0,
@@ -277,6 +294,17 @@ def test_switch_alone_means_true(option) -> None:
     assert getattr(served(option.flag), option.key) is True
     assert getattr(served(option.flag, "--seed=1"), option.key) is True
     assert getattr(served(option.flag, "false"), option.key) is False
+
+
+def test_picture_that_nobody_could_render_is_refused(tmp_path: Path) -> None:
+    """Tiles and their size may each be fine and together too much; both places are tried."""
+    with pytest.raises(SettingsError, match=r"--tile-size: the full picture would be 1\d+x240 "):
+        served("--tiles=16x1", "--tile-size=1024x240")
+    path = written(tmp_path, 'tile_size = "640x2048"\n')
+    with pytest.raises(SettingsError, match=r"tile_size: the full picture would be 2560x10240"):
+        served("--config", str(path), "--tiles=4x5")
+    with pytest.raises(SettingsError, match="--tiles: the full picture would be 20480x240"):
+        served("--tiles=64x1")
 
 
 # Paths

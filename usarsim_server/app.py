@@ -14,6 +14,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from usarsim_server.cameras.board import CameraBoard
+from usarsim_server.cameras.view import Grid
 from usarsim_server.control.actors import Actors
 from usarsim_server.control.avatars import Avatars
 from usarsim_server.control.objects import WorldObjects
@@ -88,6 +90,11 @@ class Assembly:
     services: tuple[Service, ...]
     agents: weakref.WeakSet[RobotAgent] = field(default_factory=weakref.WeakSet)
 
+    @property
+    def board(self) -> CameraBoard:
+        """All cameras, and the tiles of the full picture that they fill."""
+        return self.fleet.board
+
     def make_agent(
         self, peer: str, outbox: Mouth, on_backlog_low: Callable[[], None]
     ) -> RobotAgent:
@@ -151,7 +158,8 @@ def assemble(settings: Settings) -> Assembly:
     surroundings = Surroundings(world)
     operators = operators_of(world.machinery)
     simulation.set_movers((*surroundings.movers, *operators.movers), operators.machines)
-    fleet = Fleet(roster, world, simulation, settings.seed, surroundings)
+    board = CameraBoard(Grid(*settings.tiles, *settings.tile_size))
+    fleet = Fleet(roster, world, simulation, settings.seed, surroundings, board)
     services: list[Service] = []
     shipped = data_directory("worlds")
     catalog = load_objects([folder / object_classes.SHEET for folder in (shipped, world.folder)])

@@ -10,6 +10,7 @@ import difflib
 import json
 import math
 import os
+import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -164,6 +165,30 @@ def _patience(value: object, folder: Path) -> object:
     return 0.0 if value == "off" else _number(0.0, 3600.0)(value, folder)
 
 
+def _pair(value: object) -> tuple[int, int]:
+    """Two whole numbers with an x between them."""
+    found = (
+        re.fullmatch(r"([0-9]{1,5}) ?[xX] ?([0-9]{1,5})", value) if isinstance(value, str) else None
+    )
+    if found is None:
+        raise ValueError
+    return int(found[1]), int(found[2])
+
+
+def _tiles(value: object, folder: Path) -> tuple[int, int]:
+    columns, rows = _pair(value)
+    if not 1 <= columns * rows <= MOST_TILES:
+        raise ValueError(f"{columns * rows} tiles do not fit")
+    return columns, rows
+
+
+def _tile_size(value: object, folder: Path) -> tuple[int, int]:
+    width, height = _pair(value)
+    if not all(_SIDE[0] <= side <= _SIDE[1] for side in (width, height)):
+        raise ValueError
+    return width, height
+
+
 def _host(value: object, folder: Path) -> str:
     if not isinstance(value, str) or not value.strip() or not value.isprintable():
         raise ValueError
@@ -214,6 +239,10 @@ def _path(text: str, folder: Path) -> Path:
     return folder / os.path.expanduser(text)
 
 
+MOST_TILES = 64
+"""Largest number of tiles of the original's grid (side channels reference 2.10)."""
+_SIDE = (16, 2048)
+"""Pixels that a tile may have along a side."""
 _DIALECTS = tuple(mode.value for mode in DialectMode)
 _PORT = 'a port from 0 (any free one) to 65535, or "off"'
 
@@ -284,6 +313,22 @@ OPTIONS: tuple[Option, ...] = (
         _patience,
         "seconds after which an image client that never asked gets a picture",
         "S|off",
+    ),
+    Option(
+        "tiles",
+        f"columns and rows such as 4x4, {MOST_TILES} tiles at most",
+        _tiles,
+        "tiles of the full camera image, one camera each",
+        "CxR",
+        text=True,
+    ),
+    Option(
+        "tile_size",
+        f"width and height such as 320x240, each from {_SIDE[0]} to {_SIDE[1]}",
+        _tile_size,
+        "pixels of a tile",
+        "WxH",
+        text=True,
     ),
     Option(
         "dialect",

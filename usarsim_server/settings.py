@@ -20,6 +20,9 @@ from usarsim_server.protocol.images import NORMAL, ImageType
 
 __all__ = ["Settings", "load_settings"]
 
+LONGEST_SIDE = 8192
+"""Pixels of the full camera picture that can still be rendered everywhere."""
+
 
 @dataclass(frozen=True, slots=True)
 class Settings:
@@ -38,6 +41,8 @@ class Settings:
         image_legacy: send image clients a picture before they ask (side channels reference 2.8).
         image_silent_push: s of wall time after which an image client that has sent nothing gets
             one picture; 0 for never (side channels reference 2.12).
+        tiles: columns and rows of the full camera picture, one camera each.
+        tile_size: width and height of a tile, pixels (side channels reference 2.10).
         dialect: shape of the output, or how it is chosen (protocol reference 5.3).
         speed: simulated seconds per second of wall time; `math.inf` for as fast as possible.
         seed: of all noise.
@@ -72,6 +77,8 @@ class Settings:
     image_type: ImageType = NORMAL
     image_legacy: bool = False
     image_silent_push: float = 2.0
+    tiles: tuple[int, int] = (4, 4)
+    tile_size: tuple[int, int] = (320, 240)
     dialect: DialectMode = DialectMode.AUTO
     speed: float = 1.0
     seed: int = 0
@@ -125,6 +132,7 @@ def load_settings(
     fitting: dict[str, Any] = values
     settings = Settings(config=config, written=frozenset(values), **fitting)
     _check_ports(settings, places)
+    _check_picture(settings, places)
     return settings
 
 
@@ -140,6 +148,16 @@ def _check_ports(settings: Settings, places: Mapping[str, str]) -> None:
             problem = f"port {port} is asked for by {places[taken[port]]} too"
             raise SettingsError(at(places[key], problem, cure))
         taken[port] = key
+
+
+def _check_picture(settings: Settings, places: Mapping[str, str]) -> None:
+    """Refuse a full picture that no graphics card could hold, nor the header of its reply."""
+    width, height = (n * size for n, size in zip(settings.tiles, settings.tile_size, strict=True))
+    if max(width, height) > LONGEST_SIDE:
+        place = places.get("tile_size") or places["tiles"]
+        problem = f"the full picture would be {width}x{height} pixels"
+        cure = f"have fewer or smaller tiles, at most {LONGEST_SIDE} pixels a side in all"
+        raise SettingsError(at(place, problem, cure))
 
 
 def _read_file(path: Path) -> dict[str, object]:

@@ -282,8 +282,11 @@ class Ros(LegacyClient):
             self.poses.append(tuple(float(word) for word in data["Pose"]))
 
     def _answered(self, head: str, segments: list[tuple[str, list[str]]]) -> None:
-        item = self._waiting.pop(head)
         told = dict(segments)
+        if told["Type"] == ["Camera"] and head not in self._waiting:
+            # Comes unasked before the first SEN (side channels reference 2.10).
+            return
+        item = self._waiting.pop(head)
         assert item[1] in ("rover", told["Name"][0]), "an answer to another question"
         if item[0] == "Robot":
             self.robot.update(told)

@@ -44,6 +44,9 @@ def test_bytes_of_a_stream(connect: Connect, dialect: str) -> None:
     lines = heard.split(b"\r\n")[:-1]
     assert len(lines) > 15
     for line in lines:
+        if dialect == "udk" and line.startswith(b"CONF {Type Camera} "):
+            # Side channels reference 2.10: glued as in the original.
+            line = line.replace(b"}{", b"} {")
         assert re.fullmatch(rb"[A-Z]+( \{[^{}\s]+( [^{}\s]+)*\})+", line), line
 
 
@@ -190,4 +193,5 @@ def test_the_question_after_init_is_answered_first(client: ScriptedClient) -> No
     """INIT and GETCONF Actuator in one packet: the next line is the CONF (check 142)."""
     client.send("INIT {ClassName P2AT} {Location -60,36,-0.3}\r\nGETCONF {Type Actuator}")
     assert client.read_line().startswith("CONF {Type Actuator} {Name CameraPanTilt} {Link 1} ")
+    assert client.read_line().startswith("CONF {Type Camera} {Name Camera}{TextureOffsetX ")
     assert client.read_line().startswith(("STA", "SEN", "ASTA"))

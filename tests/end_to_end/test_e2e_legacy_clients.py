@@ -75,7 +75,7 @@ def test_maldo(fast_arena: int) -> None:
         client.read_until(lambda: all(client.read.get(kind, 0) >= 100 for kind in wanted))
         assert client.status is not None
         assert client.status[:4] == (0.0, 0.0, False, 0)
-        assert client.status[5] == -1
+        assert client.status[5] >= 0, "the number of a camera picture"
         x, y, _ = (float(text) for text in client.values["GroundTruth"][0].split(","))
         assert (x, y) == pytest.approx((-10.6, 5.0), abs=0.05)
         assert len(client.values["RangeScanner"][2].split(",")) == 181
@@ -179,7 +179,7 @@ def test_rdk(arena: int) -> None:
         )
         client.read_until(lambda: client.status is not None and len(client.scans) > 2)
         assert client.status is not None
-        assert client.status[1] == -1
+        assert client.status[1] >= 0, "the number of a camera picture"
         known = set(client.tags)
         client.send("SET {Type RFIDReleaser} {Name Gun} {Opcode Release}", end=b"")
         client.send("DRIVE {Left 0.001} {Right 0.001}")
@@ -210,7 +210,7 @@ def test_uva_rescue(arena: int) -> None:
             told = client.ask("GETGEO", "Sonar", name)
             assert told["Name"].startswith(f"{name} Location ")
             assert told["Name"].endswith("HARD")
-        assert int(client.next("STA")["View"]) == -1
+        assert int(client.next("STA")["View"]) >= 0, "the number of a camera picture"
         start = float(client.next("SEN", "Odometry")["Pose"].split(",")[0])
         client.send("MULTIDRIVE {FRFlipper 0,5}")
         client.send("DRIVE {Left 0,5} {Right 0,5} {Normalized False}")

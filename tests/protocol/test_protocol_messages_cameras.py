@@ -7,17 +7,19 @@ import math
 from usarsim_server.protocol.messages import CameraItem, camera_configuration, viewports_result
 from usarsim_server.protocol.values import Dialect
 
-DEGREES = {
-    "default_fov": math.radians(80),
-    "min_fov": math.radians(20),
-    "max_fov": math.radians(120),
-    "fov": math.radians(80),
-}
+USUAL, NARROW, WIDE = (math.radians(angle) for angle in (80.0, 20.0, 120.0))
 
 
 def test_exact_udk_form() -> None:
     """138: the composed example of side channels reference 2.10, without blanks inside."""
-    item = CameraItem(name="Camera", offset=(320, 0), **DEGREES)
+    item = CameraItem(
+        name="Camera",
+        offset=(320, 0),
+        default_fov=USUAL,
+        min_fov=NARROW,
+        max_fov=WIDE,
+        fov=USUAL,
+    )
     assert camera_configuration(Dialect.UDK, "Camera", [item]) == (
         "CONF {Type Camera} {Name Camera}{TextureOffsetX 320}{TextureOffsetY 0}"
         "{TextureResolutionX 320}{TextureResolutionY 240}{CameraDefFov 80.0000}"

@@ -91,7 +91,7 @@ def test_battery_of_init(stage: Rehearsal, client: RehearsedClient) -> None:
     stage.run(1.0)
     assert _numbers(_last(client, "GroundVehicle"), "Battery") == [2]
     stage.run(2.5)
-    news = [line for line in client.take("NFO") if "{Status " in line]
+    news = [line for line in client.take("NFO") if "{Status Battery" in line]
     assert len(news) == 1, "the client is told once"
     assert re.fullmatch(
         r"NFO \{Status BatteryEmpty\} \{Time [\d.]+\} \{Type Battery\} \{Name \w+\}", news[0]

@@ -80,6 +80,8 @@ def _default(option: Option, defaults: Settings) -> str:
         return "default none"
     if isinstance(value, bool):
         return f"default {str(value).lower()}"
+    if isinstance(value, tuple):
+        return f"default {'x'.join(map(str, value))}"
     return f"default {getattr(value, 'value', value)}"
 
 

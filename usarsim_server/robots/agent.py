@@ -14,6 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
+from usarsim_server.cameras.mount import bind_view
 from usarsim_server.errors import UsarsimError
 from usarsim_server.logs import Log
 from usarsim_server.protocol import messages
@@ -26,6 +27,7 @@ from usarsim_server.protocol.requests import (
     GetStartPoses,
     Init,
     Request,
+    Set,
     Unknown,
 )
 from usarsim_server.robots.fleet import Fleet, Vehicle
@@ -215,10 +217,13 @@ class RobotAgent:
             self._lose(lost)
         self._execute_waiting()
         if snapshot is not None and self._role is not None:
-            for line in self._role.report(snapshot):
-                self._mouth.put_stream(messages.encode(line))
+            streamed = self._role.report(snapshot)
+            # News first: the CONF of a camera must not look like the answer to a question that the
+            # first SEN provokes.
             for line in self._role.take_news():
                 self._mouth.put_reply(messages.encode(line))
+            for line in streamed:
+                self._mouth.put_stream(messages.encode(line))
             self._set_due()
         return True
 
@@ -249,6 +254,9 @@ class RobotAgent:
             case Unknown():
                 self._log.info("unknown command ignored", command=command.text)
                 return []
+            case Set() if self._vehicle is None:
+                # Any connection may choose what picture clients see; robots answer it, too.
+                bind_view(self._fleet.board, request)
         return self._obey(request)
 
     def _obey(self, request: Request) -> list[str]:

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from usarsim_server.actuators.effector import Effector
 from usarsim_server.actuators.registry import create_effectors
+from usarsim_server.cameras.board import CameraBoard
+from usarsim_server.cameras.view import Grid
 from usarsim_server.logs import Log
 from usarsim_server.robots.battery import BatteryGauge
 from usarsim_server.robots.description import RobotDescription
@@ -44,6 +46,8 @@ class Vehicle:
         sensors: in mount order.
         simulation: the world it is in.
         gauge: shows how much is left in its battery.
+        cameras: keys of its cameras on the board, in mount order.
+        board: all cameras of the world.
     """
 
     name: str
@@ -52,6 +56,8 @@ class Vehicle:
     sensors: tuple[Sensor, ...]
     simulation: Simulation
     gauge: BatteryGauge = field(default_factory=BatteryGauge)
+    cameras: tuple[int, ...] = ()
+    board: CameraBoard = field(default_factory=lambda: CameraBoard(Grid()))
 
     def state(self, snapshot: Snapshot) -> RobotBody | None:
         """Its state in a snapshot; None if it is not in there."""
@@ -103,6 +109,7 @@ class Fleet:
         simulation: Simulation,
         seed: int,
         surroundings: Surroundings | None = None,
+        board: CameraBoard | None = None,
     ) -> None:
         """Start without robots.
 
@@ -113,7 +120,9 @@ class Fleet:
             seed: of all sensor noise; each sensor draws from a stream of its own, chosen by the
                 robot's place in the order of spawning and the sensor's place on the robot.
             surroundings: live facts that all sensors share; None: every sensor has its own.
+            board: where cameras come and go with their robots; None: one of the usual size.
         """
+        self.board = board or CameraBoard(Grid())
         self._roster = roster
         self._world = world
         self._simulation = simulation
@@ -165,8 +174,18 @@ class Fleet:
             with self._lock:
                 self._names.discard(label)
             raise
-        vehicle = Vehicle(label, description, robot, sensors, self._simulation)
         with self._lock:
+            # Under the lock, so that tiles are given in the order of spawning.
+            cameras = self._place_cameras(description, label, robot)
+            vehicle = Vehicle(
+                label,
+                description,
+                robot,
+                sensors,
+                self._simulation,
+                cameras=cameras,
+                board=self.board,
+            )
             self._vehicles[robot] = vehicle
         if placed.position != pose.position:
             _log.info("spawn place was blocked, moved", robot=label, to=placed.position)
@@ -219,6 +238,7 @@ class Fleet:
             if self._vehicles.pop(vehicle.robot, None) is None:
                 return
             self._names.discard(vehicle.name)
+            self.board.remove_robot(vehicle.robot)
         self._simulation.remove(vehicle.robot)
 
     def _reserve(self, name: str) -> str:
@@ -228,6 +248,17 @@ class Fleet:
             label = f"{name}_{number}"
         self._names.add(label)
         return label
+
+    def _place_cameras(
+        self, description: RobotDescription, label: str, robot: int
+    ) -> tuple[int, ...]:
+        """Put the cameras of a new robot on the board."""
+        return tuple(
+            self.board.add(
+                camera.name, label, robot, camera.link, camera.pose, camera.fov, camera.rate
+            ).key
+            for camera in description.cameras
+        )
 
     def _sensors(self, description: RobotDescription, order: int) -> list[Sensor]:
         return [

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from usarsim_server.actuators.articulation import Articulation
+from usarsim_server.cameras.mount import CameraMount
 from usarsim_server.logs import Log
 from usarsim_server.protocol import messages
 from usarsim_server.protocol.dialects import sends_results, sta_period
@@ -88,6 +89,9 @@ class Pilot:
         self._conduct = self._family.conduct(vehicle)
         self._battery = _battery(vehicle, battery_life)
         self._limbs = Articulation(vehicle.description, vehicle)
+        self._cameras = CameraMount(
+            vehicle.description, vehicle.robot, vehicle.cameras, vehicle.board, vehicle.look
+        )
         self._sensors = vehicle.sensors
         self._schedule = Schedule(self._intervals())
         self._spawned: float | None = None
@@ -119,7 +123,8 @@ class Pilot:
             case MisPkg() | Act() | MultiDrive():
                 self._limbs.obey(request)
             case Set():
-                return self._obey_set(request) + self._limbs.set(request, self._dialect)
+                lines = self._obey_set(request) + self._limbs.set(request, self._dialect)
+                return lines + self._cameras.set(request, self._dialect)
             case GetConf():
                 return self._answer(self._configuration(request))
             case GetGeo():
@@ -178,14 +183,16 @@ class Pilot:
         kind, name, robot = request.type, request.name, self.vehicle.description
         if kind.lower() != "robot":
             line = conf_line(self._sensors, kind, name, self._dialect)
-            return line or self._limbs.configuration(kind, name, self._dialect)
+            line = line or self._limbs.configuration(kind, name, self._dialect)
+            return line or self._cameras.configuration(kind, name, self._dialect)
         return self._family.configuration(robot, self._dialect)
 
     def _geometry(self, request: GetGeo) -> str | None:
         kind, name, robot = request.type, request.name, self.vehicle.description
         if kind.lower() != "robot":
             line = geo_line(self._sensors, kind, name, robot, self._dialect)
-            return line or self._limbs.geometry(kind, name)
+            line = line or self._limbs.geometry(kind, name)
+            return line or self._cameras.geometry(kind, name, self._dialect)
         return self._family.geometry(robot, self._dialect)
 
     # -- reports -----------------------------------------------------------------------------
@@ -206,6 +213,7 @@ class Pilot:
         due = self._schedule.take_due(snapshot.time)
         if not due:
             return []
+        self._tell_changes(state)
         lines: list[str] = []
         if due[0] == 0:
             lines.append(self._status(state))
@@ -226,6 +234,10 @@ class Pilot:
             if not sensor.rays(state):
                 sensor.measure(state, ())
         self._schedule.begin(max(state.time, self._asked + self._options.quiet_period))
+
+    def _tell_changes(self, state: RobotBody) -> None:
+        """Announce tiles of cameras; only now, because some clients read one line after INIT."""
+        self._news += self._cameras.take_news(state.time, self._dialect)
 
     def announce(self, time: float, event: str, wire_type: str, name: str) -> None:
         """Have the client told that the configuration has changed by itself."""
@@ -270,6 +282,7 @@ class Pilot:
             state=state,
             joints=self._limbs.joints(state),
             battery=self._remaining(state.time),
+            view=self._cameras.view,
             udk_order=self._options.udk_sta_order,
         )
         return self._conduct.status(facts, self._dialect)
