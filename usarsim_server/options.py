@@ -189,6 +189,22 @@ def _tile_size(value: object, folder: Path) -> tuple[int, int]:
     return width, height
 
 
+def _samples(value: object, folder: Path) -> int:
+    if isinstance(value, bool) or value not in (0, 2, 4):
+        raise ValueError
+    return int(str(value))
+
+
+def _viewpoints(value: object, folder: Path) -> tuple[str, ...]:
+    """Texts as they stand; what they mean depends on the world."""
+    entries = [value] if isinstance(value, str) else value
+    if not isinstance(entries, list):
+        raise ValueError
+    if not all(isinstance(entry, str) and entry.strip() for entry in entries):
+        raise ValueError
+    return tuple(entries)
+
+
 def _host(value: object, folder: Path) -> str:
     if not isinstance(value, str) or not value.strip() or not value.isprintable():
         raise ValueError
@@ -330,6 +346,31 @@ OPTIONS: tuple[Option, ...] = (
         "WxH",
         text=True,
     ),
+    Option(
+        "spectator",
+        "x,y,z,x,y,z (from where, to where), the name of a view of the world, or a list of these",
+        _viewpoints,
+        "a camera that stands still fills the next tile; may be repeated",
+        "VIEW",
+        text=True,
+        repeat=True,
+    ),
+    _word_option(
+        "renderer",
+        ("auto", "egl", "osmesa", "rays"),
+        "what draws the camera images",
+        "auto|egl|osmesa|rays",
+    ),
+    Option(
+        "camera_rate",
+        "a number from 0.1 to 60",
+        _number(0.1, 60.0),
+        "images of a camera per simulated second",
+        "HZ",
+    ),
+    Option("shadows", "pixels from 0 to 4096", _integer(0, 4096), "size of shadow maps", "N"),
+    Option("multisample", "0, 2 or 4", _samples, "samples per pixel, for smooth edges", "0|2|4"),
+    _switch_option("always_render", "render cameras that nobody looks at, too"),
     Option(
         "dialect",
         f"one of {', '.join(_DIALECTS)}",

@@ -43,6 +43,12 @@ class Settings:
             one picture; 0 for never (side channels reference 2.12).
         tiles: columns and rows of the full camera picture, one camera each.
         tile_size: width and height of a tile, pixels (side channels reference 2.10).
+        spectator: views that fill tiles from the start: six numbers in the wire frame, or names.
+        renderer: what draws camera pictures; auto takes the best that works.
+        camera_rate: pictures of a camera per simulated s (side channels reference 2.6).
+        shadows: edge of the shadow maps, pixels; 0 for none.
+        multisample: samples per pixel; 0 for one.
+        always_render: render cameras that nobody looks at, too.
         dialect: shape of the output, or how it is chosen (protocol reference 5.3).
         speed: simulated seconds per second of wall time; `math.inf` for as fast as possible.
         seed: of all noise.
@@ -79,6 +85,12 @@ class Settings:
     image_silent_push: float = 2.0
     tiles: tuple[int, int] = (4, 4)
     tile_size: tuple[int, int] = (320, 240)
+    spectator: tuple[str, ...] = ()
+    renderer: Literal["auto", "egl", "osmesa", "rays"] = "auto"
+    camera_rate: float = 15.0
+    shadows: int = 0
+    multisample: int = 0
+    always_render: bool = False
     dialect: DialectMode = DialectMode.AUTO
     speed: float = 1.0
     seed: int = 0
