@@ -15,6 +15,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from usarsim_server.cameras.board import CameraBoard
+from usarsim_server.cameras.encoding import Encoder
+from usarsim_server.cameras.painter import PainterOptions
+from usarsim_server.cameras.studio import Studio, StudioOptions
 from usarsim_server.cameras.view import Grid
 from usarsim_server.control.actors import Actors
 from usarsim_server.control.avatars import Avatars
@@ -36,6 +39,7 @@ from usarsim_server.robots.roster import load_roster
 from usarsim_server.services.comserver import ComServerLimits, ComServerService
 from usarsim_server.services.control import ControlLimits, ControlService
 from usarsim_server.services.ground_truth import ground_truth_service
+from usarsim_server.services.images import ImageService
 from usarsim_server.services.outbox import OutboxLimits
 from usarsim_server.services.ready import Service, run_services
 from usarsim_server.services.relay import Road
@@ -76,6 +80,7 @@ class Assembly:
         simulation: the physics; its thread is started by `run`, or not at all in tests.
         fleet: the robots.
         surroundings: people, tags and sounds of the world.
+        studio: renders what somebody looks at; `run` opens it.
         services: what listens.
         agents: the agents of all connections so far that still exist.
     """
@@ -87,6 +92,7 @@ class Assembly:
     surroundings: Surroundings
     objects: WorldObjects
     avatars: Avatars
+    studio: Studio
     services: tuple[Service, ...]
     agents: weakref.WeakSet[RobotAgent] = field(default_factory=weakref.WeakSet)
 
@@ -123,10 +129,11 @@ class Assembly:
         return agent
 
     def stop(self) -> None:
-        """Stop the physics and wait for the threads of all agents.
+        """Stop rendering and physics, and wait for the threads of all agents.
 
         They may be inside native code; a process that ended under them would crash.
         """
+        self.studio.close()
         self.simulation.stop()
         for agent in tuple(self.agents):
             agent.close()
@@ -167,9 +174,14 @@ def assemble(settings: Settings) -> Assembly:
     classes = load_avatars([folder / avatar_classes.SHEET for folder in (shipped, world.folder)])
     avatars = Avatars(classes, simulation)
     fleet.call_things(lambda body: objects.label(body) or avatars.label(body))
-    assembly = Assembly(settings, world, simulation, fleet, surroundings, objects, avatars, ())
+    studio = Studio(simulation, board, StudioOptions(painter=PainterOptions(smoke=world.smoke)))
+    assembly = Assembly(
+        settings, world, simulation, fleet, surroundings, objects, avatars, studio, ()
+    )
     if settings.port is not None:
         services.append(_control_service(settings, world, assembly))
+    if settings.image_port is not None:
+        services.append(_image_service(settings, settings.image_port, assembly))
     stations = stations_of(lambda: fleet.vehicles, simulation.look)
     obstacles = SceneryObstacles(simulation)
     ground_truth = GroundTruth(stations, obstacles)
@@ -222,6 +234,8 @@ async def _serve(assembly: Assembly) -> None:
         loop.call_soon_threadsafe(stop.set)
 
     assembly.simulation.start(give_up)
+    if assembly.settings.image_port is not None:
+        assembly.studio.open()
     await run_services(assembly.services, stop=stop)
 
 
@@ -239,6 +253,19 @@ def _control_service(
             max_connections=settings.max_connections,
             outbox=OutboxLimits(stream_bytes=settings.outbox_bytes),
         ),
+    )
+
+
+def _image_service(settings: Settings, port: int, assembly: Assembly) -> ImageService:
+    return ImageService(
+        settings.host,
+        port,
+        assembly.studio,
+        Encoder(settings.image_type),
+        legacy=settings.image_legacy,
+        silent_push=settings.image_silent_push,
+        bound=assembly.board.bound,
+        required=settings.demands("image_port"),
     )
 
 
