@@ -1,0 +1,282 @@
+"""Tracked robots: belts whose surface moves, on the chassis and on flippers.
+
+DRIVE turns a sprocket on each side, a wheel that touches nothing; so ramps, brake, encoders,
+tachometer and odometry are those of wheels. Before every step the spin of the sprocket becomes the
+speed of the surface of all belts on its side (robots reference 4.7). Flippers are links of an
+actuator with `package = false`.
+
+A belt is made of rollers, ellipsoids as wheels are, and of flat boxes for its straight runs, which
+stand back a little so that on level ground it rests on its rollers as a real one does. A roller's
+surface turns about its axis, that of a run moves along it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_server.robots.description import (
+    ActuatorDescription,
+    DriveDescription,
+    RobotDescription,
+    RobotReport,
+    Wheel,
+)
+from usarsim_server.robots.families.registry import register_family
+from usarsim_server.robots.families.wheeled import WheeledFamily
+from usarsim_server.robots.tables import TableReader
+from usarsim_server.robots.tracks import Roller, Track, lowest, read_tracks, runs, touching
+from usarsim_server.simulation.belts import MARK
+from usarsim_server.simulation.laws import Law, LawModel
+
+__all__ = ["SAG", "Gear", "Tracked", "Treads"]
+
+Array = NDArray[np.float64]
+
+SAG = 0.001
+"""m that straight runs stand back; at rest a roller sinks in by a third of that."""
+DEAD_SPIN = 1e-6
+"""rad/s below which a sprocket stands still, so that a robot at rest can fall asleep."""
+COLLIDING = 3
+"""Geom group of what collides but is not seen."""
+CONTACT_SOLREF = (0.02, 1.0)
+CONTACT_SOLIMP = (0.9, 0.95, 0.001, 0.5, 2.0)
+_ABOUT_Y = (math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0)
+"""Turns the z axis of a cylinder to the side."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gear:
+    """The tracks of a robot."""
+
+    tracks: tuple[Track, ...]
+
+
+@register_family("tracked")
+class Tracked(WheeledFamily):
+    """Driven like a skid-steered robot; flippers are driven by name and told of in STA."""
+
+    def read(
+        self,
+        reader: TableReader,
+        parent: RobotDescription | None,
+        wheels: Sequence[Wheel],
+        actuators: Sequence[ActuatorDescription],
+    ) -> Gear:
+        """Read the `[[track]]` tables."""
+        inherited = _tracks(parent.gear) if parent is not None else ()
+        return Gear(read_tracks(reader, inherited, actuators))
+
+    def support(self, gear: object | None, actuators: Sequence[ActuatorDescription]) -> float:
+        """Tracks are what it stands on."""
+        return -min(lowest(track, actuators) for track in _tracks(gear))
+
+    def report(
+        self,
+        table: TableReader,
+        wheels: Sequence[Wheel],
+        actuators: Sequence[ActuatorDescription],
+        mass: float,
+        drive: DriveDescription,
+        parent: RobotDescription | None,
+    ) -> RobotReport:
+        """As of wheels, but WheelRadius may be announced otherwise than the belts move."""
+        old = parent.report.wheel_radius if parent is not None else None
+        if parent is not None and parent.wheels != tuple(wheels):
+            old = None
+        radius = table.number("wheel_radius", old or wheels[0].radius, low=1e-4, high=100.0)
+        report = super().report(table, wheels, actuators, mass, drive, parent)
+        return replace(report, wheel_radius=radius)
+
+    def finish(self, robot: RobotDescription) -> RobotDescription:
+        """Wheel separation and base are those of the tracks."""
+        track_width, wheel_base = _footprint(_tracks(robot.gear), robot.actuators)
+        old = robot.report
+        derived = old.dimensions == (old.wheel_base, old.track_width, 0.0)
+        report = replace(
+            old,
+            track_width=track_width,
+            wheel_base=wheel_base,
+            dimensions=(wheel_base, track_width, 0.0) if derived else old.dimensions,
+        )
+        return replace(robot, report=report)
+
+    def complete(self, spec: mujoco.MjSpec, robot: RobotDescription) -> None:
+        """Put the belts around the body."""
+        for number, track in enumerate(_tracks(robot.gear)):
+            body = spec.body(track.link or "base")
+            _add_belt(body, f"track:{number}", track)
+
+    def laws(self, robot: RobotDescription) -> tuple[LawModel, ...]:
+        """The sprockets move the belts."""
+        tracks = _tracks(robot.gear)
+        fields = {
+            f"track:{number}:{part}": (track.side, field)
+            for number, track in enumerate(tracks)
+            for part, field in _fields(track, robot).items()
+        }
+        sprockets = {wheel.side: wheel.name for wheel in reversed(robot.driven_wheels)}
+        return (LawModel(lambda model, prefix: Treads(model, prefix, sprockets, fields), 0),)
+
+
+def _tracks(gear: object | None) -> tuple[Track, ...]:
+    return gear.tracks if isinstance(gear, Gear) else ()
+
+
+def _footprint(
+    tracks: Sequence[Track], actuators: Sequence[ActuatorDescription]
+) -> tuple[float, float]:
+    """Distance of the belts of both sides and of their first and last axles, m.
+
+    Belts on links count only if there is none on the chassis.
+    """
+    fixed = [track for track in tracks if track.link is None] or tracks
+    places = [
+        (place.position[1], place.position[0] + place.rotate((roller.x, 0.0, roller.z))[0])
+        for track in fixed
+        for place in (track.place(actuators),)
+        for roller in track.rollers
+    ]
+    sides, axles = zip(*places, strict=True)
+    return round(max(sides) - min(sides), 9), round(max(axles) - min(axles), 9)
+
+
+def _add_belt(body: mujoco.MjsBody, name: str, track: Track) -> None:
+    """Rollers that collide, their looks, and straight runs; all weightless."""
+    x, y, z = track.position
+    half = track.width / 2.0
+    for number, roller in enumerate(touching(track.rollers)):
+        place = [x + roller.x, y, z + roller.z]
+        rows = _rows(track, roller)
+        for row in range(rows):
+            aside = (2 * row + 1 - rows) * half / rows
+            _add_surface(
+                body,
+                track,
+                name=f"{name}:roller{number}:{row}",
+                type=mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+                size=[roller.radius, half / rows, roller.radius],
+                pos=[place[0], y + aside, place[2]],
+                group=COLLIDING,
+            )
+        body.add_geom(
+            name=f"{name}:look{number}",
+            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+            size=[roller.radius, half, 0.0],
+            pos=place,
+            quat=_ABOUT_Y,
+            mass=0.0,
+            contype=0,
+            conaffinity=0,
+            rgba=track.color,
+        )
+    for number, run in enumerate(runs(track.rollers)):
+        (ahead, up), thickness = run.normal, run.depth - SAG
+        inward = SAG + thickness / 2.0
+        middle = [
+            (a + b) / 2.0 - inward * n
+            for a, b, n in zip(run.start, run.end, run.normal, strict=True)
+        ]
+        # Its x axis lies along the run, its z axis points outwards.
+        angle = math.atan2(ahead, up)
+        _add_surface(
+            body,
+            track,
+            name=f"{name}:run{number}",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            size=[run.length / 2.0, half, thickness / 2.0],
+            pos=[x + middle[0], y, z + middle[1]],
+            quat=[math.cos(angle / 2.0), 0.0, math.sin(angle / 2.0), 0.0],
+        )
+
+
+def _rows(track: Track, roller: Roller) -> int:
+    """How many rollers stand beside each other: one that is as wide as high touches like a ball."""
+    import os
+
+    return max(1, round(track.width / roller.radius / float(os.environ.get("ROWS", "1e9"))))
+
+
+def _add_surface(body: mujoco.MjsBody, track: Track, **geom: object) -> None:
+    added = body.add_geom(
+        mass=0.0,
+        condim=3,
+        friction=(track.friction, 0.005, 0.0001),
+        solref=CONTACT_SOLREF,
+        solimp=CONTACT_SOLIMP,
+        rgba=track.color,
+        **geom,
+    )
+    # Without any speed at compile time MuJoCo would not look at it later.
+    added.surfacevel = [MARK, 0.0, 0.0, 0.0, 0.0, 0.0]
+
+
+def _fields(track: Track, robot: RobotDescription) -> dict[str, Array]:
+    """Surface velocity (linear, angular, in the geom's frame) of each part per rad/s of spin."""
+    sprocket = next(wheel for wheel in robot.driven_wheels if wheel.side == track.side)
+    # On a link that is mounted the other way round the belt runs the other way round.
+    left = track.place(robot.actuators).rotate((0.0, 1.0, 0.0))[1]
+    speed = math.copysign(sprocket.radius, left)
+    parts = {}
+    for number, roller in enumerate(touching(track.rollers)):
+        for row in range(_rows(track, roller)):
+            spin = speed / roller.radius
+            parts[f"roller{number}:{row}"] = np.array([0.0, 0.0, 0.0, 0.0, spin, 0.0])
+    for number, _ in enumerate(runs(track.rollers)):
+        parts[f"run{number}"] = np.array([speed, 0.0, 0.0, 0.0, 0.0, 0.0])
+    return parts
+
+
+class Treads(Law):
+    """Moves the surfaces of the belts of one robot as fast as its sprockets turn."""
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        prefix: str,
+        sprockets: dict[str, str],
+        fields: dict[str, tuple[str, Array]],
+    ) -> None:
+        """Find the parts in the compiled model.
+
+        Args:
+            model: compiled.
+            prefix: of all names of the robot's slot.
+            sprockets: name of the wheel that drives each side.
+            fields: side and surface velocity per rad/s of every part of a belt, by geom name.
+        """
+        self._left, self._right = (
+            int(model.joint(prefix + sprockets[side]).dofadr[0]) for side in ("left", "right")
+        )
+        self._geoms = np.array([model.geom(prefix + name).id for name in fields], dtype=np.intp)
+        self._fields = np.zeros((2, len(fields), 6))
+        for row, (side, field) in enumerate(fields.values()):
+            self._fields[0 if side == "left" else 1, row] = field
+        self._written = (math.nan, math.nan)
+
+    def prepare(self, model: mujoco.MjModel, data: mujoco.MjData, command: Array) -> None:
+        """Read the spins, and write them if they have changed."""
+        velocity = data.qvel
+        left, right = velocity[self._left], velocity[self._right]
+        spins = (
+            0.0 if abs(left) < DEAD_SPIN else left,
+            0.0 if abs(right) < DEAD_SPIN else right,
+        )
+        if spins != self._written:
+            fields = self._fields
+            model.geom_surfacevel[self._geoms] = spins[0] * fields[0] + spins[1] * fields[1]
+            self._written = spins
+
+    def release(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """Stop the belts."""
+        model.geom_surfacevel[self._geoms] = 0.0
+        self._written = (math.nan, math.nan)
+
+    def restore(self, state: Array) -> None:
+        """What was written last may not hold any longer."""
+        self._written = (math.nan, math.nan)
