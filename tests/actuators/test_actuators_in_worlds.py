@@ -442,6 +442,9 @@ def test_an_arm_takes_a_parcel_and_puts_it_down(bench: Rehearsal) -> None:
     state = vehicle.look()
     assert state is not None
     assert state.hand("P3ATGripper").holding == "parcel"
+    news = "NFO {Status ItemAttached} {Time "
+    (told,) = [line for line in client.lines if line.startswith(news)]
+    assert told.endswith("{Type Gripper} {Name P3ATGripper}")
     client.send(reach(0.45, 0.72))
     bench.run(1.5)
     client.send("ACT {Name P3ATArm} {Link 0} {Value 0.8}")
@@ -453,6 +456,7 @@ def test_an_arm_takes_a_parcel_and_puts_it_down(bench: Rehearsal) -> None:
     client.send("SET {Type Gripper} {Opcode OPEN}")
     bench.run(1.5)
     assert parcel()[2] < 0.4
+    assert len([line for line in client.lines if "{Status ItemReleased}" in line]) == 1
     assert status(client, "P3ATGripper") == "OPEN}"
     client.close()
     bench.run(0.05)
@@ -465,6 +469,12 @@ def test_a_vacuum_gripper_on_a_tool_changer(bench: Rehearsal) -> None:
     bench.run(0.5)
     assert status(client, "toolchange") == "CLOSED} {ToolType Gripper} {Tool KR60gripper}"
     assert status(client, "KR60gripper") == "OPEN}"
+    assert not [line for line in client.lines if line.startswith("NFO {Status")]
+    client.send("GETGEO {Type Gripper}")
+    assert client.lines[-1].startswith(
+        "GEO {Type Gripper} {Name KR60gripper} {Location 0.06,0.00,0.00} "
+        "{Orientation 0.00,1.57,0.00} {Mount KR60Arm} {MountLink 6} {Tip "
+    )
     vehicle = bench.assembly.fleet.vehicles[-1]
 
     def holding(hand: str) -> str | None:
@@ -493,6 +503,8 @@ def test_a_vacuum_gripper_on_a_tool_changer(bench: Rehearsal) -> None:
     bench.run(1.5)
     assert holding("KR60gripper") is None
     assert status(client, "toolchange") == "OPEN}"
+    news = [line.split("} {")[0] for line in client.lines if line.startswith("NFO {Status")]
+    assert sorted(news) == ["NFO {Status ItemReleased", "NFO {Status ToolReleased"]
     client.take()
     client.send("SET {Type ToolChanger} {Opcode CLOSE}")
     bench.run(0.3)

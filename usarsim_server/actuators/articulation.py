@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 from usarsim_server.actuators.base import Actuator, joint_order
 from usarsim_server.actuators.effector import Effector, Machine
+from usarsim_server.actuators.holdings import Change, Holdings
 from usarsim_server.actuators.registry import create_effectors
 from usarsim_server.protocol import messages
 from usarsim_server.protocol.dialects import sends_results
@@ -39,6 +40,7 @@ class Articulation:
         self._machine = machine
         self.actuators = tuple(Actuator(one, robot) for one in robot.actuators if one.package)
         self.effectors = create_effectors(robot)
+        self._holdings = Holdings(self.effectors)
         self._joints = {
             name.lower(): link
             for actuator in robot.actuators
@@ -185,8 +187,16 @@ class Articulation:
                 packages = [one.package() for one in self._choose(name)]
                 return messages.mission_package_geometry(packages)
         found = self._find(wire_type, name)
-        mounts = [effector.mount() for effector in found]
+        mounts = [effector.mount(self._holder(effector)) for effector in found]
         return messages.effector_geometry(found[0].wire_type, mounts) if found else ""
+
+    def _holder(self, tool: Effector) -> Effector | None:
+        """What holds a detached effector at present."""
+        state = self._machine.look() if tool.description.detached else None
+        if state is None:
+            return None
+        held = (one for one in self.effectors if state.hand(one.name).holding == tool.name)
+        return next(held, None)
 
     def _choose(self, name: str | None) -> list[Actuator]:
         if name is None:
@@ -202,6 +212,10 @@ class Articulation:
     def effector_lines(self, state: RobotBody) -> list[str]:
         """EFF of every effector that is attached."""
         return [one.status(state) for one in self.effectors if one.attached(state)]
+
+    def changes(self, state: RobotBody) -> list[Change]:
+        """What its hands have taken or let go since the last call."""
+        return self._holdings.changes(state)
 
     def joints(self, state: RobotBody) -> tuple[tuple[str, float], ...]:
         """Name and position (rad or m) of the joints that STA tells of, such as flippers."""

@@ -99,11 +99,19 @@ class Effector(ABC):
         closed = state.hand(self.name).closed
         return effector_status(state.time, self.wire_type, self.name, closed)
 
-    def mount(self) -> EffectorMount:
-        """Where it sits, for GEO."""
-        item = self.description.item
-        location, rotation = wire_from_pose(item.pose)
-        carrier = self.robot.find_link(item.link) if item.link is not None else None
+    def mount(self, holder: Effector | None = None) -> EffectorMount:
+        """Where it sits, for GEO.
+
+        Args:
+            holder: the effector that holds it, if it is a tool: it then sits on the holder's link
+                with its origin at the holder's tip. A loose tool is where the robot file lays it.
+        """
+        pose, link = self.description.item.pose, self.description.item.link
+        if holder is not None:
+            pose, link = holder.description.item.pose, holder.description.item.link
+            pose = pose @ holder.hand().tip
+        location, rotation = wire_from_pose(pose)
+        carrier = None if link is None else self.robot.find_link(link)
         return EffectorMount(
             name=self.name,
             location=location,

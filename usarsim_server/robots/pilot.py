@@ -233,11 +233,17 @@ class Pilot:
         for sensor in self._sensors:
             if not sensor.rays(state):
                 sensor.measure(state, ())
+        self._limbs.changes(state)
         self._schedule.begin(max(state.time, self._asked + self._options.quiet_period))
 
     def _tell_changes(self, state: RobotBody) -> None:
-        """Announce tiles of cameras; only now, because some clients read one line after INIT."""
+        """Announce what hands hold, and tiles of cameras.
+
+        Not before the first report, because some clients read exactly one line after INIT.
+        """
         self._news += self._cameras.take_news(state.time, self._dialect)
+        for change in self._limbs.changes(state):
+            self.announce(state.time, change.event, change.wire_type, change.name)
 
     def announce(self, time: float, event: str, wire_type: str, name: str) -> None:
         """Have the client told that the configuration has changed by itself."""

@@ -69,7 +69,8 @@ def status_change(time: float, event: str, wire_type: str, name: str) -> str:
 
     Args:
         time: simulated s.
-        event: one word, for example `BatteryEmpty`.
+        event: one word: BatteryEmpty, CameraTile, ItemAttached, ItemReleased, ToolAttached,
+            ToolReleased.
         wire_type: type of the item that changed. name: its name.
     """
     return line(
