@@ -1,0 +1,313 @@
+"""Image clients of all generations against whole servers, over sockets only."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import socket
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from legacy_image_clients import (
+    ArDrone,
+    ButtonClient,
+    ImageTester,
+    LcmProxy,
+    Pixels,
+    Poaret,
+    SampleClient,
+    SimpleUi,
+    decoded,
+)
+
+from usarsim_server.testing import ScriptedClient, ServerProcess
+
+WORLD = "arena"
+STARTS = ("RobotStart1", "RobotStart2")
+
+
+class Asker:
+    """A client without narrow habits, for what the narrow ones cannot see."""
+
+    def __init__(self, server: ServerProcess) -> None:
+        self.socket = socket.create_connection(("127.0.0.1", server.ports["images"]), 15.0)
+
+    def ask(self, request: bytes = b"OK") -> tuple[int, bytes]:
+        """Type and payload of the answer."""
+        self.socket.sendall(request)
+        return self.reply()
+
+    def reply(self) -> tuple[int, bytes]:
+        """Type and payload of what comes next."""
+        header = self._exactly(5)
+        return header[0], self._exactly(int.from_bytes(header[1:5]))
+
+    def tile(self, number: int) -> Pixels:
+        """One tile of the default grid."""
+        row, column = divmod(number, 4)
+        kind, payload = self.ask(b"U" + struct.pack(">4I", column * 320, row * 240, 320, 240))
+        assert kind == 3
+        return decoded(payload)
+
+    def silent_for(self, seconds: float) -> bool:
+        """Whether nothing comes."""
+        self.socket.settimeout(seconds)
+        try:
+            return bool(self.socket.recv(1)) and False
+        except TimeoutError:
+            return True
+        finally:
+            self.socket.settimeout(15.0)
+
+    def close(self) -> None:
+        """Hang up."""
+        self.socket.close()
+
+    def _exactly(self, count: int) -> bytes:
+        data = bytearray()
+        while len(data) < count:
+            chunk = self.socket.recv(count - len(data))
+            assert chunk, "the server closed the connection"
+            data += chunk
+        return bytes(data)
+
+
+def robot(server: ServerProcess, start: str) -> ScriptedClient:
+    """A robot with a camera, in the world."""
+    client = server.client()
+    client.send(f"INIT {{ClassName P3AT}} {{Start {start}}}")
+    client.wait_for("STA")
+    return client
+
+
+def empty(picture: Pixels) -> bool:
+    """Whether nothing is to be seen in a tile: one dark colour, but for what JPEG makes of it."""
+    middle = picture[8:-8, 8:-8]
+    return float(middle.mean()) < 60.0 and float(middle.std()) < 2.0
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[ServerProcess]:
+    """A server with the default settings of images."""
+    with ServerProcess("--world", WORLD, "--image-port", "0") as process:
+        yield process
+
+
+@pytest.fixture(scope="module")
+def team(server: ServerProcess) -> Iterator[list[ScriptedClient]]:
+    """Two robots with cameras: tiles 0 and 1."""
+    robots = [robot(server, start) for start in STARTS]
+    yield robots
+    for one in robots:
+        one.close()
+
+
+@pytest.fixture
+def asker(server: ServerProcess) -> Iterator[Asker]:
+    """A client of the images."""
+    client = Asker(server)
+    yield client
+    client.close()
+
+
+def test_images_need_no_robot() -> None:
+    """Checks 1 to 3: connect before any robot, hear nothing for a second, get one frame."""
+    with ServerProcess("--world", "empty", "--image-port", "0") as server:
+        asker = Asker(server)
+        assert asker.silent_for(1.0)
+        kind, payload = asker.ask()
+        assert (kind, decoded(payload).shape) == (3, (960, 1280, 3))
+        assert asker.silent_for(0.2)
+        asker.close()
+        assert server.stop() == 0
+        assert "Traceback" not in server.errors
+
+
+@pytest.mark.usefixtures("team")
+class TestClients:
+    """Side channels reference 2.12: what each known client relies on."""
+
+    def test_ros_sample_client(self, server: ServerProcess) -> None:
+        """One JPEG per request; the first two of its four views show the two robots' cameras."""
+        with SampleClient(server.ports["images"]) as client:
+            for _ in range(3):
+                views = client.views()
+        assert [empty(view) for view in views] == [False, False, True, True]
+
+    def test_lcm_proxy(self, server: ServerProcess) -> None:
+        """A square grid that fills the frame: tile 2 of 4 columns is the second robot's."""
+        for tile, is_empty in ((2, False), (6, True)):
+            with LcmProxy(server.ports["images"], tile, 4) as client:
+                client.view()
+                view = client.view()
+            assert view.shape == (240, 320, 3)
+            assert empty(view) == is_empty
+
+    def test_poaret(self, server: ServerProcess, asker: Asker) -> None:
+        """Check 22: three zero bytes are skipped; robot 1 is on the second tile."""
+        with Poaret(server.ports["images"], 1) as client:
+            views = [client.view() for _ in range(3)]
+        assert not empty(views[-1])
+        assert np.abs(views[-1].astype(float) - asker.tile(1)).mean() < 8.0
+
+    def test_button_client(self, server: ServerProcess) -> None:
+        """Check 12: what arrives after a request is a picture behind five bytes."""
+        with ButtonClient(server.ports["images"]) as client:
+            assert client.press().shape == (960, 1280, 3)
+
+    @pytest.mark.parametrize("text", [b"OK", b"OK\r\n"])
+    def test_image_tester(self, server: ServerProcess, text: bytes) -> None:
+        """Checks 9 and 33: one picture per request at a fixed period, and none beyond."""
+        with ImageTester(server.ports["images"], text, 0.01) as client:
+            assert len(client.lengths(30)) == 30
+            assert client.quiet_for(0.3)
+
+    def test_client_of_the_manual(self, server: ServerProcess) -> None:
+        """The ten lines of docs/cameras.md."""
+        with socket.create_connection(("127.0.0.1", server.ports["images"])) as connection:
+            connection.sendall(b"OK")
+            with connection.makefile("rb") as stream:
+                header = stream.read(5)
+                picture = stream.read(int.from_bytes(header[1:]))
+        assert decoded(picture).shape == (960, 1280, 3)
+
+
+class TestWorld:
+    """What pictures show of the world, and what the world notices of them."""
+
+    def test_rectangle_of_the_frame_is_the_frame(self, asker: Asker) -> None:
+        """Check 20."""
+        kind, payload = asker.ask(b"U" + struct.pack(">4I", 0, 0, 1280, 960))
+        assert (kind, decoded(payload).shape) == (3, (960, 1280, 3))
+
+    def test_rectangle_outside_is_empty(self, asker: Asker) -> None:
+        """Check 25: one reply without payload, and the connection lives on."""
+        assert asker.ask(b"U" + struct.pack(">4I", 1280, 0, 320, 240)) == (3, b"")
+        assert asker.ask()[0] == 3
+
+    def test_conf_names_the_rectangle(self, team: list[ScriptedClient], asker: Asker) -> None:
+        """Check 21: the rectangle of CONF shows that camera, at the size of a tile."""
+        team[1].send("GETCONF {Type Camera}")
+        conf = team[1].wait_for("CONF {Type Camera}")
+        found = [
+            int(re.search(rf"{{Texture{name} (\d+)}}", conf)[1])  # type: ignore[index]
+            for name in ("OffsetX", "OffsetY", "ResolutionX", "ResolutionY")
+        ]
+        assert found == [320, 0, 320, 240]
+        _, payload = asker.ask(b"U" + struct.pack(">4I", *found))
+        assert decoded(payload).shape == (240, 320, 3)
+        assert not empty(decoded(payload))
+
+    def test_pictures_follow_the_robot(self, team: list[ScriptedClient], asker: Asker) -> None:
+        """Check 34: while a robot turns, pictures 0.2 s apart differ by more than noise."""
+        still = np.abs(asker.tile(0).astype(float) - asker.tile(0)).mean()
+        team[0].send("DRIVE {Left -1.5} {Right 1.5}")
+        time.sleep(0.5)
+        first = asker.tile(0).astype(float)
+        time.sleep(0.4)
+        moved = np.abs(first - asker.tile(0)).mean()
+        team[0].send("DRIVE {Left 0} {Right 0}")
+        assert moved > 1.0 + still
+
+    def test_stalled_client_stops_nobody(
+        self, server: ServerProcess, team: list[ScriptedClient], asker: Asker
+    ) -> None:
+        """Checks 30 and 31: status lines and pictures of others go on; then the stream is whole."""
+        stalled = Asker(server)
+        stalled.socket.sendall(b"OK" * 20)
+        for _ in range(5):
+            assert team[0].wait_for("STA", 3.0)
+            assert asker.ask()[0] == 3
+        for _ in range(20):
+            kind, payload = stalled.reply()
+            assert (kind, decoded(payload).shape) == (3, (960, 1280, 3))
+        assert stalled.silent_for(0.2)
+        stalled.close()
+
+    def test_frame_outlives_its_robots(self, server: ServerProcess, asker: Asker) -> None:
+        """Checks 32 and 35: robots and clients leave; the connection and the geometry stay."""
+        guest = robot(server, "RobotStart3")
+        number = next(tile for tile in range(1, 8) if not empty(asker.tile(tile)) and tile >= 2)
+        vanishing = Asker(server)
+        vanishing.socket.sendall(b"OK" * 5)
+        vanishing.socket.recv(100)
+        vanishing.close()
+        guest.close()
+        deadline = time.monotonic() + 5.0
+        while not empty(asker.tile(number)) and time.monotonic() < deadline:
+            time.sleep(0.1)
+        assert empty(asker.tile(number))
+        kind, payload = asker.ask()
+        assert (kind, decoded(payload).shape) == (3, (960, 1280, 3))
+        assert "Traceback" not in server.errors
+
+
+class TestOldClients:
+    """Clients that speak only after a picture, and other types and grids."""
+
+    SMALL = ("--tiles", "1x1", "--tile-size", "176x144")
+
+    def test_ar_drone_in_legacy_mode(self) -> None:
+        """Checks 11, 13, 14 and 27: raw, legacy, a single small tile, all that client can do."""
+        options = ("--image-type", "RAW", "--image-legacy", *self.SMALL)
+        with (
+            ServerProcess("--world", WORLD, "--image-port", "0", *options) as server,
+            robot(server, STARTS[0]),
+            ArDrone(server.ports["images"]) as client,
+        ):
+            views = [client.view() for _ in range(4)]
+        assert not empty(views[-1])
+
+    def test_ar_drone_without_legacy_mode(self) -> None:
+        """Side channels 2.12: a client that waits silently is sent its first picture at last."""
+        options = ("--image-type", "RAW", "--image-silent-push", "0.3", *self.SMALL)
+        with (
+            ServerProcess("--world", WORLD, "--image-port", "0", *options) as server,
+            ArDrone(server.ports["images"]) as client,
+        ):
+            for _ in range(3):
+                assert client.view().shape == (144, 176, 3)
+
+    def test_clients_of_image_srv(self, tmp_path: Path) -> None:
+        """Checks 17 and 28: pictures come first; one that asks at once gets two."""
+        config = tmp_path / "lab.toml"
+        config.write_text('image_type = "Good"\nimage_legacy = true\ntiles = "2x2"\n')
+        with ServerProcess(
+            "--config", str(config), "--world", "empty", "--image-port", "0"
+        ) as server:
+            with SimpleUi(server.ports["images"]) as client:
+                for _ in range(3):
+                    assert client.picture().shape == (480, 640, 3)
+            hasty = Asker(server)
+            assert [hasty.ask()[0], hasty.reply()[0]] == [2, 2]
+            assert hasty.silent_for(0.3)
+            hasty.close()
+
+    def test_taken_port_is_a_warning(self) -> None:
+        """Side channels 2.7: with the default port taken the server goes on without images."""
+        with contextlib.ExitStack() as stack:
+            # Somebody else may have the port already; that will do as well.
+            with contextlib.suppress(OSError):
+                stack.enter_context(socket.create_server(("127.0.0.1", 5003)))
+            arguments = ("--world", "empty", "--port", "0", "--truth-port", "off")
+            others = ("--groundtruth-port", "off", "--wireless-port", "off")
+            process = subprocess.Popen(
+                [sys.executable, "-m", "usarsim_server.cli", "serve", *arguments, *others],
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+            )
+            assert process.stdout is not None
+            ready = process.stdout.readline()
+            process.terminate()
+            _, errors = process.communicate(timeout=10)
+        assert re.fullmatch(r"READY control=127\.0\.0\.1:\d+\n", ready)
+        assert "goes on without images" in errors
+        assert "--image-port" in errors
+        assert process.returncode == 0
