@@ -216,6 +216,7 @@ class WirelessService:
         self._log.info("registered", robot=name)
         if not self._network.knows(name):
             await self._look()
+        self._review()
         self._somebody.set()
         return wireless.INIT_OK
 
