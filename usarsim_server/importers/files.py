@@ -119,13 +119,9 @@ class AssetIndex:
     def _index(self) -> dict[str, list[Path]]:
         if self._by_name is None:
             self._by_name = {}
-            count = 0
             deep = (path for folder in self._folders for path in _below(folder))
             flat = (path for folder in self._near for path in _inside(folder))
-            for path in itertools.chain(deep, flat):
-                count += 1
-                if count > MAX_INDEXED:
-                    break
+            for path in itertools.islice(itertools.chain(deep, flat), MAX_INDEXED):
                 self._by_name.setdefault(path.name.lower(), []).append(path)
         return self._by_name
 
