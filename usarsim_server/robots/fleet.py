@@ -17,6 +17,7 @@ from usarsim_server.logs import Log
 from usarsim_server.robots.battery import BatteryGauge
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.families.registry import family_of
+from usarsim_server.robots.headlight import Headlight
 from usarsim_server.robots.mjcf import build_spec
 from usarsim_server.robots.roster import Roster
 from usarsim_server.sensors.base import Sensor, SensorContext
@@ -46,6 +47,7 @@ class Vehicle:
         sensors: in mount order.
         simulation: the world it is in.
         gauge: shows how much is left in its battery.
+        headlight: shows whether its lamp is lit.
         cameras: keys of its cameras on the board, in mount order.
         board: all cameras of the world.
     """
@@ -56,6 +58,7 @@ class Vehicle:
     sensors: tuple[Sensor, ...]
     simulation: Simulation
     gauge: BatteryGauge = field(default_factory=BatteryGauge)
+    headlight: Headlight = field(default_factory=Headlight)
     cameras: tuple[int, ...] = ()
     board: CameraBoard = field(default_factory=lambda: CameraBoard(Grid()))
 
@@ -214,6 +217,11 @@ class Fleet:
         """The vehicle with a label, whatever its case; None if there is none."""
         wanted = name.strip().lower()
         return next((one for one in self.vehicles if one.name.lower() == wanted), None)
+
+    def lit(self, robot: int) -> bool:
+        """Whether the headlight of a robot, by its number in the simulation, is on."""
+        vehicle = self._vehicles.get(robot)
+        return vehicle is not None and vehicle.headlight.lit
 
     def move(self, name: str, change: Callable[[Pose], Pose]) -> bool:
         """Put a vehicle somewhere else, at rest, or beside it; whether there is one.

@@ -98,6 +98,7 @@ class Pilot:
         self._dead = False
         self._news: list[str] = []
         vehicle.gauge.connect(self._remaining)
+        vehicle.headlight.connect(lambda: self._conduct.light and not self._dead)
 
     # -- requests ----------------------------------------------------------------------------
 
