@@ -70,7 +70,8 @@ class Stage:
     def velocity(self, joint: str) -> NDArray[np.float64]:
         """Linear velocity (3,) of a free body, m/s."""
         dof = int(self.engine.world.model.joint(joint).dofadr[0])
-        return self.engine.data.qvel[dof : dof + 3].copy()
+        velocity: NDArray[np.float64] = self.engine.data.qvel[dof : dof + 3].copy()
+        return velocity
 
     def put(self, joint: str, place: Vector) -> None:
         """Put a free body somewhere, at rest."""

@@ -13,7 +13,7 @@ from usarsim_server.worlds.description import WorldDescription
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.scene import build_scene, movable_bodies
 
-NAMES = ("arena", "empty", "office", "proving_ground", "smoke_corridor")
+NAMES = ("arena", "empty", "office", "plant", "proving_ground", "smoke_corridor")
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from usarsim_server import data
 from usarsim_server.errors import WorldError
 from usarsim_server.worlds.catalog import DEFAULT_WORLD, find_world, list_worlds
 
-SHIPPED = {"arena", "empty", "office", "proving_ground", "smoke_corridor"}
+SHIPPED = {"arena", "empty", "office", "plant", "proving_ground", "smoke_corridor"}
 
 
 def test_the_shipped_worlds_are_listed() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from pathlib import Path
 
@@ -41,7 +42,7 @@ class TestApproach:
         for _ in range(150):
             stage.run(0.02)
             places.append(float(stage.place("gate")[1]))
-        fastest = max(b - a for a, b in zip(places, places[1:], strict=False)) / 0.02
+        fastest = max(b - a for a, b in itertools.pairwise(places)) / 0.02
         assert fastest == pytest.approx(0.7, abs=0.01)
         moving = sum(0.001 < place < 0.999 for place in places) * 0.02
         assert moving == pytest.approx(1.0 / 0.7 + 0.7 / 1.5, abs=0.1)
@@ -151,6 +152,16 @@ class TestPush:
         stage.run(2.4)
         assert stage.yaw("flap") > math.radians(40.0)
         stage.run(8.0)
+        assert abs(stage.yaw("flap")) < math.radians(5.0)
+
+    def test_it_does_not_fall_asleep_open(self, tmp_path: Path) -> None:
+        """Held open against its stop for long, it still falls shut when it is let go."""
+        way = CART.replace("[6.0, 0.0", "[0.3, 0.0").replace('"once"', '"back and forth"')
+        sheet = HINGED + 'opens = "push"\nangle_degrees = 45.0\n' + way + "pause = 6.0\n"
+        stage = Stage(tmp_path, sheet.replace("[0.4, 0.4, 0.4]", "[0.4, 0.9, 0.4]"))
+        stage.run(11.0)
+        assert stage.yaw("flap") > math.radians(40.0)
+        stage.run(9.0)
         assert abs(stage.yaw("flap")) < math.radians(5.0)
 
     def test_it_opens_one_way_only(self, tmp_path: Path) -> None:

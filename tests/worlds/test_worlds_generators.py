@@ -95,7 +95,7 @@ def test_the_documented_example_is_a_world(tmp_path: Path) -> None:
     """The scene and the sheets printed in docs/worlds.md load and compile."""
     text = (ROOT / "docs" / "worlds.md").read_text(encoding="utf-8")
     (scene,) = re.findall(r"```xml\n(.*?)```", text, re.DOTALL)
-    sheet, life, smoke, ground = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
+    sheet, life, smoke, ground, machinery = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
     folder = tmp_path / "yard"
     folder.mkdir()
     (folder / "scene.xml").write_text(scene, encoding="utf-8")
@@ -112,6 +112,9 @@ def test_the_documented_example_is_a_world(tmp_path: Path) -> None:
     world = load_world(folder)
     assert (len(world.smoke.volumes), len(world.smoke.puffs), len(world.surfaces)) == (1, 1, 2)
     assert build_scene(world).geom("surface_2") is not None
+    (folder / "world.toml").write_text(sheet + machinery, encoding="utf-8")
+    model = build_scene(load_world(folder)).compile()
+    assert (model.nmocap, model.nv) == (4, 7)
 
 
 def test_the_documentation_shows_every_shipped_world() -> None:

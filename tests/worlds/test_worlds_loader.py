@@ -163,7 +163,7 @@ MISTAKES = [
     (HEAD, "start", "no start pose", "[[start]]"),
     (HEAD + "[start]\ntag = 'A'\n", "start", "is not a list of tables", "[[start]]"),
     (HEAD + "start = [1]\n", "start", "is not a list of tables", "[[start]]"),
-    (HEAD + "colour = 1\n" + START, "colour", "unknown key", "known keys: bounds"),
+    (HEAD + "colour = 1\n" + START, "colour", "unknown key", "known keys: belt, bounds"),
     (HEAD + "levle = 'x'\n" + START, "levle", "unknown key", "did you mean level?"),
     (HEAD + START + "yaw = 3\n", "[[start]] 1: yaw", "unknown key", "did you mean yaw_degrees?"),
     (HEAD + "[[start]]\nposition=[0,0,0]", "[[start]] 1: tag", "is missing", "add tag"),

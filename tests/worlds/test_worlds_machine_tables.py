@@ -99,7 +99,7 @@ def test_slips_are_told_with_place_and_cure(tmp_path: Path, sheet: str, complain
     [
         (
             CART.replace('"O"', '"crate0"'),
-            r"\[\[obstacle\]\] 1: name: 'crate0' is already the name",
+            r"\[\[obstacle\]\] 1: name: 'crate0' is already",
         ),
         (BELT.replace('"B"', '"floor"'), r"\[\[belt\]\] 1: name: 'floor' is already the name"),
         (DOOR + 'material = "cheese"\n', r"material: nobody knows what 'cheese' looks like"),
@@ -180,7 +180,8 @@ def test_whatever_is_written(kind: str, data: st.DataObject) -> None:
             world = load_world(folder)
             build_scene(world)
         except WorldError as error:
-            assert re.fullmatch(r".*world.toml.+\(.+\)", str(error))
+            if not re.fullmatch(r".*world.toml.+\(.+\)", str(error)):
+                raise
             return
         operators = operators_of(world.machinery)
         movers = [*operators.movers, *(own for one in operators.machines for own in one.movers)]

@@ -17,7 +17,8 @@ BELT = '[[belt]]\nname = "line"\nposition = [0.0, 0.0, 0.3]\nsize = [6.0, 0.8, 0
 def where(stage: Stage, seconds: float) -> list[float]:
     """Place of the cart after some time."""
     stage.run(seconds)
-    return stage.place("cart").tolist()
+    x, y, z = stage.place("cart").tolist()
+    return [x, y, z]
 
 
 class TestWays:

@@ -126,6 +126,7 @@ def _add_leaf(spec: mujoco.MjSpec, door: Door, leaf: Leaf, material: str) -> Non
     spring = door.mechanism if isinstance(door.mechanism, Spring) else None
     body = _add_body(spec, leaf.body, leaf.frame, placed=spring is None)
     geom = body.add_geom(
+        name=leaf.body,
         type=mujoco.mjtGeom.mjGEOM_BOX,
         pos=leaf.middle,
         size=leaf.half,
@@ -137,6 +138,8 @@ def _add_leaf(spec: mujoco.MjSpec, door: Door, leaf: Leaf, material: str) -> Non
     geom.mass = spring.mass
     geom.friction = [POLISH, 0.005, 0.0001]
     geom.priority = 1
+    # MuJoCo puts to sleep what stands still, even if a spring is about to move it.
+    body.sleep = mujoco.mjtSleepPolicy.mjSLEEP_NEVER
     far = leaf.sign * door.travel
     if spec.compiler.degree:
         far = math.degrees(far)
@@ -169,6 +172,7 @@ def _add_lift(spec: mujoco.MjSpec, lift: Lift, material: str) -> None:
     turn = quaternion_from_rpy(0.0, 0.0, lift.yaw)
     length, width, thickness = lift.size
     _add_body(spec, lift.name, Pose(lift.stops[0], turn), placed=True).add_geom(
+        name=lift.name,
         type=mujoco.mjtGeom.mjGEOM_BOX,
         pos=(0.0, 0.0, -thickness / 2.0),
         size=(length / 2.0, width / 2.0, thickness / 2.0),
@@ -192,6 +196,7 @@ def _add_obstacle(spec: mujoco.MjSpec, obstacle: Obstacle, material: str) -> Non
     }
     kind, size = shapes[obstacle.shape]
     _add_body(spec, obstacle.name, Pose(obstacle.points[0], turn), placed=True).add_geom(
+        name=obstacle.name,
         type=kind,
         pos=(0.0, 0.0, z),
         size=size,

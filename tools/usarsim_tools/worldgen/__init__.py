@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from usarsim_tools.worldgen import arena, empty, office, proving_ground, smoke_corridor
+from usarsim_tools.worldgen import arena, empty, office, plant, proving_ground, smoke_corridor
 from usarsim_tools.worldgen.sheet import GeneratedWorld
 
 __all__ = ["GENERATORS", "differences", "files", "write"]
@@ -18,6 +18,7 @@ GENERATORS: Mapping[str, Callable[[], GeneratedWorld]] = {
     "arena": arena.build,
     "empty": empty.build,
     "office": office.build,
+    "plant": plant.build,
     "proving_ground": proving_ground.build,
     "smoke_corridor": smoke_corridor.build,
 }

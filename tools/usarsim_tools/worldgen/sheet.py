@@ -60,6 +60,8 @@ class GeneratedWorld:
     false_alarms: list[Mapping[str, object]] = field(default_factory=list)
     smoke: list[Mapping[str, object]] = field(default_factory=list)
     surfaces: list[Mapping[str, object]] = field(default_factory=list)
+    machines: list[tuple[str, Mapping[str, object]]] = field(default_factory=list)
+    """Name of the table (door, belt, lift, obstacle) and what stands in it."""
 
     def start_grid(
         self, xs: Iterable[float], ys: Iterable[float], yaw: float = 0.0, prefix: str = "RobotStart"
@@ -135,6 +137,7 @@ class GeneratedWorld:
         parts += [_table("false_alarm", alarm) for alarm in self.false_alarms]
         parts += [_table("smoke", facts) for facts in self.smoke]
         parts += [_table("surface", facts) for facts in self.surfaces]
+        parts += [_table(kind, facts) for kind, facts in self.machines]
         return "\n".join(parts[:2]) + "\n\n" + "\n\n".join(parts[2:]) + "\n"
 
 
