@@ -275,7 +275,8 @@ def test_a_robot_drives_out_of_sight_and_back(tmp_path: Path) -> None:
         assert hung_up(theirs)
         assert positions(server)["Rover"][0] == pytest.approx(-4.1, abs=0.6)
         assert robot.strength("Base") == -200.0
-        assert refused(road := robot.road("Base"))
+        road = robot.road("Base")
+        assert refused(road)
         robot.robot.send("DRIVE {Left -5} {Right -5}")
         deadline = time.monotonic() + 30.0
         while refused(road) and time.monotonic() < deadline:
