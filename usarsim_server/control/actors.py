@@ -6,6 +6,7 @@ world controllers and items of robots go by their own names (side channels refer
 
 from __future__ import annotations
 
+import re
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -33,6 +34,7 @@ _AVATAR = _PAWN | {"usaravatarcommon", "usaravatarnewcommon"}
 _VEHICLE = _PAWN | {"basevehicle", "usarvehicle"}
 _OBJECT = _ACTOR | {"wcobject", "kactor"}
 _ITEM = _ACTOR | {"item"}
+_VICTIM_NAME = re.compile(r"(MaleVictim|FemaleVictim)_([0-9]{1,6})", re.ASCII)
 _FAMILIES = {
     "skid": {"wheeledvehicle", "skidsteeredvehicle"},
     "differential": {"wheeledvehicle", "skidsteeredvehicle"},
@@ -66,6 +68,13 @@ class _PawnNames:
         self._names: dict[int, str] = {}
         self._counts: dict[str, int] = {}
 
+    def keep(self, name: str) -> None:
+        """Leave a name, and all of its class with smaller numbers, to somebody who has it."""
+        class_name, _, number = name.rpartition("_")
+        with self._lock:
+            count = self._counts.get(class_name.lower(), 0)
+            self._counts[class_name.lower()] = max(count, int(number) + 1)
+
     def name(self, class_name: str, body: int | None = None) -> str:
         """Name of the thing with a number in the simulation; always a new one for None."""
         with self._lock:
@@ -95,7 +104,8 @@ class Actors:
         Args:
             simulation: the world.
             vehicles: all robots in the order of spawning, as `Fleet.vehicles` has them.
-            victims: people of the world, in the order of the world file.
+            victims: people of the world, in the order of the world file. A name there that is a
+                class of the original and a number, `MaleVictim_3`, is kept.
             avatars, objects: of the world.
         """
         self._simulation = simulation
@@ -103,7 +113,11 @@ class Actors:
         self._avatars = avatars
         self._objects = objects
         self._names = _PawnNames()
-        self._victims = [self._victim(one) for one in victims]
+        people = list(victims)
+        for one in people:
+            if _VICTIM_NAME.fullmatch(one.name):
+                self._names.keep(one.name)
+        self._victims = [self._victim(one) for one in people]
 
     def answer(self, line: str) -> str:
         """The whole listing that a query asks for, line ends included.
@@ -153,10 +167,14 @@ class Actors:
         return _Present(name, robot.name, kinds, state.pose)
 
     def _victim(self, victim: LiveVictim) -> tuple[str, str, str]:
-        """Body, class and name of a victim."""
+        """Body, class and name of a victim; the name of the world file if it is an engine's."""
+        body = f"victim:{victim.name}"
+        given = _VICTIM_NAME.fullmatch(victim.name)
+        if given is not None:
+            return body, given[1], victim.name
         female = victim.properties.get("figure") == "female"
         class_name = "FemaleVictim" if female else "MaleVictim"
-        return f"victim:{victim.name}", class_name, self._names.name(class_name)
+        return body, class_name, self._names.name(class_name)
 
 
 def _items(vehicle: Vehicle, state: RobotBody) -> Iterator[_Present]:

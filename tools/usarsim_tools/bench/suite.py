@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 
 from usarsim_tools.bench.errors import BenchError
 from usarsim_tools.bench.figures import Plan, Report, Section
+from usarsim_tools.bench.groundtruth import measure_ground_truth
 from usarsim_tools.bench.latency import measure_latency
 from usarsim_tools.bench.machine import describe_machine
 from usarsim_tools.bench.memory import measure_memory
@@ -26,6 +27,7 @@ MEASUREMENTS: Mapping[str, tuple[Measurement, str]] = {
     "spawn": (measure_spawn, "what the others notice of a newcomer"),
     "memory": (measure_memory, "memory of a team, and after robots came and went"),
     "sensors": (measure_sensors, "real time with a robot's every sensor, and with fast lasers"),
+    "groundtruth": (measure_ground_truth, "answers to the wireless simulation, and their cost"),
     "stepping": (measure_stepping, "the step loop against MuJoCo alone"),
 }
 """Function and one line of help of each, in the order in which `all` takes them."""
