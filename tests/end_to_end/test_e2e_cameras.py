@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 
@@ -180,3 +181,22 @@ def test_surplus_cameras_and_other_grids() -> None:
             first.close()
             wait(lambda: len(assembly.board.views) == 1)
             assert ask(second, "GETCONF {Type Camera}").startswith("CONF {Type Camera}")
+
+
+def test_a_camera_keeps_its_own_rate(tmp_path: Path) -> None:
+    """Two pictures per simulated second as the robot file says, whatever the server's rate is."""
+    (tmp_path / "Slow.toml").write_text(
+        'extends = "P3AT"\n[[camera]]\nname = "Camera"\nposition = [0.1, 0, -0.42]\nrate = 2\n',
+        encoding="utf-8",
+    )
+    with running_server(**QUICK, tile_size=(16, 16), robots=[tmp_path]) as (assembly, endpoints):
+        with ScriptedClient(endpoints["control"].port) as client:
+            client.send("INIT {ClassName Slow} {Location 0,0,-0.3}")
+            client.wait_for("STA")
+            watch = assembly.studio.watch(assembly.board.grid.region(0), lambda frame: None)
+            wait(lambda: assembly.studio.pictures > 0)
+            start, before = assembly.fleet.time, assembly.studio.pictures
+            wait(lambda: assembly.fleet.time > start + 4.0)
+            taken, seconds = assembly.studio.pictures - before, assembly.fleet.time - start
+            watch.close()
+        assert 3 <= taken <= 2.0 * seconds + 2.0

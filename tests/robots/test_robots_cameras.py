@@ -40,11 +40,11 @@ def names(robot: RobotDescription) -> list[str]:
 
 
 def test_defaults_are_those_of_the_original(tmp_path: Path) -> None:
-    """Field of view 1.3963 rad, zoom from 0.3491 to 2.0944 rad, 15 pictures per second (101)."""
+    """Field of view 1.3963 rad, zoom from 0.3491 to 2.0944 rad (101)."""
     (camera,) = load(tmp_path, CAMERA).cameras
     where = f"{tmp_path / 'Test.toml'}: [[camera]] number 1 (Camera)"
     pose = Pose((0.1, -0.05, 0.4))
-    assert camera == CameraDescription("Camera", None, pose, 1.3963, 0.3491, 2.0944, 15.0, where)
+    assert camera == CameraDescription("Camera", None, pose, 1.3963, 0.3491, 2.0944, None, where)
 
 
 def test_a_camera_is_no_streaming_item(tmp_path: Path) -> None:
@@ -84,6 +84,7 @@ def test_default_view_stays_within_the_zoom(tmp_path: Path) -> None:
         ({"max_fov": 3.2}, r"max_fov: is 3.2"),
         ({"min_fov": 0}, r"min_fov: is 0 "),
         ({"rate": 0}, r"rate: is 0 "),
+        ({"rate": 61}, r"rate: is 61 \(write a number between 0.1 and 60\)"),
         ({"interval": 0.1}, r"unknown key 'interval' \(write rate = pictures per second\)"),
         ({"zoom": 1}, r"unknown key 'zoom'"),
     ],

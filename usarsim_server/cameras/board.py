@@ -74,7 +74,7 @@ class CameraBoard:
         link: str | None,
         pose: Pose,
         fov: float,
-        rate: float = 15.0,
+        rate: float | None = None,
     ) -> CameraView:
         """A camera appears and takes the lowest free tile, if there is one.
 

@@ -75,8 +75,8 @@ class StudioOptions:
     """How the studio works.
 
     Attributes:
-        rate: pictures of each camera per simulated second (15 in the original, side channels
-            reference 2.6).
+        rate: pictures per simulated second of each camera that has no rate of its own (15 in the
+            original, side channels reference 2.6).
         always: render all tiles, also those that nobody watches.
         painter: how pictures are made.
     """
@@ -366,7 +366,7 @@ class Studio:
 
     def _paint(self, painter: Painter, view: CameraView, snapshot: Snapshot) -> None:
         tile, grid, now = _tile(view), self.grid, snapshot.time
-        period = 1.0 / self._options.rate
+        period = 1.0 / (view.rate or self._options.rate)
         turn = self._turn_of(view)
         # Turns keep their beat, unless the renderer cannot keep up with it.
         following = turn + period if turn + period > now else now + period

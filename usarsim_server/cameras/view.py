@@ -97,7 +97,7 @@ class CameraView:
         pose: relative to the link, chassis or world; it looks along x, y is left, z is up.
         fov: horizontal field of view, rad.
         tile: number of its tile; None if there was none left.
-        rate: pictures per second of simulated time.
+        rate: pictures per second of simulated time; None: as the server is set.
     """
 
     key: int
@@ -108,7 +108,7 @@ class CameraView:
     pose: Pose
     fov: float
     tile: int | None
-    rate: float = 15.0
+    rate: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -117,7 +117,8 @@ def _camera(camera: CameraDescription) -> tuple[str, ...]:
     location, rotation = wire_from_pose(camera.pose)
     place = (numbers(location, 4), numbers(rotation, 4))
     zoom = f"{number(camera.min_fov, 4)} to {number(camera.max_fov, 4)}"
-    return camera.name, camera.link or "-", *place, number(camera.fov, 4), zoom, f"{camera.rate:g}"
+    rate = "-" if camera.rate is None else f"{camera.rate:g}"
+    return camera.name, camera.link or "-", *place, number(camera.fov, 4), zoom, rate
 
 
 def _parameter(value: object) -> str:

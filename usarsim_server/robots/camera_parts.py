@@ -12,7 +12,7 @@ __all__ = ["read_cameras"]
 
 NARROWEST = 0.01  # rad
 WIDEST = 3.0  # rad; a flat picture of half a turn would have no end
-FASTEST_RATE = 1000.0  # Hz
+RATES = (0.1, 60.0)  # Hz, as the server's own
 
 _HINTS = {"interval": "write rate = pictures per second", "type": "leave it out"}
 
@@ -69,7 +69,7 @@ def _camera(table: TableReader, links: Sequence[str]) -> CameraDescription:
         fov=table.number("fov", min(max(usual.fov, low), high), low=low, high=high),
         min_fov=low,
         max_fov=high,
-        rate=table.number("rate", usual.rate, low=0.01, high=FASTEST_RATE),
+        rate=table.number("rate", low=RATES[0], high=RATES[1]) if table.has("rate") else None,
         where=table.place,
     )
     table.finish(_HINTS)

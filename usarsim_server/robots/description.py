@@ -295,7 +295,7 @@ class CameraDescription:
         pose: relative to the link (or the reference point); it looks along x, z is up.
         fov: horizontal field of view when the robot appears, rad.
         min_fov, max_fov: ends of the zoom, rad.
-        rate: pictures per second of simulated time.
+        rate: pictures per second of simulated time; None: as the server is set.
         where: `file: [[camera]] number n (name)` for error messages.
     """
 
@@ -305,7 +305,7 @@ class CameraDescription:
     fov: float = 1.3963
     min_fov: float = 0.3491
     max_fov: float = 2.0944
-    rate: float = 15.0
+    rate: float | None = None
     where: str = ""
 
 
