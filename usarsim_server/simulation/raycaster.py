@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from usarsim_server.simulation.bundles import cast_some
 from usarsim_server.simulation.culling import bounding_spheres, cones, starts, touching
+from usarsim_server.simulation.glass import is_glass
 from usarsim_server.simulation.model import SHELF_NAME, CompiledWorld
 from usarsim_server.simulation.movers import mocap_bodies
 from usarsim_server.simulation.objects import Names, Objects, geom_names
@@ -116,7 +117,7 @@ class StaticGeometry:
                 self._planes.append(_Plane(geom, mat[:, 2].copy(), float(mat[:, 2] @ pos)))
             else:
                 part = (geom, triangles(model, geom, pos, mat))
-                (glass if _is_glass(model, geom) else solid).append(part)
+                (glass if is_glass(model, geom) else solid).append(part)
         self._full = _TriangleScene([*solid, *glass])
         self._clear = _TriangleScene(solid) if glass else self._full
 
@@ -191,7 +192,7 @@ class DynamicGeometry:
         self._mocap = mocap_bodies(model)
         moving = np.flatnonzero(model.body_weldid[model.geom_bodyid] != 0)
         self._glass = np.array(
-            [geom for geom in moving.tolist() if _is_glass(world.model, geom)], dtype=np.intp
+            [geom for geom in moving.tolist() if is_glass(world.model, geom)], dtype=np.intp
         )
 
     def cast(
@@ -375,12 +376,6 @@ def _visible(model: mujoco.MjModel, geom: int) -> bool:
     material = model.geom_matid[geom]
     color = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
     return bool(color[3] > 0.0)
-
-
-def _is_glass(model: mujoco.MjModel, geom: int) -> bool:
-    material = model.geom_matid[geom]
-    names = model.geom(geom).name + (model.mat(material).name if material >= 0 else "")
-    return any(word in names.lower() for word in ("glass", "trans"))
 
 
 def _ray_model(model: mujoco.MjModel) -> mujoco.MjModel:
