@@ -14,9 +14,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from usarsim_server.cameras.backend import Quality
 from usarsim_server.cameras.board import CameraBoard
 from usarsim_server.cameras.encoding import Encoder
 from usarsim_server.cameras.painter import PainterOptions
+from usarsim_server.cameras.spectators import find_viewpoint, named_viewpoints
+from usarsim_server.cameras.stage import Stage
 from usarsim_server.cameras.studio import Studio, StudioOptions
 from usarsim_server.cameras.view import Grid
 from usarsim_server.control.actors import Actors
@@ -133,8 +136,8 @@ class Assembly:
 
         They may be inside native code; a process that ended under them would crash.
         """
+        self.simulation.stop()  # first: the renderer may be waiting for it
         self.studio.close()
-        self.simulation.stop()
         for agent in tuple(self.agents):
             agent.close()
         deadline = time.monotonic() + STOP_TIMEOUT
@@ -174,7 +177,8 @@ def assemble(settings: Settings) -> Assembly:
     classes = load_avatars([folder / avatar_classes.SHEET for folder in (shipped, world.folder)])
     avatars = Avatars(classes, simulation)
     fleet.call_things(lambda body: objects.label(body) or avatars.label(body))
-    studio = Studio(simulation, board, StudioOptions(painter=PainterOptions(smoke=world.smoke)))
+    studio = Studio(simulation, board, _studio_options(settings, world), fleet.lit)
+    _add_spectators(settings, world, simulation, board)
     assembly = Assembly(
         settings, world, simulation, fleet, surroundings, objects, avatars, studio, ()
     )
@@ -233,9 +237,9 @@ async def _serve(assembly: Assembly) -> None:
     def give_up() -> None:
         loop.call_soon_threadsafe(stop.set)
 
-    assembly.simulation.start(give_up)
     if assembly.settings.image_port is not None:
         assembly.studio.open()
+    assembly.simulation.start(give_up)
     await run_services(assembly.services, stop=stop)
 
 
@@ -267,6 +271,34 @@ def _image_service(settings: Settings, port: int, assembly: Assembly) -> ImageSe
         bound=assembly.board.bound,
         required=settings.demands("image_port"),
     )
+
+
+def _studio_options(settings: Settings, world: WorldDescription) -> StudioOptions:
+    return StudioOptions(
+        rate=settings.camera_rate,
+        always=settings.always_render,
+        painter=PainterOptions(
+            renderer=settings.renderer,
+            quality=Quality(settings.shadows, settings.multisample),
+            smoke=world.smoke,
+        ),
+    )
+
+
+def _add_spectators(
+    settings: Settings, world: WorldDescription, simulation: Simulation, board: CameraBoard
+) -> None:
+    """Let the spectators that were asked for fill the first tiles."""
+    if not settings.spectator:
+        return
+    snapshot = simulation.look()
+    stage = Stage(simulation.compiled(snapshot))
+    stage.show(snapshot)
+    width, height = settings.tile_size
+    known = named_viewpoints(stage, world, width / height)
+    for text in settings.spectator:
+        view = find_viewpoint(text, known)
+        board.add(view.name, "", None, None, view.pose, view.fov)
 
 
 def _wireless_services(

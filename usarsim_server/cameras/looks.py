@@ -27,7 +27,7 @@ Picture = NDArray[np.uint8]
 
 BEAM_INNER, BEAM_OUTER = math.radians(18.0), math.radians(34.0)
 """Half angles of a headlight's cone: full brightness inside, none outside."""
-BEAM_GAIN = 1.1
+BEAM_GAIN = 0.8
 """Brightness that a headlight adds to a white surface right before it."""
 BEAM_HALF = 5.0
 """m at which half of that is left."""

@@ -1,0 +1,172 @@
+"""Views for spectators: by six numbers, or by the name of a view that the world has.
+
+Every world has `top`, `overview` and `start`; each camera of its scene is a view of its name, and
+goes before an automatic one of that name.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_server.cameras.stage import Stage
+from usarsim_server.cameras.viewpoint import looking
+from usarsim_server.errors import UsarsimError
+from usarsim_server.simulation.frames import Pose, flip_point
+from usarsim_server.simulation.model import SHELF_NAME
+from usarsim_server.worlds.description import WorldDescription
+
+__all__ = ["FOV", "Viewpoint", "find_viewpoint", "named_viewpoints"]
+
+Array = NDArray[np.float64]
+
+FOV = math.radians(80.0)
+"""Of a view that has none of its own: that of the robots' cameras (robots reference 2.7)."""
+_SLANT = math.radians(40.0)
+"""Angle at which `overview` looks down."""
+_ROOM = 1.1
+"""How much more than the world itself is in `top` and `overview`."""
+_PREVIEW = 1.6
+"""Width by height of the previews that cameras of scenes are made for: as much is always seen."""
+_ALONE = 5.0
+"""m around the start poses that count as the world where there is nothing but a floor."""
+
+
+@dataclass(frozen=True, slots=True)
+class Viewpoint:
+    """Where a spectator stands.
+
+    Attributes:
+        name: for people.
+        pose: in the world; x looks, y is left, z is up.
+        fov: horizontal field of view, rad.
+    """
+
+    name: str
+    pose: Pose
+    fov: float = FOV
+
+
+def find_viewpoint(text: str, known: Mapping[str, Viewpoint]) -> Viewpoint:
+    """What a user means.
+
+    Args:
+        text: `x,y,z,x,y,z`, from where and to where in the wire frame (z down), or a name.
+        known: views of the world by name.
+
+    Raises:
+        UsarsimError: if it is neither, with the names.
+    """
+    names = {name.lower(): name for name in known}
+    wanted = text.strip().lower()
+    if wanted in names:
+        return known[names[wanted]]
+    try:
+        x, y, z, *target = (float(part) for part in text.split(","))
+        u, v, w = target
+        pose = looking(flip_point((x, y, z)), flip_point((u, v, w)))
+    except ValueError:
+        raise UsarsimError(
+            f"there is no view {text!r} (known: {', '.join(known)}; or write six numbers, "
+            "x,y,z,x,y,z: from where and to where in the wire frame)"
+        ) from None
+    return Viewpoint(text, pose)
+
+
+def named_viewpoints(
+    stage: Stage, world: WorldDescription, aspect: float = 4.0 / 3.0
+) -> dict[str, Viewpoint]:
+    """The views of a world by name.
+
+    Args:
+        stage: with the world in it.
+        world: its start poses and bounds.
+        aspect: width by height of the pictures; cameras of scenes have a vertical field of view.
+    """
+    starts = [start.pose for start in world.starts]
+    lower, upper = _bounds(stage, starts)
+    lower, upper = np.maximum(lower, world.lower), np.minimum(upper, world.upper)
+    views = {
+        "top": _top(lower, upper, aspect),
+        "overview": _overview(lower, upper, aspect),
+        "start": _start(stage, starts[0]),
+    }
+    views |= {view.name: view for view in _scene_cameras(stage, aspect)}
+    return views
+
+
+def _bounds(stage: Stage, starts: list[Pose]) -> tuple[Array, Array]:
+    """Corners of the box that holds everything that does not move, planes left out."""
+    model, data = stage.model, stage.data
+    corners = []
+    for geom in range(model.ngeom):
+        fixed = model.body_weldid[model.geom_bodyid[geom]] == 0
+        plane = model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE
+        if not fixed or plane or model.geom(geom).name == SHELF_NAME:
+            continue
+        turn = data.geom_xmat[geom].reshape(3, 3)
+        middle = data.geom_xpos[geom] + turn @ model.geom_aabb[geom, :3]
+        half = np.abs(turn) @ model.geom_aabb[geom, 3:]
+        corners += [middle - half, middle + half]
+    if not corners:
+        around = np.array([pose.position for pose in starts] or [(0.0, 0.0, 0.0)])
+        corners = [around.min(axis=0) - _ALONE, around.max(axis=0) + _ALONE]
+    return np.min(corners, axis=0), np.max(corners, axis=0)
+
+
+def _top(lower: Array, upper: Array, aspect: float) -> Viewpoint:
+    """Straight down; x points up in the picture, y to the left, as on a map."""
+    middle, half = (lower + upper) / 2.0, (upper - lower) / 2.0
+    width = max(half[1], half[0] * aspect) * _ROOM
+    fov = math.radians(60.0)
+    x, y, _ = middle.tolist()
+    height = float(upper[2]) + width / math.tan(fov / 2.0)
+    return Viewpoint("top", looking((x, y, height), (x, y, 0.0)), fov)
+
+
+def _overview(lower: Array, upper: Array, aspect: float) -> Viewpoint:
+    """From a corner at a slant, far enough to see all."""
+    middle = (lower + upper) / 2.0
+    radius = float(np.linalg.norm(upper - lower)) / 2.0 * _ROOM
+    fov = math.radians(60.0)
+    narrow = math.atan(math.tan(fov / 2.0) / max(1.0, aspect))
+    away = 0.8 * radius / math.sin(narrow)
+    level, climb = away * math.cos(_SLANT), away * math.sin(_SLANT)
+    x, y, z = middle.tolist()
+    position = (x - 0.8 * level, y - 0.6 * level, z + climb)
+    return Viewpoint("overview", looking(position, (x, y, z)), fov)
+
+
+def _start(stage: Stage, pose: Pose) -> Viewpoint:
+    """Over the shoulder of a robot at the first start, or as far behind as there is room."""
+    above, ahead = pose @ Pose((0.0, 0.0, 1.2)), pose @ Pose((2.0, 0.0, 0.0))
+    back = np.array(pose.rotate((-1.0, 0.0, 0.0)))
+    met = np.array([-1], np.int32)
+    free = mujoco.mj_ray(
+        stage.model, stage.data, np.array(above.position), back, None, 1, -1, met, None
+    )
+    distance = 2.0 if free < 0.0 else max(0.0, min(2.0, free - 0.2))
+    x, y, z = (np.array(above.position) + distance * back).tolist()
+    return Viewpoint("start", looking((x, y, z), ahead.position))
+
+
+def _scene_cameras(stage: Stage, aspect: float) -> Iterable[Viewpoint]:
+    model, data = stage.model, stage.data
+    for camera in range(model.ncam):
+        name = model.camera(camera).name
+        if not name or model.body_weldid[model.cam_bodyid[camera]] != 0:
+            continue
+        x, y, z = data.cam_xpos[camera].tolist()
+        # A camera of MuJoCo looks along -z, x is right, y is up.
+        right, up, back = data.cam_xmat[camera].reshape(3, 3).T
+        turn = np.zeros(4)
+        mujoco.mju_mat2Quat(turn, np.column_stack([-back, -right, up]).ravel())
+        w, i, j, k = turn.tolist()
+        tall = math.tan(math.radians(float(model.cam_fovy[camera])) / 2.0)
+        fov = 2.0 * math.atan(tall * max(aspect, _PREVIEW))
+        yield Viewpoint(name, Pose((x, y, z), (w, i, j, k)), fov)
