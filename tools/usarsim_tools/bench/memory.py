@@ -22,6 +22,9 @@ PAUSE = 0.25
 """s between a departure and the next arrival, and the other way round."""
 SPEAKING = 2.0
 """s after INIT by which a robot should have said something."""
+QUIET = 1.0
+"""s without a new thread, descriptor or MiB by which a server that started has found its place:
+the renderer of its cameras gets ready after READY."""
 PATIENCE = 5.0
 """s after the last departure in which threads and descriptors have to be given back."""
 
@@ -77,8 +80,7 @@ def measure_memory(plan: Plan) -> Section:
     plan.say(f"memory: {robots} robots, coming and going for {seconds:g} s")
     with Server(plan.world, robots) as server:
         with Crowd(server.port, plan.seed, keep=False) as crowd:
-            crowd.run(SETTLE / 2)
-            empty = server.usage()
+            empty = _wait_until_settled(server, crowd)
             for _ in range(robots):
                 crowd.wait_until_speaking([crowd.join()])
             crowd.run(SETTLE)
@@ -106,6 +108,19 @@ def measure_memory(plan: Plan) -> Section:
             ),
         ),
     )
+
+
+def _wait_until_settled(server: Server, crowd: Crowd) -> Usage:
+    """What the server uses once it needs no more to get ready, or at the end of our patience."""
+    deadline = time.perf_counter() + PATIENCE
+    since = now = server.usage()
+    while now.wall < min(since.wall + QUIET, deadline):
+        crowd.run(0.1)
+        now = server.usage()
+        same = (now.threads, now.descriptors) == (since.threads, since.descriptors)
+        if not same or now.resident > since.resident + MIB:
+            since = now
+    return now
 
 
 def _wait_until_back(server: Server, empty: Usage) -> Usage:
