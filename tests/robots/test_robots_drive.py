@@ -34,6 +34,19 @@ def test_sides_go_to_their_wheels_in_part_order(dialect: Dialect) -> None:
     assert drive(WheelDrive(P2DX), dialect, left=1.0, right=2.0) == (1.0, 2.0)
 
 
+@pytest.mark.parametrize("dialect", Dialect)
+def test_a_wheel_is_driven_by_its_name(dialect: Dialect) -> None:
+    """The single joint form with order 1 turns one wheel, in any case (3.4.6)."""
+    law = WheelDrive(P2AT)
+    names = [wheel.name for wheel in P2AT.driven_wheels]
+    assert drive(law, dialect, name=names[2].upper(), value=1.5, order=1) == (0.0, 0.0, 1.5, 0.0)
+    assert drive(law, dialect, name=names[0], value=99.0, order=1) == (LIMIT, 0.0, 1.5, 0.0)
+    for other in ({"order": 0}, {"order": 2}, {"order": 1, "steer": 1}, {"order": 11}):
+        assert drive(law, dialect, name=names[1], value=1.0, **other) is None
+    assert drive(law, dialect, name=names[1], order=1) is None
+    assert drive(law, dialect, name="robot_0", value=1.0, order=1) is None
+
+
 def test_free_wheels_get_no_target(tmp_path) -> None:
     """Only driven wheels are told a speed."""
     from robot_files import LEFT, RIGHT, table, write

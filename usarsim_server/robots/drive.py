@@ -10,9 +10,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.protocol.requests import Drive
+from usarsim_server.protocol.requests import Drive, WheelTarget
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import RobotDescription
+from usarsim_server.simulation.articulation import Order
 
 __all__ = ["SpeedScale", "WheelDrive"]
 
@@ -55,6 +56,7 @@ class WheelDrive:
     def __init__(self, robot: RobotDescription) -> None:
         """Start with all wheels at rest and the headlight off."""
         wheels = robot.driven_wheels
+        self._names = [wheel.name.lower() for wheel in wheels]
         self._left = np.array([wheel.side == "left" for wheel in wheels], dtype=bool)
         self._scale = SpeedScale(robot.drive.max_wheel_speed)
         self._targets = np.zeros(len(wheels))
@@ -108,9 +110,16 @@ class WheelDrive:
     def _set_wheels(self, drive: Drive) -> bool:
         """The wheel by wheel form of DRIVE; wheels it does not name keep their speed."""
         moved = False
-        for wheel in drive.wheels:
+        for wheel in (*drive.wheels, *self._named(drive)):
             speed = self._scale.read(wheel.speed)
             if speed is not None and 0 <= wheel.number < len(self._targets):
                 self._targets[wheel.number] = speed
                 moved = True
         return moved
+
+    def _named(self, drive: Drive) -> tuple[WheelTarget, ...]:
+        """The single joint form (protocol reference 3.4.6); wheels take velocities only."""
+        name = (drive.name or "").lower()
+        if name not in self._names or drive.steer or drive.order != Order.VELOCITY:
+            return ()
+        return (WheelTarget(self._names.index(name), drive.value),)
