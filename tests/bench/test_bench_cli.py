@@ -58,7 +58,7 @@ class TestArguments:
         """Without a word everything is measured, in the order of the suite."""
         assert main(["bench", *words]) == 0
         assert taken.names[:6] == ("team", "largest", "latency", "spawn", "memory", "sensors")
-        assert {"groundtruth", "stepping"} < set(taken.names)
+        assert {"cameras", "groundtruth", "stepping"} < set(taken.names)
         assert taken.names == tuple(MEASUREMENTS)
         assert (taken.plan.robots, taken.plan.seconds, taken.plan.world) == (None, None, "arena")
 

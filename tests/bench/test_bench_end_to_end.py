@@ -116,6 +116,18 @@ class TestMeasurements:
         assert scans["aim"] == ">= 19"
         assert 2.0 < scans["value"] < 21.0
 
+    def test_cameras(self, tmp_path: Path) -> None:
+        """Each way of looking gets pictures; those of a robot that drives are new."""
+        figures = measured(tmp_path, "cameras", 2.0)
+        for look in ("One tile", "Full frame", "Full frame without pause"):
+            assert figures[f"{look}: pictures"]["value"] > 1.0
+            assert figures[f"{look}: new pictures"]["value"] > 0.4
+            assert figures[f"{look}: real-time factor"]["aim"] == ">= 0.999"
+            median = figures[f"{look}: time to answer, median"]["value"]
+            assert 0.0 < median <= figures[f"{look}: time to answer, 99th percentile"]["value"]
+        assert figures["Full frame: pictures"]["aim"] == ">= 13.5"
+        assert figures["Unwatched: processor use of the server"]["value"] > 0.0
+
     def test_stepping(self, tmp_path: Path) -> None:
         """One scene gives rates, ratios and contacts."""
         figures = measured(tmp_path, "stepping", 0.5)

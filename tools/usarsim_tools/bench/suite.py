@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 
+from usarsim_tools.bench.cameras import measure_cameras
 from usarsim_tools.bench.errors import BenchError
 from usarsim_tools.bench.figures import Plan, Report, Section
 from usarsim_tools.bench.groundtruth import measure_ground_truth
@@ -27,6 +28,7 @@ MEASUREMENTS: Mapping[str, tuple[Measurement, str]] = {
     "spawn": (measure_spawn, "what the others notice of a newcomer"),
     "memory": (measure_memory, "memory of a team, and after robots came and went"),
     "sensors": (measure_sensors, "real time with a robot's every sensor, and with fast lasers"),
+    "cameras": (measure_cameras, "pictures of a team's cameras, and what they cost"),
     "groundtruth": (measure_ground_truth, "answers to the wireless simulation, and their cost"),
     "stepping": (measure_stepping, "the step loop against MuJoCo alone"),
 }
