@@ -176,6 +176,23 @@ def test_an_empty_battery_is_told(model: WirelessModel, connect: Connect) -> Non
     assert until(lambda: not model.positions())
 
 
+def test_an_operators_station_is_listed(model: WirelessModel, connect: Connect) -> None:
+    """67: a communication station can be spawned, stays where it is, and never runs out of power;
+    nothing stands between it and a robot in its sight."""
+    base = robot(connect, "BaseStation", "3,1,-0.5", "ComStation")
+    scout = robot(connect, "Scout", "0,0,-0.3")
+    base.send("DRIVE {Left 5} {Right 5}")
+    (x, y, _), empty = model.positions()["BaseStation"]
+    assert [x, y] == pytest.approx([3.0, 1.0], abs=0.01)
+    assert empty is False
+    time.sleep(0.3)
+    assert model.positions()["BaseStation"][0][:2] == pytest.approx([x, y], abs=1e-3)
+    assert model.obstacles("BaseStation", "Scout") == 0
+    for client in (base, scout):
+        client.close()
+    assert until(lambda: not model.positions())
+
+
 def test_sixteen_robots_are_answered_about(model: WirelessModel, connect: Connect) -> None:
     """62, 65: positions of sixteen robots, and obstacles of all pairs, whole and in order. How fast
     is measured by `usarsim bench groundtruth`; here they only have to come."""

@@ -38,6 +38,7 @@ _VICTIM_NAME = re.compile(r"(MaleVictim|FemaleVictim)_([0-9]{1,6})", re.ASCII)
 _FAMILIES = {
     "skid": {"wheeledvehicle", "skidsteeredvehicle"},
     "differential": {"wheeledvehicle", "skidsteeredvehicle"},
+    "tracked": {"wheeledvehicle", "skidsteeredvehicle"},
     "omni": {"wheeledvehicle"},
     "ackerman": {"wheeledvehicle", "ackermansteeredvehicle"},
     "static": {"staticvehicle", "staticplatform"},
