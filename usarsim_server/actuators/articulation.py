@@ -47,6 +47,12 @@ class Articulation:
             for link in actuator.links
             for name in (link.body, link.joint)
         }
+        self._followers = {
+            link.joint: link.follows.lower()
+            for actuator in robot.actuators
+            for link in actuator.links
+            if link.follows is not None
+        }
         self._loose = tuple(
             link for one in robot.actuators if not one.package for link in one.links
         )
@@ -102,6 +108,12 @@ class Articulation:
                 effector.set("GRIP", str(gripper), self._machine)
 
     def _command(self, orders: dict[str, JointOrder]) -> None:
+        if self._followers:
+            free = {name.lower(): one for name, one in orders.items()}
+            orders = {name: one for name, one in orders.items() if name not in self._followers}
+            for follower, leader in self._followers.items():
+                if leader in free:
+                    orders[follower] = free[leader]
         if orders:
             self._machine.command_joints(orders)
 

@@ -12,6 +12,9 @@ from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from usarsim_server.protocol.values import Dialect, Vector
 from usarsim_server.simulation.frames import IDENTITY, Pose
 
@@ -25,6 +28,7 @@ __all__ = [
     "ItemDescription",
     "JointType",
     "LinkDescription",
+    "Mesh",
     "RobotDescription",
     "RobotReport",
     "Shape",
@@ -36,18 +40,31 @@ __all__ = [
 Color = tuple[float, float, float, float]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Mesh:
+    """Triangles of a shape.
+
+    Attributes:
+        vertices: (n, 3), m, in the frame of the shape. faces: (m, 3) indices.
+    """
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.intc]
+
+
 @dataclass(frozen=True, slots=True)
 class Shape:
     """One rigid piece of the chassis or of a link.
 
     Attributes:
-        kind: box, cylinder, sphere, ellipsoid or capsule.
+        kind: box, cylinder, sphere, ellipsoid, capsule or mesh.
         size: full extents for a box (length, width, height); (radius, length) for cylinder and
-            capsule; (radius,) for a sphere; three semi-axes for an ellipsoid. Metres.
+            capsule; (radius,) for a sphere; three semi-axes for an ellipsoid; () for a mesh. m.
         pose: centre relative to the reference point, or to the link.
         mass: kg; 0 for a purely visual piece.
         color: red, green, blue, alpha in 0..1.
         collides: whether it takes part in contacts (rays and cameras always see it).
+        mesh: its triangles; it collides as their convex hull.
     """
 
     kind: str
@@ -56,6 +73,7 @@ class Shape:
     mass: float
     color: Color
     collides: bool = True
+    mesh: Mesh | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,6 +198,7 @@ class LinkDescription:
         max_speed: rad/s or m/s. max_torque: N m or N.
         damping: passive resistance, N m s/rad or N s/m.
         home: position in which the robot appears, rad or m.
+        follows: name of a joint that this one is coupled to; it then takes no orders of its own.
     """
 
     body: str
@@ -194,6 +213,7 @@ class LinkDescription:
     max_torque: float
     damping: float = 0.0
     home: float = 0.0
+    follows: str | None = None
 
     @property
     def mass(self) -> float:

@@ -49,15 +49,26 @@ Limb = TypeVar("Limb", ActuatorDescription, EffectorDescription)
 
 
 def read_actuators(
-    reader: TableReader, parent: Parent, dialect: Dialect
+    reader: TableReader,
+    parent: Parent,
+    dialect: Dialect,
+    imported: tuple[ActuatorDescription, ...] = (),
 ) -> tuple[ActuatorDescription, ...]:
-    """Actuators; one that bears the name of an inherited one replaces it."""
-    actuators = _inherited(reader, parent.actuators if parent else ())
+    """Actuators; one that bears the name of an inherited one replaces it.
+
+    Args:
+        reader: the file.
+        parent: the robot that is extended.
+        dialect: decides the speed of joints that say nothing else.
+        imported: those of a model file, which take the place of inherited ones.
+    """
+    actuators = _inherited(reader, imported or (parent.actuators if parent else ()))
     for table in reader.tables("actuator"):
         links = [link.body for actuator in actuators for link in actuator.links]
         _enter(table, actuators, _actuator(table, links, dialect), "actuator")
     for actuator in actuators:
         _check_mount(reader, actuator.name, actuator.mount, actuators, "actuator")
+    _check_leaders(reader, actuators)
     return tuple(actuators)
 
 
@@ -75,6 +86,16 @@ def read_effectors(
     for effector in effectors:
         _check_mount(reader, effector.name, effector.item.link, actuators, "effector")
     return tuple(effectors)
+
+
+def _check_leaders(reader: TableReader, actuators: Sequence[ActuatorDescription]) -> None:
+    """Refuse joints that follow what does not exist, or follows itself."""
+    links = [link for actuator in actuators for link in actuator.links]
+    free = [link.joint for link in links if link.follows is None]
+    for link in links:
+        if link.follows is not None and link.follows.lower() not in map(str.lower, free):
+            problem = f"the joint {link.joint!r} follows {link.follows!r}, which is not free"
+            reader.fail(problem, nearest(link.follows, free), "follows")
 
 
 def check_names(reader: TableReader, bodies: Iterable[str]) -> None:
@@ -162,6 +183,7 @@ def _link(
         max_torque=table.number("max_torque", DEFAULT_TORQUE, low=1e-3, high=1e6),
         damping=table.number("damping", 0.0, low=0.0, high=1e6),
         home=table.number("home", min(max(0.0, low), high), low=low, high=high),
+        follows=table.text("follows", "") or None,
     )
     if link.mass < LIGHTEST:
         table.fail("all its pieces are weightless", "give a shape of it its mass", "shape")

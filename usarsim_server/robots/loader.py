@@ -14,7 +14,7 @@ from pathlib import Path
 from usarsim_server.data import data_directory
 from usarsim_server.errors import RobotDescriptionError, at
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots import camera_parts, limb_parts, parts
+from usarsim_server.robots import camera_parts, limb_parts, model_files, parts
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.families.registry import families, find_family
 from usarsim_server.robots.tables import TableReader, read_toml
@@ -179,10 +179,11 @@ def _robot(
     dialect = Dialect(reader.choice("dialect", dialects, parent.dialect.value if parent else None))
     if parent is not None and family.wheeled != find_family(parent.kind).wheeled:
         reader.fail(f"is {kind}, {parent.name} is {parent.kind}", "drop it", "kind")
-    actuators = limb_parts.read_actuators(reader, parent, dialect)
+    body = model_files.read_body(reader, path.parent, dialect)
+    actuators = limb_parts.read_actuators(reader, parent, dialect, body.actuators if body else ())
     wheels = parts.read_wheels(reader, family.wheeled, actuators, parent)
     casters = parts.read_casters(reader, parent)
-    shapes = parts.read_shapes(reader, parent)
+    shapes = parts.read_shapes(reader, parent, body.shapes if body else ())
     parts.check_weight(reader, shapes, casters)
     drive = parts.read_drive(reader, wheels, parent)
     effectors = limb_parts.read_effectors(reader, parent, actuators, dialect)

@@ -41,6 +41,7 @@ _TYPES = {
     "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
     "ellipsoid": mujoco.mjtGeom.mjGEOM_ELLIPSOID,
     "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
+    "mesh": mujoco.mjtGeom.mjGEOM_MESH,
 }
 
 
@@ -77,6 +78,7 @@ def build_spec(robot: RobotDescription) -> mujoco.MjSpec:
             solimp=CONTACT_SOLIMP,
             rgba=RUBBER,
         )
+    _add_meshes(spec, robot)
     limbs = _add_limbs(spec, base, robot)
     for wheel in robot.wheels:
         _add_wheel(base if wheel.link is None else limbs[wheel.link], wheel)
@@ -155,9 +157,11 @@ def _add_link(
 
 
 def _add_shape(base: mujoco.MjsBody, name: str, shape: Shape) -> None:
+    mesh = "" if shape.mesh is None else name
     base.add_geom(
         name=name,
         type=_TYPES[shape.kind],
+        meshname=mesh,
         size=_half_size(shape),
         pos=shape.pose.position,
         quat=shape.pose.quaternion,
@@ -167,6 +171,20 @@ def _add_shape(base: mujoco.MjsBody, name: str, shape: Shape) -> None:
         conaffinity=int(shape.collides),
         rgba=shape.color,
     )
+
+
+def _add_meshes(spec: mujoco.MjSpec, robot: RobotDescription) -> None:
+    """Add the triangles of all shapes, under the names of their geoms."""
+    groups = [("chassis", robot.shapes)]
+    groups += [(link.body, link.shapes) for link in robot.links]
+    groups += [(effector.name, effector.shapes) for effector in robot.effectors]
+    for body, shapes in groups:
+        for number, shape in enumerate(shapes):
+            if shape.mesh is not None:
+                mesh = spec.add_mesh(name=f"{body}:{number}")
+                mesh.uservert = shape.mesh.vertices.ravel()
+                mesh.userface = shape.mesh.faces.ravel()
+                mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
 
 
 def _half_size(shape: Shape) -> list[float]:
@@ -179,6 +197,8 @@ def _half_size(shape: Shape) -> list[float]:
             return [size[0], size[1] / 2.0, 0.0]
         case "sphere":
             return [size[0], 0.0, 0.0]
+        case "mesh":
+            return [0.0, 0.0, 0.0]
         case _:
             return list(size)
 

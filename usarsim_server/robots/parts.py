@@ -166,11 +166,13 @@ def read_casters(reader: TableReader, parent: Parent) -> tuple[Caster, ...]:
     return tuple(casters)
 
 
-def read_shapes(reader: TableReader, parent: Parent) -> tuple[Shape, ...]:
-    """Chassis pieces; at least one."""
-    if parent is not None and not reader.has("shape"):
+def read_shapes(
+    reader: TableReader, parent: Parent, imported: tuple[Shape, ...] = ()
+) -> tuple[Shape, ...]:
+    """Chassis pieces, beside those of a model file; at least one."""
+    if parent is not None and not reader.has("shape") and not imported:
         return parent.shapes
-    shapes = tuple(read_shape(table) for table in reader.tables("shape"))
+    shapes = imported + tuple(read_shape(table) for table in reader.tables("shape"))
     if not shapes:
         reader.fail("is missing", "add a [[shape]] table for the chassis", "shape")
     return shapes

@@ -14,7 +14,7 @@ from usarsim_server.actuators.articulation import Articulation
 from usarsim_server.cameras.mount import CameraMount
 from usarsim_server.logs import Log
 from usarsim_server.protocol import messages
-from usarsim_server.protocol.dialects import sends_results, sta_period
+from usarsim_server.protocol.dialects import sends_results
 from usarsim_server.protocol.requests import (
     Act,
     Drive,
@@ -261,7 +261,7 @@ class Pilot:
     def _intervals(self) -> list[float]:
         """Interval of STA, of every sensor, of actuators and of effectors, in that order."""
         sensors = [sensor.interval(self._dialect) for sensor in self._sensors]
-        status = sta_period(self._dialect)
+        status = self._family.status_period(self.vehicle.description, self._dialect)
         udk = self._dialect is Dialect.UDK
         actuators = UDK_LIMB_PERIOD if udk else status
         effectors = UDK_LIMB_PERIOD if udk else 0.0

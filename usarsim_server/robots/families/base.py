@@ -15,6 +15,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.protocol.dialects import sta_period
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import (
@@ -132,6 +133,10 @@ class Family(ABC):
     @abstractmethod
     def configuration(self, robot: RobotDescription, dialect: Dialect) -> str:
         """The CONF line of the vehicle."""
+
+    def status_period(self, robot: RobotDescription, dialect: Dialect) -> float:
+        """Simulated s between two STA lines."""
+        return sta_period(dialect)
 
     @abstractmethod
     def geometry(self, robot: RobotDescription, dialect: Dialect) -> str:

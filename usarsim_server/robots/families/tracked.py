@@ -197,9 +197,7 @@ def _add_belt(body: mujoco.MjsBody, name: str, track: Track) -> None:
 
 def _rows(track: Track, roller: Roller) -> int:
     """How many rollers stand beside each other: one that is as wide as high touches like a ball."""
-    import os
-
-    return max(1, round(track.width / roller.radius / float(os.environ.get("ROWS", "1e9"))))
+    return max(1, round(track.width / roller.radius))
 
 
 def _add_surface(body: mujoco.MjsBody, track: Track, **geom: object) -> None:

@@ -1,0 +1,333 @@
+"""Bodies from MJCF or URDF files: links, joints and shapes as if the robot file had them itself.
+
+A robot file says `body = "nao.xml"`; `[joints]` gives what such files lack or say otherwise, and
+`[[package]]` makes mission packages of joints. MuJoCo reads the file, so whatever it can load will
+do; its masses, inertias, shapes and joints are taken over, everything else in it is left out.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from usarsim_server.errors import RobotDescriptionError, at
+from usarsim_server.protocol.values import Dialect
+from usarsim_server.robots.description import (
+    ActuatorDescription,
+    Color,
+    JointType,
+    LinkDescription,
+    Mesh,
+    Shape,
+)
+from usarsim_server.robots.limb_parts import DEFAULT_SPEED, DEFAULT_TORQUE
+from usarsim_server.robots.parts import FASTEST
+from usarsim_server.robots.tables import TableReader, nearest
+from usarsim_server.simulation.frames import IDENTITY, Pose
+
+__all__ = ["Body", "read_body"]
+
+REST = "Joints"
+"""Name of the actuator that has all joints of no package."""
+SPECK = 1e-3
+"""kg of a link that is there only because a body has several joints."""
+_GHOST: Color = (0.0, 0.0, 0.0, 0.0)
+_KINDS = {
+    int(mujoco.mjtGeom.mjGEOM_BOX): "box",
+    int(mujoco.mjtGeom.mjGEOM_CYLINDER): "cylinder",
+    int(mujoco.mjtGeom.mjGEOM_SPHERE): "sphere",
+    int(mujoco.mjtGeom.mjGEOM_ELLIPSOID): "ellipsoid",
+    int(mujoco.mjtGeom.mjGEOM_CAPSULE): "capsule",
+    int(mujoco.mjtGeom.mjGEOM_MESH): "mesh",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """What a model file holds.
+
+    Attributes:
+        shapes: of the chassis.
+        actuators: packages first, as far as they do not need each other otherwise.
+    """
+
+    shapes: tuple[Shape, ...]
+    actuators: tuple[ActuatorDescription, ...]
+
+
+@dataclass
+class _Node:
+    """A link under construction; `parent` is None for what sits on the chassis."""
+
+    link: LinkDescription
+    parent: str | None
+    shapes: list[Shape] = field(default_factory=list)
+
+
+def read_body(reader: TableReader, folder: Path, dialect: Dialect) -> Body | None:
+    """Read the model file that a robot file names, if it names one.
+
+    Args:
+        reader: the robot file.
+        folder: where relative paths start.
+        dialect: decides the speed of joints that say nothing else.
+
+    Raises:
+        RobotDescriptionError: if the file cannot be used.
+    """
+    if not reader.has("body"):
+        for key in ("joints", "package"):
+            if reader.has(key):
+                reader.fail("is about a model file", 'name one with body = "file.xml"', key)
+        return None
+    path = folder / reader.text("body")
+    model = _load(path)
+    base, nodes = _tree(model, path)
+    limits = _limits(reader.table("joints"), nodes, dialect)
+    packages = [(table.text("name"), table.texts("joints"), table) for table in _packages(reader)]
+    return Body(tuple(base), _group(nodes, limits, packages))
+
+
+def _packages(reader: TableReader) -> list[TableReader]:
+    return list(reader.tables("package")) if reader.has("package") else []
+
+
+def _load(path: Path) -> mujoco.MjModel:
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        problem = f"cannot be read: {error.strerror}"
+        raise RobotDescriptionError(
+            at(path, problem, "check body = ... of the robot file")
+        ) from None
+    if "<robot" in text and "fusestatic" not in text:
+        # Otherwise the links of a URDF file that do not move would be lost in the world.
+        extra = '<mujoco><compiler fusestatic="false" discardvisual="false"/></mujoco>'
+        text = re.sub(r"(<robot[^>]*>)", rf"\1{extra}", text, count=1)
+    try:
+        spec = mujoco.MjSpec.from_string(text)
+        spec.modelfiledir = str(path.parent)
+        return spec.compile()
+    except ValueError as error:
+        problem = " ".join(str(error).split())
+        raise RobotDescriptionError(
+            at(path, f"MuJoCo cannot use it: {problem}", "try it in MuJoCo's own viewer")
+        ) from None
+
+
+def _tree(model: mujoco.MjModel, path: Path) -> tuple[list[Shape], list[_Node]]:
+    """Chassis shapes and all links, parents first."""
+    roots = [body for body in range(1, model.nbody) if model.body_parentid[body] == 0]
+    if len(roots) != 1:
+        raise RobotDescriptionError(
+            at(path, f"{len(roots)} bodies stand in the world", "put all parts on one root body")
+        )
+    base: list[Shape] = []
+    nodes: dict[str, _Node] = {}
+    # Where a body of the file is: on which link (None: chassis), and its pose there.
+    places: dict[int, tuple[str | None, Pose]] = {roots[0]: (None, IDENTITY)}
+    base += _shapes(model, roots[0], IDENTITY)
+    for body in range(roots[0] + 1, model.nbody):
+        carrier, above = places[int(model.body_parentid[body])]
+        pose = above @ Pose(_triple(model.body_pos[body]), _quaternion(model.body_quat[body]))
+        first = int(model.body_jntadr[body])
+        for joint in range(first, first + int(model.body_jntnum[body])):
+            last = joint == first + int(model.body_jntnum[body]) - 1
+            link, pose = _link(model, body, joint, pose, last, path)
+            nodes[link.body] = _Node(link, carrier)
+            carrier = link.body
+        places[body] = (carrier, pose)
+        (base if carrier is None else nodes[carrier].shapes).extend(_shapes(model, body, pose))
+    return base, list(nodes.values())
+
+
+def _link(
+    model: mujoco.MjModel, body: int, joint: int, pose: Pose, last: bool, path: Path
+) -> tuple[LinkDescription, Pose]:
+    """One link whose frame lies at the joint, and the pose of the body in that frame."""
+    kind = int(model.jnt_type[joint])
+    name = model.joint(joint).name or f"{model.body(body).name}_joint"
+    if kind not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
+        raise RobotDescriptionError(
+            at(path, f"the joint {name!r} is a ball or free joint", "use hinges and slides")
+        )
+    anchor = _triple(model.jnt_pos[joint])
+    x, y, z = anchor
+    limited = bool(model.jnt_limited[joint])
+    low, high = model.jnt_range[joint].tolist()
+    force = float(model.jnt_actfrcrange[joint, 1])
+    link = LinkDescription(
+        body=model.body(body).name if last else f"{model.body(body).name}_{name}",
+        joint=name,
+        parent=None,
+        type=JointType.REVOLUTE if kind == mujoco.mjtJoint.mjJNT_HINGE else JointType.PRISMATIC,
+        axis=_triple(model.jnt_axis[joint]),
+        pose=pose @ Pose(anchor),
+        shapes=() if last else (Shape("sphere", (0.005,), IDENTITY, SPECK, _GHOST, False),),
+        limits=(low, high) if limited else None,
+        max_speed=math.nan,
+        max_torque=force if force > 0.0 else math.nan,
+        damping=float(np.ravel(model.dof_damping[model.jnt_dofadr[joint]])[0]),
+    )
+    return link, Pose((-x, -y, -z))
+
+
+def _shapes(model: mujoco.MjModel, body: int, pose: Pose) -> list[Shape]:
+    """Shapes of a body without weight, and one without shape that has all of it."""
+    found = []
+    first = int(model.body_geomadr[body])
+    for geom in range(first, first + int(model.body_geomnum[body])):
+        kind = _KINDS.get(int(model.geom_type[geom]))
+        if kind is None:
+            continue
+        place = Pose(_triple(model.geom_pos[geom]), _quaternion(model.geom_quat[geom]))
+        collides = bool(model.geom_contype[geom] or model.geom_conaffinity[geom])
+        red, green, blue, alpha = _color(model, geom)
+        found.append(
+            Shape(
+                kind=kind,
+                size=_size(kind, model.geom_size[geom].tolist()),
+                pose=pose @ place,
+                mass=0.0,
+                color=(red, green, blue, alpha),
+                collides=collides,
+                mesh=_mesh(model, int(model.geom_dataid[geom])) if kind == "mesh" else None,
+            )
+        )
+    if model.body_mass[body] > 0.0:
+        found.append(_weight(model, body, pose))
+    return found
+
+
+def _weight(model: mujoco.MjModel, body: int, pose: Pose) -> Shape:
+    """The box that has the mass and the moments of inertia of a body."""
+    mass = float(model.body_mass[body])
+    a, b, c = model.body_inertia[body].tolist()
+    squares = (6.0 * (b + c - a) / mass, 6.0 * (a + c - b) / mass, 6.0 * (a + b - c) / mass)
+    x, y, z = (math.sqrt(max(square, 1e-6)) for square in squares)
+    place = Pose(_triple(model.body_ipos[body]), _quaternion(model.body_iquat[body]))
+    return Shape("box", (x, y, z), pose @ place, mass, _GHOST, collides=False)
+
+
+def _size(kind: str, size: Sequence[float]) -> tuple[float, ...]:
+    match kind:
+        case "box":
+            return size[0] * 2.0, size[1] * 2.0, size[2] * 2.0
+        case "cylinder" | "capsule":
+            return size[0], size[1] * 2.0
+        case "sphere":
+            return (size[0],)
+        case "mesh":
+            return ()
+        case _:
+            return size[0], size[1], size[2]
+
+
+def _mesh(model: mujoco.MjModel, number: int) -> Mesh:
+    first, count = int(model.mesh_vertadr[number]), int(model.mesh_vertnum[number])
+    start, faces = int(model.mesh_faceadr[number]), int(model.mesh_facenum[number])
+    return Mesh(
+        model.mesh_vert[first : first + count].astype(np.float64),
+        model.mesh_face[start : start + faces].astype(np.intc),
+    )
+
+
+def _color(model: mujoco.MjModel, geom: int) -> Color:
+    material = int(model.geom_matid[geom])
+    values = model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]
+    red, green, blue, alpha = values.tolist()
+    return red, green, blue, alpha
+
+
+def _limits(
+    table: TableReader, nodes: Sequence[_Node], dialect: Dialect
+) -> dict[str, LinkDescription]:
+    """Links by joint with what the robot file says about their drives."""
+    speed = table.number("max_speed", DEFAULT_SPEED[dialect], low=1e-4, high=FASTEST)
+    torque = table.number("max_torque", DEFAULT_TORQUE, low=1e-4, high=1e6)
+    damping = table.number("damping", -1.0, low=-1.0, high=1e6)
+    done = {}
+    for node in nodes:
+        link = node.link
+        own = table.table(link.joint)
+        rest = link.damping if damping < 0.0 else damping
+        own_torque = torque if math.isnan(link.max_torque) else link.max_torque
+        low_high = own.numbers("limits", (2,), link.limits or (0.0, 0.0), low=-1e4, high=1e4)
+        done[link.joint] = replace(
+            link,
+            limits=(low_high[0], low_high[1]) if own.has("limits") or link.limits else None,
+            max_speed=own.number("max_speed", speed, low=1e-4, high=FASTEST),
+            max_torque=own.number("max_torque", own_torque, low=1e-4, high=1e6),
+            damping=own.number("damping", rest, low=0.0, high=1e6),
+            home=own.number("home", _nearest_to_zero(link), low=-1e4, high=1e4),
+            follows=own.text("follows", "") or None,
+            shapes=(*link.shapes, *node.shapes),
+        )
+        own.finish()
+    table.finish()
+    return done
+
+
+def _nearest_to_zero(link: LinkDescription) -> float:
+    low, high = link.limits or (0.0, 0.0)
+    return min(max(0.0, low), high)
+
+
+def _group(
+    nodes: Sequence[_Node],
+    links: dict[str, LinkDescription],
+    packages: Sequence[tuple[str, Sequence[str], TableReader]],
+) -> tuple[ActuatorDescription, ...]:
+    """Make actuators: the packages, and one or more of what is left."""
+    group: dict[str, str] = {}
+    for name, joints, table in packages:
+        for joint in joints:
+            if joint not in links:
+                table.fail(f"no joint {joint!r}", nearest(joint, list(links)), "joints")
+            group[joint] = name
+        table.finish()
+    joint_of = {node.link.body: node.link.joint for node in nodes}
+    made: dict[tuple[str, str | None], list[LinkDescription]] = {}
+    key_of: dict[str, tuple[str, str | None]] = {}
+    for node in nodes:
+        joint = node.link.joint
+        above = None if node.parent is None else joint_of[node.parent]
+        name = group.get(joint, REST)
+        if above is not None and group.get(above, REST) == name:
+            key = key_of[above]
+            numbers = [link.body for link in made[key]]
+            parent = numbers.index(links[above].body)
+        else:
+            key, parent = (name, node.parent), None
+        key_of[joint] = key
+        made.setdefault(key, []).append(replace(links[joint], parent=parent))
+    names = [name for name, _ in made]
+    actuators = []
+    for number, ((name, mount), chain) in enumerate(made.items()):
+        again = names[:number].count(name)
+        actuators.append(
+            ActuatorDescription(
+                name=f"{name}{again + 1}" if again else name,
+                mount=mount,
+                pose=IDENTITY,
+                links=tuple(chain),
+                package=name != REST,
+            )
+        )
+    return tuple(actuators)
+
+
+def _triple(values: np.ndarray) -> tuple[float, float, float]:
+    x, y, z = values.tolist()
+    return x, y, z
+
+
+def _quaternion(values: np.ndarray) -> tuple[float, float, float, float]:
+    w, x, y, z = values.tolist()
+    return w, x, y, z
