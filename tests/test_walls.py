@@ -50,7 +50,7 @@ ROOMS: dict[str, set[str]] = {
     "radio": MIDDLE | VALUES,
     "importers": {"protocol", "simulation", "worlds"} | VALUES,
     "services": MIDDLE | VALUES,
-    "app": MIDDLE | VALUES | {"services", "settings"},
+    "app": MIDDLE | VALUES | {"importers", "services", "settings"},
     "testing": MIDDLE | VALUES | {"app", "options", "services", "settings"},
     "validation": MIDDLE | VALUES | {"app", "cli", "settings", "testing"},
     "cli": MIDDLE

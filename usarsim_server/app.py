@@ -152,7 +152,7 @@ def assemble(settings: Settings) -> Assembly:
         WorldError: if the world cannot be used.
         RobotDescriptionError: if a robot file cannot be used.
     """
-    world = load_world(find_world(settings.world))
+    world = load_world(_world_folder(settings.world))
     roster = load_roster(settings.robots)
     simulation = Simulation(
         lambda: build_scene(world),
@@ -176,7 +176,8 @@ def assemble(settings: Settings) -> Assembly:
     objects = WorldObjects(catalog, simulation, world.lower, world.upper)
     classes = load_avatars([folder / avatar_classes.SHEET for folder in (shipped, world.folder)])
     avatars = Avatars(classes, simulation)
-    fleet.call_things(lambda body: objects.label(body) or avatars.label(body))
+    fleet.call_things(lambda body: objects.label(body) or avatars.label(body), objects.number)
+    surroundings.watch(avatars.passers)
     studio = Studio(simulation, board, _studio_options(settings, world), fleet.lit)
     _add_spectators(settings, world, simulation, board)
     assembly = Assembly(
@@ -211,6 +212,22 @@ def assemble(settings: Settings) -> Assembly:
     radio = RadioWorld(stations, obstacles, lambda: simulation.snapshot.time, settings.speed)
     services += _wireless_services(settings, radio, ground_truth)
     return replace(assembly, services=tuple(services))
+
+
+def _world_folder(named: str) -> Path:
+    """The folder of a world; a map of another program is imported first, or remembered.
+
+    Raises:
+        WorldError: there is no such world, or the map cannot be imported.
+    """
+    path = Path(named).expanduser()
+    if not path.is_file():
+        return find_world(named)
+    from usarsim_server.importers.convert import Request, import_map
+    from usarsim_server.importers.progress import ProgressBar
+
+    with ProgressBar() as bar:
+        return import_map(Request(path), bar).folder
 
 
 def run(settings: Settings) -> int:

@@ -278,9 +278,9 @@ def _switch_option(key: str, help: str) -> Option:
 OPTIONS: tuple[Option, ...] = (
     Option(
         "world",
-        "the name of a world (see `usarsim worlds`) or the path of a world folder",
+        "the name of a world (see `usarsim worlds`), the path of a world folder, or of a map",
         _world,
-        "world to simulate, a name or a folder",
+        "world to simulate: a name, a folder, or a map to import",
         "NAME|PATH",
         text=True,
     ),

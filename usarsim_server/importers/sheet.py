@@ -96,7 +96,9 @@ def _value(value: object) -> str:
     if isinstance(value, int):
         return str(value)
     if isinstance(value, Mapping):
-        inner = ", ".join(f"{json.dumps(str(k))} = {_value(v)}" for k, v in value.items())
+        inner = ", ".join(
+            f"{json.dumps(str(k))} = {_value(v)}" for k, v in value.items() if v is not None
+        )
         return "{ " + inner + " }" if inner else "{}"
     if isinstance(value, Sequence):
         return "[" + ", ".join(_value(item) for item in value) + "]"

@@ -19,7 +19,6 @@ from usarsim_server.importers.scene import (
     Brush,
     Collision,
     Light,
-    LightKind,
     Material,
     Mesh,
     Part,
@@ -31,6 +30,7 @@ from usarsim_server.importers.scene import (
     Victim,
 )
 from usarsim_server.importers.t3d_brush import actor_matrix, brush_of, polygons_of
+from usarsim_server.importers.t3d_light import light_of
 from usarsim_server.importers.t3d_mesh import mesh_of_block
 from usarsim_server.importers.t3d_text import (
     Block,
@@ -38,7 +38,6 @@ from usarsim_server.importers.t3d_text import (
     parse,
     reference,
     rotator,
-    value_of,
     vector,
 )
 from usarsim_server.importers.units import (
@@ -372,44 +371,3 @@ def _overrides(owner: Block) -> dict[int, str]:
             if slot.isdigit() and path and int(slot) < 1000:
                 found[int(slot)] = path
     return found
-
-
-def light_of(name: str, kind: str, pose: Pose, owners: list[Block], scale: float) -> Light:
-    """A light from an actor and its components: UE3's values, or UE1's hue and brightness."""
-    radius = brightness = 0.0
-    color = (1.0, 1.0, 1.0)
-    for owner in owners:
-        radius = owner.number("radius", owner.number("lightradius", 0.0) * 25.0) or radius
-        brightness = owner.number("brightness", owner.number("lightbrightness", 0.0) / 64.0) or (
-            brightness
-        )
-        color = _color(owner) or color
-    shape = LightKind.POINT
-    if "directional" in kind or "sunlight" in kind:
-        shape = LightKind.DIRECTIONAL
-    elif "spot" in kind:
-        shape = LightKind.SPOT
-    elif "sky" in kind:
-        shape = LightKind.AMBIENT
-    return Light(
-        name=name,
-        kind=shape,
-        position=pose.position,
-        direction=pose.rotate((1.0, 0.0, 0.0)),
-        color=color,
-        brightness=brightness or 1.0,
-        reach=(radius or 1024.0) / scale if shape in (LightKind.POINT, LightKind.SPOT) else 0.0,
-        cone=next((o.number("outerconeangle", 0.0) for o in reversed(owners)), 0.0) or 44.0,
-    )
-
-
-def _color(owner: Block) -> tuple[float, float, float] | None:
-    value = value_of(owner.properties.get("lightcolor", ""))
-    if isinstance(value, str) or not value:
-        return None
-    parts = []
-    for key in "rgb":
-        member = value.get(key, "0")
-        text = member.strip() if isinstance(member, str) else "0"
-        parts.append(min(255.0, max(0.0, float(text) if text.isdigit() else 0.0)) / 255.0)
-    return parts[0], parts[1], parts[2]

@@ -1,0 +1,136 @@
+"""Imported worlds are kept, under a key made of everything that went into them.
+
+A key covers the bytes of the map and of its sidecar, the options, the listing of asset folders
+and the version of this program; an entry also names every other file that was read, with size and
+time of change (items 67, 68).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from usarsim_server import __version__
+from usarsim_server.errors import MapImportError, at
+from usarsim_server.importers.files import MAX_INDEXED, read_bytes
+from usarsim_server.importers.reader import ImportOptions
+
+__all__ = ["ImportCache", "default_cache"]
+
+FORMAT = 1
+"""Raise it when the same map would give another world."""
+
+KEPT = 32
+"""Imported worlds that are kept; older ones go."""
+
+RECORD = "import.json"
+
+
+def default_cache() -> Path:
+    """`$XDG_CACHE_HOME/usarsim/imports`, by default below `~/.cache`."""
+    root = os.environ.get("XDG_CACHE_HOME")
+    with contextlib.suppress(RuntimeError):
+        return Path(root or Path.home() / ".cache") / "usarsim" / "imports"
+    return Path(tempfile.gettempdir()) / f"usarsim-{os.getuid()}" / "imports"
+
+
+class ImportCache:
+    """Folders `<root>/<key>/<name>`, each a whole world with its record."""
+
+    def __init__(self, root: Path) -> None:
+        self._root = root
+
+    def key(self, source: Path, sidecar: Path | None, options: ImportOptions, name: str) -> str:
+        """The key of an import.
+
+        Raises:
+            MapImportError: a file cannot be read.
+        """
+        digest = hashlib.sha256()
+        said = [__version__, FORMAT, str(source), name, options.scale, options.up]
+        said += [options.mirror, options.placeholders]
+        digest.update(json.dumps(said).encode())
+        for path in (source, sidecar):
+            digest.update(b"\0" if path is None else hashlib.sha256(read_bytes(path)).digest())
+        for folder in options.assets:
+            for line in _listing(folder):
+                digest.update(line.encode(errors="replace"))
+        return digest.hexdigest()[:32]
+
+    def find(self, key: str, name: str) -> tuple[Path, dict[str, Any]] | None:
+        """The folder and the record of an entry that is still true, else None."""
+        folder = self._root / key / name
+        try:
+            record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+            if all(_stamp(Path(path)) == stamp for path, stamp in record["files"].items()):
+                os.utime(folder.parent)
+                return folder, record
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            pass
+        return None
+
+    @contextlib.contextmanager
+    def building(self, source: Path) -> Any:
+        """A fresh folder to build in, next to the entries; gone afterwards.
+
+        Raises:
+            MapImportError: the cache cannot be written.
+        """
+        try:
+            self._root.mkdir(parents=True, exist_ok=True)
+            workshop = Path(tempfile.mkdtemp(prefix=".new-", dir=self._root))
+        except OSError as error:
+            cure = "set XDG_CACHE_HOME to a folder that can be written"
+            problem = f"the cache {self._root} cannot be written: {error.strerror}"
+            raise MapImportError(at(source, problem, cure)) from error
+        try:
+            yield workshop
+        finally:
+            shutil.rmtree(workshop, ignore_errors=True)
+
+    def store(self, key: str, built: Path, record: dict[str, Any], files: Iterable[Path]) -> Path:
+        """Make a built folder an entry; returns where it is now."""
+        record = {**record, "files": {str(path): _stamp(path) for path in files}}
+        text = json.dumps(record, indent=1, default=str)
+        (built / RECORD).write_text(text + "\n", encoding="utf-8")
+        place = self._root / key
+        shutil.rmtree(place, ignore_errors=True)
+        place.mkdir(parents=True)
+        os.replace(built, place / built.name)
+        self._prune()
+        return place / built.name
+
+    def _prune(self) -> None:
+        entries = [path for path in self._root.iterdir() if not path.name.startswith(".")]
+        by_age = sorted(entries, key=lambda path: path.stat().st_mtime, reverse=True)
+        for path in by_age[KEPT:]:
+            shutil.rmtree(path, ignore_errors=True)
+
+
+def _stamp(path: Path) -> list[int]:
+    """Size and time of change; zeros for what is not there."""
+    try:
+        found = path.stat()
+    except OSError:
+        return [0, 0]
+    return [found.st_size, found.st_mtime_ns]
+
+
+def _listing(folder: Path) -> Iterable[str]:
+    """Every file below a folder with its stamp."""
+    count = 0
+    for parent, folders, files in os.walk(folder):
+        folders.sort()
+        for name in sorted(files):
+            count += 1
+            if count > MAX_INDEXED:
+                return
+            path = Path(parent, name)
+            yield f"{path}{_stamp(path)}\n"

@@ -1,0 +1,171 @@
+"""One import from end to end: find the reader, merge the sidecar, build, report, remember."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from usarsim_server import __version__
+from usarsim_server.errors import MapImportError, at
+from usarsim_server.importers.builder import build
+from usarsim_server.importers.cache import RECORD, ImportCache, default_cache
+from usarsim_server.importers.findings import Findings
+from usarsim_server.importers.names import safe
+from usarsim_server.importers.reader import Context, ImportOptions, find_reader, read_scene
+from usarsim_server.importers.report import Report, make_report
+from usarsim_server.importers.sidecar import find_sidecar, load_sidecar
+from usarsim_server.worlds.loader import SHEET
+
+__all__ = ["Imported", "Request", "import_map"]
+
+
+def _quiet(step: str, part: float) -> None:
+    """Nobody watches."""
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What to import and how.
+
+    Attributes:
+        source: the map.
+        out: folder in which the world folder is made; None: it stays in the cache.
+        name: of the world; None: the file's.
+        options: for the reader.
+        sidecar: file that adds and overrides; None: the one beside the map, if there is one.
+        cache: folder of finished imports.
+        fresh: import even if the cache has it.
+    """
+
+    source: Path
+    out: Path | None = None
+    name: str | None = None
+    options: ImportOptions = field(default_factory=ImportOptions)
+    sidecar: Path | None = None
+    cache: Path = field(default_factory=default_cache)
+    fresh: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Imported:
+    """The result.
+
+    Attributes:
+        folder: a world folder.
+        report: about the import, even if it was made earlier.
+        cached: nothing had to be done.
+    """
+
+    folder: Path
+    report: Report
+    cached: bool
+
+
+def import_map(request: Request, progress: Callable[[str, float], None] = _quiet) -> Imported:
+    """Turn a map into a world folder.
+
+    Args:
+        request: what and how.
+        progress: told what is being done and the part of it that is done; may raise to stop.
+
+    Raises:
+        MapImportError: naming file, place and cure; what was there before is left alone.
+    """
+    source = request.source.expanduser().resolve()
+    reader = find_reader(source)
+    name = safe(request.name or source.stem)
+    target = None if request.out is None else _target(source, request.out, name)
+    sidecar_path = find_sidecar(source, request.sidecar)
+    sidecar = None if sidecar_path is None else load_sidecar(sidecar_path)
+    options = request.options if sidecar is None else sidecar.options(request.options)
+    for folder in options.assets:
+        if not folder.is_dir():
+            raise MapImportError(at(folder, "no such folder", "check --assets"))
+    cache = ImportCache(request.cache)
+    key = cache.key(source, sidecar_path, options, name)
+    found = None if request.fresh else cache.find(key, name)
+    if found is not None:
+        folder, record = found
+        remembered = _report(record)
+        if remembered is not None:
+            return Imported(_deliver(folder, target), remembered, cached=True)
+    findings, began = Findings(), time.monotonic()
+    scene = read_scene(source, Context(options, findings, progress))
+    if sidecar is not None:
+        scene = sidecar.apply(scene, findings)
+    with cache.building(source) as workshop:
+        place = workshop / name
+        place.mkdir()
+        origin = _origin(source, options, reader.title)
+        try:
+            built = build(scene, place, findings, progress, origin)
+        except OSError as error:
+            cure = "free some space, or set XDG_CACHE_HOME to another disk"
+            problem = f"cannot be written: {error.strerror}"
+            raise MapImportError(at(error.filename or place, problem, cure)) from error
+        report = make_report(scene, built, findings, time.monotonic() - began)
+        files = {*scene.source.files, source}
+        if sidecar_path is not None:
+            files.add(sidecar_path)
+        folder = cache.store(key, place, {"report": report.data()}, sorted(files))
+    return Imported(_deliver(folder, target), report, cached=False)
+
+
+def _origin(source: Path, options: ImportOptions, title: str) -> dict[str, object]:
+    return {
+        "source": source.name,
+        "format": title,
+        "version": __version__,
+        "scale": options.scale,
+        "up": options.up,
+        "mirror": options.mirror,
+    }
+
+
+def _target(source: Path, out: Path, name: str) -> Path:
+    """The folder to write; refused if it holds something that no import made."""
+    target = out.expanduser() / name
+    if target.exists() and not (target / RECORD).is_file() and any(_entries(target)):
+        cure = "give another --out or --name; only imported worlds are replaced"
+        raise MapImportError(at(target, "there is something here already", cure))
+    if target.resolve() == source.resolve():
+        raise MapImportError(at(target, "this is the map itself", "give another --out"))
+    return target
+
+
+def _entries(path: Path) -> list[Path]:
+    return list(path.iterdir()) if path.is_dir() else [path]
+
+
+def _deliver(folder: Path, target: Path | None) -> Path:
+    """Copy a world out of the cache if somebody wants it elsewhere."""
+    if target is None:
+        return folder
+    fresh = target.with_name(f".{target.name}.new")
+    try:
+        shutil.rmtree(fresh, ignore_errors=True)
+        shutil.copytree(folder, fresh)
+        shutil.rmtree(target, ignore_errors=True)
+        fresh.rename(target)
+    except OSError as error:
+        problem = f"cannot be written: {error.strerror}"
+        raise MapImportError(at(target, problem, "give another --out")) from error
+    assert (target / SHEET).is_file()
+    return target
+
+
+def _report(record: dict[str, Any]) -> Report | None:
+    """The report in a record; None if somebody has changed it."""
+    try:
+        data = dict(record["report"])
+        for key in ("extents", "lower", "upper", "transparent"):
+            data[key] = tuple(data[key])
+        for key in ("starts", "missing", "warnings"):
+            data[key] = tuple(tuple(row) for row in data[key])
+        return Report(**data)
+    except (KeyError, TypeError, ValueError):
+        return None
