@@ -289,6 +289,24 @@ class TestOldClients:
             assert hasty.silent_for(0.3)
             hasty.close()
 
+    def test_client_whose_view_is_bound(self) -> None:
+        """Side channels 2.11: SET Camera Client makes one camera the whole picture of a client."""
+        with ServerProcess("--world", WORLD, "--image-port", "0") as server:
+            controller = server.client()
+            controller.send(f"INIT {{ClassName P3AT}} {{Name Scout}} {{Start {STARTS[0]}}}")
+            controller.wait_for("STA")
+            asker = Asker(server)
+            assert decoded(asker.ask()[1]).shape == (960, 1280, 3)
+            camera = "{Type Camera} {Robot Scout} {Name Camera}"
+            controller.send(f"SET {camera} {{Client 127.0.0.1}}\r\nGETCONF {{Type Camera}}")
+            controller.wait_for("CONF {Type Camera}")
+            assert decoded(asker.ask()[1]).shape == (240, 320, 3)
+            controller.send("SET {Type Camera} {Client 127.0.0.1}\r\nGETCONF {Type Camera}")
+            controller.wait_for("CONF {Type Camera}")
+            assert decoded(asker.ask()[1]).shape == (960, 1280, 3)
+            asker.close()
+            controller.close()
+
     def test_taken_port_is_a_warning(self) -> None:
         """Side channels 2.7: with the default port taken the server goes on without images."""
         with contextlib.ExitStack() as stack:
