@@ -12,6 +12,7 @@ from usarsim_tools.bench.groundtruth import measure_ground_truth
 from usarsim_tools.bench.latency import measure_latency
 from usarsim_tools.bench.machine import describe_machine
 from usarsim_tools.bench.memory import measure_memory
+from usarsim_tools.bench.relay import measure_relay
 from usarsim_tools.bench.sensors import measure_sensors
 from usarsim_tools.bench.spawn import measure_spawn
 from usarsim_tools.bench.stepping import measure_stepping
@@ -30,6 +31,7 @@ MEASUREMENTS: Mapping[str, tuple[Measurement, str]] = {
     "sensors": (measure_sensors, "real time with a robot's every sensor, and with fast lasers"),
     "cameras": (measure_cameras, "pictures of a team's cameras, and what they cost"),
     "groundtruth": (measure_ground_truth, "answers to the wireless simulation, and their cost"),
+    "relay": (measure_relay, "what radio links carry, beside a plain proxy, and under a team"),
     "stepping": (measure_stepping, "the step loop against MuJoCo alone"),
 }
 """Function and one line of help of each, in the order in which `all` takes them."""

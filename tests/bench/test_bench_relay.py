@@ -1,0 +1,111 @@
+"""The measurement of radio links counts what really arrives."""
+
+from __future__ import annotations
+
+import json
+import math
+import socket
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from usarsim_server.cli import main
+from usarsim_tools.bench import relay
+from usarsim_tools.bench.errors import BenchError
+from usarsim_tools.bench.relay import Radio, Traffic, round_trips, throughput
+
+
+def pair() -> tuple[socket.socket, socket.socket]:
+    """Two connected TCP sockets."""
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        mine = socket.create_connection(listening.getsockname(), timeout=5.0)
+        theirs, _ = listening.accept()
+    theirs.settimeout(5.0)
+    return mine, theirs
+
+
+def test_throughput_counts_what_arrives() -> None:
+    """A receiver's figure is positive, and the stream is read to its end."""
+    mine, theirs = pair()
+    with mine, theirs:
+        assert throughput(mine, theirs, 0.1) > 1e6
+        assert theirs.recv(1) == b""
+
+
+def test_round_trips_include_the_way() -> None:
+    """A link that holds messages back for 20 ms one way shows it."""
+    mine, there = pair()
+    back, theirs = pair()
+
+    def pass_on(source: socket.socket, target: socket.socket, delay: float) -> None:
+        while data := source.recv(1000):
+            time.sleep(delay)
+            target.sendall(data)
+
+    for ends in ((there, back, 0.02), (back, there, 0.0)):
+        threading.Thread(target=pass_on, args=ends, daemon=True).start()
+    taken = round_trips(mine, theirs, 3)
+    assert len(taken) == 3
+    assert min(taken) >= 0.02
+    for one in (mine, there, back, theirs):
+        one.close()
+
+
+def test_traffic_is_even_and_counted() -> None:
+    """Every tick each link carries its share, and all of it is missed if it does not arrive."""
+    links = [pair() for _ in range(3)]
+    with Traffic(links, 20_000) as traffic:
+        time.sleep(0.3)
+        traffic.finish()
+    assert traffic.sent == traffic.received
+    assert traffic.sent % 3000 == 0
+    assert 3000 <= traffic.sent <= 3000 * 8
+    assert len(traffic.delays) == traffic.sent // 1000
+    assert all(delay >= 0.0 for delay in traffic.delays)
+    for ends in links:
+        for end in ends:
+            end.close()
+
+
+def test_a_lost_link_is_told() -> None:
+    """A base that loses its link fails the measurement."""
+    mine, theirs = pair()
+    mine.shutdown(socket.SHUT_WR)
+    traffic = Traffic([(mine, theirs)], 1000)
+    traffic._thread.join(5.0)
+    with pytest.raises(BenchError, match="was lost"):
+        traffic.finish()
+    mine.close()
+    theirs.close()
+
+
+def test_a_refused_registration_is_told() -> None:
+    """What the server says instead of OK is in the error."""
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+
+        def refuse() -> None:
+            client, _ = listening.accept()
+            with client:
+                client.recv(1000)
+                client.sendall(b"ERROR {Reason Robot.Alread.Exists}\r\n")
+
+        threading.Thread(target=refuse, daemon=True).start()
+        with pytest.raises(BenchError, match=r"Robot\.Alread\.Exists"):
+            Radio(listening.getsockname()[1], "A")
+
+
+def test_the_whole_measurement(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two robots and a base: all figures are there and finite, and the data arrived."""
+    monkeypatch.setattr(relay, "SETTLE", 0.3)
+    monkeypatch.setattr(relay, "PINGS", 5)
+    file = tmp_path / "relay.json"
+    words = ["--robots", "2", "--seconds", "1.2", "--world", "empty", "--json", str(file)]
+    assert main(["bench", "relay", *words]) == 0
+    (section,) = json.loads(file.read_text())["sections"]
+    figures = {figure["name"]: figure["value"] for figure in section["figures"]}
+    assert all(math.isfinite(value) for value in figures.values())
+    assert figures["Part that arrived"] == 1.0
+    assert figures["Throughput of one link"] > 1.0
+    assert figures["Data carried"] > 50.0
