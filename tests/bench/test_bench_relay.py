@@ -44,13 +44,21 @@ def test_round_trips_include_the_way() -> None:
             time.sleep(delay)
             target.sendall(data)
 
-    for ends in ((there, back, 0.02), (back, there, 0.0)):
-        threading.Thread(target=pass_on, args=ends, daemon=True).start()
+    ways = [
+        threading.Thread(target=pass_on, args=ends, daemon=True)
+        for ends in ((there, back, 0.02), (back, there, 0.0))
+    ]
+    for way in ways:
+        way.start()
     taken = round_trips(mine, theirs, 3)
     assert len(taken) == 3
     assert min(taken) >= 0.02
-    for one in (mine, there, back, theirs):
-        one.close()
+    mine.close()
+    theirs.close()
+    for way in ways:
+        way.join(5.0)
+    there.close()
+    back.close()
 
 
 def test_traffic_is_even_and_counted() -> None:
