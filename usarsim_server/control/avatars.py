@@ -15,7 +15,8 @@ from usarsim_server.simulation.movers import Way
 from usarsim_server.simulation.simulation import Listener, Simulation
 from usarsim_server.simulation.snapshot import RobotBody, Snapshot
 from usarsim_server.worlds.avatar_classes import AvatarClass
-from usarsim_server.worlds.avatar_models import avatar_model
+from usarsim_server.worlds.avatar_models import ADULT, CHEST, HEAD, avatar_model
+from usarsim_server.worlds.surroundings import Passer
 
 __all__ = ["Avatar", "Avatars"]
 
@@ -102,6 +103,21 @@ class Avatars:
         snapshot = snapshot or self._simulation.look()
         states = ((one, one.state(snapshot)) for one in avatars)
         return [(one, state.pose) for one, state in states if state is not None]
+
+    def passers(self, snapshot: Snapshot) -> list[Passer]:
+        """Everybody in a snapshot, in the order of their coming, as sensors notice them."""
+        with self._lock:
+            avatars = tuple(self._avatars.values())
+        found = []
+        for one in avatars:
+            state = one.state(snapshot)
+            if state is not None:
+                scale = one.kind.height / ADULT
+                chest, head = (
+                    (state.pose @ Pose((0.0, 0.0, scale * rise))).position for rise in (CHEST, HEAD)
+                )
+                found.append(Passer(one.body, chest, head))
+        return found
 
     def label(self, body: int) -> str | None:
         """Name of the avatar with a number in the simulation; None if it is none of them."""

@@ -83,6 +83,11 @@ class WorldObjects:
         objects = tuple(self._objects.values())
         return next((one.name for one in objects if one.body == body), None)
 
+    def number(self, name: str) -> int | None:
+        """Number in the simulation of the object of a name; None if there is none."""
+        one = self.find(name)
+        return None if one is None else one.body
+
     # -- coming and going --------------------------------------------------------------------
 
     def create(self, wish: Creation, owner: object) -> WorldObject:

@@ -137,6 +137,7 @@ class Fleet:
         self._vehicles: dict[int, Vehicle] = {}
         self._names: set[str] = set()
         self._label_of_thing: Callable[[int], str | None] = _nameless
+        self._number_of_thing: Callable[[str], int | None] = _unknown
         self._order = 0
 
     @property
@@ -198,10 +199,13 @@ class Fleet:
         """Facts at a snapshot about what a ray hit; a robot bears its label. None: no such thing.
 
         Args:
-            name: as in `RayHits.names`.
+            name: as in `RayHits.names`, or what a world controller calls an object.
             snapshot: the instant.
         """
         facts = self._simulation.object_facts(name, snapshot)
+        if facts is None:
+            number = self._number_of_thing(name)
+            facts = None if number is None else self._simulation.object_facts(number, snapshot)
         if facts is None or facts.robot is None:
             return facts
         with self._lock:
@@ -209,9 +213,16 @@ class Fleet:
         label = vehicle.name if vehicle else self._label_of_thing(facts.robot)
         return facts if label is None else replace(facts, name=label)
 
-    def call_things(self, label: Callable[[int], str | None]) -> None:
-        """Have facts about what is no robot name it, by its number in the simulation."""
-        self._label_of_thing = label
+    def call_things(
+        self, label: Callable[[int], str | None], number: Callable[[str], int | None]
+    ) -> None:
+        """Have facts about what is no robot name it, and found by its name.
+
+        Args:
+            label: its name, by its number in the simulation.
+            number: the other way round.
+        """
+        self._label_of_thing, self._number_of_thing = label, number
 
     def find(self, name: str) -> Vehicle | None:
         """The vehicle with a label, whatever its case; None if there is none."""
@@ -296,6 +307,10 @@ class Fleet:
                 model = robot_model(description)
                 self._models[description.model] = model
             return model
+
+
+def _unknown(name: str) -> int | None:
+    return None
 
 
 def _nameless(number: int) -> str | None:

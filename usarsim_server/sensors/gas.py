@@ -24,7 +24,7 @@ NEAREST = 0.2
 class Co2Sensor(Sensor):
     """Carbon dioxide above the ambient air, percent by volume.
 
-    The contributions of all breathing victims add up, each falling with the square of the
+    The contributions of all who breathe, victims and avatars, add up, each falling with the square of the
     distance; walls do not matter. Parameters: `noise` (standard deviation), `ambient`.
     """
 
@@ -37,15 +37,17 @@ class Co2Sensor(Sensor):
         self.noise = self.parameters.number("noise", 0.0, minimum=0.0)
         self.ambient = self.parameters.number("ambient", 0.0, minimum=0.0, maximum=100.0)
         self._rng = context.rng
-        self._victims = [victim for victim in context.life.victims if victim.traits.co2 > 0.0]
+        self._life = context.life
+        self._victims = [victim for victim in self._life.victims if victim.traits.co2 > 0.0]
         self.density = 0.0
 
     def measure(self, robot: RobotState, hits: Sequence[RayHits]) -> bool:
         """Keep the density at the sensor."""
         here = self.world_pose(robot).position
+        mouths = [(one.traits.co2, one.head(robot.time)) for one in self._victims]
+        mouths += [(one.co2, one.head) for one in self._life.passers(robot.snapshot)]
         density = self.ambient + sum(
-            victim.traits.co2 / max(math.dist(victim.head(robot.time), here), NEAREST) ** 2
-            for victim in self._victims
+            co2 / max(math.dist(head, here), NEAREST) ** 2 for co2, head in mouths
         )
         if self.noise > 0.0:
             density += self.noise * self._rng.standard_normal()

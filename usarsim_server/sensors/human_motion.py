@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import ClassVar
 
 from usarsim_server.protocol.numbers import fixed
@@ -23,12 +24,22 @@ from usarsim_server.simulation.snapshot import RobotState
 __all__ = ["HumanMotionSensor", "within_cone"]
 
 
+@dataclass(frozen=True, slots=True)
+class _Mover:
+    """Somebody who moves: name of a victim, or number of an avatar; place (m) and speed (m/s)."""
+
+    who: str | int
+    place: Vector
+    speed: float
+
+
 @register("HumanMotion", "HumanMotionSensor")
 class HumanMotionSensor(Sensor):
     """Probability that somebody moves in the field of view; 0 if nobody does.
 
     It falls linearly from 1 at the sensor to 0 at `max_range`, and with the speed below
-    `full_speed`. Walls hide people. Of several victims the likeliest counts.
+    `full_speed`. Walls hide people. Of several people the likeliest counts. Victims and avatars
+    are people; an avatar's speed is that since the last reading.
 
     Parameters: `max_range` (m), `fov` (rad, full cone), `full_speed` (m/s).
     """
@@ -43,30 +54,35 @@ class HumanMotionSensor(Sensor):
         self.max_range = read.number("max_range", 5.0, above=0.0)
         self.fov = read.number("fov", math.radians(100.0), above=0.0, maximum=math.tau)
         self.full_speed = read.number("full_speed", 0.3, above=0.0)
-        self._victims = [victim for victim in context.life.victims if victim.moves]
-        self._moving: list[tuple[str, Vector, float]] = []
+        self._life = context.life
+        self._objects = context.objects
+        self._victims = [victim for victim in self._life.victims if victim.moves]
+        self._before: dict[int, tuple[float, Vector]] = {}
+        self._moving: list[_Mover] = []
         self.probability = 0.0
 
     def rays(self, robot: RobotState) -> Sequence[RayFan]:
-        """One ray to each moving victim in range and field of view."""
+        """One ray to everybody who moves in range and field of view."""
         pose = self.world_pose(robot)
+        victims = [_Mover(one.name, *one.motion(robot.time)) for one in self._victims]
         self._moving = [
-            (victim.name, place, speed)
-            for victim, (place, speed) in ((one, one.motion(robot.time)) for one in self._victims)
-            if speed > 0.0 and within_cone(pose, place, self.fov, self.max_range)
+            one
+            for one in (*victims, *self._passers(robot))
+            if one.speed > 0.0 and within_cone(pose, one.place, self.fov, self.max_range)
         ]
-        return sight_lines(pose, [place for _, place, _ in self._moving])
+        return sight_lines(pose, [one.place for one in self._moving])
 
     def measure(self, robot: RobotState, hits: Sequence[RayHits]) -> bool:
         """Keep the highest probability."""
         pose = self.world_pose(robot)
-        names = [name for name, _, _ in self._moving]
-        seen = in_sight(pose, [place for _, place, _ in self._moving], hits, names)
+        names = [one.who if isinstance(one.who, str) else None for one in self._moving]
+        seen = in_sight(pose, [one.place for one in self._moving], hits, names)
+        met = hits[0].names if hits else ()
         self.probability = max(
             (
-                self._likeliness(math.dist(place, pose.position), speed)
-                for (_, place, speed), visible in zip(self._moving, seen, strict=True)
-                if visible
+                self._likeliness(math.dist(one.place, pose.position), one.speed)
+                for one, visible, name in zip(self._moving, seen, met or (), strict=True)
+                if visible or self._is_part(name, one, robot)
             ),
             default=0.0,
         )
@@ -75,6 +91,25 @@ class HumanMotionSensor(Sensor):
     def data(self, dialect: Dialect) -> tuple[Segment, ...]:
         """Prob, four digits."""
         return (("Prob", fixed(self.probability, 4)),)
+
+    def _passers(self, robot: RobotState) -> list[_Mover]:
+        """Avatars, by how far they came since the last reading."""
+        before, self._before = self._before, {}
+        found = []
+        for one in self._life.passers(robot.snapshot):
+            since, place = before.get(one.number, (robot.time, one.chest))
+            passed = robot.time - since
+            speed = math.dist(place, one.chest) / passed if passed > 0.0 else 0.0
+            found.append(_Mover(one.number, one.chest, speed))
+            self._before[one.number] = robot.time, one.chest
+        return found
+
+    def _is_part(self, name: str | None, one: _Mover, robot: RobotState) -> bool:
+        """Whether an avatar's own arm is what a ray to his chest met."""
+        if name is None or isinstance(one.who, str):
+            return False
+        facts = self._objects(name, robot.snapshot)
+        return facts is not None and facts.robot == one.who
 
     def _likeliness(self, distance: float, speed: float) -> float:
         return (1.0 - distance / self.max_range) * min(1.0, speed / self.full_speed)

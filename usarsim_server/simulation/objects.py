@@ -62,16 +62,21 @@ class Objects:
         """Name of every geom as rays report it, by geom id; one more None at the end, id -1."""
         return geom_names(self._model)
 
-    def facts(self, name: str, snapshot: Snapshot) -> ObjectFacts | None:
+    def facts(self, name: str | int, snapshot: Snapshot) -> ObjectFacts | None:
         """Facts about the object that a ray's name, or a body's name, belongs to.
 
         Args:
-            name: as in `RayHits.names`.
+            name: as in `RayHits.names`; or the number of a robot or thing in the simulation.
             snapshot: the instant; of this generation.
 
         Returns:
             None if there is no such thing, or if it is a robot that is not in the world.
         """
+        if isinstance(name, int):
+            layout = snapshot.layouts.get(name)
+            if layout is None:
+                return None
+            name = self._model.body(layout.base).name
         geom = self._geoms.get(name)
         if geom is None:
             return None

@@ -159,7 +159,7 @@ class Simulation:
         """
         return self._static.first_hit(origin, direction, reach)
 
-    def object_facts(self, name: str, snapshot: Snapshot) -> ObjectFacts | None:
+    def object_facts(self, name: str | int, snapshot: Snapshot) -> ObjectFacts | None:
         """Facts at a snapshot about the object that a ray's name belongs to (see `objects.py`)."""
         return self._slots.geometry(snapshot).objects.facts(name, snapshot)
 

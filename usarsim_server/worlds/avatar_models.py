@@ -14,13 +14,16 @@ from usarsim_server.simulation.frames import Vector
 from usarsim_server.simulation.model import RobotModel
 from usarsim_server.worlds.avatar_classes import AvatarClass
 
-__all__ = ["LIMBS", "PELVIS", "avatar_model", "joint_of"]
+__all__ = ["CHEST", "HEAD", "LIMBS", "PELVIS", "avatar_model", "joint_of"]
 
 ADULT = 1.70
 """m: height that the lengths below belong to."""
 
 PELVIS = 0.93
 """m above the ground: the reference point, as of a standing victim."""
+
+CHEST, HEAD = 0.28, 0.65
+"""m above the pelvis: middles of chest and head."""
 
 THIGH, SHIN, SOLE = 0.43, 0.41, 0.06
 """m; with the height of the hip below the pelvis they add up to `PELVIS`."""
@@ -134,11 +137,11 @@ def _fill_trunk(piece: _Piece, kind: AvatarClass) -> None:
     width = 0.88 if kind.figure == "female" else 1.0
     piece.egg((0.0, 0.0, 0.0), (0.115, 0.165, 0.12), kind.trousers)
     piece.egg((0.0, 0.0, 0.12), (0.105, 0.15 * width, 0.17), kind.shirt)
-    piece.egg((0.0, 0.0, 0.28), (0.118, 0.175 * width, 0.20), kind.shirt)
+    piece.egg((0.0, 0.0, CHEST), (0.118, 0.175 * width, 0.20), kind.shirt)
     across = 0.16 * width
     piece.limb((0.0, across, 0.425), (0.0, -across, 0.425), 0.058, kind.shirt)
     piece.limb((0.0, 0.0, 0.46), (0.0, 0.0, 0.58), 0.048, kind.skin)
-    piece.egg((0.0, 0.0, 0.65), (0.093, 0.077, 0.118), kind.skin)
+    piece.egg((0.0, 0.0, HEAD), (0.093, 0.077, 0.118), kind.skin)
     piece.egg((-0.016, 0.0, 0.678), (0.095, 0.084, 0.105), kind.hair)
     if kind.figure == "female":
         piece.egg((-0.05, 0.0, 0.58), (0.06, 0.085, 0.13), kind.hair)

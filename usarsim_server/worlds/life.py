@@ -17,6 +17,7 @@ from usarsim_server.worlds.description import FalseAlarm, Noise, RfidTag, SoundS
 from usarsim_server.worlds.tables import Table
 
 __all__ = [
+    "BREATH",
     "MAX_TAG_ID",
     "PARTS",
     "Traits",

@@ -10,13 +10,14 @@ from __future__ import annotations
 import itertools
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import mujoco
 
 from usarsim_server.simulation.frames import Pose, Vector
 from usarsim_server.simulation.movers import Mover
+from usarsim_server.simulation.snapshot import Snapshot
 from usarsim_server.worlds.description import (
     FalseAlarm,
     Noise,
@@ -24,10 +25,10 @@ from usarsim_server.worlds.description import (
     Victim,
     WorldDescription,
 )
-from usarsim_server.worlds.life import MAX_TAG_ID, Traits, traits_of
+from usarsim_server.worlds.life import BREATH, MAX_TAG_ID, Traits, traits_of
 from usarsim_server.worlds.victims import add_victim, part_of
 
-__all__ = ["BodyPart", "LiveVictim", "Sound", "Surroundings", "beginnings"]
+__all__ = ["BodyPart", "LiveVictim", "Passer", "Sound", "Surroundings", "beginnings"]
 
 MAX_TAGS = 10_000
 """Tags that a world can hold; more cannot be dropped."""
@@ -48,6 +49,22 @@ class BodyPart:
     name: str
     side: str
     position: Vector
+
+
+@dataclass(frozen=True, slots=True)
+class Passer:
+    """Somebody who is no victim but walks about, at an instant.
+
+    Attributes:
+        number: in the simulation.
+        chest, head: places, m.
+        co2: percent by volume that the breath adds 1 m away.
+    """
+
+    number: int
+    chest: Vector
+    head: Vector
+    co2: float = BREATH
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,6 +204,17 @@ class Surroundings:
             for victim in self.victims
             if victim.traits.voice is not None
         ]
+        self._passers: Callable[[Snapshot], Sequence[Passer]] = _nobody
+
+    # -- people who are no victims -----------------------------------------------------------
+
+    def watch(self, passers: Callable[[Snapshot], Sequence[Passer]]) -> None:
+        """Have sensors notice further people; `passers` may be called by any thread."""
+        self._passers = passers
+
+    def passers(self, snapshot: Snapshot) -> Sequence[Passer]:
+        """Everybody who walks about and is no victim, at an instant, in a fixed order."""
+        return self._passers(snapshot)
 
     # -- sounds ------------------------------------------------------------------------------
 
@@ -257,6 +285,10 @@ def beginnings(noise: Noise, after: float, until: float) -> list[float]:
     first = max(0, math.floor((after - noise.delay) / noise.period) + 1)
     last = math.floor((until - noise.delay) / noise.period)
     return [noise.delay + noise.period * turn for turn in range(first, last + 1)]
+
+
+def _nobody(snapshot: Snapshot) -> Sequence[Passer]:
+    return ()
 
 
 def _fixed(position: Vector) -> Callable[[float], Vector]:
