@@ -34,11 +34,14 @@ class RobotFile:
         description: the robot itself.
         aliases: further class names for it, which clients get back as they are spelled here.
         alias_patterns: shell patterns of class names; clients get their own spelling back.
+        exact_aliases: further names that mean this robot only in exactly this spelling, whatever
+            else they mean in another one.
     """
 
     description: RobotDescription
     aliases: tuple[str, ...] = ()
     alias_patterns: tuple[str, ...] = ()
+    exact_aliases: tuple[str, ...] = ()
 
 
 def load_robot(path: Path) -> RobotDescription:
@@ -138,6 +141,7 @@ def _read(path: Path, find_parent: ParentFinder) -> RobotFile:
         _robot(reader, path, name, parent),
         _class_names(reader, "aliases"),
         reader.texts("alias_patterns"),
+        _class_names(reader, "exact_aliases"),
     )
     reader.finish()
     return file

@@ -46,20 +46,27 @@ class Roster:
             key: replace(classes[class_name], name=name)
             for key, (name, class_name) in names.items()
         }
+        self._exact = {
+            name: replace(classes[file.description.name.lower()], name=name)
+            for layer in layers
+            for file in layer
+            for name in file.exact_aliases
+        }
         self._patterns = [(pattern, classes[class_name]) for pattern, class_name in patterns]
 
     def find(self, class_name: str) -> RobotDescription | None:
         """The robot that a client means, None if there is none.
 
         Args:
-            class_name: as sent; a package before the last point does not matter, nor does case.
+            class_name: as sent; a package before the last point does not matter, nor, as a rule,
+                does case.
 
         Returns:
             The robot under its own name, under the name of the alias, or, if a pattern matched,
             under the client's own spelling.
         """
         wanted = class_name.strip().rpartition(".")[2]
-        found = self._names.get(wanted.lower())
+        found = self._exact.get(wanted) or self._names.get(wanted.lower())
         if found is not None:
             return found
         for pattern, robot in self._patterns:
