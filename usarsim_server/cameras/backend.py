@@ -5,17 +5,29 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.cameras.stage import Stage
 from usarsim_server.cameras.viewpoint import Eye
 
-__all__ = ["NEAR", "Backend", "Quality", "Shot", "Wanted"]
+__all__ = ["NEAR", "SKY", "Backend", "Quality", "Shot", "Wanted", "far_plane"]
 
 NEAR = 0.02
 """m from a camera at which pictures begin: in front of the housing it sits in. The original's near
 plane was 0.12 m away (robots reference 2.7), through which a camera on a bumper sees into walls."""
+
+SKY = 0.6
+"""Part of the far plane's distance within which things are seen. MuJoCo draws the sky itself as a
+faceted ball of about 0.7, and it covers whatever is beyond."""
+_MIN_FAR = 100.0
+"""m to the far plane at least."""
+
+
+def far_plane(model: mujoco.MjModel) -> float:
+    """Distance (m) of the far plane in the scene of a model."""
+    return max(_MIN_FAR, float(model.vis.map.zfar) * float(model.stat.extent))
 
 
 @dataclass(frozen=True, slots=True)

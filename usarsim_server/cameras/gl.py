@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.cameras.backend import NEAR, Quality, Shot, Wanted
+from usarsim_server.cameras.backend import NEAR, SKY, Quality, Shot, Wanted, far_plane
 from usarsim_server.cameras.stage import Stage
 from usarsim_server.cameras.viewpoint import Eye
 
@@ -22,14 +22,8 @@ __all__ = ["GlBackend"]
 
 SIZES_KEPT = 4
 """Sizes of pictures for which arrays are kept."""
-MIN_FAR = 100.0
-"""m that can be seen at least."""
 SLICES, STACKS, QUADS = 12, 6, 1
 """How finely round shapes are drawn, and flat ones divided."""
-SKY = 0.6
-"""Part of the farthest distance within which things are seen; MuJoCo draws the sky itself as a
-faceted ball of about 0.7, and it covers whatever is beyond."""
-
 _FLAGS = mujoco.mjtRndFlag
 
 
@@ -148,7 +142,7 @@ class GlBackend:
             camera.pos, camera.forward, camera.up = eye.pose.position, turn[:, 0], turn[:, 2]
             camera.frustum_center, camera.frustum_width = 0.0, half_width
             camera.frustum_bottom, camera.frustum_top = -half_height, half_height
-            camera.frustum_near, camera.frustum_far = NEAR, _far(model)
+            camera.frustum_near, camera.frustum_far = NEAR, far_plane(model)
         scene.ngeom = 0
         everything = int(mujoco.mjtCatBit.mjCAT_ALL)
         mujoco.mjv_addGeoms(model, stage.data, self._option, _NO_HAND, everything, scene)
@@ -156,7 +150,7 @@ class GlBackend:
 
     def _metres(self, stage: Stage, buffers: _Buffers) -> NDArray[np.float32]:
         """Metres from the depth buffer, which holds n (f - z) / (z (f - n)), 0 at the far end."""
-        near, far = NEAR, _far(stage.model)
+        near, far = NEAR, far_plane(stage.model)
         depth, raw = buffers.depth, buffers.raw_depth[::-1]
         np.add(raw, np.float32(near / (far - near)), out=depth)
         np.divide(np.float32(near * far / (far - near)), depth, out=depth)
@@ -217,10 +211,6 @@ class _Buffers:
 
 _NO_HAND = mujoco.MjvPerturb()
 """Nobody drags things about with a mouse."""
-
-
-def _far(model: mujoco.MjModel) -> float:
-    return max(MIN_FAR, float(model.vis.map.zfar) * float(model.stat.extent))
 
 
 def _assets(model: mujoco.MjModel) -> tuple[object, ...]:

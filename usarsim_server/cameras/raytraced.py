@@ -17,7 +17,7 @@ from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
 
-from usarsim_server.cameras.backend import NEAR, Shot, Wanted
+from usarsim_server.cameras.backend import NEAR, SKY, Shot, Wanted, far_plane
 from usarsim_server.cameras.shading import Paint, light_up
 from usarsim_server.cameras.stage import Stage
 from usarsim_server.cameras.viewpoint import Eye
@@ -112,7 +112,7 @@ class RayBackend:
             canvas.meet(*_cast_plane(stage, canvas, plane, position))
         for body in self._bodies:
             self._cast_body(stage, canvas, body, position)
-        canvas.hit = np.flatnonzero(canvas.geoms >= 0)
+        canvas.end(SKY * far_plane(stage.model))
         return canvas
 
     def _cast_body(self, stage: Stage, canvas: _Canvas, body: int, position: Array) -> None:
@@ -191,6 +191,13 @@ class _Canvas:
         self.depth[chosen] = hits.depths[nearer]
         self.geoms[chosen] = hits.geoms[nearer]
         self.normals[chosen] = hits.normals[nearer]
+
+    def end(self, reach: float) -> None:
+        """What is farther away than the sky (m) is not seen."""
+        limits = np.float32(reach) / self._rays.lengths().reshape(-1)
+        beyond = self.depth > limits
+        self.depth[beyond], self.geoms[beyond] = np.inf, -1
+        self.hit = np.flatnonzero(self.geoms >= 0)
 
     def points(self, rays: NDArray[np.intp]) -> Plane:
         """Where (k, 3) some rays hit."""
