@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "usarsim_server"
 TOOLS = ROOT / "tools" / "usarsim_tools"
 
-VALUES = {"errors", "logs", "data", "plugins"}
+VALUES = {"errors", "logs", "data", "plugins", "tables"}
 MIDDLE = {
     "protocol",
     "simulation",
@@ -37,6 +37,7 @@ ROOMS: dict[str, set[str]] = {
     "logs": set(),
     "data": set(),
     "plugins": {"errors", "logs"},
+    "tables": {"errors"},
     "protocol": set(),
     "options": {"errors", "logs", "protocol"},
     "settings": {"errors", "options", "protocol"},

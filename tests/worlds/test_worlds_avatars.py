@@ -45,7 +45,7 @@ def test_a_world_may_replace_a_class(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("[[avatar]\n", "cannot be read"),
+        ("[[avatar]\n", "not valid TOML"),
         ("[[avatar]]\n", "name: is missing"),
         ('[[avatar]]\nname = "A"\nheight = 5\n', "out of range"),
         ('[[avatar]]\nname = "A"\nfigure = "cat"\n', "'cat' is not known"),

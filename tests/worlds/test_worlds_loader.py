@@ -327,6 +327,13 @@ def test_a_file_that_is_no_utf8_is_refused(tmp_path: Path) -> None:
         load_world(folder)
 
 
+@pytest.mark.parametrize("text", ["a = " + "[" * 100_000, "a = " + "1" * 10_000])
+def test_what_chokes_the_parser_is_refused(tmp_path: Path, text: str) -> None:
+    """Too deep nests and too long numbers are one error like any other slip."""
+    with pytest.raises(WorldError, match="is not valid TOML"):
+        load_world(write_world(tmp_path, HEAD + text + "\n" + START))
+
+
 _values = st.recursive(
     st.sampled_from(
         ["1", "-3.5", "nan", "true", '"text"', '"A"', "1979-05-27", "[]", "{}", "[0.0, 0.0, 0.0]"]

@@ -97,7 +97,7 @@ def test_materials(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("[[object]\n", "cannot be read"),
+        ("[[object]\n", "not valid TOML"),
         ('[[object]]\nshape = "box"\nsize = [1, 1, 1]\n', "name: is missing"),
         ('[[object]]\nname = "A"\n', "shape: is missing"),
         ('[[object]]\nname = "A"\nshape = "cube"\nsize = [1, 1, 1]\n', "'cube' is not known"),

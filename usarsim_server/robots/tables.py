@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import difflib
 import math
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NoReturn, TypeVar
 
+from usarsim_server import tables
 from usarsim_server.errors import RobotDescriptionError, at
 
 __all__ = ["TableReader", "nearest", "read_toml"]
@@ -36,20 +36,7 @@ def read_toml(path: Path) -> dict[str, object]:
     Raises:
         RobotDescriptionError: if it cannot be read or is not TOML.
     """
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        problem = f"cannot be read: {error.strerror or error}"
-        raise RobotDescriptionError(at(path, problem, "check the path and its rights")) from error
-    except UnicodeDecodeError as error:
-        raise RobotDescriptionError(
-            at(path, f"is not UTF-8 text (byte {error.start})", "save the file as UTF-8")
-        ) from error
-    except (ValueError, RecursionError) as error:
-        # Besides its own error tomllib lets those of int() and of the recursion limit through.
-        raise RobotDescriptionError(
-            at(path, f"is not valid TOML: {error}", "see https://toml.io for the syntax")
-        ) from error
+    return tables.read_toml(path, RobotDescriptionError, "wheel")
 
 
 def nearest(word: str, words: Sequence[str]) -> str:

@@ -24,8 +24,8 @@ NEAREST = 0.2
 class Co2Sensor(Sensor):
     """Carbon dioxide above the ambient air, percent by volume.
 
-    The contributions of all who breathe, victims and avatars, add up, each falling with the square of the
-    distance; walls do not matter. Parameters: `noise` (standard deviation), `ambient`.
+    The contributions of all who breathe, victims and avatars, add up, each falling with the
+    square of the distance; walls do not matter. Parameters: `noise` (standard deviation), `ambient`.
     """
 
     wire_type: ClassVar[str] = "CO2Sensor"

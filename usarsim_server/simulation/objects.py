@@ -76,7 +76,7 @@ class Objects:
             layout = snapshot.layouts.get(name)
             if layout is None:
                 return None
-            name = self._model.body(layout.base).name
+            name = str(self._model.body(layout.base).name)
         geom = self._geoms.get(name)
         if geom is None:
             return None

@@ -6,14 +6,13 @@ that world, or replaces shipped ones.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from usarsim_server import errors
 from usarsim_server.errors import WorldError
 from usarsim_server.simulation.frames import Vector
+from usarsim_server.tables import read_toml
 from usarsim_server.worlds.tables import Table
 
 __all__ = ["FIGURES", "SHEET", "AvatarClass", "load_avatars"]
@@ -66,11 +65,7 @@ def load_avatars(sheets: Iterable[Path]) -> dict[str, AvatarClass]:
 
 
 def _read(sheet: Path) -> list[AvatarClass]:
-    try:
-        table = Table(sheet, tomllib.loads(sheet.read_text(encoding="utf-8")))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
-        cure = "mend the file; TOML writes key = value, text in quotes, [[avatar]] for a class"
-        raise WorldError(errors.at(sheet, f"cannot be read: {error}", cure)) from error
+    table = Table(sheet, read_toml(sheet, WorldError, "avatar"))
     classes = [_avatar(entry) for entry in table.tables("avatar")]
     table.finish()
     return classes

@@ -7,8 +7,7 @@ instead of going on without; what other rooms need of a world stands in the free
 from __future__ import annotations
 
 import math
-import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 
 from usarsim_server import errors
@@ -19,6 +18,7 @@ from usarsim_server.simulation.frames import (
     flip_point,
     quaternion_from_rpy,
 )
+from usarsim_server.tables import read_toml
 from usarsim_server.worlds.description import (
     GeographicOrigin,
     NamedObject,
@@ -61,7 +61,7 @@ def load_world(folder: Path) -> WorldDescription:
             raise WorldError(
                 errors.at(path, "file is missing", f"a world folder has a {path.name} with {holds}")
             )
-    table = Table(sheet, _parse(sheet))
+    table = Table(sheet, read_toml(sheet, WorldError, "start"))
     bounds = table.table("bounds")
     lower = bounds.vector("lower", default=_LOWER)
     upper = bounds.vector("upper", default=_UPPER)
@@ -104,24 +104,6 @@ def load_world(folder: Path) -> WorldDescription:
     table.finish()
     _check_names(table, world)
     return world
-
-
-def _parse(sheet: Path) -> Mapping[str, object]:
-    try:
-        return tomllib.loads(sheet.read_text(encoding="utf-8"))
-    except tomllib.TOMLDecodeError as error:
-        problem, _, place = str(error).partition(" (at ")
-        where = place.rstrip(")") or None
-        cure = "mend the line; TOML writes key = value, text in quotes, [[victim]] for a list entry"
-        raise WorldError(errors.at(sheet, problem, cure, where=where)) from error
-    except UnicodeDecodeError as error:
-        raise WorldError(
-            errors.at(sheet, f"byte {error.start} is not UTF-8", "save the file as UTF-8")
-        ) from error
-    except OSError as error:
-        raise WorldError(
-            errors.at(sheet, f"cannot be read: {error.strerror}", "check it")
-        ) from error
 
 
 def _start(table: Table) -> StartPose:

@@ -7,14 +7,14 @@ for that world, or replaces shipped ones (docs/world-controller.md).
 from __future__ import annotations
 
 import math
-import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from usarsim_server import errors
 from usarsim_server.errors import WorldError
 from usarsim_server.simulation.frames import Pose, Vector, quaternion_from_rpy
+from usarsim_server.tables import read_toml
 from usarsim_server.worlds.tables import Table
 
 __all__ = [
@@ -126,7 +126,7 @@ def load_objects(sheets: Iterable[Path]) -> ObjectCatalog:
     materials: list[Material] = []
     for sheet in sheets:
         if sheet.is_file():
-            table = Table(sheet, _parse(sheet))
+            table = Table(sheet, read_toml(sheet, WorldError, "object"))
             found = [_material(entry) for entry in table.tables("material")]
             materials += found
             own = [_object_class(entry) for entry in table.tables("object")]
@@ -134,14 +134,6 @@ def load_objects(sheets: Iterable[Path]) -> ObjectCatalog:
             _check_unique(sheet, own)
             classes += own
     return ObjectCatalog(classes, materials)
-
-
-def _parse(sheet: Path) -> Mapping[str, object]:
-    try:
-        return tomllib.loads(sheet.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
-        cure = "mend the file; TOML writes key = value, text in quotes, [[object]] for a class"
-        raise WorldError(errors.at(sheet, f"cannot be read: {error}", cure)) from error
 
 
 def _material(table: Table) -> Material:
