@@ -303,3 +303,12 @@ def test_mistakes_end_the_server(arguments: tuple[str, ...], words: str) -> None
         ServerProcess("--world", "empty", "--wireless-port", "0", *arguments)
     assert words in str(caught.value)
     assert "Traceback" not in str(caught.value)
+
+
+def test_mistakes_in_the_settings_file(tmp_path: Path) -> None:
+    """A [wireless] table is checked, and the error names file, table and key."""
+    file = tmp_path / "lab.toml"
+    file.write_text('world = "empty"\n[wireless]\nmodel = "obstacle"\nlatncy = 1\n')
+    with pytest.raises(RuntimeError) as caught:
+        ServerProcess("--config", str(file), "--wireless-port", "0")
+    assert f"{file}: [wireless]: latncy: no such setting of this model" in str(caught.value)

@@ -24,7 +24,8 @@ from usarsim_server.protocol.wireless import Reason, Request
 from usarsim_server.radio.event_log import Event
 from usarsim_server.radio.network import Departure, Network
 from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits
-from usarsim_server.services.relay import RelayPort, Road
+from usarsim_server.services.relay import Road
+from usarsim_server.services.relay_port import RelayPort
 
 __all__ = ["TruthAnswers", "WirelessLimits", "WirelessService", "raise_descriptor_limit"]
 
