@@ -303,7 +303,7 @@ OPTIONS: tuple[Option, ...] = (
         "wireless_model",
         "the name of a propagation model",
         _word,
-        "how radio signals spread, instead of the model that the settings name",
+        "how radio signals spread; without it the settings say so, or else it is obstacle",
         "NAME",
         text=True,
     ),

@@ -12,7 +12,7 @@ from types import FrameType
 
 from usarsim_server import logs
 from usarsim_server.cli.common import Subparsers, add_command
-from usarsim_server.options import OPTIONS, Option
+from usarsim_server.options import OPTIONS, Option, is_port
 from usarsim_server.settings import Settings, load_settings
 
 __all__ = ["add_parser", "run"]
@@ -74,9 +74,9 @@ def settings_from(arguments: argparse.Namespace) -> Settings:
 
 def _default(option: Option, defaults: Settings) -> str:
     value = getattr(defaults, option.key)
-    if value is None:
+    if value is None and is_port(option):
         return "default off"
-    if value == ():
+    if value is None or value == ():
         return "default none"
     if isinstance(value, bool):
         return f"default {str(value).lower()}"
