@@ -55,7 +55,7 @@ def lamps(lights: Sequence[Light], findings: Findings) -> list[Lamp]:
             range(len(shining)),
             key=lambda i: (
                 shining[i].kind is not LightKind.DIRECTIONAL,
-                -shining[i].brightness * (shining[i].reach or math.inf),
+                -shining[i].brightness * (shining[i].reach or 1e6),
                 i,
             ),
         )

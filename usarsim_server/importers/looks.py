@@ -19,6 +19,9 @@ __all__ = ["Look", "looks_of_level", "looks_of_mesh", "msh"]
 Array = NDArray[np.float64]
 Indices = NDArray[np.int32]
 
+LEAST_VERTICES = 4
+"""MuJoCo refuses meshes of fewer; a single triangle gets one that nobody uses."""
+
 TILE = 32.0
 """m: level surfaces are cut into tiles of this size, one mesh per tile and material."""
 
@@ -167,6 +170,8 @@ def msh(look: Look, middle: Array) -> bytes:
     rows = np.ascontiguousarray(np.concatenate(columns, axis=1))
     unique, inverse = np.unique(rows, axis=0, return_inverse=True)
     faces = inverse.reshape(-1, 3).astype(np.int32)
+    if len(unique) < LEAST_VERTICES:
+        unique = np.concatenate([unique, np.repeat(unique[:1], LEAST_VERTICES - len(unique), 0)])
     textured = len(unique) if look.uvs is not None else 0
     head = struct.pack("<4i", len(unique), 0, textured, len(faces))
     body = np.ascontiguousarray(unique[:, :3]).tobytes()

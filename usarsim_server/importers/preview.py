@@ -72,7 +72,10 @@ class Preview:
         level = self._floor() + 2.0
         start = np.stack([x, y, np.full(x.shape, level)], axis=-1).reshape(-1, 3)
         down = np.tile([0.0, 0.0, -1.0], (len(start), 1))
-        image = self._shade(start, down)[0].reshape(height, width, 3)
+        colors, depths = self._shade(start, down)
+        # What is higher is lighter, so that walls stand out from the floor.
+        colors *= 1.0 - 0.2 * np.clip(np.nan_to_num(depths, posinf=0.0), 0.0, 2.5)[:, None]
+        image = colors.reshape(height, width, 3)
         for places, color in (
             ([s.pose.position for s in self._world.starts], MARK),
             ([v.pose.position for v in self._world.victims], PERSON),
@@ -130,7 +133,7 @@ class Preview:
         return start[2] - (way if way < 5.0 else 0.25)
 
     def _grid(self, width: int, height: int) -> tuple[Array, Array, float]:
-        """Places (m) of all pixels of a plan, and pixels per metre; +x is up, +y to the left."""
+        """Places (m) of all pixels of a plan, and pixels per metre; +x is to the right, +y up."""
         size = self.upper - self.lower
         scale = 0.92 * min(width / max(size[0], 0.1), height / max(size[1], 0.1))
         middle = (self.lower + self.upper) / 2.0

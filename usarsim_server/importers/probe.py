@@ -14,6 +14,9 @@ from usarsim_server.simulation.frames import Vector
 __all__ = ["Probe"]
 
 _MEBI = 1 << 20
+BALL = "probe:ball"
+NUDGE = np.array([1e-3, 0.7e-3, 0.4e-3])
+"""m: a ball whose centre is exactly that of a box counts as not touching it (MuJoCo 3.17)."""
 
 
 class Probe:
@@ -32,10 +35,9 @@ class Probe:
         """
         try:
             spec = mujoco.MjSpec.from_file(str(scene))
-            self._ball = spec.worldbody.add_body(name="probe:ball", mocap=True, pos=[0, 0, 1e4])
-            self._ball.add_geom(
-                name="probe:ball", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.1, 0.0, 0.0]
-            )
+            ball = spec.worldbody.add_body(name=BALL, pos=[0.0, 0.0, 1e4])
+            ball.add_freejoint()  # what cannot move does not touch what cannot move
+            ball.add_geom(name=BALL, type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.1, 0.0, 0.0])
             self.model: mujoco.MjModel = spec.compile()
         except ValueError as error:
             text = " ".join(str(error).split()).removeprefix("Error: ")
@@ -44,7 +46,7 @@ class Probe:
         model = self.model
         self._data = mujoco.MjData(model)
         mujoco.mj_forward(model, self._data)
-        self._ball_geom = model.geom("probe:ball").id
+        self._ball_geom = model.geom(BALL).id
         self._rays: mujoco.MjModel = model.__copy__()
         hollow = (model.geom_contype | model.geom_conaffinity) == 0
         hollow[self._ball_geom] = True
@@ -89,17 +91,14 @@ class Probe:
 
     def overlap(self, point: Vector, radius: float = 0.1) -> float:
         """m by which a ball at a point would be inside something solid; 0 if it is free."""
-        data, model = self._data, self.model
-        body = model.body("probe:ball").mocapid[0]
-        kept = model.geom_size[self._ball_geom, 0]
-        model.geom_size[self._ball_geom, 0] = model.geom_rbound[self._ball_geom] = radius
-        data.mocap_pos[body] = point
+        data, model, geom = self._data, self.model, self._ball_geom
+        body = model.body(BALL).id
+        place = int(model.joint(model.body_jntadr[body]).qposadr[0])
+        model.geom_size[geom, 0] = model.geom_rbound[geom] = radius
+        model.geom_aabb[geom, 3:] = model.bvh_aabb[model.body_bvhadr[body], 3:] = radius
+        data.qpos[place : place + 3] = np.array(point) + NUDGE
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_collision(model, data)
-        deepest = 0.0
-        for contact in data.contact[: data.ncon]:
-            if self._ball_geom in contact.geom:
-                deepest = max(deepest, -float(contact.dist))
-        model.geom_size[self._ball_geom, 0] = model.geom_rbound[self._ball_geom] = kept
-        return deepest
+        own = (data.contact.geom == geom).any(axis=1)
+        return max(0.0, -float(data.contact.dist[own].min())) if own.any() else 0.0
