@@ -120,8 +120,21 @@ def test_empty_world_has_no_empty_tables() -> None:
     """What a world does not have is left out."""
     bare = WorldDescription("bare", "bare", "Bare", "", Path("/b"), Path("/b/s"), ())
     text = "\n".join(worlds.details(bare))
-    assert not any(head in text for head in ("START ", "VICTIM ", "ZONE ", "SMOKE ", "GROUND "))
+    assert not any(
+        head in text for head in ("START ", "VICTIM ", "ZONE ", "SMOKE ", "GROUND ", "MACHINE ")
+    )
     assert "20 min" in text
+
+
+def test_machines_are_listed_where_they_begin(capsys) -> None:
+    """`usarsim worlds plant` names doors, belts, lifts and obstacles, places in the wire frame."""
+    assert main(["worlds", "plant"]) == 0
+    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert "gate sliding door by itself -3,-2,0" in lines
+    assert "flap hinged door when pushed -3,3.2,0" in lines
+    assert "line belt 0.3 m/s 0.3,-5.2,-0.6" in lines
+    assert "lift lift with a load 4.9,-2,-0.02" in lines
+    assert "sweeper obstacle ring -1.2,0.9,0" in lines
 
 
 def test_shipped_worlds_are_listed_and_described(capsys) -> None:

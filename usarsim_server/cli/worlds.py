@@ -16,6 +16,7 @@ from usarsim_server.cli.common import (
 )
 from usarsim_server.simulation.frames import Pose, flip_point, wire_from_pose
 from usarsim_server.worlds.description import Smoke, Surface, WorldDescription, Zone
+from usarsim_server.worlds.machinery import Machinery, Spring
 
 __all__ = ["add_parser", "run"]
 
@@ -78,6 +79,23 @@ def details(world: WorldDescription) -> Iterator[str]:
             (s.name, s.kind, s.friction, s.drag, s.sinkage, *_limits(s)) for s in world.surfaces
         ]
         yield table(("GROUND", "KIND", "FRICTION", "DRAG", "SINKAGE", "X", "Y"), patches)
+    machines = list(_machines(world.machinery))
+    if machines:
+        yield table(("MACHINE", "KIND", "MOVES", "LOCATION"), machines)
+
+
+def _machines(machinery: Machinery) -> Iterator[tuple[str, str, str, str]]:
+    for door in machinery.doors:
+        kind = "sliding door" if door.sliding else "hinged door"
+        moves = "when pushed" if isinstance(door.mechanism, Spring) else "by itself"
+        yield door.name, kind, moves, _place(door.pose)[0]
+    for belt in machinery.belts:
+        yield belt.tag, "belt", f"{belt.speed:g} m/s", _place(belt.pose)[0]
+    for lift in machinery.lifts:
+        moves = "with a load" if lift.called else "by itself"
+        yield lift.name, "lift", moves, numbers(flip_point(lift.stops[0]))
+    for obstacle in machinery.obstacles:
+        yield obstacle.name, "obstacle", obstacle.way, numbers(flip_point(obstacle.points[0]))
 
 
 def _smoke(smoke: Smoke) -> Iterator[tuple[str, str, str, str]]:

@@ -25,7 +25,8 @@ class Co2Sensor(Sensor):
     """Carbon dioxide above the ambient air, percent by volume.
 
     The contributions of all who breathe, victims and avatars, add up, each falling with the
-    square of the distance; walls do not matter. Parameters: `noise` (standard deviation), `ambient`.
+    square of the distance; walls do not matter. Parameters: `noise` (standard deviation),
+    `ambient`.
     """
 
     wire_type: ClassVar[str] = "CO2Sensor"
