@@ -163,10 +163,11 @@ class FakeWorld:
         self._time = 0.0
 
     def set_time(self, time: float) -> None:
-        """Turn the clock; whatever has moved is seen from now on."""
+        """Turn the clock; what the main thread has moved is seen from now on."""
         with self._lock:
             self._time = time
-            self._snapshot = self._yard.look()
+            if threading.current_thread() is threading.main_thread():
+                self._snapshot = self._yard.look()
 
     def look(self) -> Snapshot:
         """The yard at the time that the clock shows."""

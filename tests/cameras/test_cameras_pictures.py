@@ -192,7 +192,7 @@ def test_depth_agrees_with_a_laser(yard: Yard, make_painter: MakePainter) -> Non
     place = painter.place(camera(robot), snapshot, WIDTH, HEIGHT)
     assert place is not None
     view = View(place.pose, place.fov, WIDTH, HEIGHT, "depth")
-    depth = painter.picture(view, snapshot)
+    depth = painter.picture(view, snapshot).astype(float)
     rays = place.rays()
     lengths = rays.lengths()
     directions = rays.directions(place.pose.matrix()) / lengths[..., None]

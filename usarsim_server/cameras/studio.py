@@ -271,7 +271,7 @@ class Studio:
 
     def _turn(self, painter: Painter) -> float:
         """Render what is due; returns s of wall time until there may be more to do."""
-        watched = self._watches.tiles
+        watched, stale = self._watches.tiles, self._watches.stale
         views = {view.tile: view for view in self._board.views if view.tile is not None}
         self._wipe(views)
         wanted = [view for tile, view in views.items() if tile in watched]
@@ -279,16 +279,17 @@ class Studio:
             self._publish(views)
             return IDLE_POLL if watched else math.inf
         wait = self._wait_for(wanted)
-        if wait > 0.0:
+        if wait > 0.0 and stale.isdisjoint(map(_tile, wanted)):
             self._publish(views)
             return min(wait, IDLE_POLL)
         snapshot = self._look()
         due = self._due(wanted, snapshot.time)
-        if not due:
-            self._publish(views)
-            return self._patience()
-        self._round(painter, due, snapshot, views)
-        return 0.0
+        if due:
+            self._round(painter, due, snapshot, views)
+            return 0.0
+        # Somebody has begun to watch what was painted a moment ago.
+        self._publish(views, frozenset(map(_tile, wanted)))
+        return self._patience()
 
     def _wipe(self, views: Mapping[int, CameraView]) -> None:
         """Empty the tiles whose cameras are gone."""
@@ -297,13 +298,14 @@ class Studio:
                 self._atlas.wipe(tile)
                 self._painted.pop(tile, None)
 
-    def _publish(self, views: Mapping[int, CameraView]) -> None:
+    def _publish(self, views: Mapping[int, CameraView], kept: frozenset[int] = frozenset()) -> None:
+        """Hand out what is new, and older pictures that are still up to date."""
         news = self._atlas.publish()
-        if news is None and not self._watches.newcomers:
+        if news is None and not (kept or self._watches.waiting):
             return
         frame, changed = news or (self._atlas.frame, frozenset())
         keys = {tile: view.key for tile, view in views.items()}
-        self._watches.show(frame, self._atlas.shows, changed, keys)
+        self._watches.show(frame, self._atlas.shows, changed, keys, kept)
 
     # -- when --------------------------------------------------------------------------------
 

@@ -96,10 +96,16 @@ class Watches:
         self._on_change()
 
     @property
-    def newcomers(self) -> bool:
+    def waiting(self) -> bool:
         """Whether a watcher has not been told of any frame yet."""
         with self._lock:
             return any(spot.untold for spot in self._spots.values())
+
+    @property
+    def stale(self) -> frozenset[int]:
+        """Tiles that somebody watches and nobody has painted since, plain ones included."""
+        with self._lock:
+            return self._watched() - self._fresh
 
     @property
     def tiles(self) -> frozenset[int]:
@@ -126,8 +132,9 @@ class Watches:
         self,
         frame: Frame,
         shows: tuple[int | None, ...],
-        changed: Collection[int],
+        changed: frozenset[int],
         keys: Mapping[int, int],
+        kept: frozenset[int] = frozenset(),
     ) -> None:
         """Hand out what has been painted (by the rendering thread).
 
@@ -136,10 +143,11 @@ class Watches:
             shows: keys of the cameras in its tiles.
             changed: tiles that are new in it; none: nothing is new, but a watcher may be.
             keys: of the cameras that there are now, by tile.
+            kept: tiles whose older pictures are still up to date.
         """
         with self._lock:
             self._frame, self._shows = frame, shows
-            self._fresh = (self._fresh | frozenset(changed)) & self._watched()
+            self._fresh = (self._fresh | changed | kept) & self._watched()
             calls: list[tuple[OnFrame, Frame]] = []
             for spot in self._spots.values():
                 news = not spot.tiles.isdisjoint(changed)
