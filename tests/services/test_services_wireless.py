@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import random
 import socket
 import struct
@@ -463,6 +464,30 @@ def test_a_team_of_sixteen_and_a_base_in_full_mesh() -> None:
         for one, other, mine, theirs in links:
             assert received(theirs, len(one) + len(other) + 1).decode() == f"{one}>{other}"
             assert received(mine, len(one) + len(other) + 1).decode() == f"{other}>{one}"
+
+
+def test_comings_and_goings_leave_nothing_behind() -> None:
+    """After many registrations, links and outages all sockets but the server's own are closed."""
+    with Running(Line(A=0, B=1)) as running:
+
+        def visit() -> None:
+            a, b = running.robot("A"), running.robot("B")
+            ends = [*a.link(b), *b.link(a)]
+            running.line.places["B"] = FAR
+            assert all(map(closed, ends))
+            running.line.places["B"] = NEAR
+            for end in (*ends, *a.listeners, *b.listeners, a.control.socket, b.control.socket):
+                end.close()
+            assert eventually(lambda: running.wireless.registered == ())
+
+        def descriptors() -> int:
+            return len(os.listdir("/proc/self/fd"))
+
+        visit()
+        before = descriptors()
+        for _ in range(10):
+            visit()
+        assert eventually(lambda: descriptors() <= before)
 
 
 def test_stopping_ends_everything() -> None:

@@ -76,7 +76,9 @@ def _default(option: Option, defaults: Settings) -> str:
     value = getattr(defaults, option.key)
     if value is None and is_port(option):
         return "default off"
-    if value is None or value == ():
+    if value is None:
+        return "default unset"
+    if value == ():
         return "default none"
     if isinstance(value, bool):
         return f"default {str(value).lower()}"

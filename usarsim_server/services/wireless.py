@@ -215,8 +215,8 @@ class WirelessService:
         ports = ";".join(map(str, request.ports))
         self._network.log.write(Event.REGISTERED, name, talk.address, ports)
         self._log.info("registered", robot=name)
-        if not self._network.knows(name):
-            await self._look()
+        # Nobody may have looked for a long time.
+        await self._look()
         self._review()
         self._somebody.set()
         return wireless.INIT_OK
