@@ -15,7 +15,7 @@ from usarsim_server.robots.mjcf import build_spec
 from usarsim_server.robots.roster import load_roster
 
 ROBOTS = {robot.name: robot for robot in load_roster().descriptions()}
-WHEELED = {name: robot for name, robot in ROBOTS.items() if robot.wheels}
+WHEELED = {name: robot for name, robot in ROBOTS.items() if robot.wheels and robot.gear is None}
 MODELS = sorted({robot.model for robot in WHEELED.values()})
 
 

@@ -13,7 +13,10 @@ from usarsim_server.robots.roster import Roster, load_roster
 
 SHIPPED = (
     "ComStation",
+    "crawler_robot",
+    "Kenaf",
     "KR60",
+    "Matilda",
     "OmniP2AT",
     "OmniP2DX",
     "P2AT",
@@ -26,7 +29,12 @@ SHIPPED = (
     "pioneer2dx_with_sensors",
     "pioneer3at_with_sensors",
     "RescueP2AT",
+    "Rugbot",
+    "Soryu",
     "StereoP2AT",
+    "Talon",
+    "Tarantula",
+    "TeleMax",
     "TwoLink",
 )
 

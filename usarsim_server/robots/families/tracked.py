@@ -45,6 +45,8 @@ DEAD_SPIN = 1e-6
 COLLIDING = 3
 """Geom group of what collides but is not seen."""
 CONTACT_SOLREF = (0.02, 1.0)
+LINK_SOLREF = (0.01, 1.0)
+"""On links, whose contacts are as stiff as their small mass asks for, but carry the whole robot."""
 CONTACT_SOLIMP = (0.9, 0.95, 0.001, 0.5, 2.0)
 _ABOUT_Y = (math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0)
 """Turns the z axis of a cylinder to the side."""
@@ -205,7 +207,7 @@ def _add_surface(body: mujoco.MjsBody, track: Track, **geom: object) -> None:
         mass=0.0,
         condim=3,
         friction=(track.friction, 0.005, 0.0001),
-        solref=CONTACT_SOLREF,
+        solref=CONTACT_SOLREF if track.link is None else LINK_SOLREF,
         solimp=CONTACT_SOLIMP,
         rgba=track.color,
         **geom,
