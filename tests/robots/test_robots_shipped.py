@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -176,13 +178,15 @@ def test_sonar_ring_of_the_real_3at() -> None:
 
 
 def test_every_sonar_looks_away_from_the_middle() -> None:
-    """No ring has a sonar that looks inward or whose mirror image is missing."""
+    """No level sonar of a ring looks inward, and none lacks its mirror image."""
     for robot in ROBOTS.values():
-        sonars = [mount for mount in mounts(robot) if mount[0] == "Sonar"]
+        sonars = [mount for mount in mounts(robot) if mount[0] == "Sonar" and mount[3][1] == 0.0]
         seen = {(m[2][0], m[2][1], m[3][2]) for m in sonars}
         for x, y, yaw in seen:
             assert x * math.cos(yaw) + y * math.sin(yaw) > 0, robot.name
-            assert (x, -y, -yaw) in seen, robot.name
+            # Half a turn to the left and half a turn to the right are the same.
+            mirrored = {-yaw, yaw} if abs(yaw) > 3.14 else {-yaw}
+            assert seen & {(x, -y, angle) for angle in mirrored}, robot.name
 
 
 def test_p2at_item_names_that_clients_look_for() -> None:
@@ -235,26 +239,51 @@ def test_real_p3at_is_the_model_of_the_validation() -> None:
     assert robot.model == "P3AT_real"
 
 
-def test_eras_kinds_and_batteries() -> None:
-    """Dialect by era, drive family by wheels, 1200 s of battery unless stated otherwise.
+UDK = {
+    *("P3AT", "P3AT_arm", "P3AT_real", "Kenaf", "Nao", "BasicSkidRobot", "CasterSkidRobot"),
+    *("Kiva4Wheel", "BasicAckermanRobot", "FrontAckerman", "KR60", "KR3", "KR5", "KR6"),
+    *("FanucM16", "Fanuc_M16iB20", "Fanuc_Robot_And_Rail", "KUKA_LWR_BOT", "TwoLink"),
+    *("ForkliftUDK", "GripperBase", "HandBot", "KinectBot", "ComStation"),
+    "ReferenceGPSCoordinate",
+}
+"""Classes that speak udk at first; those of both eras and of the bridge speak ut2004 (1.1)."""
 
-    Platforms have neither wheels nor a battery; STA of the original shows 99999 for them.
+DRIVEN = {"skid_steer": {4, 6}, "differential": {2}, "ackerman": {4}, "omni": {4}, "tracked": {2}}
+"""How many driven wheels robots on wheels or tracks have."""
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_eras_kinds_and_batteries(name: str) -> None:
+    """Every class speaks as its era did, has wheels as its kind needs, and power enough.
+
+    Platforms have neither wheels nor a battery, and the original's Nao has none among its items
+    (1.7); STA shows 99999 for them.
     """
-    for name, robot in ROBOTS.items():
-        if robot.kind == "tracked":
-            continue  # see test_robots_tracked.py
-        if robot.kind == "static":
-            assert robot.dialect is Dialect.UDK
-            assert robot.battery is None
-            assert not robot.wheels
-            continue
-        assert robot.dialect is (Dialect.UDK if name.startswith("P3AT") else Dialect.UT2004)
-        assert robot.kind == ("differential" if robot.casters else "skid_steer")
-        assert len(robot.driven_wheels) == (2 if robot.casters else 4)
-        assert robot.battery is not None
-        assert robot.battery.life == (3600 if "with_sensors" in name else 1200)
-        assert robot.description
-        assert robot.report.max_speed == pytest.approx(robot.drive.max_wheel_speed, rel=1e-4)
+    robot = ROBOTS[name]
+    assert robot.dialect is (Dialect.UDK if name in UDK else Dialect.UT2004)
+    assert robot.description
+    assert len(robot.description) <= 110, "one line of a listing"
+    assert len(robot.driven_wheels) in DRIVEN.get(robot.kind, {0})
+    assert (robot.battery is None) is (robot.kind == "static" or name == "Nao")
+    if robot.battery is not None:
+        assert robot.battery.life >= 1200
+    if robot.wheels:
+        assert 0.0 < robot.report.max_speed <= robot.drive.max_wheel_speed
+    assert 0.001 <= robot.report.mass < 4000
+
+
+@pytest.mark.parametrize("name", ["P2AT", "P2DX", "P3AT", "P3DX", "Kenaf", "ATRVJr", "Talon"])
+def test_batteries_of_the_original(name: str) -> None:
+    """1200 s, unless a source says otherwise (1.6, 2.10)."""
+    battery = ROBOTS[name].battery
+    assert battery is not None
+    assert battery.life == 1200
+
+
+def test_casters_belong_to_differential_robots() -> None:
+    """A pair of driven wheels stands by itself with casters, or balances; others need none."""
+    for robot in ROBOTS.values():
+        assert bool(robot.casters) is (robot.kind == "differential"), robot.name
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -266,14 +295,21 @@ def test_every_sensor_of_every_robot_can_be_made(name: str) -> None:
         assert create_sensor(item, context).name == item.name
 
 
-def test_files_state_their_frame_and_sources() -> None:
-    """Every file that has poses says in which frame they are, every figure's origin is tagged."""
-    for path in data_directory("robots").glob("*.toml"):
-        text = path.read_text(encoding="utf-8")
-        assert text.startswith("# "), path
-        if "position" in text:
-            assert "Frame of this file: x forward, y right, z down" in text, path
-            assert "tarting value" in text, path
+SHIPPED = sorted(data_directory("robots").glob("*.toml"), key=lambda path: path.name.lower())
+SOURCE = re.compile(r"reference|starting value|\[[A-Z]\]", re.IGNORECASE)
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_files_state_their_frame_and_sources(path: Path) -> None:
+    """A file says at its head what it is, in which frame its poses are, whence its figures come."""
+    text = path.read_text(encoding="utf-8")
+    head = "\n".join(itertools.takewhile(lambda line: line.startswith("#"), text.splitlines()))
+    assert head.startswith("# "), "a comment stands first"
+    if "position" in text:
+        assert "Frame of this file: x forward, y right, z down" in head
+        assert "metres, radians" in head
+    if re.search(r"^[^#]*= *[\[{]* *-?\d", text, re.MULTILINE):
+        assert SOURCE.search(text), "figures without a source"
 
 
 LIMITS = {
@@ -299,14 +335,26 @@ def test_joints_have_the_ranges_of_the_reference(name: str) -> None:
     ] == LIMITS[name]
 
 
-def test_joint_speeds_follow_the_era() -> None:
-    """0.1745 rad/s in UT2004, 1.571 rad/s in UDK, unless a finger says otherwise (1.10)."""
+@pytest.mark.parametrize(
+    ("name", "speed"),
+    [("P2AT", 0.1745), ("AirRobot", 0.1745), ("KR60", 1.571), ("TwoLink", 1.571)]
+    + [(name, 1.571) for name in ("Fanuc_M16iB20", "KUKA_LWR_BOT", "KinectBot", "Kiva4Wheel")],
+)
+def test_packages_move_as_fast_as_their_era_announced(name: str, speed: float) -> None:
+    """0.1745 rad/s in UT2004, 1.571 rad/s in UDK (1.10)."""
+    links = [link for one in ROBOTS[name].actuators if one.package for link in one.links]
+    assert {link.max_speed for link in links} == {speed}
+
+
+def test_every_joint_can_move() -> None:
+    """Joints have speed, force and room to move; where they appear is within their limits."""
     for robot in ROBOTS.values():
-        if robot.kind == "tracked":
-            continue  # see test_robots_tracked.py
-        speed = 0.1745 if robot.dialect is Dialect.UT2004 else 1.571
-        links = [link for actuator in robot.actuators for link in actuator.links]
-        assert {link.max_speed for link in links} <= {speed}
+        for link in robot.links:
+            assert link.max_speed > 0.0, (robot.name, link.joint)
+            assert link.max_torque > 0.0, (robot.name, link.joint)
+            low, high = link.limits or (-math.inf, math.inf)
+            assert low < high, (robot.name, link.joint)
+            assert low <= link.home <= high, (robot.name, link.joint)
 
 
 def test_kr60_anchors_and_masses() -> None:
@@ -353,3 +401,30 @@ def test_p3at_arm_is_a_p3at_with_an_arm() -> None:
     assert len(actuator.links) == 5
     assert (robot.shapes, robot.wheels, robot.items) == (plain.shapes, plain.wheels, plain.items)
     assert robot.report.mass == pytest.approx(plain.report.mass + 1.7)
+
+
+@pytest.mark.parametrize("name", ["MultiView", "ReferenceGPSCoordinate"])
+def test_map_objects_are_motionless_and_out_of_the_way(name: str) -> None:
+    """What was no robot stands where it is put, measures nothing and is in nobody's way (1.1)."""
+    robot = ROBOTS[name]
+    assert robot.kind == "static"
+    assert not robot.items
+    assert not robot.cameras
+    assert all(not shape.collides and shape.color[3] == 0.0 for shape in robot.shapes)
+
+
+def test_youbot_and_pr2_are_driven_by_sides() -> None:
+    """The manipulators of the bridge obey Left and Right as every robot there did (1.1)."""
+    youbot, pr2 = ROBOTS["youBot"], ROBOTS["PR2"]
+    assert (youbot.report.wheel_radius, youbot.report.track_width) == (0.0475, 0.30)
+    assert youbot.report.wheel_base == 0.471
+    assert youbot.report.dimensions[:2] == (0.58, 0.376)
+    assert [len(arm.links) for arm in youbot.actuators] == [5]
+    assert pr2.report.dimensions[:2] == (0.65, 0.65)
+    assert {one.name: len(one.links) for one in pr2.actuators} == {
+        "Torso": 1,
+        "Head": 2,
+        "LaserTilt": 1,
+        "LeftArm": 7,
+        "RightArm": 7,
+    }
