@@ -16,6 +16,7 @@ from pathlib import Path
 from usarsim_server.errors import UsarsimError, at
 from usarsim_server.validation import trials_flat as flat
 from usarsim_server.validation import trials_terrain as terrain
+from usarsim_server.validation import trials_tracks as tracks
 from usarsim_server.validation.results import (
     ANY,
     Band,
@@ -69,11 +70,16 @@ TRIALS = (
     Trial(("V17",), terrain.square_steps),
     Trial(("V18",), terrain.gaps),
     Trial(("V19", "#61", "#62"), terrain.step_fields),
+    Trial(("V19", "#61", "#62"), tracks.step_fields),
     Trial(("V20",), terrain.cubic_field),
+    Trial(("V21",), tracks.stairs),
     Trial(("V22",), terrain.sliding),
     Trial(("V26",), flat.repeatability),
     Trial(("V27",), flat.odometry),
     Trial(("#38",), flat.pivot),
+    Trial(("#39",), tracks.turning),
+    Trial(("#46",), tracks.flippers),
+    Trial(("#47",), tracks.speed),
     Trial(("#59",), terrain.wall),
     Trial(("#60",), terrain.crate),
     Trial(("#63", "#64"), flat.resting),

@@ -11,7 +11,7 @@ import numpy as np
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.model import PhysicsOptions
 from usarsim_server.simulation.snapshot import RobotBody
-from usarsim_server.validation.stage import Stage, tilt
+from usarsim_server.validation.stage import Stage, tilt, turned, yaw_of
 from usarsim_server.validation.worlds import FIELD_START, POST, POSTS
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.scene import build_scene
@@ -30,6 +30,10 @@ __all__ = [
 
 TOUCH_DOWN = 0.3
 """s that a robot is given to settle on a slope before it gets its command."""
+GLANCE = 0.2
+"""s between two corrections of the course."""
+AHEAD = 1.0
+"""m ahead of the robot where it is steered to."""
 FIELD_END = FIELD_START + POST * POSTS
 """x of the far edge of a step field, m."""
 
@@ -80,15 +84,34 @@ class Crossing:
     warnings: int
 
 
-def cross(stage: Stage, speed: float, seconds: float, goal: float = math.inf) -> Crossing:
-    """Drive straight on over whatever comes, until x is beyond the goal or time is up."""
+def cross(
+    stage: Stage,
+    speed: float,
+    seconds: float,
+    goal: float = math.inf,
+    course: float = 0.0,
+) -> Crossing:
+    """Drive straight on over whatever comes, until x is beyond the goal or time is up.
+
+    Args:
+        stage: with a fresh robot that looks along x.
+        speed: of the wheels, rad/s.
+        seconds: at most.
+        goal: x, m.
+        course: how an operator keeps to the line y = 0: difference of the wheel speeds of both
+            sides (rad/s) per rad off a heading that points to the line `AHEAD` metres ahead,
+            corrected every `GLANCE` s. 0: not at all.
+    """
     begin = stage.settle()
     probe = stage.probe()
     stage.drive(speed, speed)
     lean = depth = jump = 0.0
     own = False
     last: RobotBody = begin
-    for state in stage.steps(seconds):
+    for number, state in enumerate(stage.steps(seconds)):
+        if course and number % round(GLANCE / stage.timestep) == 0:
+            turn = course * _off_course(state)
+            stage.drive(speed - turn / 2.0, speed + turn / 2.0)
         contacts = probe.look(state.snapshot)
         depth, own = max(depth, contacts.depth), own or contacts.own
         lean = max(lean, tilt(state))
@@ -99,6 +122,11 @@ def cross(stage: Stage, speed: float, seconds: float, goal: float = math.inf) ->
     x, y, z = last.pose.position
     rise = z - begin.pose.position[2]
     return Crossing(x, y, rise, lean, depth, jump, own, len(stage.warnings))
+
+
+def _off_course(state: RobotBody) -> float:
+    """Angle (rad, anticlockwise) from the heading to the line y = 0, `AHEAD` metres ahead."""
+    return turned(yaw_of(state), math.atan2(-state.pose.position[1], AHEAD))
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 
+from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.roster import load_roster
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.validation import worlds
@@ -42,7 +43,11 @@ class Case:
 
 
 class Workshop:
-    """Makes stages in a temporary folder, and remembers measurements that several tests share."""
+    """Makes stages in a temporary folder, and remembers measurements that several tests share.
+
+    Attributes:
+        turn_seconds: simulated s that a turn in place is watched.
+    """
 
     def __init__(self, turn_seconds: float = 10.0) -> None:
         """Make an empty workshop.
@@ -50,7 +55,7 @@ class Workshop:
         Args:
             turn_seconds: simulated s that a turn in place is watched.
         """
-        self._turn_seconds = turn_seconds
+        self.turn_seconds = turn_seconds
         self._folder = Path(tempfile.mkdtemp(prefix="usarsim-fidelity-"))
         self._robots = self._folder / "robots"
         self._turns: dict[tuple[str, float, float, float], Turn] = {}
@@ -68,11 +73,15 @@ class Workshop:
         """A stage with a fresh robot of a shipped class or a variant."""
         return Stage(self.world(scene), robot, timestep, pose, robots=(self._robots,))
 
-    def rest_height(self, robot: str) -> float:
-        """Height of the reference point of a resting robot, m."""
+    def describe(self, robot: str) -> RobotDescription:
+        """A shipped class or a variant."""
         found = self._roster.find(robot)
         assert found is not None, robot
-        return found.rest_height
+        return found
+
+    def rest_height(self, robot: str) -> float:
+        """Height of the reference point of a resting robot, m."""
+        return self.describe(robot).rest_height
 
     def turn(self, robot: str, timestep: float, speed: float, friction: float = 1.0) -> Turn:
         """A turn in place on level ground, measured once; the speed is cut to what it can do."""
@@ -80,7 +89,7 @@ class Workshop:
         if key not in self._turns:
             with self.stage(worlds.flat(friction), robot, timestep) as stage:
                 spin = min(speed, stage.robot.drive.max_wheel_speed)
-                self._turns[key] = turn_in_place(stage, spin, self._turn_seconds)
+                self._turns[key] = turn_in_place(stage, spin, self.turn_seconds)
         return self._turns[key]
 
     def close(self) -> None:

@@ -29,6 +29,7 @@ __all__ = [
     "on_slope",
     "sliding_block",
     "slope",
+    "stairs",
     "step",
     "step_field",
     "symmetric_heights",
@@ -46,6 +47,8 @@ POST = 0.1
 POSTS = 12
 """Posts along an edge of a step field (robots reference 3.3 V19)."""
 HALF_WIDTH = 2.0
+LANDING = 6.0
+"""m behind the last stair."""
 
 Heights = tuple[tuple[float, ...], ...]
 
@@ -107,6 +110,16 @@ def gap(width: float, friction: float = 1.0) -> Scene:
         for n, (a, b) in enumerate(spans)
     ]
     return Scene(f"gap_{width:g}_mu{friction:g}", (_floor(friction), *boxes))
+
+
+def stairs(steps: int = 6, rise: float = 0.18, run: float = 0.28, friction: float = 1.0) -> Scene:
+    """Stairs that begin at `FIELD_START` and lead up to a landing (robots reference 3.3 V21)."""
+    far = FIELD_START + steps * run + LANDING
+    boxes = []
+    for n in range(steps):
+        lower, upper = (FIELD_START + n * run, -HALF_WIDTH, 0.0), (far, HALF_WIDTH, (n + 1) * rise)
+        boxes.append(_box(f"stair{n}", lower, upper, friction))
+    return Scene(f"stairs_{steps}x{rise:g}_mu{friction:g}", (_floor(friction), *boxes))
 
 
 def symmetric_heights(seed: int, levels: Sequence[float]) -> Heights:

@@ -1,0 +1,109 @@
+"""Tracked robots: robots reference 3.3 V19 and V21, and 5.2, 5.3 #39, #46, #47, #57, #61, #62."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from usarsim_server.validation import worlds
+from usarsim_server.validation.terrain import FIELD_END, cross
+from usarsim_server.validation.trials_tracks import (
+    BEYOND,
+    REFERENCE_RATIOS,
+    belt_ratio,
+    climb_stairs,
+    cross_field,
+    flipper_error,
+    ground_speed,
+    posture,
+    spin,
+    stand_up,
+)
+from usarsim_server.validation.workshop import Workshop
+
+STEP = 0.004
+
+
+@pytest.mark.parametrize("robot", REFERENCE_RATIOS)
+def test_belt_speed(shop: Workshop, robot: str) -> None:
+    """#47: belts that run at 0.300 m/s move the robot at 0.300 m/s."""
+    with shop.stage(worlds.flat(), robot, STEP) as stage:
+        assert ground_speed(stage, 2.0) == pytest.approx(0.300, rel=0.003)
+
+
+@pytest.mark.parametrize("robot", REFERENCE_RATIOS)
+def test_turn_ratio(shop: Workshop, robot: str) -> None:
+    """#39: the turn ratio is the stored one, within 0.02 at every time step, and nothing hops."""
+    ratios = []
+    for timestep in (0.001, 0.002, 0.004, 0.005):
+        with shop.stage(worlds.flat(), robot, timestep) as stage:
+            ratio, hop = belt_ratio(stage, 1.0)
+        ratios.append(ratio)
+        assert hop < 0.0005
+    assert ratios == pytest.approx([REFERENCE_RATIOS[robot]] * 4, abs=0.01)
+
+
+@pytest.mark.parametrize("robot", REFERENCE_RATIOS)
+def test_flipper_holds_a_load(shop: Workshop, robot: str) -> None:
+    """#46: a raised flipper holds its angle within 0.1 rad with 5 kg on its tip."""
+    assert flipper_error(shop, shop.describe(robot), "FRFlipper", -0.5, STEP) < 0.1
+
+
+def test_weak_flipper_drops_the_load(shop: Workshop) -> None:
+    """#46: the load is real: a flipper of the 7 N m of the original's force limit lets it sink."""
+    robot = shop.describe("Kenaf")
+    (flippers,) = robot.actuators
+    links = tuple(replace(link, max_torque=7.0) for link in flippers.links)
+    weak = replace(robot, model="Weak", actuators=(replace(flippers, links=links),))
+    assert flipper_error(shop, weak, "FRFlipper", -0.5, STEP) > 0.1
+
+
+@pytest.mark.parametrize("robot", REFERENCE_RATIOS)
+def test_standing_on_flippers(shop: Workshop, robot: str) -> None:
+    """#46: lowered flippers lift the robot off its belts and hold it."""
+    with shop.stage(worlds.flat(), robot, STEP) as stage:
+        error, rise = stand_up(stage)
+    assert error < 0.1
+    assert rise > 0.05
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_low_step_field(shop: Workshop, seed: int) -> None:
+    """#56, #61, #62, V19: Kenaf crosses a field of posts up to 6 cm on course, without a flip, a
+    jump, a warning or a flipper that touches its own chassis."""
+    run = cross_field(shop, "Kenaf", seed, STEP)
+    assert run.x > FIELD_END + BEYOND
+    assert abs(run.y) < 0.6
+    assert math.degrees(run.tilt) < 60.0
+    assert run.jump < 0.1
+    assert not run.own
+    assert run.warnings == 0
+
+
+def test_stairs(shop: Workshop) -> None:
+    """#57, V21: Kenaf climbs six steps of 18 x 28 cm with its front flippers raised."""
+    run = climb_stairs(shop, STEP)
+    assert run.rise == pytest.approx(6 * 0.18, abs=0.005)
+    assert math.degrees(run.tilt) < 60.0
+    assert not run.own
+    assert run.warnings == 0
+
+
+def test_stairs_stop_a_robot_without_flippers(shop: Workshop) -> None:
+    """V21: with flippers turned back over its hull the same robot stays at the first step."""
+    with shop.stage(worlds.stairs(), "Kenaf", STEP) as stage:
+        posture(stage, dict.fromkeys(("FRFlipper", "FLFlipper"), -2.6))
+        posture(stage, dict.fromkeys(("RRFlipper", "RLFlipper"), 2.6))
+        run = cross(stage, spin(stage), 8.0)
+    assert run.rise < 0.5
+
+
+@pytest.mark.parametrize("front", [0.2, 0.4, 0.8])
+def test_single_step(shop: Workshop, front: float) -> None:
+    """Robots reference 4.7: a step of 10 cm is climbed with front flippers at 0.2 to 0.8 rad."""
+    with shop.stage(worlds.step(0.10), "Kenaf", STEP) as stage:
+        posture(stage, {"FRFlipper": -front, "FLFlipper": -front})
+        run = cross(stage, spin(stage), 10.0, worlds.FIELD_START + 1.0)
+    assert run.rise == pytest.approx(0.10, abs=0.001)
