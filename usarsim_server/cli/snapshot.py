@@ -24,7 +24,8 @@ __all__ = ["add_parser", "run"]
 _EPILOG = (
     "Places are in the wire frame, as INIT takes them: x forward, y right, z down, in metres and "
     "radians. Views: six numbers, x,y,z,x,y,z, from where and to where; top, overview, start; a "
-    "camera of the scene by its name; or ROBOT/CAMERA, what a camera of a robot sees. A depth "
+    "camera of the scene by its name; or ROBOT/CAMERA, what a camera of a robot sees. Join what "
+    "begins with a minus sign to its option: --view=-3,0,-2,0,0,0. A depth "
     "image has 16 bits of millimetres along the viewing axis, 0 where there is nothing. A "
     "segmentation has a colour for every object; the list of colours is printed."
 )
