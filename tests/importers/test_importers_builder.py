@@ -35,6 +35,7 @@ from usarsim_server.importers.scene import (
     PathNode,
     Plane,
     SceneObject,
+    Shape,
     Sphere,
     Start,
     Victim,
@@ -250,7 +251,7 @@ class TestFeeling:
 
     def test_shapes_of_all_kinds(self, tmp_path: Path) -> None:
         """Boxes, balls, cylinders, capsules and planes are exact, fixed or movable."""
-        shapes = {
+        shapes: dict[str, tuple[Shape, float]] = {
             "box": (Box((1, 1, 1)), 0.5),
             "ball": (Sphere(0.4), 0.4),
             "can": (Cylinder(0.3, 1.2), 0.6),
@@ -353,7 +354,8 @@ class TestTelling:
         )
         world = build_world(tmp_path, scene_of(FLOOR, shelf, starts=[HERE], victims=people))
         first, second, third = world.description.victims
-        assert (first.posture, first.scale) == ("standing", pytest.approx(1.2))
+        assert first.posture == "standing"
+        assert first.scale == pytest.approx(1.2)
         assert first.pose.position == pytest.approx(
             (-2, 0, 1.2 * PELVIS_HEIGHT["standing"]), abs=1e-5
         )

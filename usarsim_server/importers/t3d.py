@@ -155,6 +155,7 @@ class _Level:
 
     def scene(self) -> Scene:
         """What was found."""
+        materials = self._materials()
         files = tuple(dict.fromkeys([self._source, *self._library.files]))
         return Scene(
             source=Source(
@@ -166,7 +167,7 @@ class _Level:
             ),
             objects=tuple(self._objects),
             brushes=tuple(self._brushes),
-            materials=self._materials(),
+            materials=materials,
             starts=tuple(self._starts),
             path_nodes=tuple(self._nodes),
             victims=tuple(self._victims),

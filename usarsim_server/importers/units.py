@@ -36,7 +36,9 @@ ROTATION_UNIT = math.tau / 65536.0
 MIRROR = np.diag([1.0, -1.0, 1.0])
 
 
-def unreal_points(points: Sequence[Sequence[float]] | Array, scale: float = UU_PER_METRE) -> Array:
+def unreal_points(
+    points: Sequence[float] | Sequence[Sequence[float]] | Array, scale: float = UU_PER_METRE
+) -> Array:
     """Points (n, 3) or one point (3,): (X, Y, Z) becomes (X, -Y, Z) / scale (item 1).
 
     This is a reflection: whoever uses it on faces reverses their vertex order once.
