@@ -54,6 +54,19 @@ def test_a_scene_without_light_is_given_one(tmp_path: Path) -> None:
     assert lit.light_dir[0] == pytest.approx([0.0, 0.0, -1.0])
 
 
+def test_a_scene_without_sky_is_given_one(tmp_path: Path) -> None:
+    """Cameras never look into black nothing; a scene with its own sky is left alone."""
+    bare = scene_of(tmp_path / "bare").compile()
+    assert bare.ntex == 1
+    assert bare.tex_type[0] == mujoco.mjtTexture.mjTEXTURE_SKYBOX
+    sky = (
+        '<asset><texture name="own" type="skybox" builtin="flat" rgb1="1 0 0" width="8" '
+        'height="48"/></asset><worldbody>'
+    )
+    own = scene_of(tmp_path / "own", SCENE.replace("<worldbody>", sky)).compile()
+    assert [own.tex(number).name for number in range(own.ntex)] == ["own"]
+
+
 def test_far_away_bodies_do_not_change_the_extent(tmp_path: Path) -> None:
     """Robots parked far away leave clip planes and shadows as they were."""
     spec = scene_of(tmp_path)

@@ -34,7 +34,8 @@ def build_scene(world: WorldDescription) -> mujoco.MjSpec:
     """Read the scene of a world and put its victims and its machinery in.
 
     The result compiles. Its extent and centre are fixed, so that parking robots far away does
-    not change clip planes and shadows of cameras; a scene without light is given some.
+    not change clip planes and shadows of cameras; a scene without light is given some, one
+    without a sky a blue one.
 
     Raises:
         WorldError: if MuJoCo cannot read or compile the scene, if the scene sets what the server
@@ -48,6 +49,8 @@ def build_scene(world: WorldDescription) -> mujoco.MjSpec:
     _refuse_server_settings(world, spec)
     if not spec.lights:
         _add_light(spec)
+    if all(texture.type != mujoco.mjtTexture.mjTEXTURE_SKYBOX for texture in spec.textures):
+        _add_sky(spec)
     try:
         for victim in world.victims:
             add_victim(spec, victim)
@@ -145,6 +148,18 @@ def _paint(spec: mujoco.MjSpec, surface: Surface, number: int) -> None:
         material=surface.kind,
         contype=0,
         conaffinity=0,
+    )
+
+
+def _add_sky(spec: mujoco.MjSpec) -> None:
+    spec.add_texture(
+        name="usarsim:sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=(0.55, 0.67, 0.80),
+        rgb2=(0.93, 0.95, 0.96),
+        width=64,
+        height=6 * 64,
     )
 
 
