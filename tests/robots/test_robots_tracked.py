@@ -1,0 +1,628 @@
+"""Tracked robots: belts around rollers, sprockets that move them, flippers, eight classes."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from robot_files import SHAPE, table, write
+
+from usarsim_server.errors import RobotDescriptionError
+from usarsim_server.protocol.values import Dialect
+from usarsim_server.robots.description import RobotDescription
+from usarsim_server.robots.families.registry import family_of
+from usarsim_server.robots.families.tracked import Gear, Treads
+from usarsim_server.robots.fleet import robot_model
+from usarsim_server.robots.loader import load_robot
+from usarsim_server.robots.roster import load_roster
+from usarsim_server.robots.tracks import Roller, Run, runs, touching
+from usarsim_server.sensors.base import SensorContext
+from usarsim_server.sensors.registry import create_sensor
+from usarsim_server.simulation.belts import Belts
+from usarsim_server.simulation.model import CompiledWorld, PhysicsOptions, compile_world
+from usarsim_server.testing import Rehearsal
+from usarsim_server.worlds.description import WorldDescription
+
+ROSTER = load_roster()
+FLIPPERS = ("FRFlipper", "FLFlipper", "RRFlipper", "RLFlipper")
+CLASSES = (
+    "Kenaf",
+    "Tarantula",
+    "TeleMax",
+    "Rugbot",
+    "Talon",
+    "Matilda",
+    "crawler_robot",
+    "Soryu",
+)
+
+
+def shipped(name: str) -> RobotDescription:
+    robot = ROSTER.find(name)
+    assert robot is not None, name
+    return robot
+
+
+def gear(robot: RobotDescription) -> Gear:
+    assert isinstance(robot.gear, Gear)
+    return robot.gear
+
+
+# -- the shape of a belt ---------------------------------------------------------------------------
+
+ROLLERS = st.lists(
+    st.builds(
+        Roller,
+        x=st.floats(-1.0, 1.0),
+        z=st.floats(-1.0, 1.0),
+        radius=st.floats(0.01, 0.3),
+    ),
+    min_size=1,
+    max_size=6,
+)
+
+
+def test_belt_around_equal_rollers_in_line() -> None:
+    """One run below, which moves back, and one above, which moves ahead; all rollers touch both."""
+    rollers = [Roller(x, 0.0, 0.1) for x in (0.2, 0.0, -0.2)]
+    below, above = sorted(runs(rollers), key=lambda run: run.start[1])
+    assert below.start == pytest.approx((0.2, -0.1))
+    assert below.end == pytest.approx((-0.2, -0.1))
+    assert below.normal == pytest.approx((0.0, -1.0))
+    assert above.start == pytest.approx((-0.2, 0.1))
+    assert above.end == pytest.approx((0.2, 0.1))
+    assert above.depth == pytest.approx(0.1)
+    assert touching(rollers) == tuple(rollers)
+
+
+def test_tapered_belt() -> None:
+    """Around a small and a large roller the runs are as long as the textbook's open belt."""
+    small, large = Roller(0.0, 0.0, 0.06), Roller(0.145, 0.0, 0.08)
+    for run in runs([small, large]):
+        assert run.length == pytest.approx(math.sqrt(0.145**2 - 0.02**2))
+        assert run.depth == 0.06
+
+
+def test_roller_inside_the_belt_is_not_touched() -> None:
+    """A roller that the belt passes at a distance is no part of it."""
+    ends = [Roller(-0.3, 0.0, 0.1), Roller(0.3, 0.0, 0.1)]
+    assert touching([*ends, Roller(0.0, 0.0, 0.05)]) == tuple(ends)
+
+
+@pytest.mark.parametrize(
+    "rollers",
+    [
+        [],
+        [Roller(0.0, 0.0, 0.1)],
+        [Roller(0.0, 0.0, 0.1), Roller(0.01, 0.0, 0.05)],
+        [Roller(0.0, 0.0, 0.1), Roller(0.0, 0.0, 0.1)],
+    ],
+)
+def test_no_belt(rollers: list[Roller]) -> None:
+    """A single roller, or one inside the other, has no straight run."""
+    assert runs(rollers) == ()
+
+
+@given(ROLLERS)
+def test_belt_encloses_all_rollers(rollers: list[Roller]) -> None:
+    """Every run touches rollers at both ends, has all of them on its inner side, and turns the
+    robot's way round."""
+    for run in runs(rollers):
+        for roller in rollers:
+            assert stands_out(run, roller) < 1e-6
+        for end in (run.start, run.end):
+            gaps = [abs(math.dist(end, (r.x, r.z)) - r.radius) for r in rollers]
+            assert min(gaps) < 1e-6
+        along = (run.end[0] - run.start[0], run.end[1] - run.start[1])
+        # The belt runs clockwise: its outer side is on its left.
+        assert along[0] * run.normal[1] - along[1] * run.normal[0] > 0.0
+
+
+def stands_out(run: Run, roller: Roller) -> float:
+    dx, dz = roller.x - run.start[0], roller.z - run.start[1]
+    return dx * run.normal[0] + dz * run.normal[1] + roller.radius
+
+
+# -- robot files -----------------------------------------------------------------------------------
+
+SPROCKET: dict[str, Any] = {"radius": 0.1, "width": 0.05, "mass": 0.5, "collides": False}
+SPROCKETS = [
+    {**SPROCKET, "name": "LeftTrack", "position": [0.0, -0.15, 0.0]},
+    {**SPROCKET, "name": "RightTrack", "position": [0.0, 0.15, 0.0]},
+]
+ROLLER_PAIR = [{"x": 0.2, "radius": 0.1}, {"x": -0.2, "radius": 0.1}]
+LEFT: dict[str, Any] = {"position": [0.0, -0.15, 0.0], "width": 0.08, "roller": ROLLER_PAIR}
+RIGHT: dict[str, Any] = {**LEFT, "position": [0.0, 0.15, 0.0]}
+
+
+def crawler(**changes: Any) -> dict[str, Any]:
+    """A small tracked robot; a change to None drops the key."""
+    base: dict[str, Any] = {
+        "kind": "tracked",
+        "caster": None,
+        "wheel": SPROCKETS,
+        "track": [LEFT, RIGHT],
+        "shape": [{**SHAPE, "size": [0.3, 0.2, 0.1]}],
+    }
+    return table(**(base | changes))
+
+
+def test_tracks_are_read(tmp_path: Path) -> None:
+    """Sides follow from places; base, separation and rest height follow from the belts."""
+    robot = load_robot(write(tmp_path, "Test", crawler()))
+    assert [track.side for track in gear(robot).tracks] == ["left", "right"]
+    assert gear(robot).tracks[0].position == (0.0, 0.15, 0.0)
+    assert robot.rest_height == pytest.approx(0.1)
+    assert robot.report.wheel_base == pytest.approx(0.4)
+    assert robot.report.track_width == pytest.approx(0.3)
+    assert robot.report.wheel_radius == 0.1
+    assert robot.report.dimensions == pytest.approx((0.4, 0.3, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"track": None}, "no track on the left"),
+        ({"track": [LEFT]}, "no track on the right"),
+        ({"track": [LEFT, {**RIGHT, "side": "left"}]}, "is 'left', but the track is on the right"),
+        ({"track": [LEFT, {**RIGHT, "position": [0, 0, 0]}]}, "side: is missing"),
+        ({"track": [LEFT, {**RIGHT, "roller": ROLLER_PAIR[:1]}]}, "1 rollers do not hold a belt"),
+        ({"track": [LEFT, {**RIGHT, "width": 0}]}, "width"),
+        ({"track": [LEFT, {**RIGHT, "link": "Arm"}]}, "no link 'Arm'"),
+        ({"track": [LEFT, {**RIGHT, "roller": [{"x": 0.1}]}]}, "radius: is missing"),
+        ({"rest_height": 0.5}, "the tracks touch the floor at 0.1"),
+        ({"wheel": None}, "no driven wheel on the left"),
+        ({"report": {"wheel_base": 1.0}}, "leave it out"),
+    ],
+)
+def test_bad_tracks(tmp_path: Path, changes: dict[str, Any], words: str) -> None:
+    """What cannot be a tracked robot is refused with place and cure."""
+    with pytest.raises(RobotDescriptionError, match=re.escape(words)):
+        load_robot(write(tmp_path, "Test", crawler(**changes)))
+
+
+def test_other_kinds_have_no_tracks(tmp_path: Path) -> None:
+    """A [[track]] table on a wheeled robot is an unknown key, not ignored."""
+    with pytest.raises(RobotDescriptionError, match="track"):
+        load_robot(write(tmp_path, "Test", table(track=[LEFT, RIGHT])))
+
+
+def test_variants_inherit_belts(tmp_path: Path) -> None:
+    """A faster Kenaf is a Kenaf to the physics, with its declared radius; one with other belts
+    is not."""
+    fast = load_robot(
+        write(tmp_path, "Fast", {"extends": "Kenaf", "drive": {"max_wheel_speed": 12.0}})
+    )
+    assert fast.model == "Kenaf"
+    assert fast.gear == shipped("Kenaf").gear
+    assert fast.report.wheel_radius == 0.2
+    other = load_robot(write(tmp_path, "Other", {"extends": "Kenaf", "track": [LEFT, RIGHT]}))
+    assert other.model == "Other"
+    assert len(gear(other).tracks) == 2
+
+
+def test_belts_on_a_link_that_is_gone(tmp_path: Path) -> None:
+    """A variant that drops the flippers must describe its tracks anew."""
+    with pytest.raises(RobotDescriptionError, match="sits on 'FRFlipper', which is gone"):
+        load_robot(write(tmp_path, "Bare", {"extends": "Kenaf", "without": ["Flippers"]}))
+
+
+# -- surfaces --------------------------------------------------------------------------------------
+
+
+def floor() -> mujoco.MjSpec:
+    return mujoco.MjSpec.from_string(
+        '<mujoco><worldbody><geom type="plane" size="0 0 1"/></worldbody></mujoco>'
+    )
+
+
+def compiled(robot: RobotDescription, copies: int = 1) -> CompiledWorld:
+    return compile_world(floor, (robot_model(robot),) * copies, PhysicsOptions(), 0)
+
+
+def surface_speed(
+    model: mujoco.MjModel, data: mujoco.MjData, geom: int
+) -> tuple[float, float, float]:
+    """Velocity (world frame) of the lowest point of the surface of a part of a belt."""
+    frame = data.geom_xmat[geom].reshape(3, 3)
+    linear, angular = model.geom_surfacevel[geom, :3], model.geom_surfacevel[geom, 3:]
+    radius = model.geom_size[geom, 2]
+    below = np.array([0.0, 0.0, -radius])
+    if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX:
+        return tuple(frame @ linear)
+    return tuple(np.cross(frame @ angular, below))
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_surfaces_follow_the_sprocket_of_their_side(name: str) -> None:
+    """What lies on the ground moves back at radius times spin, on chassis and flippers, each side
+    for itself, and rollers turn no faster than their belt."""
+    robot = shipped(name)
+    world = compiled(robot)
+    model, data = world.model, mujoco.MjData(world.model)
+    for joint, place in world.layouts[0].joint_qpos.items():
+        if joint.endswith("flipper"):
+            data.qpos[place] = 0.0
+    mujoco.mj_kinematics(model, data)
+    (law_model,) = family_of(robot).laws(robot)
+    law = law_model.make(model, "robot0:")
+    spins = {"left": 2.0, "right": -3.0}
+    for wheel in robot.driven_wheels:
+        data.qvel[world.layouts[0].joint_dof[wheel.name.lower()]] = spins[wheel.side]
+    law.prepare(model, data, np.zeros(0))
+    radius = robot.driven_wheels[0].radius
+    seen = 0
+    for geom in world.layouts[0].geoms:
+        label = model.geom(geom).name.removeprefix("robot0:")
+        if not re.fullmatch(r"track:\d+:(roller|run).*", label):
+            assert not model.geom_surfacevel[geom].any()
+            continue
+        track = gear(robot).tracks[int(label.split(":")[1])]
+        wanted = spins[track.side] * radius
+        velocity = surface_speed(model, data, int(geom))
+        assert math.hypot(*velocity) == pytest.approx(abs(wanted))
+        upright = data.geom_xmat[geom].reshape(3, 3)[2, 2]
+        if "roller" in label or upright < -0.9:
+            seen += 1
+            assert velocity[0] == pytest.approx(-wanted, rel=0.05)
+    assert seen >= 2 * len(gear(robot).tracks)
+
+
+def test_belts_on_a_link_mounted_backwards_run_the_right_way(tmp_path: Path) -> None:
+    """A flipper whose frame is turned by half a turn still rolls ahead with its side."""
+    link = {
+        "name": "Flipper",
+        "position": [0.3, -0.15, 0.0],
+        "rotation": [0.0, 0.0, math.pi],
+        "axis": [0, 1, 0],
+        "shape": [{**SHAPE, "size": [0.1, 0.02, 0.02], "mass": 0.5, "collides": False}],
+    }
+    flipper = {"link": "Flipper", "width": 0.05, "roller": ROLLER_PAIR}
+    path = write(
+        tmp_path,
+        "Test",
+        crawler(
+            track=[LEFT, RIGHT, flipper],
+            actuator=[{"name": "Flippers", "package": False, "link": [link]}],
+        ),
+    )
+    robot = load_robot(path)
+    assert gear(robot).tracks[2].side == "left"
+    world = compiled(robot)
+    model, data = world.model, mujoco.MjData(world.model)
+    mujoco.mj_kinematics(model, data)
+    law = family_of(robot).laws(robot)[0].make(model, "robot0:")
+    data.qvel[world.layouts[0].joint_dof["lefttrack"]] = 1.0
+    law.prepare(model, data, np.zeros(0))
+    for part in ("track:0:roller0:0", "track:2:roller0:0"):
+        assert surface_speed(model, data, model.geom("robot0:" + part).id)[0] < -0.09
+
+
+def test_belts_stop_with_their_robot() -> None:
+    """Released, all surfaces stand still; a restored state is written again; what hardly turns
+    does not move at all."""
+    robot = shipped("Kenaf")
+    world = compiled(robot, copies=2)
+    model, data = world.model, mujoco.MjData(world.model)
+    first, second = (
+        family_of(robot).laws(robot)[0].make(model, f"robot{slot}:") for slot in range(2)
+    )
+    assert isinstance(first, Treads)
+    dof = [layout.joint_dof["lefttrack"] for layout in world.layouts]
+    data.qvel[dof] = 1.0
+    for law in (first, second):
+        law.prepare(model, data, np.zeros(0))
+    geoms = world.layouts[0].geoms
+    other = model.geom_surfacevel[world.layouts[1].geoms].copy()
+    moving = model.geom_surfacevel[geoms].copy()
+    first.release(model, data)
+    assert not model.geom_surfacevel[geoms].any()
+    assert (model.geom_surfacevel[world.layouts[1].geoms] == other).all()
+    assert other.any()
+    first.restore(first.state())
+    first.prepare(model, data, np.zeros(0))
+    assert (model.geom_surfacevel[geoms] == moving).all()
+    data.qvel[dof] = 1e-9
+    first.prepare(model, data, np.zeros(0))
+    assert not model.geom_surfacevel[geoms].any()
+
+
+def test_tracks_are_no_conveyor_belts() -> None:
+    """A world controller cannot run the belts of robots."""
+    belts = Belts(compiled(shipped("Kenaf")).model)
+    assert belts.run("robot0", 5.0) == 0
+    assert belts.run("robot0:track:0:run0", 5.0) == 0
+
+
+# -- the eight classes -----------------------------------------------------------------------------
+
+
+def test_aliases() -> None:
+    """#2, #3: names in any case, TarantulaSIED, and colours of the crawler."""
+    assert shipped("USARBot.kenaf").name == "Kenaf"
+    assert shipped("TarantulaSIED").model == "Tarantula"
+    assert shipped("TarantulaSIED").name == "TarantulaSIED"
+    assert shipped("crawler_robot_b").model == "crawler_robot"
+
+
+def test_kenaf_says_what_the_original_said() -> None:
+    """Robots reference 1.3: radius 0.2 as declared, mass 24, MaxTorque 0.15, base and separation
+    of the main wheels, in both dialects."""
+    robot = shipped("Kenaf")
+    family = family_of(robot)
+    for dialect in Dialect:
+        geo, conf = family.geometry(robot, dialect), family.configuration(robot, dialect)
+        for words in ("{Dimensions 0.4000,0.2200,0", "{WheelRadius 0.2000}"):
+            assert words in geo
+        assert "{WheelSeparation 0.2200} {WheelBase 0.4000}" in geo
+        for words in ("{SteeringType SkidSteered}", "{Mass 24.0000}", "{MaxTorque 0.1500}"):
+            assert words in conf
+        assert "{MaxSpeed 6.2830}" in conf or "{MaxSpeed 6.2829}" in conf
+    assert robot.dialect is Dialect.UDK
+
+
+@pytest.mark.parametrize(
+    ("name", "mass", "speed", "length", "width"),
+    [
+        ("Tarantula", 15.0, 0.5, 0.70, 0.44),
+        ("TeleMax", 75.0, 1.1, 0.80, 0.40),
+        ("Rugbot", 35.0, 0.7, 0.55, 0.50),
+        ("Talon", 52.0, 1.8, 0.86, 0.57),
+        ("Matilda", 28.0, 0.9, 0.66, 0.51),
+        ("Soryu", 9.5, 0.37, 1.16, 0.122),
+        ("crawler_robot", 48.0, 0.25, 0.70, 0.362),
+    ],
+)
+def test_figures_of_the_others(
+    name: str, mass: float, speed: float, length: float, width: float
+) -> None:
+    """Robots reference 1.11 and 1.8: mass, top speed, footprint; CONF tells the mass of the
+    bodies (#8)."""
+    robot = shipped(name)
+    assert robot.report.mass == pytest.approx(mass)
+    top = robot.drive.max_wheel_speed * robot.driven_wheels[0].radius
+    assert top == pytest.approx(speed, rel=0.001)
+    assert robot.report.dimensions[:2] == pytest.approx((length, width))
+    world = compiled(robot)
+    bodies = sorted(world.layouts[0].bodies)
+    assert world.model.body_mass[bodies].sum() == pytest.approx(mass, rel=0.001)
+    assert robot.dialect is Dialect.UT2004
+    across = [track.place(robot.actuators).position[1] for track in gear(robot).tracks]
+    reach = max(
+        abs(y) + track.width / 2 for y, track in zip(across, gear(robot).tracks, strict=True)
+    )
+    assert 2 * reach == pytest.approx(width, abs=0.012)
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_items_can_be_made(name: str) -> None:
+    """Every class has a laser, INS, odometry, ground truth and a camera, and all can be made."""
+    robot = shipped(name)
+    world = WorldDescription("test", "Test", "", "", Path(), Path("scene.xml"), ())
+    types = set()
+    for item in robot.items:
+        sensor = create_sensor(item, SensorContext(robot, world, np.random.default_rng(0)))
+        types.add(sensor.wire_type)
+    assert {"RangeScanner", "INS", "Odometry", "GroundTruth"} <= types
+    assert "camera" in {camera.name.lower() for camera in robot.cameras}
+    assert robot.battery is not None
+
+
+def test_telemax_arm_is_the_captured_one() -> None:
+    """Robots reference 1.10: eleven links, torque 300, 0.17 rad/s, the first two where captured."""
+    (arm,) = (one for one in shipped("TeleMax").actuators if one.package)
+    assert arm.name == "TeleMaxArm"
+    assert len(arm.links) == 11
+    assert {(link.max_torque, link.max_speed, link.home) for link in arm.links} == {
+        (300.0, 0.17, 0.0)
+    }
+    assert arm.links[0].limits is None
+    with Rehearsal(world="empty") as stage:
+        client = stage.connect()
+        client.send("INIT {ClassName TeleMax} {Location 0,0,-0.1}")
+        client.take()
+        client.send("GETGEO {Type MisPkg} {Name TeleMaxArm}")
+        (line,) = client.take("GEO")
+        assert (
+            "{Link 1} {ParentLink -1} {Location 0.1789,-0.0014,-0.0905}"
+            " {Orientation 3.1415,0.0000,0.0000}" in line
+        )
+        assert (
+            "{Link 2} {ParentLink 1} {Location 0.0258,-0.0720,0.1566}"
+            " {Orientation 1.5707,0.0000,0.0000}" in line
+        )
+
+
+@pytest.fixture(scope="module")
+def crowd() -> Iterator[Rehearsal]:
+    """All classes, each spawned from 1.4 m and from 2.1 m in one world, three seconds later."""
+    with Rehearsal(world="empty", max_robots=2 * len(CLASSES)) as stage:
+        for row, height in enumerate((1.4, 2.1)):
+            for column, name in enumerate(CLASSES):
+                client = stage.connect()
+                client.send(
+                    f"INIT {{ClassName USARBot.{name}}} {{Name {name}{row}}}"
+                    f" {{Location {3 * column},{3 * row},{-height}}}"
+                )
+        stage.run(3.0)
+        yield stage
+
+
+@pytest.mark.parametrize("row", [0, 1])
+@pytest.mark.parametrize("name", CLASSES)
+def test_settles_from_high_up(crowd: Rehearsal, name: str, row: int) -> None:
+    """#17: dropped from 1.4 or 2.1 m every class stands upright at its rest height after 3 s."""
+    vehicle = crowd.assembly.fleet.find(f"{name}{row}")
+    assert vehicle is not None
+    state = vehicle.look()
+    assert state is not None
+    x, y, z = state.pose.position
+    assert z == pytest.approx(shipped(name).rest_height, abs=0.002)
+    assert state.pose.rotate((0.0, 0.0, 1.0))[2] > 0.99999
+    assert (x, y) == pytest.approx((3 * CLASSES.index(name), -3 * row), abs=0.02)
+    assert max(map(abs, state.linear_velocity)) < 1e-3
+
+
+def test_nobody_drifts(crowd: Rehearsal) -> None:
+    """#64: what stands stays where it is."""
+    before = {one.name: one.look() for one in crowd.assembly.fleet.vehicles}
+    crowd.run(5.0)
+    for one in crowd.assembly.fleet.vehicles:
+        now, then = one.look(), before[one.name]
+        assert now is not None
+        assert then is not None
+        assert math.dist(now.pose.position, then.pose.position) < 1e-4
+
+
+# -- on the wire -----------------------------------------------------------------------------------
+
+
+def number(line: str, key: str) -> float:
+    found = re.search(rf"\{{{key} (-?[\d.]+)\}}", line)
+    assert found is not None, line
+    return float(found[1])
+
+
+def test_flippers_of_ut2004() -> None:
+    """Protocol 6.6 #88, 6.9 #154: MULTIDRIVE in any case; STA lists FR, FL, RR, RL between
+    RearSteer and LightToggle; a missing one keeps its angle."""
+    with Rehearsal(world="empty") as stage:
+        client = stage.connect()
+        client.send("INIT {ClassName kenaf} {Location 0,0,-0.1} {Dialect ut2004}")
+        client.send("MULTIDRIVE {FRFlipper 0.5} {FLflipper 0.5}")
+        stage.run(2.0)
+        line = client.take("STA")[-1]
+        keys = re.findall(r"\{(\w+) ", line)
+        at = keys.index("RearSteer")
+        assert keys[at + 1 : at + 6] == [*FLIPPERS, "LightToggle"]
+        assert [number(line, key) for key in FLIPPERS] == pytest.approx([0.5, 0.5, 0, 0], abs=0.01)
+        client.send("MultiDrive {RRFlipper 1.0}")
+        stage.run(2.0)
+        line = client.take("STA")[-1]
+        assert [number(line, key) for key in FLIPPERS] == pytest.approx(
+            [0.5, 0.5, 1.0, 0], abs=0.01
+        )
+
+
+def test_flippers_of_udk() -> None:
+    """Protocol 3.7: SET {Type Joint} moves one flipper, and so does DRIVE by its name."""
+    with Rehearsal(world="empty") as stage:
+        client = stage.connect()
+        client.send("INIT {ClassName Kenaf} {Location 0,0,-0.1} {Dialect udk}")
+        client.send("SET {Type Joint} {Name FRFlipper} {Opcode Angle} {Params -0.6}")
+        client.send("DRIVE {Name RLFlipper} {Value 0.4}")
+        stage.run(2.0)
+        state = stage.assembly.fleet.vehicles[0].look()
+        assert state is not None
+        angles = [state.joint_position(joint) for joint in FLIPPERS]
+        assert angles == pytest.approx([-0.6, 0.0, 0.0, 0.4], abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("name", "up"),
+    [
+        ("Kenaf", (-1, -1, 1, 1)),
+        ("Tarantula", (-1, -1, 1, 1)),
+        ("TeleMax", (-1, -1, 1, 1)),
+        ("Rugbot", (-1, -1)),
+        ("crawler_robot", (1, 1, 1, 1)),
+    ],
+)
+def test_which_way_is_up(name: str, up: tuple[int, ...]) -> None:
+    """Clients raise front flippers with negative and rear ones with positive angles; those of the
+    prototype of 2015 are all raised with positive ones."""
+    robot = shipped(name)
+    for joint, sign in zip(FLIPPERS[: len(up)], up, strict=True):
+        found = robot.find_link(joint)
+        assert found is not None
+        link = found[0].links[found[1] - 1]
+        ahead = 1.0 if joint[0] == "F" else -1.0
+        tip = link.placed(sign * 0.5).rotate((ahead, 0.0, 0.0))
+        assert tip[2] == pytest.approx(math.sin(0.5))
+
+
+def test_crawler_appears_with_raised_flippers() -> None:
+    """Protocol 3.5: the prototype's flippers begin at 45 degrees."""
+    robot = shipped("crawler_robot")
+    assert {link.home for link in robot.links} == {0.785398}
+
+
+def test_drive_and_odometry() -> None:
+    """#22, #34: Kenaf goes at its belts' speed and turns clockwise with the left side faster; its
+    odometry reckons with the announced radius, as the original's did."""
+    with Rehearsal(world="empty") as stage:
+        client = stage.connect()
+        client.send("INIT {ClassName Kenaf} {Location 0,0,-0.09}")
+        stage.run(0.5)
+        client.send("DRIVE {Left 3} {Right 3}")
+        stage.run(4.0)
+        client.send("DRIVE {Left 0} {Right 0}")
+        stage.run(1.0)
+        truth = client.take("SEN")
+        x = location(truth)[0]
+        assert x == pytest.approx(4.0 * 3 * 0.09, rel=0.03)
+        odometry = re.findall(r"\{Type Odometry\}.*?\{Pose ([-\d.]+),", "\n".join(truth))
+        assert float(odometry[-1]) == pytest.approx(x * 0.2 / 0.09, rel=0.01)
+        client.send("DRIVE {Left 100} {Right -100} {Normalized True}")
+        stage.run(1.0)
+        yaw = orientation(client.take("SEN"))[2]
+        assert yaw > 0.3
+
+
+def location(lines: list[str]) -> list[float]:
+    return _last(lines, "Location")
+
+
+def orientation(lines: list[str]) -> list[float]:
+    return _last(lines, "Orientation")
+
+
+def _last(lines: list[str], key: str) -> list[float]:
+    line = next(one for one in reversed(lines) if "{Type GroundTruth}" in one)
+    found = re.search(rf"\{{{key} ([^}}]+)\}}", line)
+    assert found is not None
+    return [float(word) for word in found[1].split(",")]
+
+
+def test_belts_run_on_when_the_world_grows() -> None:
+    """A robot that drives keeps its speed while others come, and goes on from rest afterwards."""
+    with Rehearsal(world="empty", max_robots=12) as stage:
+        first = stage.connect()
+        first.send("INIT {ClassName Kenaf} {Location 0,0,-0.09} {Dialect ut2004}")
+        first.send("DRIVE {Left 3} {Right 3}")
+        stage.run(1.0)
+        for n in range(9):
+            stage.connect().send(f"INIT {{ClassName Kenaf}} {{Location {n},5,-0.09}}")
+        stage.run(0.5)
+        state = stage.assembly.fleet.vehicles[0].look()
+        assert state is not None
+        assert state.linear_velocity[0] == pytest.approx(0.27, abs=0.005)
+        for vehicle in stage.assembly.fleet.vehicles[1:]:
+            resting = vehicle.look()
+            assert resting is not None
+            assert math.hypot(*resting.linear_velocity) < 1e-3
+
+
+def test_soryu_bends() -> None:
+    """Soryu raises its head and turns it, and the head's belts stay with it."""
+    with Rehearsal(world="empty") as stage:
+        client = stage.connect()
+        client.send("INIT {ClassName Soryu} {Location 0,0,-0.08}")
+        client.send("MULTIDRIVE {FrontPitch 0.5} {FrontYaw 0.3}")
+        stage.run(2.0)
+        state = stage.assembly.fleet.vehicles[0].look()
+        assert state is not None
+        assert state.joint_position("FrontPitch") == pytest.approx(0.5, abs=0.01)
+        head = state.link_pose("FrontBody")
+        nose = head.rotate((1.0, 0.0, 0.0))
+        assert nose[2] == pytest.approx(math.sin(0.5), abs=0.02)
+        assert nose[1] > 0.2
+        assert head.position[2] == pytest.approx(0.0725, abs=0.01)
