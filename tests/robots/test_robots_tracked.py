@@ -27,6 +27,7 @@ from usarsim_server.robots.tracks import Roller, Run, runs, touching
 from usarsim_server.sensors.base import SensorContext
 from usarsim_server.sensors.registry import create_sensor
 from usarsim_server.simulation.belts import Belts
+from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import CompiledWorld, PhysicsOptions, compile_world
 from usarsim_server.testing import Rehearsal
 from usarsim_server.worlds.description import WorldDescription
@@ -626,3 +627,46 @@ def test_soryu_bends() -> None:
         assert nose[2] == pytest.approx(math.sin(0.5), abs=0.02)
         assert nose[1] > 0.2
         assert head.position[2] == pytest.approx(0.0725, abs=0.01)
+
+
+# -- the page --------------------------------------------------------------------------------------
+
+PAGE = (Path(__file__).parents[2] / "docs" / "robots-howto.md").read_text(encoding="utf-8")
+
+
+def keys(title: str) -> set[str]:
+    """Keys in the table of a section of the page."""
+    body = PAGE.split(f"### {title}", 1)[1].split("\n#", 1)[0]
+    cells = re.findall(r"^\| (`[^|]*`) \|", body, re.MULTILINE)
+    return {key for cell in cells for key in re.findall(r"`(\w+)`", cell)}
+
+
+@pytest.mark.parametrize("title", ["`[[track]]`", "`[[track.roller]]`"])
+def test_page_lists_exactly_the_known_keys(tmp_path: Path, title: str) -> None:
+    """The tables about belts have exactly the keys that the loader knows."""
+    probe = "zzzzzzzzzzzz"
+    track = {**LEFT, "roller": [dict(roller) for roller in ROLLER_PAIR]}
+    (track["roller"][0] if "roller" in title else track)[probe] = 1
+    with pytest.raises(RobotDescriptionError, match=probe) as caught:
+        load_robot(write(tmp_path, "Test", crawler(track=[track, RIGHT])))
+    known = set(str(caught.value).split("known are: ")[1].rstrip(")").split(", "))
+    assert keys(title) == known
+
+
+def test_example_of_the_page_climbs(tmp_path: Path) -> None:
+    """The crawler of the page drives, and raises its flippers as the page says."""
+    blocks = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
+    (text,) = (block for block in blocks if 'kind = "tracked"' in block)
+    (tmp_path / "Crawler.toml").write_text(text, encoding="utf-8")
+    with Rehearsal(world="empty", robots=[tmp_path]) as stage:
+        client = stage.connect()
+        client.send("INIT {ClassName Crawler} {Location 0,0,-0.1}")
+        client.send("MULTIDRIVE {FRFlipper -0.5} {FLFlipper -0.5}", "DRIVE {Left 3} {Right 3}")
+        stage.run(3.0)
+        state = stage.assembly.fleet.vehicles[0].look()
+        assert state is not None
+        assert state.pose.position[0] > 0.5
+        tip = state.link_pose("FRFlipper") @ Pose((0.2, 0.0, 0.0))
+        assert tip.position[2] == pytest.approx(0.08 + 0.2 * math.sin(0.5), abs=0.01)
+        line = client.take("STA")[-1]
+        assert number(line, "FRFlipper") == pytest.approx(-0.5, abs=0.01)
