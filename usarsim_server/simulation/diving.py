@@ -72,6 +72,9 @@ class Diving(Law):
         self._dof = int(model.body_dofadr[body])
         self._qpos = int(model.jnt_qposadr[model.body_jntadr[body]])
         self._hull = hull
+        self._mass = float(model.body_subtreemass[body])
+        self._inertia = model.dof_M0[self._dof + 3 : self._dof + 6].copy()
+        self._step = float(model.opt.timestep)
         self._share = float(model.opt.timestep) / hull.response
         self._reached = np.zeros(CHANNELS)
 
@@ -85,9 +88,12 @@ class Diving(Law):
         speed = frame.T @ data.qvel[self._dof : self._dof + 3]
         spin = data.qvel[self._dof + 3 : self._dof + 6]
         turns = propeller / (2.0 * np.pi)
-        force = -0.5 * WATER * np.array(hull.drag) * (np.abs(speed) + SLOW) * speed
+        drag = 0.5 * WATER * np.array(hull.drag) * (np.abs(speed) + SLOW)
+        turning_drag = np.array(hull.turning_drag) * (np.abs(spin) + SLOW)
+        # A step of drag can stop a body, but not throw it back.
+        force = -np.minimum(drag, self._mass / self._step) * speed
         force[0] += hull.thrust * WATER * turns * abs(turns) * hull.diameter**4
-        torque = -np.array(hull.turning_drag) * (np.abs(spin) + SLOW) * spin
+        torque = -np.minimum(turning_drag, self._inertia / self._step) * spin
         # Astern the water meets the planes from behind, and they turn the hull the other way.
         pressure = 0.5 * WATER * speed[0] * abs(speed[0])
         torque[1] += pressure * hull.plane * hull.arm * planes

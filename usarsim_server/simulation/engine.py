@@ -212,7 +212,7 @@ class Engine:
         if not (np.abs(targets) < SPEED_LIMIT).all():
             raise ValueError(f"wheel speed targets out of bounds: {targets}")
         self._servos.command(slot, targets)
-        self._note_driven(slot, bool(np.any(targets)))
+        self._note_driven(slot)
         self._wake(slot)
 
     def wheel_targets(self, robot: int) -> Array:
@@ -239,6 +239,7 @@ class Engine:
         slot = self._active.get(robot)
         if slot is not None:
             self._laws.command(slot, values)
+            self._note_driven(slot)
             self._wake(slot)
 
     def operate_hand(self, robot: int, hand: str, close: bool) -> bool:
@@ -259,10 +260,11 @@ class Engine:
         self._servos.release(slot)
         self._limbs.release(slot)
         self._laws.vacate(slot, self.data)
-        self._note_driven(slot, False)
+        self._note_driven(slot)
 
-    def _note_driven(self, slot: int, driven: bool) -> None:
+    def _note_driven(self, slot: int) -> None:
         """Robots that are told to drive must not sleep, however slow they are."""
+        driven = bool(self._servos.targets(slot).any()) or self._laws.commanded(slot)
         if driven == (slot in self._driven):
             return
         (self._driven.add if driven else self._driven.remove)(slot)

@@ -28,8 +28,6 @@ ATTITUDE_RATE = 12.0
 """1/s: turning rate per radian of attitude error."""
 RATE_GAIN = 40.0
 """1/s: turning acceleration per rad/s of error; a tenth of a step of 2.5 ms at most."""
-FALL = 9.81
-"""m/s^2 with rotors at rest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,25 +51,20 @@ class VelocityHold(Law):
     """The law of one aircraft."""
 
     def __init__(self, model: mujoco.MjModel, base: str, limits: FlightLimits) -> None:
-        """Find mass and inertia of the body with everything on it.
+        """Find mass and inertia of the body with everything on it, its joints at home.
 
         Args:
             model: compiled.
             base: name of the chassis, which hangs on a free joint.
             limits: see there.
         """
-        body = model.body(base).id
+        self._body = body = int(model.body(base).id)
         self._dof = int(model.body_dofadr[body])
         self._qpos = int(model.jnt_qposadr[model.body_jntadr[body]])
         self._limits = limits
         self._step = float(model.opt.timestep)
-        data = mujoco.MjData(model)
-        mujoco.mj_forward(model, data)
-        full = np.zeros((model.nv, model.nv))
-        mujoco.mj_fullM(model, data, full)
-        own = slice(self._dof, self._dof + 6)
-        self._mass = float(full[self._dof, self._dof])
-        self._inertia = full[own, own][3:, 3:].copy()
+        self._mass = float(model.body_subtreemass[body])
+        self._inertia = model.dof_M0[self._dof + 3 : self._dof + 6].copy()
         self._tilt = np.zeros(2)
 
     def push(self, model: mujoco.MjModel, data: mujoco.MjData, command: Array) -> None:
@@ -80,8 +73,8 @@ class VelocityHold(Law):
         frame = rotation.reshape(3, 3)
         forces = data.qfrc_applied[self._dof : self._dof + 6]
         if command[6]:
-            forces[:3] = (0.0, 0.0, -self._mass * FALL)
-            forces[3:] = 0.0
+            forces[:3] = self._mass * model.opt.gravity
+            forces[3:] = self._about_origin(data, frame, forces[:3])
             return
         yaw = np.arctan2(frame[1, 0], frame[0, 0])
         ahead = np.array([np.cos(yaw), np.sin(yaw), 0.0])
@@ -89,9 +82,16 @@ class VelocityHold(Law):
         wanted = command[0] * ahead + command[1] * left
         wanted[2] = command[2]
         forces[:3] = self._mass * self._accelerate(wanted - data.qvel[self._dof : self._dof + 3])
-        forces[3:] = self._inertia @ self._turn(
+        forces[3:] = self._about_origin(data, frame, forces[:3])
+        forces[3:] += self._inertia * self._turn(
             frame, data.qvel[self._dof + 3 : self._dof + 6], ahead, left, command
         )
+
+    def _about_origin(self, data: mujoco.MjData, frame: Array, force: Array) -> Array:
+        """Moment (N m, body frame) of a force that acts in the mass centre."""
+        arm = data.subtree_com[self._body] - data.xpos[self._body]
+        moment: Array = np.cross(frame.T @ arm, frame.T @ force)
+        return moment
 
     def _accelerate(self, missing: Array) -> Array:
         """Acceleration (m/s^2) that removes a velocity error, limited as a whole."""

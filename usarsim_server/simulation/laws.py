@@ -137,8 +137,12 @@ class Laws:
 
     def push(self, data: mujoco.MjData) -> None:
         """Between the two halves of every step."""
-        for law, command in self._running:
-            law.push(self._model, data, command)
+        if not self._running:
+            return
+        # A body that diverges is dealt with after the step (see `divergence.py`).
+        with np.errstate(all="ignore"):
+            for law, command in self._running:
+                law.push(self._model, data, command)
 
     def state(self) -> LawsState:
         """A copy of everything that changes, for `restore`."""
