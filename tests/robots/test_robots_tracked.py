@@ -336,6 +336,23 @@ def test_belts_stop_with_their_robot() -> None:
     assert not model.geom_surfacevel[geoms].any()
 
 
+def test_what_is_seen_of_a_belt() -> None:
+    """Cameras and lasers see round ends and flat runs; not the ellipsoids that collide in their
+    place, nor the sprockets. All parts of belts are weightless."""
+    model = compiled(shipped("Kenaf")).model
+    names = [model.geom(geom).name for geom in range(model.ngeom)]
+    for geom, name in enumerate(names):
+        if ":track:" in name:
+            solid = bool(model.geom_contype[geom])
+            assert solid is ("look" not in name)
+            assert bool(model.geom_group[geom] <= 2) is ("roller" not in name)
+            assert model.geom_priority[geom] == 0
+    for sprocket in ("LeftTrack", "RightTrack"):
+        geom = names.index(f"robot0:{sprocket}")
+        assert model.geom_group[geom] > 2
+        assert model.geom_contype[geom] == model.geom_conaffinity[geom] == 0
+
+
 def test_tracks_are_no_conveyor_belts() -> None:
     """A world controller cannot run the belts of robots."""
     belts = Belts(compiled(shipped("Kenaf")).model)

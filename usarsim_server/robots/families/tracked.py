@@ -42,8 +42,8 @@ SAG = 0.001
 """m that straight runs stand back; at rest a roller sinks in by a third of that."""
 DEAD_SPIN = 1e-6
 """rad/s below which a sprocket stands still, so that a robot at rest can fall asleep."""
-COLLIDING = 3
-"""Geom group of what collides but is not seen."""
+HIDDEN = 3
+"""Geom group of what is not seen, by cameras and rays."""
 CONTACT_SOLREF = (0.02, 1.0)
 LINK_SOLREF = (0.01, 1.0)
 """On links, whose contacts are as stiff as their small mass asks for, but carry the whole robot."""
@@ -109,7 +109,10 @@ class Tracked(WheeledFamily):
         return replace(robot, report=report)
 
     def complete(self, spec: mujoco.MjSpec, robot: RobotDescription) -> None:
-        """Put the belts around the body."""
+        """Put the belts around the body; what only drives them is not seen."""
+        for wheel in robot.wheels:
+            if not wheel.collides:
+                spec.geom(wheel.name).group = HIDDEN
         for number, track in enumerate(_tracks(robot.gear)):
             body = spec.body(track.link or "base")
             _add_belt(body, f"track:{number}", track)
@@ -164,7 +167,7 @@ def _add_belt(body: mujoco.MjsBody, name: str, track: Track) -> None:
                 type=mujoco.mjtGeom.mjGEOM_ELLIPSOID,
                 size=[roller.radius, half / rows, roller.radius],
                 pos=[place[0], y + aside, place[2]],
-                group=COLLIDING,
+                group=HIDDEN,
             )
         body.add_geom(
             name=f"{name}:look{number}",
