@@ -41,7 +41,8 @@ DEFAULT_SPEED = {Dialect.UT2004: 0.1745, Dialect.UDK: 1.571}
 DEFAULT_TORQUE = 20.0
 """N m: MotorTorque of UT2004 (robots reference 1.6)."""
 
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+"""Of links, joints and packages."""
 _TYPES = {"revolute": JointType.REVOLUTE, "prismatic": JointType.PRISMATIC}
 
 Parent = RobotDescription | None
@@ -219,7 +220,7 @@ def _effector(table: TableReader, links: Sequence[str], dialect: Dialect) -> Eff
 
 
 def _name(table: TableReader, name: str) -> str:
-    if not _NAME.fullmatch(name) or name.lower() in RESERVED_NAMES:
+    if not NAME.fullmatch(name) or name.lower() in RESERVED_NAMES:
         table.fail(
             f"is {name!r}", "use letters, digits and _, first a letter, not base or free", "name"
         )

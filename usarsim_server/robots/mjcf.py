@@ -184,7 +184,8 @@ def _add_meshes(spec: mujoco.MjSpec, robot: RobotDescription) -> None:
                 mesh = spec.add_mesh(name=f"{body}:{number}")
                 mesh.uservert = shape.mesh.vertices.ravel()
                 mesh.userface = shape.mesh.faces.ravel()
-                mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
+                # Its weight is said elsewhere; a shell may be flat or open.
+                mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
 
 
 def _half_size(shape: Shape) -> list[float]:

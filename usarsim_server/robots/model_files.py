@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -26,8 +26,9 @@ from usarsim_server.robots.description import (
     Mesh,
     Shape,
 )
-from usarsim_server.robots.limb_parts import DEFAULT_SPEED, DEFAULT_TORQUE
-from usarsim_server.robots.parts import FASTEST
+from usarsim_server.robots.limb_parts import DEFAULT_SPEED, DEFAULT_TORQUE, NAME
+from usarsim_server.robots.model_sources import load_model
+from usarsim_server.robots.parts import FASTEST, HEAVIEST, RESERVED_NAMES
 from usarsim_server.robots.tables import TableReader, nearest
 from usarsim_server.simulation.frames import IDENTITY, Pose
 
@@ -37,6 +38,9 @@ REST = "Joints"
 """Name of the actuator that has all joints of no package."""
 SPECK = 1e-3
 """kg of a link that is there only because a body has several joints."""
+STRONGEST = 1e6
+"""N m, N, or N m s/rad."""
+SLOWEST = 1e-3
 _GHOST: Color = (0.0, 0.0, 0.0, 0.0)
 _KINDS = {
     int(mujoco.mjtGeom.mjGEOM_BOX): "box",
@@ -87,59 +91,49 @@ def read_body(reader: TableReader, folder: Path, dialect: Dialect) -> Body | Non
                 reader.fail("is about a model file", 'name one with body = "file.xml"', key)
         return None
     path = folder / reader.text("body")
-    model = _load(path)
+    model = load_model(path)
     base, nodes = _tree(model, path)
-    limits = _limits(reader.table("joints"), nodes, dialect)
-    packages = [(table.text("name"), table.texts("joints"), table) for table in _packages(reader)]
-    return Body(tuple(base), _group(nodes, limits, packages))
+    links = _drives(reader.table("joints"), nodes, dialect)
+    return Body(tuple(base), _group(nodes, links, _packages(reader, links)))
 
 
-def _packages(reader: TableReader) -> list[TableReader]:
-    return list(reader.tables("package")) if reader.has("package") else []
+class _Names:
+    """Names of links and joints as the wire and robot files can have them, each of them once."""
 
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._taken: set[tuple[str, str]] = set()
 
-def _load(path: Path) -> mujoco.MjModel:
-    try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        problem = f"cannot be read: {error.strerror}"
-        raise RobotDescriptionError(
-            at(path, problem, "check body = ... of the robot file")
-        ) from None
-    if "<robot" in text and "fusestatic" not in text:
-        # Otherwise the links of a URDF file that do not move would be lost in the world.
-        extra = '<mujoco><compiler fusestatic="false" discardvisual="false"/></mujoco>'
-        text = re.sub(r"(<robot[^>]*>)", rf"\1{extra}", text, count=1)
-    try:
-        spec = mujoco.MjSpec.from_string(text)
-        spec.modelfiledir = str(path.parent)
-        return spec.compile()
-    except ValueError as error:
-        problem = " ".join(str(error).split())
-        raise RobotDescriptionError(
-            at(path, f"MuJoCo cannot use it: {problem}", "try it in MuJoCo's own viewer")
-        ) from None
+    def take(self, kind: str, name: str, instead: str) -> str:
+        """A name of a kind in letters, digits and _; the other one if the file has none.
+
+        Raises:
+            RobotDescriptionError: if it has been taken already.
+        """
+        plain = re.sub(r"[^A-Za-z0-9_]", "_", name or instead)
+        if not plain[0].isalpha() or plain.lower() in RESERVED_NAMES:
+            plain = f"{kind}_{plain}"
+        if (kind, plain.lower()) in self._taken:
+            problem = f"two {kind}s are called {plain!r}, give or take case and signs"
+            raise RobotDescriptionError(at(self._path, problem, "give each its own name"))
+        self._taken.add((kind, plain.lower()))
+        return plain
 
 
 def _tree(model: mujoco.MjModel, path: Path) -> tuple[list[Shape], list[_Node]]:
     """Chassis shapes and all links, parents first."""
-    roots = [body for body in range(1, model.nbody) if model.body_parentid[body] == 0]
-    if len(roots) != 1:
-        raise RobotDescriptionError(
-            at(path, f"{len(roots)} bodies stand in the world", "put all parts on one root body")
-        )
-    base: list[Shape] = []
+    root = _root(model, path)
+    names = _Names(path)
+    base = _shapes(model, root, IDENTITY)
     nodes: dict[str, _Node] = {}
     # Where a body of the file is: on which link (None: chassis), and its pose there.
-    places: dict[int, tuple[str | None, Pose]] = {roots[0]: (None, IDENTITY)}
-    base += _shapes(model, roots[0], IDENTITY)
-    for body in range(roots[0] + 1, model.nbody):
+    places: dict[int, tuple[str | None, Pose]] = {root: (None, IDENTITY)}
+    for body in range(root + 1, model.nbody):
         carrier, above = places[int(model.body_parentid[body])]
         pose = above @ Pose(_triple(model.body_pos[body]), _quaternion(model.body_quat[body]))
-        first = int(model.body_jntadr[body])
-        for joint in range(first, first + int(model.body_jntnum[body])):
-            last = joint == first + int(model.body_jntnum[body]) - 1
-            link, pose = _link(model, body, joint, pose, last, path)
+        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+        for joint in range(first, first + count):
+            link, pose = _link(model, joint, pose, joint == first + count - 1, names, path)
             nodes[link.body] = _Node(link, carrier)
             carrier = link.body
         places[body] = (carrier, pose)
@@ -147,23 +141,56 @@ def _tree(model: mujoco.MjModel, path: Path) -> tuple[list[Shape], list[_Node]]:
     return base, list(nodes.values())
 
 
+def _root(model: mujoco.MjModel, path: Path) -> int:
+    """The body that becomes the chassis; its place in the file does not matter."""
+    roots = [body for body in range(1, model.nbody) if model.body_parentid[body] == 0]
+    if len(roots) != 1:
+        raise RobotDescriptionError(
+            at(path, f"{len(roots)} bodies stand in the world", "put all parts on one root body")
+        )
+    (root,) = roots
+    first = int(model.body_jntadr[root])
+    joints = model.jnt_type[first : first + int(model.body_jntnum[root])]
+    if any(kind != mujoco.mjtJoint.mjJNT_FREE for kind in joints):
+        problem = f"the root body {model.body(root).name!r} has a joint of its own"
+        raise RobotDescriptionError(
+            at(path, problem, "put what moves on a body that moves freely or not at all")
+        )
+    mass = float(model.body_subtreemass[root])
+    if mass > HEAVIEST:
+        raise RobotDescriptionError(
+            at(path, f"weighs {mass:g} kg", f"at most {HEAVIEST:g} kg are allowed")
+        )
+    return root
+
+
 def _link(
-    model: mujoco.MjModel, body: int, joint: int, pose: Pose, last: bool, path: Path
+    model: mujoco.MjModel, joint: int, pose: Pose, last: bool, names: _Names, path: Path
 ) -> tuple[LinkDescription, Pose]:
-    """One link whose frame lies at the joint, and the pose of the body in that frame."""
+    """One link whose frame lies at the joint, and the pose of the body in that frame.
+
+    Args:
+        model: the file.
+        joint: its joint. pose: of the body, relative to what carries the link.
+        last: no further joint of the same body follows; otherwise the link is a mere speck.
+        names, path: for names and errors.
+    """
+    body = model.body(int(model.jnt_bodyid[joint]))
     kind = int(model.jnt_type[joint])
-    name = model.joint(joint).name or f"{model.body(body).name}_joint"
+    raw = model.joint(joint).name
     if kind not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
         raise RobotDescriptionError(
-            at(path, f"the joint {name!r} is a ball or free joint", "use hinges and slides")
+            at(path, f"the joint {raw!r} is a ball or free joint", "use hinges and slides")
         )
+    body_name = body.name or f"Link{body.id}"
+    name = names.take("joint", raw, f"{body_name}_joint{joint}")
     anchor = _triple(model.jnt_pos[joint])
     x, y, z = anchor
     limited = bool(model.jnt_limited[joint])
     low, high = model.jnt_range[joint].tolist()
     force = float(model.jnt_actfrcrange[joint, 1])
     link = LinkDescription(
-        body=model.body(body).name if last else f"{model.body(body).name}_{name}",
+        body=names.take("link", body_name if last else f"{body_name}_{name}", ""),
         joint=name,
         parent=None,
         type=JointType.REVOLUTE if kind == mujoco.mjtJoint.mjJNT_HINGE else JointType.PRISMATIC,
@@ -172,10 +199,12 @@ def _link(
         shapes=() if last else (Shape("sphere", (0.005,), IDENTITY, SPECK, _GHOST, False),),
         limits=(low, high) if limited else None,
         max_speed=math.nan,
-        max_torque=force if force > 0.0 else math.nan,
+        max_torque=min(force, STRONGEST) if force > 0.0 else math.nan,
         damping=float(np.ravel(model.dof_damping[model.jnt_dofadr[joint]])[0]),
     )
-    return link, Pose((-x, -y, -z))
+    # The file has the pose at the joint's reference position, a link has it at zero.
+    reference = float(model.qpos0[model.jnt_qposadr[joint]])
+    return replace(link, pose=link.placed(-reference)), Pose((-x, -y, -z))
 
 
 def _shapes(model: mujoco.MjModel, body: int, pose: Pose) -> list[Shape]:
@@ -245,27 +274,33 @@ def _color(model: mujoco.MjModel, geom: int) -> Color:
     return red, green, blue, alpha
 
 
-def _limits(
+def _drives(
     table: TableReader, nodes: Sequence[_Node], dialect: Dialect
 ) -> dict[str, LinkDescription]:
     """Links by joint with what the robot file says about their drives."""
-    speed = table.number("max_speed", DEFAULT_SPEED[dialect], low=1e-4, high=FASTEST)
-    torque = table.number("max_torque", DEFAULT_TORQUE, low=1e-4, high=1e6)
-    damping = table.number("damping", -1.0, low=-1.0, high=1e6)
+    speed = table.number("max_speed", DEFAULT_SPEED[dialect], low=SLOWEST, high=FASTEST)
+    torque = table.number("max_torque", DEFAULT_TORQUE, low=SLOWEST, high=STRONGEST)
+    damping = table.number("damping", -1.0, low=0.0, high=STRONGEST)
     done = {}
     for node in nodes:
         link = node.link
         own = table.table(link.joint)
-        rest = link.damping if damping < 0.0 else damping
-        own_torque = torque if math.isnan(link.max_torque) else link.max_torque
-        low_high = own.numbers("limits", (2,), link.limits or (0.0, 0.0), low=-1e4, high=1e4)
+        limits = _limits(own, link.limits)
+        low, high = limits or (-FASTEST, FASTEST)
         done[link.joint] = replace(
             link,
-            limits=(low_high[0], low_high[1]) if own.has("limits") or link.limits else None,
-            max_speed=own.number("max_speed", speed, low=1e-4, high=FASTEST),
-            max_torque=own.number("max_torque", own_torque, low=1e-4, high=1e6),
-            damping=own.number("damping", rest, low=0.0, high=1e6),
-            home=own.number("home", _nearest_to_zero(link), low=-1e4, high=1e4),
+            limits=limits,
+            max_speed=own.number("max_speed", speed, low=SLOWEST, high=FASTEST),
+            max_torque=own.number(
+                "max_torque",
+                torque if math.isnan(link.max_torque) else link.max_torque,
+                low=SLOWEST,
+                high=STRONGEST,
+            ),
+            damping=own.number(
+                "damping", link.damping if damping < 0.0 else damping, low=0.0, high=STRONGEST
+            ),
+            home=own.number("home", min(max(0.0, low), high), low=low, high=high),
             follows=own.text("follows", "") or None,
             shapes=(*link.shapes, *node.shapes),
         )
@@ -274,32 +309,50 @@ def _limits(
     return done
 
 
-def _nearest_to_zero(link: LinkDescription) -> float:
-    low, high = link.limits or (0.0, 0.0)
-    return min(max(0.0, low), high)
+def _limits(table: TableReader, default: tuple[float, float] | None) -> tuple[float, float] | None:
+    if not table.has("limits"):
+        return default
+    low, high = table.numbers("limits", (2,), low=-FASTEST, high=FASTEST)
+    if low >= high:
+        table.fail(f"are {low:g} and {high:g}", "write the lower one first", "limits")
+    return low, high
 
 
-def _group(
-    nodes: Sequence[_Node],
-    links: dict[str, LinkDescription],
-    packages: Sequence[tuple[str, Sequence[str], TableReader]],
-) -> tuple[ActuatorDescription, ...]:
-    """Make actuators: the packages, and one or more of what is left."""
-    group: dict[str, str] = {}
-    for name, joints, table in packages:
+def _packages(reader: TableReader, links: Mapping[str, LinkDescription]) -> dict[str, str]:
+    """The mission packages that joints belong to."""
+    package_of: dict[str, str] = {}
+    for table in reader.tables("package") if reader.has("package") else ():
+        name, joints = table.text("name"), table.texts("joints")
+        if not NAME.fullmatch(name) or name == REST:
+            table.fail(f"is {name!r}", f"use letters, digits and _, not {REST}", "name")
+        if not joints:
+            table.fail("names no joint", 'write joints = ["..."]', "joints")
         for joint in joints:
             if joint not in links:
                 table.fail(f"no joint {joint!r}", nearest(joint, list(links)), "joints")
-            group[joint] = name
+            if joint in package_of:
+                table.fail(f"{joint!r} is in a package already", "name it once", "joints")
+            package_of[joint] = name
         table.finish()
+    return package_of
+
+
+def _group(
+    nodes: Sequence[_Node], links: Mapping[str, LinkDescription], package_of: Mapping[str, str]
+) -> tuple[ActuatorDescription, ...]:
+    """Make actuators: the packages, and one or more of what is left.
+
+    Links of a package that do not hang together make several actuators; all but the first are
+    numbered.
+    """
     joint_of = {node.link.body: node.link.joint for node in nodes}
     made: dict[tuple[str, str | None], list[LinkDescription]] = {}
     key_of: dict[str, tuple[str, str | None]] = {}
     for node in nodes:
         joint = node.link.joint
         above = None if node.parent is None else joint_of[node.parent]
-        name = group.get(joint, REST)
-        if above is not None and group.get(above, REST) == name:
+        name = package_of.get(joint, REST)
+        if above is not None and package_of.get(above, REST) == name:
             key = key_of[above]
             numbers = [link.body for link in made[key]]
             parent = numbers.index(links[above].body)

@@ -15,7 +15,13 @@ from usarsim_server.protocol import messages
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import ActuatorDescription, RobotDescription, Wheel
-from usarsim_server.robots.families.base import Conduct, Family, Machine, StatusFacts
+from usarsim_server.robots.families.base import (
+    Conduct,
+    Family,
+    Machine,
+    StatusFacts,
+    balance_weight,
+)
 from usarsim_server.robots.families.registry import register_family
 from usarsim_server.robots.tables import TableReader
 from usarsim_server.simulation.flight import CHANNELS, FlightLimits, VelocityHold
@@ -192,9 +198,7 @@ class Aerial(Family):
         return gear
 
     def complete(self, spec: mujoco.MjSpec, robot: RobotDescription) -> None:
-        for body in spec.bodies:
-            if body.name:
-                body.gravcomp = 1.0  # the rotors carry it
+        balance_weight(spec, robot)
 
     def laws(self, robot: RobotDescription) -> tuple[LawModel, ...]:
         gear = robot.gear

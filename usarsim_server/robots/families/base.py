@@ -30,7 +30,7 @@ from usarsim_server.simulation.articulation import JointOrder
 from usarsim_server.simulation.laws import LawModel
 from usarsim_server.simulation.snapshot import RobotBody
 
-__all__ = ["Conduct", "Family", "Machine", "StatusFacts"]
+__all__ = ["Conduct", "Family", "Machine", "StatusFacts", "balance_weight"]
 
 Array = NDArray[np.float64]
 
@@ -199,3 +199,17 @@ class Family(ABC):
     def laws(self, robot: RobotDescription) -> tuple[LawModel, ...]:
         """What moves the body before every physics step, beside wheels and joints."""
         return ()
+
+
+def balance_weight(spec: mujoco.MjSpec, robot: RobotDescription) -> None:
+    """Let something else than the floor carry a robot: rotors, gas, water.
+
+    What lies loose beside it keeps its weight.
+    """
+    loose: set[str] = set()
+    for effector in robot.effectors:
+        if effector.detached:
+            loose |= {effector.name, *(finger.body for finger in effector.fingers)}
+    for body in spec.bodies:
+        if body.name not in {"world", *loose}:
+            body.gravcomp = 1.0

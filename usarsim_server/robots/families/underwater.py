@@ -15,7 +15,13 @@ from usarsim_server.protocol import messages
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import ActuatorDescription, RobotDescription, Wheel
-from usarsim_server.robots.families.base import Conduct, Family, Machine, StatusFacts
+from usarsim_server.robots.families.base import (
+    Conduct,
+    Family,
+    Machine,
+    StatusFacts,
+    balance_weight,
+)
 from usarsim_server.robots.families.registry import register_family
 from usarsim_server.robots.tables import TableReader
 from usarsim_server.simulation.diving import CHANNELS, Diving, Hull
@@ -150,9 +156,7 @@ class Underwater(Family):
         return gear
 
     def complete(self, spec: mujoco.MjSpec, robot: RobotDescription) -> None:
-        for body in spec.bodies:
-            if body.name:
-                body.gravcomp = 1.0  # buoyancy
+        balance_weight(spec, robot)
 
     def laws(self, robot: RobotDescription) -> tuple[LawModel, ...]:
         gear = robot.gear
