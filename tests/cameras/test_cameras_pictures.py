@@ -409,6 +409,19 @@ class _Sunny(Yard):
         self.simulation = Simulation(sunny, SimulationOptions())
 
 
+def test_two_painters_in_turns(yard: Yard, make_painter: MakePainter) -> None:
+    """Painters of one thread do not disturb each other, not even when one is closed."""
+    robot = yard.park(0.0, 0.0)
+    other_yard = Yard()
+    other_yard.park(3.0, -3.0, 1.0)
+    one, other = make_painter(), make_painter(of=other_yard)
+    first = seen(one, yard, robot)
+    seen(other, other_yard, robot)
+    assert np.array_equal(seen(one, yard, robot), first)
+    other.close()
+    assert np.array_equal(seen(one, yard, robot), first)
+
+
 def test_a_camera_without_robot_stands_still(yard: Yard, make_painter: MakePainter) -> None:
     """A spectator's pose is that of the world; a robot that is not there has no eye."""
     painter, snapshot = make_painter(), yard.look()

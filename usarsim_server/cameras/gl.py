@@ -58,6 +58,7 @@ class GlBackend:
 
     def render(self, stage: Stage, eye: Eye, wanted: Wanted) -> Shot:
         """What an eye sees of a stage as it is now (see `Backend`)."""
+        self._gl.make_current()  # another backend of this thread may have been at work
         self._prepare(stage, eye)
         assert self._renderer is not None
         buffers = self._buffers_of(eye)
@@ -83,12 +84,14 @@ class GlBackend:
 
     def close(self) -> None:
         """Free everything; a second call does nothing."""
+        if self._gl is None:
+            return
+        self._gl.make_current()
         if self._renderer is not None:
             self._renderer.free()
             self._renderer = None
-        if self._gl is not None:
-            self._gl.free()
-            self._gl = None
+        self._gl.free()
+        self._gl = None
 
     # -- the model ---------------------------------------------------------------------------
 

@@ -34,7 +34,7 @@ __all__ = ["Studio", "StudioOptions", "Views", "WorldSource"]
 
 _log = Log("cameras")
 
-ROUND = 0.033
+ROUND = 0.015
 """s of wall time after which a round is published although other tiles are due, too."""
 IDLE_POLL = 0.05
 """s of wall time between two looks at cameras that may have come or gone."""

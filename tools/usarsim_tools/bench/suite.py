@@ -13,6 +13,7 @@ from usarsim_tools.bench.latency import measure_latency
 from usarsim_tools.bench.machine import describe_machine
 from usarsim_tools.bench.memory import measure_memory
 from usarsim_tools.bench.relay import measure_relay
+from usarsim_tools.bench.rendering import measure_rendering
 from usarsim_tools.bench.sensors import measure_sensors
 from usarsim_tools.bench.spawn import measure_spawn
 from usarsim_tools.bench.stepping import measure_stepping
@@ -30,6 +31,7 @@ MEASUREMENTS: Mapping[str, tuple[Measurement, str]] = {
     "memory": (measure_memory, "memory of a team, and after robots came and went"),
     "sensors": (measure_sensors, "real time with a robot's every sensor, and with fast lasers"),
     "cameras": (measure_cameras, "pictures of a team's cameras, and what they cost"),
+    "rendering": (measure_rendering, "pictures against a bare MuJoCo renderer, and their age"),
     "groundtruth": (measure_ground_truth, "answers to the wireless simulation, and their cost"),
     "relay": (measure_relay, "what radio links carry, beside a plain proxy, and under a team"),
     "stepping": (measure_stepping, "the step loop against MuJoCo alone"),
