@@ -1,0 +1,179 @@
+"""Runs checks against a server, many at a time where their rules allow it."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+import traceback
+from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+from usarsim_tools.conformance.case import Case, Run
+from usarsim_tools.conformance.places import Places
+from usarsim_tools.conformance.registry import Check
+from usarsim_tools.conformance.report import Report, Rule
+from usarsim_tools.conformance.survey import Survey, Target, survey
+from usarsim_tools.conformance.transcript import Transcript
+from usarsim_tools.conformance.verdicts import (
+    Failed,
+    Inconclusive,
+    NotApplicable,
+    Result,
+    Verdict,
+)
+
+__all__ = ["Progress", "judge", "judge_all"]
+
+_PARALLEL = 8
+"""Checks at a time; with two robots each they still fit the 16 robots of a small server."""
+_REST = 1.2
+"""s before the checks that want to be alone, so that robots of earlier ones have left."""
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """Told after every check.
+
+    Attributes:
+        done: checks judged.
+        total: checks to judge in all.
+        check: the one just judged.
+        result: its result.
+    """
+
+    done: int
+    total: int
+    check: Check
+    result: Result
+
+
+def _silent(progress: Progress) -> None:
+    """Says nothing."""
+
+
+async def judge_all(
+    target: Target,
+    checks: Sequence[Check],
+    *,
+    name: str = "",
+    tell: Callable[[Progress], None] = _silent,
+    parallel: int = _PARALLEL,
+    rest: float = _REST,
+) -> Report:
+    """Judge a server by checks.
+
+    Args:
+        target: the server.
+        checks: from `registry.all_checks`.
+        name: of the server in the report; its address by default.
+        tell: what is told after every check.
+        parallel: checks at a time.
+        rest: s of wall time after which the robot of a closed connection must be gone.
+
+    Raises:
+        Failed: if its control port cannot be reached at all.
+    """
+    begun, taken = time.monotonic(), datetime.now(UTC)
+    found = await survey(target, Transcript())
+    run = Run(target, found, Places(found.places, rest))
+    jobs = _jobs(checks, found)
+    results: dict[tuple[str, str], Result] = {}
+
+    async def work(check: Check, dialect: str) -> None:
+        result = await judge(run, check, dialect)
+        results[check.id, dialect] = result
+        tell(Progress(len(results), len(jobs), check, result))
+
+    together = [job for job in jobs if not job[0].exclusive]
+    alone = [job for job in jobs if job[0].exclusive]
+    # Two places each: some checks use two robots, and places rest between robots.
+    workers = max(1, min(parallel, len(found.places) // 2))
+    await _in_turns(together, work, workers)
+    if together and alone:
+        await asyncio.sleep(rest)
+    await _in_turns(alone, work, 1)
+    return Report(
+        name=name or f"{target.host}:{target.ports['control']}",
+        server=_facts(target, found),
+        taken=taken,
+        seconds=time.monotonic() - begun,
+        dialects=tuple(found.dialects),
+        rules=tuple(Rule.of(check) for check in checks),
+        results=tuple(results[check.id, dialect] for check, dialect in jobs),
+    )
+
+
+async def judge(run: Run, check: Check, dialect: str) -> Result:
+    """Run one check; whatever goes wrong in it becomes a result."""
+    begun = time.monotonic()
+    case = Case(run, dialect or run.survey.native)
+    verdict, reason = Verdict.PASS, ""
+    if check.service not in run.target.ports:
+        verdict, reason = Verdict.NOT_APPLICABLE, f"no port of {check.service} was named"
+    else:
+        try:
+            async with asyncio.timeout(check.within):
+                await check.function(case)
+        except NotApplicable as error:
+            verdict, reason = Verdict.NOT_APPLICABLE, str(error)
+        except Inconclusive as error:
+            verdict, reason = Verdict.INCONCLUSIVE, str(error)
+        except Failed as error:
+            verdict, reason = Verdict.FAIL, str(error)
+        except TimeoutError:
+            verdict, reason = Verdict.INCONCLUSIVE, f"not judged within {check.within:g} s"
+        except Exception:
+            # A defect of the check, perhaps brought to light by what the server sent.
+            verdict = Verdict.INCONCLUSIVE
+            reason = "the check broke: " + traceback.format_exc(limit=-2).strip()
+        finally:
+            case.release()
+    return Result(
+        check=check.id,
+        dialect=dialect,
+        verdict=verdict,
+        reason=reason,
+        seconds=time.monotonic() - begun,
+        transcript=() if verdict is Verdict.PASS else case.transcript.entries(),
+    )
+
+
+def _jobs(checks: Sequence[Check], found: Survey) -> list[tuple[Check, str]]:
+    """Every check with each dialect in which it has to run; an empty one for "once"."""
+    return [
+        (check, dialect)
+        for check in checks
+        for dialect in (
+            [name for name in found.dialects if name in check.dialects] if check.dialects else [""]
+        )
+    ]
+
+
+Job = tuple[Check, str]
+
+
+async def _in_turns(
+    jobs: Sequence[Job], work: Callable[[Check, str], Awaitable[None]], workers: int
+) -> None:
+    waiting = iter(jobs)
+
+    async def worker() -> None:
+        for check, dialect in waiting:
+            await work(check, dialect)
+
+    async with asyncio.TaskGroup() as group:
+        for _ in range(workers):
+            group.create_task(worker())
+
+
+def _facts(target: Target, found: Survey) -> dict[str, str]:
+    return {
+        "address": f"{target.host}:{target.ports['control']}",
+        "services": ", ".join(f"{name} {port}" for name, port in target.ports.items()),
+        "greeting": found.greeting.text if found.greeting is not None else "none",
+        "robot": found.robot or "none could be spawned",
+        "dialect by itself": found.native or "unknown",
+        "dialects judged": ", ".join(found.dialects),
+        "start places used": str(len(found.places)),
+    }

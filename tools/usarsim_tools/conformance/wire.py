@@ -1,0 +1,181 @@
+"""One TCP connection to any service of a server; everything on it goes into a transcript."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import socket
+import struct
+import time
+from collections.abc import Callable
+
+from usarsim_tools.conformance.transcript import Transcript
+from usarsim_tools.conformance.verdicts import Failed
+
+__all__ = ["Hangup", "Wire"]
+
+_CHUNK = 65536
+
+
+class Hangup(Failed):
+    """The server closed or reset the connection; few rules allow that."""
+
+
+class Wire:
+    """A connection; use `Case.open`, which closes it at the end of the check.
+
+    Waiting methods take `within`, s of wall time.
+    """
+
+    def __init__(
+        self,
+        reader: asyncio.StreamReader,
+        writer: asyncio.StreamWriter,
+        transcript: Transcript,
+        label: str,
+    ) -> None:
+        self._reader = reader
+        self._writer = writer
+        self._transcript = transcript
+        self.label = label
+        self._buffer = b""
+
+    @classmethod
+    async def open(
+        cls, host: str, port: int, transcript: Transcript, label: str, within: float = 5.0
+    ) -> Wire:
+        """Connect.
+
+        Raises:
+            Failed: if nobody accepts the connection in time.
+        """
+        try:
+            async with asyncio.timeout(within):
+                reader, writer = await asyncio.open_connection(host, port)
+        except (OSError, TimeoutError) as error:
+            transcript.note(label, f"no connection to {host}:{port}: {error!r}")
+            raise Failed(f"no connection to {host}:{port}: {error or 'no answer'}") from None
+        sock = writer.get_extra_info("socket")
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        transcript.note(label, f"connected to {host}:{port}")
+        return cls(reader, writer, transcript, label)
+
+    @property
+    def local_port(self) -> int:
+        """Port of the kit's end."""
+        name = self._writer.get_extra_info("sockname")
+        return int(name[1])
+
+    async def send(self, data: bytes, within: float = 10.0) -> None:
+        """Send bytes.
+
+        Raises:
+            Hangup: if the connection is gone.
+            Failed: if the server does not take them in time.
+        """
+        self._transcript.sent(self.label, data)
+        try:
+            self._writer.write(data)
+            async with asyncio.timeout(within):
+                await self._writer.drain()
+        except TimeoutError:
+            raise Failed(f"the server did not take {len(data)} bytes in {within:g} s") from None
+        except OSError as error:
+            raise Hangup(f"the server closed the connection ({error})") from None
+
+    async def read(self, within: float) -> bytes:
+        """Whatever comes next, at least a byte; nothing if nothing comes in time.
+
+        Raises:
+            Hangup: if the server closed the connection.
+        """
+        if self._buffer:
+            data, self._buffer = self._buffer, b""
+            return data
+        return await self._receive(within)
+
+    async def read_exactly(self, count: int, within: float) -> bytes:
+        """That many bytes.
+
+        Raises:
+            Failed: if fewer come in time.
+            Hangup: if the server closed the connection.
+        """
+        await self._fill(lambda: len(self._buffer) >= count, within, f"{count} bytes")
+        data, self._buffer = self._buffer[:count], self._buffer[count:]
+        return data
+
+    async def read_until(self, end: bytes, within: float) -> bytes:
+        """Bytes up to and with an end mark.
+
+        Raises:
+            Failed: if it does not come in time.
+            Hangup: if the server closed the connection.
+        """
+        await self._fill(lambda: end in self._buffer, within, repr(end))
+        data, mark, self._buffer = self._buffer.partition(end)
+        return data + mark
+
+    async def silence(self, seconds: float) -> bytes:
+        """Everything that comes within a time; a hangup ends it early and raises nothing."""
+        data, deadline = b"", time.monotonic() + seconds
+        with contextlib.suppress(Hangup):
+            while (left := deadline - time.monotonic()) > 0.0:
+                data += await self.read(left)
+        return data
+
+    async def hung_up(self, within: float) -> bool:
+        """Whether the server closes the connection in time; what it still says is dropped."""
+        deadline = time.monotonic() + within
+        try:
+            while (left := deadline - time.monotonic()) > 0.0:
+                await self.read(left)
+        except Hangup:
+            return True
+        return False
+
+    def half_close(self) -> None:
+        """Send end of file and go on reading."""
+        self._transcript.note(self.label, "half-closed")
+        with contextlib.suppress(OSError):
+            self._writer.write_eof()
+
+    def reset(self) -> None:
+        """Break the connection with a reset."""
+        self._transcript.note(self.label, "reset")
+        sock = self._writer.get_extra_info("socket")
+        with contextlib.suppress(OSError):
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        self._writer.transport.abort()
+
+    def close(self) -> None:
+        """Hang up; a second call does nothing."""
+        if not self._writer.is_closing():
+            self._transcript.note(self.label, "closed")
+            self._writer.close()
+
+    async def _fill(self, enough: Callable[[], bool], within: float, what: str) -> None:
+        deadline = time.monotonic() + within
+        while not enough():
+            left = deadline - time.monotonic()
+            data = await self._receive(left) if left > 0.0 else b""
+            if not data:
+                raise Failed(
+                    f"{what} did not come within {within:g} s; so far {len(self._buffer)} bytes: "
+                    f"{self._buffer[:80]!r}"
+                )
+            self._buffer += data
+
+    async def _receive(self, within: float) -> bytes:
+        try:
+            async with asyncio.timeout(within):
+                data = await self._reader.read(_CHUNK)
+        except TimeoutError:
+            return b""
+        except OSError as error:
+            raise Hangup(f"the server reset the connection ({error})") from None
+        if not data:
+            self._transcript.note(self.label, "closed by the server")
+            raise Hangup("the server closed the connection")
+        self._transcript.received(self.label, data)
+        return data
