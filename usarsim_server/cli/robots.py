@@ -1,4 +1,4 @@
-"""`usarsim robots`: what robot classes there are, and what one of them is and carries."""
+"""`usarsim robots`: what robot classes there are, what one is, whether a robot file is good."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from usarsim_server.cli.common import Subparsers, add_command, facts, number, numbers, table
-from usarsim_server.errors import RobotDescriptionError
+from usarsim_server.errors import RobotDescriptionError, UsarsimError
 from usarsim_server.robots.description import (
     ActuatorDescription,
     CameraDescription,
@@ -18,13 +18,26 @@ from usarsim_server.robots.description import (
 )
 from usarsim_server.simulation.frames import wire_from_pose
 
-__all__ = ["add_parser", "run"]
+__all__ = ["add_parser", "details", "listing", "run"]
+
+_EPILOG = (
+    "--check reads a robot file and what it extends, shows all that clients will be told, builds "
+    "the robot, lets it down onto a floor and drives it at full speed; the exit code is 2 if "
+    "anything is wrong. --page writes a Markdown page, and a picture of every class into "
+    "images/robots beside it."
+)
 
 
 def add_parser(subparsers: Subparsers) -> None:
     """Add `robots` to the command line."""
-    parser = add_command(subparsers, "robots", "list the robot classes, or describe one", run)
-    parser.add_argument("name", metavar="NAME", nargs="?", help="class to describe")
+    parser = add_command(
+        subparsers, "robots", "list the robot classes, describe or check one", run, epilog=_EPILOG
+    )
+    chosen = parser.add_mutually_exclusive_group()
+    chosen.add_argument("name", metavar="NAME", nargs="?", help="class to describe")
+    chosen.add_argument("--check", metavar="FILE", type=Path, help="try out a robot file")
+    chosen.add_argument("--page", metavar="FILE", type=Path, help="write a page of all classes")
+    parser.add_argument("--out", metavar="PNG", type=Path, help="with --check: draw the robot")
     parser.add_argument(
         "--robots",
         metavar="DIR",
@@ -35,10 +48,25 @@ def add_parser(subparsers: Subparsers) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the list, or the details of one class."""
+    """Print the list, or the details of one class, or what a robot file makes.
+
+    Raises:
+        UsarsimError: for a class or a file that cannot be used.
+    """
     from usarsim_server.robots.roster import load_roster
 
-    roster = load_roster([Path(folder) for folder in arguments.robots])
+    folders = [Path(folder) for folder in arguments.robots]
+    if arguments.out is not None and arguments.check is None:
+        raise UsarsimError("--out is the picture of --check FILE (cure: add --check FILE)")
+    if arguments.check is not None:
+        from usarsim_server.cli.robot_check import check
+
+        return check(arguments.check, folders, arguments.out)
+    if arguments.page is not None:
+        from usarsim_server.cli.robot_page import write
+
+        return write(arguments.page, folders)
+    roster = load_roster(folders)
     if arguments.name is None:
         print(listing(roster.descriptions()))
         return 0
@@ -85,16 +113,18 @@ def _facts(robot: RobotDescription) -> Iterator[tuple[str, object]]:
     yield "file", robot.source
     yield "era", robot.dialect.value
     yield "kind", robot.kind
-    if report.wheel_radius == 0.0:
-        yield "battery", f"{robot.battery.life:g} s" if robot.battery is not None else "none"
-        return
-    yield "wheel radius", f"{number(report.wheel_radius, 4)} m"
-    yield "track width", f"{number(report.track_width, 4)} m"
-    yield "wheel base", f"{number(report.wheel_base, 4)} m"
+    wheeled = report.wheel_radius > 0.0
+    if wheeled:
+        yield "wheel radius", f"{number(report.wheel_radius, 4)} m"
+        yield "track width", f"{number(report.track_width, 4)} m"
+        yield "wheel base", f"{number(report.wheel_base, 4)} m"
     yield "mass", f"{number(report.mass, 4)} kg"
-    speed = robot.drive.max_wheel_speed
-    ground = number(speed * report.wheel_radius)
-    yield "wheel speed", f"at most {number(speed, 4)} rad/s, {ground} m/s on the ground"
+    if wheeled:
+        speed, driven = robot.drive.max_wheel_speed, robot.driven_wheels
+        # Tracked robots may announce another radius than that of their sprockets.
+        ground = number(speed * (driven[0].radius if driven else report.wheel_radius))
+        yield "wheel speed", f"at most {number(speed, 4)} rad/s, {ground} m/s on the ground"
+    yield "rest height", f"{number(robot.rest_height, 4)} m"
     yield "battery", f"{robot.battery.life:g} s" if robot.battery is not None else "none"
 
 
