@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from dataclasses import replace
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.cameras.painter import Painter
 from usarsim_server.cameras.view import CameraView
 from usarsim_server.cameras.viewpoint import Eye
 from usarsim_server.errors import UsarsimError
@@ -19,6 +21,7 @@ from usarsim_server.simulation.snapshot import Snapshot
 
 Geom = mujoco.mjtGeom
 Picture = NDArray[np.uint8]
+MakePainter = Callable[..., Painter]
 
 FOV = 1.3963
 MAST = Pose((0.1, 0.0, 0.4))

@@ -6,13 +6,11 @@ from collections.abc import Callable, Iterator
 
 import mujoco
 import pytest
-from camera_fakes import Yard
+from camera_fakes import MakePainter, Yard
 
 from usarsim_server.cameras import probe
 from usarsim_server.cameras.painter import Painter, PainterOptions, nobody_lit
 from usarsim_server.worlds.description import Smoke
-
-MakePainter = Callable[..., Painter]
 
 CLEAR = Smoke()
 

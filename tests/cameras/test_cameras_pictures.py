@@ -12,22 +12,25 @@ from camera_fakes import (
     MAST,
     RED_BOX,
     Geom,
+    MakePainter,
     Picture,
     Yard,
     camera,
     cart,
     eye_at,
     is_red,
+    scenery,
 )
-from conftest import MakePainter
 from numpy.typing import NDArray
 
 from usarsim_server.cameras.backend import Quality
+from usarsim_server.cameras.gl import GlBackend
 from usarsim_server.cameras.painter import Painter, PainterOptions
 from usarsim_server.cameras.viewpoint import View, looking
 from usarsim_server.simulation.frames import IDENTITY, Pose
 from usarsim_server.simulation.model import RobotModel
 from usarsim_server.simulation.rays import RayFan
+from usarsim_server.simulation.simulation import Simulation, SimulationOptions
 from usarsim_server.worlds.description import Smoke, SmokeVolume
 
 WIDTH, HEIGHT = 160, 120
@@ -162,6 +165,33 @@ def test_pictures_survive_the_growth_of_the_model(yard: Yard, make_painter: Make
     assert np.array_equal(seen(painter, yard, robot), before)
     yard.turn(newcomer, 2.0, -0.8, 0.0)
     assert (seen(painter, yard, robot) != before).any()
+
+
+def test_growth_loads_nothing_twice(yard: Yard, gl: str) -> None:
+    """The context of OpenGL, whose making holds up all threads, is kept if assets are the same."""
+    painter = Painter(yard.simulation.compiled, PainterOptions(renderer=gl))
+    robot = yard.park(0.0, 0.0)
+    seen(painter, yard, robot)
+    backend = painter._backend
+    assert isinstance(backend, GlBackend)
+    kept = backend._renderer
+    yard.park(2.0, 0.8, model=cart("pink", (0.9, 0.2, 0.9)))
+    seen(painter, yard, robot)
+    assert backend._renderer is kept
+    yard.park(2.0, -1.0, model=RobotModel("wedge", _wedge, (), rest_height=0.1, anchored=True))
+    seen(painter, yard, robot)
+    assert backend._renderer is not kept
+    painter.close()
+
+
+def test_glass_can_be_looked_through(make_painter: MakePainter) -> None:
+    """Behind a pane of glass the box is seen."""
+    house = _Glazed()
+    robot = house.park(0.0, 0.0)
+    picture = seen(make_painter(of=house), house, robot).astype(int)
+    rows, columns = np.nonzero(picture[..., 0] > 1.5 * picture[..., 1])
+    assert rows.size > 200
+    assert columns.mean() == pytest.approx(WIDTH / 2, abs=3)
 
 
 def test_a_class_with_a_mesh_of_its_own_appears(yard: Yard, make_painter: MakePainter) -> None:
@@ -347,14 +377,25 @@ class TestHeadlights:
         assert is_red(lit).sum() > 200
 
 
+class _Glazed(Yard):
+    """The yard with a pane of glass before the box."""
+
+    def __init__(self) -> None:
+        def glazed() -> mujoco.MjSpec:
+            spec = scenery()
+            spec.add_material(name="glass", rgba=[0.7, 0.8, 0.9, 0.3])
+            spec.worldbody.add_geom(
+                type=Geom.mjGEOM_BOX, size=[0.01, 2.0, 1.0], pos=[2.5, 0.0, 1.0], material="glass"
+            )
+            return spec
+
+        self.simulation = Simulation(glazed, SimulationOptions())
+
+
 class _Night(Yard):
     """The yard without light."""
 
     def __init__(self) -> None:
-        from camera_fakes import scenery
-
-        from usarsim_server.simulation.simulation import Simulation, SimulationOptions
-
         def dark() -> mujoco.MjSpec:
             spec = scenery()
             spec.visual.headlight.ambient = spec.visual.headlight.diffuse = (0.0, 0.0, 0.0)
@@ -396,10 +437,6 @@ class _Sunny(Yard):
     """The yard with a sun that casts shadows."""
 
     def __init__(self) -> None:
-        from camera_fakes import scenery
-
-        from usarsim_server.simulation.simulation import Simulation, SimulationOptions
-
         def sunny() -> mujoco.MjSpec:
             spec = scenery()
             for light in spec.lights:

@@ -20,6 +20,8 @@ from usarsim_server.errors import UsarsimError
 def no_gl(monkeypatch: pytest.MonkeyPatch) -> None:
     """A machine without OpenGL."""
     monkeypatch.setattr(probe, "_verdict", lambda platform: f"no lib{platform}")
+    for name in ("MUJOCO_GL", "PYOPENGL_PLATFORM"):  # set once a platform has been loaded
+        monkeypatch.delenv(name, raising=False)
     probe._tell.cache_clear()
 
 

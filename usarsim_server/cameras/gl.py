@@ -188,7 +188,8 @@ class GlBackend:
         for one in scene.geoms[: scene.ngeom]:
             if one.segid >= 0 and one.objtype == mujoco.mjtObj.mjOBJ_GEOM:
                 geoms[one.segid + 1] = one.objid
-        found: NDArray[np.int32] = geoms[numbers]
+        # Where samples of two geoms were mixed after all there may be any number.
+        found: NDArray[np.int32] = geoms[np.where(numbers <= scene.ngeom, numbers, 0)]
         return found
 
 

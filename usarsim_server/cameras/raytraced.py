@@ -34,6 +34,9 @@ SHELLS = 4
 """Back faces that a ray passes at most: the inside of the housing that a camera sits in."""
 SAMPLES = 64
 """Rays of a picture that tell whether its eye is inside something."""
+SOLID = 0.5
+"""Opacity from which on a geom is drawn; what is more transparent is not there, unlike in OpenGL,
+which tints what is behind it."""
 STEP = 1e-4
 """m behind a back face at which its ray goes on."""
 
@@ -78,7 +81,7 @@ class RayBackend:
         self._paint = Paint(model)
         if self._fixed is None:
             self._fixed = _scenery(model, stage.data)
-        painted = [g for g in range(model.ngeom) if _alpha(model, g) > 0.0]
+        painted = [g for g in range(model.ngeom) if _is_solid(model, g)]
         moving = model.body_weldid[model.geom_bodyid[painted]] != 0
         self._bodies = tuple(np.unique(model.geom_bodyid[painted][moving]).tolist())
         self._geoms_of = {
@@ -338,7 +341,7 @@ def _scenery(model: mujoco.MjModel, data: mujoco.MjData) -> _Solid:
         if model.body_weldid[model.geom_bodyid[geom]] == 0
         and model.geom(geom).name != SHELF_NAME
         and model.geom_group[geom] <= 2
-        and _alpha(model, geom) > 0.0
+        and _is_solid(model, geom)
         and model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_PLANE
     ]
     parts = [
@@ -352,7 +355,7 @@ def _scenery(model: mujoco.MjModel, data: mujoco.MjData) -> _Solid:
 def _planes(model: mujoco.MjModel) -> list[int]:
     kind = mujoco.mjtGeom.mjGEOM_PLANE
     seen = (model.geom_type == kind) & (model.geom_group <= 2)
-    return [int(g) for g in np.flatnonzero(seen) if _alpha(model, int(g)) > 0.0]
+    return [int(g) for g in np.flatnonzero(seen) if _is_solid(model, int(g))]
 
 
 def _cast_plane(
@@ -379,7 +382,7 @@ def _cast_plane(
 
 def _local(model: mujoco.MjModel, geom: int) -> Array:
     """Triangles of a geom in the frame of its body."""
-    if _alpha(model, geom) <= 0.0:
+    if not _is_solid(model, geom):
         return np.zeros((0, 3, 3))
     turn = np.zeros(9)
     mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
@@ -395,7 +398,7 @@ def _reach(model: mujoco.MjModel, geoms: Sequence[int]) -> tuple[Array, float]:
 
 
 def _mesh_key(model: mujoco.MjModel, geom: int) -> bytes:
-    alpha = b"1" if _alpha(model, geom) > 0.0 else b"0"
+    alpha = b"1" if _is_solid(model, geom) else b"0"
     if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_MESH:
         return alpha
     mesh = int(model.geom_dataid[geom])
@@ -403,9 +406,10 @@ def _mesh_key(model: mujoco.MjModel, geom: int) -> bytes:
     return alpha + bytes(model.mesh_vert[start : start + count].tobytes())
 
 
-def _alpha(model: mujoco.MjModel, geom: int) -> float:
+def _is_solid(model: mujoco.MjModel, geom: int) -> bool:
     material = int(model.geom_matid[geom])
-    return float(model.geom_rgba[geom, 3] if material < 0 else model.mat_rgba[material, 3])
+    color = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
+    return bool(color[3] >= SOLID)
 
 
 def _bytes(colors: Plane) -> NDArray[np.uint8]:
