@@ -32,7 +32,7 @@ __all__ = ["AseReader"]
 
 Array = NDArray[np.float64]
 
-MAX_BYTES = 256 << 20
+MAX_BYTES = 96 << 20
 MAX_ITEMS = 5_000_000
 PICTURES = (".png", ".tga", ".dds", ".bmp", ".jpg", ".jpeg")
 COLLISION = ("mcdcx", "ucx_", "ubx_", "usp_", "mcdbx", "mcdsp")

@@ -17,6 +17,7 @@ from usarsim_server.importers.builder_facts import (
     path_node_entries,
     start_entries,
     victim_entries,
+    within_reach,
 )
 from usarsim_server.importers.builder_level import (
     MARGIN,
@@ -98,6 +99,7 @@ def build(
     lower, upper = bounds
     extent = float((upper - lower).max())
     _check_size(scene, lower, upper)
+    scene = within_reach(scene, bounds, findings)
     progress("materials", 0.0)
     names = NameBook("world", "daylight", "usarsim:shelf")
     used = list(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +18,26 @@ from usarsim_server.importers.sheet import Entry, rotation
 from usarsim_server.simulation.frames import Pose, Vector, quaternion_from_rpy, rpy_from_quaternion
 from usarsim_server.worlds.victims import PELVIS_HEIGHT
 
-__all__ = ["MAX_LAMPS", "Place", "lamps", "path_node_entries", "start_entries", "victim_entries"]
+__all__ = [
+    "MAX_LAMPS",
+    "Place",
+    "lamps",
+    "path_node_entries",
+    "start_entries",
+    "victim_entries",
+    "within_reach",
+]
 
 Array = NDArray[np.float64]
 
 MAX_LAMPS = 7
 """OpenGL's fixed lights are eight, and the headlight is one of them."""
+
+OUTSIDE, FAR_LIGHT = 40.0, 1000.0
+"""m outside the map at which things, and lights, are still believed."""
+
+SHORTEST = 0.1
+"""m that a lamp shines at least."""
 
 FLOOR_BELOW = 2.0
 """m within which a start has to have a floor (worlds reference 11)."""
@@ -45,6 +59,34 @@ class Place:
     name: str
     height: float
     overlap: float
+
+
+def within_reach(scene: Scene, bounds: tuple[Array, Array], findings: Findings) -> Scene:
+    """The scene without what is far outside it: places that a slip of the pen has made."""
+
+    def near(kind: str, name: str, position: Vector, slack: float = OUTSIDE) -> bool:
+        inside = _within(position, bounds, slack)
+        if not inside:
+            findings.warn(name, f"a {kind} far outside the map was left out")
+        return inside
+
+    return replace(
+        scene,
+        starts=tuple(s for s in scene.starts if near("start pose", s.name, s.pose.position)),
+        victims=tuple(v for v in scene.victims if near("victim", v.name, v.pose.position)),
+        path_nodes=tuple(n for n in scene.path_nodes if near("path node", n.name, n.position)),
+        lights=tuple(
+            light
+            for light in scene.lights
+            if light.kind in (LightKind.AMBIENT, LightKind.DIRECTIONAL)
+            or near("light", light.name, light.position, FAR_LIGHT)
+        ),
+        smoke=replace(
+            scene.smoke,
+            volumes=tuple(v for v in scene.smoke.volumes if near("smoke", v.name, v.pose.position)),
+            puffs=tuple(p for p in scene.smoke.puffs if near("smoke", p.name, p.position)),
+        ),
+    )
 
 
 def lamps(lights: Sequence[Light], findings: Findings) -> list[Lamp]:
@@ -83,7 +125,7 @@ def _lamp(light: Light, name: str) -> dict[str, object]:
         return {**values, "type": "directional", "dir": _unit(light.direction)}
     if light.reach > 0.0:
         # Down to a twentieth at the reach.
-        values["attenuation"] = (1.0, 0.0, 19.0 / light.reach**2)
+        values["attenuation"] = (1.0, 0.0, 19.0 / max(light.reach, SHORTEST) ** 2)
     if light.kind is LightKind.SPOT:
         cutoff = min(90.0, max(1.0, light.cone))
         return {**values, "type": "spot", "dir": _unit(light.direction), "cutoff": cutoff}
@@ -97,11 +139,7 @@ def start_entries(
     book = NameBook()
     entries: list[Entry] = []
     places: list[Place] = []
-    starts = list(scene.starts)
-    inside = [start for start in starts if _within(start.pose.position, bounds)]
-    for start in starts:
-        if start not in inside:
-            findings.warn(start.name, "a start pose far outside the map was left out")
+    inside = list(scene.starts)
     if not inside:
         inside = [_default_start(probe, bounds)]
         findings.warn(
@@ -148,7 +186,7 @@ def _default_start(probe: Probe, bounds: tuple[Array, Array]) -> Start:
     return Start("Start", Pose((x, y, z)))
 
 
-def _within(point: Vector, bounds: tuple[Array, Array], slack: float = 40.0) -> bool:
+def _within(point: Vector, bounds: tuple[Array, Array], slack: float = OUTSIDE) -> bool:
     low, high = bounds
     here = np.array(point)
     return bool((here >= low - slack).all() and (here <= high + slack).all())

@@ -19,7 +19,7 @@ from typing import Any
 
 from usarsim_server import __version__
 from usarsim_server.errors import MapImportError, at
-from usarsim_server.importers.files import MAX_INDEXED, read_bytes
+from usarsim_server.importers.files import MAX_INDEXED, file_digest
 from usarsim_server.importers.reader import ImportOptions
 
 __all__ = ["ImportCache", "default_cache"]
@@ -58,7 +58,7 @@ class ImportCache:
         said += [options.mirror, options.placeholders]
         digest.update(json.dumps(said).encode())
         for path in (source, sidecar):
-            digest.update(b"\0" if path is None else hashlib.sha256(read_bytes(path)).digest())
+            digest.update(b"\0" if path is None else file_digest(path))
         for folder in options.assets:
             for line in _listing(folder):
                 digest.update(line.encode(errors="replace"))

@@ -6,8 +6,9 @@ by edge; planes that cut convex cells work for all of them, and yield what MuJoC
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -34,8 +35,11 @@ Array = NDArray[np.float64]
 MAX_CELLS = 60_000
 """Convex cells of one level; 576 rooms made of 3 984 brushes give 11 808 (worlds reference 4.3)."""
 
-MAX_BRUSH_CELLS = 2_000
-"""Cells of one brush; more would be an organ pipe of a brush."""
+MAX_BRUSH_WORK = 3_000_000
+"""Comparisons of two faces that one brush may need: some 10 s; the usual brush needs 50."""
+
+MAX_POLYGONS = 1_500
+"""Faces of one brush: cutting takes time with their square."""
 
 SHELL = 0.25
 """m of solid around the brushes of a level that begins with a subtraction."""
@@ -154,13 +158,19 @@ class _World:
             if not touched:
                 continue
             pieces = [(p, self.owners[i]) for i in touched for p in _outside(self.cells[i], hole)]
-            gone = set(touched)
-            kept = [i for i in range(len(self.cells)) if i not in gone]
-            self._boxes[: len(kept)] = self._boxes[kept]
-            self.cells = [self.cells[i] for i in kept]
-            self.owners = [self.owners[i] for i in kept]
+            for index in reversed(touched):
+                self._remove(index)
             for piece, owner in pieces:
                 self._append(piece, owner)
+
+    def _remove(self, index: int) -> None:
+        """Take a cell away; the last one takes its number."""
+        last = len(self.cells) - 1
+        self._boxes[index] = self._boxes[last]
+        self.cells[index] = self.cells[last]
+        self.owners[index] = self.owners[last]
+        self.cells.pop()
+        self.owners.pop()
 
     def _append(self, cell: Cell, owner: int) -> None:
         count = len(self.cells)
@@ -206,13 +216,17 @@ def brush_cells(brush: Brush, surfaces: list[Surface], findings: Findings) -> li
     """
     pieces: list[_Piece] = []
     for polygon in brush.polygons:
-        points = [_point(p) for p in polygon.vertices]
-        plane = plane_of(points)
-        if plane is None:
+        found = list(_flat_pieces([_point(p) for p in polygon.vertices], len(surfaces)))
+        if not found:
             findings.warn(brush.name, "a polygon without area was dropped")
             continue
-        pieces.append(_Piece(tuple(points), plane, len(surfaces)))
+        if len(found) > 1:
+            findings.warn(brush.name, "a polygon that is not flat was cut into triangles")
+        pieces += found
         surfaces.append(Surface(polygon, brush.name, _texture(polygon)))
+    if len(pieces) > MAX_POLYGONS:
+        findings.warn(brush.name, f"more than {MAX_POLYGONS} faces; the brush was dropped")
+        return []
     if len(pieces) < 4:
         findings.warn(brush.name, "fewer than four faces enclose no space; the brush was dropped")
         return []
@@ -221,11 +235,12 @@ def brush_cells(brush: Brush, surfaces: list[Surface], findings: Findings) -> li
     upper = tuple(max(axis) + 1.0 for axis in zip(*corners, strict=True))
     cells: list[Cell] = []
     todo: list[tuple[Cell, list[_Piece]]] = [(box_cell(lower, upper), pieces)]
+    work = 0
     while todo:
         cell, inside = todo.pop()
-        splitter = _best(inside)
+        splitter, tests = _best(inside)
         back, front = split(cell, splitter.plane, splitter.surface, splitter.surface)
-        behind, before = _divide(inside, splitter.plane)
+        behind, before = _divide(inside, splitter)
         if back is not None:
             if behind:
                 todo.append((back, behind))
@@ -233,8 +248,9 @@ def brush_cells(brush: Brush, surfaces: list[Surface], findings: Findings) -> li
                 cells.append(back)
         if front is not None and before:
             todo.append((front, before))
-        if len(cells) > MAX_BRUSH_CELLS:
-            findings.warn(brush.name, f"more than {MAX_BRUSH_CELLS} convex pieces; it was dropped")
+        work += tests
+        if work > MAX_BRUSH_WORK:
+            findings.warn(brush.name, "the brush is too complicated to be cut; it was dropped")
             return []
     if any(face.surface < 0 for cell in cells for face in cell.faces):
         findings.warn(brush.name, "the brush is not closed; it was closed at its bounding box")
@@ -253,13 +269,26 @@ class _Piece:
     surface: int
 
 
-def _best(pieces: Sequence[_Piece]) -> _Piece:
-    """The polygon whose plane cuts fewest others; ties go to the larger area, then the order."""
+def _flat_pieces(points: list[Point], surface: int) -> Iterator[_Piece]:
+    """A polygon if it is flat, else its triangles."""
+    plane = plane_of(points)
+    if plane is not None and max(abs(plane.height(p)) for p in points) <= TOLERANCE * 10.0:
+        yield _Piece(tuple(points), plane, surface)
+        return
+    for second, third in itertools.pairwise(points[1:]):
+        plane = plane_of((points[0], second, third))
+        if plane is not None:
+            yield _Piece((points[0], second, third), plane, surface)
+
+
+def _best(pieces: Sequence[_Piece]) -> tuple[_Piece, int]:
+    """Of a sample of polygons the one whose plane cuts fewest others, and the comparisons made."""
     if len(pieces) <= 2:
-        return pieces[0]
+        return pieces[0], 1
     step = max(1, len(pieces) // SAMPLE)
-    best, least = pieces[0], math.inf
+    best, least, tests = pieces[0], math.inf, 0
     for candidate in pieces[::step]:
+        tests += len(pieces)
         plane = candidate.plane
         cuts = 0
         for other in pieces:
@@ -269,15 +298,17 @@ def _best(pieces: Sequence[_Piece]) -> _Piece:
             best, least = candidate, cuts
             if cuts == 0:
                 break
-    return best
+    return best, tests
 
 
-def _divide(pieces: Sequence[_Piece], plane: Plane) -> tuple[list[_Piece], list[_Piece]]:
-    """Polygons behind and before a plane, cut where needed; those in the plane are done."""
+def _divide(pieces: Sequence[_Piece], splitter: _Piece) -> tuple[list[_Piece], list[_Piece]]:
+    """Polygons behind and before a splitter's plane, cut where needed; those in it are done."""
     behind: list[_Piece] = []
     before: list[_Piece] = []
     for piece in pieces:
-        inner, outer = split_polygon(piece.points, plane)
+        if piece is splitter:
+            continue
+        inner, outer = split_polygon(piece.points, splitter.plane)
         if inner:
             behind.append(_Piece(inner, piece.plane, piece.surface))
         if outer:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 import os
 from collections.abc import Iterable, Iterator, Sequence
@@ -10,7 +11,15 @@ from urllib.parse import unquote
 
 from usarsim_server.errors import MapImportError, at
 
-__all__ = ["MAX_BYTES", "AssetIndex", "read_bytes", "read_head", "read_text"]
+__all__ = [
+    "MAX_BYTES",
+    "AssetIndex",
+    "check_size",
+    "file_digest",
+    "read_bytes",
+    "read_head",
+    "read_text",
+]
 
 MAX_BYTES = 1 << 30
 """Largest map or mesh file that is read; the largest known map of the leagues has 60 MB."""
@@ -45,13 +54,37 @@ def read_bytes(path: Path, limit: int = MAX_BYTES) -> bytes:
     """
     try:
         with path.open("rb") as file:
+            check_size(path, os.fstat(file.fileno()).st_size, limit)
             content = file.read(limit + 1)
     except OSError as error:
         raise _unreadable(path, error) from error
-    if len(content) > limit:
+    check_size(path, len(content), limit)
+    return content
+
+
+def check_size(path: Path, size: int, limit: int = MAX_BYTES) -> None:
+    """Refuse a file that is too large, before anybody reads it.
+
+    Raises:
+        MapImportError: it is.
+    """
+    if size > limit:
         problem = f"larger than {limit >> 20} MiB"
         raise MapImportError(at(path, problem, "export the map in smaller parts"))
-    return content
+
+
+def file_digest(path: Path, limit: int = MAX_BYTES) -> bytes:
+    """SHA-256 of a file, read in pieces.
+
+    Raises:
+        MapImportError: it cannot be read or is too large.
+    """
+    try:
+        with path.open("rb") as file:
+            check_size(path, os.fstat(file.fileno()).st_size, limit)
+            return hashlib.file_digest(file, "sha256").digest()
+    except OSError as error:
+        raise _unreadable(path, error) from error
 
 
 def read_text(path: Path, limit: int = MAX_BYTES) -> str:

@@ -62,7 +62,8 @@ __all__ = ["T3dReader"]
 
 Array = NDArray[np.float64]
 
-MAX_BYTES = 512 << 20
+MAX_BYTES = 96 << 20
+"""Blocks take about ten times the memory of their text."""
 PLACEHOLDER = Box((0.5, 0.5, 0.5))
 NO_COLLISION = {"collide_nocollision", "collide_touchall", "collide_touchallbutweapons"}
 
