@@ -34,6 +34,9 @@ __all__ = [
     "register",
 ]
 
+PACKAGES = {"pxr": "pip install usd-core"}
+"""How to get an optional package whose name is not that of its module."""
+
 GROUP = "usarsim_server.importers"
 """Entry point group for readers of other packages."""
 
@@ -181,6 +184,6 @@ def need(module: str, source: Path, what_for: str) -> ModuleType:
             at(
                 source,
                 f"{what_for} need the Python package {top!r}",
-                "pip install 'usarsim-server[import]'",
+                PACKAGES.get(top, f"pip install {top}"),
             )
         ) from None

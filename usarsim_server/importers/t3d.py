@@ -14,6 +14,7 @@ from usarsim_server.importers.assets import AssetLibrary
 from usarsim_server.importers.files import read_text
 from usarsim_server.importers.placing import matrix_of_pose
 from usarsim_server.importers.reader import Context, Reader, register
+from usarsim_server.importers.reflect import reflect
 from usarsim_server.importers.scene import (
     Box,
     Brush,
@@ -92,7 +93,7 @@ class T3dReader(Reader):
             raise MapImportError(at(source, str(error), cure, where=f"line {error.line}")) from None
         level = _Level(source, context)
         level.add_all(root)
-        return level.scene()
+        return reflect(level.scene()) if context.options.mirror else level.scene()
 
 
 class _Level:
