@@ -231,3 +231,9 @@ def test_two_viewers_of_different_tiles(
             assert red(other.tile(2)).any()
     finally:
         other.close()
+
+
+def test_a_view_that_does_not_exist_is_one_error() -> None:
+    """A spectator with a misspelt view keeps the server from starting, and says what there is."""
+    with pytest.raises(RuntimeError, match=r"error: there is no view 'tpo' \(known: .*top"):
+        ServerProcess("--world", "empty", "--image-port", "0", "--spectator", "tpo")

@@ -9,36 +9,31 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from embreex import rtcore_scene
-from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
 
 from usarsim_server.cameras.backend import NEAR, SKY, Shot, Wanted, far_plane
 from usarsim_server.cameras.shading import Paint, light_up
+from usarsim_server.cameras.solids import (
+    Hits,
+    Solid,
+    body_solid,
+    is_solid,
+    scenery,
+    shape_key,
+)
 from usarsim_server.cameras.stage import Stage
 from usarsim_server.cameras.viewpoint import Eye
-from usarsim_server.simulation.model import SHELF_NAME
-from usarsim_server.simulation.tessellation import triangles
 
 __all__ = ["RayBackend"]
 
 Array = NDArray[np.float64]
 Plane = NDArray[np.float32]
-Numbers = NDArray[np.int32]
 
-SHELLS = 4
-"""Back faces that a ray passes at most: the inside of the housing that a camera sits in."""
-SAMPLES = 64
-"""Rays of a picture that tell whether its eye is inside something."""
-SOLID = 0.5
-"""Opacity from which on a geom is drawn; what is more transparent is not there, unlike in OpenGL,
-which tints what is behind it."""
-STEP = 1e-4
-"""m behind a back face at which its ray goes on."""
+SHAPES_KEPT = 512
+"""Bodies of different shapes that are kept ready."""
 
 
 class RayBackend:
@@ -47,8 +42,8 @@ class RayBackend:
     name = "rays"
 
     def __init__(self) -> None:
-        self._fixed: _Solid | None = None
-        self._solids: dict[bytes, _Solid] = {}
+        self._fixed: Solid | None = None
+        self._solids: dict[bytes, Solid] = {}
         self._generation = -1
 
     def render(self, stage: Stage, eye: Eye, wanted: Wanted) -> Shot:
@@ -80,8 +75,8 @@ class RayBackend:
         model = stage.model
         self._paint = Paint(model)
         if self._fixed is None:
-            self._fixed = _scenery(model, stage.data)
-        painted = [g for g in range(model.ngeom) if _is_solid(model, g)]
+            self._fixed = scenery(model, stage.data)
+        painted = [g for g in range(model.ngeom) if is_solid(model, g)]
         moving = model.body_weldid[model.geom_bodyid[painted]] != 0
         self._bodies = tuple(np.unique(model.geom_bodyid[painted][moving]).tolist())
         self._geoms_of = {
@@ -92,16 +87,13 @@ class RayBackend:
         self._planes = _planes(model)
         self._generation = stage.generation
 
-    def _solid_of(self, model: mujoco.MjModel, body: int) -> _Solid:
+    def _solid_of(self, model: mujoco.MjModel, body: int) -> Solid:
         geoms = self._geoms_of[body]
-        arrays = (model.geom_type, model.geom_size, model.geom_pos, model.geom_quat)
-        key = b"".join(array[geoms].tobytes() for array in arrays)
-        key += b"".join(_mesh_key(model, geom) for geom in geoms)
+        key = shape_key(model, geoms)
         if key not in self._solids:
-            self._solids[key] = _Solid(
-                [(number, _local(model, geom)) for number, geom in enumerate(geoms)],
-                [model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_MESH for geom in geoms],
-            )
+            if len(self._solids) >= SHAPES_KEPT:
+                self._solids.clear()
+            self._solids[key] = body_solid(model, geoms)
         return self._solids[key]
 
     # -- casting -----------------------------------------------------------------------------
@@ -138,7 +130,7 @@ class RayBackend:
         )
         numbers = np.array([*geoms, -1], np.int32)
         normals = hits.normals @ turn.T.astype(np.float32)
-        canvas.meet(rays, _Hits(hits.depths, numbers[hits.geoms], normals))
+        canvas.meet(rays, Hits(hits.depths, numbers[hits.geoms], normals))
 
     # -- colours -----------------------------------------------------------------------------
 
@@ -158,15 +150,6 @@ class RayBackend:
         return albedo
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Hits:
-    """Depths (n,), infinity for a miss; geoms (n,), -1 for a miss; outward normals (n, 3)."""
-
-    depths: Plane
-    geoms: Numbers
-    normals: Plane
-
-
 class _Canvas:
     """What has been met so far along every ray of a picture, pixels row by row.
 
@@ -183,11 +166,11 @@ class _Canvas:
         self.directions = self._rays.directions(self._rotation).reshape(-1, 3)
         self.hit = np.zeros(0, np.intp)
 
-    def begin(self, hits: _Hits) -> None:
+    def begin(self, hits: Hits) -> None:
         """Take what all rays hit first."""
         self.depth, self.geoms, self.normals = hits.depths, hits.geoms, hits.normals
 
-    def meet(self, rays: NDArray[np.intp], hits: _Hits) -> None:
+    def meet(self, rays: NDArray[np.intp], hits: Hits) -> None:
         """Take what some rays hit where it is nearer."""
         nearer = np.flatnonzero(hits.depths < self.depth[rays])
         chosen = rays[nearer]
@@ -256,111 +239,15 @@ def _interval(x: float, y: float, radius: float, slopes: Plane) -> slice:
     return slice(len(slopes) - last, len(slopes) - first)
 
 
-class _Solid:
-    """Triangles of some geoms in one frame, with outward normals where shapes have an outside."""
-
-    def __init__(self, parts: Sequence[tuple[int, Array]], closed: Sequence[bool]) -> None:
-        """Build the scene.
-
-        Args:
-            parts: number and triangles (n, 3, 3) of each geom.
-            closed: whether it is convex, so that it has an outside.
-        """
-        faces = np.concatenate([np.zeros((0, 3, 3)), *(part for _, part in parts)])
-        counts = [len(part) for _, part in parts]
-        geoms = np.repeat([geom for geom, _ in parts], counts)
-        self._geoms = np.append(geoms, -1).astype(np.int32)
-        self._closed = np.zeros(max((geom for geom, _ in parts), default=0) + 1, dtype=bool)
-        self._closed[[geom for geom, _ in parts]] = closed
-        normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
-        normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, None]
-        for (_, part), start in zip(parts, np.cumsum([0, *counts]).tolist(), strict=False):
-            if len(part):
-                # Outwards is away from the middle.
-                span = slice(start, start + len(part))
-                middle = part.reshape(-1, 3).mean(axis=0)
-                out = np.einsum("ij,ij->i", normals[span], part.mean(axis=1) - middle)
-                normals[span][out < 0.0] *= -1.0
-        self._normals = np.vstack([normals, np.zeros(3)]).astype(np.float32)
-        self._scene = None
-        if len(faces):
-            self._scene = rtcore_scene.EmbreeScene()
-            TriangleMesh(self._scene, faces.astype(np.float32))
-
-    def cast(self, origin: Array, directions: Plane) -> _Hits:
-        """What rays from one point meet; depths are in units of the directions' lengths."""
-        return self._cast_on(origin, directions, np.float32(NEAR))
-
-    def cast_from_inside(self, origin: Array, directions: Plane) -> _Hits:
-        """The same for a point that may be inside: closed shapes are seen from outside only."""
-        hits = self.cast(origin, directions)
-        # Whoever is inside a convex shape sees its back face, or what sticks into it, all around.
-        if len(directions) > SAMPLES:
-            some = np.linspace(0, len(directions) - 1, SAMPLES).astype(np.intp)
-            if not len(self._backs(hits, some, directions)):
-                return hits
-        rays = self._backs(hits, np.arange(len(directions)), directions)
-        for _ in range(SHELLS):
-            if not len(rays):
-                break
-            further = self._cast_on(
-                origin, directions[rays], (hits.depths[rays] + np.float32(STEP))[:, None]
-            )
-            hits.depths[rays], hits.geoms[rays] = further.depths, further.geoms
-            hits.normals[rays] = further.normals
-            rays = self._backs(hits, rays, directions)
-        return hits
-
-    def _cast_on(self, origin: Array, directions: Plane, begin: Plane | np.float32) -> _Hits:
-        """Hits beyond some depth."""
-        count = len(directions)
-        if self._scene is None:
-            nothing = np.full(count, -1, np.int32)
-            return _Hits(np.full(count, np.inf, np.float32), nothing, np.zeros_like(directions))
-        starts = origin.astype(np.float32) + begin * directions
-        answer = self._scene.run(starts, directions, output=1)
-        faces, depths = answer["primID"], answer["tfar"]
-        depths += np.ravel(begin)
-        depths[faces < 0] = np.inf
-        # The last entry is that of a miss.
-        geoms = np.take(self._geoms, faces, mode="wrap")
-        return _Hits(depths, geoms, np.take(self._normals, faces, axis=0, mode="wrap"))
-
-    def _backs(self, hits: _Hits, rays: NDArray[np.intp], directions: Plane) -> NDArray[np.intp]:
-        """Those of some rays that hit the inside of a closed shape."""
-        along = np.einsum("ij,ij->i", hits.normals[rays], directions[rays])
-        closed = self._closed[hits.geoms[rays]]
-        backs: NDArray[np.intp] = rays[closed & (along > 0.0) & (hits.geoms[rays] >= 0)]
-        return backs
-
-
-def _scenery(model: mujoco.MjModel, data: mujoco.MjData) -> _Solid:
-    fixed = [
-        geom
-        for geom in range(model.ngeom)
-        if model.body_weldid[model.geom_bodyid[geom]] == 0
-        and model.geom(geom).name != SHELF_NAME
-        and model.geom_group[geom] <= 2
-        and _is_solid(model, geom)
-        and model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_PLANE
-    ]
-    parts = [
-        (geom, triangles(model, geom, data.geom_xpos[geom], data.geom_xmat[geom].reshape(3, 3)))
-        for geom in fixed
-    ]
-    open_ = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_HFIELD)
-    return _Solid(parts, [model.geom_type[geom] not in open_ for geom in fixed])
-
-
 def _planes(model: mujoco.MjModel) -> list[int]:
     kind = mujoco.mjtGeom.mjGEOM_PLANE
     seen = (model.geom_type == kind) & (model.geom_group <= 2)
-    return [int(g) for g in np.flatnonzero(seen) if _is_solid(model, int(g))]
+    return [int(g) for g in np.flatnonzero(seen) if is_solid(model, int(g))]
 
 
 def _cast_plane(
     stage: Stage, canvas: _Canvas, geom: int, position: Array
-) -> tuple[NDArray[np.intp], _Hits]:
+) -> tuple[NDArray[np.intp], Hits]:
     """Hits of a plane as large as it is drawn; it is seen from above only."""
     turn = stage.data.geom_xmat[geom].reshape(3, 3)
     middle = stage.data.geom_xpos[geom]
@@ -377,16 +264,7 @@ def _cast_plane(
             depths[np.abs(local[axis] + depths * ways) > half] = np.inf
     depths[depths < NEAR] = np.inf
     found = np.where(np.isfinite(depths), geom, -1).astype(np.int32)
-    return rays, _Hits(depths, found, np.broadcast_to(normal, (len(rays), 3)))
-
-
-def _local(model: mujoco.MjModel, geom: int) -> Array:
-    """Triangles of a geom in the frame of its body."""
-    if not _is_solid(model, geom):
-        return np.zeros((0, 3, 3))
-    turn = np.zeros(9)
-    mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
-    return triangles(model, geom, model.geom_pos[geom], turn.reshape(3, 3))
+    return rays, Hits(depths, found, np.broadcast_to(normal, (len(rays), 3)))
 
 
 def _reach(model: mujoco.MjModel, geoms: Sequence[int]) -> tuple[Array, float]:
@@ -395,21 +273,6 @@ def _reach(model: mujoco.MjModel, geoms: Sequence[int]) -> tuple[Array, float]:
     middle = (places.min(axis=0) + places.max(axis=0)) / 2.0
     radius = float((np.linalg.norm(places - middle, axis=1) + radii).max())
     return middle, radius
-
-
-def _mesh_key(model: mujoco.MjModel, geom: int) -> bytes:
-    alpha = b"1" if _is_solid(model, geom) else b"0"
-    if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_MESH:
-        return alpha
-    mesh = int(model.geom_dataid[geom])
-    start, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
-    return alpha + bytes(model.mesh_vert[start : start + count].tobytes())
-
-
-def _is_solid(model: mujoco.MjModel, geom: int) -> bool:
-    material = int(model.geom_matid[geom])
-    color = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
-    return bool(color[3] >= SOLID)
 
 
 def _bytes(colors: Plane) -> NDArray[np.uint8]:

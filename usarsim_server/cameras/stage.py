@@ -36,7 +36,6 @@ class Stage:
     Attributes:
         model: nothing sleeps in it; parked robots and things are in `HIDDEN_GROUP`.
         data: poses of the snapshot shown last; lights included.
-        shows: how often the poses have changed.
     """
 
     def __init__(self, world: CompiledWorld) -> None:
@@ -45,7 +44,6 @@ class Stage:
         self.model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
         self.data = mujoco.MjData(self.model)
         mujoco.mj_forward(self.model, self.data)
-        self.shows = 0
         self._layouts = world.layouts
         self._groups = self.model.geom_group.copy()
         self._mocap = mocap_bodies(self.model)
@@ -67,7 +65,6 @@ class Stage:
             shown = self._groups[layout.geoms] if layout.slot in present else HIDDEN_GROUP
             model.geom_group[layout.geoms] = shown
         self._snapshot = snapshot
-        self.shows += 1
 
     def visible(self) -> NDArray[np.bool_]:
         """Which geoms (ngeom,) are drawn at all."""
