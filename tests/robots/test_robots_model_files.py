@@ -448,9 +448,7 @@ def test_sizes_are_limited(
         ({"body": 5}, "body: is a whole number"),
     ],
 )
-def test_bad_tables_are_one_clear_error(
-    tmp_path: Path, keys: dict[str, object], error: str
-) -> None:
+def test_bad_tables_are_one_clear_error(tmp_path: Path, keys: dict[str, Any], error: str) -> None:
     """A mistake in what is said about a model file names table, key and cure."""
     with pytest.raises(RobotDescriptionError, match=error) as caught:
         body(tmp_path, mjcf(), **keys)

@@ -5,6 +5,7 @@ flooded maps. Forces: thrust that grows with the square of the propeller's speed
 propeller theory with a constant coefficient), drag that grows with the square of the speed along
 each axis of the hull, lift of rudder and stern planes proportional to their angle and the square
 of the speed ahead, and a righting moment, because the weight hangs below the buoyancy.
+The hull is trimmed: thrust and drag act in the mass centre.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.simulation.frames import Vector
-from usarsim_server.simulation.laws import Law
+from usarsim_server.simulation.laws import Law, lever_moment
 
 __all__ = ["CHANNELS", "Diving", "Hull"]
 
@@ -68,7 +69,7 @@ class Diving(Law):
             base: name of the chassis.
             hull: see there.
         """
-        body = model.body(base).id
+        self._body = body = int(model.body(base).id)
         self._dof = int(model.body_dofadr[body])
         self._qpos = int(model.jnt_qposadr[model.body_jntadr[body]])
         self._hull = hull
@@ -99,8 +100,9 @@ class Diving(Law):
         torque[1] += pressure * hull.plane * hull.arm * planes
         torque[2] += pressure * hull.plane * hull.arm * rudder
         torque += hull.righting * np.cross((0.0, 0.0, 1.0), frame[2])
-        data.qfrc_applied[self._dof : self._dof + 3] = frame @ force
-        data.qfrc_applied[self._dof + 3 : self._dof + 6] = torque
+        forces = data.qfrc_applied[self._dof : self._dof + 6]
+        forces[:3] = frame @ force
+        forces[3:] = torque + lever_moment(data, self._body, frame, forces[:3])
 
     def release(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         data.qfrc_applied[self._dof : self._dof + 6] = 0.0

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.simulation.laws import Law
+from usarsim_server.simulation.laws import Law, lever_moment
 
 __all__ = ["CHANNELS", "FlightLimits", "VelocityHold"]
 
@@ -24,10 +24,10 @@ CHANNELS = 7
 """Command: velocity ahead, to the left and up in the yaw frame (m/s), yaw rate to the left (rad/s),
 wanted roll to the right and pitch nose down (rad), and 1 where the rotors stand still."""
 
-ATTITUDE_RATE = 12.0
+ATTITUDE_RATE = 20.0
 """1/s: turning rate per radian of attitude error."""
-RATE_GAIN = 40.0
-"""1/s: turning acceleration per rad/s of error; a tenth of a step of 2.5 ms at most."""
+RATE_GAIN = 60.0
+"""1/s: turning acceleration per rad/s of error; 0.3 per step of 5 ms, well damped with the rate."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ class FlightLimits:
     response: float = 0.2
     max_acceleration: float = 10.0
     tilt_rate: float = 0.672
-    max_turning: float = 60.0
+    max_turning: float = 400.0
 
 
 class VelocityHold(Law):
@@ -74,7 +74,7 @@ class VelocityHold(Law):
         forces = data.qfrc_applied[self._dof : self._dof + 6]
         if command[6]:
             forces[:3] = self._mass * model.opt.gravity
-            forces[3:] = self._about_origin(data, frame, forces[:3])
+            forces[3:] = lever_moment(data, self._body, frame, forces[:3])
             return
         yaw = np.arctan2(frame[1, 0], frame[0, 0])
         ahead = np.array([np.cos(yaw), np.sin(yaw), 0.0])
@@ -82,16 +82,10 @@ class VelocityHold(Law):
         wanted = command[0] * ahead + command[1] * left
         wanted[2] = command[2]
         forces[:3] = self._mass * self._accelerate(wanted - data.qvel[self._dof : self._dof + 3])
-        forces[3:] = self._about_origin(data, frame, forces[:3])
+        forces[3:] = lever_moment(data, self._body, frame, forces[:3])
         forces[3:] += self._inertia * self._turn(
             frame, data.qvel[self._dof + 3 : self._dof + 6], ahead, left, command
         )
-
-    def _about_origin(self, data: mujoco.MjData, frame: Array, force: Array) -> Array:
-        """Moment (N m, body frame) of a force that acts in the mass centre."""
-        arm = data.subtree_com[self._body] - data.xpos[self._body]
-        moment: Array = np.cross(frame.T @ arm, frame.T @ force)
-        return moment
 
     def _accelerate(self, missing: Array) -> Array:
         """Acceleration (m/s^2) that removes a velocity error, limited as a whole."""

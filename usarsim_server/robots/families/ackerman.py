@@ -3,7 +3,9 @@
 A steered wheel sits on a link of an actuator with `package = false`; as in the original, joints
 whose name contains FrontSteer or RearSteer are the steering joints. By default every wheel stands
 square to the line to the centre of the turn and rolls at its own speed, so the robot turns on the
-radius that its angles ask for; the original gave all of them the same angle and speed.
+radius that its angles ask for; the original gave all of them the same angle and speed. The limits
+of a robot file are those of the angles that clients send; the wheel inside of a turn goes further,
+and its joint has the room for it.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import mujoco
 import numpy as np
 
 from usarsim_server.protocol.requests import Drive
@@ -36,6 +39,8 @@ from usarsim_server.simulation.frames import Pose
 __all__ = ["Ackerman", "SteeredWheel", "Steering", "steered_wheels", "turn"]
 
 FRONT, REAR = "frontsteer", "rearsteer"
+GRID = 41
+"""Angles of an axle that are tried to find out how far its wheels turn."""
 STRAIGHT = 1e-4
 """rad: below this a wheel counts as straight when the mean angle of an axle is taken."""
 
@@ -147,6 +152,33 @@ def turn(
     return angles, speeds
 
 
+def wire_range(wheels: Sequence[SteeredWheel], front: bool) -> tuple[float, float]:
+    """Lowest and highest FrontSteer or RearSteer (rad, positive to the right) of all joints."""
+    ranges = [
+        sorted(-wheel.sense * limit for limit in wheel.limits)
+        for wheel in wheels
+        if wheel.joint is not None and wheel.front == front
+    ]
+    low = max((one[0] for one in ranges), default=0.0)
+    high = min((one[1] for one in ranges), default=0.0)
+    return min(low, high), max(low, high)
+
+
+def joint_ranges(steering: Steering) -> dict[str, tuple[float, float]]:
+    """Positions (rad) that steering joints take in all turns within the limits."""
+    found: dict[str, tuple[float, float]] = {}
+    front, rear = (np.linspace(*wire_range(steering.wheels, one), GRID) for one in (True, False))
+    for first in np.unique(front):
+        for second in np.unique(rear):
+            angles, _ = turn(steering.wheels, -first, -second, steering.literal)
+            for wheel, angle in zip(steering.wheels, angles, strict=True):
+                if wheel.joint is not None:
+                    low, high = found.get(wheel.joint, wheel.limits)
+                    position = wheel.sense * angle
+                    found[wheel.joint] = min(low, position), max(high, position)
+    return found
+
+
 def _axles(wheels: Sequence[SteeredWheel]) -> tuple[float, float]:
     """Distance ahead of the reference point of the front and of the rear axle, m."""
     xs = [wheel.x for wheel in wheels]
@@ -169,32 +201,23 @@ class CarConduct(WheelConduct):
         self._speed = 0.0
         self._angles = [0.0, 0.0]
         """FrontSteer and RearSteer as on the wire: positive to the right."""
+        self._ranges = wire_range(gear.wheels, True), wire_range(gear.wheels, False)
 
     def steer(self, drive: Drive, dialect: Dialect) -> None:
         """Obey; UDK wants all three members, elsewhere one that is absent keeps its value."""
-        members = (drive.speed, drive.front_steer, drive.rear_steer)
+        members = [_sent(one) for one in (drive.speed, drive.front_steer, drive.rear_steer)]
         if dialect is Dialect.UDK and None in members:
             return
         self._scale.note(drive, dialect)
-        speed = self._scale.read(drive.speed)
+        speed = self._scale.read(members[0])
         if speed is not None:
             self._speed = speed
         for axle, angle in enumerate(members[1:]):
-            if angle is not None and not math.isnan(angle):
-                self._angles[axle] = self._within(angle, axle == 0)
+            if angle is not None:
+                low, high = self._ranges[axle]
+                self._angles[axle] = max(low, min(high, angle))
         if any(member is not None for member in members):
             self._move()
-
-    def _within(self, angle: float, front: bool) -> float:
-        """An angle of the wire that the joints of an axle can take; 0 if there are none."""
-        ranges = [
-            sorted(-wheel.sense * limit for limit in wheel.limits)
-            for wheel in self._gear.wheels
-            if wheel.joint is not None and wheel.front == front
-        ]
-        low = max((one[0] for one in ranges), default=0.0)
-        high = min((one[1] for one in ranges), default=0.0)
-        return max(low, min(high, angle))
 
     def _move(self) -> None:
         front, rear = (-angle for angle in self._angles)
@@ -242,7 +265,13 @@ class CarConduct(WheelConduct):
         if self._gear.literal or any(abs(angle) < STRAIGHT for angle in angles):
             return sum(angles) / len(angles)
         # The cotangent grows evenly from the inner to the outer wheel.
-        return math.atan(len(angles) / sum(1.0 / math.tan(angle) for angle in angles))
+        mean = sum(1.0 / math.tan(angle) for angle in angles) / len(angles)
+        return math.atan(1.0 / mean) if mean else 0.0
+
+
+def _sent(value: float | None) -> float | None:
+    """A member of DRIVE; not a number counts as not sent."""
+    return None if value is None or math.isnan(value) else value
 
 
 @register_family("ackerman")
@@ -308,3 +337,11 @@ class Ackerman(WheeledFamily):
             steering_type="AckermanSteered",
             steer=(widths[0], widths[1]),
         )
+
+    def complete(self, spec: mujoco.MjSpec, robot: RobotDescription) -> None:
+        gear = robot.gear
+        assert isinstance(gear, Steering)
+        for name, limits in joint_ranges(gear).items():
+            joint = spec.joint(name)
+            if joint.limited == mujoco.mjtLimited.mjLIMITED_TRUE:
+                joint.range = limits
