@@ -25,6 +25,10 @@ class Wire:
     """A connection; use `Case.open`, which closes it at the end of the check.
 
     Waiting methods take `within`, s of wall time.
+
+    Attributes:
+        label: name in the transcript.
+        torn: how often what was received at once did not end with a line end.
     """
 
     def __init__(
@@ -38,6 +42,7 @@ class Wire:
         self._writer = writer
         self._transcript = transcript
         self.label = label
+        self.torn = 0
         self._buffer = b""
 
     @classmethod
@@ -178,4 +183,6 @@ class Wire:
             self._transcript.note(self.label, "closed by the server")
             raise Hangup("the server closed the connection")
         self._transcript.received(self.label, data)
+        # A read that is full was cut by the kit, not by the server.
+        self.torn += not data.endswith(b"\n") and len(data) < _CHUNK
         return data

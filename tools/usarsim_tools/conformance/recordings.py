@@ -1,0 +1,208 @@
+"""Robots watched once, for the many checks that only look at what was said."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, field
+
+from usarsim_tools.conformance.case import Case
+from usarsim_tools.conformance.control import Pose, Robot, pose_of
+from usarsim_tools.conformance.lines import Line
+from usarsim_tools.conformance.verdicts import Failed, Inconclusive
+
+__all__ = ["Drive", "Phase", "Recording", "driven", "items_of", "standing", "wheels_of"]
+
+_WATCHED = 1.7
+"""s of simulated time; eight reports of a sensor with an interval of 0.2 s."""
+_SLOWEST_REPLY = 2.0
+_EXEMPT = ("Camera",)
+"""SEN types that name no item, nor could be asked for by one."""
+
+
+@dataclass
+class Recording:
+    """A robot that stood still.
+
+    Attributes:
+        lines: all, the greeting included, in order.
+        streamed: those after the first STA, that one included.
+        replies: what GETCONF and GETGEO answered, by command, type and item name; an empty name
+            stands for a request by type, None for no answer.
+        waited: s of wall time from INIT to the first STA or SEN.
+        torn: chunks of bytes that did not end with a line.
+    """
+
+    lines: list[Line] = field(default_factory=list)
+    streamed: list[Line] = field(default_factory=list)
+    replies: dict[tuple[str, str, str], Line | None] = field(default_factory=dict)
+    waited: float = math.nan
+    torn: int = 0
+
+    def of(self, head: str, type: str = "") -> list[Line]:
+        """Streamed lines of a head, and of a type if given."""
+        return [
+            line for line in self.streamed if line.head == head and (not type or line.type == type)
+        ]
+
+    def types(self, head: str = "SEN") -> set[str]:
+        """Types streamed under a head."""
+        return {line.type for line in self.of(head) if line.type}
+
+
+async def standing(case: Case) -> Recording:
+    """The recording of a robot that stands, made once for each dialect."""
+    return await case.shared("a recording of a standing robot", _stand)
+
+
+async def _stand(case: Case) -> Recording:
+    recording = Recording()
+    client = await case.connect()
+    place = await case.place()
+    begun = time.monotonic()
+    await client.send(case.init(place, case.new_name()))
+    first = await client.maybe(lambda line: line.head in ("STA", "SEN"), 6.0)
+    if first is None:
+        raise Inconclusive("the robot sent nothing within 6 s of its INIT")
+    recording.waited = first.at - begun
+    robot = Robot(client, "", case.robot_class, place, first)
+    recording.streamed = [first, *await robot.run(_WATCHED)]
+    recording.torn = client.wire.torn
+    wanted: list[tuple[str, str]] = [("Robot", "")]
+    for type, name in items_of(recording.streamed):
+        wanted += [(type, name)] if (type, "") in wanted else [(type, ""), (type, name)]
+    for type in ("Camera", "MisPkg", "Actuator"):
+        wanted += [(type, "")] if (type, "") not in wanted else []
+    for type, name in wanted:
+        for command in ("GETCONF", "GETGEO"):
+            named = f" {{Name {name}}}" if name else ""
+            await client.send(f"{command} {{Type {type}}}{named}")
+            within = _SLOWEST_REPLY if name or type == "Robot" else 0.5
+            reply = await client.maybe(command.removeprefix("GET") + " {", within)
+            recording.replies[command, type, name] = reply
+    recording.lines = list(client.lines)
+    return recording
+
+
+def items_of(lines: list[Line]) -> list[tuple[str, str]]:
+    """Type and name of every item that was streamed, each once, in order."""
+    found: dict[tuple[str, str], None] = {}
+    for line in lines:
+        if line.head in ("MISSTA", "ASTA"):
+            type = "MisPkg" if line.head == "MISSTA" else "Actuator"
+        elif line.head in ("SEN", "EFF") and line.type not in _EXEMPT:
+            type = line.type
+        else:
+            continue
+        for item in line.items():
+            if item.get("Name"):
+                found.setdefault((type, item["Name"]))
+    return list(found)
+
+
+@dataclass
+class Phase:
+    """A part of a drive.
+
+    Attributes:
+        command: that was in force.
+        lines: what was said meanwhile.
+        start, end: poses before and after; None if the robot tells none.
+    """
+
+    command: str
+    lines: list[Line]
+    start: Pose | None = None
+    end: Pose | None = None
+
+    def sensor(self, type: str) -> list[Line]:
+        """Lines of a sensor type."""
+        return [line for line in self.lines if line.head == "SEN" and line.type == type]
+
+    @property
+    def moved(self) -> tuple[float, float, float]:
+        """How far forward and right, m, and how far turned clockwise, rad."""
+        if self.start is None or self.end is None:
+            raise Inconclusive("the robot has no GroundTruth and no INS to tell where it is")
+        forward, right = self.start.ahead(self.end)
+        return forward, right, math.remainder(self.end.yaw - self.start.yaw, math.tau)
+
+
+@dataclass
+class Drive:
+    """A drive of a skid steered robot: forward, back, clockwise, anticlockwise, stops between.
+
+    Attributes:
+        phases: by name: rest, forward, stopped, back, clockwise, anticlockwise.
+        speed: of the wheels, rad/s.
+        radius: of the wheels, m.
+        separation: of the wheels, m.
+        max_speed: of the wheels as in CONF, rad/s.
+    """
+
+    speed: float
+    radius: float
+    separation: float
+    max_speed: float
+    phases: dict[str, Phase] = field(default_factory=dict)
+
+
+async def driven(case: Case) -> Drive:
+    """The recording of a drive, made once for each dialect."""
+    return await case.shared("a recording of a driving robot", _drive)
+
+
+async def wheels_of(robot: Robot) -> tuple[float, float, float]:
+    """Radius and separation of the wheels, m, and their largest speed, rad/s.
+
+    Raises:
+        Inconclusive: if the robot does not tell, or is not skid steered.
+    """
+    try:
+        conf = await robot.client.ask("GETCONF {Type Robot}", "CONF {")
+        geo = await robot.client.ask("GETGEO {Type Robot}", "GEO {")
+    except Failed as error:
+        raise Inconclusive(f"how the robot is driven cannot be found out: {error}") from None
+    if conf.get("SteeringType") != "SkidSteered":
+        raise Inconclusive(f"the robot is not skid steered but {conf.get('SteeringType')}")
+    found = geo.number("WheelRadius"), geo.number("WheelSeparation"), conf.number("MaxSpeed")
+    if not all(value > 0.0 for value in found):
+        raise Inconclusive(f"wheels that are no wheels: {found}")
+    return found
+
+
+_PHASES = (
+    ("rest", 0, 0, 0.4),
+    ("forward", 1, 1, 1.4),
+    ("stopped", 0, 0, 0.8),
+    ("back", -1, -1, 1.0),
+    ("halted", 0, 0, 0.6),
+    ("clockwise", 1, -1, 1.2),
+    ("steady", 0, 0, 0.6),
+    ("anticlockwise", -1, 1, 0.8),
+)
+_PACE = 0.3
+"""m/s; slow enough for the room that every start place has."""
+
+
+async def _drive(case: Case) -> Drive:
+    robot = await case.spawn()
+    radius, separation, max_speed = await wheels_of(robot)
+    speed = min(0.6 * max_speed, _PACE / radius)
+    drive = Drive(speed, radius, separation, max_speed)
+    await robot.run(0.6)  # settle
+    for name, left, right, seconds in _PHASES:
+        command = f"DRIVE {{Left {left * speed:.4f}}} {{Right {right * speed:.4f}}}"
+        await robot.send(command)
+        lines = await robot.run(seconds)
+        poses = _poses(lines)
+        drive.phases[name] = Phase(command, lines, *(poses[0], poses[-1]) if poses else ())
+    return drive
+
+
+def _poses(lines: list[Line]) -> list[Pose]:
+    for type in ("GroundTruth", "INS"):
+        found = [line for line in lines if line.head == "SEN" and line.type == type]
+        if found:
+            return [pose_of(line) for line in found]
+    return []
