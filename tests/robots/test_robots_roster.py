@@ -8,35 +8,27 @@ from pathlib import Path
 import pytest
 from robot_files import table, write
 
+from usarsim_server.data import data_directory
 from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.robots.roster import Roster, load_roster
 
-SHIPPED = (
-    "ComStation",
-    "crawler_robot",
-    "Kenaf",
-    "KR60",
-    "Matilda",
-    "OmniP2AT",
-    "OmniP2DX",
-    "P2AT",
-    "P2AT_ATLANTA",
-    "P2DX",
-    "P3AT",
-    "P3AT_arm",
-    "P3AT_real",
-    "P3DX",
-    "pioneer2dx_with_sensors",
-    "pioneer3at_with_sensors",
-    "RescueP2AT",
-    "Rugbot",
-    "Soryu",
-    "StereoP2AT",
-    "Talon",
-    "Tarantula",
-    "TeleMax",
-    "TwoLink",
+SHIPPED = tuple(
+    sorted((path.stem for path in data_directory("robots").glob("*.toml")), key=str.lower)
 )
+ROSTER = (
+    *("AirRobot", "ATRV", "ATRV2", "ATRVJr", "BasicAckermanRobot", "BasicSkidRobot"),
+    *("CasterSkidRobot", "ComStation", "Cooper", "crawler_robot", "Element", "ERS"),
+    *("Fanuc_M16iB20", "Fanuc_Robot_And_Rail", "FanucM16", "Forklift", "ForkLift"),
+    *("FrontAckerman", "GripperBase", "HandBot", "HMMWV", "Hummer", "Kenaf", "KinectBot"),
+    *("Kiva4Wheel", "KR3", "KR5", "KR6", "KR60", "KRobot", "KUKA_LWR_BOT", "Kurt", "Kurt2D"),
+    *("Kurt3D", "Lisa", "Matilda", "MDS", "MultiView", "Nao", "Nomad", "OmniP2AT", "OmniP2DX"),
+    *("P2AT", "P2AT_ATLANTA", "P2DX", "P3AT", "P3DX", "Passarola", "PR2", "QRIO", "quadrotor"),
+    *("pioneer2dx_with_sensors", "pioneer3at_with_sensors", "ReferenceGPSCoordinate", "Rugbot"),
+    *("Sedan", "SegwayRMPFifty", "SnowStorm", "Soryu", "StereoP2AT", "Submarine", "Talon"),
+    *("Tarantula", "TarantulaSIED", "TeleMax", "turtlebot", "TwoLink", "UnitLoader"),
+    *("youBot", "Zerg"),
+)
+"""Every class that a client of either generation can ask for (robots reference 1.1)."""
 
 
 @pytest.fixture(scope="module")
@@ -54,6 +46,12 @@ def test_shipped_classes(roster: Roster) -> None:
     """The shipped folder has exactly the documented classes, listed in alphabetical order."""
     assert roster.names() == SHIPPED
     assert tuple(robot.name for robot in roster.descriptions()) == SHIPPED
+
+
+@pytest.mark.parametrize("name", ROSTER)
+def test_the_whole_roster_is_there(roster: Roster, name: str) -> None:
+    """Every row of the roster of the original simulators is answered (5.1 #1)."""
+    assert found(roster, name).name == name
 
 
 @pytest.mark.parametrize("name", SHIPPED)

@@ -66,6 +66,11 @@ class TableReader:
         """Where this table stands: `file` or `file: table`."""
         return f"{self._path}: {self._where}" if self._where else str(self._path)
 
+    @property
+    def path(self) -> Path:
+        """The file."""
+        return self._path
+
     def fail(self, problem: str, cure: str, key: str = "") -> NoReturn:
         """Raise the error of this table or of one of its keys."""
         where = " ".join(part for part in (self._where, key) if part)
