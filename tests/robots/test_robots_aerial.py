@@ -111,7 +111,7 @@ def test_tilt_does_not_depend_on_speed(speed: float, pitch: float) -> None:
 
 
 def test_angles_are_a_matter_of_udk() -> None:
-    """PitchAngle and RollAngle are degrees, or percent of 25 deg, in `udk` and nothing elsewhere."""
+    """PitchAngle and RollAngle are degrees, or percent of 25 deg, in `udk`, else nothing."""
     driver = Driver(AIR, UDK)
     assert driver.send(pitch_angle=-10.0, roll_angle=5.0)
     assert law(driver)[4:6] == pytest.approx((math.radians(5.0), math.radians(10.0)))

@@ -179,8 +179,7 @@ def test_every_joint_obeys_its_limits(stage: Rehearsal, spawn: Spawn) -> None:
     """Told to go far beyond either end, every joint of Nao stops at its limit (5.1 #11, 160)."""
     client, vehicle = spawn("Nao")
     for sign in (1.0, -1.0):
-        # On its back in the air nothing would be in the way; on the floor legs are, so joint
-        # by joint positions are only compared with the limits.
+        # The floor is in the way of legs, so only the others have to get to their ends.
         client.send(
             f"SET {{Type Joint}} {{Name AllJoints}} {{Opcode Angle}} {{Params {sign * 99}}}"
         )
