@@ -72,12 +72,18 @@ def test_through_a_doorway(tmp_path: Path) -> None:
 def test_a_map_can_be_served_at_once(tmp_path: Path) -> None:
     """The world of a server may be a map file; clients are told its starts (items 25, 27)."""
     source = tmp_path / "two.t3d"
-    source.write_text(two_rooms())
+    source.write_text(two_rooms().replace("Yaw=0", "Yaw=81920", 1))
     with Rehearsal(world=str(source)) as rehearsal:
         client = rehearsal.connect()
         client.send("GETSTARTPOSES")
         (line,) = client.take("NFO {StartPoses 2}")
-        assert "{Entry 0.0000,0.0000,-0.2400 0.0000,0.0000,0.0000 PlayerStart_1" in line
+        head, _, rest = line.partition("{Entry 0.0000,0.0000,-0.2400 0.0000,0.0000,")
+        assert head
+        # The editor's angle is passed on as it is, 5/4 turns (item 8).
+        assert float(rest.split()[0]) == pytest.approx(7.8540, abs=2e-4)
+        assert rest.split()[1] == "PlayerStart_1"
+        start = rehearsal.assembly.world.starts[0]
+        assert start.pose.rotate((1.0, 0.0, 0.0)) == pytest.approx((0.0, -1.0, 0.0))
         assert rehearsal.assembly.world.name == "two"
 
 

@@ -151,7 +151,10 @@ def start_entries(
         if tag.lower() != start.name.lower():
             findings.warn(start.name, f"start pose is called {tag} on the wire")
         position = start.pose.position
-        entries.append({"tag": tag, "position": _exact(position), **rotation(start.pose)})
+        facing = rotation(start.pose)
+        entries.append(
+            {"tag": tag, "position": _exact(position), **facing, "turns": start.turns or None}
+        )
         height, overlap = probe.height(position), probe.overlap(position, FREE)
         places.append(Place(tag, height, overlap))
         if height > FLOOR_BELOW:

@@ -34,7 +34,7 @@ def reflect(scene: Scene) -> Scene:
         objects=tuple(map(_object, scene.objects)),
         brushes=tuple(map(_brush, scene.brushes)),
         heightfields=tuple(map(_heightfield, scene.heightfields)),
-        starts=tuple(replace(start, pose=_pose(start.pose)) for start in scene.starts),
+        starts=tuple(replace(s, pose=_pose(s.pose), turns=-s.turns) for s in scene.starts),
         path_nodes=tuple(replace(n, position=_point(n.position)) for n in scene.path_nodes),
         victims=tuple(replace(victim, pose=_pose(victim.pose)) for victim in scene.victims),
         lights=tuple(

@@ -330,10 +330,13 @@ class Start:
         name: what clients are told: the Tag unless it is the class default, then the actor's name
             (worlds reference 3).
         pose: exactly as in the map; the builder finds the floor below.
+        turns: whole turns that the map's yaw (on the wire) is beyond [-pi, pi]; clients are told
+            the angle as the map has it.
     """
 
     name: str
     pose: Pose
+    turns: int = 0
 
 
 @dataclass(frozen=True, slots=True)

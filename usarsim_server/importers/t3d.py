@@ -268,7 +268,8 @@ class _Level:
 
     def _add_start(self, actor: Block, name: str) -> None:
         kind = actor.attributes.get("class", "")
-        self._starts.append(start_of(name, actor.get("tag"), kind, self._pose(actor)))
+        _, yaw, _ = rotator(actor.properties.get("rotation", ""))
+        self._starts.append(start_of(name, actor.get("tag"), kind, self._pose(actor), yaw))
 
     def _add_node(self, actor: Block, name: str) -> None:
         tag, pose = actor.get("tag"), self._pose(actor)

@@ -5,11 +5,13 @@ Shared by the readers of T3D text and of binary packages (worlds reference 3).
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from enum import Enum
 
 from usarsim_server.importers.scene import PathNode, Start, Victim
-from usarsim_server.simulation.frames import Pose
+from usarsim_server.importers.units import ROTATION_UNIT
+from usarsim_server.simulation.frames import Pose, wire_from_pose
 
 __all__ = [
     "ActorKind",
@@ -82,9 +84,11 @@ def announced(name: str, tag: str, actor_class: str) -> str:
     return tag
 
 
-def start_of(name: str, tag: str, actor_class: str, pose: Pose) -> Start:
-    """A start pose by the naming rule (item 25)."""
-    return Start(announced(name, tag, actor_class), pose)
+def start_of(name: str, tag: str, actor_class: str, pose: Pose, yaw: float = 0.0) -> Start:
+    """A start pose by the naming rule (item 25); yaw in rotation units is told unwrapped (8)."""
+    _, (_, _, wrapped) = wire_from_pose(pose)
+    turns = round((yaw * ROTATION_UNIT - wrapped) / math.tau)
+    return Start(announced(name, tag, actor_class), pose, max(-1000, min(1000, turns)))
 
 
 def path_node_of(name: str, tag: str, actor_class: str, pose: Pose) -> PathNode:

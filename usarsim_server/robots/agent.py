@@ -354,9 +354,7 @@ class RobotAgent:
     # -- the world ---------------------------------------------------------------------------
 
     def _start_poses(self) -> str:
-        return messages.start_poses(
-            [(start.tag, *wire_from_pose(start.pose)) for start in self._world.starts]
-        )
+        return messages.start_poses([(start.tag, *start.announced) for start in self._world.starts])
 
     def _path_nodes(self) -> str:
         zero = (0.0, 0.0, 0.0)

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from usarsim_server.simulation.frames import Pose, Vector
+from usarsim_server.simulation.frames import Pose, Vector, wire_from_pose
 from usarsim_server.simulation.surfaces import Surface
 from usarsim_server.worlds.machinery import Machinery
 
@@ -35,10 +35,24 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class StartPose:
-    """A place where robots may start; the tag is what INIT's Start names (no blanks)."""
+    """A place where robots may start.
+
+    Attributes:
+        tag: what INIT's Start names (no blanks).
+        pose: in the world.
+        turns: whole turns that the announced yaw is beyond [-pi, pi]: the original passed on
+            whatever angle its editor had saved (worlds reference 2.3).
+    """
 
     tag: str
     pose: Pose
+    turns: int = 0
+
+    @property
+    def announced(self) -> tuple[Vector, Vector]:
+        """Location (m) and roll, pitch, yaw (rad) on the wire."""
+        location, (roll, pitch, yaw) = wire_from_pose(self.pose)
+        return location, (roll, pitch, yaw + math.tau * self.turns)
 
 
 @dataclass(frozen=True, slots=True)

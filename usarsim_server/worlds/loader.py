@@ -107,7 +107,11 @@ def load_world(folder: Path) -> WorldDescription:
 
 
 def _start(table: Table) -> StartPose:
-    start = StartPose(tag=table.word("tag"), pose=_pose(table))
+    start = StartPose(
+        tag=table.word("tag"),
+        pose=_pose(table),
+        turns=table.integer("turns", default=0, low=-1000, high=1000),
+    )
     table.finish()
     return start
 
