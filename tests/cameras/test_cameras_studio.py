@@ -120,7 +120,7 @@ class TestWatching:
         assert stage.world.looks == 0
 
     def test_a_watched_tile_is_rendered_and_no_other(self, stage: Set) -> None:
-        """One tile of a watched region is painted; the others stay plain dark grey."""
+        """One tile of a watched region is painted; the others stay black."""
         watcher = Watcher()
         stage.studio.watch(GRID.region(0), watcher)
         frame = watcher.wait()

@@ -9,7 +9,7 @@ from usarsim_server.cameras.view import Frame, Grid, Region
 
 __all__ = ["EMPTY", "Atlas"]
 
-EMPTY = (40, 40, 40)
+EMPTY = (0, 0, 0)
 """Colour of a tile without a camera."""
 
 
