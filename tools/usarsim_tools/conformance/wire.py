@@ -71,6 +71,11 @@ class Wire:
         name = self._writer.get_extra_info("sockname")
         return int(name[1])
 
+    @property
+    def local_address(self) -> str:
+        """Address of the kit's end, where the server can reach it."""
+        return str(self._writer.get_extra_info("sockname")[0])
+
     async def send(self, data: bytes, within: float = 10.0) -> None:
         """Send bytes.
 
