@@ -14,8 +14,8 @@ __all__ = ["add_parser", "run"]
 
 _EPILOG = (
     "The world folder is DIR/NAME. Facts that the map lacks stand in a sidecar file, "
-    "MAP.usarsim.toml beside the map or --sidecar FILE; see docs/import.md. `usarsim serve --world SOURCE` imports "
-    "on the fly."
+    "MAP.usarsim.toml beside the map or --sidecar FILE; see docs/import.md. "
+    "`usarsim serve --world SOURCE` imports on the fly."
 )
 
 
