@@ -15,6 +15,7 @@ from pathlib import Path
 
 from usarsim_server.errors import UsarsimError, at
 from usarsim_server.validation import trials_flat as flat
+from usarsim_server.validation import trials_machines as machines
 from usarsim_server.validation import trials_terrain as terrain
 from usarsim_server.validation import trials_tracks as tracks
 from usarsim_server.validation.results import (
@@ -74,12 +75,16 @@ TRIALS = (
     Trial(("V20",), terrain.cubic_field),
     Trial(("V21",), tracks.stairs),
     Trial(("V22",), terrain.sliding),
+    Trial(("V23",), machines.hovering),
+    Trial(("V24", "#42", "#43"), machines.speeds),
+    Trial(("V25", "#40", "#41"), machines.radius),
     Trial(("V26",), flat.repeatability),
     Trial(("V27",), flat.odometry),
     Trial(("#38",), flat.pivot),
     Trial(("#39",), tracks.turning),
     Trial(("#46",), tracks.flippers),
     Trial(("#47",), tracks.speed),
+    Trial(("#49",), machines.depth),
     Trial(("#59",), terrain.wall),
     Trial(("#60",), terrain.crate),
     Trial(("#63", "#64"), flat.resting),

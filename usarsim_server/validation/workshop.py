@@ -25,6 +25,8 @@ VARIANTS = {
     "P3AT_brakeless": ("P3AT_real", {"parking_brake_delay": 1e6}),
 }
 """Robots that differ from a shipped one: parent, and keys of its drive."""
+LITERAL = ("Hummer", "Sedan", "FrontAckerman", "BasicAckermanRobot")
+"""Cars that are tried with the original's rule of steering, too, under names with _literal."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +63,9 @@ class Workshop:
         self._turns: dict[tuple[str, float, float, float], Turn] = {}
         for name, (parent, drive) in VARIANTS.items():
             worlds.write_robot(self._robots, name, parent, drive)
+        for name in LITERAL:
+            keys = {"literal": True}
+            worlds.write_robot(self._robots, f"{name}_literal", name, keys, "steering")
         self._roster = load_roster((self._robots,))
 
     def world(self, scene: worlds.Scene) -> Path:

@@ -182,8 +182,14 @@ def write_world(folder: Path, scene: Scene) -> Path:
     return world
 
 
-def write_robot(folder: Path, name: str, parent: str, drive: Mapping[str, float]) -> None:
-    """Write the file of a robot that differs from its parent in keys of its drive."""
+def write_robot(
+    folder: Path, name: str, parent: str, keys: Mapping[str, float | bool], table: str = "drive"
+) -> None:
+    """Write the file of a robot that differs from its parent in keys of one table."""
     folder.mkdir(parents=True, exist_ok=True)
-    keys = "".join(f"{key} = {float(value)}\n" for key, value in drive.items())
-    (folder / f"{name}.toml").write_text(f'extends = "{parent}"\n[drive]\n{keys}')
+    lines = "".join(f"{key} = {_toml(value)}\n" for key, value in keys.items())
+    (folder / f"{name}.toml").write_text(f'extends = "{parent}"\n[{table}]\n{lines}')
+
+
+def _toml(value: float | bool) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(float(value))
