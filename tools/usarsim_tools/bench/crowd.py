@@ -39,15 +39,16 @@ class Controller:
 
     Attributes:
         name: of the robot.
+        robot_class: of the robot.
         joined: wall time of its INIT.
         chunks: everything received so far; stays empty in a crowd that does not keep.
         received: bytes received.
         speaking: whether a STA line has come, so that the robot is in the world.
     """
 
-    def __init__(self, port: int, name: str) -> None:
+    def __init__(self, port: int, name: str, robot_class: str = DEFAULT_CLASS) -> None:
         """Connect; `OSError` if that fails."""
-        self.name = name
+        self.name, self.robot_class = name, robot_class
         self.joined = 0.0
         self.chunks: list[Chunk] = []
         self.received = 0
@@ -137,7 +138,7 @@ class Crowd:
     def join(self, robot_class: str = DEFAULT_CLASS) -> Controller:
         """Connect one more and send its INIT; start poses are used in turn."""
         number = next(self._numbers)
-        controller = Controller(self._port, f"R{number}")
+        controller = Controller(self._port, f"R{number}", robot_class)
         tag = self._tags[(number - 1) % len(self._tags)]
         controller.joined = controller.send(
             f"INIT {{ClassName USARBot.{robot_class}}} {{Name {controller.name}}} {{Start {tag}}}"

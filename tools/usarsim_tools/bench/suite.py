@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from usarsim_tools.bench.cameras import measure_cameras
 from usarsim_tools.bench.errors import BenchError
 from usarsim_tools.bench.figures import Plan, Report, Section
+from usarsim_tools.bench.garage import measure_garage
 from usarsim_tools.bench.groundtruth import measure_ground_truth
 from usarsim_tools.bench.latency import measure_latency
 from usarsim_tools.bench.machine import describe_machine
@@ -30,6 +31,7 @@ MEASUREMENTS: Mapping[str, tuple[Measurement, str]] = {
     "spawn": (measure_spawn, "what the others notice of a newcomer"),
     "memory": (measure_memory, "memory of a team, and after robots came and went"),
     "sensors": (measure_sensors, "real time with a robot's every sensor, and with fast lasers"),
+    "garage": (measure_garage, "real-time factor and cost of 16 robots of all kinds"),
     "cameras": (measure_cameras, "pictures of a team's cameras, and what they cost"),
     "rendering": (measure_rendering, "pictures against a bare MuJoCo renderer, and their age"),
     "groundtruth": (measure_ground_truth, "answers to the wireless simulation, and their cost"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from usarsim_tools.bench.crowd import DEFAULT_CLASS, Crowd
@@ -64,16 +65,24 @@ def try_team(
     crowd: Crowd,
     robots: int,
     seconds: float,
-    robot_class: str = DEFAULT_CLASS,
+    robot_class: str | Sequence[str] = DEFAULT_CLASS,
 ) -> TeamTrial:
     """Bring a team into the world, let it drive around and watch.
+
+    Args:
+        server: what they are in.
+        crowd: nobody so far.
+        robots: size of the team.
+        seconds: of wall time that it is watched.
+        robot_class: of all of them, or several that are taken in turn.
 
     Raises:
         BenchError: if the server fails a client, or a robot stops talking.
     """
-    for _ in range(robots):
+    classes = (robot_class,) if isinstance(robot_class, str) else robot_class
+    for number in range(robots):
         # One after the other: a crowd at the door is not what is measured here.
-        crowd.wait_until_speaking([crowd.join(robot_class)])
+        crowd.wait_until_speaking([crowd.join(classes[number % len(classes)])])
     crowd.run(SETTLE)
     before = server.usage()
     start, stop = crowd.run(seconds)
