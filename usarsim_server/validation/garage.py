@@ -14,6 +14,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.actuators.registry import create_effectors
 from usarsim_server.cameras.backend import Quality
 from usarsim_server.cameras.painter import Painter, PainterOptions
 from usarsim_server.cameras.portrait import extent, portrait_view
@@ -166,7 +167,7 @@ class TestDrive:
         kinds = [sensor.wire_type for sensor in self.vehicle.sensors]
         if any(actuator.package for actuator in robot.actuators):
             kinds.append("MisPkg" if dialect is Dialect.UT2004 else "Actuator")
-        kinds += [effector.item.type for effector in robot.effectors]
+        kinds += [effector.wire_type for effector in create_effectors(robot)]
         kinds += ["Camera"] if robot.cameras else []
         return list(dict.fromkeys(kinds))
 
