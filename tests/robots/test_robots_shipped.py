@@ -18,6 +18,7 @@ from usarsim_server.robots.roster import load_roster
 from usarsim_server.sensors.base import SensorContext
 from usarsim_server.sensors.registry import create_sensor
 from usarsim_server.simulation.frames import wire_from_pose
+from usarsim_server.testing import Rehearsal
 from usarsim_server.worlds.description import WorldDescription
 
 ROBOTS = {robot.name: robot for robot in load_roster().descriptions()}
@@ -428,3 +429,30 @@ def test_youbot_and_pr2_are_driven_by_sides() -> None:
         "LeftArm": 7,
         "RightArm": 7,
     }
+
+
+def test_nobody_notices_a_map_object() -> None:
+    """A robot spawns in the middle of one, drives through it, and its laser looks through it."""
+    with Rehearsal(world="empty", max_robots=4) as rehearsal:
+        for place in ("0,0,-0.1", "1.0,0,-0.26", "2.0,0,-0.26"):
+            rehearsal.connect().send(f"INIT {{ClassName USARBot.MultiView}} {{Location {place}}}")
+        client = rehearsal.connect()
+        client.send("INIT {ClassName USARBot.P2AT} {Location 0,0,-0.25}")
+        rehearsal.run(1.0)
+        *markers, robot = rehearsal.assembly.fleet.vehicles
+        before = [marker.look() for marker in markers]
+        scan = next(line for line in client.take("SEN") if "{Type RangeScanner}" in line)
+        ranges = re.search(r"\{Range ([^}]+)\}", scan)
+        assert ranges is not None
+        assert len(set(ranges[1].split(","))) == 1, "nothing but the largest range"
+        client.send("DRIVE {Left 5} {Right 5}")
+        rehearsal.run(4.0)
+        state = robot.look()
+        assert state is not None
+        assert state.pose.position[0] > 2.3
+        assert abs(state.pose.position[1]) < 0.01
+        for marker, old in zip(markers, before, strict=True):
+            new = marker.look()
+            assert old is not None
+            assert new is not None
+            assert new.pose == old.pose
