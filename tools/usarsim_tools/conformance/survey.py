@@ -125,6 +125,9 @@ async def _dialects(
         status = await _status(target, transcript, robot, place, segment)
         if status is not None and dialect_of(status) == dialect:
             found[dialect] = segment
+    if native and len(found) > 1:
+        # It understands the segment, and other robot classes may have another native dialect.
+        found[native] = f" {{Dialect {native}}}"
     if target.dialect is not None:
         # The user knows better than a look at one line.
         return {target.dialect: found.get(target.dialect, "")}

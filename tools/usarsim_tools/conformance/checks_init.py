@@ -1,0 +1,405 @@
+"""INIT and start poses (protocol reference 6.5)."""
+
+from __future__ import annotations
+
+import math
+import re
+
+from usarsim_tools.conformance.case import Case
+from usarsim_tools.conformance.places import Place
+from usarsim_tools.conformance.recordings import standing
+from usarsim_tools.conformance.registry import DIALECTS, ONCE, UDK, UNREAL, check
+from usarsim_tools.conformance.verdicts import Severity
+
+_QUIET = 0.22
+"""s; a little less than the 0.25 s that are demanded, for clocks that differ."""
+
+
+@check("control.init.spawns", "INIT brings a robot into the world", source="protocol reference 1.2")
+async def spawns(case: Case) -> None:
+    """After a valid INIT the server sends STA and SEN lines of the robot."""
+    client = await case.connect()
+    place = await case.place()
+    robot_class = case.survey.robot or case.target.robot or "P2AT"
+    await client.send(case.init(place, case.new_name(), robot_class))
+    await client.wait(lambda line: line.head == "STA", 3.0, "STA")
+    await client.wait(lambda line: line.head == "SEN", 3.0, "SEN")
+
+
+@check("control.init.silent", "INIT has no direct reply", source="protocol reference 6, no. 69")
+async def silent(case: Case) -> None:
+    """A valid INIT produces no direct reply: what follows is the robot's own report."""
+    client = await case.connect()
+    place = await case.place()
+    await client.send(case.init(place, case.new_name()))
+    line = await client.wait(lambda line: True, 4.0, "line")
+    if line.head == "CONF" and line.type == "Camera":
+        return  # sent unasked to whoever has a camera (side channels reference 11, no. 38)
+    case.expect(line.head not in ("RES", "CONF", "GEO"), f"INIT was answered: {line}")
+    case.expect(line.head != "NFO" or "Status" in line.names, f"INIT was answered: {line}")
+
+
+@check(
+    "control.init.quiet-period",
+    "A quiet time follows INIT",
+    source="protocol reference 6, no. 70 and 1.8",
+)
+async def quiet_period(case: Case) -> None:
+    """The first STA or SEN comes not before 0.25 s after INIT, so that replies to requests sent
+    with it go out first."""
+    waited = (await standing(case)).waited
+    case.expect(waited >= _QUIET, f"the first line came after {waited:.3f} s")
+
+
+@check("control.init.prompt", "The first STA comes in time", source="protocol reference 6, no. 70")
+async def prompt(case: Case) -> None:
+    """The first STA comes not later than 2 s after INIT."""
+    waited = (await standing(case)).waited
+    case.expect(waited <= 2.0, f"the first line came after {waited:.2f} s only")
+
+
+@check(
+    "control.init.unknown-class",
+    "An unknown class is no end",
+    source="protocol reference 6, no. 71",
+    dialects=ONCE,
+)
+async def unknown_class(case: Case) -> None:
+    """INIT with an unknown class produces no output, and a valid INIT on the same connection
+    works."""
+    client = await case.connect()
+    await client.send("INIT {ClassName USARBot.NoSuchRobotAtAll} {Name x} {Location 0,0,0}")
+    lines = await client.listen(1.2)
+    case.expect(not lines, f"an unknown class was answered: {lines[:1]}")
+    await case.spawn(client=client)
+
+
+async def _class_spelled(case: Case, spell: str) -> None:
+    place = await case.place()
+    init = (
+        f"INIT {{ClassName {spell}}} {{Name {case.new_name()}}} {place.segments}"
+        f"{case.dialect_segment}"
+    )
+    await _appears(case, init, place)
+
+
+async def _appears(case: Case, init: str, place: Place) -> None:
+    """A robot appears after this INIT; a missing one is the fault looked for."""
+    client = await case.connect()
+    await client.send(init)
+    line = await client.maybe(lambda line: line.head == "STA", 4.0)
+    case.expect(line is not None, f"no robot appeared after {init}")
+
+
+@check(
+    "control.init.package",
+    "Class with its package",
+    source="protocol reference 6, no. 72",
+    dialects=ONCE,
+)
+async def package(case: Case) -> None:
+    """The class may be written with its package: `USARBot.P2AT`."""
+    await _class_spelled(case, f"USARBot.{case.robot_class}")
+
+
+@check(
+    "control.init.no-package",
+    "Class without package",
+    source="protocol reference 6, no. 72",
+    dialects=ONCE,
+)
+async def no_package(case: Case) -> None:
+    """The class may be written without its package: `P2AT`."""
+    await _class_spelled(case, case.robot_class)
+
+
+@check(
+    "control.init.class-case",
+    "Class in any case",
+    source="protocol reference 6, no. 72",
+    dialects=ONCE,
+)
+async def class_case(case: Case) -> None:
+    """The class is matched without regard to case."""
+    await _class_spelled(case, f"usarBOT.{case.robot_class.swapcase()}")
+
+
+@check("control.init.case", "INIT in any case", source="protocol reference 1.6", dialects=ONCE)
+async def init_case(case: Case) -> None:
+    """`Init {CLASSNAME ..}` works as `INIT {ClassName ..}` does."""
+    place = await case.place()
+    init = case.init(place, case.new_name())
+    await _appears(case, init.replace("INIT", "Init").replace("ClassName", "CLASSNAME"), place)
+
+
+@check(
+    "control.init.classname",
+    "ClassName spelled Classname",
+    source="protocol reference 6, no. 73",
+    dialects=ONCE,
+)
+async def classname(case: Case) -> None:
+    """`Classname`, as the ROS and MOAST family writes it, is accepted for ClassName."""
+    place = await case.place()
+    init = case.init(place, case.new_name())
+    await _appears(case, init.replace("ClassName", "Classname"), place)
+
+
+@check("control.init.glued", "INIT without blanks", source="protocol reference 3.2", dialects=ONCE)
+async def glued(case: Case) -> None:
+    """INIT works without blanks between its segments."""
+    place = await case.place()
+    init = case.init(place, case.new_name()).replace("} {", "}{").replace("INIT {", "INIT{")
+    await _appears(case, init, place)
+
+
+@check(
+    "control.init.order",
+    "Segments of INIT in any order",
+    source="protocol reference 3.2",
+    dialects=ONCE,
+)
+async def order(case: Case) -> None:
+    """The segments of INIT may stand in any order."""
+    place = await case.place()
+    init = (
+        f"INIT {place.segments} {{Name {case.new_name()}}} "
+        f"{{ClassName USARBot.{case.robot_class}}}{case.dialect_segment}"
+    )
+    await _appears(case, init, place)
+
+
+@check(
+    "control.init.no-name",
+    "INIT without Name",
+    source="protocol reference 6, no. 74",
+    dialects=ONCE,
+)
+async def no_name(case: Case) -> None:
+    """INIT without Name works, also for two robots at a time."""
+    for _ in range(2):
+        place = await case.place()
+        await _appears(case, case.init(place), place)
+
+
+@check(
+    "control.init.same-name",
+    "Two robots of one name",
+    source="protocol reference 3.2",
+    dialects=ONCE,
+    severity=Severity.SHOULD,
+)
+async def same_name(case: Case) -> None:
+    """Two clients that give their robots the same name both get one."""
+    name = case.new_name()
+    for _ in range(2):
+        place = await case.place()
+        await _appears(case, case.init(place, name), place)
+
+
+@check(
+    "control.init.name-with-blanks",
+    "A name with blanks",
+    source="protocol reference 3.2",
+    dialects=ONCE,
+)
+async def name_with_blanks(case: Case) -> None:
+    """A robot name may contain blanks."""
+    place = await case.place()
+    await _appears(case, case.init(place, f"{case.new_name()} the first"), place)
+
+
+@check(
+    "control.init.no-place",
+    "INIT without a place",
+    source="protocol reference 6, no. 75",
+    dialects=ONCE,
+    exclusive=True,
+)
+async def no_place(case: Case) -> None:
+    """INIT without Location and Start spawns a robot, at 0,0,0 or at a start position."""
+    await _appears(
+        case,
+        f"INIT {{ClassName USARBot.{case.robot_class}}} {{Name {case.new_name()}}}",
+        Place(None),
+    )
+
+
+@check(
+    "control.init.location",
+    "Spawns at the Location",
+    source="protocol reference 6, no. 63",
+    dialects=DIALECTS,
+)
+async def location(case: Case) -> None:
+    """The first reported pose agrees with Location and Rotation within 5 cm and 0.02 rad in x, y
+    and yaw on flat ground."""
+    base = await case.place()
+    case.need(base.tag is None or any(base.location), "the server lists no start poses")
+    place = base.moved(right=0.4)
+    robot = await case.spawn(place=place)
+    pose = await robot.pose()
+    away = math.dist(pose.location[:2], place.location[:2])
+    case.expect(away < 0.05, f"asked for {place.location}, it stands at {pose.location}")
+    turned = math.remainder(pose.yaw - place.rotation[2], math.tau)
+    case.expect(abs(turned) < 0.025, f"asked for yaw {place.rotation[2]}, it has {pose.yaw}")
+
+
+@check(
+    "control.init.start", "Spawns at a start position", source="protocol reference 6, no. 76 and 83"
+)
+async def start(case: Case) -> None:
+    """INIT with Start of a listed tag spawns at the pose listed for it, whatever the case of the
+    tag and whether or not a Location is given, too."""
+    place = await case.place()
+    case.need(place.tag is not None and any(place.location), "the server lists no start poses")
+    tag = (place.tag or "").swapcase()
+    init = case.init(Place(tag), case.new_name(), extra=" {Location 0.5,0.5,-3}")
+    robot = await case.spawn(place=place, init=init)
+    pose = await robot.pose()
+    away = math.dist(pose.location[:2], place.location[:2])
+    case.expect(away < 0.1, f"Start {tag} led to {pose.location} instead of {place.location}")
+
+
+@check(
+    "control.init.unknown-start",
+    "An unknown Start spawns anyway",
+    source="protocol reference 6, no. 77",
+    dialects=ONCE,
+    exclusive=True,
+)
+async def unknown_start(case: Case) -> None:
+    """INIT with an unknown Start still spawns the robot."""
+    await _appears(case, case.init(Place("NoSuchStart"), case.new_name()), Place(None))
+
+
+@check(
+    "control.init.extras",
+    "Unknown segments of INIT",
+    source="protocol reference 6, no. 78",
+    dialects=ONCE,
+)
+async def extras(case: Case) -> None:
+    """INIT with segments of other eras (Team, Skin, unknown ones) works."""
+    place = await case.place()
+    init = case.init(
+        place, case.new_name(), extra=" {Team 255} {Skin Default.Red} {Colour blue} {Mood}"
+    )
+    await _appears(case, init, place)
+
+
+@check(
+    "control.init.battery",
+    "Battery sets the battery",
+    source="protocol reference 6, no. 78",
+    dialects=ONCE,
+    severity=Severity.SHOULD,
+)
+async def battery(case: Case) -> None:
+    """`{Battery 300}` of INIT sets the battery that STA shows."""
+    robot = await case.spawn(extra=" {Battery 300}")
+    value = robot.first.number("Battery")
+    if value == 99999:
+        case.skip("the robot has no battery")
+    case.expect(280 <= value <= 300, f"STA shows Battery {value:g}")
+
+
+@check(
+    "control.init.second",
+    "A second INIT is no second robot",
+    source="protocol reference 6, no. 79",
+    dialects=ONCE,
+)
+async def second(case: Case) -> None:
+    """A second INIT after success does not create a second robot: the connection goes on
+    reporting one, at one place."""
+    robot = await case.spawn()
+    other = await case.place()
+    await robot.run(0.5)
+    before = await robot.pose()
+    await robot.send(case.init(other, case.new_name()))
+    lines = await robot.run(1.0)
+    after = await robot.pose()
+    case.expect(
+        math.dist(before.location, after.location) < 0.3,
+        f"the connection now owns a robot at {after.location}",
+    )
+    times = [line.time for line in lines if line.head == "STA"]
+    case.expect(len(set(times)) == len(times), "two STA lines for one moment")
+
+
+@check(
+    "control.init.start-poses",
+    "GETSTARTPOSES before and after INIT",
+    source="protocol reference 6, no. 80",
+    dialects=ONCE,
+)
+async def start_poses(case: Case) -> None:
+    """GETSTARTPOSES is answered before INIT and after it."""
+    client = await case.connect()
+    case.expect(await client.is_alive(), "no answer before INIT")
+    robot = await case.spawn(client=client)
+    case.expect(await robot.client.is_alive(), "no answer after INIT")
+
+
+@check(
+    "control.init.start-poses-count",
+    "StartPoses counts what follows",
+    source="protocol reference 6, no. 81",
+    dialects=ONCE,
+)
+async def start_poses_count(case: Case) -> None:
+    """The reply to GETSTARTPOSES begins `NFO {StartPoses n}` and n groups follow; with n = 0 no
+    second segment exists."""
+    line = await (await case.connect()).ask("GETSTARTPOSES", "NFO {StartPoses")
+    count = line.get("StartPoses") or ""
+    case.expect(re.fullmatch(r"\d+", count), f"StartPoses is {count!r}")
+    words = " ".join(f"{name} {value}" for name, value in line.segments[1:]).split()
+    case.expect(len(words) == 3 * int(count), f"{count} poses are announced: {line}")
+
+
+@check(
+    "control.init.start-poses-form",
+    "Start poses in the flat form",
+    source="protocol reference 6, no. 82",
+    dialects=UNREAL,
+)
+async def start_poses_form(case: Case) -> None:
+    """The second segment holds groups `tag x,y,z r,p,y`, all separated by single blanks."""
+    line = await (await case.connect()).ask("GETSTARTPOSES", "NFO {StartPoses")
+    number = r"-?\d+(\.\d+)?"
+    vector = rf"{number},{number},{number}"
+    group = rf"[^ {{}}]+ {vector} {vector}"
+    pattern = rf"NFO \{{StartPoses \d+\}}( \{{{group}( {group})*\}})?"
+    case.expect(re.fullmatch(pattern, line.text), f"another form: {line}")
+
+
+@check(
+    "control.init.path-nodes",
+    "GETPATHNODES lists path nodes",
+    source="protocol reference 6, no. 84",
+    dialects=UDK,
+    severity=Severity.SHOULD,
+)
+async def path_nodes(case: Case) -> None:
+    """GETPATHNODES is answered by `NFO {PathNodes n}` with n groups in a second segment."""
+    line = await (await case.connect()).ask("GETPATHNODES", "NFO {PathNodes")
+    count = line.get("PathNodes") or ""
+    case.expect(re.fullmatch(r"\d+", count), f"PathNodes is {count!r}")
+    words = " ".join(f"{name} {value}" for name, value in line.segments[1:]).split()
+    case.expect(len(words) == 3 * int(count), f"{count} nodes are announced: {line}")
+
+
+@check(
+    "control.init.closest-node",
+    "GETCLOSESTPATHNODE needs a Location",
+    source="protocol reference 6, no. 84",
+    dialects=UDK,
+    severity=Severity.SHOULD,
+)
+async def closest_node(case: Case) -> None:
+    """GETCLOSESTPATHNODE without Location is not answered."""
+    client = await case.connect()
+    await client.send("GETCLOSESTPATHNODE")
+    line = await client.maybe("NFO", 0.7)
+    case.expect(line is None, f"it was answered: {line}")
