@@ -6,7 +6,9 @@ import math
 
 import pytest
 
+from usarsim_server.simulation.frames import Pose
 from usarsim_server.validation import worlds
+from usarsim_server.validation.stage import turned, yaw_of
 from usarsim_server.validation.trials_machines import (
     ALOFT,
     CARS,
@@ -97,3 +99,26 @@ def test_depth(shop: Workshop) -> None:
     """#49: a submarine stays where it is, whatever is sent to other kinds of machines."""
     with shop.stage(worlds.flat(), "Submarine", STEP, ALOFT) as stage:
         assert dive(stage, 5.0) < 0.01
+
+
+@pytest.mark.parametrize(
+    "robot", ["CasterSkidRobot", "Kiva4Wheel", "turtlebot_with_sensors", "Nomad", "SegwayRMPFifty"]
+)
+def test_turn_about_the_driven_axle(shop: Workshop, robot: str) -> None:
+    """#38: a caster vehicle turns about the centre of its driven axle: below 2 cm per turn."""
+    with shop.stage(worlds.flat(), robot, STEP) as stage:
+        report = stage.robot.report
+        spin = min(3.0, stage.robot.drive.max_wheel_speed)
+        period = math.tau * report.track_width / (2.0 * spin * report.wheel_radius)
+        axle = stage.robot.driven_wheels[0].position[0], 0.0, 0.0
+        stage.settle()
+        stage.drive(-spin, spin)
+        stage.run(1.0)
+        middle = (stage.state.pose @ Pose(axle)).position
+        turned_angle, last = 0.0, stage.state
+        for _ in range(20):
+            stage.run(period / 20.0)
+            turned_angle += turned(yaw_of(last), yaw_of(stage.state))
+            last = stage.state
+            assert math.dist((last.pose @ Pose(axle)).position, middle) < 0.02
+        assert turned_angle == pytest.approx(math.tau, rel=0.1)

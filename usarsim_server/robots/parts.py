@@ -308,8 +308,12 @@ def read_report(
     """
     driven = [wheel for wheel in wheels if wheel.driven]
     places = [wheel_place(wheel, actuators) for wheel in driven]
-    track = _extent([place[1] for place in places])
     base = _extent([place[0] for place in places])
+    # From the left front to the right rear wheel, as in the original (robots reference 1.2).
+    sided = list(zip((wheel.side for wheel in driven), places, strict=True))
+    left = max(place[:2] for side, place in sided if side == "left")
+    right = min(place[:2] for side, place in sided if side == "right")
+    track = _extent([left[1], right[1]])
     # Announced figures are inherited only as long as what they describe is.
     same_wheels = parent is not None and parent.wheels == tuple(wheels)
     same_limit = parent is not None and parent.drive.max_wheel_speed == drive.max_wheel_speed
