@@ -350,7 +350,7 @@ def test_an_unknown_class_leaves_the_connection_usable() -> None:
     with Rehearsal(world="empty") as stage:
         client = stage.connect()
         client.send("INIT {ClassName USARBot.NoSuchRobot} {Location 0,0,-1}")
-        assert stage.assembly.fleet.vehicles == ()
+        assert not stage.assembly.fleet.vehicles
         client.send("INIT {ClassName USARBot.Lisa} {Location 0,0,-0.2}")
         (vehicle,) = stage.assembly.fleet.vehicles
         assert vehicle.description.name == "Lisa"
