@@ -1,0 +1,51 @@
+"""Decorators for the checks of each side channel, with what all of them have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+from usarsim_tools.conformance.registry import ONCE, Function, check
+from usarsim_tools.conformance.verdicts import Severity
+
+__all__ = ["checks_of"]
+
+Decorator = Callable[[Function], Function]
+
+
+def checks_of(
+    service: str, *, reference: str = "side channels reference", within: float = 60.0
+) -> Callable[..., Decorator]:
+    """A decorator like `registry.check` for one side channel.
+
+    Dialects play no part there, so every check runs once.
+
+    Args:
+        service: the channel; the identifiers begin with it.
+        reference: where the numbers of sources are found.
+        within: s of wall time for a check.
+    """
+    return partial(_check, service, reference, within)
+
+
+def _check(
+    service: str,
+    reference: str,
+    within: float,
+    id: str,
+    title: str,
+    source: str,
+    severity: Severity = Severity.MUST,
+    *,
+    exclusive: bool = False,
+) -> Decorator:
+    return check(
+        f"{service}.{id}",
+        title,
+        source=f"{reference} {source}",
+        severity=severity,
+        dialects=ONCE,
+        service=service,
+        exclusive=exclusive,
+        within=within,
+    )

@@ -1,0 +1,272 @@
+"""Clients of the side channels that talk in lines: ground truth, wireless simulation, USARTruth."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+from dataclasses import dataclass
+
+from usarsim_tools.conformance.case import Case
+from usarsim_tools.conformance.control import Robot
+from usarsim_tools.conformance.verdicts import Failed, Inconclusive, NotApplicable
+from usarsim_tools.conformance.wire import Wire
+
+__all__ = ["STATION", "Guest", "LineClient", "Radio", "split_reply", "static_station"]
+
+STATION = "ComStation"
+"""Class of the static communication station (side channels reference 4.4)."""
+
+WITHIN = 5.0
+"""s of wall time for a line."""
+
+
+def split_reply(line: str) -> tuple[str, list[dict[str, str]]]:
+    """Type and groups of a reply, as the splitter of the wireless program finds them.
+
+    One blank and a brace behind the type; exactly one character between groups; words inside a
+    group parted by single blanks, taken in pairs. Whatever stands behind the first surprise is
+    lost (side channels reference 3.4).
+    """
+    kind, blank, rest = line.partition(" ")
+    groups: list[dict[str, str]] = []
+    while blank and rest.startswith("{"):
+        inner, brace, rest = rest[1:].partition("}")
+        words = inner.split(" ")
+        if not brace or len(words) % 2:
+            break
+        groups.append(dict(zip(words[0::2], words[1::2], strict=True)))
+        rest = rest[1:]
+    return kind, groups
+
+
+class LineClient:
+    """A connection on which lines end with CR LF.
+
+    Attributes:
+        wire: the connection.
+    """
+
+    def __init__(self, wire: Wire) -> None:
+        self.wire = wire
+
+    @classmethod
+    async def open(cls, case: Case, service: str, label: str = "") -> LineClient:
+        """Connect to a service."""
+        return cls(await case.open(service, label))
+
+    async def send(self, text: str, end: str = "\r\n") -> None:
+        """Send a line."""
+        await self.wire.send((text + end).encode("latin-1"))
+
+    async def line(self, within: float = WITHIN) -> str:
+        """The next line without its CR LF.
+
+        Raises:
+            Failed: if none comes in time, or it ends otherwise.
+            Hangup: if the server hung up.
+        """
+        data = await self.wire.read_until(b"\r\n", within)
+        text = data[:-2].decode("latin-1")
+        if "\n" in text or "\r" in text:
+            raise Failed(f"a line ends without CR LF: {text[:120]!r}")
+        return text
+
+    async def ask(self, text: str, within: float = WITHIN) -> str:
+        """Send a line and read one."""
+        await self.send(text)
+        return await self.line(within)
+
+    async def expect(self, text: str, wanted: str) -> None:
+        """Fail unless a line is answered by exactly another."""
+        answer = await self.ask(text)
+        if answer != wanted:
+            raise Failed(f"{text!r} was answered by {answer!r}, not by {wanted!r}")
+
+    async def silent(self, seconds: float, after: str) -> None:
+        """Fail if anything comes within a time, or the server hangs up."""
+        data = await self.wire.silence(seconds)
+        if data:
+            raise Failed(f"{data[:120]!r} came after {after}")
+
+
+async def static_station(case: Case, location: tuple[float, ...] | None = None) -> Robot:
+    """A communication station, at a free place or at coordinates beside one.
+
+    Raises:
+        NotApplicable: if the server has none.
+    """
+    try:
+        if location is None:
+            return await case.spawn(class_name=STATION)
+        place = await case.place()
+        text = ",".join(f"{value:.6f}" for value in location)
+        name = case.new_name()
+        client = await case.connect()
+        await client.send(
+            f"INIT {{ClassName USARBot.{STATION}}} {{Name {name}}} {{Location {text}}}"
+        )
+        first = await client.maybe("STA", 6.0)
+    except Inconclusive:
+        first = None
+    if first is None:
+        raise NotApplicable(f"no {STATION} can be spawned")
+    return Robot(client, name, STATION, place, first)
+
+
+_PORT = re.compile(r"\{Port (-?\d+)\}")
+
+
+@dataclass
+class Guest:
+    """A connection that the wireless simulation made to a robot."""
+
+    reader: asyncio.StreamReader
+    writer: asyncio.StreamWriter
+
+    @property
+    def peer_port(self) -> int:
+        """Port of the other end."""
+        return int(self.writer.get_extra_info("peername")[1])
+
+    async def read(self, count: int, within: float = 10.0) -> bytes:
+        """So many bytes, or fewer at the end of the stream or of the time."""
+        data = b""
+        try:
+            async with asyncio.timeout(within):
+                while len(data) < count:
+                    part = await self.reader.read(65536)
+                    if not part:
+                        break
+                    data += part
+        except (TimeoutError, ConnectionError):
+            pass
+        return data
+
+    async def hung_up(self, within: float = 10.0) -> bool:
+        """Whether the connection ends in time."""
+        try:
+            async with asyncio.timeout(within):
+                while await self.reader.read(65536):
+                    pass
+        except TimeoutError:
+            return False
+        except ConnectionError:
+            return True
+        return True
+
+
+class Radio:
+    """A robot in the simulator that is registered with the wireless simulation.
+
+    Attributes:
+        name: of both.
+        client: its connection to the wireless simulation.
+        robot: in the simulator.
+        port: that it listens on.
+    """
+
+    def __init__(
+        self, case: Case, robot: Robot, client: LineClient, server: asyncio.Server
+    ) -> None:
+        self._case = case
+        self.robot = robot
+        self.name = robot.name
+        self.client = client
+        self._server = server
+        self.port = int(server.sockets[0].getsockname()[1])
+        self.guests: asyncio.Queue[Guest] = asyncio.Queue()
+        self._open: list[asyncio.StreamWriter] = []
+        self._calls: list[Wire] = []
+
+    @classmethod
+    async def make(cls, case: Case, *, register: bool = True) -> Radio:
+        """Spawn a robot, listen, and register; `close` it, or use it in `async with`."""
+        client = await LineClient.open(case, "wireless")
+        robot = await case.spawn()
+        made: list[Radio] = []
+
+        async def take(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            made[0]._open.append(writer)
+            made[0].guests.put_nowait(Guest(reader, writer))
+
+        server = await asyncio.start_server(take, client.wire.local_address, 0)
+        made.append(cls(case, robot, client, server))
+        if register:
+            await made[0].register()
+        return made[0]
+
+    async def register(self) -> None:
+        """Send INIT.
+
+        Raises:
+            Failed: if it is refused.
+        """
+        await self.client.expect(
+            f"INIT {{Robot {self.name}}} {{Port {self.port}}}", "INITREPLY {Status OK}"
+        )
+
+    async def road(self, other: Radio, extra: str = "") -> int:
+        """Port of the wireless simulation that leads to another robot.
+
+        Raises:
+            Failed: if none is told.
+        """
+        answer = await self.client.ask(f"DNS {{Robot {other.name}}}{extra}")
+        found = _PORT.search(answer)
+        if not answer.startswith(f"DNSREPLY {{Robot {other.name}}} {{Port ") or found is None:
+            raise Failed(f"no DNSREPLY with a port: {answer!r}")
+        if int(found[1]) <= 0:
+            raise Inconclusive(f"the robots are out of reach of each other: {answer!r}")
+        return int(found[1])
+
+    async def call(self, other: Radio) -> tuple[Wire, Guest]:
+        """Connect to another robot: the ends of both.
+
+        Raises:
+            Failed: if the other end gets no connection.
+        """
+        port = await self.road(other)
+        return await self.dial(port), await other.guest()
+
+    async def dial(self, port: int) -> Wire:
+        """Connect to a port of the wireless simulation.
+
+        Raises:
+            Failed: if nobody accepts.
+        """
+        wire = await Wire.open(self._case.target.host, port, self._case.transcript, "relay")
+        self._calls.append(wire)
+        return wire
+
+    async def guest(self, within: float = 10.0) -> Guest:
+        """The next connection from the wireless simulation.
+
+        Raises:
+            Failed: if none comes in time.
+        """
+        try:
+            async with asyncio.timeout(within):
+                return await self.guests.get()
+        except TimeoutError:
+            raise Failed(
+                f"the wireless simulation did not connect to port {self.port} of {self.name}"
+            ) from None
+
+    def deaf(self) -> None:
+        """Stop listening."""
+        self._server.close()
+
+    def close(self) -> None:
+        """Hang up everything."""
+        self._server.close()
+        for writer in self._open:
+            writer.close()
+        for wire in (*self._calls, self.client.wire):
+            wire.close()
+
+    async def __aenter__(self) -> Radio:
+        """Use as a context manager."""
+        return self
+
+    async def __aexit__(self, *ignored: object) -> None:
+        self.close()
