@@ -42,14 +42,15 @@ class Run:
         target: the server, as the user describes it.
         survey: what is known of it.
         places: where robots can be put.
+        slots: how many checks may be at work; None for any number.
     """
 
     target: Target
     survey: Survey
     places: Places
+    slots: asyncio.Semaphore | None = None
     numbers: itertools.count[int] = field(default_factory=lambda: itertools.count(1))
     shared: dict[tuple[str, str], asyncio.Task[Any]] = field(default_factory=dict)
-    roles: dict[str, str | None] = field(default_factory=dict)
 
 
 class Case:
@@ -58,13 +59,15 @@ class Case:
     Attributes:
         run: what it shares with others.
         dialect: that it asks the server to speak.
-        transcript: what goes over its connections.
+        transcript: what goes over its own connections.
     """
 
     def __init__(self, run: Run, dialect: str) -> None:
         self.run = run
         self.dialect = dialect
         self.transcript = Transcript()
+        self._borrowed: list[Transcript] = []
+        self._slot_left = False
         self._wires: list[Wire] = []
         self._taken: list[Place] = []
 
@@ -262,11 +265,24 @@ class Case:
         if task is None:
             task = asyncio.create_task(_make(Case(self.run, dialect or self.survey.native), make))
             self.run.shared[key, dialect] = task
+        if not task.done():
+            self.leave_slot()
         made, transcript, error = await asyncio.shield(task)
-        self.transcript = transcript
+        self._borrowed.append(transcript)
         if error is not None:
             raise Inconclusive(f"{key} could not be had: {error}")
         return made  # type: ignore[no-any-return]
+
+    def leave_slot(self) -> None:
+        """Let the next check begin: this one is done, or waits for something shared."""
+        if not self._slot_left and self.run.slots is not None:
+            self.run.slots.release()
+        self._slot_left = True
+
+    def entries(self) -> tuple[str, ...]:
+        """What went over the wire, that of shared things first."""
+        transcripts = (*self._borrowed, self.transcript)
+        return tuple(entry for one in transcripts for entry in one.entries())
 
     def release(self) -> None:
         """Hang up everywhere and give all places back."""
@@ -280,6 +296,7 @@ class Case:
 async def _make(
     case: Case, make: Callable[[Case], Awaitable[Made]]
 ) -> tuple[Made | None, Transcript, Exception | None]:
+    case._slot_left = True  # it never had one
     try:
         return await make(case), case.transcript, None
     except (Failed, Inconclusive, NotApplicable) as error:

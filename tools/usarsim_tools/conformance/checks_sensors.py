@@ -544,7 +544,7 @@ async def victims(case: Case) -> None:
 )
 async def interval(case: Case) -> None:
     """Each periodic sensor with a Time keeps a steady interval of simulated time."""
-    recording, lines = await _senses(case)
+    _, lines = await _senses(case)
     times: dict[tuple[str, str], list[float]] = {}
     for line in lines:
         if not math.isnan(line.time):

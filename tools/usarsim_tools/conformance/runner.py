@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 import time
 import traceback
-from collections.abc import Awaitable, Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
 from usarsim_tools.conformance.case import Case, Run
@@ -76,12 +76,13 @@ async def judge_all(
     """
     begun, taken = time.monotonic(), datetime.now(UTC)
     found = await survey(target, Transcript())
-    run = Run(target, found, Places(found.places, rest))
+    run = Run(target, found, Places(found.places[: 2 * parallel], rest))
     jobs = _jobs(checks, found)
     results: dict[tuple[str, str], Result] = {}
 
-    async def work(check: Check, dialect: str) -> None:
-        result = await judge(run, check, dialect)
+    async def work(check: Check, dialect: str, slots: asyncio.Semaphore) -> None:
+        await slots.acquire()
+        result = await judge(replace(run, slots=slots), check, dialect)
         results[check.id, dialect] = result
         tell(Progress(len(results), len(jobs), check, result))
 
@@ -89,10 +90,12 @@ async def judge_all(
     alone = [job for job in jobs if job[0].exclusive]
     # Two places each: some checks use two robots, and places rest between robots.
     workers = max(1, min(parallel, len(found.places) // 2))
-    await _in_turns(together, work, workers)
-    if together and alone:
-        await asyncio.sleep(rest)
-    await _in_turns(alone, work, 1)
+    for group, count in ((together, workers), (alone, 1)):
+        slots = asyncio.Semaphore(count)
+        async with asyncio.TaskGroup() as tasks:
+            for check, dialect in group:
+                tasks.create_task(work(check, dialect, slots))
+        await asyncio.sleep(rest if group is together and alone else 0.0)
     return Report(
         name=name or f"{target.host}:{target.ports['control']}",
         server=_facts(target, found),
@@ -129,13 +132,14 @@ async def judge(run: Run, check: Check, dialect: str) -> Result:
             reason = "the check broke: " + traceback.format_exc(limit=-2).strip()
         finally:
             case.release()
+    case.leave_slot()
     return Result(
         check=check.id,
         dialect=dialect,
         verdict=verdict,
         reason=reason,
         seconds=time.monotonic() - begun,
-        transcript=() if verdict is Verdict.PASS else case.transcript.entries(),
+        transcript=() if verdict is Verdict.PASS else case.entries(),
     )
 
 
@@ -148,23 +152,6 @@ def _jobs(checks: Sequence[Check], found: Survey) -> list[tuple[Check, str]]:
             [name for name in found.dialects if name in check.dialects] if check.dialects else [""]
         )
     ]
-
-
-Job = tuple[Check, str]
-
-
-async def _in_turns(
-    jobs: Sequence[Job], work: Callable[[Check, str], Awaitable[None]], workers: int
-) -> None:
-    waiting = iter(jobs)
-
-    async def worker() -> None:
-        for check, dialect in waiting:
-            await work(check, dialect)
-
-    async with asyncio.TaskGroup() as group:
-        for _ in range(workers):
-            group.create_task(worker())
 
 
 def _facts(target: Target, found: Survey) -> dict[str, str]:
