@@ -1,0 +1,204 @@
+"""`usarsim conformance`: judge any server by the rules of the protocol, compare reports."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from usarsim_server import __version__
+from usarsim_server.cli.common import Subparsers, add_command
+from usarsim_server.errors import UsarsimError, at
+from usarsim_tools.conformance.compare import compare, named_apart
+from usarsim_tools.conformance.junit import as_junit
+from usarsim_tools.conformance.own_server import OwnServer, StartError
+from usarsim_tools.conformance.page import as_page
+from usarsim_tools.conformance.places import place_from
+from usarsim_tools.conformance.registry import DIALECTS, Check, all_checks, select
+from usarsim_tools.conformance.report import Report, as_json, from_json
+from usarsim_tools.conformance.runner import judge_all
+from usarsim_tools.conformance.survey import Target
+from usarsim_tools.conformance.terminal import Teller, as_list, as_text
+from usarsim_tools.conformance.verdicts import Failed
+
+__all__ = ["add_parser", "run"]
+
+_EPILOG = (
+    "Exit code 0 if no rule that must be kept is broken, else 1. Side channels are judged if their "
+    "ports are named. The server should have nothing else to do meanwhile, and some open floor "
+    "around its start poses."
+)
+_SIDE_PORTS = {
+    "images": "image",
+    "groundtruth": "groundtruth",
+    "wireless": "wireless",
+    "truth": "truth",
+}
+
+
+def add_parser(subparsers: Subparsers) -> None:
+    """Add `conformance`, and `conformance compare`."""
+    parser = add_command(
+        subparsers,
+        "conformance",
+        "judge a server by the rules of the protocol",
+        run,
+        epilog=_EPILOG,
+    )
+    parser.add_argument("--host", default="127.0.0.1", help="address of the server")
+    parser.add_argument("--port", metavar="N", type=_port, default=3000, help="robot control")
+    for service, option in _SIDE_PORTS.items():
+        parser.add_argument(
+            f"--{option}-port", metavar="N", type=_port, dest=service, help="judge it, too"
+        )
+    parser.add_argument("--robot", metavar="CLASS", help="robot class for most checks")
+    parser.add_argument(
+        "--start", metavar="NAME|x,y,z", type=_start, help="put robots there, one at a time"
+    )
+    parser.add_argument(
+        "--dialect",
+        choices=("auto", *DIALECTS),
+        default="auto",
+        help="judge this dialect only (default: all that the server speaks)",
+    )
+    parser.add_argument(
+        "--only", metavar="PATTERN", help="checks whose name fits, such as control.init.*"
+    )
+    parser.add_argument("--list", action="store_true", help="list the checks and do nothing else")
+    parser.add_argument(
+        "--report", metavar="DIR", type=Path, help="write report.json, .xml (JUnit) and .html there"
+    )
+    parser.add_argument("--name", help="of the server, for the report")
+    parser.add_argument(
+        "--self",
+        action="store_true",
+        dest="own",
+        help="start our own server on free ports, judge it, and stop it",
+    )
+    kinds = parser.add_subparsers(metavar="compare")
+    comparison = add_command(
+        kinds, "compare", "put reports of several servers side by side", _compare
+    )
+    comparison.add_argument("files", metavar="FILE.json", nargs="+", type=Path)
+    comparison.add_argument("--html", metavar="FILE", type=Path, help="write a page as well")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Judge, print, write; 1 if a rule that must be kept is broken.
+
+    Raises:
+        UsarsimError: if the server cannot be reached, or nothing fits the pattern.
+    """
+    checks = select(all_checks(), arguments.only)
+    if not checks:
+        raise UsarsimError(
+            at("--only", f"no check fits {arguments.only!r}", "see usarsim conformance --list")
+        )
+    if arguments.list:
+        print(as_list(checks))
+        return 0
+    if arguments.report is not None:
+        _make_folder(arguments.report)
+    teller = Teller(sys.stderr)
+    with _ports(arguments) as ports:
+        target = Target(
+            host=arguments.host if not arguments.own else "127.0.0.1",
+            ports=ports,
+            robot=arguments.robot,
+            start=arguments.start,
+            dialect=None if arguments.dialect == "auto" else arguments.dialect,
+        )
+        report = _judge(target, checks, arguments, teller)
+    print(as_text(report))
+    if arguments.report is not None:
+        _write(arguments.report, report)
+        teller.say(f"written: {arguments.report}/report.html, report.json, report.xml")
+    return 0 if report.conforms else 1
+
+
+def _judge(
+    target: Target, checks: tuple[Check, ...], arguments: argparse.Namespace, teller: Teller
+) -> Report:
+    name = arguments.name or (f"usarsim-server {__version__}" if arguments.own else "")
+    try:
+        return asyncio.run(judge_all(target, checks, name=name, tell=teller))
+    except Failed as error:
+        cure = "start the server, or name it with --host and --port"
+        raise UsarsimError(f"{error} ({cure})") from None
+    finally:
+        teller.done()
+
+
+@contextlib.contextmanager
+def _ports(arguments: argparse.Namespace) -> Iterator[dict[str, int]]:
+    """Ports by service: those named, or those of a server of our own while inside."""
+    if not arguments.own:
+        named = {service: getattr(arguments, service) for service in _SIDE_PORTS}
+        yield {"control": arguments.port, **{k: v for k, v in named.items() if v is not None}}
+        return
+    try:
+        with OwnServer() as server:
+            yield dict(server.ports)
+            if server.died:
+                raise UsarsimError(f"the server died while it was judged: {server.said}")
+    except StartError as error:
+        raise UsarsimError(str(error)) from None
+
+
+def _compare(arguments: argparse.Namespace) -> int:
+    reports = named_apart([_read(file) for file in arguments.files])
+    print(compare(reports))
+    if arguments.html is not None:
+        _save(arguments.html, as_page(reports, "USARSim conformance, side by side"))
+    return 0
+
+
+def _read(file: Path) -> Report:
+    try:
+        return from_json(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        cure = "name a report.json that --report has written"
+        raise UsarsimError(at(file, f"cannot be read: {error.strerror}", cure)) from None
+    except ValueError as error:
+        cure = "name a report.json that --report has written"
+        raise UsarsimError(at(file, f"no report: {error}", cure)) from None
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        cure = "name a folder that can be made"
+        raise UsarsimError(at(folder, f"cannot be made: {error.strerror}", cure)) from None
+
+
+def _write(folder: Path, report: Report) -> None:
+    _save(folder / "report.json", as_json(report))
+    _save(folder / "report.xml", as_junit(report))
+    _save(folder / "report.html", as_page([report], f"USARSim conformance of {report.name}"))
+
+
+def _save(file: Path, text: str) -> None:
+    try:
+        file.write_text(text, encoding="utf-8")
+    except OSError as error:
+        cure = "name a file in a folder that can be written"
+        raise UsarsimError(at(file, f"cannot be written: {error.strerror}", cure)) from None
+
+
+def _port(text: str) -> int:
+    number = int(text)
+    if not 1 <= number <= 65535:
+        raise argparse.ArgumentTypeError(f"must be from 1 to 65535, not {number}")
+    return number
+
+
+def _start(text: str) -> str:
+    try:
+        place_from(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    return text
