@@ -1,0 +1,229 @@
+"""Checks of the robots reference that are seen only when a whole machine, or a picture, is played.
+
+Numbers in docstrings are those of the robots reference, section 5.
+"""
+
+from __future__ import annotations
+
+import gc
+import logging
+import math
+import re
+import socket
+import struct
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+from numpy.typing import NDArray
+
+from usarsim_server.logs import ROOT
+from usarsim_server.robots.fleet import Vehicle
+from usarsim_server.simulation.frames import Vector
+from usarsim_server.testing import Rehearsal, RehearsedClient, ServerProcess
+
+# -- machines --------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def stage() -> Iterator[Rehearsal]:
+    """An endless floor."""
+    with Rehearsal(world="empty") as rehearsal:
+        yield rehearsal
+
+
+Hire = Callable[..., tuple[RehearsedClient, Vehicle]]
+
+
+@pytest.fixture
+def hire(stage: Rehearsal) -> Iterator[Hire]:
+    """Puts robots into the world; they leave after the test."""
+    clients: list[RehearsedClient] = []
+
+    def make(robot_class: str, more: str) -> tuple[RehearsedClient, Vehicle]:
+        clients.append(stage.connect())
+        clients[-1].send(f"INIT {{ClassName USARBot.{robot_class}}} {more}")
+        return clients[-1], stage.assembly.fleet.vehicles[-1]
+
+    yield make
+    for client in clients:
+        client.close()
+    stage.run(0.05)
+
+
+def place(vehicle: Vehicle) -> Vector:
+    """Where it is; it must not have been lost."""
+    state = vehicle.look()
+    assert state is not None, "lost"
+    return state.pose.position
+
+
+def upright(vehicle: Vehicle) -> float:
+    """Cosine of the angle between its own z axis and the vertical."""
+    state = vehicle.look()
+    assert state is not None, "lost"
+    return state.pose.rotate((0.0, 0.0, 1.0))[2]
+
+
+@pytest.mark.parametrize("robot_class", ["KR60", "TwoLink", "ComStation"])
+def test_static_platforms_stand(stage: Rehearsal, hire: Hire, robot_class: str) -> None:
+    """DRIVE, gravity and a robot that runs into it do not move a platform (5.1 #13)."""
+    high, hanging = hire(robot_class, "{Location 0,8,-1.5}")
+    low, standing = hire(robot_class, "{Location 0,0,-0.25}")
+    everything = "{Left 5} {Right 5} {Speed 5} {FrontSteer 1} {RearSteer 1} {LinearVelocity 1}"
+    for client in (high, low):
+        client.send(f"DRIVE {everything}")
+    driver, ram = hire("P2AT", "{Location -1.5,0,-0.3} {Dialect ut2004}")
+    driver.send("DRIVE {Left 5.3} {Right 5.3}")
+    before = place(standing)
+    stage.run(5.0)
+    assert place(hanging) == pytest.approx((0.0, -8.0, 1.5), abs=1e-5)
+    assert place(standing) == pytest.approx(before, abs=1e-4)
+    assert -1.2 < place(ram)[0] < 0.0, "the robot met it, and did not get past"
+
+
+@pytest.mark.parametrize(("dialect", "rights"), [("ut2004", True), ("udk", False)])
+def test_flip_rights_a_robot_of_the_old_generation(
+    stage: Rehearsal, hire: Hire, dialect: str, rights: bool
+) -> None:
+    """An overturned P2AT gets up on Flip in ut2004 and lies on in udk (5.2 #50)."""
+    more = f"{{Location 20,0,-0.6}} {{Rotation 3.14159,0,0.5}} {{Dialect {dialect}}}"
+    client, robot = hire("P2AT", more)
+    stage.run(1.0)
+    assert upright(robot) < -0.8
+    client.send("DRIVE {Flip true}")
+    stage.run(1.5)
+    assert upright(robot) > 0.99 if rights else upright(robot) < -0.8
+
+
+def test_a_wall_stops_a_robot_on_the_wire(tmp_path: Path) -> None:
+    """At full speed into a wall: its nose sinks in by less than 1 cm, it does not climb, and what
+    it tells of itself says so (5.3 #59)."""
+    folder = world(tmp_path, '<geom type="box" pos="2 0 1" size="0.1 3 1"/>')
+    with Rehearsal(world=str(folder)) as yard:
+        client = yard.connect()
+        client.send("INIT {ClassName P2AT} {Location 0,0,-0.2} {Dialect ut2004}")
+        yard.run(0.5)
+        (robot,) = yard.assembly.fleet.vehicles
+        height = place(robot)[2]
+        client.send("GETGEO {Type Robot}", "DRIVE {Left 100} {Right 100} {Normalized true}")
+        found = re.search(r"\{Dimensions ([\d.]+),", client.take("GEO")[0])
+        assert found is not None
+        yard.run(4.0)
+        reached = place(robot)
+        client.take()
+        yard.run(3.0)
+        truth = [line for line in client.take("SEN") if "{Type GroundTruth}" in line][-1]
+        (told,) = re.findall(r"\{Location (-?[\d.]+),", truth)
+        assert float(told) == pytest.approx(place(robot)[0], abs=0.011), "two digits, cut off"
+    nose = 0.5 * float(found[1])
+    assert 1.9 - nose - 0.15 < reached[0] < 1.9 - nose + 0.15, "it is at the wall"
+    assert math.dist(place_xy(reached), place_xy(place(robot))) < 0.01, "it stays there"
+    assert abs(reached[2] - height) < 0.01
+
+
+def place_xy(point: Vector) -> tuple[float, float]:
+    """The part of a point that a map shows."""
+    return point[0], point[1]
+
+
+def test_four_robots_for_a_while(stage: Rehearsal, hire: Hire) -> None:
+    """Four robots drive and sense for 36 s: nothing is warned of, and what they need does not grow
+    (5.5 #122, shortened)."""
+    heard: list[str] = []
+
+    class Ear(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            heard.append(record.getMessage())
+
+    ear = Ear(logging.WARNING)
+    logging.getLogger(ROOT).addHandler(ear)
+    team = [hire("P3AT", f"{{Location 0,{3 * y},-0.3}}")[0] for y in range(10, 14)]
+    process, used = psutil.Process(), []
+    for part in range(12):
+        for number, client in enumerate(team):
+            client.send(f"DRIVE {{Left {1 - number * 0.3}}} {{Right {0.2 * part - 1}}}")
+        stage.run(3.0)
+        assert all(client.take("SEN") for client in team)
+        gc.collect()
+        used.append(process.memory_info().rss)
+    logging.getLogger(ROOT).removeHandler(ear)
+    assert heard == []
+    assert used[-1] - used[2] < 4 << 20
+
+
+# -- pictures --------------------------------------------------------------------------------------
+
+WIDTH, HEIGHT = 320, 240
+BOX = 0.5
+"""m: half the width of the red box."""
+DISTANCE = 6.0
+"""m from the origin to the face of the box."""
+
+
+def world(folder: Path, bodies: str) -> Path:
+    """A world folder with a floor, light and something on it."""
+    (folder / "scene.xml").write_text(
+        '<mujoco><worldbody><light type="directional" dir="0.2 0 -1" diffuse="0.3 0.3 0.3"/>'
+        f'<geom type="plane" size="0 0 1" rgba="0.5 0.5 0.5 1"/>{bodies}</worldbody></mujoco>'
+    )
+    (folder / "world.toml").write_text(
+        'title = "Yard"\n[[start]]\ntag = "Start"\nposition = [0.0, 0.0, 0.25]\n'
+    )
+    return folder
+
+
+@pytest.fixture(scope="module")
+def studio(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerProcess]:
+    """A server with raw pictures of a red box ahead of the start."""
+    box = (
+        f'<geom type="box" pos="{DISTANCE + BOX} 0 1" size="{BOX} {BOX} 1" rgba="0.9 0.05 0.05 1"/>'
+    )
+    folder = world(tmp_path_factory.mktemp("yard"), box)
+    options = ("--image-port=0", "--image-type=RAW", "--tiles=1x1", "--camera-rate=30")
+    with ServerProcess("--world", str(folder), *options) as process:
+        yield process
+
+
+def red_columns(port: int) -> int:
+    """Columns of the current picture in which the box is seen in the middle row."""
+    with socket.create_connection(("127.0.0.1", port), timeout=15.0) as client:
+        client.sendall(b"OK")
+        stream = client.makefile("rb")
+        _, length = struct.unpack(">BI", stream.read(5))
+        data = stream.read(length)
+        stream.close()
+    assert struct.unpack(">HH", data[:4]) == (WIDTH, HEIGHT)
+    picture: NDArray[np.int_] = np.frombuffer(data, np.uint8, offset=4).astype(int)
+    row = picture.reshape(HEIGHT, WIDTH, 3)[HEIGHT // 2]
+    return int(((row[:, 2] > 2 * row[:, 1]) & (row[:, 2] > 25)).sum())
+
+
+def expected(fov: float, eye: float) -> float:
+    """Columns that a pinhole camera at x = eye (m) shows of the box; all, if it is wider."""
+    wide = 2 * BOX / (DISTANCE - eye) * WIDTH / 2 / math.tan(fov / 2)
+    return min(float(WIDTH), wide)
+
+
+def test_zoom_on_the_wire_and_in_the_picture(studio: ServerProcess) -> None:
+    """The default is 1.3963 rad, 0.2 ends at 0.3491, 3.0 at 2.0944, 0 is the default again, and a
+    box has the width that belongs to it (5.4 #101)."""
+    client = studio.client()
+    client.send("INIT {ClassName P3AT} {Start Start} {Dialect ut2004}")
+    client.wait_for("STA")
+    client.send("GETGEO {Type Camera}")
+    (ahead,) = re.findall(r"Location (-?[\d.]+),", client.wait_for("GEO"))
+    for asked, fov in ((None, 1.3963), (0.2, 0.3491), (0.7, 0.7), (3.0, 2.0944), (0, 1.3963)):
+        if asked is not None:
+            client.send(f"SET {{Type Camera}} {{Name Camera}} {{Opcode Zoom}} {{Params {asked}}}")
+        client.send("GETCONF {Type Camera}")
+        (told,) = re.findall(r"\{CameraFov ([\d.]+)\}", client.wait_for("CONF {Type Camera}"))
+        assert float(told) == pytest.approx(fov, abs=2e-4)
+        wanted, deadline = expected(fov, float(ahead)), time.monotonic() + 10.0
+        while (found := red_columns(studio.ports["images"])) != pytest.approx(wanted, abs=3.0):
+            assert time.monotonic() < deadline, f"{found} columns of the box, not {wanted:.1f}"
+            time.sleep(0.05)
+    client.close()
