@@ -71,7 +71,9 @@ class AssetLibrary:
 
     def _load(self, name: str) -> Mesh | None:
         extensions = tuple(
-            dict.fromkeys(ext for reader in readers().values() for ext in reader.extensions)
+            dict.fromkeys(
+                ext for reader in readers().values() if reader.meshes for ext in reader.extensions
+            )
         )
         candidates = [name, name.rpartition(".")[2]]
         for candidate in candidates:

@@ -86,10 +86,12 @@ class Reader(ABC):
     Attributes:
         title: the format, for people.
         extensions: of the files it reads, lower case with the dot.
+        meshes: its files may be meshes that other maps name.
     """
 
     title: ClassVar[str]
     extensions: ClassVar[tuple[str, ...]]
+    meshes: ClassVar[bool] = True
 
     @classmethod
     def recognises(cls, head: bytes) -> bool:

@@ -1,0 +1,338 @@
+"""Visuals and collisions of an SDF link as parts (worlds reference 8 and 9.4)."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_server.errors import MapImportError
+from usarsim_server.importers.assets import merge_meshes
+from usarsim_server.importers.gazebo_files import GazeboFiles
+from usarsim_server.importers.gazebo_frames import Scope, matrix_from
+from usarsim_server.importers.gazebo_looks import Looks
+from usarsim_server.importers.gazebo_solids import ball_mesh, cone_mesh, prism_mesh
+from usarsim_server.importers.reader import ImportOptions, read_scene, readers
+from usarsim_server.importers.scene import (
+    Box,
+    Capsule,
+    Collision,
+    Cylinder,
+    Mesh,
+    Part,
+    Plane,
+    Scene,
+    Shape,
+    Sphere,
+)
+from usarsim_server.importers.xml_text import Document, Node
+
+__all__ = ["Shapes"]
+
+Array = NDArray[np.float64]
+
+PLACEHOLDER = Box((0.5, 0.5, 0.5))
+STEEPEST_FRICTION = 2.0
+"""Worlds write 100 and more for `it does not slip`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Piece:
+    """A visual or a collision."""
+
+    key: tuple[object, ...]
+    shape: Shape
+    matrix: Array
+    collision: Collision
+
+
+@dataclass(slots=True)
+class Shapes:
+    """Makes parts; every mesh file is read once.
+
+    Attributes:
+        files: finds meshes.
+        looks: takes materials.
+        unit: metres per unit of the world.
+    """
+
+    files: GazeboFiles
+    looks: Looks
+    unit: float
+    _scenes: dict[Path, Scene | None] = field(default_factory=dict)
+    _meshes: dict[tuple[Path, str, bool], Mesh | None] = field(default_factory=dict)
+
+    def parts(self, document: Document, link: Node, scope: Scope) -> Iterator[Part]:
+        """Parts of a link in its frame; what is seen and felt in the same shape is one part."""
+        seen: list[tuple[_Piece, str | None]] = []
+        for visual in link.all("visual"):
+            piece = self._piece(document, visual, scope)
+            if piece is not None:
+                seen.append((piece, self.looks.of_visual(document, visual)))
+        felt = []
+        for collision in link.all("collision"):
+            mask = collision.word("surface", "contact", "collide_bitmask").lower()
+            if mask in ("0", "0x0", "0x00"):
+                continue
+            piece = self._piece(document, collision, scope)
+            if piece is not None:
+                felt.append(piece)
+        for piece, material in seen:
+            twin = next((other for other in felt if _same(piece, other)), None)
+            if twin is not None:
+                felt.remove(twin)
+            yield Part(
+                piece.shape,
+                piece.matrix,
+                collision=Collision.NONE if twin is None else twin.collision,
+                materials=_materials(piece.shape, material),
+            )
+        for piece in felt:
+            yield Part(piece.shape, piece.matrix, visible=False, collision=piece.collision)
+
+    def friction(self, document: Document, link: Node) -> float | None:
+        """Sliding friction of the first collision that has one."""
+        for collision in link.all("collision"):
+            node = collision.child("surface", "friction", "ode", "mu")
+            values = np.zeros(0) if node is None else document.floats(node)
+            if len(values) and values[0] >= 0.0:
+                return min(float(values[0]), STEEPEST_FRICTION)
+        return None
+
+    def mass(self, document: Document, link: Node) -> float | None:
+        """kg; None if the link does not say."""
+        node = link.child("inertial", "mass")
+        values = np.zeros(0) if node is None else document.floats(node)
+        return float(values[0]) if len(values) and 0.0 < values[0] < 1e9 else None
+
+    # ---- geometries ------------------------------------------------------------------------
+
+    def _piece(self, document: Document, node: Node, scope: Scope) -> _Piece | None:
+        geometry = node.child("geometry")
+        if geometry is None or not geometry.children:
+            return None
+        kind = geometry.children[0]
+        matrix = self._place(document, node, scope)
+        collision = Collision.AUTO
+        shape: Shape | None
+        if kind.tag == "mesh":
+            shape = self._mesh(document, kind)
+            if shape is None:
+                if not self.files.context.options.placeholders:
+                    return None
+                shape = PLACEHOLDER
+            else:
+                stretch = np.eye(4)
+                stretch[:3, :3] = np.diag(self._scale(document, kind)) * self.unit
+                matrix = matrix @ stretch
+                collision = {
+                    "convex_hull": Collision.HULL,
+                    "convex_decomposition": Collision.HULLS,
+                }.get(kind.get("optimization"), Collision.AUTO)
+        elif kind.tag == "ellipsoid":
+            shape = ball_mesh(self._lengths(document, kind, "radii", 3))
+        else:
+            shape = self._primitive(document, kind)
+            if isinstance(shape, Plane):
+                matrix = matrix @ self._tilt(document, kind)
+        if shape is None:
+            return None
+        return _Piece(_key(kind), shape, matrix, collision)
+
+    def _place(self, document: Document, node: Node, scope: Scope) -> Array:
+        """Pose of a visual or collision in its link."""
+        pose = node.child("pose")
+        if pose is None:
+            return np.eye(4)
+        reference = pose.get("relative_to")
+        matrix = matrix_from(document, pose, self.unit)
+        if not reference:
+            return matrix
+        link = scope.matrix(next((n.get("name") for n in scope.owner.all("link")
+                                  if node in n.children), ""))  # fmt: skip
+        answer: Array = np.linalg.inv(link) @ scope.matrix(reference) @ matrix
+        return answer
+
+    def _primitive(self, document: Document, kind: Node) -> Shape | None:
+        match kind.tag:
+            case "box":
+                x, y, z = self._lengths(document, kind, "size", 3)
+                return Box((x, y, z))
+            case "sphere":
+                return Sphere(self._lengths(document, kind, "radius", 1)[0])
+            case "cylinder" | "capsule" | "cone":
+                (radius,) = self._lengths(document, kind, "radius", 1)
+                (length,) = self._lengths(document, kind, "length", 1)
+                if kind.tag == "cone":
+                    return cone_mesh(radius, length)
+                return (Cylinder if kind.tag == "cylinder" else Capsule)(radius, length)
+            case "plane":
+                size = kind.child("size")
+                if size is None:
+                    return Plane()
+                x, y = self._lengths(document, kind, "size", 2)
+                return Plane((x, y))
+            case "polyline":
+                return self._polyline(document, kind)
+            case "empty" | "heightmap":
+                return None
+        self.files.context.findings.skip(f"geometry {kind.tag}")
+        return None
+
+    def _lengths(self, document: Document, kind: Node, name: str, count: int) -> list[float]:
+        """So many lengths, in metres.
+
+        Raises:
+            MapImportError: there are others.
+        """
+        node = kind.child(name)
+        if node is None:
+            raise document.error(kind, f"a {kind.tag} without {name}", f"add <{name}>")
+        values = document.floats(node) * self.unit
+        if len(values) != count or not (np.abs(values) < 1e9).all():
+            problem = f"{name} {node.text[:40]!r} of a {kind.tag}"
+            raise document.error(node, problem, f"write {count} lengths")
+        return [float(value) for value in np.maximum(np.abs(values), 1e-6)]
+
+    def _tilt(self, document: Document, kind: Node) -> Array:
+        """Matrix that turns z into the normal of a plane."""
+        node = kind.child("normal")
+        normal = np.array([0.0, 0.0, 1.0]) if node is None else document.floats(node)
+        length = float(np.linalg.norm(normal)) if len(normal) == 3 else 0.0
+        matrix = np.eye(4)
+        if not 1e-9 < length < math.inf:
+            return matrix
+        z = normal / length
+        x = np.cross(z, [0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0])
+        x = -x if x[0] < 0.0 else x
+        x = x / np.linalg.norm(x)
+        matrix[:3, :3] = np.column_stack([x, np.cross(z, x), z])
+        return matrix
+
+    def _polyline(self, document: Document, kind: Node) -> Mesh | None:
+        points = [document.floats(node)[:2] for node in kind.all("point")]
+        if len(points) < 3 or any(len(point) != 2 for point in points):
+            return None
+        height = kind.child("height")
+        values = np.ones(1) if height is None else document.floats(height)
+        return prism_mesh(np.array(points) * self.unit, float(values[0]) * self.unit)
+
+    # ---- meshes ----------------------------------------------------------------------------
+
+    def _scale(self, document: Document, kind: Node) -> Array:
+        node = kind.child("scale")
+        values = np.ones(3) if node is None else document.floats(node)
+        if len(values) == 1:
+            values = np.repeat(values, 3)
+        if len(values) != 3 or not (np.abs(values) < 1e9).all():
+            raise document.error(node, "a scale without three numbers", "write one per axis")
+        return values
+
+    def _mesh(self, document: Document, kind: Node) -> Mesh | None:
+        uri = kind.word("uri") or kind.word("filename") or kind.get("filename")
+        path = self.files.find(uri, document.path.parent)
+        findings = self.files.context.findings
+        if path is None or not path.is_file():
+            findings.missing("mesh", uri[:200])
+            return None
+        name, center = kind.word("submesh", "name"), kind.word("submesh", "center")
+        key = (path, name, center.lower() in ("true", "1"))
+        if key not in self._meshes:
+            self._meshes[key] = self._part_of(path, name, key[2])
+        return self._meshes[key]
+
+    def _part_of(self, path: Path, name: str, center: bool) -> Mesh | None:
+        scene = self._scene(path)
+        if scene is None:
+            return None
+        if name:
+            chosen = [thing for thing in scene.objects if _named(thing.name, name)]
+            chosen = chosen or [
+                thing
+                for thing in scene.objects
+                if any(
+                    isinstance(p.shape, Mesh) and _named(p.shape.name, name) for p in thing.parts
+                )
+            ]
+            if not chosen:
+                self.files.context.findings.missing("mesh", f"{name} in {path.name}")
+                return None
+            scene = replace(scene, objects=tuple(chosen))
+        mesh = merge_meshes(scene, f"{path.stem}.{name}" if name else path.stem)
+        if mesh is not None and center and len(mesh.vertices):
+            middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2.0
+            mesh = replace(mesh, vertices=mesh.vertices - middle)
+        return mesh
+
+    def _scene(self, path: Path) -> Scene | None:
+        """A mesh file, as Gazebo reads it: its unit counts, its axes do not (reference 7)."""
+        if path in self._scenes:
+            return self._scenes[path]
+        context = self.files.context
+        known = {ext for reader in readers().values() if reader.meshes for ext in reader.extensions}
+        scene: Scene | None = None
+        if path.suffix.lower() not in known:
+            context.findings.warn(path.name, "this kind of mesh is not read; export it as glTF")
+        else:
+            own = path.suffix.lower() in (".dae", ".glb", ".gltf")
+            options = ImportOptions(
+                scale=None if own else 1.0, up="Z", assets=context.options.assets
+            )
+            try:
+                scene = read_scene(path, replace(context, options=options))
+            except MapImportError as error:
+                context.findings.warn(path.name, str(error))
+            else:
+                self.files.files.extend(scene.source.files)
+                scene = self._entered(scene, path)
+        self._scenes[path] = scene
+        return scene
+
+    def _entered(self, scene: Scene, path: Path) -> Scene:
+        """The scene with its materials under the names that they have in the whole world."""
+        names = {
+            name: self.looks.add(material, path.stem) for name, material in scene.materials.items()
+        }
+        if all(name == new for name, new in names.items()):
+            return scene
+        objects = []
+        for thing in scene.objects:
+            parts = []
+            for part in thing.parts:
+                own = part.shape.materials if isinstance(part.shape, Mesh) else ()
+                used = dict(enumerate(own)) | dict(part.materials)
+                renamed = {slot: names.get(name, name) for slot, name in used.items()}
+                parts.append(replace(part, materials=renamed))
+            objects.append(replace(thing, parts=tuple(parts)))
+        return replace(scene, objects=tuple(objects))
+
+
+def _named(name: str, wanted: str) -> bool:
+    """Names of submeshes, in which exporters exchange characters."""
+    plain = re.sub(r"[^a-z0-9]", "", name.lower())
+    return plain == re.sub(r"[^a-z0-9]", "", wanted.lower())
+
+
+def _key(node: Node) -> tuple[object, ...]:
+    """What makes two geometries equal; of planes size does not count, they have no end."""
+    if node.tag == "plane":
+        return ("plane", " ".join(node.word("normal", default="0 0 1").split()))
+    inner = tuple(_key(child) for child in node.children)
+    return (node.tag, " ".join(node.text.split()), inner)
+
+
+def _same(one: _Piece, other: _Piece) -> bool:
+    return one.key == other.key and bool(np.abs(one.matrix - other.matrix).max() < 1e-6)
+
+
+def _materials(shape: Shape, material: str | None) -> dict[int, str]:
+    """A material of the visual covers all slots of a mesh."""
+    if material is None:
+        return {}
+    count = max(1, len(shape.materials)) if isinstance(shape, Mesh) else 1
+    return dict.fromkeys(range(count), material)
