@@ -56,9 +56,9 @@ def test_members_keep_their_values(dialect: Dialect) -> None:
 
 
 @pytest.mark.parametrize("dialect", Dialect)
-def test_limits_and_percent(dialect: Dialect) -> None:
+def test_limits_and_percent(tmp_path: Path, dialect: Dialect) -> None:
     """Propeller in rad/s or percent of 60, angles in radians always; all stop at their limits."""
-    driver = Driver(SUBMARINE, dialect)
+    driver = Driver(vessel(tmp_path, max_propeller=60.0), dialect)
     driver.send(propeller=50.0, rudder=0.3, normalized=True)
     assert law(driver)[:2] == pytest.approx([30.0, -0.3])
     driver.send(propeller=20.0)
@@ -95,7 +95,10 @@ def test_no_command_leaves_the_limits(drives: list[Drive], dialect: Dialect) -> 
     for drive in drives:
         driver.obey(drive)
     if driver.machine.law is not None:
-        assert np.all(np.abs(driver.machine.law) <= [60.0, 0.6, 0.6])
+        gear = SUBMARINE.gear
+        assert isinstance(gear, Vessel)
+        limits = [gear.max_propeller, gear.max_rudder, gear.max_stern_plane]
+        assert np.all(np.abs(driver.machine.law) <= limits)
 
 
 def test_reports() -> None:
@@ -175,9 +178,9 @@ def test_it_holds_depth_and_steers(stage: Rehearsal) -> None:
     client.send("DRIVE {Left 5} {Right 5}", "DRIVE {AltitudeVelocity 1}")
     stage.run(3.0)
     assert look().pose.position == pytest.approx((0.0, 0.0, 20.0), abs=1e-3)
-    client.send("DRIVE {Propeller 60}")
-    stage.run(6.0)
-    assert look().linear_velocity[0] > 1.0
+    client.send("DRIVE {Propeller 100} {Normalized true}")
+    stage.run(8.0)
+    assert look().linear_velocity[0] > 0.8
     assert look().pose.position[2] == pytest.approx(20.0, abs=0.01)
     client.send("DRIVE {Rudder 0.3} {SternPlane 0.2}")
     stage.run(4.0)

@@ -10,6 +10,7 @@ The hull is trimmed: thrust and drag act in the mass centre.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import mujoco
@@ -17,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.simulation.frames import Vector
-from usarsim_server.simulation.laws import Law, lever_moment
+from usarsim_server.simulation.free_body import FreeBody, dot
+from usarsim_server.simulation.laws import Law
 
 __all__ = ["CHANNELS", "Diving", "Hull"]
 
@@ -69,47 +71,65 @@ class Diving(Law):
             base: name of the chassis.
             hull: see there.
         """
-        self._body = body = int(model.body(base).id)
-        self._dof = int(model.body_dofadr[body])
-        self._qpos = int(model.jnt_qposadr[model.body_jntadr[body]])
+        self._body = FreeBody(model, base)
         self._hull = hull
-        self._mass = float(model.body_subtreemass[body])
-        self._inertia = model.dof_M0[self._dof + 3 : self._dof + 6].copy()
-        self._step = float(model.opt.timestep)
-        self._share = float(model.opt.timestep) / hull.response
-        self._reached = np.zeros(CHANNELS)
+        step = float(model.opt.timestep)
+        # A step of drag can stop a body, but not throw it back.
+        self._most = self._body.mass / step
+        self._most_turning = [moment / step for moment in self._body.inertia]
+        self._share = min(1.0, step / hull.response)
+        self._reached = [0.0] * CHANNELS
+        """What propeller, rudder and planes do at present."""
 
     def push(self, model: mujoco.MjModel, data: mujoco.MjData, command: Array) -> None:
-        hull = self._hull
-        self._reached += min(1.0, self._share) * (command - self._reached)
-        propeller, rudder, planes = self._reached
-        rotation = np.zeros(9)
-        mujoco.mju_quat2Mat(rotation, data.qpos[self._qpos + 3 : self._qpos + 7])
-        frame = rotation.reshape(3, 3)
-        speed = frame.T @ data.qvel[self._dof : self._dof + 3]
-        spin = data.qvel[self._dof + 3 : self._dof + 6]
-        turns = propeller / (2.0 * np.pi)
-        drag = 0.5 * WATER * np.array(hull.drag) * (np.abs(speed) + SLOW)
-        turning_drag = np.array(hull.turning_drag) * (np.abs(spin) + SLOW)
-        # A step of drag can stop a body, but not throw it back.
-        force = -np.minimum(drag, self._mass / self._step) * speed
-        force[0] += hull.thrust * WATER * turns * abs(turns) * hull.diameter**4
-        torque = -np.minimum(turning_drag, self._inertia / self._step) * spin
+        for channel, wanted in enumerate(command.tolist()):
+            self._reached[channel] += self._share * (wanted - self._reached[channel])
+        motion = self._body.look(data)
+        axes, velocity, spin = motion
+        speed = [dot(axis, velocity) for axis in axes]
+        along = [
+            -min(0.5 * WATER * area * (abs(one) + SLOW), self._most) * one
+            for area, one in zip(self._hull.drag, speed, strict=True)
+        ]
+        along[0] += self._thrust()
+        force = (
+            along[0] * axes[0][0] + along[1] * axes[1][0] + along[2] * axes[2][0],
+            along[0] * axes[0][1] + along[1] * axes[1][1] + along[2] * axes[2][1],
+            along[0] * axes[0][2] + along[1] * axes[1][2] + along[2] * axes[2][2],
+        )
         # Astern the water meets the planes from behind, and they turn the hull the other way.
-        pressure = 0.5 * WATER * speed[0] * abs(speed[0])
-        torque[1] += pressure * hull.plane * hull.arm * planes
-        torque[2] += pressure * hull.plane * hull.arm * rudder
-        torque += hull.righting * np.cross((0.0, 0.0, 1.0), frame[2])
-        forces = data.qfrc_applied[self._dof : self._dof + 6]
-        forces[:3] = frame @ force
-        forces[3:] = torque + lever_moment(data, self._body, frame, forces[:3])
+        steering = 0.5 * WATER * speed[0] * abs(speed[0]) * self._hull.plane * self._hull.arm
+        _, rudder, planes = self._reached
+        roll, pitch, yaw = self._damping(spin)
+        # The vertical in the frame of the hull; up x vertical turns the hull upright.
+        ahead, left = axes[0][2], axes[1][2]
+        righting = self._hull.righting
+        torque = (
+            roll - righting * left,
+            pitch + righting * ahead + steering * planes,
+            yaw + steering * rudder,
+        )
+        self._body.push(data, motion, force, torque)
+
+    def _thrust(self) -> float:
+        turns = self._reached[0] / (2.0 * math.pi)
+        return self._hull.thrust * WATER * turns * abs(turns) * self._hull.diameter**4
+
+    def _damping(self, spin: Vector) -> Vector:
+        a, b, c = (
+            -min(drag * (abs(rate) + SLOW), most) * rate
+            for drag, rate, most in zip(
+                self._hull.turning_drag, spin, self._most_turning, strict=True
+            )
+        )
+        return a, b, c
 
     def release(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        data.qfrc_applied[self._dof : self._dof + 6] = 0.0
-        self._reached[:] = 0.0
+        self._body.release(data)
+        self._reached = [0.0] * CHANNELS
 
     def state(self) -> Array:
-        return self._reached.copy()
+        return np.array(self._reached)
 
     def restore(self, state: Array) -> None:
-        self._reached[:] = state
+        self._reached = state.tolist()

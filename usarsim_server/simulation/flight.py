@@ -8,13 +8,16 @@ integrator that could wind up. The model balances the weight (`gravcomp`).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.simulation.laws import Law, lever_moment
+from usarsim_server.simulation.frames import Vector
+from usarsim_server.simulation.free_body import FreeBody, Motion, cross, dot
+from usarsim_server.simulation.laws import Law
 
 __all__ = ["CHANNELS", "FlightLimits", "VelocityHold"]
 
@@ -51,72 +54,86 @@ class VelocityHold(Law):
     """The law of one aircraft."""
 
     def __init__(self, model: mujoco.MjModel, base: str, limits: FlightLimits) -> None:
-        """Find mass and inertia of the body with everything on it, its joints at home.
+        """Find its chassis.
 
         Args:
             model: compiled.
             base: name of the chassis, which hangs on a free joint.
             limits: see there.
         """
-        self._body = body = int(model.body(base).id)
-        self._dof = int(model.body_dofadr[body])
-        self._qpos = int(model.jnt_qposadr[model.body_jntadr[body]])
+        self._body = FreeBody(model, base)
         self._limits = limits
-        self._step = float(model.opt.timestep)
-        self._mass = float(model.body_subtreemass[body])
-        self._inertia = model.dof_M0[self._dof + 3 : self._dof + 6].copy()
-        self._tilt = np.zeros(2)
+        self._most = limits.tilt_rate * float(model.opt.timestep)
+        self._roll = self._pitch = 0.0
+        """Tilt that is held at present, rad."""
 
     def push(self, model: mujoco.MjModel, data: mujoco.MjData, command: Array) -> None:
-        rotation = np.zeros(9)
-        mujoco.mju_quat2Mat(rotation, data.qpos[self._qpos + 3 : self._qpos + 7])
-        frame = rotation.reshape(3, 3)
-        forces = data.qfrc_applied[self._dof : self._dof + 6]
-        if command[6]:
-            forces[:3] = self._mass * model.opt.gravity
-            forces[3:] = lever_moment(data, self._body, frame, forces[:3])
+        body = self._body
+        motion = body.look(data)
+        forward, sideways, up, yaw_rate, roll, pitch, dead = command.tolist()
+        if dead:
+            x, y, z = model.opt.gravity.tolist()
+            weight = (body.mass * x, body.mass * y, body.mass * z)
+            body.push(data, motion, weight, (0.0, 0.0, 0.0))
             return
-        yaw = np.arctan2(frame[1, 0], frame[0, 0])
-        ahead = np.array([np.cos(yaw), np.sin(yaw), 0.0])
-        left = np.array([-ahead[1], ahead[0], 0.0])
-        wanted = command[0] * ahead + command[1] * left
-        wanted[2] = command[2]
-        forces[:3] = self._mass * self._accelerate(wanted - data.qvel[self._dof : self._dof + 3])
-        forces[3:] = lever_moment(data, self._body, frame, forces[:3])
-        forces[3:] += self._inertia * self._turn(
-            frame, data.qvel[self._dof + 3 : self._dof + 6], ahead, left, command
+        (nose, _, _), velocity, _ = motion
+        yaw = math.atan2(nose[1], nose[0])
+        cosine, sine = math.cos(yaw), math.sin(yaw)
+        missing = (
+            forward * cosine - sideways * sine - velocity[0],
+            forward * sine + sideways * cosine - velocity[1],
+            up - velocity[2],
         )
+        self._roll += _within(roll - self._roll, self._most)
+        self._pitch += _within(pitch - self._pitch, self._most)
+        torque = self._torque(motion, (cosine, sine, 0.0), yaw_rate)
+        body.push(data, motion, self._force(missing), torque)
 
-    def _accelerate(self, missing: Array) -> Array:
-        """Acceleration (m/s^2) that removes a velocity error, limited as a whole."""
-        wanted: Array = missing / self._limits.response
-        size = float(np.linalg.norm(wanted))
-        return wanted * min(1.0, self._limits.max_acceleration / size) if size else wanted
+    def _force(self, missing: Vector) -> Vector:
+        """The force (N) that removes a velocity error, limited as a whole."""
+        limits = self._limits
+        size = math.hypot(*missing) / limits.response
+        share = min(1.0, limits.max_acceleration / size) if size else 0.0
+        factor = self._body.mass * share / limits.response
+        return factor * missing[0], factor * missing[1], factor * missing[2]
 
-    def _turn(self, frame: Array, spin: Array, ahead: Array, left: Array, command: Array) -> Array:
-        """Turning acceleration (rad/s^2, body frame) towards the wanted tilt and yaw rate."""
-        most = self._limits.tilt_rate * self._step
-        self._tilt += np.clip(command[4:6] - self._tilt, -most, most)
-        roll, pitch = self._tilt
-        up = np.array([0.0, 0.0, 1.0])
-        nose = np.cos(pitch) * ahead - np.sin(pitch) * up
-        side = np.cos(roll) * left + np.sin(roll) * np.cross(nose, left)
-        top = np.cross(nose, side)
+    def _torque(self, motion: Motion, ahead: Vector, yaw_rate: float) -> Vector:
+        """The torque (N m, body frame) towards the wanted tilt and yaw rate."""
+        axes, _, spin = motion
+        roll, pitch = self._roll, self._pitch
+        # The wanted axes: heading as it is, then pitch, then roll.
+        low, level = math.sin(pitch), math.cos(pitch)
+        nose = (level * ahead[0], level * ahead[1], -low)
+        upward = (low * ahead[0], low * ahead[1], level)
+        left = (-ahead[1], ahead[0], 0.0)
+        cosine, sine = math.cos(roll), math.sin(roll)
+        top = (
+            cosine * upward[0] - sine * left[0],
+            cosine * upward[1] - sine * left[1],
+            cosine * upward[2],
+        )
         # The error as a rotation vector in the world, without its part about the vertical axis,
         # which belongs to the yaw rate alone.
-        error = 0.5 * (np.cross(frame[:, 0], nose) + np.cross(frame[:, 2], top))
-        error[2] = 0.0
-        rate = frame.T @ (ATTITUDE_RATE * error + command[3] * up)
-        wanted: Array = RATE_GAIN * (rate - spin)
-        limit = self._limits.max_turning
-        return np.clip(wanted, -limit, limit)
+        by_nose, by_top = cross(axes[0], nose), cross(axes[2], top)
+        gain = 0.5 * ATTITUDE_RATE
+        rate = (gain * (by_nose[0] + by_top[0]), gain * (by_nose[1] + by_top[1]), yaw_rate)
+        limit, inertia = self._limits.max_turning, self._body.inertia
+        return (
+            inertia[0] * _within(RATE_GAIN * (dot(axes[0], rate) - spin[0]), limit),
+            inertia[1] * _within(RATE_GAIN * (dot(axes[1], rate) - spin[1]), limit),
+            inertia[2] * _within(RATE_GAIN * (dot(axes[2], rate) - spin[2]), limit),
+        )
 
     def release(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        data.qfrc_applied[self._dof : self._dof + 6] = 0.0
-        self._tilt[:] = 0.0
+        self._body.release(data)
+        self._roll = self._pitch = 0.0
 
     def state(self) -> Array:
-        return self._tilt.copy()
+        return np.array((self._roll, self._pitch))
 
     def restore(self, state: Array) -> None:
-        self._tilt[:] = state
+        self._roll, self._pitch = state.tolist()
+
+
+def _within(value: float, limit: float) -> float:
+    return max(-limit, min(limit, value))

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Law", "LawModel", "Laws", "LawsState", "lever_moment"]
+__all__ = ["Law", "LawModel", "Laws", "LawsState"]
 
 Array = NDArray[np.float64]
 
@@ -169,20 +169,3 @@ class Laws:
                 law.restore(old.state())
         self._active = set(older._active)
         self._list()
-
-
-def lever_moment(data: mujoco.MjData, body: int, frame: Array, force: Array) -> Array:
-    """Moment about the origin of a body of a force that acts in the mass centre.
-
-    Args:
-        data: positions are up to date.
-        body: the chassis; the mass centre is that of everything on it.
-        frame: its axes in the world as columns.
-        force: N, in the world.
-
-    Returns:
-        N m in the frame of the body, as the free joint of a chassis takes it.
-    """
-    arm = data.subtree_com[body] - data.xpos[body]
-    moment: Array = np.cross(frame.T @ arm, frame.T @ force)
-    return moment
