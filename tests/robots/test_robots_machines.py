@@ -6,11 +6,14 @@ import itertools
 import math
 import re
 from collections.abc import Iterator
+from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
+from robot_files import table, write
 
+from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.families.registry import families, family_of
 from usarsim_server.robots.fleet import robot_model
@@ -84,6 +87,26 @@ def test_two_fork_lifts() -> None:
     assert other is not None
     assert (truck.kind, platform.kind, other.kind) == ("ackerman", "static", "ackerman")
     assert platform.name == "Forklift"
+
+
+def test_exact_aliases(tmp_path: Path) -> None:
+    """They win in their own spelling, follow a class that is replaced, and are unique."""
+    write(tmp_path, "Rover", table(exact_aliases=["p2AT"]))
+    roster = load_roster([tmp_path])
+    for name, model in (("p2AT", "Rover"), ("P2AT", "P2AT"), ("p2at", "P2AT")):
+        robot = roster.find(f"USARBot.{name}")
+        assert robot is not None
+        assert robot.model == model
+    write(tmp_path / "own", "ForkliftUDK", table())
+    robot = load_roster([tmp_path / "own"]).find("Forklift")
+    assert robot is not None
+    assert (robot.name, robot.kind) == ("Forklift", "differential")
+    write(tmp_path, "Other", table(exact_aliases=["p2AT"]))
+    with pytest.raises(RobotDescriptionError, match="'p2AT' is also an exact alias in"):
+        load_roster([tmp_path])
+    write(tmp_path, "Other", table(exact_aliases=["a b"]))
+    with pytest.raises(RobotDescriptionError, match="exact_aliases: has 'a b'"):
+        load_roster([tmp_path])
 
 
 # -- figures ---------------------------------------------------------------------------------------

@@ -341,6 +341,40 @@ def test_a_variant_keeps_the_body(tmp_path: Path) -> None:
     assert [link.joint for link in robot.links] == ["Hip", "Knee"]
 
 
+def test_wheels_may_sit_on_its_links(tmp_path: Path) -> None:
+    """A car may have its body and its steering knuckles from a model file."""
+    knuckles = "".join(
+        f'<body name="{side}Knuckle" pos="0.2 {y} 0"><joint name="{side}FrontSteer" axis="0 0 1"'
+        ' range="-0.5 0.5"/><geom size="0.02" mass="0.1" contype="0" conaffinity="0"/></body>'
+        for side, y in (("L", 0.15), ("R", -0.15))
+    )
+    (tmp_path / "cart.xml").write_text(mjcf(knuckles, TORSO.replace("0.1 0.1 0.1", "0.2 0.1 0.05")))
+    wheel = {"radius": 0.1, "width": 0.04, "mass": 0.5, "position": [0, 0, 0]}
+    robot = load_robot(
+        write(
+            tmp_path,
+            "Cart",
+            {
+                "kind": "ackerman",
+                "dialect": "ut2004",
+                "body": "cart.xml",
+                "wheel": [
+                    {**wheel, "name": "FL", "link": "LKnuckle", "side": "left"},
+                    {**wheel, "name": "FR", "link": "RKnuckle", "side": "right"},
+                    {**wheel, "name": "BL", "position": [-0.2, -0.15, 0]},
+                    {**wheel, "name": "BR", "position": [-0.2, 0.15, 0]},
+                ],
+                "drive": {"max_wheel_speed": 5.0},
+            },
+        )
+    )
+    assert (robot.report.wheel_base, robot.report.track_width) == (0.4, 0.3)
+    assert robot.report.max_front_steer == 1.0
+    model = build_spec(robot).compile()
+    assert model.body("FL").parentid[0] == model.body("LKnuckle").id
+    assert robot.rest_height == pytest.approx(0.1)
+
+
 def test_includes_and_defaults_work(tmp_path: Path) -> None:
     """An MJCF file may include others, as MuJoCo allows."""
     (tmp_path / "leg.xml").write_text(f"<mujoco>{LEG}</mujoco>")

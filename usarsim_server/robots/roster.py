@@ -47,10 +47,9 @@ class Roster:
             for key, (name, class_name) in names.items()
         }
         self._exact = {
-            name: replace(classes[file.description.name.lower()], name=name)
+            name: replace(classes[class_name], name=name)
             for layer in layers
-            for file in layer
-            for name in file.exact_aliases
+            for name, class_name in _exact_claims(layer).items()
         }
         self._patterns = [(pattern, classes[class_name]) for pattern, class_name in patterns]
 
@@ -112,4 +111,19 @@ def _claims(layer: Iterable[RobotFile]) -> dict[str, tuple[str, str]]:
                     at(robot.source, f"{name!r} is also a name in {other}", "rename one of them")
                 )
             claims.setdefault(name.lower(), (name, robot.name.lower()))
+    return claims
+
+
+def _exact_claims(layer: Iterable[RobotFile]) -> dict[str, str]:
+    """The names of a layer that count in one spelling only, and their classes."""
+    claims: dict[str, str] = {}
+    sources: dict[str, Path] = {}
+    for file in layer:
+        robot = file.description
+        for name in file.exact_aliases:
+            other = sources.setdefault(name, robot.source)
+            if other != robot.source:
+                problem = f"{name!r} is also an exact alias in {other}"
+                raise RobotDescriptionError(at(robot.source, problem, "rename one of them"))
+            claims[name] = robot.name.lower()
     return claims
