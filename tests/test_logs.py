@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from usarsim_server.logs import ROOT, LineFormatter, Log, configure
+from usarsim_server.logs import BURST, ROOT, LineFormatter, Log, Moderation, configure
 
 
 @pytest.fixture
@@ -147,3 +147,70 @@ def test_text_with_percent_signs_is_taken_as_it_is(stream: io.StringIO) -> None:
     configure("info", stream)
     Log("control").info("100 %d", text="%s")
     assert stream.getvalue() == "INFO control text=%s 100 %d\n"
+
+
+# -- too many lines --------------------------------------------------------------------------------
+
+
+class Clock:
+    """A clock that stands still until it is moved."""
+
+    now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def record(message: str, level: int = logging.WARNING) -> logging.LogRecord:
+    """A record of the area `robot`."""
+    return logging.LogRecord(f"{ROOT}.robot", level, "", 0, "%s", (message,), None)
+
+
+def test_a_client_cannot_fill_the_log(stream: io.StringIO) -> None:
+    """Of thousands of lines of one kind a burst is written, whatever stands behind the colon."""
+    configure("warning", stream)
+    for number in range(5000):
+        Log("robot", connection=number).warning(f"INIT failed: no class {number}")
+    lines = stream.getvalue().splitlines()
+    assert BURST <= len(lines) < BURST + 20
+    Log("robot").warning("something else")
+    assert stream.getvalue().endswith("WARNING robot something else\n")
+
+
+def test_lines_left_out_are_counted() -> None:
+    """After a while one more line of the kind is written, and tells how many were not."""
+    clock = Clock()
+    moderation = Moderation(burst=3, rate=0.5, clock=clock)
+    assert [moderation.filter(record("refused")) for _ in range(8)] == [True] * 3 + [False] * 5
+    clock.now += 1.0
+    assert not moderation.filter(record("refused"))
+    clock.now += 1.0
+    late = record("refused")
+    assert moderation.filter(late)
+    expected = "WARNING robot refused (6 lines like this one were left out)"
+    assert LineFormatter().format(late) == expected
+    clock.now += 1e6
+    again = [record("refused") for _ in range(4)]
+    assert [moderation.filter(one) for one in again] == [True, True, True, False]
+    assert LineFormatter().format(again[0]) == "WARNING robot refused"
+
+
+def test_kinds_do_not_take_each_others_turn() -> None:
+    """Areas, levels and beginnings make kinds; memory for them is bounded."""
+    moderation = Moderation(burst=1, clock=Clock())
+    assert moderation.filter(record("refused: 1"))
+    assert not moderation.filter(record("refused: 2"))
+    assert moderation.filter(record("refused: 3", logging.ERROR))
+    assert moderation.filter(record("closed"))
+    for number in range(5000):
+        moderation.filter(record(f"kind {number}"))
+    assert len(moderation._kinds) <= 1000
+
+
+def test_a_developer_misses_nothing(stream: io.StringIO) -> None:
+    """At `debug` every line is written, warnings as well."""
+    configure("debug", stream)
+    for _ in range(BURST + 50):
+        Log("robot").warning("again")
+        Log("robot").debug("detail")
+    assert len(stream.getvalue().splitlines()) == 2 * (BURST + 50)

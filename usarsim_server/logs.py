@@ -5,15 +5,22 @@ Quiet by default. At `info` one sees the server start, connections and robots co
 its robot once there is one:
 
     INFO control connection=127.0.0.1:50122 robot=Rover7 client closed the connection
+
+Clients decide how often some lines are due, so lines of one kind are limited: `BURST` at once, then
+`RATE` a second. The next line of that kind says how many were left out. Nothing is left out at
+`debug`.
 """
 
 from __future__ import annotations
 
 import logging
 import sys
+import threading
+import time
+from collections.abc import Callable
 from typing import TextIO
 
-__all__ = ["LEVELS", "ROOT", "Log", "configure"]
+__all__ = ["BURST", "LEVELS", "RATE", "ROOT", "Log", "configure"]
 
 ROOT = "usarsim"
 """Name of the logger that all areas hang under; tests and embedders may attach to it."""
@@ -26,7 +33,14 @@ LEVELS = {
 }
 """Names that `--log-level` takes."""
 
+BURST = 100
+"""Lines of one kind that may come at once: more than there are robots."""
+RATE = 2.0
+"""Lines of one kind per second of wall time that are written in the long run."""
+
 _FACTS = "usarsim_facts"
+_LEFT_OUT = "usarsim_left_out"
+_MAX_KINDS = 1000
 _MAX_VALUE = 200  # characters of one value; a client chooses robot names, not our line length
 
 
@@ -89,9 +103,51 @@ class LineFormatter(logging.Formatter):
         area = record.name.removeprefix(f"{ROOT}.")
         pairs = [f"{key}={_value(value)}" for key, value in facts.items()]
         line = " ".join([record.levelname, area, *pairs, _printable(record.getMessage())])
+        if left_out := getattr(record, _LEFT_OUT, 0):
+            line += f" ({left_out} lines like this one were left out)"
         if record.exc_info and record.exc_info[0] is not None:
             line += "\n" + self.formatException(record.exc_info)
         return line
+
+
+class Moderation(logging.Filter):
+    """Leaves out lines of a kind that comes too often: a token bucket for each kind.
+
+    Of one kind are lines of one area and level that begin alike, up to the first colon; what
+    follows, and the facts, tell one case from another.
+
+    Attributes:
+        burst: lines of one kind that may come at once.
+        rate: lines of one kind per second in the long run.
+    """
+
+    def __init__(
+        self,
+        burst: int = BURST,
+        rate: float = RATE,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        super().__init__()
+        self.burst, self.rate, self._clock = burst, rate, clock
+        self._kinds: dict[tuple[str, int, str], tuple[float, float, int]] = {}
+        self._lock = threading.Lock()  # threads ask at the same time
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Whether a line may be written; it is told how many like it were not."""
+        if record.levelno <= logging.DEBUG:
+            return True
+        kind = record.name, record.levelno, record.getMessage().partition(":")[0]
+        now = self._clock()
+        with self._lock:
+            if len(self._kinds) >= _MAX_KINDS:
+                self._kinds.clear()
+            left, then, missing = self._kinds.get(kind, (float(self.burst), now, 0))
+            left = min(float(self.burst), left + (now - then) * self.rate)
+            passes = left >= 1.0
+            self._kinds[kind] = (left - 1.0, now, 0) if passes else (left, now, missing + 1)
+        if passes and missing:
+            setattr(record, _LEFT_OUT, missing)
+        return passes
 
 
 def configure(level: str, stream: TextIO | None = None) -> None:
@@ -107,6 +163,8 @@ def configure(level: str, stream: TextIO | None = None) -> None:
             root.removeHandler(handler)
     handler = logging.StreamHandler(stream if stream is not None else sys.stderr)
     handler.setFormatter(LineFormatter())
+    if LEVELS[level] > logging.DEBUG:
+        handler.addFilter(Moderation())
     root.addHandler(handler)
     # Libraries only ever speak of trouble here; the chosen level is for our own areas.
     root.setLevel(logging.WARNING)
