@@ -53,7 +53,7 @@ ROOMS: dict[str, set[str]] = {
     "services": MIDDLE | VALUES,
     "app": MIDDLE | VALUES | {"importers", "services", "settings"},
     "testing": MIDDLE | VALUES | {"app", "options", "services", "settings"},
-    "validation": MIDDLE | VALUES | {"app", "cli", "settings", "testing"},
+    "validation": MIDDLE | VALUES | {"app", "cli", "importers", "settings", "testing"},
     "cli": MIDDLE
     | VALUES
     | {"app", "importers", "options", "services", "settings", "testing", "validation"},

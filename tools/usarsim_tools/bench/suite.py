@@ -10,6 +10,7 @@ from usarsim_tools.bench.errors import BenchError
 from usarsim_tools.bench.figures import Plan, Report, Section
 from usarsim_tools.bench.garage import measure_garage
 from usarsim_tools.bench.groundtruth import measure_ground_truth
+from usarsim_tools.bench.importing import measure_importing
 from usarsim_tools.bench.latency import measure_latency
 from usarsim_tools.bench.machine import describe_machine
 from usarsim_tools.bench.memory import measure_memory
@@ -36,6 +37,7 @@ MEASUREMENTS: Mapping[str, tuple[Measurement, str]] = {
     "rendering": (measure_rendering, "pictures against a bare MuJoCo renderer, and their age"),
     "groundtruth": (measure_ground_truth, "answers to the wireless simulation, and their cost"),
     "relay": (measure_relay, "what radio links carry, beside a plain proxy, and under a team"),
+    "import": (measure_importing, "maps of other programs: import, cache, rays, a team in them"),
     "stepping": (measure_stepping, "the step loop against MuJoCo alone"),
 }
 """Function and one line of help of each, in the order in which `all` takes them."""
