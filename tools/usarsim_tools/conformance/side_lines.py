@@ -58,20 +58,20 @@ class LineClient:
         """Send a line."""
         await self.wire.send((text + end).encode("latin-1"))
 
-    async def line(self, within: float = WITHIN) -> str:
+    async def line(self, within: float | None = None) -> str:
         """The next line without its CR LF.
 
         Raises:
             Failed: if none comes in time, or it ends otherwise.
             Hangup: if the server hung up.
         """
-        data = await self.wire.read_until(b"\r\n", within)
+        data = await self.wire.read_until(b"\r\n", WITHIN if within is None else within)
         text = data[:-2].decode("latin-1")
         if "\n" in text or "\r" in text:
             raise Failed(f"a line ends without CR LF: {text[:120]!r}")
         return text
 
-    async def ask(self, text: str, within: float = WITHIN) -> str:
+    async def ask(self, text: str, within: float | None = None) -> str:
         """Send a line and read one."""
         await self.send(text)
         return await self.line(within)

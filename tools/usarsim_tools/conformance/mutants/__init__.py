@@ -1,0 +1,1 @@
+"""Small servers with a known fault each: what the checks of the kit are checked with."""
