@@ -51,6 +51,9 @@ def add_parser(subparsers: Subparsers) -> None:
         "--placeholders", action="store_true", help="a box stands in for every missing mesh"
     )
     parser.add_argument(
+        "--wall-height", metavar="M", help="height of walls of occupancy grids (default 2 m)"
+    )
+    parser.add_argument(
         "--report", metavar="FILE", type=Path, help="write the report: JSON if it ends with .json"
     )
     parser.add_argument(
@@ -80,6 +83,7 @@ def run(arguments: argparse.Namespace) -> int:
             mirror=arguments.mirror,
             assets=tuple(folder.expanduser().resolve() for folder in arguments.assets),
             placeholders=arguments.placeholders,
+            wall_height=_wall_height(arguments.wall_height),
         ),
         sidecar=arguments.sidecar,
         fresh=arguments.fresh,
@@ -113,6 +117,19 @@ def _scale(text: str | None) -> float | None:
     if not 1e-9 < value < 1e9:
         cure = "write the number of units that make a metre, such as 250"
         raise SettingsError(at("--scale", f"{text!r} is no scale", cure))
+    return value
+
+
+def _wall_height(text: str | None) -> float | None:
+    if text is None:
+        return None
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.01 <= value <= 100.0:
+        cure = "write metres from 0.01 to 100"
+        raise SettingsError(at("--wall-height", f"{text!r} is no height of a wall", cure))
     return value
 
 

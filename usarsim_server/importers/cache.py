@@ -55,7 +55,7 @@ class ImportCache:
         """
         digest = hashlib.sha256()
         said = [__version__, FORMAT, str(source), name, options.scale, options.up]
-        said += [options.mirror, options.placeholders]
+        said += [options.mirror, options.placeholders, options.wall_height]
         digest.update(json.dumps(said).encode())
         for path in (source, sidecar):
             digest.update(b"\0" if path is None else file_digest(path))

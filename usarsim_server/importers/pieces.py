@@ -16,6 +16,7 @@ from usarsim_server.importers.units import pose_of_matrix
 from usarsim_server.simulation.frames import Pose
 
 __all__ = [
+    "FLAT",
     "BoxPiece",
     "HullPiece",
     "Piece",
@@ -36,6 +37,9 @@ FLAT = 1e-3
 
 SQUARE = 1e-3
 """Cosine between the edges of what counts as a box."""
+
+TRUE_CORNER = 1e-4
+"""m: how far corners may be from those of the box that stands for them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +107,12 @@ def bounding_box_piece(points: Array) -> BoxPiece:
 
 def hull_piece(points: Array) -> Piece:
     """The hull of points with at most `MAX_HULL_POINTS` corners; a plate if they are flat."""
+    if len(points) == 8:
+        if _is_upright_box(points):
+            return bounding_box_piece(points)
+        box = _turned_box(points)
+        if box is not None:
+            return box
     middle = points.mean(axis=0)
     _, _, axes = (
         np.linalg.svd(points - middle, full_matrices=False)
@@ -118,6 +128,38 @@ def hull_piece(points: Array) -> Piece:
         frame = axes if len(axes) == 3 else np.eye(3)
         return box_from_axes(points, np.array(frame))
     return HullPiece(_extremes(points))
+
+
+def _is_upright_box(points: Array) -> bool:
+    """Whether eight points are all the corners of a box along the axes."""
+    low = points.min(axis=0)
+    upper = points > low
+    exact = np.where(upper, points.max(axis=0), low)
+    return bool((exact == points).all()) and len(np.unique(upper, axis=0)) == 8
+
+
+def _turned_box(points: Array) -> BoxPiece | None:
+    """The box whose corners eight points are, whatever way it is turned; None if they are none."""
+    ways = points[1:] - points[0]
+    lengths = np.linalg.norm(ways, axis=1)
+    axes: list[Array] = []
+    # Seen from a corner the shortest way is an edge; of those square to it the next one is, too.
+    for index in np.argsort(lengths):
+        if lengths[index] < FLAT:
+            return None
+        way: Array = ways[index] / lengths[index]
+        if all(abs(float(way @ axis)) < SQUARE for axis in axes):
+            axes.append(way)
+            if len(axes) == 3:
+                break
+    if len(axes) < 3:
+        return None
+    inside = points @ np.array(axes).T
+    low, high = inside.min(axis=0), inside.max(axis=0)
+    upper = inside > (low + high) / 2.0
+    if np.abs(np.where(upper, high, low) - inside).max() > TRUE_CORNER:
+        return None
+    return box_from_axes(points, np.array(axes)) if len(np.unique(upper, axis=0)) == 8 else None
 
 
 def _extremes(points: Array) -> Array:

@@ -51,6 +51,7 @@ class ImportOptions:
         mirror: reflect the map (y becomes -y); for files written without regard to handedness.
         assets: folders searched for meshes, textures and models that the map names.
         placeholders: a box of 0.5 m stands in for every mesh that is missing.
+        wall_height: m, of walls that come from occupancy grids.
     """
 
     scale: float | None = None
@@ -58,6 +59,7 @@ class ImportOptions:
     mirror: bool = False
     assets: tuple[Path, ...] = ()
     placeholders: bool = False
+    wall_height: float | None = None
 
 
 def _quiet(step: str, part: float) -> None:

@@ -92,6 +92,7 @@ class Sidecar:
     mirror: bool | None
     assets: tuple[Path, ...]
     placeholders: bool | None
+    wall_height: float | None
     additions: Scene
     replaces: frozenset[str]
     rules: tuple[_Rule, ...]
@@ -105,6 +106,7 @@ class Sidecar:
             mirror=given.mirror or bool(self.mirror),
             assets=(*given.assets, *self.assets),
             placeholders=given.placeholders or bool(self.placeholders),
+            wall_height=given.wall_height or self.wall_height,
         )
 
     def apply(self, scene: Scene, findings: Findings) -> Scene:
@@ -209,6 +211,7 @@ def _read(path: Path, table: Table) -> Sidecar:
         mirror=table.flag("mirror", default=False) if table.has("mirror") else None,
         assets=tuple(path.parent / name for name in _texts(table, "assets")),
         placeholders=table.flag("placeholders", default=False),
+        wall_height=table.number("wall_height", default=0.0, low=0.0, high=100.0) or None,
         additions=Scene(
             source=Source(path, "sidecar"),
             starts=tuple(map(_start, table.tables("start"))),
