@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import logging
+import math
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -163,6 +165,28 @@ class TestSpawn:
         robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
         assert robot == 0
         world.run_until(0.1)
+
+    @pytest.mark.parametrize("x", [1e6, -1e300, math.inf, math.nan])
+    def test_nonsense_does_not_make_the_world_larger(self, x: float) -> None:
+        """Of a class that is new to the world nothing is compiled for an impossible place, be it a
+        robot or a thing."""
+        world = simulation()
+        for robot in (True, False):
+            stranger = replace(robot_model(key=f"stranger{robot}"), robot=robot)
+            with pytest.raises(SpawnError, match=r"outside|not finite"):
+                world.spawn(stranger, pose_at(x, 0.0))
+        assert world.look().generation == 0
+        world.spawn(robot_model(key="stranger"), pose_at(0.0, 0.0))
+        assert world.look().generation == 1
+
+    def test_who_has_left_is_not_waited_for(self) -> None:
+        """What nobody wants any more when its turn comes costs no compilation and no slot."""
+        world = simulation()
+        with pytest.raises(SpawnError, match="nobody"):
+            world.spawn(ROBOT, pose_at(0.0, 0.0), lambda: False)
+        assert world.look().generation == 0
+        world.spawn(ROBOT, pose_at(0.0, 0.0), lambda: True)
+        assert len(world.look().layouts) == 1
 
     def test_growth_does_not_disturb(self) -> None:
         """A robot that drives while others come moves as if they had not come."""

@@ -309,7 +309,7 @@ class RobotAgent:
         if description is None:
             return None
         asked = self._fleet.time
-        vehicle = self._fleet.spawn(description, init.name, pose)
+        vehicle = self._fleet.spawn(description, init.name, pose, lambda: not self._closed)
         log = self._log.bind(robot=vehicle.name)
         pilot = Pilot(vehicle, description.dialect, self._options.pilot, init.battery, log, asked)
         self._vehicle = vehicle

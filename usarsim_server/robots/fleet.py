@@ -28,6 +28,7 @@ from usarsim_server.simulation.model import RobotModel
 from usarsim_server.simulation.objects import ObjectFacts
 from usarsim_server.simulation.rays import RayFan, RayHits
 from usarsim_server.simulation.simulation import Listener, Simulation
+from usarsim_server.simulation.slots import always
 from usarsim_server.simulation.snapshot import RobotBody, Snapshot
 from usarsim_server.worlds.description import WorldDescription
 from usarsim_server.worlds.smoke import smoke_field
@@ -155,16 +156,23 @@ class Fleet:
         """The class that a client means, None if there is none."""
         return self._roster.find(class_name)
 
-    def spawn(self, description: RobotDescription, name: str | None, pose: Pose) -> Vehicle:
+    def spawn(
+        self,
+        description: RobotDescription,
+        name: str | None,
+        pose: Pose,
+        wanted: Callable[[], bool] = always,
+    ) -> Vehicle:
         """Put a new vehicle into the world; blocks until it is there.
 
         Args:
             description: its class.
             name: wanted label; made unique, invented if None.
             pose: wanted pose of the reference point (simulation frame).
+            wanted: asked when its turn has come; others before it may have taken long.
 
         Raises:
-            SpawnError: if there is no room or the pose cannot be used.
+            SpawnError: if there is no room, the pose cannot be used, or nobody wants it any more.
             RobotDescriptionError: if a sensor of the class cannot be made.
         """
         with self._lock:
@@ -173,7 +181,7 @@ class Fleet:
             label = self._reserve(name or description.name)
         try:
             sensors = tuple(self._sensors(description, order))
-            robot, placed = self._simulation.spawn(self._model(description), pose)
+            robot, placed = self._simulation.spawn(self._model(description), pose, wanted)
         except BaseException:
             with self._lock:
                 self._names.discard(label)

@@ -42,6 +42,17 @@ class Fitting:
         self._world = world
         self._lower, self._upper = lower, upper
 
+    def admit(self, pose: Pose) -> None:
+        """Refuse what no thing can be put at, whatever its shape; needs no slot.
+
+        Raises:
+            SpawnError: if the pose is not finite, or beyond the walls or the roof of the world.
+        """
+        if not all(math.isfinite(value) for value in (*pose.position, *pose.quaternion)):
+            raise SpawnError("the pose is not finite")
+        x, y, z = pose.position
+        self._check_inside(Pose((x, y, max(z, self._lower[2])), pose.quaternion))
+
     def check(self, snapshot: Snapshot, slot: int, pose: Pose) -> Pose:
         """The pose, lifted out of an endless floor if need be.
 
@@ -53,8 +64,7 @@ class Fitting:
         Raises:
             SpawnError: if the pose is not finite or outside the world, or if something is there.
         """
-        if not all(math.isfinite(value) for value in (*pose.position, *pose.quaternion)):
-            raise SpawnError("the pose is not finite")
+        self.admit(pose)
         self._show(snapshot, slot, pose)
         own = self._solid[np.isin(self._solid, self._world.layouts[slot].geoms)]
         depth = self._depth_in_floors(own)

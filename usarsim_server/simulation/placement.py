@@ -54,6 +54,20 @@ class Placement:
         ]
         mujoco.mj_kinematics(self._model, self._data)
 
+    def admit(self, pose: Pose, rest_height: float) -> Pose:
+        """A wanted pose, lifted above endless floors; needs no slot, so it comes before making one.
+
+        Raises:
+            SpawnError: if the pose is not finite or outside the world.
+        """
+        if not all(math.isfinite(value) for value in (*pose.position, *pose.quaternion)):
+            raise SpawnError("the spawn pose is not finite")
+        grounded = self._above_floor(pose, rest_height)
+        if not self._inside(grounded):
+            x, y, z = grounded.position
+            raise SpawnError(f"the spawn position ({x:g}, {y:g}, {z:g}) is outside the world")
+        return grounded
+
     def find(self, snapshot: Snapshot, slot: int, pose: Pose) -> Pose:
         """The wanted pose if it is free, else the nearest free one.
 
@@ -65,13 +79,8 @@ class Placement:
         Raises:
             SpawnError: if the pose is not finite, outside the world, or everything near is full.
         """
-        if not all(math.isfinite(value) for value in (*pose.position, *pose.quaternion)):
-            raise SpawnError("the spawn pose is not finite")
         rest_height = self._world.slots[slot].rest_height
-        grounded = self._above_floor(pose, rest_height)
-        if not self._inside(grounded):
-            x, y, z = grounded.position
-            raise SpawnError(f"the spawn position ({x:g}, {y:g}, {z:g}) is outside the world")
+        grounded = self.admit(pose, rest_height)
         grounded = self._above_slab(snapshot, grounded, rest_height)
         for place in filter(self._inside, _rings(grounded)):
             blocked, by_moving = self._overlap(snapshot, slot, place)

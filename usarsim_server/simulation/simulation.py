@@ -36,7 +36,7 @@ from usarsim_server.simulation.objects import ObjectFacts
 from usarsim_server.simulation.pacing import Pacer, PaceReport
 from usarsim_server.simulation.raycaster import StaticGeometry, cast, cast_scenery
 from usarsim_server.simulation.rays import RayFan, RayHits, SceneryHit
-from usarsim_server.simulation.slots import SlotLimits, Slots
+from usarsim_server.simulation.slots import SlotLimits, Slots, always
 from usarsim_server.simulation.snapshot import RobotBody, Snapshot
 
 __all__ = ["Listener", "Simulation", "SimulationOptions"]
@@ -165,21 +165,24 @@ class Simulation:
 
     # -- robots ------------------------------------------------------------------------------
 
-    def spawn(self, model: RobotModel, pose: Pose) -> tuple[int, Pose]:
+    def spawn(
+        self, model: RobotModel, pose: Pose, wanted: Callable[[], bool] = always
+    ) -> tuple[int, Pose]:
         """Put a robot or another thing into the world; blocks until it is there.
 
         Args:
             model: its class.
             pose: wanted pose of the reference point; a robot gets the nearest free one, a thing
                 this one or none.
+            wanted: asked when its turn has come; others before it may have taken long.
 
         Returns:
             Its number and the pose it really got.
 
         Raises:
-            SpawnError: if the world is full or the pose cannot be used.
+            SpawnError: if the world is full, the pose cannot be used, or nobody wants it any more.
         """
-        return self._slots.spawn(model, pose)
+        return self._slots.spawn(model, pose, wanted)
 
     def move(self, robot: int, pose: Pose) -> Pose:
         """Move a robot or a thing, at rest, to where it would be put if it were spawned there.

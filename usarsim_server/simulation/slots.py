@@ -24,7 +24,7 @@ from usarsim_server.simulation.placement import Placement
 from usarsim_server.simulation.raycaster import DynamicGeometry
 from usarsim_server.simulation.snapshot import Snapshot
 
-__all__ = ["SlotLimits", "Slots"]
+__all__ = ["SlotLimits", "Slots", "always"]
 
 T = TypeVar("T")
 
@@ -34,6 +34,11 @@ GROWTH_LIMIT = 8
 """Most slots added by one compilation."""
 GENERATIONS_KEPT = 3
 """Former model generations whose snapshots can still be looked at."""
+
+
+def always() -> bool:
+    """Yes: what is asked for is wanted however long it takes."""
+    return True
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,21 +84,24 @@ class Slots:
         """The model generation of a snapshot."""
         return self._worlds[snapshot.generation]
 
-    def spawn(self, model: RobotModel, pose: Pose) -> tuple[int, Pose]:
+    def spawn(
+        self, model: RobotModel, pose: Pose, wanted: Callable[[], bool] = always
+    ) -> tuple[int, Pose]:
         """Put a robot or a thing into the world.
 
         Args:
             model: its kind.
             pose: wanted pose of the reference point. A robot gets the nearest free one, a thing
                 this one or none.
+            wanted: asked when its turn has come; others before it may have taken long.
 
         Returns:
             Its number and the pose it really got.
 
         Raises:
-            SpawnError: if the world is full or the pose cannot be used.
+            SpawnError: if the world is full, the pose cannot be used, or nobody wants it any more.
         """
-        return self._undisturbed(lambda: self._spawn(model, pose))
+        return self._undisturbed(lambda: self._spawn(model, pose, wanted))
 
     def move(self, robot: int, pose: Pose) -> Pose:
         """Move a robot or a thing, at rest, as if it were spawned there; returns the pose it got.
@@ -124,8 +132,15 @@ class Slots:
             self._waiting += change
         self._mail.notify()
 
-    def _spawn(self, model: RobotModel, pose: Pose) -> tuple[int, Pose]:
+    def _spawn(self, model: RobotModel, pose: Pose, wanted: Callable[[], bool]) -> tuple[int, Pose]:
+        if not wanted():
+            raise SpawnError("nobody waits for it any more")
         self._check_room(model)
+        # Before a slot is made: nonsense must not make the world larger.
+        if model.robot:
+            self._placement.admit(pose, model.rest_height)
+        else:
+            self._fitting.admit(pose)
         slot = self._free_slot(model)
         placed = self._place(model, slot, pose)
         robot = self._number
