@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from built_worlds import cuboid_mesh, grid_mesh
+from built_worlds import cuboid_mesh, grid_mesh, mesh_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -22,7 +22,7 @@ from usarsim_server.importers.soup import (
     normals_areas,
 )
 from usarsim_server.importers.terrain import as_terrain
-from usarsim_server.simulation.frames import Pose
+from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -172,6 +172,28 @@ class TestChoosing:
         """A closed convex component is one piece."""
         assert len(self.pieces(cuboid_mesh((0, 0, 0), (1, 2, 1)))) == 1
 
+    @pytest.mark.parametrize("seed", range(4))
+    def test_turned_boxes_are_boxes(self, seed: int) -> None:
+        """A crate is one box, whatever way it stands; a frustum is a hull (item 62)."""
+        mesh = cuboid_mesh((0, 0, 0), (1, 2, 1.5))
+        turn = quaternion_from_rpy(*np.random.default_rng(seed).uniform(-3, 3, 3).tolist())
+        pose = Pose((3.0, -2.0, 1.0), turn)
+        corners = mesh.vertices @ pose.matrix().T + np.array(pose.position)
+        middle = pose.matrix() @ np.array([0.5, 1.0, 0.75]) + np.array(pose.position)
+        (piece,) = self.pieces(mesh_of(corners, mesh.triangles))
+        assert isinstance(piece, BoxPiece)
+        assert sorted(piece.half) == pytest.approx([0.5, 0.75, 1.0])
+        assert piece.pose.position == pytest.approx(middle.tolist())
+        corners[np.argmax(corners[:, 2])] += 0.01
+        (piece,) = self.pieces(mesh_of(corners, mesh.triangles))
+        assert isinstance(piece, HullPiece)
+
+    def test_thin_crates_are_no_plates(self) -> None:
+        """A closed board is one box, not a slab for each of its faces."""
+        (piece,) = self.pieces(cuboid_mesh((0, 0, 0), (2, 1, 0.02)))
+        assert isinstance(piece, BoxPiece)
+        assert piece.half == pytest.approx((1.0, 0.5, 0.01))
+
     def test_a_room_is_not_filled(self) -> None:
         """A closed box that looks inwards is a room of six slabs."""
         assert len(self.pieces(cuboid_mesh((0, 0, 0), (4, 4, 3), inward=True))) == 6
@@ -238,6 +260,14 @@ class TestTerrain:
         assert corner.position[:2] == pytest.approx((-20.0, -20.0))
         inner = heights[1:-1, 1:-1] - mesh.vertices[:, 2].reshape(121, 121)[1:-1, 1:-1]
         assert np.abs(inner).max() < 0.02
+
+    def test_smaller_ground_has_to_be_true(self) -> None:
+        """Of 5 000 triangles gentle hills become a height field, ragged ground stays as it is."""
+        x, y = np.meshgrid(np.linspace(0, 20, 51), np.linspace(0, 20, 51))
+        gentle = grid_mesh(50, 50, 40.0, 0.2 * np.sin(x * 0.5) * np.cos(y * 0.4))
+        ragged = grid_mesh(50, 50, 40.0, np.random.default_rng(2).uniform(0, 0.4, (51, 51)))
+        assert as_terrain(soup_of(gentle), Pose()) is not None
+        assert as_terrain(soup_of(ragged), Pose()) is None
 
     def test_small_and_flat_meshes_do_not(self) -> None:
         """Few triangles, or a floor that slabs do better, stay as they are."""

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from usarsim_server.importers.findings import Findings
 from usarsim_server.importers.pieces import (
-    HullPiece,
+    FLAT,
+    BoxPiece,
     Piece,
     bounding_box_piece,
     hull_piece,
@@ -136,7 +137,8 @@ def _within(
 
 
 def _is_flat(points: Array) -> bool:
-    return not isinstance(hull_piece(points), HullPiece)
+    piece = hull_piece(points)
+    return isinstance(piece, BoxPiece) and 2.0 * min(piece.half) < 1.01 * FLAT
 
 
 def _is_closed(soup: Soup, part: NDArray[np.intp]) -> bool:

@@ -17,9 +17,16 @@ from usarsim_server.simulation.frames import Pose
 __all__ = ["as_terrain"]
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int32]
+
+SOME = 4_000
+"""Triangles from which on a mesh may be terrain, if a height field is true to it."""
 
 MANY = 20_000
-"""Triangles from which on a mesh may be terrain."""
+"""Triangles from which on it may be terrain whose finest detail is lost."""
+
+TRUE = 0.005
+"""m: how far a height field may be from the middles and corners of the triangles to be true."""
 
 STEEPEST = 0.1
 """Least upward part of the normals."""
@@ -38,7 +45,7 @@ def as_terrain(soup: Soup, pose: Pose) -> tuple[Array, tuple[float, float], Pose
         soup: clean triangles.
         pose: of its frame in the world; the grid is level in the world.
     """
-    if len(soup.triangles) < MANY:
+    if len(soup.triangles) < SOME:
         return None
     points = soup.vertices @ pose.matrix().T + np.array(pose.position)
     normals, areas = normals_areas(points, soup.triangles)
@@ -64,7 +71,25 @@ def as_terrain(soup: Soup, pose: Pose) -> tuple[Array, tuple[float, float], Pose
         return None
     heights = np.where(found, heights, low[2])
     spacing = (float(size[0] / (columns - 1)), float(size[1] / (rows - 1)))
+    if len(soup.triangles) < MANY and _error(points, soup.triangles, heights, spacing) > TRUE:
+        return None
     return heights, spacing, Pose((float(low[0]), float(low[1]), 0.0))
+
+
+def _error(
+    points: Array, triangles: Indices, heights: Array, spacing: tuple[float, float]
+) -> float:
+    """Largest distance (m, vertical) of a height field from corners and middles of triangles."""
+    corners = points[np.unique(triangles)]
+    probes = np.concatenate([corners, points[triangles].mean(axis=1)])
+    rows, columns = heights.shape
+    place = (probes[:, :2] - corners[:, :2].min(axis=0)) / np.array(spacing)
+    cell = np.clip(np.floor(place), 0, [columns - 2, rows - 2]).astype(np.int64)
+    u, v = (place - cell).T
+    i, j = cell.T
+    lower = heights[j, i] * (1.0 - u) + heights[j, i + 1] * u
+    upper = heights[j + 1, i] * (1.0 - u) + heights[j + 1, i + 1] * u
+    return float(np.abs(lower * (1.0 - v) + upper * v - probes[:, 2]).max())
 
 
 def _coplanar_share(soup: Soup, normals: Array) -> float:
