@@ -300,7 +300,7 @@ def _gray(path: Path) -> Array:
     except Exception as error:  # Pillow's decoders raise whatever they like
         problem = f"the picture cannot be read ({type(error).__name__}: {error})"
         raise MapImportError(at(path, " ".join(problem.split())[:200], "save it again")) from None
-    gray = pixels[:, :, :3].mean(axis=2) / 255.0
+    gray = np.asarray(pixels[:, :, :3].mean(axis=2) / 255.0)
     gray[pixels[:, :, 3] == 0] = np.nan
     return gray
 

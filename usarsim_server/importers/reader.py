@@ -40,6 +40,9 @@ PACKAGES = {"pxr": "pip install usd-core"}
 GROUP = "usarsim_server.importers"
 """Entry point group for readers of other packages."""
 
+ANYTHING = {".txt"}
+"""Extensions that say little: the first bytes are asked before the name."""
+
 
 @dataclass(frozen=True, slots=True)
 class ImportOptions:
@@ -135,10 +138,10 @@ def find_reader(source: Path) -> Reader:
     known = list(dict.fromkeys(readers().values()))
     suffix = source.suffix.lower()
     by_name = [cls for cls in known if suffix in cls.extensions]
-    if len(by_name) == 1:
+    if len(by_name) == 1 and suffix not in ANYTHING:
         return by_name[0]()
     head = read_head(source)
-    for cls in by_name or known:
+    for cls in known if suffix in ANYTHING else by_name or known:
         if cls.recognises(head):
             return cls()
     if by_name:
