@@ -13,6 +13,8 @@ from usarsim_server.importers.files import AssetIndex
 from usarsim_server.importers.placing import matrix_of_pose
 from usarsim_server.importers.reader import Context, read_scene, readers
 from usarsim_server.importers.scene import Material, Mesh, Scene
+from usarsim_server.importers.units import UU_PER_METRE
+from usarsim_server.importers.unreal.library import EXTENSIONS, MeshPackage, load_package
 
 __all__ = ["PICTURES", "AssetLibrary", "merge_meshes"]
 
@@ -42,6 +44,7 @@ class AssetLibrary:
     files: list[Path] = field(default_factory=list)
     _index: AssetIndex | None = None
     _meshes: dict[str, Mesh | None] = field(default_factory=dict)
+    _packages: dict[str, MeshPackage | None] = field(default_factory=dict)
 
     @property
     def index(self) -> AssetIndex:
@@ -83,7 +86,36 @@ class AssetLibrary:
             mesh = self._read(path, name)
             if mesh is not None:
                 return mesh
+        return self._from_package(name)
+
+    def _from_package(self, name: str) -> Mesh | None:
+        """The mesh `Group.Name` of a UDK package, which is a file with the name in front."""
+        word, _, inner = name.partition(".")
+        if not inner or word.lower() == self.source.stem.lower():
+            return None
+        if word.lower() not in self._packages:
+            self._packages[word.lower()] = self._open(word)
+        package = self._packages[word.lower()]
+        found = None if package is None else package.find(inner)
+        if package is None or found is None:
+            return None
+        mesh = package.read(found, name)
+        if isinstance(mesh, Mesh):
+            return mesh
+        self.context.findings.warn(name, f"cannot be read from its package: {mesh}")
         return None
+
+    def _open(self, word: str) -> MeshPackage | None:
+        path = self.index.find(word, EXTENSIONS)
+        if path is None or path.suffix.lower() not in EXTENSIONS:
+            return None
+        try:
+            package = MeshPackage(load_package(path), path.stem, self.scale or UU_PER_METRE)
+        except MapImportError as error:
+            self.context.findings.warn(path.name, str(error))
+            return None
+        self.files.append(path)
+        return package
 
     def _read(self, path: Path, name: str) -> Mesh | None:
         options = self.context.options
