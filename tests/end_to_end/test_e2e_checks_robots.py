@@ -85,6 +85,33 @@ def test_static_platforms_stand(stage: Rehearsal, hire: Hire, robot_class: str) 
     assert -1.2 < place(ram)[0] < 0.0, "the robot met it, and did not get past"
 
 
+@pytest.mark.parametrize(
+    ("robot_class", "separation", "mass"),
+    [
+        ("BasicSkidRobot", 1.152, 14.0),
+        ("CasterSkidRobot", 1.152, 13.0),
+        ("Kiva4Wheel", 0.648, None),
+    ],
+)
+def test_robots_of_the_later_generation(
+    stage: Rehearsal, hire: Hire, robot_class: str, separation: float, mass: float | None
+) -> None:
+    """GEO and CONF tell the track and the mass of the originals; a Kiva weighs what the physics
+    moves (5.1 #7, #8)."""
+    client, robot = hire(robot_class, "{Location 40,0,-0.5}")
+    client.send("GETGEO {Type Robot}")
+    (geo,) = re.findall(r"\{WheelSeparation ([\d.]+)\}", client.take("GEO")[0])
+    client.send("GETCONF {Type Robot}")
+    (told,) = re.findall(r"\{Mass ([\d.]+)\}", client.take("CONF")[0])
+    assert float(geo) == pytest.approx(separation, abs=1e-4)
+    state = robot.look()
+    assert state is not None
+    model = stage.assembly.simulation.compiled(state.snapshot).model
+    moved = float(model.body_subtreemass[state.layout.base])
+    assert float(told) == pytest.approx(mass or moved, rel=1e-3)
+    assert moved == pytest.approx(float(told), rel=1e-3)
+
+
 @pytest.mark.parametrize(("dialect", "rights"), [("ut2004", True), ("udk", False)])
 def test_flip_rights_a_robot_of_the_old_generation(
     stage: Rehearsal, hire: Hire, dialect: str, rights: bool

@@ -1,0 +1,28 @@
+"""Where pictures begin (robots reference 2.7 and 5.4, #102)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from camera_fakes import RED_BOX, MakePainter, Yard, is_red
+
+from usarsim_server.cameras.backend import NEAR
+from usarsim_server.cameras.viewpoint import View, looking
+
+FACE = RED_BOX[0] - 0.5
+"""x (m) of the face of the red box that is seen from the origin."""
+
+
+def red_part(yard: Yard, make_painter: MakePainter, distance: float) -> float:
+    """Part of a picture that shows the box, with the eye so far (m) in front of its face."""
+    eye = (FACE - distance, 0.0, RED_BOX[2])
+    pose = looking(eye, RED_BOX)
+    picture = make_painter().picture(View(pose, width=80, height=60), yard.look())
+    return float(is_red(np.asarray(picture, np.uint8)).mean())
+
+
+@pytest.mark.parametrize(("distance", "seen"), [(0.10, True), (2 * NEAR, True), (NEAR / 2, False)])
+def test_the_near_plane(yard: Yard, make_painter: MakePainter, distance: float, seen: bool) -> None:
+    """Nothing nearer than the near plane is drawn (#102). It is at 2 cm here, not at the 12 cm of
+    the original, so that a camera on a bumper does not look into the wall that it touches."""
+    assert red_part(yard, make_painter, distance) == pytest.approx(1.0 if seen else 0.0, abs=0.02)
