@@ -1,0 +1,231 @@
+"""The file of a recorded session: one JSON object per line, a header first.
+
+The header names format, time and links; every further line is an event:
+
+    {"t": 1.25, "connection": 1, "event": "data", "from": "client", "text": "GETPOS\\r\\n"}
+
+Bytes that are printable ASCII with line ends stand as `text`, all others as `base64`. Lines are
+written as things happen, so what was recorded survives the end of everybody involved; a last line
+that is cut off is passed over by the reader.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import json
+import re
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, TextIO
+
+__all__ = ["CLIENT", "SERVER", "Event", "Link", "RecordError", "Recording", "Writer", "read"]
+
+FORMAT = 1
+CLIENT, SERVER = "client", "server"
+
+OPEN, DATA, END, RESET, REFUSED = "open", "data", "end", "reset", "refused"
+"""Events: a client connects; bytes; end of file of one side; a reset by one side; the server was
+not there."""
+
+_PLAIN = re.compile(rb"[\t\r\n -~]*")
+
+
+class RecordError(Exception):
+    """A recording cannot be made or read; the text names place and cure."""
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """One port of the server, and the port where the proxy stands in for it.
+
+    Attributes:
+        listen: port of the proxy.
+        host: of the server. port: likewise.
+    """
+
+    listen: int
+    host: str
+    port: int
+
+    @classmethod
+    def parse(cls, listen: int, to: str) -> Link:
+        """From a port and `HOST:PORT`.
+
+        Raises:
+            ValueError: if it is not of that form.
+        """
+        host, _, port = to.rpartition(":")
+        host = host.removeprefix("[").removesuffix("]")
+        if not host or not port.isdecimal() or not 0 < int(port) < 65536:
+            raise ValueError(f"{to!r} is not of the form HOST:PORT")
+        if not 0 <= listen < 65536:
+            raise ValueError(f"{listen} is no port")
+        return cls(listen, host, int(port))
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something that happened on a connection.
+
+    Attributes:
+        time: s since the recording began.
+        connection: number of the connection, from 1.
+        kind: `open`, `data`, `end`, `reset` or `refused`.
+        side: who did it, `client` or `server`.
+        data: bytes of `data`.
+        link: index of the link, of `open`.
+    """
+
+    time: float
+    connection: int
+    kind: str
+    side: str = CLIENT
+    data: bytes = b""
+    link: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """A whole session.
+
+    Attributes:
+        links: ports that were recorded.
+        taken: when, as text.
+        events: in their order.
+    """
+
+    links: tuple[Link, ...]
+    taken: str
+    events: tuple[Event, ...]
+
+    @property
+    def connections(self) -> dict[int, int]:
+        """Link of each connection by its number."""
+        return {one.connection: one.link for one in self.events if one.kind == OPEN}
+
+    @property
+    def seconds(self) -> float:
+        """Time of the last event."""
+        return self.events[-1].time if self.events else 0.0
+
+
+class Writer:
+    """Writes events as they happen; any thread may use it.
+
+    Attributes:
+        count: events written.
+    """
+
+    def __init__(self, file: TextIO, links: Sequence[Link]) -> None:
+        self._file = file
+        self._begun = time.monotonic()
+        self._lock = threading.Lock()
+        self.count = 0
+        header = {
+            "usarsim_recording": FORMAT,
+            "taken": datetime.now(UTC).isoformat(timespec="seconds"),
+            "links": [{"listen": one.listen, "to": f"{one.host}:{one.port}"} for one in links],
+        }
+        self._write(header)
+
+    def add(
+        self, connection: int, kind: str, side: str = CLIENT, data: bytes = b"", link: int = 0
+    ) -> None:
+        """Write an event of this moment.
+
+        Raises:
+            OSError: if the disk is full, for example.
+        """
+        line: dict[str, Any] = {
+            "t": round(time.monotonic() - self._begun, 6),
+            "connection": connection,
+            "event": kind,
+        }
+        if kind == OPEN:
+            line["link"] = link
+        else:
+            line["from"] = side
+        if kind == DATA:
+            if _PLAIN.fullmatch(data):
+                line["text"] = data.decode("ascii")
+            else:
+                line["base64"] = base64.b64encode(data).decode("ascii")
+        self._write(line)
+        self.count += 1
+
+    def _write(self, line: dict[str, Any]) -> None:
+        with self._lock:
+            self._file.write(json.dumps(line, separators=(", ", ": ")) + "\n")
+            self._file.flush()
+
+
+def read(path: Path) -> Recording:
+    """Read a recording.
+
+    Raises:
+        RecordError: if the file cannot be read or is no recording; names the line.
+    """
+    try:
+        texts = path.read_text(encoding="utf-8").split("\n")
+    except OSError as error:
+        raise RecordError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise RecordError(f"{path}: is no recording of `usarsim record`") from None
+    links, taken = _header(path, texts[0])
+    events: list[Event] = []
+    known: set[int] = set()
+    for number, text in enumerate(texts[1:], start=2):
+        if not text:
+            continue
+        try:
+            event = _event(json.loads(text))
+            _check(event, known, len(links))
+        except (ValueError, KeyError, TypeError, binascii.Error) as error:
+            if number == len(texts):
+                break  # cut off: whoever wrote it was killed
+            what = f"no {error}" if isinstance(error, KeyError) else str(error)
+            raise RecordError(f"{path}: line {number}: is no event ({what})") from None
+        events.append(event)
+    return Recording(links, taken, tuple(events))
+
+
+def _header(path: Path, text: str) -> tuple[tuple[Link, ...], str]:
+    try:
+        header = json.loads(text)
+        version = header["usarsim_recording"]
+        if version != FORMAT:
+            raise RecordError(
+                f"{path}: has format {version!r}, this program reads {FORMAT}: use the version of "
+                "usarsim that recorded it"
+            )
+        links = tuple(Link.parse(int(one["listen"]), str(one["to"])) for one in header["links"])
+        return links, str(header["taken"])
+    except (ValueError, KeyError, TypeError):
+        raise RecordError(f"{path}: line 1: is no recording of `usarsim record`") from None
+
+
+def _event(line: dict[str, Any]) -> Event:
+    kind, side = str(line["event"]), str(line.get("from", CLIENT))
+    if kind not in (OPEN, DATA, END, RESET, REFUSED) or side not in (CLIENT, SERVER):
+        raise ValueError(f"{kind!r} from {side!r} is unknown")
+    data = b""
+    if kind == DATA:
+        text = line.get("text")
+        encoded = text.encode("ascii") if text is not None else line["base64"]
+        data = encoded if text is not None else base64.b64decode(encoded, validate=True)
+    link = int(line["link"]) if kind == OPEN else 0
+    return Event(float(line["t"]), int(line["connection"]), kind, side, data, link)
+
+
+def _check(event: Event, known: set[int], links: int) -> None:
+    if event.kind == OPEN:
+        if not 0 <= event.link < links:
+            raise ValueError(f"there is no link {event.link}")
+        known.add(event.connection)
+    elif event.connection not in known:
+        raise ValueError(f"connection {event.connection} was never opened")
