@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,26 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.errors import MapImportError, at
-from usarsim_server.importers.assets import AssetLibrary
 from usarsim_server.importers.files import read_text
 from usarsim_server.importers.placing import matrix_of_pose
 from usarsim_server.importers.reader import Context, Reader, register
-from usarsim_server.importers.reflect import reflect
-from usarsim_server.importers.scene import (
-    Box,
-    Brush,
-    Collision,
-    Light,
-    Material,
-    Mesh,
-    Part,
-    PathNode,
-    Scene,
-    SceneObject,
-    Source,
-    Start,
-    Victim,
-)
+from usarsim_server.importers.scene import Collision, Mesh, Part, Scene
 from usarsim_server.importers.t3d_brush import actor_matrix, brush_of, polygons_of
 from usarsim_server.importers.t3d_light import light_of
 from usarsim_server.importers.t3d_mesh import mesh_of_block
@@ -41,23 +24,15 @@ from usarsim_server.importers.t3d_text import (
     rotator,
     vector,
 )
-from usarsim_server.importers.units import (
-    UU_PER_METRE,
-    pose_of_matrix,
-    unreal_matrix,
-    unreal_pose,
+from usarsim_server.importers.units import pose_of_matrix, unreal_matrix, unreal_pose
+from usarsim_server.importers.unreal_actors import ActorKind, kind_of
+from usarsim_server.importers.unreal_level import (
+    NO_COLLISION,
+    PLACEHOLDER,
+    Actor,
+    UnrealLevel,
 )
-from usarsim_server.importers.unreal_actors import (
-    ActorKind,
-    VictimNames,
-    is_victim_tag,
-    kind_of,
-    path_node_of,
-    start_of,
-    victim_of_tag,
-)
-from usarsim_server.simulation.frames import Pose
-from usarsim_server.worlds.description import Smoke, SmokePuff
+from usarsim_server.simulation.frames import IDENTITY
 
 __all__ = ["T3dReader"]
 
@@ -65,8 +40,6 @@ Array = NDArray[np.float64]
 
 MAX_BYTES = 96 << 20
 """Blocks take about ten times the memory of their text."""
-PLACEHOLDER = Box((0.5, 0.5, 0.5))
-NO_COLLISION = {"collide_nocollision", "collide_touchall", "collide_touchallbutweapons"}
 
 
 @register("t3d")
@@ -91,44 +64,37 @@ class T3dReader(Reader):
         except T3dError as error:
             cure = "the file is damaged or cut off; export it again"
             raise MapImportError(at(source, str(error), cure, where=f"line {error.line}")) from None
-        level = _Level(source, context)
+        level = _Level(source, context, self.title)
         level.add_all(root)
-        return reflect(level.scene()) if context.options.mirror else level.scene()
+        return level.scene()
 
 
 class _Level:
-    """A scene being filled from blocks."""
+    """A level being filled from blocks."""
 
-    def __init__(self, source: Path, context: Context) -> None:
-        options = context.options
+    def __init__(self, source: Path, context: Context, title: str) -> None:
         self._source = source
         self._context = context
         self._findings = context.findings
-        self._scale = options.scale or UU_PER_METRE
-        self._library = AssetLibrary(source, context, self._scale)
-        self._victim_names = VictimNames()
-        self._objects: list[SceneObject] = []
-        self._brushes: list[Brush] = []
-        self._starts: list[Start] = []
-        self._nodes: list[PathNode] = []
-        self._victims: list[Victim] = []
-        self._lights: list[Light] = []
-        self._puffs: list[SmokePuff] = []
-        self._haze = 0.0
-        self._kill_z: float | None = None
-        self._title = ""
-        self._add: dict[ActorKind, Callable[[Block, str], None]] = {
+        self._level = UnrealLevel(source, context, title)
+        self._scale = self._level.scale
+        level = self._level
+        self._add: dict[ActorKind, Callable[[Block, Actor], None]] = {
             ActorKind.BRUSH: self._add_brush,
             ActorKind.MESH: self._add_mesh,
             ActorKind.MOVABLE: self._add_movable,
-            ActorKind.START: self._add_start,
-            ActorKind.PATH_NODE: self._add_node,
-            ActorKind.VICTIM: self._add_victim,
+            ActorKind.START: lambda block, actor: level.add_start(actor),
+            ActorKind.PATH_NODE: lambda block, actor: level.add_node(actor),
+            ActorKind.VICTIM: lambda block, actor: level.add_victim(actor),
             ActorKind.LIGHT: self._add_light,
-            ActorKind.SMOKE: self._add_smoke,
+            ActorKind.SMOKE: lambda block, actor: level.add_smoke(actor),
             ActorKind.FOG: self._add_fog,
             ActorKind.LEVEL: self._add_level,
         }
+
+    def scene(self) -> Scene:
+        """What was found."""
+        return self._level.scene()
 
     def add_all(self, root: Block) -> None:
         """Everything in the file, actors in the order of the level."""
@@ -144,206 +110,114 @@ class _Level:
                 self._add_static_mesh(block)
             elif block.kind not in ("surface",):
                 self._findings.skip(f"block {block.kind}")
-        for number, actor in enumerate(actors):
+        for number, block in enumerate(actors):
             if number % 200 == 0:
                 self._context.progress("actors", number / len(actors))
-            actor_class = actor.attributes.get("class", "?")
+            actor_class = block.attributes.get("class", "?")
             handler = self._add.get(kind_of(actor_class))
             if handler is None:
                 self._findings.skip(actor_class)
                 continue
             self._findings.count(actor_class)
-            handler(actor, actor.attributes.get("name") or actor.get("name") or actor_class)
+            handler(block, self._actor(block, actor_class))
 
-    def scene(self) -> Scene:
-        """What was found."""
-        materials = self._materials()
-        files = tuple(dict.fromkeys([self._source, *self._library.files]))
-        return Scene(
-            source=Source(
-                path=self._source,
-                format="Unreal T3D",
-                units_per_metre=self._scale,
-                mirrored=True,
-                files=files,
-            ),
-            objects=tuple(self._objects),
-            brushes=tuple(self._brushes),
-            materials=materials,
-            starts=tuple(self._starts),
-            path_nodes=tuple(self._nodes),
-            victims=tuple(self._victims),
-            lights=tuple(self._lights),
-            smoke=Smoke(puffs=tuple(self._puffs), haze=self._haze),
-            kill_z=self._kill_z,
-            title=self._title,
+    def _actor(self, block: Block, actor_class: str) -> Actor:
+        properties = block.properties
+        rotation = rotator(properties.get("rotation", ""))
+        scale = np.array(vector(properties.get("drawscale3d", ""), 1.0))
+        x, y, z = (scale * block.number("drawscale", 1.0)).tolist()
+        return Actor(
+            name=block.attributes.get("name") or block.get("name") or actor_class,
+            kind=block.attributes.get("class", ""),
+            tag=block.get("tag"),
+            pose=unreal_pose(vector(properties.get("location", "")), rotation, self._scale),
+            yaw=rotation[1],
+            scale=(x, y, z),
         )
 
     # ---- solids ----------------------------------------------------------------------------
 
-    def _add_brush(self, actor: Block, name: str) -> None:
-        brush = brush_of(actor, self._scale, self._findings)
+    def _add_brush(self, block: Block, actor: Actor) -> None:
+        brush = brush_of(block, self._scale, self._findings)
         if brush is not None:
-            self._brushes.append(brush)
+            self._level.add_brush(brush)
 
-    def _add_mesh(self, actor: Block, name: str) -> None:
-        self._add_object(actor, name, movable=False)
+    def _add_mesh(self, block: Block, actor: Actor) -> None:
+        self._add_object(block, actor, movable=False)
 
-    def _add_movable(self, actor: Block, name: str) -> None:
-        self._add_object(actor, name, movable=True)
+    def _add_movable(self, block: Block, actor: Actor) -> None:
+        self._add_object(block, actor, movable=True)
 
-    def _add_object(self, actor: Block, name: str, movable: bool) -> None:
+    def _add_object(self, block: Block, actor: Actor, movable: bool) -> None:
         """A static mesh; its name is in a component (UE3) or on the actor (UE2)."""
-        if actor.get("deletestatus") or actor.flag("bdeleteme", False):
+        if block.get("deletestatus") or block.flag("bdeleteme", False):
             return
         parts = []
-        matrix = actor_matrix(actor, self._scale)
-        rigid = pose_of_matrix(matrix)
-        back = matrix_of_pose(rigid.inverse())
-        owners = [child for child in actor.inner("object") if "staticmesh" in child.properties]
-        for owner in owners or [actor]:
+        matrix = actor_matrix(block, self._scale)
+        owners = [child for child in block.inner("object") if "staticmesh" in child.properties]
+        for owner in owners or [block]:
             path = reference(owner.properties.get("staticmesh", ""))
             if not path:
-                if list(actor.inner("brush")):
-                    parts += self._brush_part(actor, back)
+                if list(block.inner("brush")):
+                    parts += self._brush_part(block)
                 continue
-            mesh = self._library.mesh(path)
-            local = matrix @ _component_matrix(owner, self._scale) if owner is not actor else matrix
+            mesh = self._level.library.mesh(path)
+            local = matrix @ _component_matrix(owner, self._scale) if owner is not block else matrix
             if mesh is None:
                 if self._context.options.placeholders:
-                    parts.append(Part(PLACEHOLDER))
+                    parts.append(Part(PLACEHOLDER, matrix_of_pose(pose_of_matrix(matrix))))
                 continue
             parts.append(
                 Part(
                     mesh,
-                    back @ local,
-                    visible=not actor.flag("bhidden", False),
-                    collision=_collision(actor, owner),
+                    local,
+                    visible=not block.flag("bhidden", False),
+                    collision=_collision(block, owner),
                     materials=_overrides(owner),
                 )
             )
-        if parts:
-            self._objects.append(
-                SceneObject(
-                    name=name,
-                    parts=tuple(parts),
-                    pose=rigid,
-                    tag=actor.get("tag"),
-                    kind=actor.attributes.get("class", ""),
-                    movable=movable,
-                )
-            )
+        self._level.add_object(actor, matrix, parts, movable)
 
-    def _brush_part(self, actor: Block, back: Array) -> list[Part]:
+    def _brush_part(self, block: Block) -> list[Part]:
         """A mover of UE1 or UE2: polygons that do not take part in the level's CSG."""
-        polygons, _ = polygons_of(actor, self._scale, self._findings)
-        vertices, triangles = [], []
+        polygons, _ = polygons_of(block, self._scale, self._findings)
+        triangles = []
         count = 0
         for polygon in polygons:
             size = len(polygon.vertices)
-            vertices.append(polygon.vertices @ back[:3, :3].T + back[:3, 3])
             triangles += [(count, count + k, count + k + 1) for k in range(1, size - 1)]
             count += size
         if not triangles:
             return []
-        mesh = Mesh("mover", np.concatenate(vertices), np.array(triangles, dtype=np.int32))
-        return [Part(mesh)]
+        vertices = np.concatenate([polygon.vertices for polygon in polygons])
+        return [Part(Mesh("mover", vertices, np.array(triangles, dtype=np.int32)))]
 
     def _add_static_mesh(self, block: Block) -> None:
         """A file that holds a mesh instead of a level."""
         name = block.attributes.get("name", self._source.stem)
         mesh = mesh_of_block(block, name, self._scale, self._findings)
         if mesh is not None:
-            self._objects.append(SceneObject(name, (Part(mesh),), kind="StaticMesh"))
-
-    # ---- places ----------------------------------------------------------------------------
-
-    def _pose(self, actor: Block) -> Pose:
-        properties = actor.properties
-        return unreal_pose(
-            vector(properties.get("location", "")),
-            rotator(properties.get("rotation", "")),
-            self._scale,
-        )
-
-    def _add_start(self, actor: Block, name: str) -> None:
-        kind = actor.attributes.get("class", "")
-        _, yaw, _ = rotator(actor.properties.get("rotation", ""))
-        self._starts.append(start_of(name, actor.get("tag"), kind, self._pose(actor), yaw))
-
-    def _add_node(self, actor: Block, name: str) -> None:
-        tag, pose = actor.get("tag"), self._pose(actor)
-        if is_victim_tag(tag):
-            self._victims.append(victim_of_tag(tag, pose, self._victim_names))
-        else:
-            kind = actor.attributes.get("class", "")
-            self._nodes.append(path_node_of(name, tag, kind, pose))
-
-    def _add_victim(self, actor: Block, name: str) -> None:
-        female = "female" in actor.attributes.get("class", "").lower()
-        scale = np.array(vector(actor.properties.get("drawscale3d", ""), 1.0))
-        x, y, z = (scale * actor.number("drawscale", 1.0)).tolist()
-        self._victims.append(
-            Victim(name, self._pose(actor), "female" if female else "male", scale=(x, y, z))
-        )
+            actor = Actor(name, "StaticMesh", "", IDENTITY)
+            self._level.add_object(actor, np.eye(4), [Part(mesh)])
 
     # ---- air and light ---------------------------------------------------------------------
 
-    def _add_light(self, actor: Block, name: str) -> None:
-        kind = actor.attributes.get("class", "").lower()
+    def _add_light(self, block: Block, actor: Actor) -> None:
         components = [
-            b for b in actor.inner("object") if "light" in b.attributes.get("class", "").lower()
+            b for b in block.inner("object") if "light" in b.attributes.get("class", "").lower()
         ]
-        self._lights.append(
-            light_of(name, kind, self._pose(actor), [actor, *components], self._scale)
+        self._level.add_light(
+            light_of(actor.name, actor.kind.lower(), actor.pose, [block, *components], self._scale)
         )
 
-    def _add_smoke(self, actor: Block, name: str) -> None:
-        x, y, z = self._pose(actor).position
-        scale = vector(actor.properties.get("drawscale3d", ""), 1.0)
-        size = actor.number("drawscale", 1.0)
-        width, depth, height = (max(0.1, abs(s * size)) for s in scale)
-        puff = SmokePuff(
-            name=f"{name}",
-            position=(x, y, z + height),
-            size=(width, depth, 2.0 * height),
-            particles=60,
-            radius=0.128,
-            seed=len(self._puffs) + 1,
-            lifetime=10.0 if "dynamic" in actor.attributes.get("class", "").lower() else 0.0,
-        )
-        self._puffs.append(puff)
-        self._findings.warn(name, "smoke got a size of its own; the map does not say it")
+    def _add_fog(self, block: Block, actor: Actor) -> None:
+        density = max((b.number("fogdensity", 0.0) for b in block.inner("object")), default=0.0)
+        self._level.add_fog(actor, density or block.number("fogdensity", 0.0))
 
-    def _add_fog(self, actor: Block, name: str) -> None:
-        density = max((b.number("fogdensity", 0.0) for b in actor.inner("object")), default=0.0)
-        density = density or actor.number("fogdensity", 0.02)
-        # The engine counts thousandths per unit, to the base 2.
-        self._haze = min(1.0, max(1e-6, density / 1000.0 * self._scale * math.log(2.0)))
-        self._findings.warn(
-            name, f"fog became a haze of {self._haze:.2g}/m everywhere; a sidecar can change it"
-        )
-
-    def _add_level(self, actor: Block, name: str) -> None:
-        if "killz" in actor.properties:
-            self._kill_z = actor.number("killz", 0.0) / self._scale
-        self._title = self._title or actor.get("title")
-
-    # ---- looks -----------------------------------------------------------------------------
-
-    def _materials(self) -> dict[str, Material]:
-        materials = dict(self._library.materials)
-        used = {p.material: None for brush in self._brushes for p in brush.polygons}
-        for thing in self._objects:
-            for part in thing.parts:
-                used |= dict.fromkeys(part.materials.values())
-        for name in used:
-            if name and name not in materials:
-                picture = self._library.picture(name)
-                if picture is None:
-                    self._findings.missing("texture", name)
-                materials[name] = Material(name, texture=picture)
-        return materials
+    def _add_level(self, block: Block, actor: Actor) -> None:
+        if "killz" in block.properties:
+            self._level.kill_z = block.number("killz", 0.0) / self._scale
+        self._level.title = self._level.title or block.get("title")
 
 
 def _component_matrix(component: Block, scale: float) -> Array:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from usarsim_server.importers.scene import Light, LightKind
+from usarsim_server.importers.scene import Light
 from usarsim_server.importers.t3d_text import Block, value_of
+from usarsim_server.importers.unreal_level import light
 from usarsim_server.simulation.frames import Pose
 
 __all__ = ["light_of"]
-
-DEFAULT_REACH = 1024.0
-"""UU: UE3's default radius."""
 
 UE1_RADIUS, UE1_BRIGHTNESS = 25.0, 64.0
 """UU per step of LightRadius; LightBrightness of an ordinary lamp."""
@@ -25,24 +23,9 @@ def light_of(name: str, kind: str, pose: Pose, owners: list[Block], scale: float
             "brightness", owner.number("lightbrightness", 0.0) / UE1_BRIGHTNESS
         ) or (brightness)
         color = _color(owner) or color
-    shape = LightKind.POINT
-    if "directional" in kind or "sunlight" in kind:
-        shape = LightKind.DIRECTIONAL
-    elif "spot" in kind:
-        shape = LightKind.SPOT
-    elif "sky" in kind:
-        shape = LightKind.AMBIENT
-    return Light(
-        name=name,
-        kind=shape,
-        position=pose.position,
-        direction=pose.rotate((1.0, 0.0, 0.0)),
-        color=color,
-        brightness=brightness or 1.0,
-        reach=(radius or DEFAULT_REACH) / scale
-        if shape in (LightKind.POINT, LightKind.SPOT)
-        else 0.0,
-        cone=next((o.number("outerconeangle", 0.0) for o in reversed(owners)), 0.0) or 44.0,
+    cone = next((o.number("outerconeangle", 0.0) for o in reversed(owners)), 0.0)
+    return light(
+        name, kind, pose, scale, radius=radius, brightness=brightness, color=color, cone=cone
     )
 
 

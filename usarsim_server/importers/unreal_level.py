@@ -235,6 +235,7 @@ class UnrealLevel:
 
     def scene(self) -> Scene:
         """What was found."""
+        materials = self._materials()  # first: it finds pictures, which are files that were read
         scene = Scene(
             source=Source(
                 path=self._source,
@@ -245,7 +246,7 @@ class UnrealLevel:
             ),
             objects=tuple(self._objects),
             brushes=tuple(self._brushes),
-            materials=self._materials(),
+            materials=materials,
             starts=tuple(self._starts),
             path_nodes=tuple(self._nodes),
             victims=tuple(self._victims),
