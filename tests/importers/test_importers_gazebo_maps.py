@@ -6,6 +6,7 @@ The figures are those of the maps of 2016 of the rescue league's virtual robot c
 
 from __future__ import annotations
 
+import math
 import os
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from mesh_samples import read, whole
 
 from usarsim_server.importers.convert import Request, import_map
 from usarsim_server.importers.findings import Findings
+from usarsim_server.simulation.frames import rpy_from_quaternion
 from usarsim_server.testing import Rehearsal
 
 MAPS = Path(os.environ.get("USARSIM_MAPS", "/nowhere")) / "gazebo"
@@ -94,8 +96,10 @@ def test_a_model_alone(tmp_path: Path) -> None:
 
 
 def test_victims_stand_where_the_figures_do() -> None:
-    """The figure with roll 1.57 stands, for Gazebo ignores its up axis (reference 7)."""
+    """The figure with roll 1.57 stands, for Gazebo ignores its up axis; it faces its z axis."""
     scene = read(MAPS / "RC2016VRL_Final_RUN2_RETRY.world")
     assert [victim.name for victim in scene.victims] == ["V1", "V2", "V3", "V4"]
     assert {victim.figure for victim in scene.victims} == {"female"}
     assert {victim.posture for victim in scene.victims} == {"standing"}
+    yaws = [rpy_from_quaternion(victim.pose.quaternion)[2] for victim in scene.victims]
+    assert yaws == pytest.approx([0.0, -math.pi / 2, -math.pi / 2, math.pi / 2], abs=0.01)

@@ -11,7 +11,7 @@ from usarsim_server.importers.gazebo_models import Person
 from usarsim_server.importers.scene import Part, Victim
 from usarsim_server.importers.shapes import points_of
 from usarsim_server.importers.units import pose_of_matrix
-from usarsim_server.simulation.frames import Pose, quaternion_from_rpy, rpy_from_quaternion
+from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
 
 __all__ = ["victim_of"]
 
@@ -33,7 +33,7 @@ def victim_of(name: str, person: Person, matrix: Array, parts: Sequence[Part]) -
         matrix: (4, 4) of the model in the world.
         parts: its visible parts, matrices into the world; none if the model is missing.
     """
-    _, _, yaw = rpy_from_quaternion(pose_of_matrix(matrix).quaternion)
+    yaw = _front(matrix)
     points = [found for found in map(points_of, parts) if len(found)]
     if not points:
         x, y, z = matrix[:3, 3].tolist()
@@ -49,6 +49,13 @@ def victim_of(name: str, person: Person, matrix: Array, parts: Sequence[Part]) -
     pose = Pose((x, y, float(low[2]) + ABOVE), quaternion_from_rpy(0.0, 0.0, yaw))
     posture = person.posture or ("standing" if standing else "lying")
     return Victim(name, pose, person.figure, posture)
+
+
+def _front(matrix: Array) -> float:
+    """Heading of a face: along x of the model, or along z where its y is up, as modellers do."""
+    turn = pose_of_matrix(matrix).matrix()
+    front = turn[:, 2] if int(np.argmax(np.abs(turn[2]))) == 1 else turn[:, 0]
+    return float(np.arctan2(front[1], front[0]))
 
 
 def _feet(cloud: Array, matrix: Array) -> float:
