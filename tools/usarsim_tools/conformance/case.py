@@ -15,7 +15,7 @@ from usarsim_tools.conformance.transcript import Transcript
 from usarsim_tools.conformance.verdicts import Failed, Inconclusive, NotApplicable
 from usarsim_tools.conformance.wire import Wire
 
-__all__ = ["ROLES", "Case", "Run"]
+__all__ = ["PATIENCE", "ROLES", "Case", "Run"]
 
 ROLES: dict[str, tuple[str, ...]] = {
     "aerial": ("AirRobot", "ARDrone", "quadrotor"),
@@ -28,7 +28,7 @@ ROLES: dict[str, tuple[str, ...]] = {
 }
 """Robot classes that can play a part, tried in this order; all stood in the original's rosters."""
 
-_SPAWNS = 6.0
+PATIENCE = 6.0
 """s of wall time until a robot is given up; a busy machine must not look like a missing robot."""
 
 Made = TypeVar("Made")
@@ -43,12 +43,14 @@ class Run:
         survey: what is known of it.
         places: where robots can be put.
         slots: how many checks may be at work; None for any number.
+        patience: s of wall time until a robot is given up.
     """
 
     target: Target
     survey: Survey
     places: Places
     slots: asyncio.Semaphore | None = None
+    patience: float = PATIENCE
     numbers: itertools.count[int] = field(default_factory=lambda: itertools.count(1))
     shared: dict[tuple[str, str], asyncio.Task[Any]] = field(default_factory=dict)
 
@@ -118,12 +120,13 @@ class Case:
 
     # Connections.
 
-    async def open(self, service: str, label: str = "") -> Wire:
+    async def open(self, service: str, label: str = "", tiny: bool = False) -> Wire:
         """Connect to a service; the connection is closed at the end of the check.
 
         Args:
             service: one of `registry.SERVICES`.
             label: for the transcript.
+            tiny: see `Wire.open`.
 
         Raises:
             NotApplicable: if the user named no port of the service.
@@ -133,18 +136,19 @@ class Case:
         if port is None:
             raise NotApplicable(f"no port of {service} was named")
         label = label or f"{service}{len(self._wires) + 1}"
-        wire = await Wire.open(self.target.host, port, self.transcript, label)
+        wire = await Wire.open(self.target.host, port, self.transcript, label, tiny=tiny)
         self._wires.append(wire)
         return wire
 
-    async def connect(self, greet: bool = True, label: str = "") -> ControlClient:
+    async def connect(self, greet: bool = True, tiny: bool = False) -> ControlClient:
         """A new connection to the control port.
 
         Args:
             greet: read the first line, if there is one, so that it is not in the way.
-            label: for the transcript.
+            tiny: see `Wire.open`.
         """
-        client = ControlClient(await self.open("control", label or f"c{len(self._wires) + 1}"))
+        label = f"c{len(self._wires) + 1}"
+        client = ControlClient(await self.open("control", label, tiny))
         if greet:
             await client.line(1.0)
         return client
@@ -209,9 +213,10 @@ class Case:
         client = client or await self.connect()
         name = self.new_name()
         await client.send(init or self.init(place, name, class_name, extra))
-        first = await client.maybe(lambda line: line.head == "STA", _SPAWNS)
+        first = await client.maybe(lambda line: line.head == "STA", self.run.patience)
         if first is None:
-            raise Inconclusive(f"{class_name} sent no STA within {_SPAWNS:g} s of its INIT")
+            within = self.run.patience
+            raise Inconclusive(f"{class_name} sent no STA within {within:g} s of its INIT")
         return Robot(client, name, class_name, place, first)
 
     async def class_for(self, role: str) -> str:
@@ -230,7 +235,7 @@ class Case:
             client = await self.connect()
             place = await self.place()
             await client.send(self.init(place, self.new_name(), class_name))
-            if await client.maybe(lambda line: line.head == "STA", _SPAWNS) is not None:
+            if await client.maybe(lambda line: line.head == "STA", self.run.patience) is not None:
                 return class_name
             self.release()
         return None

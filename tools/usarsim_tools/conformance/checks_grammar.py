@@ -264,7 +264,9 @@ async def number_spellings(case: Case) -> None:
     """`0.5`, `.5`, `+0.5`, `5e-1` and, with a decimal comma, `0,5` are the same number."""
     robot = await case.spawn()
     radius, _, limit = await wheels_of(robot)
-    value = min(0.9 * limit, 0.25 / radius)
+    # A fraction that matters, within what the wheels can do and the room allows.
+    most = min(0.9 * limit, 0.25 / radius)
+    value = next((nice for nice in (1.9, 0.9) if nice <= most), most)
     text = f"{value:.4f}"
     # To and fro, so that the robot stays where it is.
     for spelling, sign in (
@@ -352,11 +354,12 @@ async def _lands(
 
 
 async def _place(case: Case) -> Place:
-    place = await case.place()
-    case.need(
-        place.tag is None or any(place.location), "the server lists no start poses to compare with"
-    )
-    return place
+    """A place away from the origin, to which misread numbers lead."""
+    for _ in range(2):
+        place = await case.place()
+        if math.hypot(*place.location[:2]) > 0.5:
+            return place
+    raise Inconclusive("the server lists no start poses away from the origin")
 
 
 @check(

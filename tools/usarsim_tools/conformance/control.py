@@ -177,9 +177,11 @@ class Robot:
     class_name: str
     place: Place
     first: Line
+    _commanded: bool = False
 
     async def send(self, *commands: str) -> None:
         """Send commands."""
+        self._commanded = True
         await self.client.send(*commands)
 
     async def wait(self, wanted: Wanted, within: float = 3.0, what: str = "") -> Line:
@@ -205,9 +207,14 @@ class Robot:
     async def run(self, seconds: float) -> list[Line]:
         """Lines until an STA shows that this much simulated time has passed.
 
+        If commands were sent before, time counts from when they have been executed, and lines
+        from before that are passed over.
+
         Raises:
             Inconclusive: if simulated time does not pass, or far too slowly.
         """
+        if self._commanded:
+            await self._catch_up()
         found: list[Line] = []
         start = await self._clock(found)
         deadline = time.monotonic() + 5.0 + 4.0 * seconds
@@ -219,6 +226,12 @@ class Robot:
             if line.head == "STA" and line.time - start >= seconds:
                 return found
         raise Inconclusive(f"simulated time did not advance by {seconds:g} s in a long time")
+
+    async def _catch_up(self) -> None:
+        """Read on to the reply to a request: all commands before it have been executed then."""
+        self._commanded = False
+        await self.client.send("GETSTARTPOSES")
+        await self.client.maybe("NFO {StartPoses", 1.0)
 
     async def _clock(self, found: list[Line]) -> float:
         line = await self.client.maybe(lambda line: line.head == "STA", 3.0)

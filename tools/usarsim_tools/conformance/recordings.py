@@ -7,7 +7,7 @@ import time
 from dataclasses import dataclass, field
 
 from usarsim_tools.conformance.case import Case
-from usarsim_tools.conformance.control import Pose, Robot, pose_of
+from usarsim_tools.conformance.control import ControlClient, Pose, Robot, pose_of
 from usarsim_tools.conformance.lines import Line
 from usarsim_tools.conformance.verdicts import Failed, Inconclusive
 
@@ -76,12 +76,27 @@ async def _stand(case: Case) -> Recording:
     for type, name in wanted:
         for command in ("GETCONF", "GETGEO"):
             named = f" {{Name {name}}}" if name else ""
-            await client.send(f"{command} {{Type {type}}}{named}")
-            within = _SLOWEST_REPLY if name or type == "Robot" else 0.5
-            reply = await client.maybe(command.removeprefix("GET") + " {", within)
+            request = f"{command} {{Type {type}}}{named}"
+            reply = await _reply(client, request, command.removeprefix("GET"))
             recording.replies[command, type, name] = reply
     recording.lines = list(client.lines)
     return recording
+
+
+async def _reply(client: ControlClient, request: str, head: str) -> Line | None:
+    """The reply to a request, None if the request behind it is answered and it is not."""
+    await client.send(request, "GETSTARTPOSES")
+    found: Line | None = None
+    deadline = time.monotonic() + _SLOWEST_REPLY
+    while time.monotonic() < deadline:
+        line = await client.line(0.5)
+        if line is None:
+            continue
+        if line.head == head and found is None:
+            found = line
+        elif line.head == "NFO" and "StartPoses" in line.names:
+            break
+    return found
 
 
 def items_of(lines: list[Line]) -> list[tuple[str, str]]:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
-from usarsim_tools.conformance.case import Case, Run
+from usarsim_tools.conformance.case import PATIENCE, Case, Run
 from usarsim_tools.conformance.places import Places
 from usarsim_tools.conformance.registry import Check
 from usarsim_tools.conformance.report import Report, Rule
@@ -60,6 +60,7 @@ async def judge_all(
     tell: Callable[[Progress], None] = _silent,
     parallel: int = _PARALLEL,
     rest: float = _REST,
+    patience: float = PATIENCE,
 ) -> Report:
     """Judge a server by checks.
 
@@ -70,13 +71,14 @@ async def judge_all(
         tell: what is told after every check.
         parallel: checks at a time.
         rest: s of wall time after which the robot of a closed connection must be gone.
+        patience: s of wall time until a robot is given up.
 
     Raises:
         Failed: if its control port cannot be reached at all.
     """
     begun, taken = time.monotonic(), datetime.now(UTC)
     found = await survey(target, Transcript())
-    run = Run(target, found, Places(found.places[: 2 * parallel], rest))
+    run = Run(target, found, Places(found.places[: 2 * parallel], rest), patience=patience)
     jobs = _jobs(checks, found)
     results: dict[tuple[str, str], Result] = {}
 

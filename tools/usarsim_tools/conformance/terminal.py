@@ -69,8 +69,8 @@ def as_text(report: Report) -> str:
     parts = [
         "\n".join(f"{name:22}{value}" for name, value in report.server.items()),
         _areas(report),
-        *(_finding(report, one) for one in report.results if one.verdict is Verdict.FAIL),
-        _doubts(report),
+        *(_finding(report, one) for one in report.results if _is_broken(report, one)),
+        _remarks(report),
         summary(report),
     ]
     return "\n\n".join(part for part in parts if part)
@@ -111,11 +111,9 @@ def _areas(report: Report) -> str:
         [area, *(str(sum(one.verdict is verdict for one in results) or "") for verdict in Verdict)]
         for area, results in areas.items()
     ]
-    order = [0, 1, 2, 3, 4]
     width = max(len(row[0]) for row in [heads, *rows])
     return "\n".join(
-        row[0].ljust(width) + "".join(row[column].rjust(6) for column in order[1:])
-        for row in [heads, *rows]
+        row[0].ljust(width) + "".join(cell.rjust(6) for cell in row[1:]) for row in [heads, *rows]
     )
 
 
@@ -133,11 +131,18 @@ def _finding(report: Report, result: Result) -> str:
     return "\n".join(lines)
 
 
-def _doubts(report: Report) -> str:
+def _is_broken(report: Report, result: Result) -> bool:
+    severity = report.rule(result.check).severity
+    return result.verdict is Verdict.FAIL and severity is not Severity.INFORMATIVE
+
+
+def _remarks(report: Report) -> str:
+    """What could not be judged and what is only worth knowing, a line each."""
     return "\n".join(
-        f"{SIGNS[result.verdict]}    {_where(result)}  {result.reason}"
+        f"{shown_verdict(result, report.rule(result.check).severity):4}  {_where(result)}  "
+        f"{result.reason}"
         for result in report.results
-        if result.verdict is Verdict.INCONCLUSIVE
+        if result.verdict in (Verdict.FAIL, Verdict.INCONCLUSIVE) and not _is_broken(report, result)
     )
 
 

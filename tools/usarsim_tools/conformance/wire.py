@@ -15,6 +15,7 @@ from usarsim_tools.conformance.verdicts import Failed
 __all__ = ["Hangup", "Wire"]
 
 _CHUNK = 65536
+_TINY = 4096
 
 
 class Hangup(Failed):
@@ -47,21 +48,36 @@ class Wire:
 
     @classmethod
     async def open(
-        cls, host: str, port: int, transcript: Transcript, label: str, within: float = 5.0
+        cls,
+        host: str,
+        port: int,
+        transcript: Transcript,
+        label: str,
+        within: float = 5.0,
+        tiny: bool = False,
     ) -> Wire:
         """Connect.
+
+        Args:
+            host: address of the server.
+            port: of one of its services.
+            transcript: where everything goes.
+            label: of the connection, there.
+            within: s to wait for the connection.
+            tiny: take little in advance, so that a client that does not read stops the sender.
 
         Raises:
             Failed: if nobody accepts the connection in time.
         """
         try:
             async with asyncio.timeout(within):
-                reader, writer = await asyncio.open_connection(host, port)
+                sock = await _connected(host, port, tiny)
+                reader, writer = await asyncio.open_connection(
+                    sock=sock, limit=_TINY if tiny else _CHUNK
+                )
         except (OSError, TimeoutError) as error:
             transcript.note(label, f"no connection to {host}:{port}: {error!r}")
             raise Failed(f"no connection to {host}:{port}: {error or 'no answer'}") from None
-        sock = writer.get_extra_info("socket")
-        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         transcript.note(label, f"connected to {host}:{port}")
         return cls(reader, writer, transcript, label)
 
@@ -191,3 +207,20 @@ class Wire:
         # A read that is full was cut by the kit, not by the server.
         self.torn += not data.endswith(b"\n") and len(data) < _CHUNK
         return data
+
+
+async def _connected(host: str, port: int, tiny: bool) -> socket.socket:
+    """A connected socket; the buffer can be made smaller only before it connects."""
+    loop = asyncio.get_running_loop()
+    kind, *_, address = (await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM))[0]
+    sock = socket.socket(kind, socket.SOCK_STREAM)
+    try:
+        sock.setblocking(False)
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        if tiny:
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _TINY)
+        await loop.sock_connect(sock, address)
+    except BaseException:
+        sock.close()
+        raise
+    return sock

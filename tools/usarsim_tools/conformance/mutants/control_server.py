@@ -29,7 +29,7 @@ __all__ = ["SPEED", "Session", "control_server"]
 SPEED = 4.0
 """Simulated seconds per second: checks take less time."""
 _QUIET = 0.27
-_TICK = 0.05
+_TICK = 0.1
 _LONGEST = 131072
 _MOST_WAITING = 1 << 20
 _COMMANDS = (
@@ -63,7 +63,7 @@ class Session:
     quiet = _QUIET
     command_case = True
     segment_case = True
-    sta_every: dict[str, int] = {"ut2004": 4, "udk": 2}  # noqa: RUF012  (faults replace it)
+    sta_every: dict[str, int] = {"ut2004": 2, "udk": 1}  # noqa: RUF012  (faults replace it)
     names = _NAMES
 
     def __init__(
@@ -412,7 +412,7 @@ class Session:
         if body.dead:
             return
         for type in self.names:
-            if tick % (4 if type == "RangeScanner" else 2) == 0:
+            if type != "RangeScanner" or tick % 2 == 0:
                 await self.report(type, when)
 
     def status(self, when: float) -> list[tuple[str, str]]:

@@ -81,7 +81,10 @@ class MiniWorld:
         self._begun = time.monotonic()
         self.bodies: list[MiniBody] = []
         self.starts = [
-            (f"RobotStart{number + 1}", (2.0 * (number // 6), 2.0 * (number % 6), -0.25))
+            (
+                f"RobotStart{number + 1}",
+                (4.0 + 2.0 * (number // 6), 2.0 * (number % 6) - 7.0, -0.25),
+            )
             for number in range(36)
         ]
 
