@@ -251,7 +251,9 @@ color = [1.0, 0.0, 0.0]
             ('[[object]]\nmatch = "a"\ncollision = "soft"', "write one of auto"),
             ("assets = 3", "no list of texts"),
             ("[[start]]\ntag = 3", "tag"),
-            ("x = [", "not TOML"),
+            ("x = [", "not valid TOML"),
+            ("x = " + "[" * 5000, "not valid TOML"),
+            ("x = " + "9" * 5000, "not valid TOML"),
             ("[material]\na = 3", "table"),
         ],
     )

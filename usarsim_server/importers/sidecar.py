@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import fnmatch
 import math
-import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
-from usarsim_server.errors import MapImportError, WorldError, at
+from usarsim_server.errors import MapImportError, WorldError
 from usarsim_server.importers.findings import Findings
 from usarsim_server.importers.reader import ImportOptions
 from usarsim_server.importers.scene import (
@@ -32,6 +31,7 @@ from usarsim_server.importers.scene import (
     Victim,
 )
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
+from usarsim_server.tables import read_toml
 from usarsim_server.worlds.media import read_smoke
 from usarsim_server.worlds.tables import Table
 from usarsim_server.worlds.victims import POSTURES
@@ -177,17 +177,9 @@ def load_sidecar(path: Path) -> Sidecar:
     Raises:
         MapImportError: naming key, what is wrong and what to write instead.
     """
+    data = read_toml(path, MapImportError, "start")
     try:
-        table = Table(path, tomllib.loads(path.read_text(encoding="utf-8")))
-        return _read(path, table)
-    except tomllib.TOMLDecodeError as error:
-        raise MapImportError(at(path, f"not TOML: {error}", "mend the line")) from None
-    except UnicodeDecodeError:
-        raise MapImportError(at(path, "not UTF-8 text", "save it as UTF-8")) from None
-    except OSError as error:
-        raise MapImportError(
-            at(path, f"cannot be read: {error.strerror}", "check the path of the sidecar")
-        ) from None
+        return _read(path, Table(path, data))
     except MapImportError:
         raise
     except WorldError as error:
