@@ -227,7 +227,7 @@ def _world_folder(named: str) -> Path:
     from usarsim_server.importers.progress import ProgressBar
 
     with ProgressBar() as bar:
-        return import_map(Request(path), bar).folder
+        return import_map(Request(path, hold=True), bar).folder
 
 
 def run(settings: Settings) -> int:

@@ -19,6 +19,7 @@ from usarsim_server.importers.convert import Imported, Request, import_map
 from usarsim_server.importers.files import AssetIndex
 from usarsim_server.importers.preview import Preview, write_previews
 from usarsim_server.importers.reader import ImportOptions, find_reader, readers
+from usarsim_server.testing import Rehearsal
 from usarsim_server.worlds.loader import load_world
 
 
@@ -118,6 +119,32 @@ class TestCache:
         monkeypatch.setattr(cache_module, "KEPT", 2)
         folders = [imported(source, name=f"w{n}").folder for n in range(4)]
         assert [folder.is_dir() for folder in folders] == [False, False, True, True]
+
+    def test_entries_in_use_stay(self, source: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        """What a server runs in is neither removed nor replaced; later imports find the newer."""
+        monkeypatch.setattr(cache_module, "KEPT", 1)
+        held = imported(source, hold=True).folder
+        text = (held / "world.toml").read_bytes()
+        stamp = (held / "scene.xml").stat().st_mtime_ns
+        others = [imported(source, name=f"w{n}").folder for n in range(3)]
+        assert [folder.is_dir() for folder in others] == [False, False, True]
+        newer = imported(source, fresh=True).folder
+        assert newer != held
+        assert (held / "world.toml").read_bytes() == text
+        assert (held / "scene.xml").stat().st_mtime_ns == stamp
+        again = imported(source)
+        assert again.cached
+        assert again.folder == newer
+
+    def test_robots_come_after_the_map_has_changed(self, source: Path) -> None:
+        """A server's world stays what it was; a robot of a new class still finds room in it."""
+        with Rehearsal(world=str(source)) as rehearsal:
+            source.write_text(two_rooms().replace("Entry", "Front"))
+            imported(source, fresh=True)
+            client = rehearsal.connect()
+            client.send("INIT {ClassName USARBot.P2AT} {Start Entry}")
+            rehearsal.run(0.5)
+            assert client.take("STA")
 
     def test_a_cache_that_cannot_be_written(self, source: Path, tmp_path: Path) -> None:
         """One clear error names the cure."""

@@ -8,6 +8,7 @@ time of change (items 67, 68).
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import hashlib
 import json
 import os
@@ -24,13 +25,19 @@ from usarsim_server.importers.reader import ImportOptions
 
 __all__ = ["ImportCache", "default_cache"]
 
-FORMAT = 1
+FORMAT = 2
 """Raise it when the same map would give another world."""
 
 KEPT = 32
 """Imported worlds that are kept; older ones go."""
 
 RECORD = "import.json"
+
+LOCK = ".in-use"
+"""A file of each entry, locked by every process that needs the entry as it is."""
+
+_held: list[int] = []
+"""Descriptors of such locks; they end with this process."""
 
 
 def default_cache() -> Path:
@@ -66,15 +73,30 @@ class ImportCache:
 
     def find(self, key: str, name: str) -> tuple[Path, dict[str, Any]] | None:
         """The folder and the record of an entry that is still true, else None."""
-        folder = self._root / key / name
-        try:
-            record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
-            if all(_stamp(Path(path)) == stamp for path, stamp in record["files"].items()):
-                os.utime(folder.parent)
-                return folder, record
-        except (OSError, ValueError, KeyError, TypeError, AttributeError):
-            pass
+        for place in self._places(key):
+            folder = place / name
+            try:
+                record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+                if all(_stamp(Path(path)) == stamp for path, stamp in record["files"].items()):
+                    os.utime(place)
+                    return folder, record
+            except (OSError, ValueError, KeyError, TypeError, AttributeError):
+                pass
         return None
+
+    def hold(self, folder: Path) -> None:
+        """Keep an entry as it is until this process ends.
+
+        A running server reads its world again whenever a robot of another class comes.
+        """
+        with contextlib.suppress(OSError):  # a cache that cannot be written is never pruned
+            descriptor = os.open(folder.parent / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
+            fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            _held.append(descriptor)
+
+    def _places(self, key: str) -> list[Path]:
+        """Folders of a key, newest first; there are several if older ones were in use."""
+        return sorted(self._root.glob(f"{key}*"), key=_age, reverse=True)
 
     @contextlib.contextmanager
     def building(self, source: Path) -> Any:
@@ -100,7 +122,9 @@ class ImportCache:
         record = {**record, "files": {str(path): _stamp(path) for path in files}}
         text = json.dumps(record, indent=1, default=str)
         (built / RECORD).write_text(text + "\n", encoding="utf-8")
-        place = self._root / key
+        place, number = self._root / key, 1
+        while _in_use(place):
+            place, number = self._root / f"{key}-{number}", number + 1
         shutil.rmtree(place, ignore_errors=True)
         place.mkdir(parents=True)
         os.replace(built, place / built.name)
@@ -109,9 +133,32 @@ class ImportCache:
 
     def _prune(self) -> None:
         entries = [path for path in self._root.iterdir() if not path.name.startswith(".")]
-        by_age = sorted(entries, key=lambda path: path.stat().st_mtime, reverse=True)
-        for path in by_age[KEPT:]:
-            shutil.rmtree(path, ignore_errors=True)
+        for path in sorted(entries, key=_age, reverse=True)[KEPT:]:
+            if not _in_use(path):
+                shutil.rmtree(path, ignore_errors=True)
+
+
+def _age(place: Path) -> float:
+    """Time of the last use; 0 for what another process has just removed."""
+    try:
+        return place.stat().st_mtime
+    except OSError:
+        return 0.0
+
+
+def _in_use(place: Path) -> bool:
+    """Whether a process, this one included, holds an entry."""
+    try:
+        descriptor = os.open(place / LOCK, os.O_RDWR)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False
 
 
 def _stamp(path: Path) -> list[int]:

@@ -39,6 +39,7 @@ class Request:
         sidecar: file that adds and overrides; None: the one beside the map, if there is one.
         cache: folder of finished imports.
         fresh: import even if the cache has it.
+        hold: keep the world in the cache as it is until this process ends.
     """
 
     source: Path
@@ -48,6 +49,7 @@ class Request:
     sidecar: Path | None = None
     cache: Path = field(default_factory=default_cache)
     fresh: bool = False
+    hold: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,6 +94,8 @@ def import_map(request: Request, progress: Callable[[str, float], None] = _quiet
         folder, record = found
         remembered = _report(record)
         if remembered is not None:
+            if request.hold:
+                cache.hold(folder)
             return Imported(_deliver(folder, target), remembered, cached=True)
     findings, began = Findings(), time.monotonic()
     scene = read_scene(source, Context(options, findings, progress))
@@ -112,6 +116,8 @@ def import_map(request: Request, progress: Callable[[str, float], None] = _quiet
         if sidecar_path is not None:
             files.add(sidecar_path)
         folder = cache.store(key, place, {"report": report.data()}, sorted(files))
+        if request.hold:
+            cache.hold(folder)
     return Imported(_deliver(folder, target), report, cached=False)
 
 
