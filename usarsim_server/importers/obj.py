@@ -153,13 +153,19 @@ class _File:
             self._slot = self.materials.setdefault("", len(self.materials))
         group = self.groups[-1]
         vertices, textures = [], []
+        points, uvs = len(self._points), len(self._uvs)
         for word in words:
-            first, _, rest = word.partition("/")
-            vertices.append(self._index(line, first, len(self._points), "vertex"))
-            second = rest.partition("/")[0]
-            textures.append(
-                self._index(line, second, len(self._uvs), "texture vertex") if second else -1
-            )
+            first, *rest = word.split("/")
+            value = int(first)
+            # Nearly all are of this kind; files have millions of them.
+            plain = 0 < value <= points
+            vertices.append(value - 1 if plain else self._index(line, value, points, "vertex"))
+            if not rest or not rest[0]:
+                textures.append(-1)
+                continue
+            value = int(rest[0])
+            plain = 0 < value <= uvs
+            textures.append(value - 1 if plain else self._index(line, value, uvs, "texture vertex"))
         if len(vertices) < 3:
             return
         group.sizes.append(len(vertices))
@@ -168,8 +174,7 @@ class _File:
         group.vertices += vertices
         group.textures += textures
 
-    def _index(self, line: int, word: str, count: int, what: str) -> int:
-        value = int(word)
+    def _index(self, line: int, value: int, count: int, what: str) -> int:
         index = value - 1 if value > 0 else count + value
         if value == 0 or not 0 <= index < count:
             self._refuse(line, f"{what} {value} of {count}")
