@@ -43,8 +43,9 @@ def _reports() -> dict[str, Report]:
 def reports() -> dict[str, Report]:
     """What the checks say of each faulty server; a small server needs no patience."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(side_images, "FRAME_WITHIN", 3.0)
-        patch.setattr(side_lines, "WITHIN", 3.0)
+        patch.setattr(side_images, "FRAME_WITHIN", 2.0)
+        patch.setattr(side_lines, "WITHIN", 2.0)
+        patch.setattr(side_lines, "LEAVES", 2.0)
         return _reports()
 
 

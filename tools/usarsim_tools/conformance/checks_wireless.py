@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import re
 
+from usarsim_tools.conformance import side_lines
 from usarsim_tools.conformance.case import Case
 from usarsim_tools.conformance.lines import number
 from usarsim_tools.conformance.side_checks import checks_of
@@ -246,7 +247,7 @@ async def ghost(case: Case) -> None:
         await client.expect(
             f"INIT {{Robot Ghost{case.new_name()}}} {{Port 5}}", "INITREPLY {Status OK}"
         )
-        case.expect(await client.wire.hung_up(6.0), "a ghost is still registered after 6 s")
+        case.expect(await client.wire.hung_up(side_lines.LEAVES), "a ghost stays registered")
         await radio.client.ask("GETSS {Robot Nobody?}")
 
 
@@ -256,5 +257,5 @@ async def leaver(case: Case) -> None:
     seconds; others stay registered."""
     async with await Radio.make(case) as one, await Radio.make(case) as other:
         other.robot.close()
-        case.expect(await other.client.wire.hung_up(6.0), "it is still registered after 6 s")
+        case.expect(await other.client.wire.hung_up(side_lines.LEAVES), "it stays registered")
         await one.client.ask("GETSS {Robot Nobody?}")

@@ -107,8 +107,8 @@ class Proxy:
         _no_delay(there)
         try:
             async with asyncio.TaskGroup() as group:
-                group.create_task(self._pump(number, CLIENT, reader, there))
-                group.create_task(self._pump(number, SERVER, back, writer))
+                group.create_task(self._pump(number, CLIENT, reader, writer, there))
+                group.create_task(self._pump(number, SERVER, back, there, writer))
         finally:
             there.close()
 
@@ -117,9 +117,10 @@ class Proxy:
         number: int,
         side: str,
         reader: asyncio.StreamReader,
+        own: asyncio.StreamWriter,
         writer: asyncio.StreamWriter,
     ) -> None:
-        """Pass on what one side sends, until it ends."""
+        """Pass on what one side sends, until it ends, or until nobody is there to read it."""
         while True:
             try:
                 data = await reader.read(_CHUNK)
@@ -134,8 +135,9 @@ class Proxy:
                 writer.write(data)
                 await writer.drain()
             except OSError:
-                # The other side is gone; its own pump notes that. What comes is still noted.
-                continue
+                # The other side is gone, which its own pump notes; this one has to learn of it.
+                own.transport.abort()
+                return
         self._note(number, END, side)
         with contextlib.suppress(OSError, RuntimeError):
             writer.write_eof()
