@@ -45,6 +45,7 @@ def reports() -> dict[str, Report]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(side_images, "FRAME_WITHIN", 2.0)
         patch.setattr(side_lines, "WITHIN", 2.0)
+        patch.setattr(side_lines, "CARRIES", 2.0)
         patch.setattr(side_lines, "LEAVES", 2.0)
         return _reports()
 

@@ -18,6 +18,8 @@ STATION = "ComStation"
 
 WITHIN = 5.0
 """s of wall time for a line."""
+CARRIES = 20.0
+"""s of wall time for what a relay has to carry."""
 LEAVES = 6.0
 """s of wall time until a hangup, or a robot that left, must be known everywhere; the original looks
 once per second (side channels reference 4.6)."""
@@ -131,11 +133,11 @@ class Guest:
         """Port of the other end."""
         return int(self.writer.get_extra_info("peername")[1])
 
-    async def read(self, count: int, within: float = 10.0) -> bytes:
+    async def read(self, count: int) -> bytes:
         """So many bytes, or fewer at the end of the stream or of the time."""
         data = b""
         try:
-            async with asyncio.timeout(within):
+            async with asyncio.timeout(CARRIES):
                 while len(data) < count:
                     part = await self.reader.read(65536)
                     if not part:
