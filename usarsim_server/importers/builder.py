@@ -14,6 +14,7 @@ from usarsim_server.errors import MapImportError, at
 from usarsim_server.importers.builder_facts import (
     Place,
     lamps,
+    note_floor,
     path_node_entries,
     start_entries,
     victim_entries,
@@ -145,6 +146,7 @@ def build(
     if not probe.has_ground:
         cure = "give the folder of its meshes with --assets, or --placeholders"
         raise MapImportError(at(scene.source.path, "nothing solid in this map", cure))
+    note_floor(probe, bounds, findings)
     starts, places = start_entries(scene, probe, bounds, findings)
     sheet = _sheet(scene, probe, bounds, starts, [*objects.things, *brushes], findings, origin)
     (folder / "world.toml").write_text(sheet, encoding="utf-8")
@@ -253,10 +255,15 @@ def _check_size(scene: Scene, lower: Array, upper: Array) -> None:
     if SMALLEST <= extent <= LARGEST and math.isfinite(extent):
         return
     source = scene.source
-    size = " x ".join(f"{value:.3g}" for value in (upper - lower))
+    size = " x ".join(_plain(value) for value in (upper - lower).tolist())
     problem = (
         f"the map would be {size} m large; absurd at {source.units_per_metre:g} units per metre"
     )
     guess = source.units_per_metre * extent / 30.0 if extent > 0.0 else 1.0
-    cure = f"give the true scale, for example --scale {guess:.2g} for a map of 30 m"
+    cure = f"give the true scale, for example --scale {_plain(guess)} for a map of 30 m"
     raise MapImportError(at(source.path, problem, cure))
+
+
+def _plain(value: float) -> str:
+    """Three digits and no exponent, as `--scale` is written by people."""
+    return np.format_float_positional(float(f"{value:.3g}"), trim="-")

@@ -22,6 +22,7 @@ __all__ = [
     "MAX_LAMPS",
     "Place",
     "lamps",
+    "note_floor",
     "path_node_entries",
     "start_entries",
     "victim_entries",
@@ -44,6 +45,9 @@ FLOOR_BELOW = 2.0
 
 FREE = 0.15
 """m: radius of the ball that has to fit at a start."""
+
+FLOOR_PROBES, LEAST_FLOOR = 24, 0.05
+"""Probes along each side of a map for something to stand on, and the part that should find it."""
 
 HOVER = 0.25
 """m above the floor of start poses that the importer makes."""
@@ -132,6 +136,25 @@ def _lamp(light: Light, name: str) -> dict[str, object]:
     return {**values, "type": "point"}
 
 
+def note_floor(probe: Probe, bounds: tuple[Array, Array], findings: Findings) -> None:
+    """Warn of a map that nobody can stand in: nearly nothing solid lies below any place of it."""
+    low, high = bounds
+    # Between the lines of a grid that builders use: walls on the lines are no floor.
+    parts = (np.arange(FLOOR_PROBES) + 0.37) / FLOOR_PROBES
+    places = [(x, y) for x in parts.tolist() for y in parts.tolist()]
+    size, top = high - low, float(high[2]) + 0.5
+    found = sum(
+        math.isfinite(probe.height((float(low[0] + x * size[0]), float(low[1] + y * size[1]), top)))
+        for x, y in places
+    )
+    if found < LEAST_FLOOR * len(places):
+        findings.warn(
+            "level",
+            f"only {100.0 * found / len(places):.0f} % of the map have a floor: robots will fall "
+            "out of it; export its floor too, check --up, or name missing meshes with --assets",
+        )
+
+
 def start_entries(
     scene: Scene, probe: Probe, bounds: tuple[Array, Array], findings: Findings
 ) -> tuple[list[Entry], list[Place]]:
@@ -158,9 +181,17 @@ def start_entries(
         height, overlap = probe.height(position), probe.overlap(position, FREE)
         places.append(Place(tag, height, overlap))
         if height > FLOOR_BELOW:
-            findings.warn(start.name, f"no floor within {FLOOR_BELOW:g} m below this start pose")
+            findings.warn(
+                start.name,
+                f"no floor within {FLOOR_BELOW:g} m below this start pose: robots will fall; give "
+                "another with a sidecar file",
+            )
         if overlap > 0.02:
-            findings.warn(start.name, "something solid is in the place of this start pose")
+            findings.warn(
+                start.name,
+                "something solid is in the place of this start pose: robots will appear beside it, "
+                "or fall; give another with a sidecar file",
+            )
     return entries, places
 
 
