@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
+import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -170,3 +174,28 @@ def test_the_file_is_lines_of_json(session: Path) -> None:
     assert events[0]["event"] == "open"
     assert any("INIT" in event.get("text", "") for event in events if event.get("from") == "client")
     assert read(session).connections[1] == 0
+
+
+def test_the_command_records_until_it_is_interrupted(ports: dict[str, int], tmp_path: Path) -> None:
+    """`usarsim record` says where it listens, passes lines on, and ends with Ctrl-C and code 0."""
+    file = tmp_path / "session.jsonl"
+    command = [sys.executable, "-m", "usarsim_server.cli", "record", "--listen", "0"]
+    process = subprocess.Popen(
+        [*command, "--to", f"127.0.0.1:{ports['control']}", str(file)],
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+    )
+    assert process.stdout is not None
+    try:
+        words = process.stdout.readline().split()
+        assert words[0] == "RECORDING"
+        with ScriptedClient(int(words[1].partition("->")[0].rpartition(":")[2])) as client:
+            greeting = client.read_line()
+        process.send_signal(signal.SIGINT)
+        assert process.wait(10.0) == 0
+    finally:
+        process.kill()
+        process.stdout.close()
+    data = b"".join(event.data for event in read(file).events if event.side == "server")
+    assert data.decode() == f"{greeting}\r\n"
