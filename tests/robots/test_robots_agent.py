@@ -11,7 +11,7 @@ import pytest
 
 from usarsim_server.protocol.grammar import parse_line
 from usarsim_server.robots.agent import RobotAgent
-from usarsim_server.testing import Rehearsal, RehearsedClient
+from usarsim_server.testing import Rehearsal, RehearsedClient, running_server
 
 
 @pytest.fixture(scope="module")
@@ -450,26 +450,32 @@ def test_one_handler_failing_does_not_touch_another(
     other.close()
 
 
+class Deaf:
+    """A client that does not listen."""
+
+    def put_reply(self, line: bytes) -> None:
+        """Lose a reply."""
+
+    def put_stream(self, line: bytes) -> None:
+        """Lose a streamed line."""
+
+
 def test_who_hangs_up_while_waiting_gets_no_robot() -> None:
     """An INIT whose client has left before its turn came makes no robot, and no larger world that
     others would wait for."""
-    with Rehearsal(world="empty") as stage:
-        simulation = stage.assembly.simulation
-        hasty, patient = stage.connect(), stage.connect()
-        slots = simulation._slots
+    with running_server(world="empty") as (assembly, _):
+        slots = assembly.simulation._slots
+        agent = assembly.make_agent("hasty", Deaf(), lambda: None)
         with slots._lock:  # somebody else's class is being compiled
-            hasty.agent.submit(parse_line(b"INIT {ClassName P3AT} {Location 0,0,-0.3}"))
+            agent.submit(parse_line(b"INIT {ClassName P3AT} {Location 0,0,-0.3}"))
             deadline = time.monotonic() + 10.0
             while not slots.busy:
                 assert time.monotonic() < deadline
                 time.sleep(0.002)
-            hasty.agent.close()
-        hasty.agent.join(10.0)
-        assert simulation.look().generation == 0
-        assert stage.assembly.fleet.vehicles == ()
-        patient.send("INIT {ClassName P3AT} {Location 0,0,-0.3}")
-        stage.run(1.0)
-        assert patient.take("STA")
+            agent.close()
+        agent.join(10.0)
+        assert assembly.simulation.look().generation == 0
+        assert assembly.fleet.vehicles == ()
 
 
 def _play(seed: int) -> list[str]:
