@@ -143,7 +143,8 @@ async def light(case: Case) -> None:
         case.skip("STA has no LightToggle")
     for state in ("true", "false"):
         await robot.send(f"DRIVE {{Light {state}}}")
-        seen = [await robot.wait(lambda line: line.head == "STA", what="STA") for _ in range(3)]
+        await robot.catch_up()
+        seen = [await robot.wait(lambda line: line.head == "STA", what="STA") for _ in range(2)]
         case.expect(seen[-1].get("LightToggle") == state.title(), f"after {state}: {seen[-1]}")
 
 

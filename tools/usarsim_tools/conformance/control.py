@@ -214,7 +214,7 @@ class Robot:
             Inconclusive: if simulated time does not pass, or far too slowly.
         """
         if self._commanded:
-            await self._catch_up()
+            await self.catch_up()
         found: list[Line] = []
         start = await self._clock(found)
         deadline = time.monotonic() + 5.0 + 4.0 * seconds
@@ -227,8 +227,9 @@ class Robot:
                 return found
         raise Inconclusive(f"simulated time did not advance by {seconds:g} s in a long time")
 
-    async def _catch_up(self) -> None:
-        """Read on to the reply to a request: all commands before it have been executed then."""
+    async def catch_up(self) -> None:
+        """Read on to the reply to a request: all commands before it have been executed then, and
+        what is read next was said after that."""
         self._commanded = False
         await self.client.send("GETSTARTPOSES")
         await self.client.maybe("NFO {StartPoses", 1.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import math
 import re
 from collections.abc import Mapping
@@ -117,14 +118,20 @@ async def _dialects(
     """Dialects to judge. Legacy servers know no segment Dialect, and pass it over."""
     found = {native: ""} if native else {}
     wanted = DIALECTS if target.dialect is None else (target.dialect,)
-    for number, dialect in enumerate(wanted):
-        if dialect == native:
-            continue
+    others = [dialect for dialect in wanted if dialect != native]
+
+    async def speaks(dialect: str, place: Place) -> bool:
         segment = f" {{Dialect {dialect}}}"
-        place = places[(number + 1) % len(places)]
         status = await _status(target, transcript, robot, place, segment)
-        if status is not None and dialect_of(status) == dialect:
-            found[dialect] = segment
+        return status is not None and dialect_of(status) == dialect
+
+    if len(places) > len(others):
+        answers = await asyncio.gather(*map(speaks, others, places[1:]))
+    else:
+        answers = [await speaks(dialect, places[-1]) for dialect in others]
+    for dialect, answer in zip(others, answers, strict=True):
+        if answer:
+            found[dialect] = f" {{Dialect {dialect}}}"
     if native and len(found) > 1:
         # It understands the segment, and other robot classes may have another native dialect.
         found[native] = f" {{Dialect {native}}}"

@@ -1,0 +1,51 @@
+"""A server without a fault passes: the checks demand nothing that is not a rule."""
+
+from __future__ import annotations
+
+import asyncio
+
+from usarsim_tools.conformance.mutants.control_server import control_server
+from usarsim_tools.conformance.registry import Check, all_checks
+from usarsim_tools.conformance.report import Report
+from usarsim_tools.conformance.runner import judge_all
+from usarsim_tools.conformance.survey import Target
+from usarsim_tools.conformance.verdicts import Result, Verdict
+
+_SERVERS = 10
+"""Exclusive checks take their time one by one; on several servers they do not wait for others."""
+_FOREIGN = (
+    "control.aerial", "control.ackerman", "control.flippers", "control.arm", "control.legged",
+    "control.underwater", "control.world", "control.set.rfid", "control.set.releaser",
+)  # fmt: skip
+"""Areas about robots that the small server does not have."""
+
+
+async def _judge(checks: list[Check]) -> Report:
+    async with control_server() as port:
+        target = Target(ports={"control": port}, robot="P2AT")
+        return await judge_all(target, checks, parallel=12, rest=0.2, patience=1.0)
+
+
+async def _judge_all(checks: list[Check]) -> list[Result]:
+    alone = [one for one in checks if one.exclusive]
+    together = [one for one in checks if not one.exclusive]
+    shares = [alone[n::_SERVERS] for n in range(_SERVERS)] + [together[n::4] for n in range(4)]
+    reports = await asyncio.gather(*map(_judge, filter(None, shares)))
+    return [result for report in reports for result in report.results]
+
+
+def test_the_healthy_server_passes() -> None:
+    """No check of the control port fails or is in doubt, in either dialect."""
+    checks = [
+        one for one in all_checks() if one.service == "control" and not one.id.startswith(_FOREIGN)
+    ]
+    results = asyncio.run(_judge_all(checks))
+    wrong = [
+        (one.check, one.dialect, one.reason)
+        for one in results
+        if one.verdict in (Verdict.FAIL, Verdict.INCONCLUSIVE)
+    ]
+    assert not wrong
+    passed = {one.check for one in results if one.verdict is Verdict.PASS}
+    assert len(passed) > 150
+    assert {one.dialect for one in results} == {"", "ut2004", "udk"}
