@@ -14,9 +14,8 @@ from usarsim_server.cameras.viewpoint import Eye
 
 __all__ = ["NEAR", "SKY", "Backend", "Quality", "Shot", "Wanted", "far_plane"]
 
-NEAR = 0.02
-"""m from a camera at which pictures begin: in front of the housing it sits in. The original's near
-plane was 0.12 m away (robots reference 2.7), through which a camera on a bumper sees into walls."""
+NEAR = 0.12
+"""m: nothing nearer is drawn, as in the original (robots reference 2.7 and 5.4 #102)."""
 
 SKY = 0.6
 """Part of the far plane's distance within which things are seen. MuJoCo draws the sky itself as a
