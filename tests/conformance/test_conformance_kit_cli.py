@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from usarsim_server.cli import main
-from usarsim_tools.conformance.mutants.control_faults import FAULTS
+from usarsim_tools.conformance.mutants.control_faults import all_faults
 from usarsim_tools.conformance.mutants.control_server import Session, control_server
 from usarsim_tools.conformance.registry import all_checks
 
@@ -61,7 +61,7 @@ def test_a_conforming_server(tmp_path: Path, capsys: pytest.CaptureFixture[str])
 
 def test_a_server_with_a_fault(capsys: pytest.CaptureFixture[str]) -> None:
     """Exit code 1, and the report shows the bytes."""
-    with serving(FAULTS["AnswersUnknown"][0]) as port:
+    with serving(all_faults()["AnswersUnknown"].kind) as port:
         words = ["--port", port, *_FAST, "--only", "unknown-command,init.silent"]
         assert main(["conformance", *words]) == 1
     told = capsys.readouterr()

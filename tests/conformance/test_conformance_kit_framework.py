@@ -30,7 +30,7 @@ def judged(*ids: str, tell: Callable[[Progress], None] = lambda progress: None) 
 
     async def run() -> Report:
         async with control_server() as port:
-            target = Target(ports={"control": port}, robot="P2AT", dialect="udk")
+            target = Target(ports={"control": port}, robot="P2AT", dialect="ut2004")
             return await judge_all(target, chosen, tell=tell, rest=0.1, patience=1.0)
 
     return asyncio.run(run())
@@ -41,7 +41,7 @@ class TestNewCheck:
     def test_one_function_is_enough(self) -> None:
         """A decorated function is a check: it is found, run, and its docstring is the rule."""
 
-        @check("control.kit.answers", "Answers", source="nowhere", dialects=registry.UDK)
+        @check("control.kit.answers", "Answers", source="nowhere", dialects=registry.UT2004)
         async def answers(case: Case) -> None:
             """The server answers
             requests."""
@@ -135,9 +135,9 @@ class TestNewCheck:
             case.fail(await case.shared("a thing", make))
 
         for name in ("control.kit.a", "control.kit.b"):
-            check(name, "x", source="x", dialects=registry.UDK)(ask)
+            check(name, "x", source="x", dialects=registry.UT2004)(ask)
         report = judged("control.kit.a", "control.kit.b")
-        assert made == ["udk"]
+        assert made == ["ut2004"]
         for result in report.results:
             assert result.reason == "thing"
             assert any("HELLO" in entry for entry in result.transcript)

@@ -7,22 +7,23 @@ from collections.abc import Mapping
 
 import pytest
 
-from usarsim_tools.conformance.mutants.control_faults import FAULTS
+from usarsim_tools.conformance.mutants.control_faults import all_faults
 from usarsim_tools.conformance.mutants.control_server import control_server
 from usarsim_tools.conformance.registry import all_checks
 from usarsim_tools.conformance.runner import judge_all
 from usarsim_tools.conformance.survey import Target
 from usarsim_tools.conformance.verdicts import Result, Verdict
 
-_AT_A_TIME = 40
+_FAULTS = all_faults()
+_AT_A_TIME = 64
 
 
 async def _judge(name: str) -> Result:
     """What the check that is meant for a fault says of it."""
-    kind, meant, dialect = FAULTS[name]
-    checks = [check for check in all_checks() if check.id == meant]
-    async with control_server(kind) as port:
-        target = Target(ports={"control": port}, robot="P2AT", dialect=dialect or None)
+    fault = _FAULTS[name]
+    checks = [check for check in all_checks() if check.id == fault.check]
+    async with control_server(fault.kind) as port:
+        target = Target(ports={"control": port}, robot="P2AT", dialect=fault.dialect or None)
         report = await judge_all(target, checks, rest=0.2, patience=1.5)
     return report.results[0]
 
@@ -34,8 +35,8 @@ async def _judge_every_fault() -> dict[str, Result]:
         async with turns:
             return await _judge(name)
 
-    results = await asyncio.gather(*map(judge, FAULTS))
-    return dict(zip(FAULTS, results, strict=True))
+    results = await asyncio.gather(*map(judge, _FAULTS))
+    return dict(zip(_FAULTS, results, strict=True))
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +45,7 @@ def verdicts() -> Mapping[str, Result]:
     return asyncio.run(_judge_every_fault())
 
 
-@pytest.mark.parametrize("name", list(FAULTS))
+@pytest.mark.parametrize("name", list(_FAULTS))
 def test_faults_are_noticed(name: str, verdicts: Mapping[str, Result]) -> None:
     """The check that is meant for a fault fails, and shows what was sent and received."""
     result = verdicts[name]
@@ -56,5 +57,5 @@ def test_faults_are_noticed(name: str, verdicts: Mapping[str, Result]) -> None:
 def test_faults_are_many() -> None:
     """Faults of every area are tried; a check that does not exist is no help."""
     known = {check.id for check in all_checks()}
-    assert {meant for _, meant, _ in FAULTS.values()} <= known
-    assert len(FAULTS) >= 100
+    assert {fault.check for fault in _FAULTS.values()} <= known
+    assert len(_FAULTS) >= 100

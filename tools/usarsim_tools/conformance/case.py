@@ -219,6 +219,19 @@ class Case:
             raise Inconclusive(f"{class_name} sent no STA within {within:g} s of its INIT")
         return Robot(client, name, class_name, place, first)
 
+    async def appears(self, init: str, within: float = 4.0) -> Robot:
+        """A robot that must appear after this INIT.
+
+        Raises:
+            Failed: if none does.
+        """
+        client = await self.connect()
+        await client.send(init)
+        first = await client.maybe(lambda line: line.head == "STA", within)
+        if first is None:
+            raise Failed(f"no robot appeared after {init}")
+        return Robot(client, "", "", Place(None), first)
+
     async def class_for(self, role: str) -> str:
         """Class of the server that can play a part.
 

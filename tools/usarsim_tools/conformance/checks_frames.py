@@ -9,7 +9,7 @@ import re
 from usarsim_tools.conformance.case import Case
 from usarsim_tools.conformance.control import turned
 from usarsim_tools.conformance.places import Place
-from usarsim_tools.conformance.recordings import driven, standing
+from usarsim_tools.conformance.recordings import driven, standing, wheels_of
 from usarsim_tools.conformance.registry import GAZEBO, ONCE, UDK, UNREAL, UT2004, check
 from usarsim_tools.conformance.verdicts import Severity
 
@@ -233,8 +233,11 @@ async def clockwise(case: Case) -> None:
 async def right(case: Case) -> None:
     """A robot that drives a curve to the right ends with a larger y, seen from its start."""
     robot = await case.spawn()
+    radius, _, limit = await wheels_of(robot)
+    left = min(0.9 * limit, 0.3 / radius)
     await robot.run(0.4)
-    before, after = await case.drive(robot, "DRIVE {Left 3} {Right 0.8}", 1.6)
+    command = f"DRIVE {{Left {left:.3f}}} {{Right {0.3 * left:.3f}}}"
+    before, after = await case.drive(robot, command, 2.5)
     case.need(abs(turned(before.yaw, after.yaw)) > 0.1, "the robot hardly turned")
     _, side = before.ahead(after)
     case.expect(side > 0.005, f"y, seen from the start, changed by {side:.3f} m")

@@ -1,17 +1,17 @@
-"""INIT and start poses (protocol reference 6.5)."""
+"""INIT (protocol reference 6.5)."""
 
 from __future__ import annotations
 
 import math
-import re
 
 from usarsim_tools.conformance.case import Case
-from usarsim_tools.conformance.places import Place
 from usarsim_tools.conformance.recordings import standing
-from usarsim_tools.conformance.registry import DIALECTS, ONCE, UDK, UNREAL, check
+from usarsim_tools.conformance.registry import DIALECTS, ONCE, check
 from usarsim_tools.conformance.verdicts import Severity
 
 _QUIET = 0.22
+
+
 """s; a little less than the 0.25 s that are demanded, for clocks that differ."""
 
 
@@ -80,15 +80,7 @@ async def _class_spelled(case: Case, spell: str) -> None:
         f"INIT {{ClassName {spell}}} {{Name {case.new_name()}}} {place.segments}"
         f"{case.dialect_segment}"
     )
-    await _appears(case, init, place)
-
-
-async def _appears(case: Case, init: str, place: Place) -> None:
-    """A robot appears after this INIT; a missing one is the fault looked for."""
-    client = await case.connect()
-    await client.send(init)
-    line = await client.maybe(lambda line: line.head == "STA", 4.0)
-    case.expect(line is not None, f"no robot appeared after {init}")
+    await case.appears(init)
 
 
 @check(
@@ -129,7 +121,7 @@ async def init_case(case: Case) -> None:
     """`Init {CLASSNAME ..}` works as `INIT {ClassName ..}` does."""
     place = await case.place()
     init = case.init(place, case.new_name())
-    await _appears(case, init.replace("INIT", "Init").replace("ClassName", "CLASSNAME"), place)
+    await case.appears(init.replace("INIT", "Init").replace("ClassName", "CLASSNAME"))
 
 
 @check(
@@ -142,7 +134,7 @@ async def classname(case: Case) -> None:
     """`Classname`, as the ROS and MOAST family writes it, is accepted for ClassName."""
     place = await case.place()
     init = case.init(place, case.new_name())
-    await _appears(case, init.replace("ClassName", "Classname"), place)
+    await case.appears(init.replace("ClassName", "Classname"))
 
 
 @check("control.init.glued", "INIT without blanks", source="protocol reference 3.2", dialects=ONCE)
@@ -150,7 +142,7 @@ async def glued(case: Case) -> None:
     """INIT works without blanks between its segments."""
     place = await case.place()
     init = case.init(place, case.new_name()).replace("} {", "}{").replace("INIT {", "INIT{")
-    await _appears(case, init, place)
+    await case.appears(init)
 
 
 @check(
@@ -166,7 +158,7 @@ async def order(case: Case) -> None:
         f"INIT {place.segments} {{Name {case.new_name()}}} "
         f"{{ClassName USARBot.{case.robot_class}}}{case.dialect_segment}"
     )
-    await _appears(case, init, place)
+    await case.appears(init)
 
 
 @check(
@@ -179,7 +171,7 @@ async def no_name(case: Case) -> None:
     """INIT without Name works, also for two robots at a time."""
     for _ in range(2):
         place = await case.place()
-        await _appears(case, case.init(place), place)
+        await case.appears(case.init(place))
 
 
 @check(
@@ -194,7 +186,7 @@ async def same_name(case: Case) -> None:
     name = case.new_name()
     for _ in range(2):
         place = await case.place()
-        await _appears(case, case.init(place, name), place)
+        await case.appears(case.init(place, name))
 
 
 @check(
@@ -206,7 +198,7 @@ async def same_name(case: Case) -> None:
 async def name_with_blanks(case: Case) -> None:
     """A robot name may contain blanks."""
     place = await case.place()
-    await _appears(case, case.init(place, f"{case.new_name()} the first"), place)
+    await case.appears(case.init(place, f"{case.new_name()} the first"))
 
 
 @check(
@@ -218,11 +210,7 @@ async def name_with_blanks(case: Case) -> None:
 )
 async def no_place(case: Case) -> None:
     """INIT without Location and Start spawns a robot, at 0,0,0 or at a start position."""
-    await _appears(
-        case,
-        f"INIT {{ClassName USARBot.{case.robot_class}}} {{Name {case.new_name()}}}",
-        Place(None),
-    )
+    await case.appears(f"INIT {{ClassName USARBot.{case.robot_class}}} {{Name {case.new_name()}}}")
 
 
 @check(
@@ -246,34 +234,6 @@ async def location(case: Case) -> None:
 
 
 @check(
-    "control.init.start", "Spawns at a start position", source="protocol reference 6, no. 76 and 83"
-)
-async def start(case: Case) -> None:
-    """INIT with Start of a listed tag spawns at the pose listed for it, whatever the case of the
-    tag and whether or not a Location is given, too."""
-    place = await case.place()
-    case.need(place.tag is not None and any(place.location), "the server lists no start poses")
-    tag = (place.tag or "").swapcase()
-    init = case.init(Place(tag), case.new_name(), extra=" {Location 0.5,0.5,-3}")
-    robot = await case.spawn(place=place, init=init)
-    pose = await robot.pose()
-    away = math.dist(pose.location[:2], place.location[:2])
-    case.expect(away < 0.1, f"Start {tag} led to {pose.location} instead of {place.location}")
-
-
-@check(
-    "control.init.unknown-start",
-    "An unknown Start spawns anyway",
-    source="protocol reference 6, no. 77",
-    dialects=ONCE,
-    exclusive=True,
-)
-async def unknown_start(case: Case) -> None:
-    """INIT with an unknown Start still spawns the robot."""
-    await _appears(case, case.init(Place("NoSuchStart"), case.new_name()), Place(None))
-
-
-@check(
     "control.init.extras",
     "Unknown segments of INIT",
     source="protocol reference 6, no. 78",
@@ -285,7 +245,7 @@ async def extras(case: Case) -> None:
     init = case.init(
         place, case.new_name(), extra=" {Team 255} {Skin Default.Red} {Colour blue} {Mood}"
     )
-    await _appears(case, init, place)
+    await case.appears(init)
 
 
 @check(
@@ -326,80 +286,3 @@ async def second(case: Case) -> None:
     )
     times = [line.time for line in lines if line.head == "STA"]
     case.expect(len(set(times)) == len(times), "two STA lines for one moment")
-
-
-@check(
-    "control.init.start-poses",
-    "GETSTARTPOSES before and after INIT",
-    source="protocol reference 6, no. 80",
-    dialects=ONCE,
-)
-async def start_poses(case: Case) -> None:
-    """GETSTARTPOSES is answered before INIT and after it."""
-    client = await case.connect()
-    case.expect(await client.is_alive(), "no answer before INIT")
-    robot = await case.spawn(client=client)
-    case.expect(await robot.client.is_alive(), "no answer after INIT")
-
-
-@check(
-    "control.init.start-poses-count",
-    "StartPoses counts what follows",
-    source="protocol reference 6, no. 81",
-    dialects=ONCE,
-)
-async def start_poses_count(case: Case) -> None:
-    """The reply to GETSTARTPOSES begins `NFO {StartPoses n}` and n groups follow; with n = 0 no
-    second segment exists."""
-    line = await (await case.connect()).ask("GETSTARTPOSES", "NFO {StartPoses")
-    count = line.get("StartPoses") or ""
-    case.expect(re.fullmatch(r"\d+", count), f"StartPoses is {count!r}")
-    words = " ".join(f"{name} {value}" for name, value in line.segments[1:]).split()
-    case.expect(len(words) == 3 * int(count), f"{count} poses are announced: {line}")
-
-
-@check(
-    "control.init.start-poses-form",
-    "Start poses in the flat form",
-    source="protocol reference 6, no. 82",
-    dialects=UNREAL,
-)
-async def start_poses_form(case: Case) -> None:
-    """The second segment holds groups `tag x,y,z r,p,y`, all separated by single blanks."""
-    line = await (await case.connect()).ask("GETSTARTPOSES", "NFO {StartPoses")
-    number = r"-?\d+(\.\d+)?"
-    vector = rf"{number},{number},{number}"
-    group = rf"[^ {{}}]+ {vector} {vector}"
-    pattern = rf"NFO \{{StartPoses \d+\}}( \{{{group}( {group})*\}})?"
-    case.expect(re.fullmatch(pattern, line.text), f"another form: {line}")
-
-
-@check(
-    "control.init.path-nodes",
-    "GETPATHNODES lists path nodes",
-    source="protocol reference 6, no. 84",
-    dialects=UDK,
-    severity=Severity.SHOULD,
-)
-async def path_nodes(case: Case) -> None:
-    """GETPATHNODES is answered by `NFO {PathNodes n}` with n groups in a second segment."""
-    line = await (await case.connect()).ask("GETPATHNODES", "NFO {PathNodes")
-    count = line.get("PathNodes") or ""
-    case.expect(re.fullmatch(r"\d+", count), f"PathNodes is {count!r}")
-    words = " ".join(f"{name} {value}" for name, value in line.segments[1:]).split()
-    case.expect(len(words) == 3 * int(count), f"{count} nodes are announced: {line}")
-
-
-@check(
-    "control.init.closest-node",
-    "GETCLOSESTPATHNODE needs a Location",
-    source="protocol reference 6, no. 84",
-    dialects=UDK,
-    severity=Severity.SHOULD,
-)
-async def closest_node(case: Case) -> None:
-    """GETCLOSESTPATHNODE without Location is not answered."""
-    client = await case.connect()
-    await client.send("GETCLOSESTPATHNODE")
-    line = await client.maybe("NFO", 0.7)
-    case.expect(line is None, f"it was answered: {line}")

@@ -9,9 +9,20 @@ from dataclasses import dataclass, field
 from usarsim_tools.conformance.case import Case
 from usarsim_tools.conformance.control import ControlClient, Pose, Robot, pose_of
 from usarsim_tools.conformance.lines import Line
-from usarsim_tools.conformance.verdicts import Failed, Inconclusive
+from usarsim_tools.conformance.verdicts import Failed, Inconclusive, NotApplicable
 
-__all__ = ["Drive", "Phase", "Recording", "driven", "items_of", "standing", "wheels_of"]
+__all__ = [
+    "Drive",
+    "Phase",
+    "Recording",
+    "driven",
+    "ground_told",
+    "items_of",
+    "senses",
+    "standing",
+    "told",
+    "wheels_of",
+]
 
 _WATCHED = 1.7
 """s of simulated time; eight reports of a sensor with an interval of 0.2 s."""
@@ -53,6 +64,48 @@ class Recording:
 async def standing(case: Case) -> Recording:
     """The recording of a robot that stands, made once for each dialect."""
     return await case.shared("a recording of a standing robot", _stand)
+
+
+async def senses(case: Case, type: str = "") -> tuple[Recording, list[Line]]:
+    """The recording, and the SEN lines in it, of a type if given.
+
+    Raises:
+        NotApplicable: if there are none.
+    """
+    recording = await standing(case)
+    lines = recording.of("SEN", type)
+    if not lines:
+        raise NotApplicable(f"the robot has no {type or 'sensor'}")
+    return recording, lines
+
+
+async def told(case: Case, command: str, type: str, name: str = "") -> Line:
+    """What the standing robot answered to GETCONF or GETGEO.
+
+    Raises:
+        NotApplicable: if it has no item of the type.
+        Failed: if it did not answer.
+    """
+    replies = (await standing(case)).replies
+    if (command, type, name) not in replies:
+        raise NotApplicable(f"the robot has no {type}")
+    line = replies[command, type, name]
+    if line is None:
+        raise Failed(f"{command} of type {type} was not answered")
+    return line
+
+
+async def ground_told(case: Case, command: str) -> Line:
+    """What a ground vehicle answered to GETCONF or GETGEO of the robot.
+
+    Raises:
+        NotApplicable: if the robot is none.
+        Failed: if it did not answer.
+    """
+    line = await told(case, command, "Robot")
+    if "GroundVehicle" not in line.text:
+        raise NotApplicable(f"{case.robot_class} is no ground vehicle")
+    return line
 
 
 async def _stand(case: Case) -> Recording:
