@@ -14,7 +14,7 @@ run: $(VENV)/ready        ## start the server (ARGS="--world office" adds option
 	$(BIN)/usarsim serve $(ARGS)
 
 test: $(VENV)/ready-dev   ## run the tests
-	$(BIN)/python -m pytest $(ARGS)
+	$(BIN)/python -m pytest -n 4 --dist loadfile $(ARGS)
 
 lint: $(VENV)/ready-dev   ## check style and types
 	$(BIN)/ruff check .
