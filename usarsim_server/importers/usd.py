@@ -1,0 +1,69 @@
+"""Reads OpenUSD stages, as Unreal Engine 4 and 5, Omniverse and Blender export (reference 6).
+
+The library is optional: `pip install usarsim-server[usd]`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from usarsim_server.errors import MapImportError, at
+from usarsim_server.importers.mesh_files import Pictures, axes_of
+from usarsim_server.importers.reader import Context, Reader, need, register
+from usarsim_server.importers.scene import Scene
+
+__all__ = ["UsdReader"]
+
+SMALLEST, LARGEST = 1e-6, 1e6
+"""Metres per unit that are believed."""
+
+
+@register("usd")
+class UsdReader(Reader):
+    """Stages with references, payloads, instances, variants, purposes, materials and physics."""
+
+    title = "OpenUSD"
+    extensions = (".usd", ".usda", ".usdc", ".usdz")
+
+    @classmethod
+    def recognises(cls, head: bytes) -> bool:
+        """It begins with the cookie of one of the two formats."""
+        return head.startswith((b"#usda", b"PXR-USDC"))
+
+    def read(self, source: Path, context: Context) -> Scene:
+        """See `Reader.read`; syntax errors name the line (item 73)."""
+        need("pxr.Usd", source, "USD files")
+        from pxr import Tf, UsdGeom
+
+        from usarsim_server.importers.openusd.stage import (
+            broken,
+            files_of,
+            finest_variants,
+            open_stage,
+        )
+        from usarsim_server.importers.openusd.walker import StageReader
+
+        context.progress("reading", 0.0)
+        stage = open_stage(source, context.options.assets, context.findings)
+        try:
+            finest_variants(stage, context.findings)
+            axes = axes_of(
+                context.options,
+                str(UsdGeom.GetStageUpAxis(stage)),
+                _unit(float(UsdGeom.GetStageMetersPerUnit(stage)), source, context),
+                stated=bool(UsdGeom.StageHasAuthoredMetersPerUnit(stage)),
+            )
+            reader = StageReader(stage, context, axes, Pictures(source, context))
+            return reader.scene(self.title, files_of(stage))
+        except (Tf.ErrorException, UnicodeDecodeError) as error:
+            raise broken(source, error) from None
+
+
+def _unit(unit: float, source: Path, context: Context) -> float:
+    """Metres per unit, if they make sense or the user knows better."""
+    if SMALLEST <= unit <= LARGEST:
+        return unit
+    if context.options.scale is None:
+        cure = "give the true scale with --scale"
+        raise MapImportError(at(source, f"metersPerUnit is {unit:g}", cure))
+    return 1.0
