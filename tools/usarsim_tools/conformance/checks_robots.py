@@ -91,7 +91,7 @@ async def hovers(case: Case) -> None:
 
 async def _steered(case: Case, *commands: str) -> tuple[float, Line]:
     robot = await case.spawn("ackerman")
-    await robot.run(0.8)
+    await robot.run(2.5)  # large cars take a while until they stand still
     before = await robot.pose()
     await robot.send(*commands)
     lines = await robot.run(1.2)
