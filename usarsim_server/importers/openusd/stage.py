@@ -14,7 +14,7 @@ from typing import Any
 from pxr import Ar, Tf, Usd, UsdUtils
 
 from usarsim_server.errors import MapImportError, at
-from usarsim_server.importers.files import MAX_BYTES, check_size, read_head
+from usarsim_server.importers.files import MAX_BYTES, check_size, read_bytes, read_head
 from usarsim_server.importers.findings import Findings
 
 __all__ = ["broken", "check_archive", "files_of", "finest_variants", "open_stage", "read_resource"]
@@ -68,10 +68,13 @@ def check_archive(source: Path) -> None:
 def try_out(source: Path, folders: Iterable[Path]) -> None:
     """Let another process read a binary file first: a damaged one may end or stall it.
 
+    Text is read here, unless it brings in other files.
+
     Raises:
         MapImportError: it did.
     """
-    if source.suffix.lower() != ".usdz" and not read_head(source).startswith(BINARY):
+    binary = source.suffix.lower() == ".usdz" or read_head(source).startswith(BINARY)
+    if not binary and b".usd" not in read_bytes(source):
         return
     command = [sys.executable, str(TRIAL), str(source), *map(str, folders)]
     seconds = PATIENCE + source.stat().st_size / SPEED
