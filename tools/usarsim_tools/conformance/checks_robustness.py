@@ -149,10 +149,11 @@ async def request_flood(case: Case) -> None:
     """Two hundred requests in one packet are all answered."""
     robot = await case.spawn()
     await robot.send(*["GETGEO {Type Robot}"] * 200)
-    count, deadline = 0, time.monotonic() + 8.0
-    while count < 200 and time.monotonic() < deadline:
+    count, latest = 0, time.monotonic()
+    while count < 200 and time.monotonic() - latest < 3.0:
         line = await robot.client.line(1.0)
-        count += line is not None and line.head == "GEO"
+        if line is not None and line.head == "GEO":
+            count, latest = count + 1, time.monotonic()
     case.expect(count == 200, f"{count} of 200 requests were answered")
 
 
