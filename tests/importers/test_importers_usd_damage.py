@@ -146,6 +146,24 @@ class TestDamage:
         )
         assert [thing.name for thing in read_scene(path).objects] == ["Good"]
 
+    def test_values_of_other_types(self, tmp_path: Path) -> None:
+        """Attributes that hold something else than they should count as absent."""
+        path = tmp_path / "a.usda"
+        path.write_text(
+            '#usda 1.0\n(\n upAxis = "Z"\n)\n'
+            'def Mesh "A" {\n color3d points = (1, 2, 3)\n}\n'
+            'def Mesh "B" {\n string points = "none"\n int[] faceVertexCounts = [3]\n}\n'
+            'def SphereLight "C" {\n string inputs:color = "red"\n'
+            ' token inputs:intensity = "x"\n}\n'
+            'def PointInstancer "D" {\n string protoIndices = "0"\n}\n'
+            'def Cube "Good" {\n string size = "large"\n}\n'
+        )
+        scene = read_scene(path)
+        assert [thing.name for thing in scene.objects] == ["Good"]
+        assert [light.color for light in scene.lights] == [pytest.approx((1, 1, 1))]
+        path.write_text('#usda 1.0\n(\n upAxis = "W"\n)\ndef Cube "Box" {\n}\n')
+        assert "upAxis is 'W'" in told(path)
+
     @pytest.mark.parametrize(
         ("program", "reason"),
         [

@@ -49,7 +49,7 @@ class UsdReader(Reader):
             finest_variants(stage, context.findings)
             axes = axes_of(
                 context.options,
-                str(UsdGeom.GetStageUpAxis(stage)),
+                _up(str(UsdGeom.GetStageUpAxis(stage)), source, context),
                 _unit(float(UsdGeom.GetStageMetersPerUnit(stage)), source, context),
                 stated=bool(UsdGeom.StageHasAuthoredMetersPerUnit(stage)),
             )
@@ -67,3 +67,12 @@ def _unit(unit: float, source: Path, context: Context) -> float:
         cure = "give the true scale with --scale"
         raise MapImportError(at(source, f"metersPerUnit is {unit:g}", cure))
     return 1.0
+
+
+def _up(axis: str, source: Path, context: Context) -> str:
+    """The axis that points up, if there is such an axis or the user knows better."""
+    if axis in ("X", "Y", "Z"):
+        return axis
+    if context.options.up is None:
+        raise MapImportError(at(source, f"upAxis is {axis!r}", "give the true one with --up"))
+    return context.options.up

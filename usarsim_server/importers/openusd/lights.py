@@ -11,7 +11,7 @@ from pxr import UsdLux
 
 from usarsim_server.importers.mesh_files import Axes
 from usarsim_server.importers.openusd.materials import srgb
-from usarsim_server.importers.openusd.values import NOW, number
+from usarsim_server.importers.openusd.values import NOW, array, number
 from usarsim_server.importers.scene import Light, LightKind
 
 __all__ = ["LIGHTS", "light_of"]
@@ -62,8 +62,9 @@ def light_of(prim: Any, matrix: Array, axes: Axes) -> Light:
         strength /= ORDINARY_LAMP
     else:
         reach = 0.0
-    value = light.GetColorAttr().Get(NOW)
-    red, green, blue = (srgb(float(part)) for part in (value or (1.0, 1.0, 1.0)))
+    color = array(light.GetColorAttr())
+    tint = color.tolist() if color is not None and len(color) == 3 else (1.0, 1.0, 1.0)
+    red, green, blue = map(srgb, tint)
     x, y, z = (axes.linear @ matrix[:3, 3]).tolist()
     dx, dy, dz = (axes.linear @ -matrix[:3, 2]).tolist()
     return Light(

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Ar, UsdGeom, UsdShade
+from pxr import Ar, Sdf, UsdGeom, UsdShade
 
 from usarsim_server.importers.findings import Findings
 from usarsim_server.importers.mesh_files import Pictures
 from usarsim_server.importers.openusd.stage import read_resource
-from usarsim_server.importers.openusd.values import NOW, array
+from usarsim_server.importers.openusd.values import NOW, array, numbers
 from usarsim_server.importers.scene import Color, Material
 from usarsim_server.importers.textures import NEUTRAL
 
@@ -111,9 +110,7 @@ class Finishes:
             found = self._textured(name, source, alpha)
             if found is not None:
                 return found
-        value = _constant(base)
-        linear = _triple(value) if value is not None else (0.18, 0.18, 0.18)
-        red, green, blue = (srgb(part) for part in linear)
+        red, green, blue = map(srgb, _vector(base, (0.18, 0.18, 0.18)))
         return Finish(Material(name, (red, green, blue, alpha)))
 
     def _textured(self, name: str, shader: Any, alpha: float) -> Finish | None:
@@ -121,15 +118,14 @@ class Finishes:
         if shader.GetIdAttr().Get() != "UsdUVTexture":
             return None
         asset = _constant(shader.GetInput("file"))
-        if asset is None or not getattr(asset, "path", ""):
+        if not isinstance(asset, Sdf.AssetPath) or not asset.path:
             return None
-        gain = _constant(shader.GetInput("scale"))
-        red, green, blue = _triple(gain) if gain is not None else (1.0, 1.0, 1.0)
-        wrap = _constant(shader.GetInput("wrapS"))
+        red, green, blue = map(srgb, _vector(shader.GetInput("scale"), (1.0, 1.0, 1.0)))
+        wrap = str(_constant(shader.GetInput("wrapS")))
         coordinates, mapping = _coordinates(shader)
         material = Material(
             name,
-            (srgb(red), srgb(green), srgb(blue), alpha),
+            (red, green, blue, alpha),
             *self._picture(asset),
             repeat=wrap not in ("clamp", "black"),
         )
@@ -183,29 +179,27 @@ def _coordinates(texture: Any) -> tuple[str, Array]:
     for _ in range(MAX_STEPS):
         if shader is None:
             break
-        kind = shader.GetIdAttr().Get() or ""
+        kind = str(shader.GetIdAttr().Get())
         if kind == "UsdTransform2d":
             mapping = mapping @ _transform(shader)
             shader = _source(shader.GetInput("in"))
             continue
         if kind.startswith("UsdPrimvarReader"):
             name = _constant(shader.GetInput("varname"))
-            return str(name) if name else "st", mapping[:2]
+            return name if isinstance(name, str) and name else "st", mapping[:2]
         break
     return "st", mapping[:2]
 
 
 def _transform(shader: Any) -> Array:
     """Scale, then rotation anticlockwise in degrees, then translation."""
-    angle = _constant(shader.GetInput("rotation")) or 0.0
-    scale = _constant(shader.GetInput("scale"))
-    shift = _constant(shader.GetInput("translation"))
-    c, s = math.cos(math.radians(angle)), math.sin(math.radians(angle))
+    value = _constant(shader.GetInput("rotation"))
+    angle = math.radians(value) if isinstance(value, float) and math.isfinite(value) else 0.0
+    c, s = math.cos(angle), math.sin(angle)
     answer = np.eye(3)
-    answer[:2, :2] = np.array([[c, -s], [s, c]]) @ np.diag(
-        (1, 1) if scale is None else tuple(scale)
-    )
-    answer[:2, 2] = (0, 0) if shift is None else tuple(shift)
+    stretch = _vector(shader.GetInput("scale"), (1.0, 1.0))
+    answer[:2, :2] = np.array([[c, -s], [s, c]]) @ np.diag(stretch)
+    answer[:2, 2] = _vector(shader.GetInput("translation"), (0.0, 0.0))
     return answer
 
 
@@ -227,9 +221,12 @@ def _display_color(prim: Any) -> Color | None:
     return red, green, blue, 1.0
 
 
-def _triple(value: Sequence[float]) -> tuple[float, float, float]:
-    red, green, blue = (float(part) for part in list(value)[:3])
-    return red, green, blue
+def _vector(port: Any, default: tuple[float, ...]) -> tuple[float, ...]:
+    """The value of an input with as many parts as the default has; more are left out."""
+    value = numbers(_constant(port))
+    if value is None or len(value) < len(default) or not np.isfinite(value).all():
+        return default
+    return tuple(value[: len(default)].tolist())
 
 
 def _unit(value: float) -> float:

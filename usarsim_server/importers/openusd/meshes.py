@@ -12,7 +12,7 @@ from pxr import UsdGeom, UsdShade
 
 from usarsim_server.importers.findings import Findings
 from usarsim_server.importers.openusd.materials import Finish, Finishes
-from usarsim_server.importers.openusd.values import NOW, array
+from usarsim_server.importers.openusd.values import NOW, array, numbers
 from usarsim_server.importers.scene import Mesh
 from usarsim_server.importers.triangulate import triangulate
 
@@ -157,11 +157,8 @@ def _primvar(
         primvar = source.FindPrimvarWithInheritance(word)
         if not primvar or not primvar.HasAuthoredValue():
             continue
-        flat = primvar.ComputeFlattened(NOW)
-        if flat is None:
-            continue
-        values: Array = np.array(flat, dtype=float)
-        if values.ndim != 2 or values.shape[1] != 2:
+        values = numbers(primvar.ComputeFlattened(NOW), 2)
+        if values is None:
             continue
         match primvar.GetInterpolation():
             case "faceVarying":

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Usd
 
-__all__ = ["NOW", "array", "authored", "matrix", "number", "text"]
+__all__ = ["NOW", "array", "authored", "matrix", "number", "numbers", "text"]
 
 Array = NDArray[np.float64]
 
@@ -25,10 +25,20 @@ def matrix(value: Any) -> Array:
 
 def array(attribute: Any, *shape: int) -> Array | None:
     """A list of numbers, its first axis of any length; None if there is none of that shape."""
-    value = attribute.Get(NOW) if attribute else None
+    return numbers(attribute.Get(NOW) if attribute else None, *shape)
+
+
+def numbers(value: Any, *shape: int) -> Array | None:
+    """A value as a list of numbers; None if it is none of that shape.
+
+    Damaged and careless files give attributes values of any type.
+    """
     if value is None:
         return None
-    found: Array = np.array(value, dtype=float)
+    try:
+        found: Array = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        return None
     if found.size == 0:
         found = found.reshape(0, *shape)
     return found if found.shape[1:] == shape and found.ndim == len(shape) + 1 else None

@@ -24,7 +24,7 @@ from usarsim_server.importers.openusd.lights import LIGHTS, light_of
 from usarsim_server.importers.openusd.materials import Finish, Finishes
 from usarsim_server.importers.openusd.meshes import MeshReader
 from usarsim_server.importers.openusd.shapes import SHAPES, shape_of
-from usarsim_server.importers.openusd.values import NOW, matrix, text
+from usarsim_server.importers.openusd.values import NOW, array, matrix, text
 from usarsim_server.importers.placing import matrix_of_pose
 from usarsim_server.importers.reader import Context
 from usarsim_server.importers.scene import (
@@ -169,7 +169,7 @@ class StageReader:
             self._findings.warn(prim.GetName(), "instancers within instancers are too deep")
             return
         targets = [self._stage.GetPrimAtPath(p) for p in instancer.GetPrototypesRel().GetTargets()]
-        chosen = instancer.GetProtoIndicesAttr().Get(NOW)
+        chosen = array(instancer.GetProtoIndicesAttr())
         transforms = instancer.ComputeInstanceTransformsAtTime(
             NOW,
             NOW,
@@ -187,9 +187,9 @@ class StageReader:
         for number, (index, transform, shown) in enumerate(
             zip(chosen, transforms, mask, strict=True)
         ):
-            if not shown or not 0 <= index < len(targets) or not targets[index]:
+            if not shown or not 0 <= index < len(targets) or not targets[int(index)]:
                 continue
-            target = targets[index]
+            target = targets[int(index)]
             own = matrix(self._transforms.GetLocalToWorldTransform(target))
             if abs(np.linalg.det(own)) < 1e-18:
                 continue
