@@ -159,7 +159,7 @@ def test_a_faster_replay_takes_less_time(
 ) -> None:
     """With --speed the pauses shrink, and nothing that the controller waited for is skipped."""
     file = tmp_path / "session.jsonl"
-    recorded(file, ports, side_channels)
+    recorded(file, ports, player_like)
     time.sleep(0.5)
     assert main(["replay", str(file), "--speed", "4", *RELAXED]) == 0, capsys.readouterr().out
 
