@@ -231,3 +231,28 @@ def test_an_unreachable_server() -> None:
 def test_severities_are_used() -> None:
     """Rules differ in how bad it is to break them."""
     assert {one.severity for one in all_checks()} == set(Severity)
+
+
+@pytest.mark.usefixtures("fresh")
+def test_waiting_for_others_does_not_count() -> None:
+    """A check with little time of its own may wait long for what is made for all."""
+
+    async def make(case: Case) -> int:
+        await asyncio.sleep(0.6)
+        return 1
+
+    @check("control.kit.w", "x", source="x", dialects=registry.ONCE, within=0.3)
+    async def waits(case: Case) -> None:
+        """Waits, and then still has its time, and no more."""
+        await case.shared("something slow", make)
+        await asyncio.sleep(0.1)
+
+    @check("control.kit.v", "x", source="x", dialects=registry.ONCE, within=0.3)
+    async def dawdles(case: Case) -> None:
+        """Waits, and then takes too long."""
+        await case.shared("something slow", make)
+        await asyncio.sleep(5.0)
+
+    results = {one.check: one.verdict for one in judged("control.kit.w", "control.kit.v").results}
+    assert results["control.kit.w"] is Verdict.PASS
+    assert results["control.kit.v"] is Verdict.INCONCLUSIVE

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import itertools
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, NoReturn, TypeVar
 
@@ -19,14 +20,16 @@ __all__ = ["PATIENCE", "ROLES", "Case", "Run"]
 
 ROLES: dict[str, tuple[str, ...]] = {
     "aerial": ("AirRobot", "ARDrone", "quadrotor"),
-    "ackerman": ("Hummer", "Sedan", "BasicAckermanRobot", "FrontAckerman"),
+    "ackerman": ("BasicAckermanRobot", "FrontAckerman", "Sedan", "Hummer"),
     "flippers": ("Kenaf", "TeleMax", "Tarantula"),
-    "arm": ("KR60", "P3AT_arm", "TeleMax"),
-    "gripper": ("KR60", "P3AT_arm", "HandBot"),
+    "arm": ("P3AT_arm", "TeleMax", "KR60"),
+    "gripper": ("P3AT_arm", "HandBot", "KR60"),
     "legged": ("Nao", "ERS", "QRIO"),
     "underwater": ("Submarine", "Passarola"),
 }
-"""Robot classes that can play a part, tried in this order; all stood in the original's rosters."""
+"""Robot classes that can play a part; all stood in the original's rosters. Small ones come first:
+a car or an industrial arm reaches over the start places beside its own, so checks with roles that
+only such robots may play are exclusive."""
 
 PATIENCE = 6.0
 """s of wall time until a robot is given up; a busy machine must not look like a missing robot."""
@@ -62,6 +65,7 @@ class Case:
         run: what it shares with others.
         dialect: that it asks the server to speak.
         transcript: what goes over its own connections.
+        limit: when the check is given up; waiting for others does not count.
     """
 
     def __init__(self, run: Run, dialect: str) -> None:
@@ -70,6 +74,7 @@ class Case:
         self.transcript = Transcript()
         self._borrowed: list[Transcript] = []
         self._slot_left = False
+        self.limit: asyncio.Timeout | None = None
         self._wires: list[Wire] = []
         self._taken: list[Place] = []
 
@@ -163,7 +168,8 @@ class Case:
         """
         if len(self._taken) >= len(self.run.places.all):
             raise Inconclusive(f"the server has places for {len(self._taken)} robots only")
-        place = await self.run.places.take()
+        with self._waiting():
+            place = await self.run.places.take()
         self._taken.append(place)
         return place
 
@@ -285,11 +291,27 @@ class Case:
             self.run.shared[key, dialect] = task
         if not task.done():
             self.leave_slot()
-        made, transcript, error = await asyncio.shield(task)
+        with self._waiting():
+            made, transcript, error = await asyncio.shield(task)
         self._borrowed.append(transcript)
         if error is not None:
             raise Inconclusive(f"{key} could not be had: {error}")
         return made  # type: ignore[no-any-return]
+
+    @contextlib.contextmanager
+    def _waiting(self) -> Iterator[None]:
+        """While inside, the time of the check does not run."""
+        limit, loop = self.limit, asyncio.get_running_loop()
+        when = limit.when() if limit is not None else None
+        if limit is None or when is None:
+            yield
+            return
+        left = when - loop.time()
+        limit.reschedule(None)
+        try:
+            yield
+        finally:
+            limit.reschedule(loop.time() + left)
 
     def leave_slot(self) -> None:
         """Let the next check begin: this one is done, or waits for something shared."""

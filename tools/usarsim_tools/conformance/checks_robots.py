@@ -91,7 +91,7 @@ async def hovers(case: Case) -> None:
 
 async def _steered(case: Case, *commands: str) -> tuple[float, Line]:
     robot = await case.spawn("ackerman")
-    await robot.run(2.5)  # large cars take a while until they stand still
+    await robot.run(1.2)
     before = await robot.pose()
     await robot.send(*commands)
     lines = await robot.run(1.2)
@@ -105,6 +105,7 @@ async def _steered(case: Case, *commands: str) -> tuple[float, Line]:
     "Speed drives a car",
     source="protocol reference 3.4.2",
     dialects=UNREAL,
+    exclusive=True,
 )
 async def car_drives(case: Case) -> None:
     """`DRIVE {Speed v} {FrontSteer 0} {RearSteer 0}` drives a car forward."""
@@ -117,6 +118,7 @@ async def car_drives(case: Case) -> None:
     "Speed alone drives a car",
     source="protocol reference 6, no. 149",
     dialects=UT2004,
+    exclusive=True,
 )
 async def speed_alone(case: Case) -> None:
     """In ut2004 Speed alone works."""
@@ -129,6 +131,7 @@ async def speed_alone(case: Case) -> None:
     "All three are needed in udk",
     source="protocol reference 6, no. 149",
     dialects=UDK,
+    exclusive=True,
 )
 async def all_three(case: Case) -> None:
     """In udk a car needs Speed, FrontSteer and RearSteer; one alone does nothing."""
@@ -141,6 +144,7 @@ async def all_three(case: Case) -> None:
     "Steering stays within limits",
     source="protocol reference 6, no. 149",
     dialects=UNREAL,
+    exclusive=True,
 )
 async def steer_limits(case: Case) -> None:
     """A steering angle beyond the limits of CONF stops at them."""
@@ -343,6 +347,7 @@ async def joints(case: Case) -> None:
     source="robots reference 5.2, no. 49",
     dialects=ONCE,
     severity=Severity.INFORMATIVE,
+    exclusive=True,
 )
 async def submarine(case: Case) -> None:
     """A submarine with zero input keeps its depth and ignores DRIVE keys of other families."""

@@ -251,6 +251,8 @@ async def rfid(case: Case) -> None:
     """What is written to a tag is read back, blanks within it included; an unknown tag gives
     `{status Failed}`."""
     robot = await _with_rfid(case)
+    # A tag of its own, so that it does not depend on where others have dropped theirs.
+    await robot.send("SET {Type RFIDReleaser} {Name Gun} {Opcode Release}")
     line = await robot.client.maybe(
         lambda line: line.head == "SEN" and line.type == "RFID" and "ID" in line.names, 1.5
     )

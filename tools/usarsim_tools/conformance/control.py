@@ -17,6 +17,8 @@ __all__ = ["ControlClient", "Pose", "Robot", "Wanted", "pose_of", "turned"]
 Wanted = str | Callable[[Line], bool]
 """The line that is waited for: what it begins with, or a function that accepts it."""
 
+_STALE = 0.2
+"""s without reading after which older lines are waiting to be read."""
 _MOST_LINES = 50_000
 """Lines remembered of one connection."""
 
@@ -56,6 +58,7 @@ class ControlClient:
     Attributes:
         wire: the connection.
         lines: everything the server has said, in order.
+        read_at: when a line was last taken, s of the monotonic clock.
     """
 
     def __init__(self, wire: Wire) -> None:
@@ -64,6 +67,7 @@ class ControlClient:
         self._cutter = Lines()
         self._ready: list[Line] = []
         self._last_command = ""
+        self.read_at = time.monotonic()
 
     async def send(self, *commands: str, end: str = "\r\n") -> None:
         """Send commands in one write, each with the line end."""
@@ -88,6 +92,7 @@ class ControlClient:
             data = await self.wire.read(left)
             self._ready = self._cutter.feed(data, time.monotonic())
         line = self._ready.pop(0)
+        self.read_at = time.monotonic()
         if len(self.lines) < _MOST_LINES:
             self.lines.append(line)
         return line
@@ -207,13 +212,13 @@ class Robot:
     async def run(self, seconds: float) -> list[Line]:
         """Lines until an STA shows that this much simulated time has passed.
 
-        If commands were sent before, time counts from when they have been executed, and lines
-        from before that are passed over.
+        If commands were sent before, or nothing was read for a while, time counts from now on:
+        from when they have been executed, and lines from before that are passed over.
 
         Raises:
             Inconclusive: if simulated time does not pass, or far too slowly.
         """
-        if self._commanded:
+        if self._commanded or time.monotonic() - self.client.read_at > _STALE:
             await self.catch_up()
         found: list[Line] = []
         start = await self._clock(found)

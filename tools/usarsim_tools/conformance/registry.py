@@ -62,7 +62,8 @@ class Check:
         dialects: in which it runs, once each; empty to run once in the server's own.
         service: that it is about. If the user named no port of it, it does not apply.
         exclusive: no other check may run at the same time.
-        within: s of wall time after which the check is given up.
+        within: s of wall time after which the check is given up; waiting for a place or for
+            something shared does not count.
         function: the check itself.
     """
 

@@ -118,7 +118,7 @@ async def judge(run: Run, check: Check, dialect: str) -> Result:
         verdict, reason = Verdict.NOT_APPLICABLE, f"no port of {check.service} was named"
     else:
         try:
-            async with asyncio.timeout(check.within):
+            async with asyncio.timeout(check.within) as case.limit:
                 await check.function(case)
         except NotApplicable as error:
             verdict, reason = Verdict.NOT_APPLICABLE, str(error)
