@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from usarsim_server.protocol.framing import MAX_LINE
+from usarsim_server.protocol.framing import LineFramer
 from usarsim_server.protocol.grammar import parse_line
 from usarsim_server.protocol.values import Vector
 
@@ -90,25 +90,13 @@ def _rounded(value: float, digits: int) -> str:
     return f"{value + 0.0:.{digits}f}"  # adding zero: a negative zero has no sign to keep
 
 
-class QueryFramer:
+class QueryFramer(LineFramer):
     """Cuts bytes into queries: LF ends one, CR before it is dropped, empty lines are queries too.
 
     A line that is too long is thrown away whole.
     """
 
-    __slots__ = ("_draining", "_held", "discarded", "max_line")
-
-    def __init__(self, max_line: int = MAX_LINE) -> None:
-        self.max_line = max_line
-        self.discarded = 0
-        """Number of lines thrown away because they were too long."""
-        self._held = bytearray()
-        self._draining = False
-
-    @property
-    def pending(self) -> int:
-        """Bytes held of a line whose end has not arrived; at most `max_line`."""
-        return len(self._held)
+    __slots__ = ()
 
     def feed(self, data: bytes) -> list[bytes]:
         """Take the next bytes and return the lines they complete, without line ends."""
@@ -122,13 +110,3 @@ class QueryFramer:
             self._draining = False
             self._hold(part)
         return lines
-
-    def _hold(self, part: bytes) -> None:
-        if self._draining:
-            return
-        if len(self._held) + len(part) <= self.max_line:
-            self._held += part
-            return
-        self._held.clear()
-        self._draining = True
-        self.discarded += 1

@@ -36,7 +36,7 @@ from usarsim_server.robots.tables import TableReader
 from usarsim_server.simulation.articulation import JointOrder, Order
 from usarsim_server.simulation.frames import Pose
 
-__all__ = ["Ackerman", "SteeredWheel", "Steering", "steered_wheels", "turn"]
+__all__ = ["Ackerman", "SteeredConduct", "SteeredWheel", "Steering", "steered_wheels", "turn"]
 
 FRONT, REAR = "frontsteer", "rearsteer"
 GRID = 41
@@ -188,8 +188,8 @@ def _axles(wheels: Sequence[SteeredWheel]) -> tuple[float, float]:
     return sum(front) / len(front), sum(rear) / len(rear)
 
 
-class CarConduct(WheelConduct):
-    """Speed, FrontSteer and RearSteer become wheel speeds and steering angles."""
+class SteeredConduct(WheelConduct):
+    """Drives a robot some of whose wheels are steered."""
 
     def __init__(self, machine: Machine) -> None:
         super().__init__(machine)
@@ -198,10 +198,23 @@ class CarConduct(WheelConduct):
         self._gear = gear
         self._limit = machine.description.drive.max_wheel_speed
         self._scale = SpeedScale(self._limit)
+
+    def joints(self, facts: StatusFacts) -> tuple[tuple[str, float], ...]:
+        """Joints that STA tells of by name: all but the steering."""
+        steering = {wheel.joint for wheel in self._gear.wheels}
+        return tuple(joint for joint in facts.joints if joint[0] not in steering)
+
+
+class CarConduct(SteeredConduct):
+    """Speed, FrontSteer and RearSteer become wheel speeds and steering angles."""
+
+    def __init__(self, machine: Machine) -> None:
+        super().__init__(machine)
         self._speed = 0.0
         self._angles = [0.0, 0.0]
         """FrontSteer and RearSteer as on the wire: positive to the right."""
-        self._ranges = wire_range(gear.wheels, True), wire_range(gear.wheels, False)
+        wheels = self._gear.wheels
+        self._ranges = wire_range(wheels, True), wire_range(wheels, False)
 
     def steer(self, drive: Drive, dialect: Dialect) -> None:
         """Obey; UDK wants all three members, elsewhere one that is absent keeps its value."""
@@ -241,11 +254,6 @@ class CarConduct(WheelConduct):
     def stop(self) -> None:
         self._speed = 0.0
         self.machine.drive(np.zeros(len(self.machine.description.driven_wheels)))
-
-    def joints(self, facts: StatusFacts) -> tuple[tuple[str, float], ...]:
-        """Joints that STA tells of by name: all but the steering."""
-        steering = {wheel.joint for wheel in self._gear.wheels}
-        return tuple(joint for joint in facts.joints if joint[0] not in steering)
 
     def steering(self, facts: StatusFacts, dialect: Dialect) -> tuple[float | None, float | None]:
         """As commanded in udk, as they are in ut2004 (protocol reference 4.3)."""

@@ -17,11 +17,11 @@ from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import ActuatorDescription, RobotDescription, Wheel
 from usarsim_server.robots.families.base import (
     Conduct,
-    Family,
     Machine,
     StatusFacts,
     balance_weight,
 )
+from usarsim_server.robots.families.machine import MachineFamily
 from usarsim_server.robots.families.registry import register_family
 from usarsim_server.robots.tables import TableReader
 from usarsim_server.simulation.flight import CHANNELS, FlightLimits, VelocityHold
@@ -30,7 +30,6 @@ from usarsim_server.simulation.laws import LawModel
 
 __all__ = ["Aerial", "Flight"]
 
-WIRE_TYPE = "AerialVehicle"
 FASTEST = 100.0
 """m/s and rad/s: beyond this a command is nonsense; the original did not limit it."""
 
@@ -136,10 +135,10 @@ class FlightConduct(Conduct):
 
 
 @register_family("aerial")
-class Aerial(Family):
+class Aerial(MachineFamily):
     """Quadrotors and blimps."""
 
-    wheeled: ClassVar[bool] = False
+    wire_type: ClassVar[str] = "AerialVehicle"
 
     def conduct(self, machine: Machine) -> Conduct:
         return FlightConduct(machine)
@@ -155,13 +154,7 @@ class Aerial(Family):
             ("MaxTilt", _yaw_unit(gear.tilt, dialect)),
         ]
         return messages.machine_configuration(
-            dialect, WIRE_TYPE, robot.name, gear.steering_type, robot.report.mass, limits
-        )
-
-    def geometry(self, robot: RobotDescription, dialect: Dialect) -> str:
-        report = robot.report
-        return messages.machine_geometry(
-            dialect, WIRE_TYPE, robot.name, report.dimensions, report.center_of_gravity
+            dialect, self.wire_type, robot.name, gear.steering_type, robot.report.mass, limits
         )
 
     def read(

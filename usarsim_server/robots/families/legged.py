@@ -11,13 +11,13 @@ from usarsim_server.protocol import messages
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import ActuatorDescription, RobotDescription, Wheel
-from usarsim_server.robots.families.base import Conduct, Family, Machine, StatusFacts
+from usarsim_server.robots.families.base import Conduct, Machine, StatusFacts
+from usarsim_server.robots.families.machine import MachineFamily
 from usarsim_server.robots.families.registry import register_family
 from usarsim_server.robots.tables import TableReader
 
 __all__ = ["Legged", "Legs"]
 
-WIRE_TYPE = "LeggedRobot"
 
 _log = Log("robot")
 
@@ -58,10 +58,10 @@ class LeggedConduct(Conduct):
 
 
 @register_family("legged")
-class Legged(Family):
+class Legged(MachineFamily):
     """Two legs or four; every joint holds the place it is told."""
 
-    wheeled: ClassVar[bool] = False
+    wire_type: ClassVar[str] = "LeggedRobot"
 
     def conduct(self, machine: Machine) -> Conduct:
         return LeggedConduct(machine)
@@ -70,19 +70,13 @@ class Legged(Family):
         gear = robot.gear
         assert isinstance(gear, Legs)
         return messages.machine_configuration(
-            dialect, WIRE_TYPE, robot.name, gear.steering_type, robot.report.mass, []
+            dialect, self.wire_type, robot.name, gear.steering_type, robot.report.mass, []
         )
 
     def status_period(self, robot: RobotDescription, dialect: Dialect) -> float:
         gear = robot.gear
         assert isinstance(gear, Legs)
         return gear.status_period or super().status_period(robot, dialect)
-
-    def geometry(self, robot: RobotDescription, dialect: Dialect) -> str:
-        report = robot.report
-        return messages.machine_geometry(
-            dialect, WIRE_TYPE, robot.name, report.dimensions, report.center_of_gravity
-        )
 
     def read(
         self,

@@ -17,27 +17,28 @@ from usarsim_server.robots.description import (
     RobotReport,
     Wheel,
 )
-from usarsim_server.robots.drive import SpeedScale
-from usarsim_server.robots.families.ackerman import SteeredWheel, Steering, steered_wheels
-from usarsim_server.robots.families.base import Conduct, Machine, StatusFacts
+from usarsim_server.robots.families.ackerman import (
+    SteeredConduct,
+    SteeredWheel,
+    Steering,
+    steered_wheels,
+)
+from usarsim_server.robots.families.base import Conduct, Machine
 from usarsim_server.robots.families.registry import register_family
-from usarsim_server.robots.families.wheeled import WheelConduct, WheeledFamily
+from usarsim_server.robots.families.wheeled import WheeledFamily
 from usarsim_server.robots.tables import TableReader
 from usarsim_server.simulation.articulation import JointOrder, Order
 
 __all__ = ["Omni"]
 
 
-class OmniConduct(WheelConduct):
+class OmniConduct(SteeredConduct):
     """Wheels that are not named, or members that are absent, keep what they had."""
 
     def __init__(self, machine: Machine) -> None:
         super().__init__(machine)
-        gear = machine.description.gear
-        assert isinstance(gear, Steering)
-        self._wheels = [wheel for wheel in gear.wheels if wheel.driven]
+        self._wheels = [wheel for wheel in self._gear.wheels if wheel.driven]
         self._names = [wheel.name.lower() for wheel in machine.description.driven_wheels]
-        self._scale = SpeedScale(machine.description.drive.max_wheel_speed)
         self._speeds = np.zeros(len(self._wheels))
 
     def steer(self, drive: Drive, dialect: Dialect) -> None:
@@ -75,11 +76,6 @@ class OmniConduct(WheelConduct):
     def stop(self) -> None:
         self._speeds[:] = 0.0
         self.machine.drive(self._speeds.copy())
-
-    def joints(self, facts: StatusFacts) -> tuple[tuple[str, float], ...]:
-        """Joints that STA tells of by name: all but the steering."""
-        steering = {wheel.joint for wheel in self._wheels}
-        return tuple(joint for joint in facts.joints if joint[0] not in steering)
 
 
 def _position(wheel: SteeredWheel, steer: float) -> float:

@@ -17,19 +17,17 @@ from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import ActuatorDescription, RobotDescription, Wheel
 from usarsim_server.robots.families.base import (
     Conduct,
-    Family,
     Machine,
     StatusFacts,
     balance_weight,
 )
+from usarsim_server.robots.families.machine import MachineFamily
 from usarsim_server.robots.families.registry import register_family
 from usarsim_server.robots.tables import TableReader
 from usarsim_server.simulation.diving import CHANNELS, Diving, Hull
 from usarsim_server.simulation.laws import LawModel
 
 __all__ = ["Underwater", "Vessel"]
-
-WIRE_TYPE = "NauticVehicle"
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,10 +93,10 @@ class VesselConduct(Conduct):
 
 
 @register_family("underwater")
-class Underwater(Family):
+class Underwater(MachineFamily):
     """Torpedo-shaped submarines in balance with the water."""
 
-    wheeled: ClassVar[bool] = False
+    wire_type: ClassVar[str] = "NauticVehicle"
 
     def conduct(self, machine: Machine) -> Conduct:
         return VesselConduct(machine)
@@ -112,13 +110,7 @@ class Underwater(Family):
             ("MaxSternPlane", gear.max_stern_plane),
         ]
         return messages.machine_configuration(
-            dialect, WIRE_TYPE, robot.name, "VariableDepth", robot.report.mass, limits
-        )
-
-    def geometry(self, robot: RobotDescription, dialect: Dialect) -> str:
-        report = robot.report
-        return messages.machine_geometry(
-            dialect, WIRE_TYPE, robot.name, report.dimensions, report.center_of_gravity
+            dialect, self.wire_type, robot.name, "VariableDepth", robot.report.mass, limits
         )
 
     def read(
