@@ -25,6 +25,7 @@ from usarsim_server.protocol.comserver import (
 from usarsim_server.radio.event_log import Event
 from usarsim_server.radio.network import Network
 from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits
+from usarsim_server.services.radio_watch import RadioWatch
 from usarsim_server.services.relay import dial
 
 __all__ = ["ComServerLimits", "ComServerService"]
@@ -88,9 +89,9 @@ class ComServerService:
         self._log = Log(self.name)
         self._robots: dict[str, _Robot] = {}
         self._links: set[asyncio.Task[None]] = set()
-        self._looking = asyncio.Lock()
-        self._watch: asyncio.Task[None] | None = None
-        self._somebody = asyncio.Event()
+        self._watch = RadioWatch(
+            self.name, network, self._limits.poll, lambda: bool(self._robots), self._review
+        )
         self._listener = Listener(
             self.name,
             host,
@@ -107,14 +108,12 @@ class ComServerService:
             ServiceError: if it cannot be opened.
         """
         endpoint = await self._listener.start()
-        self._watch = asyncio.create_task(self._keep_watch(), name="comserver-watch")
+        self._watch.start()
         return endpoint
 
     async def stop(self) -> None:
         """Close the port, all connections and all links."""
-        if self._watch is not None:
-            self._watch.cancel()
-            await asyncio.gather(self._watch, return_exceptions=True)
+        await self._watch.stop()
         await self._listener.stop()
         for link in self._links:
             link.cancel()
@@ -161,8 +160,8 @@ class ComServerService:
         self._network.log.write(Event.REGISTERED, request.name, request.address, "")
         if not self._network.knows(request.name):
             with contextlib.suppress(UsarsimError):
-                await self._look()
-        self._somebody.set()
+                await self._watch.look()
+        self._watch.wake()
         return comserver.OK
 
     def _listen(self, request: Listen) -> bytes:
@@ -261,25 +260,10 @@ class ComServerService:
 
     # -- the watch -------------------------------------------------------------------------------
 
-    async def _keep_watch(self) -> None:
-        """Look at the world again and again once anybody is registered."""
-        await self._somebody.wait()
-        while True:
-            try:
-                await self._look()
-                # Nobody is dismissed: names outlive their robots here (5.1).
-                self._network.review(asyncio.get_running_loop().time())
-                self._network.log.flush()
-            except UsarsimError as error:
-                self._log.warning("the watch ends", reason=error)
-                return
-            except Exception as error:  # a defect must not leave links open for ever
-                self._log.exception("the watch failed, goes on", error)
-            await asyncio.sleep(self._limits.poll)
-
-    async def _look(self) -> None:
-        async with self._looking:
-            await asyncio.to_thread(self._network.observe)
+    def _review(self) -> None:
+        # Nobody is dismissed: names outlive their robots here (5.1).
+        self._network.review(asyncio.get_running_loop().time())
+        self._network.log.flush()
 
 
 def _port(text: str) -> int | None:

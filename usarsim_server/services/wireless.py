@@ -24,6 +24,7 @@ from usarsim_server.protocol.wireless import Reason, Request
 from usarsim_server.radio.event_log import Event
 from usarsim_server.radio.network import Departure, Network
 from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits
+from usarsim_server.services.radio_watch import RadioWatch
 from usarsim_server.services.relay import Road
 from usarsim_server.services.relay_port import RelayPort
 
@@ -108,9 +109,9 @@ class WirelessService:
         self._members: dict[str, _Member] = {}
         self._links: set[asyncio.Task[None]] = set()
         self._sent: dict[tuple[str, str], int] = {}
-        self._looking = asyncio.Lock()
-        self._watch: asyncio.Task[None] | None = None
-        self._somebody = asyncio.Event()
+        self._watch = RadioWatch(
+            self.name, network, self._limits.poll, lambda: bool(self._members), self._review
+        )
         self._host = host
         self._listener = Listener(
             self.name,
@@ -136,14 +137,12 @@ class WirelessService:
         # Relay ports go where this one is: a host name may have several addresses.
         self._host = endpoint.host
         raise_descriptor_limit()
-        self._watch = asyncio.create_task(self._keep_watch(), name="wireless-watch")
+        self._watch.start()
         return endpoint
 
     async def stop(self) -> None:
         """Close the port, all connections and all links."""
-        if self._watch is not None:
-            self._watch.cancel()
-            await asyncio.gather(self._watch, return_exceptions=True)
+        await self._watch.stop()
         await self._listener.stop()
         for link in self._links:
             link.cancel()
@@ -216,9 +215,9 @@ class WirelessService:
         self._network.log.write(Event.REGISTERED, name, talk.address, ports)
         self._log.info("registered", robot=name)
         # Nobody may have looked for a long time.
-        await self._look()
+        await self._watch.look()
         self._review()
-        self._somebody.set()
+        self._watch.wake()
         return wireless.INIT_OK
 
     def _strength(self, me: _Member, other: str) -> str:
@@ -292,26 +291,6 @@ class WirelessService:
         self._network.log.write(event, *fields)
 
     # -- the watch -------------------------------------------------------------------------------
-
-    async def _keep_watch(self) -> None:
-        """Look at the world again and again while anybody is registered."""
-        while True:
-            if not self._members:
-                self._somebody.clear()
-                await self._somebody.wait()
-            try:
-                await self._look()
-                self._review()
-            except UsarsimError as error:
-                self._log.warning("the watch ends", reason=error)
-                return
-            except Exception as error:  # a defect must not leave ports open for ever
-                self._log.exception("the watch failed, goes on", error)
-            await asyncio.sleep(self._limits.poll)
-
-    async def _look(self) -> None:
-        async with self._looking:
-            await asyncio.to_thread(self._network.observe)
 
     def _review(self) -> None:
         for departure in self._network.review(asyncio.get_running_loop().time()):
