@@ -2,12 +2,25 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from pathlib import Path
 
 from usarsim_server.errors import UsarsimError, at
 
-__all__ = ["read_toml"]
+__all__ = ["finite", "read_toml"]
+
+
+def finite(value: object) -> float | None:
+    """A value of a TOML file as a finite number; None if it is none, or too large for one."""
+    # bool is an int to Python, but not to whoever wrote `range = true`.
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    try:
+        number = float(value)
+    except OverflowError:  # whole numbers may be as long as one likes
+        return None
+    return number if math.isfinite(number) else None
 
 
 def read_toml(path: Path, error: type[UsarsimError], entry: str = "name") -> dict[str, object]:

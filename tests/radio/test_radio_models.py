@@ -165,6 +165,7 @@ def test_models_have_names_of_the_original() -> None:
         ("distance", {"reference_distance": 0}, "write a number above 0"),
         ("distance", {"cutoff": float("nan")}, "cutoff: nan does not fit"),
         ("distance", {"cutoff": True}, "cutoff: True does not fit"),
+        ("distance", {"cutoff": 10**400}, "cutoff: 1000"),
     ],
 )
 def test_mistakes_are_told(name: str, keys: dict[str, object], words: str) -> None:

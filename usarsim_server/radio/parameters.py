@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 
 from usarsim_server.errors import SettingsError, at
+from usarsim_server.tables import finite
 
 __all__ = ["RadioParameters"]
 
@@ -46,9 +47,8 @@ class RadioParameters:
         value = self._value(key)
         if value is None:
             return default
-        fits = isinstance(value, int | float) and not isinstance(value, bool)
-        number = float(value) if fits and isinstance(value, int | float) else math.nan
-        if not (math.isfinite(number) and low <= number <= high and number > above):
+        number = finite(value)
+        if number is None or not (low <= number <= high and number > above):
             cure = f"write a number{_limits(low, high, above)}, for example {key} = {default:g}"
             raise self.error(key, f"{value!r} does not fit", cure)
         return number

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 from usarsim_server.errors import RobotDescriptionError, at
 from usarsim_server.robots.description import ItemDescription
+from usarsim_server.tables import finite
 
 __all__ = ["Parameters"]
 
@@ -41,7 +42,7 @@ class Parameters:
         if value is None:
             return default
         example = f"for example {key} = {default:g}"
-        number = _finite(value)
+        number = finite(value)
         if number is None:
             problem = f"{value!r} is not a finite number"
             raise self.error(key, problem, f"write a number, {example}")
@@ -119,16 +120,6 @@ class Parameters:
 
     def _place(self) -> str:
         return self._item.where or f"sensor {self._item.name}"
-
-
-def _finite(value: object) -> float | None:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return None
-    try:
-        number = float(value)
-    except OverflowError:
-        return None
-    return number if math.isfinite(number) else None
 
 
 def _limits(minimum: float, maximum: float, above: float) -> str:
