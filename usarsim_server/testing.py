@@ -29,7 +29,14 @@ from usarsim_server.services.listener import Endpoint
 from usarsim_server.services.ready import run_services
 from usarsim_server.settings import Settings
 
-__all__ = ["Rehearsal", "RehearsedClient", "ScriptedClient", "ServerProcess", "running_server"]
+__all__ = [
+    "Closing",
+    "Rehearsal",
+    "RehearsedClient",
+    "ScriptedClient",
+    "ServerProcess",
+    "running_server",
+]
 
 TIMEOUT = 10.0
 """s of wall time after which a test gives up waiting."""
@@ -41,7 +48,7 @@ SETTLE_POLL = 0.0002
 """s of wall time between two looks at an agent that is busy."""
 
 
-class _Closing:
+class Closing:
     """Something that is closed at the end of a `with` block."""
 
     def close(self) -> None:
@@ -100,7 +107,7 @@ class RehearsedClient:
         self.agent.close()
 
 
-class Rehearsal(_Closing):
+class Rehearsal(Closing):
     """A world that is played by hand, in lockstep, in this thread."""
 
     def __init__(self, **settings: object) -> None:
@@ -145,7 +152,7 @@ class Rehearsal(_Closing):
         self.assembly.stop()
 
 
-class ScriptedClient(_Closing):
+class ScriptedClient(Closing):
     """A legacy controller in slow motion: sends text, reads whole lines."""
 
     def __init__(self, port: int, host: str = "127.0.0.1", timeout: float = TIMEOUT) -> None:

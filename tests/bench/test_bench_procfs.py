@@ -52,8 +52,11 @@ class TestUsage:
     def test_agrees_with_psutil(self, child: subprocess.Popen[str]) -> None:
         """Memory, threads, descriptors and processor time are those that psutil finds."""
         process = psutil.Process(child.pid)
+        # A fresh interpreter may still gain pages between two looks: ours lies between psutil's.
+        least = process.memory_info().rss
         found, times = usage(child.pid), process.cpu_times()
-        assert found.resident == pytest.approx(process.memory_info().rss, rel=0.02)
+        most = process.memory_info().rss
+        assert 0.98 * least <= found.resident <= 1.02 * most
         assert found.threads == process.num_threads()
         assert found.descriptors == process.num_fds()
         assert found.cpu == pytest.approx(times.user + times.system, abs=0.02)

@@ -8,8 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +29,7 @@ from usarsim_server.robots.families.registry import family_of
 from usarsim_server.robots.pilot import Pilot, PilotOptions
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.snapshot import RobotBody, RobotLayout
-from usarsim_server.testing import Rehearsal
+from usarsim_server.testing import Closing, Rehearsal
 from usarsim_server.validation.stage import ContactProbe, tilt
 
 __all__ = ["Problem", "Rest", "TestDrive", "full_speed"]
@@ -101,7 +100,7 @@ def full_speed(robot: RobotDescription) -> str:
     return "DRIVE {Left 100} {Right 100} {Normalized True}" if robot.driven_wheels else ""
 
 
-class TestDrive:
+class TestDrive(Closing):
     """One robot alone in the world `empty`, in lockstep.
 
     Attributes:
@@ -289,15 +288,3 @@ class TestDrive:
     def close(self) -> None:
         """End its world."""
         self._rehearsal.close()
-
-    def __enter__(self) -> Self:
-        """Use as a context manager."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()

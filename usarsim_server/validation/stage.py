@@ -7,7 +7,6 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 
 import mujoco
 import numpy as np
@@ -23,7 +22,7 @@ from usarsim_server.simulation.frames import (
 )
 from usarsim_server.simulation.model import PhysicsOptions, compile_world
 from usarsim_server.simulation.snapshot import RobotBody, Snapshot
-from usarsim_server.testing import Rehearsal
+from usarsim_server.testing import Closing, Rehearsal
 from usarsim_server.worlds.description import WorldDescription
 from usarsim_server.worlds.scene import build_scene
 
@@ -91,7 +90,7 @@ class ContactProbe:
         )
 
 
-class Stage:
+class Stage(Closing):
     """One robot in one world, in lockstep.
 
     Attributes:
@@ -200,18 +199,6 @@ class Stage:
         """End it."""
         self.rehearsal.close()
         logging.getLogger(ROOT).removeHandler(self._ear)
-
-    def __enter__(self) -> Stage:
-        """Use as a context manager."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 class _Ear(logging.Handler):

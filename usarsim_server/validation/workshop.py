@@ -6,11 +6,11 @@ import shutil
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.roster import load_roster
 from usarsim_server.simulation.frames import Pose
+from usarsim_server.testing import Closing
 from usarsim_server.validation import worlds
 from usarsim_server.validation.manoeuvres import Turn, turn_in_place
 from usarsim_server.validation.results import Band, Result
@@ -44,7 +44,7 @@ class Case:
         )
 
 
-class Workshop:
+class Workshop(Closing):
     """Makes stages in a temporary folder, and remembers measurements that several tests share.
 
     Attributes:
@@ -100,15 +100,3 @@ class Workshop:
     def close(self) -> None:
         """Remove the folder."""
         shutil.rmtree(self._folder, ignore_errors=True)
-
-    def __enter__(self) -> Workshop:
-        """Use as a context manager."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()

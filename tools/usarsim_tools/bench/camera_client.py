@@ -9,10 +9,9 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from types import TracebackType
-from typing import Self
 from zlib import crc32
 
+from usarsim_tools.bench.closing import CarefulClosing
 from usarsim_tools.bench.errors import BenchError
 from usarsim_tools.bench.statistics import percentile
 
@@ -40,7 +39,7 @@ class Picture:
     content: int
 
 
-class Viewer:
+class Viewer(CarefulClosing):
     """Looks at the cameras of a server while it is open as a context manager.
 
     Attributes:
@@ -114,22 +113,6 @@ class Viewer:
                 raise BenchError("the server hung up")
             have += taken
         return data
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        try:
-            self.close()
-        except BenchError:
-            # What went wrong first says more.
-            if error is None:
-                raise
 
 
 @dataclass(frozen=True, slots=True)

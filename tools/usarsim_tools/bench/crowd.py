@@ -15,11 +15,10 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from itertools import count
-from types import TracebackType
-from typing import Self
 
 from usarsim_tools.bench.errors import BenchError
 from usarsim_tools.bench.recording import Chunk, start_tags
+from usarsim_tools.closing import Closing
 
 __all__ = ["DEFAULT_CLASS", "Behaviour", "Controller", "Crowd", "wander"]
 
@@ -104,7 +103,7 @@ def wander(controller: Controller, dice: random.Random) -> None:
     controller.send(f"DRIVE {{Left {left:.1f}}} {{Right {right:.1f}}} {{Normalized True}}")
 
 
-class Crowd:
+class Crowd(Closing):
     """Controllers of one server, worked by `run` in the calling thread.
 
     Attributes:
@@ -205,17 +204,6 @@ class Crowd:
             # Not before now: a client that was held up does not send in bursts.
             next_due = max(now, due + DRIVE_PERIOD * scatter)
             heapq.heapreplace(self._drives, (next_due, number, controller))
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 @contextmanager

@@ -9,9 +9,8 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from statistics import median
-from types import TracebackType
-from typing import Self
 
+from usarsim_tools.bench.closing import CarefulClosing
 from usarsim_tools.bench.crowd import DEFAULT_CLASS, Crowd
 from usarsim_tools.bench.errors import BenchError
 from usarsim_tools.bench.figures import Aim, Figure, Plan, Section
@@ -39,7 +38,7 @@ class _Answers:
     obstacles: list[float] = field(default_factory=list)
 
 
-class Asker:
+class Asker(CarefulClosing):
     """Asks like a wireless simulation whose robots all move: each second for the positions, then
     for the obstacles of every ordered pair, one question after the other. On a thread of its own.
 
@@ -122,21 +121,9 @@ class Asker:
             raise ValueError(f"{question!r} was answered {answer!r}")
         return time.perf_counter() - begun
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        try:
-            self.finish()
-        except BenchError:
-            # What went wrong first says more.
-            if error is None:
-                raise
+    def close(self) -> None:
+        """See `finish`."""
+        self.finish()
 
 
 def measure_ground_truth(plan: Plan) -> Section:

@@ -15,8 +15,6 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
-from types import TracebackType
-from typing import Self
 
 from usarsim_tools.bench.crowd import DEFAULT_CLASS, Controller, Crowd
 from usarsim_tools.bench.errors import BenchError
@@ -26,6 +24,7 @@ from usarsim_tools.bench.recording import between, status_samples
 from usarsim_tools.bench.server import SERVE, Server
 from usarsim_tools.bench.statistics import percentile, real_time_factor
 from usarsim_tools.bench.team import EDGE, ROBOTS, SETTLE, load_figures
+from usarsim_tools.closing import Closing
 
 __all__ = ["Radio", "Traffic", "measure_relay", "round_trips", "throughput"]
 
@@ -136,7 +135,7 @@ def round_trips(mine: socket.socket, theirs: socket.socket, count: int) -> list[
     return taken
 
 
-class Traffic:
+class Traffic(Closing):
     """Stations that send at an even rate, and a base that counts; on a thread of its own.
 
     Attributes:
@@ -209,15 +208,8 @@ class Traffic:
             self.delays.append(time.perf_counter() - flow.sent[flow.arrived])
             flow.arrived += 1
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
+        """Stop sending, whatever has arrived."""
         self._stop.set()
         self._thread.join(_PATIENCE)
 

@@ -7,9 +7,8 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
-from types import TracebackType
-from typing import Self
 
+from usarsim_tools.bench.closing import CarefulClosing
 from usarsim_tools.bench.errors import BenchError
 from usarsim_tools.bench.procfs import Usage, usage
 
@@ -23,7 +22,7 @@ _STOP_TIMEOUT = 10.0
 _SHOWN_ERRORS = 2000
 
 
-class Server:
+class Server(CarefulClosing):
     """A running server; leave it as a context manager, or with `stop`.
 
     Attributes:
@@ -105,18 +104,6 @@ class Server:
         self._errors.seek(0)
         return self._errors.read()[-_SHOWN_ERRORS:].strip() or "it said nothing"
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        try:
-            self.stop()
-        except BenchError:
-            # What went wrong first says more.
-            if error is None:
-                raise
+    def close(self) -> None:
+        """See `stop`."""
+        self.stop()

@@ -6,9 +6,8 @@ import re
 import subprocess
 import sys
 import tempfile
-from types import TracebackType
-from typing import Self
 
+from usarsim_tools.closing import Closing
 from usarsim_tools.conformance.registry import SERVICES
 
 __all__ = ["OwnServer", "StartError"]
@@ -22,7 +21,7 @@ class StartError(RuntimeError):
     """The server did not become ready; with what it said."""
 
 
-class OwnServer:
+class OwnServer(Closing):
     """`usarsim serve` on free ports; a context manager.
 
     Attributes:
@@ -77,13 +76,6 @@ class OwnServer:
         self._process.stdout.close()
         self._errors.close()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
+        """See `stop`."""
         self.stop()
