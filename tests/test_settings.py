@@ -66,7 +66,7 @@ GOOD = [
     ("seed", "0", "0", 0),
     ("timestep", "0.002", "0.002", 0.002),
     ("max_robots", "1", "1", 1),
-    ("max_robots", "64", "64", 64),
+    ("max_robots", "256", "256", 256),
     ("max_objects", "0", "0", 0),
     ("max_objects", "4096", "4096", 4096),
     ("log_level", "debug", '"debug"', "debug"),
@@ -128,7 +128,7 @@ BAD = [
     ("timestep", "1", "1"),
     ("timestep", "soon", '"soon"'),
     ("max_robots", "0", "0"),
-    ("max_robots", "65", "65"),
+    ("max_robots", "257", "257"),
     ("max_objects", "-1", "-1"),
     ("max_objects", "4097", "4097"),
     ("max_robots", "many", '"many"'),
@@ -498,6 +498,14 @@ def outcome(read) -> tuple[object, str | None]:
         return read(), None
     except (SettingsError, ValueError) as error:
         return type(error), str(error)
+
+
+def test_robots_have_room_for_their_connections(tmp_path: Path) -> None:
+    """More robots than the default number of connections can connect, unless the file forbids."""
+    assert served().connections == 64
+    assert served("--max-robots=128").connections > 128
+    file = written(tmp_path, "max_connections = 70\nmax_robots = 128\n")
+    assert load_settings({}, file).connections == 70
 
 
 @given(st.sampled_from(OPTIONS), st.text(max_size=20))

@@ -271,7 +271,7 @@ def _control_service(
         lambda: greeting,
         assembly.make_agent,
         ControlLimits(
-            max_connections=settings.max_connections,
+            max_connections=settings.connections,
             outbox=OutboxLimits(stream_bytes=settings.outbox_bytes),
         ),
     )

@@ -410,7 +410,11 @@ OPTIONS: tuple[Option, ...] = (
         repeat=True,
     ),
     Option(
-        "max_robots", "a whole number from 1 to 64", _integer(1, 64), "robots at the same time", "N"
+        "max_robots",
+        "a whole number from 1 to 256",
+        _integer(1, 256),
+        "robots at the same time",
+        "N",
     ),
     Option(
         "max_objects",

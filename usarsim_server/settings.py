@@ -23,6 +23,9 @@ __all__ = ["Settings", "load_settings"]
 LONGEST_SIDE = 8192
 """Pixels of the full camera picture that can still be rendered everywhere."""
 
+_VISITORS = 16
+"""Control connections that are no robots: world controllers, clients that only ask."""
+
 
 @dataclass(frozen=True, slots=True)
 class Settings:
@@ -60,7 +63,7 @@ class Settings:
         clean_on_close: objects leave with the world controller that created them.
         log_level: a name of `logs.LEVELS`.
         sta_order: order of the STA segments in the udk dialect (protocol reference 5.3).
-        max_connections: control connections at the same time.
+        max_connections: control connections at the same time; see `connections`.
         default_start: where an INIT without place puts the robot: the origin of the wire frame,
             or the first start pose of the world.
         second_init: what a second INIT on a connection does (protocol reference 3.2).
@@ -116,6 +119,14 @@ class Settings:
         would merely have liked it goes on.
         """
         return key in self.written
+
+    @property
+    def connections(self) -> int:
+        """Control connections at the same time: room for all robots, unless somebody wrote how
+        many there may be."""
+        if self.demands("max_connections"):
+            return self.max_connections
+        return max(self.max_connections, self.max_robots + _VISITORS)
 
 
 def load_settings(
