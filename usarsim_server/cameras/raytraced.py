@@ -22,10 +22,10 @@ from usarsim_server.cameras.solids import (
     body_solid,
     is_solid,
     scenery,
-    shape_key,
 )
 from usarsim_server.cameras.stage import Stage
 from usarsim_server.cameras.viewpoint import Eye
+from usarsim_server.simulation.tessellation import shape_key
 
 __all__ = ["RayBackend"]
 
@@ -89,7 +89,7 @@ class RayBackend:
 
     def _solid_of(self, model: mujoco.MjModel, body: int) -> Solid:
         geoms = self._geoms_of[body]
-        key = shape_key(model, geoms)
+        key = shape_key(model, geoms, [is_solid(model, geom) for geom in geoms])
         if key not in self._solids:
             if len(self._solids) >= SHAPES_KEPT:
                 self._solids.clear()

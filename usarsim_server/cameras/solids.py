@@ -15,7 +15,7 @@ from usarsim_server.cameras.backend import NEAR
 from usarsim_server.simulation.model import SHELF_NAME
 from usarsim_server.simulation.tessellation import triangles
 
-__all__ = ["Hits", "Solid", "body_solid", "is_solid", "scenery", "shape_key"]
+__all__ = ["Hits", "Solid", "body_solid", "is_solid", "scenery"]
 
 Array = NDArray[np.float64]
 Plane = NDArray[np.float32]
@@ -145,13 +145,6 @@ def body_solid(model: mujoco.MjModel, geoms: Sequence[int]) -> Solid:
     )
 
 
-def shape_key(model: mujoco.MjModel, geoms: Sequence[int]) -> bytes:
-    """Equal for bodies whose solids are the same."""
-    arrays = (model.geom_type, model.geom_size, model.geom_pos, model.geom_quat)
-    key = b"".join(array[geoms].tobytes() for array in arrays)
-    return key + b"".join(_mesh_key(model, geom) for geom in geoms)
-
-
 def _local(model: mujoco.MjModel, geom: int) -> Array:
     """Triangles of a geom in the frame of its body."""
     if not is_solid(model, geom):
@@ -159,15 +152,6 @@ def _local(model: mujoco.MjModel, geom: int) -> Array:
     turn = np.zeros(9)
     mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
     return triangles(model, geom, model.geom_pos[geom], turn.reshape(3, 3))
-
-
-def _mesh_key(model: mujoco.MjModel, geom: int) -> bytes:
-    alpha = b"1" if is_solid(model, geom) else b"0"
-    if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_MESH:
-        return alpha
-    mesh = int(model.geom_dataid[geom])
-    start, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
-    return alpha + bytes(model.mesh_vert[start : start + count].tobytes())
 
 
 def is_solid(model: mujoco.MjModel, geom: int) -> bool:

@@ -1,27 +1,40 @@
-"""Which fans, and which of their rays, can reach anything that moves: cones and rays against
-bounding spheres."""
+"""Which rays can reach anything that moves: cones of fans, then rays, against bounding spheres."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.simulation.rays import RayFan
+from usarsim_server.simulation.ray_batch import RayBatch
 
-__all__ = ["bounding_spheres", "cones", "starts", "touching"]
+__all__ = ["Spheres", "bounding_spheres", "meetings", "passing"]
 
 Array = NDArray[np.float64]
+Numbers = NDArray[np.intp]
 
 SLACK = 1e-6
 """m by which spheres are taken larger: rounding must not lose a ray that grazes one."""
 ROUNDING = 1e-12
 """Relative error of a square of a distance that is reckoned with, many times the true one."""
+LARGE = 32
+"""Rays from one point from which on a fan is worth a matrix product of its own."""
+PAIRS_AT_ONCE = 200_000
+"""Pairs of ray and sphere that are looked at together, which bounds the memory."""
 
 
-def bounding_spheres(model: mujoco.MjModel) -> tuple[NDArray[np.intp], Array, dict[int, int]]:
+@dataclass(frozen=True, slots=True, eq=False)
+class Spheres:
+    """Centres (t, 3) and radii (t,), infinity included, m."""
+
+    centres: Array
+    radii: Array
+
+
+def bounding_spheres(model: mujoco.MjModel) -> tuple[Numbers, Array, dict[int, int]]:
     """Root bodies of all moving trees and the radius around each root that holds its geoms.
 
     The radius holds whatever the joints do: it is the length of the stretched chain of bodies.
@@ -56,51 +69,116 @@ def _stretch(model: mujoco.MjModel, body: int) -> float:
     return length
 
 
-def starts(fans: Sequence[RayFan]) -> tuple[Array, Array]:
-    """Middle (f, 3) of the start points of each fan, and how far they are away from it (f,)."""
-    if all(fan.origin.ndim == 1 for fan in fans):
-        return np.array([fan.origin for fan in fans]), np.zeros(len(fans))
-    starts = [np.atleast_2d(fan.origin) for fan in fans]
-    middles = [points.mean(axis=0) for points in starts]
-    spreads = [
-        np.linalg.norm(points - middle, axis=1).max()
-        for points, middle in zip(starts, middles, strict=True)
-    ]
-    return np.array(middles), np.array(spreads)
-
-
-def cones(fans: Sequence[RayFan]) -> tuple[Array, Array]:
-    """Axis (f, 3) and half angle (f,) of a cone around the rays of each fan."""
-    axes = np.empty((len(fans), 3))
-    half = np.empty(len(fans))
-    for index, fan in enumerate(fans):
-        mean = fan.directions.mean(axis=0)
-        norm = float(np.linalg.norm(mean))
-        if norm < 0.1:
-            axes[index], half[index] = (1.0, 0.0, 0.0), np.pi
-            continue
-        axes[index] = mean / norm
-        half[index] = np.arccos(np.clip((fan.directions @ axes[index]).min(), -1.0, 1.0))
-    return axes, half
-
-
-def touching(fan: RayFan, centres: Array, radii: Array) -> NDArray[np.bool_]:
-    """Which rays (n,) of a fan pass through a sphere, or begin in one.
+def passing(
+    origins: Array, directions: Array, reach: Array, centres: Array, radii: Array
+) -> NDArray[np.bool_]:
+    """Which rays pass through a sphere within their reach, or begin in it; all given in pairs.
 
     Args:
-        fan: its range does not matter.
-        centres: (t, 3) m.
-        radii: (t,) m, infinity included.
+        origins: (n, 3) m. directions: (n, 3) unit vectors. reach: (n,) m, infinity included.
+        centres: (n, 3) m. radii: (n,) m, infinity included.
     """
-    if fan.origin.ndim == 1:
-        offset = centres - fan.origin
-        ahead = fan.directions @ offset.T
-        away = np.einsum("ti,ti->t", offset, offset)
-    else:
-        offset = centres[None] - fan.origin[:, None]
-        ahead = np.einsum("nti,ni->nt", offset, fan.directions)
-        away = np.einsum("nti,nti->nt", offset, offset)
+    offset = centres - origins
+    ahead = np.einsum("ij,ij->i", offset, directions)
+    away = np.einsum("ij,ij->i", offset, offset)
+    return _near(ahead, away, reach, radii)
+
+
+def _near(ahead: Array, away: Array, reach: Array, radii: Array) -> NDArray[np.bool_]:
     # The square of the distance of a centre from the ray; from its start if it lies behind.
     gap = (1.0 - ROUNDING) * away - np.maximum(ahead, 0.0) ** 2
-    touched: NDArray[np.bool_] = (gap <= (radii + SLACK) ** 2).any(axis=1)
+    touched: NDArray[np.bool_] = (gap <= (radii + SLACK) ** 2) & (ahead - radii <= reach + SLACK)
     return touched
+
+
+def meetings(
+    batch: RayBatch, reach: Array, spheres: Spheres, own: Numbers
+) -> tuple[Numbers, Numbers]:
+    """All pairs of a ray and a sphere that it may meet within its reach.
+
+    Args:
+        batch: the rays.
+        reach: (n,) how far each of them goes, m.
+        spheres: what they may meet.
+        own: (f,) the sphere that a fan does not see; -1 for none.
+
+    Returns:
+        Rays (k,) and spheres (k,).
+    """
+    fans, found = np.nonzero(_in_view(batch, reach, spheres, own))
+    rays: list[Numbers] = []
+    met: list[Numbers] = []
+    counts = np.diff(batch.begins)
+    large = (counts >= LARGE) & batch.together
+    for fan in np.unique(fans[large[fans]]).tolist():
+        span = slice(batch.begins[fan], batch.begins[fan + 1])
+        chosen = found[fans == fan]
+        for part in np.array_split(chosen, 1 + len(chosen) * counts[fan] // PAIRS_AT_ONCE):
+            sphere, ray = _through(batch, span, reach[span], spheres, part)
+            rays.append(ray + span.start)
+            met.append(part[sphere])
+    rest = ~large[fans]
+    fans, found = fans[rest], found[rest]
+    for some in _portions(counts[fans]):
+        ray, sphere = _spread(batch, fans[some], found[some], counts)
+        near = passing(
+            batch.origins[ray],
+            batch.directions[ray],
+            reach[ray],
+            spheres.centres[sphere],
+            spheres.radii[sphere],
+        )
+        rays.append(ray[near])
+        met.append(sphere[near])
+    none = np.zeros(0, dtype=np.intp)
+    return np.concatenate([none, *rays]), np.concatenate([none, *met])
+
+
+def _in_view(batch: RayBatch, reach: Array, spheres: Spheres, own: Numbers) -> NDArray[np.bool_]:
+    """Which fans' cones (f) touch which spheres (t) within the reach of their longest ray."""
+    origins, spreads = batch.starts
+    axes, half = batch.cones
+    farthest = np.maximum.reduceat(reach, batch.begins[:-1])
+    radii = spheres.radii[None] + spreads[:, None]
+    offset = spheres.centres[None] - origins[:, None]
+    distance = np.linalg.norm(offset, axis=2)
+    safe = np.maximum(distance, 1e-9)
+    cosine = np.einsum("fti,fi->ft", offset, axes) / safe
+    spread = np.arcsin(np.minimum(1.0, radii / safe))
+    angle = np.arccos(np.clip(cosine, -1.0, 1.0))
+    seen: NDArray[np.bool_] = (angle - spread <= half[:, None] + SLACK) | (distance <= radii)
+    seen &= distance - radii <= farthest[:, None]
+    looking = np.flatnonzero(own >= 0)
+    seen[looking, own[looking]] = False
+    return seen
+
+
+def _through(
+    batch: RayBatch, span: slice, reach: Array, spheres: Spheres, chosen: Numbers
+) -> tuple[Numbers, Numbers]:
+    """Pairs of sphere and ray of one fan whose rays start at one point, each counted from 0."""
+    offset = spheres.centres[chosen] - batch.origins[span.start]
+    ahead = offset @ batch.directions[span].T
+    away = np.einsum("ti,ti->t", offset, offset)[:, None]
+    near = _near(ahead, away, reach[None], spheres.radii[chosen][:, None])
+    sphere, ray = np.nonzero(near)
+    return sphere, ray
+
+
+def _spread(
+    batch: RayBatch, fans: Numbers, spheres: Numbers, counts: Numbers
+) -> tuple[Numbers, Numbers]:
+    """Every ray of each fan with the sphere that goes with the fan."""
+    each = counts[fans]
+    before = np.cumsum(each) - each
+    ray = np.repeat(batch.begins[fans] - before, each) + np.arange(int(each.sum()))
+    return ray, np.repeat(spheres, each)
+
+
+def _portions(sizes: Numbers) -> list[slice]:
+    """Parts of a list whose sizes add up to no more than `PAIRS_AT_ONCE`, but for single ones."""
+    if not len(sizes):
+        return []
+    number = np.cumsum(sizes) // PAIRS_AT_ONCE
+    cuts = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist(), len(sizes)]
+    return [slice(a, b) for a, b in pairwise(cuts)]

@@ -34,10 +34,11 @@ from usarsim_server.simulation.model import (
 from usarsim_server.simulation.movers import Mover, Way
 from usarsim_server.simulation.objects import ObjectFacts
 from usarsim_server.simulation.pacing import Pacer, PaceReport
-from usarsim_server.simulation.raycaster import StaticGeometry, cast, cast_scenery
+from usarsim_server.simulation.raycaster import RayQuery, cast, cast_all, cast_scenery
 from usarsim_server.simulation.rays import RayFan, RayHits, SceneryHit
 from usarsim_server.simulation.slots import SlotLimits, Slots, always
 from usarsim_server.simulation.snapshot import RobotBody, Snapshot
+from usarsim_server.simulation.static_geometry import StaticGeometry
 
 __all__ = ["Listener", "Simulation", "SimulationOptions"]
 
@@ -144,6 +145,10 @@ class Simulation:
     def cast(self, fans: Sequence[RayFan], snapshot: Snapshot, robot: int | None) -> list[RayHits]:
         """Answer ray fans against the world of a snapshot; the robot's own body is left out."""
         return cast(fans, snapshot, robot, self._static, self._slots.geometry(snapshot))
+
+    def cast_all(self, queries: Sequence[RayQuery], snapshot: Snapshot) -> list[list[RayHits]]:
+        """Answer the queries of many viewers against the world of a snapshot, as one batch."""
+        return cast_all(queries, snapshot, self._static, self._slots.geometry(snapshot))
 
     def cast_scenery(self, fans: Sequence[RayFan]) -> list[RayHits]:
         """Answer ray fans against the part of the world that never moves."""

@@ -20,8 +20,8 @@ from usarsim_server.simulation.fitting import Fitting
 from usarsim_server.simulation.frames import Pose, Vector
 from usarsim_server.simulation.mailbox import Mailbox
 from usarsim_server.simulation.model import CompiledWorld, RobotModel
+from usarsim_server.simulation.moving_geometry import DynamicGeometry
 from usarsim_server.simulation.placement import Placement
-from usarsim_server.simulation.raycaster import DynamicGeometry
 from usarsim_server.simulation.snapshot import Snapshot
 
 __all__ = ["SlotLimits", "Slots", "always"]
@@ -206,7 +206,7 @@ class Slots:
             )
         except ValueError as error:
             raise SpawnError(f"{model.key} cannot be built: {error}") from error
-        dynamic = DynamicGeometry(growth.world)
+        dynamic = DynamicGeometry(growth.world, next(reversed(self._dynamic.values())))
 
         def adopt() -> None:
             generation = growth.world.generation

@@ -1,18 +1,19 @@
 """Triangles of MuJoCo geometry, for the ray scene.
 
 Flat shapes and meshes are exact. Round shapes are tessellated so finely that a facet lies less
-than `TOLERANCE` inside the true surface, up to a radius of some metres (`MAX_SEGMENTS`).
+than a tolerance inside the true surface, up to a radius of some metres (`MAX_SEGMENTS`).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["TOLERANCE", "triangles"]
+__all__ = ["TOLERANCE", "shape_key", "triangles"]
 
 TOLERANCE = 5e-4
 """m between a tessellated and the true surface."""
@@ -25,19 +26,41 @@ _QUADS = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), 
 """Faces of a box whose corners are numbered by the signs of x, y, z (z fastest)."""
 
 
-def triangles(model: mujoco.MjModel, geom: int, pos: Array, mat: Array) -> Array:
+def triangles(
+    model: mujoco.MjModel, geom: int, pos: Array, mat: Array, tolerance: float = TOLERANCE
+) -> Array:
     """Triangles (n, 3, 3) of a geom in the world frame, m.
 
     Args:
         model: the compiled model.
         geom: geom id; planes have no finite triangles and give an empty array.
         pos: (3,) geom position. mat: (3, 3) geom orientation.
+        tolerance: of round shapes, m.
     """
-    local = _local_triangles(model, geom)
+    local = _local_triangles(model, geom, tolerance)
     return local @ mat.T + pos if len(local) else np.zeros((0, 3, 3))
 
 
-def _local_triangles(model: mujoco.MjModel, geom: int) -> Array:
+def shape_key(model: mujoco.MjModel, geoms: Sequence[int], shown: Sequence[bool]) -> bytes:
+    """Equal for bodies that look the same in their own frames, in any model.
+
+    Args:
+        model: the compiled model.
+        geoms: of one body.
+        shown: which of them are there to be seen.
+    """
+    arrays = (model.geom_type, model.geom_size, model.geom_pos, model.geom_quat)
+    key = b"".join(array[list(geoms)].tobytes() for array in arrays) + bytes(shown)
+    return key + b"".join(_mesh_content(model, geom) for geom in geoms)
+
+
+def _mesh_content(model: mujoco.MjModel, geom: int) -> bytes:
+    if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_MESH:
+        return b""
+    return _mesh(model, int(model.geom_dataid[geom])).tobytes()
+
+
+def _local_triangles(model: mujoco.MjModel, geom: int, tolerance: float) -> Array:
     kind, size = int(model.geom_type[geom]), model.geom_size[geom]
     types = mujoco.mjtGeom
     if kind == types.mjGEOM_BOX:
@@ -47,20 +70,21 @@ def _local_triangles(model: mujoco.MjModel, geom: int) -> Array:
     if kind == types.mjGEOM_HFIELD:
         return _heightfield(model, int(model.geom_dataid[geom]))
     if kind == types.mjGEOM_SPHERE:
-        return _ellipsoid(np.full(3, size[0]))
+        return _ellipsoid(np.full(3, size[0]), tolerance)
     if kind == types.mjGEOM_ELLIPSOID:
-        return _ellipsoid(size)
+        return _ellipsoid(size, tolerance)
     if kind == types.mjGEOM_CAPSULE:
         radius = float(size[0])
-        segments = _segments(radius, TOLERANCE / 2)
+        segments = _segments(radius, tolerance / 2)
         return _revolve(_capsule_profile(radius, float(size[1]), segments), segments)
     if kind == types.mjGEOM_CYLINDER:
         radius, half = float(size[0]), float(size[1])
-        return _revolve(np.array([[0.0, -half], [radius, -half], [radius, half], [0.0, half]]))
+        profile = np.array([[0.0, -half], [radius, -half], [radius, half], [0.0, half]])
+        return _revolve(profile, _segments(radius, tolerance))
     return np.zeros((0, 3, 3))
 
 
-def _segments(radius: float, tolerance: float = TOLERANCE) -> int:
+def _segments(radius: float, tolerance: float) -> int:
     """Segments of a full circle that keep the chord error below a tolerance."""
     if radius <= tolerance:
         return 8
@@ -102,9 +126,9 @@ def _heightfield(model: mujoco.MjModel, field: int) -> Array:
     return answer
 
 
-def _ellipsoid(semi_axes: Array) -> Array:
+def _ellipsoid(semi_axes: Array, tolerance: float) -> Array:
     # Curved both ways: the errors along and across add up.
-    count = _segments(float(semi_axes.max()), TOLERANCE / 2)
+    count = _segments(float(semi_axes.max()), tolerance / 2)
     angles = np.linspace(-math.pi / 2, math.pi / 2, math.ceil(count / 2) + 1)
     unit = _revolve(np.stack([np.cos(angles), np.sin(angles)], axis=1), count)
     return unit * semi_axes
@@ -117,9 +141,8 @@ def _capsule_profile(radius: float, half: float, segments: int) -> Array:
     return np.concatenate([lower, upper])
 
 
-def _revolve(profile: Array, segments: int | None = None) -> Array:
+def _revolve(profile: Array, count: int) -> Array:
     """Surface of revolution about z of a profile (n, 2) of radius and height, without slivers."""
-    count = segments or _segments(float(profile[:, 0].max()))
     angles = np.linspace(0.0, math.tau, count, endpoint=False)
     ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     rings = np.concatenate(
