@@ -15,7 +15,7 @@ from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_server.options import OPTIONS, Option, is_port
 from usarsim_server.settings import Settings, load_settings
 
-__all__ = ["add_parser", "run"]
+__all__ = ["add_parser", "add_settings", "run", "settings_from"]
 
 _EPILOG = (
     "Every option can also stand in the file, with underscores for hyphens; the command line wins. "
@@ -33,6 +33,11 @@ def add_parser(subparsers: Subparsers) -> None:
         run,
         epilog=_EPILOG.format(file_only=", ".join(file_only)),
     )
+    add_settings(parser)
+
+
+def add_settings(parser: argparse.ArgumentParser) -> None:
+    """Add the options that `settings_from` reads: those of a server."""
     parser.add_argument("--config", metavar="FILE.toml", help="read settings from this file")
     defaults = Settings()
     for option in OPTIONS:

@@ -1,0 +1,156 @@
+"""How fast: physics, rays and camera pictures, measured, and what that is enough for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from usarsim_server.doctor import system
+from usarsim_server.doctor.findings import Finding, Mark
+from usarsim_server.doctor.isolation import Outcome, attempt
+from usarsim_server.doctor.registry import Context, check
+from usarsim_server.settings import Settings
+
+__all__ = ["Cost", "judge_cameras", "judge_physics", "judge_rays", "judge_team", "team_size"]
+
+TIMEOUT = 60.0
+MOST_ROBOTS = 64
+"""That `--max-robots` takes."""
+ALL_IN_ALL = 2.75
+"""Processor time of a server over that of physics and rays alone.
+
+From one machine (2 cores, AMD EPYC): a server with 16 P3AT and all their sensors takes 0.49 cores
+(`usarsim bench team`), where by these two rates physics and rays account for 0.18. The rest is
+noise models, text and sockets.
+"""
+SPARE = 0.8
+"""Part of one core that is counted on. Most of the rest is Python, so that further cores take some
+load off it but do not multiply it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """Wall s per simulated s: of the world, and of each robot in physics and in rays."""
+
+    base: float
+    physics: float
+    rays: float
+
+
+@check("rates", "Measured rates", order=70, measures=True)
+def look(context: Context) -> Iterator[Finding]:
+    """Let another process measure, one rate after another."""
+    settings = context.settings
+    outcomes = attempt(("physics", "rays", "cameras"), settings, TIMEOUT)
+    physics, rays = outcomes["physics"], outcomes["rays"]
+    yield judge_physics(physics)
+    yield judge_rays(rays)
+    yield judge_cameras(outcomes["cameras"], settings)
+    if physics.failure is None and rays.failure is None:
+        yield judge_team(cost_of(physics.values, rays.values), settings, system.cores())
+
+
+def judge_physics(outcome: Outcome) -> Finding:
+    """What to say of the step rate."""
+    if outcome.failure is not None:
+        return _failed("physics", Mark.PROBLEM, outcome)
+    facts = outcome.values
+    factor = float(facts["real_time_factor"])
+    text = (
+        f"{_rounded(facts['steps_per_second'])} steps of {1e3 * facts['timestep_s']:g} ms per "
+        f"second with {facts['robots']} P3AT driving in arena: {factor:.1f} times real time"
+    )
+    if factor >= 1.0:
+        return Finding("physics", Mark.OK, text, values=facts)
+    text += ", simulated time will go slower than the clock"
+    return Finding("physics", Mark.WARNING, text, "usarsim serve --timestep 0.008", facts)
+
+
+def judge_rays(outcome: Outcome) -> Finding:
+    """What to say of the ray rate."""
+    if outcome.failure is not None:
+        return _failed("rays", Mark.PROBLEM, outcome)
+    facts = outcome.values
+    rate = float(facts["rays_per_second"])
+    text = (
+        f"{_rounded(rate)} rays per second in arena: {_rounded(rate / facts['beams'])} scans of "
+        f"{facts['beams']} beams"
+    )
+    return Finding("rays", Mark.OK, text, values=facts)
+
+
+def judge_cameras(outcome: Outcome, settings: Settings) -> Finding:
+    """What to say of the pictures."""
+    if outcome.failure is not None:
+        return _failed("cameras", Mark.WARNING, outcome)
+    facts = outcome.values
+    rate = float(facts["pictures_per_second"])
+    wanted = settings.camera_rate * (1.0 if math.isinf(settings.speed) else settings.speed)
+    enough = math.floor(rate / wanted)
+    text = f"{_rounded(rate)} pictures of 320x240 per second by {facts['renderer']}: "
+    if enough >= 1:
+        text += f"{enough} watched camera{'s' * (enough != 1)} at {wanted:g} per second"
+        text += " if the thread that draws has a core of its own"
+        return Finding("cameras", Mark.OK, text, values=facts)
+    slower = max(0.1, math.floor(rate / 2.0))
+    text += f"not one camera at {wanted:g} per second"
+    cure = f"usarsim serve --camera-rate {slower:g}"
+    return Finding("cameras", Mark.WARNING, text, cure, facts)
+
+
+def judge_team(cost: Cost, settings: Settings, cores: float) -> Finding:
+    """What both rates are enough for."""
+    speed = 1.0 if math.isinf(settings.speed) else settings.speed
+    robots = team_size(cost, speed, cores)
+    pace = "in real time" if speed == 1.0 else f"at {speed:g} times real time"
+    least = "at least " if robots == MOST_ROBOTS else "about "
+    text = (
+        f"{least}{robots} robot{'s' * (robots != 1)} like P3AT with all their sensors {pace} (an "
+        "estimate from the rates of physics and rays, without cameras)"
+    )
+    values = {"robots": robots, "speed": speed, "estimate": True}
+    if robots >= settings.max_robots:
+        return Finding("enough for", Mark.OK, text, values=values)
+    if not robots:
+        text += ": simulated time will go slower than the clock"
+        cure = f"usarsim serve --speed {max(0.01, 0.5 * speed):g}"
+        return Finding("enough for", Mark.WARNING, text, cure, values)
+    text += f", but {settings.max_robots} may come: simulated time will go slower than the clock"
+    cure = f"usarsim serve --max-robots {robots}"
+    return Finding("enough for", Mark.WARNING, text, cure, values)
+
+
+def cost_of(physics: Mapping[str, Any], rays: Mapping[str, Any]) -> Cost:
+    """The cost that two measurements amount to."""
+    return Cost(
+        float(physics["base_cost"]),
+        float(physics["cost_per_robot"]),
+        float(rays["rays_per_robot_second"]) / float(rays["rays_per_second"]),
+    )
+
+
+def team_size(cost: Cost, speed: float, cores: float) -> int:
+    """Robots that can be simulated at a speed: an estimate, from 0 to `MOST_ROBOTS`.
+
+    The processor time of n robots is taken as `ALL_IN_ALL` speed (base + n (physics + rays)), and
+    may be `SPARE` of one core, or of what part of a core there is.
+    """
+    budget = SPARE * min(1.0, cores) / (ALL_IN_ALL * speed) - cost.base
+    each = cost.physics + cost.rays
+    if budget <= 0.0:
+        return 0
+    return MOST_ROBOTS if each * MOST_ROBOTS <= budget else math.floor(budget / each)
+
+
+def _failed(subject: str, mark: Mark, outcome: Outcome) -> Finding:
+    return Finding(subject, mark, f"could not be measured: {outcome.failure}")
+
+
+def _rounded(value: float) -> str:
+    """Two significant digits at least, with separators: no more are repeatable."""
+    if value < 100.0:
+        return f"{value:.0f}"
+    digits = 2 - math.floor(math.log10(value))
+    return f"{round(value, digits):,.0f}"

@@ -1,0 +1,49 @@
+"""The server as a whole: put together with the given settings, without opening a port."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from usarsim_server.doctor.findings import Finding, Mark, problem_and_cure
+from usarsim_server.doctor.isolation import Outcome, attempt
+from usarsim_server.doctor.registry import Context, check
+from usarsim_server.settings import Settings
+
+__all__ = ["judge"]
+
+TIMEOUT = 90.0
+
+
+@check("server", "Server", order=60)
+def look(context: Context) -> Iterator[Finding]:
+    """Let another process put it together."""
+    settings = context.settings
+    if Path(settings.world).expanduser().is_file():
+        text = f"{settings.world} is a map, which the server imports when it starts"
+        cure = f"usarsim import {settings.world}"
+        yield Finding("world", Mark.NOTE, f"{text}; this shows how that goes", cure)
+        return
+    yield from judge(settings, attempt(["server"], settings, TIMEOUT)["server"])
+
+
+def judge(settings: Settings, outcome: Outcome) -> Iterator[Finding]:
+    """What to say after the trial."""
+    if outcome.failure is not None:
+        problem, cure = problem_and_cure(outcome.failure)
+        if not outcome.told:
+            problem, cure = f"cannot be put together: {outcome.failure}", None
+        yield Finding("start", Mark.PROBLEM, problem, cure)
+        return
+    values = outcome.values
+    seconds = float(values["seconds"])
+    text = f"would start, in {seconds:.1f} s, with the world {values['world']}"
+    yield Finding("start", Mark.OK, text, values={"world": values["world"], "start_s": seconds})
+    broken = values["broken"]
+    if values["tried"] > len(broken):
+        text = f"{values['tried'] - len(broken)} of your own can be put into the world"
+        yield Finding("robots", Mark.OK, text)
+    for robot in broken:
+        problem, cure = problem_and_cure(robot["problem"])
+        text = f"cannot be put into the world: {problem}"
+        yield Finding(robot["name"], Mark.WARNING, text, cure)

@@ -1,0 +1,163 @@
+"""A team of robots driving about, on which rates are measured in the calling thread.
+
+All rates are taken by the wall clock: what a server would get on this machine as busy as it is now.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from statistics import median
+
+import numpy as np
+
+from usarsim_server.app import Assembly, assemble
+from usarsim_server.cameras.backend import Quality
+from usarsim_server.cameras.painter import Painter, PainterOptions
+from usarsim_server.robots.fleet import Vehicle
+from usarsim_server.settings import Settings
+from usarsim_server.simulation.frames import Pose
+from usarsim_server.simulation.rays import RayFan
+from usarsim_server.simulation.snapshot import Snapshot
+
+__all__ = ["CLASS", "Team"]
+
+CLASS = "P3AT"
+CHUNK = 0.1
+"""Simulated s between two looks at the clock and between two commands."""
+SETTLE = 0.5
+"""Simulated s to drive before anything is measured."""
+SCANNER = Pose((0.2, 0.0, 0.3))
+"""Of the laser scanner on a robot."""
+REACH = 20.0
+"""m that its beams reach."""
+SIZE = (320, 240)
+
+
+class Team:
+    """A world without sockets and clock, and robots in it that drive in changing circles."""
+
+    def __init__(self, settings: Settings, robots: int) -> None:
+        """Put it together.
+
+        Raises:
+            UsarsimError: if the world or the robots cannot be used.
+        """
+        self._assembly: Assembly = assemble(settings)
+        self._dice = np.random.default_rng(settings.seed)
+        self._vehicles: list[Vehicle] = []
+        self.grow(robots)
+
+    def grow(self, robots: int) -> None:
+        """Add robots until there are so many, and let all drive a moment."""
+        fleet, starts = self._assembly.fleet, self._assembly.world.starts
+        description = fleet.describe(CLASS)
+        assert description is not None  # shipped
+        while len(self._vehicles) < robots:
+            start = starts[len(self._vehicles) % len(starts)]
+            self._vehicles.append(fleet.spawn(description, None, start.pose))
+        self._drive_on(SETTLE)
+
+    def shrink(self, robots: int) -> None:
+        """Take robots away until there are so many, and let all drive a moment."""
+        while len(self._vehicles) > robots:
+            self._assembly.fleet.remove(self._vehicles.pop())
+        self._drive_on(SETTLE)
+
+    def pace(self, seconds: float) -> float:
+        """Wall s that the physics needs per simulated s; median, measured for so many wall s."""
+        spent: list[float] = []
+        end = time.perf_counter() + seconds
+        while not spent or time.perf_counter() < end:
+            self._command()
+            started = time.perf_counter()
+            self._advance(CHUNK)
+            spent.append((time.perf_counter() - started) / CHUNK)
+        return median(spent)
+
+    def ray_rate(self, beams: int, seconds: float) -> float:
+        """Rays per wall s: one robot after another casts a half circle into a moving world."""
+        simulation = self._assembly.simulation
+        spent: list[float] = []
+        end = time.perf_counter() + seconds
+        while not spent or time.perf_counter() < end:
+            self._advance(simulation.timestep)
+            snapshot = simulation.look()
+            fans = [(one.robot, _half_circle(one, snapshot, beams)) for one in self._vehicles]
+            started = time.perf_counter()
+            for robot, fan in fans:
+                simulation.cast([fan], snapshot, robot)
+            spent.append(time.perf_counter() - started)
+        return beams * len(self._vehicles) / median(spent)
+
+    def rays_wanted(self) -> float:
+        """Rays per simulated s that the sensors of one robot ask for."""
+        vehicle = self._vehicles[0]
+        state = vehicle.state(self._assembly.simulation.look())
+        assert state is not None
+        dialect = vehicle.description.dialect
+        wanted = 0.0
+        for sensor in vehicle.sensors:
+            interval = sensor.interval(dialect)
+            if interval > 0.0 and math.isfinite(interval):
+                wanted += sum(len(fan.directions) for fan in sensor.rays(state)) / interval
+        return wanted
+
+    def picture_rate(self, settings: Settings, seconds: float) -> dict[str, object]:
+        """Pictures per wall s of the robots' cameras in turn, with the quality of the settings."""
+        simulation, views = self._assembly.simulation, self._assembly.board.views
+        painter = Painter(
+            simulation.compiled,
+            PainterOptions(
+                settings.renderer,
+                Quality(settings.shadows, settings.multisample),
+                self._assembly.world.smoke,
+            ),
+        )
+        spent: list[float] = []
+        warm = False
+        end = math.inf
+        while time.perf_counter() < end or not spent:
+            self._advance(simulation.timestep)
+            snapshot = simulation.look()
+            started = time.perf_counter()
+            eye = painter.place(views[len(spent) % len(views)], snapshot, *SIZE)
+            assert eye is not None
+            painter.tile(eye, snapshot)
+            if warm:
+                spent.append(time.perf_counter() - started)
+            else:  # the first picture loads the model
+                warm, end = True, time.perf_counter() + seconds
+        painter.close()
+        return {"renderer": painter.renderer, "pictures_per_second": 1.0 / median(spent)}
+
+    def _drive_on(self, seconds: float) -> None:
+        for vehicle in self._vehicles:
+            self._steer(vehicle)
+        self._advance(seconds)
+
+    def _advance(self, seconds: float) -> None:
+        simulation = self._assembly.simulation
+        simulation.run_until(simulation.look().time + seconds)
+
+    def _command(self) -> None:
+        """Two new commands a second for each robot, as `validation/stepping.py` gives them."""
+        for vehicle in self._vehicles:
+            if self._dice.random() < 2.0 * CHUNK:
+                self._steer(vehicle)
+
+    def _steer(self, vehicle: Vehicle) -> None:
+        top = vehicle.description.drive.max_wheel_speed
+        left, right = self._dice.uniform(-top, top, 2)
+        wheels = vehicle.description.driven_wheels
+        vehicle.drive(np.array([left if wheel.side == "left" else right for wheel in wheels]))
+
+
+def _half_circle(vehicle: Vehicle, snapshot: Snapshot, beams: int) -> RayFan:
+    """The fan of a scanner that looks ahead."""
+    state = vehicle.state(snapshot)
+    assert state is not None
+    pose = state.pose @ SCANNER
+    yaw = np.linspace(-math.pi / 2.0, math.pi / 2.0, beams)
+    flat = np.stack([np.cos(yaw), np.sin(yaw), np.zeros(beams)], axis=1)
+    return RayFan(np.array(pose.position), flat @ pose.matrix().T, REACH)
