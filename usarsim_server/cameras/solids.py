@@ -133,8 +133,9 @@ def scenery(model: mujoco.MjModel, data: mujoco.MjData) -> Solid:
         (geom, triangles(model, geom, data.geom_xpos[geom], data.geom_xmat[geom].reshape(3, 3)))
         for geom in fixed
     ]
-    open_ = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_HFIELD)
-    return Solid(parts, [model.geom_type[geom] not in open_ for geom in fixed])
+    # As plain numbers: no enumerator equals one of NumPy's, and `in` would find none.
+    open_ = {int(mujoco.mjtGeom.mjGEOM_MESH), int(mujoco.mjtGeom.mjGEOM_HFIELD)}
+    return Solid(parts, [int(model.geom_type[geom]) not in open_ for geom in fixed])
 
 
 def body_solid(model: mujoco.MjModel, geoms: Sequence[int]) -> Solid:
