@@ -89,7 +89,8 @@ class RayBackend:
 
     def _solid_of(self, model: mujoco.MjModel, body: int) -> Solid:
         geoms = self._geoms_of[body]
-        key = shape_key(model, geoms, [is_solid(model, geom) for geom in geoms])
+        frames = np.hstack([model.geom_pos[geoms], model.geom_quat[geoms]])
+        key = shape_key(model, geoms, frames, [is_solid(model, geom) for geom in geoms])
         if key not in self._solids:
             if len(self._solids) >= SHAPES_KEPT:
                 self._solids.clear()

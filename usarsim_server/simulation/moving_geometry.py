@@ -1,9 +1,9 @@
 """Everything that moves, as rays see it: robots, crates, doors, people.
 
-Each body's visible geometry is an Embree scene in the body's own frame, built once per shape and
-shared by all bodies that look the same, in this model generation and in later ones. A ray is
-turned into the frame of every body whose bounding sphere it passes; so nothing is rebuilt when
-things move, and all rays at bodies of one shape, whoever sent them, are one call.
+Each rigid piece's visible geometry (see `lumps.py`) is an Embree scene in its body's own frame,
+built once per shape and shared by all that look the same, in this model generation and in later
+ones. A ray is turned into the frame of every body whose bounding sphere it passes; so nothing is
+rebuilt when things move, and all rays at bodies of one shape, whoever sent them, are one call.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from usarsim_server.simulation.culling import Spheres, bounding_spheres, meetings, passing
 from usarsim_server.simulation.glass import is_glass
+from usarsim_server.simulation.lumps import Lump, find_lumps
 from usarsim_server.simulation.model import CompiledWorld
 from usarsim_server.simulation.objects import Objects
 from usarsim_server.simulation.ray_batch import RayBatch
@@ -132,32 +133,31 @@ class DynamicGeometry:
     # -- what there is -----------------------------------------------------------------------
 
     def _visible_bodies(self, model: mujoco.MjModel) -> list[_Body]:
-        """Bodies that move and can be seen, tree by tree."""
+        """Everything that moves and can be seen, tree by tree."""
         found = []
-        for body in range(1, model.nbody):
-            if model.body_weldid[body] == 0:
-                continue
-            first = int(model.body_geomadr[body])
-            owned = range(first, first + int(model.body_geomnum[body]))
-            geoms = tuple(geom for geom in owned if is_visible(model, geom))
-            if geoms:
-                glass = [is_glass(model, geom) for geom in geoms]
-                full = self._scene(model, geoms, [False] * len(geoms))
-                clear = self._scene(model, geoms, glass) if any(glass) else full
-                found.append(_Body(body, full, clear, geoms))
+        for lump in find_lumps(model, lambda geom: is_visible(model, geom)):
+            glass = [is_glass(model, geom) for geom in lump.geoms]
+            full = self._scene(model, lump, [True] * len(glass))
+            clear = self._scene(model, lump, [not pane for pane in glass]) if any(glass) else full
+            found.append(_Body(lump.body, full, clear, lump.geoms))
         trees = self._tree_of_root
         return sorted(found, key=lambda one: (trees[int(model.body_rootid[one.body])], one.body))
 
-    def _scene(
-        self, model: mujoco.MjModel, geoms: tuple[int, ...], left_out: list[bool]
-    ) -> TriangleScene:
-        key = shape_key(model, geoms, [not out for out in left_out])
+    def _scene(self, model: mujoco.MjModel, lump: Lump, shown: list[bool]) -> TriangleScene:
+        count = len(lump.geoms)
+        frames = np.hstack([lump.places, lump.turns.reshape(count, 9)])
+        key = shape_key(model, lump.geoms, frames, shown)
         if key not in self._scenes:
-            shown = [(n, geom) for n, geom in enumerate(geoms) if not left_out[n]]
-            self._scenes[key] = TriangleScene(
-                [(n, _local(model, geom)) for n, geom in shown],
-                [(n, shape) for n, geom in shown if (shape := _round(model, geom)) is not None],
-            )
+            parts, rounds = [], []
+            for number, geom in enumerate(lump.geoms):
+                if not shown[number]:
+                    continue
+                place, turn = lump.places[number], lump.turns[number]
+                parts.append((number, triangles(model, geom, place, turn, FINE)))
+                axes = _semi_axes(model, geom)
+                if axes is not None:
+                    rounds.append((number, RoundPart(place, turn, axes)))
+            self._scenes[key] = TriangleScene(parts, rounds)
         return self._scenes[key]
 
     def _by_tree(self, model: mujoco.MjModel) -> tuple[Numbers, Numbers]:
@@ -189,7 +189,13 @@ class DynamicGeometry:
         turns = _matrices(snapshot.xquat[self._body_ids])
         places = snapshot.xpos[self._body_ids]
         centres = places + np.einsum("bij,bj->bi", turns, self._middles)
-        spheres = Spheres(snapshot.xpos[self._roots[trees]], self._radii[trees])
+        # A tree of one piece is bounded by the piece itself, more tightly.
+        single = self._count[trees] == 1
+        first = np.minimum(self._first[trees], len(self._bodies) - 1)
+        spheres = Spheres(
+            np.where(single[:, None], centres[first], snapshot.xpos[self._roots[trees]]),
+            np.where(single, self._spans[first], self._radii[trees]),
+        )
         return _Moment(snapshot, trees, spheres, turns, places, centres)
 
     def _own(self, snapshot: Snapshot, moment: _Moment, viewers: list[int | None]) -> Numbers:
@@ -211,6 +217,8 @@ class DynamicGeometry:
     ) -> tuple[Numbers, Numbers]:
         """Pairs of a ray and a body whose own sphere it passes."""
         counts = self._count[trees]
+        if counts.max() == 1:
+            return rays, self._first[trees]
         before = np.cumsum(counts) - counts
         bodies = np.repeat(self._first[trees] - before, counts) + np.arange(int(counts.sum()))
         rays = np.repeat(rays, counts)
@@ -263,24 +271,12 @@ def _nearest(
     return Surfaces(found, np.where(none, -1, geoms[chosen]), facing)
 
 
-def _local(model: mujoco.MjModel, geom: int) -> Array:
-    """Triangles of a geom in the frame of its body."""
-    return triangles(model, geom, model.geom_pos[geom], _turn(model, geom), FINE)
-
-
-def _round(model: mujoco.MjModel, geom: int) -> RoundPart | None:
-    """The true shape of a sphere or an ellipsoid."""
-    kind, size = model.geom_type[geom], model.geom_size[geom]
-    if kind not in (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_ELLIPSOID):
-        return None
-    axes = np.full(3, size[0]) if kind == mujoco.mjtGeom.mjGEOM_SPHERE else size.copy()
-    return RoundPart(model.geom_pos[geom].copy(), _turn(model, geom), axes)
-
-
-def _turn(model: mujoco.MjModel, geom: int) -> Array:
-    turn = np.zeros(9)
-    mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
-    return turn.reshape(3, 3)
+def _semi_axes(model: mujoco.MjModel, geom: int) -> Array | None:
+    """Semi-axes (3,) of a sphere or an ellipsoid, m; None for everything else."""
+    kind, size = int(model.geom_type[geom]), model.geom_size[geom]
+    if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
+        return np.full(3, float(size[0]))
+    return size.copy() if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID else None
 
 
 def _matrices(quaternions: Array) -> Array:

@@ -41,16 +41,20 @@ def triangles(
     return local @ mat.T + pos if len(local) else np.zeros((0, 3, 3))
 
 
-def shape_key(model: mujoco.MjModel, geoms: Sequence[int], shown: Sequence[bool]) -> bytes:
-    """Equal for bodies that look the same in their own frames, in any model.
+def shape_key(
+    model: mujoco.MjModel, geoms: Sequence[int], frames: Array, shown: Sequence[bool]
+) -> bytes:
+    """Equal for things that look the same in their own frames, in any model.
 
     Args:
         model: the compiled model.
-        geoms: of one body.
+        geoms: of one thing, g in number.
+        frames: (g, any) where each is in the frame of the thing, in numbers.
         shown: which of them are there to be seen.
     """
-    arrays = (model.geom_type, model.geom_size, model.geom_pos, model.geom_quat)
-    key = b"".join(array[list(geoms)].tobytes() for array in arrays) + bytes(shown)
+    arrays = (model.geom_type, model.geom_size)
+    key = b"".join(array[list(geoms)].tobytes() for array in arrays)
+    key += frames.tobytes() + bytes(shown)
     return key + b"".join(_mesh_content(model, geom) for geom in geoms)
 
 

@@ -1,0 +1,123 @@
+"""What looks like one piece: welded bodies and wheels, and what does not."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from usarsim_server.simulation.lumps import Lump, find_lumps
+
+BODY = """
+<mujoco>
+  <worldbody>
+    <geom name="floor" type="plane" size="1 1 1"/>
+    <body name="base" pos="1 2 3">
+      <freejoint/>
+      <geom name="hull" type="box" size=".3 .2 .1"/>
+      <body name="mast" pos="0 0 .5" quat="0.7071068 0 0 0.7071068">
+        <geom name="pole" type="box" size=".02 .03 .2" pos=".1 0 0"/>
+      </body>
+      <body name="part" pos=".2 .2 0">{part}</body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+AXLE = '<joint name="axle" type="hinge" axis="0 1 0" {more}/>'
+
+
+def lumps(part: str) -> dict[str, set[str]]:
+    """Names of the geoms of each lump, by the name of its body."""
+    model, found = compiled(part)
+    return {
+        model.body(one.body).name: {model.geom(geom).name for geom in one.geoms} for one in found
+    }
+
+
+def compiled(part: str) -> tuple[mujoco.MjModel, list[Lump]]:
+    """The model with some part, and its lumps."""
+    model = mujoco.MjModel.from_xml_string(BODY.format(part=part))
+    return model, find_lumps(model, lambda geom: True)
+
+
+ROUND = {
+    "sphere": '<geom name="wheel" type="sphere" size=".1" pos="0 .05 0"/>',
+    "ellipsoid": '<geom name="wheel" type="ellipsoid" size=".1 .04 .1"/>',
+    "cylinder": '<geom name="wheel" type="cylinder" size=".1 .04" quat="1 1 0 0"/>',
+    "capsule": '<geom name="wheel" type="capsule" size=".1 .04" quat="1 1 0 0"/>',
+}
+UNEVEN = {
+    "ellipsoid": '<geom name="wheel" type="ellipsoid" size=".1 .04 .09"/>',
+    "beside the axis": '<geom name="wheel" type="sphere" size=".1" pos=".01 .05 0"/>',
+    "cylinder across": '<geom name="wheel" type="cylinder" size=".1 .04"/>',
+    "box": '<geom name="wheel" type="box" size=".1 .04 .1"/>',
+    "with a spoke": ROUND["cylinder"] + '<geom name="spoke" type="box" size=".01 .01 .01"/>',
+}
+
+
+@pytest.mark.parametrize("shape", ROUND)
+def test_a_round_wheel_belongs_to_its_robot(shape: str) -> None:
+    """Whatever is round about its axle looks the same however far it has turned."""
+    found = lumps(AXLE.format(more="") + ROUND[shape])
+    assert found == {"base": {"hull", "pole", "wheel"}}
+
+
+@pytest.mark.parametrize("shape", UNEVEN)
+def test_what_is_not_round_about_its_axle_goes_its_own_way(shape: str) -> None:
+    """One can see it turn."""
+    assert "wheel" in lumps(AXLE.format(more="") + UNEVEN[shape])["part"]
+
+
+def test_an_axle_beside_the_origin() -> None:
+    """What counts is the axis itself, not the body's origin."""
+    beside = AXLE.format(more='pos=".05 0 0"')
+    assert "part" in lumps(beside + ROUND["ellipsoid"])
+    on_it = ROUND["ellipsoid"].replace("/>", ' pos=".05 0 0"/>')
+    assert lumps(beside + on_it) == {"base": {"hull", "pole", "wheel"}}
+
+
+@pytest.mark.parametrize(
+    "joints",
+    [
+        '<joint type="slide" axis="0 1 0"/>',
+        '<joint type="ball"/>',
+        AXLE.format(more="") + '<joint type="hinge" axis="0 1 0"/>',
+    ],
+)
+def test_other_joints_make_a_piece_of_its_own(joints: str) -> None:
+    """Only a single hinge is an axle."""
+    assert "part" in lumps(joints + ROUND["sphere"])
+
+
+def test_what_sits_on_a_wheel_turns_with_it() -> None:
+    """A valve cap is not part of the robot's hull, though it has no joint of its own."""
+    cap = '<body name="cap" pos=".09 0 0"><geom name="cap" type="sphere" size=".01"/></body>'
+    found = lumps(AXLE.format(more="") + ROUND["ellipsoid"] + cap)
+    assert found == {"base": {"hull", "pole", "wheel"}, "cap": {"cap"}}
+
+
+def test_places_are_those_of_the_physics() -> None:
+    """However a wheel has turned, the geoms are where the lump has them."""
+    model, (lump,) = compiled(AXLE.format(more="") + ROUND["cylinder"])
+    data = mujoco.MjData(model)
+    data.qpos[:7] = (0.3, -1.0, 0.2, *np.array([0.5, 0.5, -0.1, 0.7]) / 1.0)
+    data.qpos[7] = 1.234
+    mujoco.mj_kinematics(model, data)
+    body = data.xmat[lump.body].reshape(3, 3)
+    for geom, place, turn in zip(lump.geoms, lump.places, lump.turns, strict=True):
+        np.testing.assert_allclose(
+            data.xpos[lump.body] + body @ place, data.geom_xpos[geom], atol=1e-9
+        )
+        main = (body @ turn)[:, 2]
+        np.testing.assert_allclose(main, data.geom_xmat[geom].reshape(3, 3)[:, 2], atol=1e-9)
+
+
+def test_only_what_is_visible_counts() -> None:
+    """A body without visible geoms is no lump; the fixed world is none either."""
+    model = mujoco.MjModel.from_xml_string(BODY.format(part=AXLE + ROUND["sphere"]).format(more=""))
+    seen = find_lumps(model, lambda geom: model.geom(geom).name == "wheel")
+    assert [(one.body, one.geoms) for one in seen] == [
+        (model.body("base").id, (model.geom("wheel").id,))
+    ]
+    assert find_lumps(model, lambda geom: False) == []
