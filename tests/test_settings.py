@@ -80,6 +80,19 @@ FILE_ONLY_GOOD = [
     ("default_start", '"first"', "first"),
     ("second_init", '"replace"', "replace"),
     ("clean_on_close", "false", False),
+    ("max_per_address", "8", 8),
+    ("max_per_address", '"off"', None),
+    ("connection_rate", "5", 5.0),
+    ("connection_rate", '"off"', math.inf),
+    ("line_bytes", "65536", 65536),
+    ("line_bytes", "1000000", 1000000),
+    ("command_rate", "200", 200.0),
+    ("command_rate", '"off"', math.inf),
+    ("spawn_rate", "0.5", 0.5),
+    ("spawn_rate", '"off"', math.inf),
+    ("idle_timeout", "10", 10.0),
+    ("idle_timeout", '"off"', 0.0),
+    ("reply_bytes", "65536", 65536),
     ("outbox_bytes", "65536", 65536),
     ("quiet_period", "0", 0.0),
     ("quiet_period", "0.3", 0.3),
@@ -165,6 +178,17 @@ ILL_TYPED = [
     ("tile_size", "true"),
     ("image_type", '"3"'),
     ("outbox_bytes", "1"),
+    ("max_per_address", "0"),
+    ("max_per_address", "true"),
+    ("connection_rate", "0"),
+    ("connection_rate", "nan"),
+    ("line_bytes", "65535"),
+    ("command_rate", "180"),
+    ("command_rate", '"none"'),
+    ("spawn_rate", "0"),
+    ("idle_timeout", "1"),
+    ("idle_timeout", "false"),
+    ("reply_bytes", "0"),
     ("quiet_period", "-0.1"),
     ("quiet_period", "nan"),
     ("quiet_period", "[0.27]"),
@@ -225,7 +249,14 @@ def test_defaults_are_those_of_the_legacy_installations() -> None:
         max_connections=64,
         default_start="origin",
         second_init="ignore",
+        max_per_address=None,
+        connection_rate=100.0,
+        line_bytes=65536,
+        command_rate=1000.0,
+        spawn_rate=20.0,
+        idle_timeout=300.0,
         outbox_bytes=262144,
+        reply_bytes=4194304,
         quiet_period=0.27,
     )
 
@@ -537,3 +568,20 @@ def test_any_value_of_the_file_is_taken_or_refused_in_words(option, value: objec
     """Whatever type a file gives: a value of the field, or a `ValueError` with a text."""
     found, message = outcome(lambda: option.read(value, Path("/nowhere")))
     assert message is None or (found is ValueError and message)
+
+
+@pytest.mark.parametrize(
+    ("speed", "commands", "robots"), [(0.5, 1000.0, 20.0), (3.0, 3000.0, 60.0)]
+)
+def test_rates_of_clients_follow_the_speed_of_the_world(
+    speed: float, commands: float, robots: float
+) -> None:
+    """A world that runs three times as fast is told three times as much; a slow one not less."""
+    settings = Settings(speed=speed)
+    assert (settings.input_rate, settings.robot_rate) == (commands, robots)
+
+
+def test_rates_of_clients_are_off_in_lockstep() -> None:
+    """At `--speed max` wall time must not decide what is obeyed."""
+    settings = Settings(speed=math.inf)
+    assert settings.input_rate == settings.robot_rate == math.inf

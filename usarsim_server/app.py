@@ -28,7 +28,9 @@ from usarsim_server.control.objects import WorldObjects
 from usarsim_server.control.roles import SpecialRoles
 from usarsim_server.data import data_directory
 from usarsim_server.errors import UsarsimError
+from usarsim_server.logs import Log
 from usarsim_server.protocol import messages
+from usarsim_server.protocol.requests import Init
 from usarsim_server.radio.configuration import RadioOptions, read_radio, read_radio_file
 from usarsim_server.radio.event_log import EventLog
 from usarsim_server.radio.ground_truth import GroundTruth
@@ -38,17 +40,20 @@ from usarsim_server.radio.stations import stations_of
 from usarsim_server.robots.agent import AgentOptions, Mouth, RobotAgent
 from usarsim_server.robots.fleet import Fleet
 from usarsim_server.robots.pilot import PilotOptions
+from usarsim_server.robots.role import Casting, RoleFactory
 from usarsim_server.robots.roster import load_roster
 from usarsim_server.services.comserver import ComServerLimits, ComServerService
 from usarsim_server.services.control import ControlLimits, ControlService
 from usarsim_server.services.ground_truth import ground_truth_service
 from usarsim_server.services.images import ImageService
+from usarsim_server.services.limits import SpawnGate
 from usarsim_server.services.outbox import OutboxLimits
 from usarsim_server.services.ready import Service, run_services
 from usarsim_server.services.relay import Road
 from usarsim_server.services.truth import truth_service
 from usarsim_server.services.wireless import WirelessLimits, WirelessService
 from usarsim_server.settings import Settings
+from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import PhysicsOptions
 from usarsim_server.simulation.simulation import Simulation, SimulationOptions
 from usarsim_server.worlds import avatar_classes, object_classes
@@ -69,6 +74,10 @@ GAME_TYPE = "BotDeathMatch"
 SWITCH_INTERVAL = 0.0005
 """s after which a Python thread has to let others run; the default of 5 ms starves the physics."""
 
+_LEAST_BURST = 64
+"""Robots that may come at the same moment, even if fewer fit into the world: most of those who try
+again and again do so because it is full."""
+
 STOP_TIMEOUT = 1.0
 """s that the robots' threads get to end; the process has three in all."""
 
@@ -85,6 +94,7 @@ class Assembly:
         surroundings: people, tags and sounds of the world.
         studio: renders what somebody looks at; `run` opens it.
         services: what listens.
+        gate: limits how many robots come per second.
         agents: the agents of all connections so far that still exist.
     """
 
@@ -97,6 +107,7 @@ class Assembly:
     avatars: Avatars
     studio: Studio
     services: tuple[Service, ...]
+    gate: SpawnGate
     agents: weakref.WeakSet[RobotAgent] = field(default_factory=weakref.WeakSet)
 
     @property
@@ -118,18 +129,33 @@ class Assembly:
             self.world,
             self.simulation.attention if lockstep else _nobody_waits,
             options,
-            SpecialRoles(
-                self.objects,
-                self.avatars,
-                self.fleet,
-                self.world,
-                self.simulation,
-                self.settings.clean_on_close,
-                options.pilot.quiet_period,
+            self._behind_gate(
+                peer,
+                SpecialRoles(
+                    self.objects,
+                    self.avatars,
+                    self.fleet,
+                    self.world,
+                    self.simulation,
+                    self.settings.clean_on_close,
+                    options.pilot.quiet_period,
+                ),
             ),
         )
         self.agents.add(agent)
         return agent
+
+    def _behind_gate(self, peer: str, roles: RoleFactory) -> RoleFactory:
+        """Makes roles, and lets robots be made, no faster than the gate allows."""
+
+        def cast(init: Init, pose: Pose, log: Log) -> Casting | None:
+            self.gate.admit(peer)
+            casting = roles(init, pose, log)
+            if casting is None and self.fleet.describe(init.class_name) is None:
+                self.gate.forget(peer)  # a class that does not exist costs nothing
+            return casting
+
+        return cast
 
     def stop(self) -> None:
         """Stop rendering and physics, and wait for the threads of all agents.
@@ -180,8 +206,9 @@ def assemble(settings: Settings) -> Assembly:
     surroundings.watch(avatars.passers)
     studio = Studio(simulation, board, _studio_options(settings, world), fleet.lit)
     _add_spectators(settings, world, simulation, board)
+    gate = SpawnGate(settings.robot_rate, float(max(_LEAST_BURST, settings.max_robots)))
     assembly = Assembly(
-        settings, world, simulation, fleet, surroundings, objects, avatars, studio, ()
+        settings, world, simulation, fleet, surroundings, objects, avatars, studio, (), gate
     )
     if settings.port is not None:
         services.append(_control_service(settings, world, assembly))
@@ -270,10 +297,22 @@ def _control_service(
         settings.port,
         lambda: greeting,
         assembly.make_agent,
-        ControlLimits(
-            max_connections=settings.connections,
-            outbox=OutboxLimits(stream_bytes=settings.outbox_bytes),
-        ),
+        _control_limits(settings),
+    )
+
+
+def _control_limits(settings: Settings) -> ControlLimits:
+    most = settings.connections
+    return ControlLimits(
+        max_connections=most,
+        per_address=settings.max_per_address,
+        arrival_rate=settings.connection_rate,
+        # Everybody may come at once, and once more to ask for start poses.
+        arrival_burst=2 * most,
+        max_line=settings.line_bytes,
+        command_rate=settings.input_rate,
+        idle=settings.idle_timeout,
+        outbox=OutboxLimits(stream_bytes=settings.outbox_bytes, reply_bytes=settings.reply_bytes),
     )
 
 

@@ -161,8 +161,25 @@ def _image_type(value: object, folder: Path) -> ImageType:
     return ImageType(number)
 
 
+def _rate(low: float, high: float) -> Check:
+    number = _number(low, high)
+
+    def check(value: object, folder: Path) -> object:
+        return math.inf if value == "off" else number(value, folder)
+
+    return check
+
+
 def _patience(value: object, folder: Path) -> object:
     return 0.0 if value == "off" else _number(0.0, 3600.0)(value, folder)
+
+
+def _idle_timeout(value: object, folder: Path) -> object:
+    return 0.0 if value == "off" else _number(10.0, 86400.0)(value, folder)
+
+
+def _max_per_address(value: object, folder: Path) -> object:
+    return None if value == "off" else _integer(1, 1024)(value, folder)
 
 
 def _pair(value: object) -> tuple[int, int]:
@@ -437,6 +454,42 @@ OPTIONS: tuple[Option, ...] = (
         _integer(1, 1024),
         "control connections at the same time",
     ),
+    Option(
+        "max_per_address",
+        'a whole number from 1 to 1024, or "off"',
+        _max_per_address,
+        "control connections of one address at the same time",
+    ),
+    Option(
+        "connection_rate",
+        'a number from 1 to 10000, or "off"',
+        _rate(1.0, 10000.0),
+        "new control connections of one address per second in the long run",
+    ),
+    Option(
+        "line_bytes",
+        "bytes from 65536 to 16777216",
+        _integer(64 * 1024, 16 * 1024 * 1024),
+        "longest command line; longer ones are thrown away",
+    ),
+    Option(
+        "command_rate",
+        'a number from 200 to 1000000, or "off"',
+        _rate(200.0, 1e6),
+        "commands of one client per second in the long run",
+    ),
+    Option(
+        "spawn_rate",
+        'a number from 0.1 to 1000, or "off"',
+        _rate(0.1, 1000.0),
+        "robots that one address may start per second in the long run",
+    ),
+    Option(
+        "idle_timeout",
+        'seconds from 10 to 86400, or "off"',
+        _idle_timeout,
+        "silence after which a client that never sent an INIT is closed",
+    ),
     _word_option("default_start", ("origin", "first"), "place of robots whose INIT names none"),
     _word_option("second_init", ("ignore", "replace"), "what a second INIT does"),
     Option(
@@ -444,6 +497,12 @@ OPTIONS: tuple[Option, ...] = (
         "bytes from 65536 to 67108864",
         _integer(64 * 1024, 64 * 1024 * 1024),
         "periodic lines that may wait for one client",
+    ),
+    Option(
+        "reply_bytes",
+        "bytes from 65536 to 67108864",
+        _integer(64 * 1024, 64 * 1024 * 1024),
+        "replies that may wait for one client before it is closed",
     ),
     Option(
         "quiet_period",

@@ -67,7 +67,15 @@ class Settings:
         default_start: where an INIT without place puts the robot: the origin of the wire frame,
             or the first start pose of the world.
         second_init: what a second INIT on a connection does (protocol reference 3.2).
+        max_per_address: control connections of one address; None for no other limit.
+        connection_rate: new control connections of one address per s; `math.inf` for any number,
+            here and with the other rates. All of them are of wall time.
+        line_bytes: longest command line, bytes (protocol reference 1.4).
+        command_rate: commands of one client per s at real time; see `input_rate`.
+        spawn_rate: robots that one address may start per s at real time; see `robot_rate`.
+        idle_timeout: s after which a client that wants nothing is closed; 0 for never.
         outbox_bytes: budget of periodic lines waiting for one client, bytes.
+        reply_bytes: the same for replies, which are never dropped: beyond it the client is closed.
         quiet_period: s of wall time after INIT without STA and SEN (protocol reference 1.8).
         written: keys that somebody wrote down, whatever the value; see `demands`.
     """
@@ -108,7 +116,14 @@ class Settings:
     max_connections: int = 64
     default_start: Literal["origin", "first"] = "origin"
     second_init: Literal["ignore", "replace"] = "ignore"
+    max_per_address: int | None = None
+    connection_rate: float = 100.0
+    line_bytes: int = 64 * 1024
+    command_rate: float = 1000.0
+    spawn_rate: float = 20.0
+    idle_timeout: float = 300.0
     outbox_bytes: int = 256 * 1024
+    reply_bytes: int = 4 * 1024 * 1024
     quiet_period: float = 0.27
     written: frozenset[str] = field(default=frozenset(), compare=False)
 
@@ -127,6 +142,18 @@ class Settings:
         if self.demands("max_connections"):
             return self.max_connections
         return max(self.max_connections, self.max_robots + _VISITORS)
+
+    @property
+    def input_rate(self) -> float:
+        """Commands of one client per s of wall time: controllers of a world that runs faster send
+        faster; at `--speed max` there is no limit."""
+        return self.command_rate * max(1.0, self.speed)
+
+    @property
+    def robot_rate(self) -> float:
+        """Robots that one address may start per s of wall time; no limit at `--speed max`, where
+        the same script has to give the same run."""
+        return self.spawn_rate * max(1.0, self.speed)
 
 
 def load_settings(

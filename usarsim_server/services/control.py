@@ -5,14 +5,15 @@ agent in order; lines that the agent puts into the outbox are sent one by one. W
 mean is the agent's business: this file knows no robot and no clock.
 
 A client can neither fill the memory nor delay others. Its input is read only as fast as its agent
-takes commands (TCP pushes back), its output waits in a bounded outbox, and the kernel's buffers
-are small and of fixed size.
+takes commands, and no faster than a rate (TCP pushes back), its output waits in a bounded outbox,
+and the kernel's buffers are small and of fixed size.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import select
 import socket
 from collections.abc import Callable
@@ -20,8 +21,9 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from usarsim_server.logs import Log
-from usarsim_server.protocol.framing import LineFramer
+from usarsim_server.protocol.framing import MAX_LINE, LineFramer
 from usarsim_server.protocol.grammar import Command, parse_line
+from usarsim_server.services.limits import TokenBucket, input_cost
 from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits
 from usarsim_server.services.outbox import Outbox, OutboxLimits
 
@@ -35,6 +37,14 @@ _LINES_PER_TURN = 32
 """Lines sent to one client before others get their turn."""
 _HANG_UP_POLL = 0.2
 """Seconds between looks for a hang-up while a client's input is not read."""
+_COMMAND_BURST = 2.0
+"""Seconds for which a client that was quiet before may double its rate of commands, at the least:
+what was not used of the rate is kept for so long."""
+_GRANT = 1.0
+"""Seconds' worth of commands that a new client may send at once."""
+_PURSE = 64.0
+"""Grants that can be given at the same time; then one a second. Without a common purse a client
+that comes again and again would get new ones for ever."""
 
 Greeting = Callable[[], bytes]
 """Makes the one line, CR LF included, that every client reads first (protocol reference 1.2)."""
@@ -79,6 +89,13 @@ class ControlLimits:
 
     Attributes:
         max_connections: UDK's MaxConnections (protocol reference 1.1).
+        per_address: connections of one address; None: no other limit.
+        arrival_rate, arrival_burst: see `ListenerLimits`.
+        max_line: longest line in bytes; longer ones are thrown away.
+        command_rate: commands per s of one client in the long run; it is read no faster. See
+            `limits.input_cost` for what counts as a command.
+        idle: s after which a client that neither had a command nor ever an INIT is closed; 0 for
+            never.
         backlog_high: commands waiting at an agent beyond which its client's input is not read.
             One client of the field sends 180 a second (protocol reference, addendum): five seconds.
         backlog_low: commands at which reading goes on.
@@ -88,6 +105,12 @@ class ControlLimits:
     """
 
     max_connections: int = 64
+    per_address: int | None = None
+    arrival_rate: float = 100.0
+    arrival_burst: int = 128
+    max_line: int = MAX_LINE
+    command_rate: float = 1000.0
+    idle: float = 300.0
     backlog_high: int = 1024
     backlog_low: int = 256
     outbox: OutboxLimits = field(default_factory=OutboxLimits)
@@ -121,6 +144,8 @@ class ControlService:
         self._agent_factory = agent_factory
         self._limits = limits or ControlLimits()
         self._log = Log(self.name)
+        rate = self._limits.command_rate
+        self._purse = TokenBucket(_GRANT * rate, _PURSE * _GRANT * rate)
         self._listener = Listener(
             self.name,
             host,
@@ -129,6 +154,9 @@ class ControlService:
             option="--port",
             limits=ListenerLimits(
                 max_connections=self._limits.max_connections,
+                per_address=self._limits.per_address,
+                arrival_rate=self._limits.arrival_rate,
+                arrival_burst=self._limits.arrival_burst,
                 receive_buffer=self._limits.kernel_buffer,
                 send_buffer=self._limits.kernel_buffer,
             ),
@@ -153,7 +181,7 @@ class ControlService:
 
     async def _serve(self, client: socket.socket, peer: str) -> None:
         log = self._log.bind(connection=peer)
-        connection = _Connection(client, self._limits, log)
+        connection = _Connection(client, self._limits, self._allowance(), log)
         connection.outbox.put_reply(self._greeting())
         try:
             agent = self._agent_factory(peer, connection.outbox, connection.resume)
@@ -172,28 +200,43 @@ class ControlService:
             agent.close()
             log.info(reason, dropped_lines=connection.outbox.dropped)
 
+    def _allowance(self) -> TokenBucket:
+        """The commands that a new client may send."""
+        rate = self._limits.command_rate
+        if math.isinf(rate):
+            return TokenBucket(rate, rate)
+        return TokenBucket(rate, _COMMAND_BURST * rate, start=self._purse.draw(_GRANT * rate))
+
 
 class _Connection:
     """The conversation with one client: a reader and a writer on one socket."""
 
-    def __init__(self, client: socket.socket, limits: ControlLimits, log: Log) -> None:
+    def __init__(
+        self, client: socket.socket, limits: ControlLimits, allowance: TokenBucket, log: Log
+    ) -> None:
         self._client = client
         self._limits = limits
+        self._allowance = allowance
         self._log = log
         self._loop = asyncio.get_running_loop()
         self._ended: asyncio.Future[str] = self._loop.create_future()
         self._lines_wait = asyncio.Event()
         self._backlog_shrank = asyncio.Event()
+        self._settled = False
+        self._heard = self._loop.time()
+        self._hurried = False
         self.outbox = Outbox(self._wake, limits.outbox)
 
     async def run(self, agent: Agent) -> str:
         """Talk until the client goes or has to go; returns why it ended."""
         async with asyncio.TaskGroup() as tasks:
-            reader = tasks.create_task(self._read(agent))
-            writer = tasks.create_task(self._write())
+            works = [self._read(agent), self._write()]
+            if self._limits.idle:
+                works.append(self._watch_idle())
+            running = [tasks.create_task(work) for work in works]
             reason = await self._ended
-            reader.cancel()
-            writer.cancel()
+            for task in running:
+                task.cancel()
         return reason
 
     def resume(self) -> None:
@@ -221,20 +264,56 @@ class _Connection:
             self._ended.set_result(reason)
 
     async def _read(self, agent: Agent) -> None:
-        framer = LineFramer()
+        framer = LineFramer(self._limits.max_line)
         discarded = 0
         while chunk := await self._receive():
-            commands = [command for line in framer.feed(chunk) for command in parse_line(line)]
+            lines = framer.feed(chunk)
+            commands = [command for line in lines for command in parse_line(line)]
             if framer.discarded != discarded:
                 discarded = framer.discarded
                 self._log.info("line discarded: too long", limit=framer.max_line)
             if commands:
+                self._note(commands)
                 agent.submit(commands)
             # `sock_recv` does not yield while there is data: let other clients have a turn.
             await asyncio.sleep(0)
+            wait = self._allowance.spend(input_cost(lines, len(commands)))
+            if wait and not await self._hold_back(wait):
+                break
             if agent.backlog > self._limits.backlog_high and not await self._pause(agent):
                 break
         self._end("client closed the connection")
+
+    def _note(self, commands: list[Command]) -> None:
+        """Remember what keeps a connection from being idle."""
+        self._heard = self._loop.time()
+        self._settled = self._settled or any(command.word == "INIT" for command in commands)
+
+    async def _watch_idle(self) -> None:
+        """End the connection of a client that wants nothing, as long as it never sent an INIT."""
+        while not self._settled:
+            left = self._heard + self._limits.idle - self._loop.time()
+            if left <= 0.0:
+                self._log.warning(
+                    "connection closed by the server: idle, without a robot", idle=self._limits.idle
+                )
+                self._end("client was idle")
+                return
+            await asyncio.sleep(left)
+
+    async def _hold_back(self, wait: float) -> bool:
+        """Read nothing for so many seconds; False if the client hangs up meanwhile."""
+        if not self._hurried:
+            self._hurried = True
+            self._log.warning(
+                "client sends too fast: it is read more slowly", rate=self._limits.command_rate
+            )
+        until = self._loop.time() + wait
+        while (left := until - self._loop.time()) > 0.0:
+            await asyncio.sleep(min(left, _HANG_UP_POLL))
+            if left > _HANG_UP_POLL and _hung_up(self._client):
+                return False
+        return True
 
     async def _receive(self) -> bytes:
         """What came next; nothing once the client has closed, half or whole, or reset."""

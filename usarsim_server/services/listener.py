@@ -11,13 +11,16 @@ import asyncio
 import contextlib
 import errno
 import ipaddress
+import math
 import os
 import socket
+from collections import Counter
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
 from usarsim_server.errors import ServiceError
 from usarsim_server.logs import Log
+from usarsim_server.services.limits import AddressBuckets, TokenBucket
 
 __all__ = ["Endpoint", "Handler", "Listener", "ListenerLimits"]
 
@@ -49,6 +52,9 @@ _RESOURCE_PAUSE = 0.1
 """Seconds to wait for descriptors to come free; the value trio's `serve_listeners` uses."""
 _FAILURE_PAUSE = 1.0
 """Seconds to wait after an accept error that nobody foresaw."""
+_REFUSAL_PAUSE = 0.002
+"""Seconds between refusing one client and looking for the next: somebody who does nothing but knock
+keeps the loop busy for a small part of its time."""
 _STOP_TIMEOUT = 2.0
 """Seconds that handlers get to end after their cancellation; the process has three in all."""
 
@@ -81,6 +87,10 @@ class ListenerLimits:
 
     Attributes:
         max_connections: further clients are accepted and closed at once, with a log line.
+        per_address: the same for the clients of one address; None: no other limit.
+        arrival_rate: clients of one address that are served per second in the long run. Others
+            wait for their turn before they are greeted.
+        arrival_burst: clients of one address that may come at once.
         queue: connections the kernel may hold until they are accepted.
         receive_buffer: bytes of kernel buffer asked for per client, None for the system's
             automatic size, which reaches several MiB.
@@ -89,6 +99,9 @@ class ListenerLimits:
     """
 
     max_connections: int = 64
+    per_address: int | None = None
+    arrival_rate: float = math.inf
+    arrival_burst: int = 128
     queue: int = 128
     receive_buffer: int | None = None
     send_buffer: int | None = None
@@ -125,6 +138,8 @@ class Listener:
         self._limits = limits or ListenerLimits()
         self._log = Log(name)
         self._connections = 0
+        self._by_address: Counter[str] = Counter()
+        self._arrivals = AddressBuckets(self._arrival_bucket)
         self._task: asyncio.Task[None] | None = None
 
     @property
@@ -237,7 +252,9 @@ class Listener:
             if short_of is not None:
                 short_of = None
                 self._log.info("accepting connections again")
-            self._admit(client, format_address(*address[:2]), clients)
+            admitted = self._admit(client, address[:2], clients)
+            # `sock_accept` does not yield while somebody waits at the door.
+            await asyncio.sleep(0 if admitted else _REFUSAL_PAUSE)
 
     def _report_accept_error(self, error: OSError) -> None:
         reason = os.strerror(error.errno or 0)
@@ -248,32 +265,61 @@ class Listener:
         else:
             self._log.error("cannot accept connections, trying again every second", reason=reason)
 
-    def _admit(self, client: socket.socket, peer: str, clients: asyncio.TaskGroup) -> None:
-        if self._connections >= self._limits.max_connections:
-            self._log.warning(
-                "connection refused: too many clients",
-                connection=peer,
-                limit=self._limits.max_connections,
-            )
+    def _admit(
+        self, client: socket.socket, address: tuple[str, int], clients: asyncio.TaskGroup
+    ) -> bool:
+        """Serve a client, or close its connection; whether it is served."""
+        host, peer = address[0], format_address(*address)
+        if refusal := self._refusal(host):
+            reason, limit = refusal
+            self._log.warning(f"connection refused: {reason}", connection=peer, limit=limit)
             client.close()
-            return
+            return False
         self._connections += 1
-        task = clients.create_task(self._serve(client, peer), name=f"{self._name}-{peer}")
+        self._by_address[host] += 1
+        delay = self._arrivals[host].spend()
+        task = clients.create_task(self._serve(client, peer, delay), name=f"{self._name}-{peer}")
         # Not a `finally` in the coroutine: one that is cancelled before its first step runs none.
-        task.add_done_callback(lambda _: self._release(client))
+        task.add_done_callback(lambda _: self._release(client, host))
+        return True
 
-    async def _serve(self, client: socket.socket, peer: str) -> None:
+    def _refusal(self, host: str) -> tuple[str, int] | None:
+        """Why a client of this address cannot be served, and the limit; None if it can."""
+        limits = self._limits
+        if self._connections >= limits.max_connections:
+            return "too many clients", limits.max_connections
+        if limits.per_address is not None and self._by_address[host] >= limits.per_address:
+            return "too many clients of one address", limits.per_address
+        return None
+
+    def _arrival_bucket(self) -> TokenBucket:
+        limits = self._limits
+        # Somebody who only knocks does not make those behind wait longer and longer.
+        deepest = float(limits.arrival_burst)
+        return TokenBucket(limits.arrival_rate, limits.arrival_burst, deepest=deepest)
+
+    async def _serve(self, client: socket.socket, peer: str, delay: float) -> None:
         try:
             with contextlib.suppress(OSError):
                 _prepare(client)
+            if delay:
+                self._log.warning(
+                    "client has to wait: too many new ones of its address",
+                    connection=peer,
+                    rate=self._limits.arrival_rate,
+                )
+                await asyncio.sleep(delay)
             await self._handler(client, peer)
         except OSError as error:
             self._log.debug("connection lost", connection=peer, reason=error)
         except Exception as error:  # a defect in one conversation must not end the others
             self._log.exception("connection closed by a server error", error, connection=peer)
 
-    def _release(self, client: socket.socket) -> None:
+    def _release(self, client: socket.socket, host: str) -> None:
         self._connections -= 1
+        self._by_address[host] -= 1
+        if not self._by_address[host]:
+            del self._by_address[host]
         client.close()
 
 

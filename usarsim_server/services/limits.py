@@ -1,0 +1,175 @@
+"""Rates that clients have to keep, by token buckets in wall time.
+
+A bucket fills at its rate up to its burst. Some limits make a client wait until it has paid what it
+took on credit, so that nothing is lost; others refuse what there are no tokens for.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable, Sequence
+
+from usarsim_server.errors import SpawnError
+
+__all__ = ["AddressBuckets", "Clock", "SpawnGate", "TokenBucket", "input_cost"]
+
+Clock = Callable[[], float]
+"""Seconds that never go back."""
+
+LONG_PART = 256
+"""Bytes of a line that cost as much as a command: parsing them takes as long. Commands of known
+clients are shorter, but for way points."""
+READ_COST = 0.125
+"""Cost of a read call, in commands, so that endless lines and single bytes are not for nothing."""
+_MOST_ADDRESSES = 1024
+
+
+class TokenBucket:
+    """Tokens that come at a rate and pile up to a burst. For one thread."""
+
+    __slots__ = ("_clock", "_then", "_tokens", "burst", "deepest", "rate")
+
+    def __init__(
+        self,
+        rate: float,
+        burst: float,
+        *,
+        start: float | None = None,
+        deepest: float = math.inf,
+        clock: Clock = time.monotonic,
+    ) -> None:
+        """Make a bucket.
+
+        Args:
+            rate: tokens per s; infinity means that there are always enough.
+            burst: most tokens that it holds.
+            start: tokens that it holds now; None for the burst.
+            deepest: largest debt; what is taken beyond it is free.
+            clock: see `Clock`.
+        """
+        self.rate, self.burst, self.deepest = rate, burst, deepest
+        self._clock = clock
+        self._tokens = burst if start is None else start
+        self._then = clock()
+
+    @property
+    def tokens(self) -> float:
+        """What it holds; below zero what is owed."""
+        now = self._clock()
+        if math.isinf(self.rate):
+            return self.burst
+        self._tokens = min(self.burst, self._tokens + (now - self._then) * self.rate)
+        self._then = now
+        return self._tokens
+
+    def spend(self, amount: float = 1.0) -> float:
+        """Take tokens, on credit if need be; returns s until the debt is paid, 0 without debt."""
+        self._tokens = max(self.tokens - amount, -self.deepest)
+        return 0.0 if self._tokens >= 0.0 or math.isinf(self.rate) else -self._tokens / self.rate
+
+    def take(self, amount: float = 1.0) -> bool:
+        """Take tokens if there are enough; whether there were."""
+        if self.tokens < amount:
+            return False
+        self._tokens -= amount
+        return True
+
+    def draw(self, most: float) -> float:
+        """Take what there is, up to an amount; returns how much."""
+        drawn = min(most, max(0.0, self.tokens))
+        self._tokens -= drawn
+        return drawn
+
+    def give(self, amount: float = 1.0) -> None:
+        """Put tokens back."""
+        self._tokens = min(self.burst, self.tokens + amount)
+
+
+class AddressBuckets:
+    """A bucket for each address that came lately. For one thread."""
+
+    def __init__(self, make: Callable[[], TokenBucket]) -> None:
+        """Make one bucket after the other when addresses turn up."""
+        self._make = make
+        self._buckets: dict[str, TokenBucket] = {}
+
+    def __getitem__(self, address: str) -> TokenBucket:
+        """The bucket of an address."""
+        bucket = self._buckets.get(address)
+        if bucket is None:
+            if len(self._buckets) >= _MOST_ADDRESSES:
+                self._forget()
+            bucket = self._buckets[address] = self._make()
+        return bucket
+
+    def __len__(self) -> int:
+        """Number of addresses remembered."""
+        return len(self._buckets)
+
+    def _forget(self) -> None:
+        """Full buckets are like new ones; if all are in use, everybody starts anew."""
+        self._buckets = {
+            address: bucket
+            for address, bucket in self._buckets.items()
+            if bucket.tokens < bucket.burst
+        }
+        if len(self._buckets) >= _MOST_ADDRESSES:
+            self._buckets.clear()
+
+
+class SpawnGate:
+    """Lets the clients of an address put so many robots into the world per second. Thread-safe."""
+
+    def __init__(self, rate: float, burst: float, clock: Clock = time.monotonic) -> None:
+        """Make a gate.
+
+        Args:
+            rate: robots per s of wall time and address; infinity for any number.
+            burst: robots that may come at the same moment.
+            clock: see `Clock`.
+        """
+        self._rate = rate
+        self._lock = threading.Lock()
+        self._buckets = AddressBuckets(lambda: TokenBucket(rate, burst, clock=clock))
+
+    def admit(self, peer: str) -> None:
+        """Let one more in.
+
+        Args:
+            peer: `host:port` of the client.
+
+        Raises:
+            SpawnError: if too many came lately.
+        """
+        if math.isinf(self._rate):
+            return
+        with self._lock:
+            admitted = self._buckets[address_of(peer)].take()
+        if not admitted:
+            raise SpawnError(
+                f"too many robots at once from this address (spawn_rate is {self._rate:g} a second)"
+            )
+
+    def forget(self, peer: str) -> None:
+        """One that was let in did not come after all."""
+        if math.isfinite(self._rate):
+            with self._lock:
+                self._buckets[address_of(peer)].give()
+
+
+def address_of(peer: str) -> str:
+    """The host of `host:port`."""
+    return peer.rpartition(":")[0]
+
+
+def input_cost(lines: Sequence[bytes], commands: int) -> float:
+    """What reading a chunk has cost, in commands.
+
+    Args:
+        lines: those that it completed.
+        commands: number of commands in them.
+    """
+    long_parts = sum(len(line) // LONG_PART for line in lines)
+    return READ_COST + max(len(lines), commands) + long_parts
