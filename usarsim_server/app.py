@@ -8,7 +8,6 @@ from __future__ import annotations
 import asyncio
 import math
 import sys
-import time
 import weakref
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -38,6 +37,7 @@ from usarsim_server.radio.network import Network, RadioWorld
 from usarsim_server.radio.obstacles import SceneryObstacles
 from usarsim_server.radio.stations import stations_of
 from usarsim_server.robots.agent import AgentOptions, Mouth, RobotAgent
+from usarsim_server.robots.dispatcher import Dispatcher
 from usarsim_server.robots.fleet import Fleet
 from usarsim_server.robots.pilot import PilotOptions
 from usarsim_server.robots.role import Casting, RoleFactory
@@ -79,7 +79,7 @@ _LEAST_BURST = 64
 again and again do so because it is full."""
 
 STOP_TIMEOUT = 1.0
-"""s that the robots' threads get to end; the process has three in all."""
+"""s that the agents' threads get to end; the process has three in all."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,7 +95,8 @@ class Assembly:
         studio: renders what somebody looks at; `run` opens it.
         services: what listens.
         gate: limits how many robots come per second.
-        agents: the agents of all connections so far that still exist.
+        dispatcher: serves the agents.
+        agents: those of all connections so far that still exist.
     """
 
     settings: Settings
@@ -108,6 +109,7 @@ class Assembly:
     studio: Studio
     services: tuple[Service, ...]
     gate: SpawnGate
+    dispatcher: Dispatcher
     agents: weakref.WeakSet[RobotAgent] = field(default_factory=weakref.WeakSet)
 
     @property
@@ -119,7 +121,6 @@ class Assembly:
         self, peer: str, outbox: Mouth, on_backlog_low: Callable[[], None]
     ) -> RobotAgent:
         """The agent of a new control connection."""
-        lockstep = math.isinf(self.settings.speed)
         options = _agent_options(self.settings)
         agent = RobotAgent(
             peer,
@@ -127,7 +128,7 @@ class Assembly:
             on_backlog_low,
             self.fleet,
             self.world,
-            self.simulation.attention if lockstep else _nobody_waits,
+            self.dispatcher,
             options,
             self._behind_gate(
                 peer,
@@ -158,7 +159,7 @@ class Assembly:
         return cast
 
     def stop(self) -> None:
-        """Stop rendering and physics, and wait for the threads of all agents.
+        """Stop rendering and physics, and wait for the threads that serve the agents.
 
         They may be inside native code; a process that ended under them would crash.
         """
@@ -166,9 +167,7 @@ class Assembly:
         self.studio.close()
         for agent in tuple(self.agents):
             agent.close()
-        deadline = time.monotonic() + STOP_TIMEOUT
-        for agent in tuple(self.agents):
-            agent.join(max(0.0, deadline - time.monotonic()))
+        self.dispatcher.stop(STOP_TIMEOUT)
 
 
 def assemble(settings: Settings) -> Assembly:
@@ -207,8 +206,22 @@ def assemble(settings: Settings) -> Assembly:
     studio = Studio(simulation, board, _studio_options(settings, world), fleet.lit)
     _add_spectators(settings, world, simulation, board)
     gate = SpawnGate(settings.robot_rate, float(max(_LEAST_BURST, settings.max_robots)))
+    dispatcher = Dispatcher(
+        simulation.cast_all,
+        simulation.attention if math.isinf(settings.speed) else _nobody_waits,
+    )
     assembly = Assembly(
-        settings, world, simulation, fleet, surroundings, objects, avatars, studio, (), gate
+        settings,
+        world,
+        simulation,
+        fleet,
+        surroundings,
+        objects,
+        avatars,
+        studio,
+        (),
+        gate,
+        dispatcher,
     )
     if settings.port is not None:
         services.append(_control_service(settings, world, assembly))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 
@@ -450,6 +450,14 @@ def test_one_handler_failing_does_not_touch_another(
     other.close()
 
 
+def eventually(true: Callable[[], bool]) -> bool:
+    """Whether something becomes true within ten seconds."""
+    deadline = time.monotonic() + 10.0
+    while not true() and time.monotonic() < deadline:
+        time.sleep(0.002)
+    return true()
+
+
 class Deaf:
     """A client that does not listen."""
 
@@ -468,12 +476,9 @@ def test_who_hangs_up_while_waiting_gets_no_robot() -> None:
         agent = assembly.make_agent("hasty", Deaf(), lambda: None)
         with slots._lock:  # somebody else's class is being compiled
             agent.submit(parse_line(b"INIT {ClassName P3AT} {Location 0,0,-0.3}"))
-            deadline = time.monotonic() + 10.0
-            while not slots.busy:
-                assert time.monotonic() < deadline
-                time.sleep(0.002)
+            assert eventually(lambda: slots.busy)
             agent.close()
-        agent.join(10.0)
+        assert eventually(agent.idle)
         assert assembly.simulation.look().generation == 0
         assert assembly.fleet.vehicles == ()
 

@@ -1,6 +1,6 @@
 """What one avatar does with MOVE and GOTO, and what it reports (protocol reference 3.13, 4.4).
 
-Used by the thread of its connection alone.
+Used by one thread at a time.
 """
 
 from __future__ import annotations
@@ -18,8 +18,10 @@ from usarsim_server.logs import Log
 from usarsim_server.protocol import messages
 from usarsim_server.protocol.requests import Goto, Move, Request
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots.schedule import Schedule
+from usarsim_server.robots.role import Reading
+from usarsim_server.robots.schedule import Schedule, first_report
 from usarsim_server.simulation.frames import Vector, flip_point, wire_from_pose
+from usarsim_server.simulation.raycaster import RayQuery
 from usarsim_server.simulation.simulation import Simulation
 from usarsim_server.simulation.snapshot import Snapshot
 from usarsim_server.worlds.avatar_classes import AvatarClass
@@ -65,7 +67,10 @@ class Walker:
 
     Attributes:
         dialect: of no consequence here; kept for whoever asks.
+        slow: where it may walk is surveyed with many rays.
     """
+
+    slow = True
 
     def __init__(
         self,
@@ -124,17 +129,18 @@ class Walker:
                 self._log.debug("an avatar ignores", request=type(request).__name__)
         return []
 
-    def report(self, snapshot: Snapshot) -> list[str]:
+    def read(self, snapshot: Snapshot) -> Reading | None:
         """STA and BSTA if they are due at a snapshot."""
         state = self._avatar.state(snapshot)
         if state is None:
-            return []
+            return None
         if not self._begun:
             self._begun = True
-            self._schedule.begin(snapshot.time + self._quiet_period)
-            return []
+            now = snapshot.time
+            self._schedule.begin(first_report(now, now, self._quiet_period))
+            return None
         if not self._schedule.take_due(snapshot.time):
-            return []
+            return None
         location, orientation = wire_from_pose(state.pose)
         stance = self._walk.stance(snapshot.time)
         if self._walk.legs and snapshot.time > self._walk.end:
@@ -149,10 +155,11 @@ class Walker:
         )
         held = posture(stance.gait, stance.way, stance.swing, self._avatar.kind.height)
         bones = [(bone, bone_rotation(held.angles[limb])) for bone, limb in _BONES]
-        return [
+        told = [
             messages.avatar_status(status),
             messages.avatar_bones(snapshot.time, self._avatar.name, bones),
         ]
+        return Reading(RayQuery(()), lambda hits: told)
 
     # -- going -------------------------------------------------------------------------------
 

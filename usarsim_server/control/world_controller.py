@@ -16,6 +16,7 @@ from usarsim_server.protocol.numbers import read_bool, read_number, read_vector
 from usarsim_server.protocol.requests import Control, Request
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.fleet import Fleet
+from usarsim_server.robots.role import Reading
 from usarsim_server.simulation.frames import (
     Pose,
     Vector,
@@ -44,7 +45,10 @@ class WorldController:
 
     Attributes:
         dialect: of no consequence here; kept for whoever asks.
+        slow: what it is told to create may have to be compiled.
     """
+
+    slow = True
 
     def __init__(
         self,
@@ -93,9 +97,9 @@ class WorldController:
         """A controller wants no snapshots."""
         return float("inf")
 
-    def report(self, snapshot: Snapshot) -> Reply:
+    def read(self, snapshot: Snapshot) -> Reading | None:
         """A controller streams nothing."""
-        return []
+        return None
 
     def take_news(self) -> Reply:
         """Nor has it news."""

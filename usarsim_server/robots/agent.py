@@ -1,5 +1,5 @@
-"""The handler of one connection: a thread with a mailbox that owns at most one robot, or
-another role such as that of a world controller.
+"""The handler of one connection: a mailbox that owns at most one robot, or another role such as
+that of a world controller. The dispatcher serves it whenever something has come in.
 
 Commands keep their order, whether they come before, with or after INIT. Snapshots do not queue:
 a handler that is late looks at the newest one and skips what it missed.
@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -30,16 +30,20 @@ from usarsim_server.protocol.requests import (
     Set,
     Unknown,
 )
+from usarsim_server.robots.dispatcher import Dispatcher, Task
 from usarsim_server.robots.fleet import Fleet, Vehicle
 from usarsim_server.robots.pilot import Pilot, PilotOptions
-from usarsim_server.robots.role import Casting, Role, RoleFactory, robots_only
+from usarsim_server.robots.role import Casting, Reading, Role, RoleFactory, robots_only
 from usarsim_server.simulation.frames import Pose, pose_from_wire, wire_from_pose
+from usarsim_server.simulation.rays import RayHits
 from usarsim_server.simulation.snapshot import Snapshot
 from usarsim_server.worlds.description import WorldDescription
 
 __all__ = ["AgentOptions", "Mouth", "RobotAgent"]
 
 DIE_FELL = "DmgType_Fell"
+FLOOD = 64
+"""Commands waiting from which on a client is served apart from the others."""
 
 
 class Mouth(Protocol):
@@ -70,7 +74,7 @@ class AgentOptions:
 
 
 class RobotAgent:
-    """Executes the commands of one connection on its own thread."""
+    """Executes the commands of one connection and reports on its robot."""
 
     def __init__(
         self,
@@ -79,11 +83,11 @@ class RobotAgent:
         on_backlog_low: Callable[[], None],
         fleet: Fleet,
         world: WorldDescription,
-        attention: Callable[[], None],
+        dispatcher: Dispatcher,
         options: AgentOptions,
         roles: RoleFactory = robots_only,
     ) -> None:
-        """Make an agent; its thread starts with the first command.
+        """Make an agent that has nothing to do yet.
 
         Args:
             peer: names the connection in the log.
@@ -91,7 +95,7 @@ class RobotAgent:
             on_backlog_low: called when the mailbox has become empty.
             fleet: makes the robot.
             world: for start poses and path nodes.
-            attention: tells the simulation that this agent became idle (lockstep).
+            dispatcher: serves it.
             options: see there.
             roles: makes what is no robot, such as a world controller.
         """
@@ -100,7 +104,7 @@ class RobotAgent:
         self._on_backlog_low = on_backlog_low
         self._fleet = fleet
         self._world = world
-        self._attention = attention
+        self._dispatcher = dispatcher
         self._options = options
         self._roles = roles
         self._log = Log("robot", connection=peer)
@@ -108,14 +112,13 @@ class RobotAgent:
         self._role: Role | None = None
         self._leave: Callable[[], None] = _nothing
         self._vehicle: Vehicle | None = None
-        self._mail = threading.Condition()
+        self._lock = threading.Lock()
         self._commands: deque[Command] = deque()
         self._snapshot: Snapshot | None = None
         self._lost: str | None = None
-        self._busy = False
+        self._called = False
         self._closed = False
         self._ended = False
-        self._thread: threading.Thread | None = None
         self._due = math.inf
 
     # -- mailbox, any thread -----------------------------------------------------------------
@@ -132,103 +135,132 @@ class RobotAgent:
 
     def submit(self, commands: list[Command]) -> None:
         """Take over commands, in the order they came."""
-        with self._mail:
+        with self._lock:
             if self._closed:
                 return
             self._commands.extend(commands)
-            if self._thread is None:
-                name = f"robot-{self._peer}"
-                self._thread = threading.Thread(target=self._run, name=name, daemon=True)
-                self._thread.start()
-            self._mail.notify()
+            self._call()
 
     def wake(self, snapshot: Snapshot) -> None:
         """Take a snapshot; an older one that was not looked at yet is forgotten."""
-        with self._mail:
+        with self._lock:
             self._snapshot = snapshot
             # Not due again before this one has been dealt with.
             self._due = math.inf
-            self._mail.notify()
+            self._call()
 
     def lost(self, reason: str) -> None:
         """The robot was taken out of the world."""
-        with self._mail:
+        with self._lock:
             self._lost = reason
             self._due = math.inf
-            self._mail.notify()
+            self._call()
 
     def idle(self) -> bool:
         """Whether all commands and snapshots have been dealt with, and a goodbye too."""
-        with self._mail:
-            leaving = self._closed and self._thread is not None and not self._ended
-            return not (self._busy or self._pending() or leaving)
+        return not self._called
 
     def close(self) -> None:
         """The client is gone: the robot leaves the world."""
-        with self._mail:
+        with self._lock:
             self._closed = True
             self._commands.clear()
             self._due = math.inf
-            self._mail.notify()
+            self._call()
         vehicle = self._vehicle
         if vehicle is not None:
-            # At once; its thread may be busy.
+            # At once; who serves it may be busy.
             self._fleet.remove(vehicle)
 
-    def join(self, timeout: float) -> None:
-        """Wait until the thread of a closed agent has ended, at most `timeout` seconds."""
-        thread = self._thread
-        if thread is not None and thread is not threading.current_thread():
-            thread.join(timeout)
+    def _call(self) -> None:
+        """Ask to be served (lock held)."""
+        if not self._called and not self._ended:
+            self._called = True
+            self._dispatcher.call(self)
 
-    def _pending(self) -> bool:
-        return bool(self._commands) or self._snapshot is not None or self._lost is not None
+    # -- being served, one thread at a time --------------------------------------------------
 
-    # -- the thread --------------------------------------------------------------------------
+    @property
+    def slow(self) -> bool:
+        """Whether what comes next may take long: INIT, orders of a world controller, a flood."""
+        return len(self._commands) > FLOOD or self._comes_slow()
 
-    def _run(self) -> None:
+    def _comes_slow(self) -> bool:
         try:
-            while self._turn():
-                pass
-        except Exception as error:
-            # One robot's defect must not take the others along.
-            self._log.exception("the robot's handler failed", error)
-        finally:
-            self._dismiss()
-            with self._mail:
-                self._busy = False
-                self._closed = self._ended = True
-            self._attention()
+            command = self._commands[0]
+        except IndexError:
+            return False
+        return command.word == "INIT" or (self._role is not None and self._role.slow)
 
-    def _turn(self) -> bool:
-        """Deal with what has arrived; False when the client is gone."""
-        with self._mail:
-            self._busy = False
-            if not self._pending() and not self._closed:
-                self._attention()
-                while not self._pending() and not self._closed:
-                    self._mail.wait()
-            if self._closed:
-                return False
-            self._busy = True
+    def begin(self, apart: bool) -> Task | None:
+        """Execute what waits; the report that is due, if there is one."""
+        try:
+            return self._begin(apart)
+        except Exception as error:
+            self.fail(error)
+            return None
+
+    def _begin(self, apart: bool) -> Task | None:
+        with self._lock:
             lost, self._lost = self._lost, None
             snapshot, self._snapshot = self._snapshot, None
+        if self._closed:
+            self._end()
+            return None
         if lost is not None:
             self._lose(lost)
-        self._execute_waiting()
-        if snapshot is not None and self._role is not None:
-            streamed = self._role.report(snapshot)
-            # News first: the CONF of a camera must not look like the answer to a question that the
-            # first SEN provokes.
-            for line in self._role.take_news():
-                self._mouth.put_reply(messages.encode(line))
-            for line in streamed:
-                self._mouth.put_stream(messages.encode(line))
-            self._set_due()
-        return True
+        self._execute_waiting(apart)
+        if snapshot is None or self._role is None:
+            return None
+        reading = self._role.read(snapshot)
+        if reading is None:
+            self._tell(())
+            return None
+        return Task(snapshot, reading.query, lambda hits: self._finish(reading, hits))
 
-    def _execute_waiting(self) -> None:
-        while self._commands and not self._closed:
+    def _finish(self, reading: Reading, hits: Sequence[RayHits]) -> None:
+        self._tell(reading.lines(hits))
+
+    def _tell(self, streamed: Sequence[str]) -> None:
+        """Hand over what a report has found, and look forward to the next one."""
+        if self._role is None:
+            return
+        # News first: the CONF of a camera must not look like the answer to a question that the
+        # first SEN provokes.
+        for line in self._role.take_news():
+            self._mouth.put_reply(messages.encode(line))
+        for line in streamed:
+            self._mouth.put_stream(messages.encode(line))
+        self._set_due()
+
+    def pause(self) -> bool:
+        """Nothing is left to do; False if something has come in meanwhile."""
+        with self._lock:
+            leaving = self._closed and not self._ended
+            pending = bool(self._commands) or self._snapshot is not None or self._lost is not None
+            self._called = leaving or (pending and not self._ended)
+            return not self._called
+
+    def fail(self, error: Exception) -> None:
+        """One robot's defect must not take the others along."""
+        self._log.exception("the robot's handler failed", error)
+        self._end()
+
+    def _end(self) -> None:
+        """Leave the world and listen to nobody any more."""
+        try:
+            self._dismiss()
+        except Exception as error:
+            self._log.exception("the robot could not leave", error)
+        with self._lock:
+            self._closed = self._ended = True
+            self._commands.clear()
+            self._due = math.inf
+
+    def _execute_waiting(self, apart: bool) -> None:
+        for _ in range(FLOOD):
+            if self._closed or not self._commands or (self._comes_slow() and not apart):
+                break
             try:
                 command = self._commands.popleft()
             except IndexError:
@@ -272,7 +304,7 @@ class RobotAgent:
             self._set_due()
 
     def _set_due(self) -> None:
-        with self._mail:
+        with self._lock:
             if self._role is not None and self._snapshot is None and not self._closed:
                 self._due = self._role.due
 

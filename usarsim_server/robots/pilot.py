@@ -1,6 +1,6 @@
 """What one robot does with requests, and what it reports; no threads, no sockets.
 
-A pilot belongs to one connection and is used by that connection's thread alone. It turns requests
+A pilot belongs to one connection and is used by one thread at a time. It turns requests
 into wheel targets and reply lines, and snapshots into streamed lines, in the client's dialect.
 """
 
@@ -30,10 +30,14 @@ from usarsim_server.robots.battery import NO_BATTERY, Battery
 from usarsim_server.robots.families.base import StatusFacts
 from usarsim_server.robots.families.registry import family_of
 from usarsim_server.robots.fleet import Vehicle
-from usarsim_server.robots.schedule import Schedule
-from usarsim_server.sensors.assembly import conf_line, find_sensors, geo_line, sen_lines
-from usarsim_server.sensors.base import Sensor, SetReply, SetResult
+from usarsim_server.robots.role import Reading
+from usarsim_server.robots.schedule import Schedule, first_report
+from usarsim_server.sensors.assembly import conf_line, find_sensors, geo_line
+from usarsim_server.sensors.base import SetReply, SetResult
+from usarsim_server.sensors.survey import Survey
 from usarsim_server.simulation.frames import Pose
+from usarsim_server.simulation.raycaster import RayQuery
+from usarsim_server.simulation.rays import RayHits
 from usarsim_server.simulation.snapshot import RobotBody, Snapshot
 
 __all__ = ["Pilot", "PilotOptions"]
@@ -59,6 +63,8 @@ class PilotOptions:
 
 class Pilot:
     """Conducts one vehicle on behalf of one client."""
+
+    slow = False
 
     def __init__(
         self,
@@ -169,7 +175,9 @@ class Pilot:
             answer = sensor.set(opcode, request.params, state)
             reply = answer if isinstance(answer, SetReply) else SetReply(answer)
             if reply.result is SetResult.SCAN:
-                lines += self._measure([sensor], state)
+                survey = Survey([sensor], state)
+                hits = self.vehicle.cast(survey.fans, state.snapshot) if survey.fans else ()
+                lines += survey.lines(hits, self._dialect)
             if reply.result is not SetResult.UNKNOWN and sends_results(self._dialect):
                 ok = reply.result is not SetResult.FAILED
                 lines.append(
@@ -203,30 +211,34 @@ class Pilot:
         """Simulated time of the next snapshot wanted."""
         return self._schedule.due if self._spawned is not None else 0.0
 
-    def report(self, snapshot: Snapshot) -> list[str]:
-        """The streamed lines that are due at a snapshot."""
+    def read(self, snapshot: Snapshot) -> Reading | None:
+        """Begin the report that is due at a snapshot; None if nothing is due."""
         state = self.vehicle.state(snapshot)
         if state is None:
-            return []
+            return None
         if self._spawned is None:
             self._begin(state)
-            return []
+            return None
         due = self._schedule.take_due(snapshot.time)
         if not due:
-            return []
+            return None
         self._tell_changes(state)
-        lines: list[str] = []
-        if due[0] == 0:
-            lines.append(self._status(state))
+        status = [self._status(state)] if due[0] == 0 else []
         self._check_battery(snapshot.time)
-        if not self._dead:
-            last = len(self._sensors)
-            lines += self._measure([self._sensors[i - 1] for i in due if 0 < i <= last], state)
+        if self._dead:
+            return Reading(RayQuery(()), lambda hits: status)
+        last = len(self._sensors)
+        survey = Survey([self._sensors[i - 1] for i in due if 0 < i <= last], state)
+
+        def lines(hits: Sequence[RayHits]) -> list[str]:
+            told = status + survey.lines(hits, self._dialect)
             if last + 1 in due:
-                lines += self._limbs.actuator_lines(self._dialect, state)
+                told += self._limbs.actuator_lines(self._dialect, state)
             if last + 2 in due:
-                lines += self._limbs.effector_lines(state)
-        return lines
+                told += self._limbs.effector_lines(state)
+            return told
+
+        return Reading(RayQuery(survey.fans, self.vehicle.robot), lines)
 
     def _begin(self, state: RobotBody) -> None:
         """Start the clock; dead reckoning starts from the pose of this moment."""
@@ -235,7 +247,7 @@ class Pilot:
             if not sensor.rays(state):
                 sensor.measure(state, ())
         self._limbs.changes(state)
-        self._schedule.begin(max(state.time, self._asked + self._options.quiet_period))
+        self._schedule.begin(first_report(self._asked, state.time, self._options.quiet_period))
 
     def _tell_changes(self, state: RobotBody) -> None:
         """Announce what hands hold, and tiles of cameras.
@@ -271,18 +283,6 @@ class Pilot:
             actuators if self._limbs.actuators else 0.0,
             effectors if self._limbs.effectors else 0.0,
         ]
-
-    def _measure(self, sensors: Sequence[Sensor], state: RobotBody) -> list[str]:
-        """Take readings with one batch of rays and write them down."""
-        wanted = [sensor.rays(state) for sensor in sensors]
-        fans = [fan for rays in wanted for fan in rays]
-        hits = iter(self.vehicle.cast(fans, state.snapshot) if fans else ())
-        measured = [
-            sensor
-            for sensor, rays in zip(sensors, wanted, strict=True)
-            if sensor.measure(state, [next(hits) for _ in rays])
-        ]
-        return sen_lines(measured, state.time, self._dialect)
 
     def _status(self, state: RobotBody) -> str:
         facts = StatusFacts(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -10,17 +10,34 @@ from usarsim_server.logs import Log
 from usarsim_server.protocol.requests import Init, Request
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.simulation.frames import Pose
+from usarsim_server.simulation.raycaster import RayQuery
+from usarsim_server.simulation.rays import RayHits
 from usarsim_server.simulation.simulation import Listener
 from usarsim_server.simulation.snapshot import Snapshot
 
-__all__ = ["Casting", "Role", "RoleFactory", "robots_only"]
+__all__ = ["Casting", "Reading", "Role", "RoleFactory", "robots_only"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reading:
+    """A report under way: its rays are still to be cast.
+
+    Attributes:
+        query: the rays; none for most that are no robots.
+        lines: writes the streamed lines, given the answers to the fans of the query, in order.
+    """
+
+    query: RayQuery
+    lines: Callable[[Sequence[RayHits]], list[str]]
 
 
 class Role(Protocol):
-    """Deals with the requests of one connection; used by that connection's thread alone."""
+    """Deals with the requests of one connection; used by one thread at a time."""
 
     dialect: Dialect
     """Of everything it writes; may be changed at any time."""
+    slow: bool
+    """Whether its requests may take long; they are carried out by a thread of their own then."""
 
     @property
     def due(self) -> float:
@@ -29,8 +46,8 @@ class Role(Protocol):
     def obey(self, request: Request) -> list[str]:
         """Carry out a request; returns the reply lines."""
 
-    def report(self, snapshot: Snapshot) -> list[str]:
-        """The streamed lines that are due at a snapshot."""
+    def read(self, snapshot: Snapshot) -> Reading | None:
+        """Begin the report that is due at a snapshot; None if nothing is due."""
 
     def take_news(self) -> list[str]:
         """Lines that came up while reporting and must arrive."""
@@ -44,8 +61,8 @@ class Casting:
         role: the role.
         name: names it in the log.
         dialect: of the era that its class comes from.
-        leave: takes everything that belongs to it out of the world; called by the connection's
-            thread.
+        leave: takes everything that belongs to it out of the world; called by whoever
+            serves the connection.
         attach: has a listener woken with snapshots; None if it wants none.
     """
 

@@ -5,10 +5,25 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-__all__ = ["Schedule", "Stream"]
+__all__ = ["BEAT", "Schedule", "Stream", "first_report"]
 
 TOLERANCE = 1e-6
 """s: a stream is due at the step whose time rounds to its own."""
+BEAT = 0.02
+"""Simulated s between instants at which streams begin: a part of all usual intervals. So those of
+many robots fall due together and are worked out together, in at most 50 batches a second."""
+
+
+def first_report(asked: float, now: float, quiet: float) -> float:
+    """When a robot reports first (simulated s): on a beat, as the quiet period ends or just before.
+
+    Args:
+        asked: time of INIT.
+        now: time at which the robot is there.
+        quiet: s after INIT in which nothing is reported; up to a beat less.
+    """
+    last = math.floor((asked + quiet + TOLERANCE) / BEAT)
+    return max(last, math.ceil((now - TOLERANCE) / BEAT)) * BEAT
 
 
 @dataclass(slots=True)

@@ -154,10 +154,14 @@ class TestDrive(Closing):
     def status(self, dialect: Dialect) -> str:
         """A STA line; lets a moment pass."""
         pilot = self._pilot(dialect)
-        pilot.report(self._state().snapshot)
+        pilot.read(self._state().snapshot)
         while True:
             self._rehearsal.run(0.1)
-            for line in pilot.report(self._state().snapshot):
+            snapshot = self._state().snapshot
+            reading = pilot.read(snapshot)
+            if reading is None:
+                continue
+            for line in reading.lines(self.vehicle.cast(reading.query.fans, snapshot)):
                 if line.startswith("STA"):
                     return line
 
