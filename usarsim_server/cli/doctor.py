@@ -15,6 +15,7 @@ from usarsim_server import logs
 from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_server.cli.serve import add_settings, settings_from
 from usarsim_server.errors import UsarsimError
+from usarsim_server.options import OPTIONS
 
 __all__ = ["add_parser", "run"]
 
@@ -57,18 +58,29 @@ def run(arguments: argparse.Namespace) -> int:
 
     settings = settings_from(arguments)
     logs.configure("error")  # what a log would warn of stands in the report
+    context = Context(settings, _given(arguments))
     checks = [one for one in all_checks() if not (arguments.quick and one.measures)]
     if arguments.json == _STDOUT:
-        sections = examine(checks, Context(settings))
+        sections = examine(checks, context)
         sys.stdout.write(as_json(sections, datetime.now().astimezone()))
     else:
         width = min(_WIDEST, shutil.get_terminal_size((_WIDEST, 24)).columns)
         printer = Printer(sys.stdout, width, _colored(sys.stdout))
-        sections = examine(checks, Context(settings), printer)
+        sections = examine(checks, context, printer)
         printer.end(sections)
         if arguments.json is not None:
             _write(Path(arguments.json), as_json(sections, datetime.now().astimezone()))
     return 1 if counted(sections, Mark.PROBLEM) else 0
+
+
+def _given(arguments: argparse.Namespace) -> tuple[tuple[str, str], ...]:
+    """The options of the server that were given, flag and text."""
+    found = [("--config", arguments.config)] if arguments.config is not None else []
+    for option in OPTIONS:
+        given = getattr(arguments, option.key, None)
+        texts = given if isinstance(given, list) else [given]
+        found += [(option.flag, text) for text in texts if text is not None]
+    return tuple(found)
 
 
 def _colored(stream: TextIO) -> bool:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import enum
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-__all__ = ["Checked", "Finding", "Mark", "counted", "problem_and_cure"]
+__all__ = ["Checked", "Finding", "Mark", "counted", "problem_and_advice"]
 
 
 class Mark(enum.Enum):
@@ -31,7 +30,8 @@ class Finding:
         subject: what was looked at, a word or two.
         mark: see there.
         text: what was found, and what it means.
-        cure: the one command, or else the one thing to do, that mends it.
+        cure: the one command that mends it.
+        advice: where no command does, what to do instead.
         values: the same in numbers, for machines; finite, and named with their units.
     """
 
@@ -39,6 +39,7 @@ class Finding:
     mark: Mark
     text: str
     cure: str | None = None
+    advice: str | None = None
     values: Mapping[str, object] = field(default_factory=dict)
 
 
@@ -62,10 +63,16 @@ def counted(sections: Sequence[Checked], mark: Mark) -> int:
     return sum(finding.mark is mark for one in sections for finding in one.findings)
 
 
-def problem_and_cure(message: str) -> tuple[str, str | None]:
+def problem_and_advice(message: str) -> tuple[str, str | None]:
     """Split an error meant for users into what is wrong and what is in the brackets at its end.
 
-    The opposite of `errors.at`; a message without brackets has no cure.
+    The opposite of `errors.at`; a message without brackets at its end has no advice.
     """
-    found = re.fullmatch(r"(.+?) \((?:cure: )?(.+)\)", " ".join(message.split()))
-    return (found[1], found[2]) if found else (message, None)
+    text = " ".join(message.split())
+    depth = 0
+    for place in reversed(range(len(text) if text.endswith(")") else 0)):
+        depth += {")": 1, "(": -1}.get(text[place], 0)
+        if depth == 0:
+            advice = text[place + 1 : -1].removeprefix("cure: ")
+            return text[:place].rstrip(), advice or None
+    return text, None

@@ -34,13 +34,15 @@ class Outcome:
     Attributes:
         values: what it found out; empty if it failed.
         failure: why it failed, in one line; None if it did not.
-        told: the failure is an error meant for users, which says what, where and the cure.
+        told: the failure is an error meant for users, and no defect.
+        advice: what such an error says about mending it.
         missing: it failed because this Python module is not installed.
     """
 
     values: Mapping[str, Any] = field(default_factory=dict)
     failure: str | None = None
     told: bool = False
+    advice: str | None = None
     missing: str | None = None
 
 

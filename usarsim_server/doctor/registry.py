@@ -9,15 +9,20 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
-from collections.abc import Callable, Iterable, Sequence
+import shlex
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 from usarsim_server.doctor import checks as package
 from usarsim_server.doctor.findings import Checked, Finding, Mark
+from usarsim_server.doctor.isolation import attempt
 from usarsim_server.settings import Settings
 
 __all__ = ["Audience", "Check", "Context", "Silence", "all_checks", "check", "examine"]
+
+TIMEOUT = 60.0
+"""s of wall time for a check in a process of its own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,9 +31,20 @@ class Context:
 
     Attributes:
         settings: those that the server would run with.
+        given: options of the command line that they came from, in order, flag and text.
     """
 
     settings: Settings
+    given: tuple[tuple[str, str], ...] = ()
+
+    def serve(self, options: Mapping[str, object]) -> str:
+        """The command that starts the server with these settings but for some options."""
+        words = ["usarsim", "serve"]
+        kept = [(flag, text) for flag, text in self.given if flag not in options]
+        for flag, text in [*kept, *((flag, str(value)) for flag, value in options.items())]:
+            # Joined, a text that begins with a hyphen is no option.
+            words += [f"{flag}={text}"] if text.startswith("-") else [flag, text]
+        return shlex.join(words)
 
 
 Look = Callable[[Context], Iterable[Finding]]
@@ -44,6 +60,7 @@ class Check:
         order: place in the report; low numbers come first.
         look: what it does.
         measures: it takes seconds, because it measures; left out when there is hurry.
+        apart: it needs libraries that may be broken, and so runs in a process of its own.
     """
 
     key: str
@@ -51,6 +68,7 @@ class Check:
     order: int
     look: Look
     measures: bool = False
+    apart: bool = False
 
 
 class Audience(Protocol):
@@ -76,7 +94,9 @@ class Silence:
 _CHECKS: dict[str, Check] = {}
 
 
-def check(key: str, title: str, order: int, *, measures: bool = False) -> Callable[[Look], Look]:
+def check(
+    key: str, title: str, order: int, *, measures: bool = False, apart: bool = False
+) -> Callable[[Look], Look]:
     """Decorator: enter a function as a check (see `Check`).
 
     Raises:
@@ -87,7 +107,7 @@ def check(key: str, title: str, order: int, *, measures: bool = False) -> Callab
         known = _CHECKS.get(key)
         if known is not None and known.look.__module__ != look.__module__:
             raise ValueError(f"check {key!r} is already that of {known.look.__module__}")
-        _CHECKS[key] = Check(key, title, order, look, measures)
+        _CHECKS[key] = Check(key, title, order, look, measures, apart)
         return look
 
     return enter
@@ -130,10 +150,21 @@ def examine(
 
 def _looked(one: Check, context: Context) -> Iterable[Finding]:
     try:
-        yield from one.look(context)
+        yield from _apart(one, context) if one.apart else one.look(context)
     except Exception as error:  # whatever is wrong here, the rest of the report is still wanted
         text = " ".join(f"{type(error).__name__}: {error}".split())
         yield Finding(one.title.lower(), Mark.WARNING, f"could not be looked at: {text}")
+
+
+def _apart(one: Check, context: Context) -> Iterable[Finding]:
+    """Findings of a check that another process runs."""
+    name = f"findings:{one.key}"
+    outcome = attempt([name], context.settings, TIMEOUT)[name]
+    if outcome.failure is not None:
+        text = f"could not be looked at: {outcome.failure}"
+        yield Finding(one.title.lower(), Mark.WARNING, text, advice=outcome.advice)
+    for found in outcome.values.get("findings", ()):
+        yield Finding(**{**found, "mark": Mark(found["mark"])})
 
 
 def _failing(error: Exception) -> Look:

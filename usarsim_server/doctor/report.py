@@ -17,6 +17,8 @@ __all__ = ["Printer", "as_json", "verdict"]
 
 MARK_WIDTH = max(len(mark.value) for mark in Mark)
 SUBJECT_WIDTH = 15
+ADVICE_LINES = 3
+"""After so many lines of it, for example of names that would do, advice is cut off."""
 _INDENT = 2 + MARK_WIDTH + 2 + SUBJECT_WIDTH + 2
 _NARROWEST = 30
 """Columns that the texts get on the narrowest terminal."""
@@ -62,10 +64,13 @@ class Printer:
         self._print(f"  {mark}  {finding.subject.ljust(SUBJECT_WIDTH)}  {first}")
         for line in others:
             self._print(" " * _INDENT + line)
+        label = "to mend" if finding.mark in (Mark.WARNING, Mark.PROBLEM) else "to have it"
+        space = " " * (4 + MARK_WIDTH)
+        for line in self._wrapped(finding.advice or "", ADVICE_LINES) if finding.advice else ():
+            self._print(f"{space}{label.ljust(SUBJECT_WIDTH)}  {line}")
+            label = ""
         if finding.cure is not None:
-            label = "to mend" if finding.mark in (Mark.WARNING, Mark.PROBLEM) else "to have it"
             # Never wrapped: a command is to be copied in one piece.
-            space = " " * (4 + MARK_WIDTH)
             self._print(
                 f"{space}{label.ljust(SUBJECT_WIDTH)}  {self._painted(finding.cure, _BOLD)}"
             )
@@ -75,9 +80,12 @@ class Printer:
         mark = worst(sections)
         self._print("\n" + self._painted(verdict(sections), _COLORS[mark]))
 
-    def _wrapped(self, text: str) -> list[str]:
+    def _wrapped(self, text: str, most: int | None = None) -> list[str]:
         return textwrap.wrap(
-            " ".join(text.split()), self._width - _INDENT, break_on_hyphens=False
+            *(" ".join(text.split()), self._width - _INDENT),
+            break_on_hyphens=False,
+            max_lines=most,
+            placeholder=" ...",
         ) or [""]
 
     def _painted(self, text: str, code: str) -> str:
@@ -130,6 +138,7 @@ def _finding(finding: Finding) -> dict[str, object]:
         "mark": finding.mark.value,
         "text": finding.text,
         "cure": finding.cure,
+        "advice": finding.advice,
         "values": _plain(finding.values),
     }
 

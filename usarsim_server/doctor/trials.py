@@ -11,16 +11,18 @@ import importlib
 import math
 import os
 import time
+from dataclasses import asdict
 from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
+from usarsim_server.doctor.findings import problem_and_advice
 from usarsim_server.errors import UsarsimError
 from usarsim_server.settings import Settings
 
 if TYPE_CHECKING:
     from usarsim_server.doctor.team import Team
 
-__all__ = ["BEAMS", "TEAM", "cameras", "gl", "package", "physics", "rays", "server"]
+__all__ = ["BEAMS", "TEAM", "cameras", "findings", "gl", "package", "physics", "rays", "server"]
 
 WORLD = "arena"
 TEAM = 16
@@ -52,6 +54,15 @@ def gl(settings: Settings, platform: str) -> dict[str, object]:
     return {name: (calls.glGetString(what) or b"").decode() for name, what in asked.items()}
 
 
+def findings(settings: Settings, key: str) -> dict[str, object]:
+    """What a check finds that shall run here."""
+    from usarsim_server.doctor.registry import Context, all_checks
+
+    [one] = [one for one in all_checks() if one.key == key]
+    found = one.look(Context(settings))
+    return {"findings": [asdict(finding) | {"mark": finding.mark.value} for finding in found]}
+
+
 def server(settings: Settings, _: str) -> dict[str, object]:
     """Put the server together as `serve` would, but open no port and let no time pass.
 
@@ -70,13 +81,14 @@ def server(settings: Settings, _: str) -> dict[str, object]:
             for robot in load_roster(settings.robots).descriptions()
             if robot.source.resolve().parent in folders
         ]
-        broken = []
+        broken: list[dict[str, str | None]] = []
         for robot in own[:MOST_CLASSES]:
             try:
                 vehicle = assembly.fleet.spawn(robot, None, assembly.world.starts[0].pose)
                 assembly.fleet.remove(vehicle)
             except (UsarsimError, ValueError) as error:
-                broken.append({"name": robot.name, "problem": " ".join(str(error).split())})
+                problem, advice = problem_and_advice(str(error))
+                broken.append({"name": robot.name, "problem": problem, "advice": advice})
         return {
             "world": assembly.world.name,
             "seconds": seconds,

@@ -13,6 +13,7 @@ import pickle
 import sys
 from typing import TextIO
 
+from usarsim_server.doctor.findings import problem_and_advice
 from usarsim_server.errors import UsarsimError
 from usarsim_server.settings import Settings
 
@@ -40,7 +41,8 @@ def try_out(name: str, settings: Settings) -> dict[str, object]:
     try:
         return {"values": getattr(trials, function)(settings, argument)}
     except UsarsimError as error:
-        return {"failure": _one_line(str(error)), "told": True}
+        problem, advice = problem_and_advice(str(error))
+        return {"failure": problem, "told": True, "advice": advice}
     except ImportError as error:
         text = _one_line(f"{type(error).__name__}: {error}")
         absent = isinstance(error, ModuleNotFoundError)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from usarsim_server.data import data_directory
 from usarsim_server.doctor.commands import pip
-from usarsim_server.doctor.findings import Finding, Mark, problem_and_cure
+from usarsim_server.doctor.findings import Finding, Mark, problem_and_advice
 from usarsim_server.doctor.registry import Context, check
 from usarsim_server.errors import UsarsimError
 
@@ -23,7 +23,7 @@ PLUGIN_GROUPS = tuple(
 )
 
 
-@check("files", "Worlds and robots", order=40)
+@check("files", "Worlds and robots", order=40, apart=True)
 def look(context: Context) -> Iterator[Finding]:
     """Read every world and every robot file that a server could use."""
     yield from judge_worlds(data_directory("worlds"))
@@ -42,14 +42,14 @@ def judge_worlds(folder: Path) -> Iterator[Finding]:
         try:
             names.append(load_world(place).name)
         except UsarsimError as error:
-            problem, cure = problem_and_cure(str(error))
-            broken.append(Finding(place.name, Mark.WARNING, problem, cure))
+            problem, advice = problem_and_advice(str(error))
+            broken.append(Finding(place.name, Mark.WARNING, problem, advice=advice))
     values = {"worlds": names}
     if names:
         yield Finding("worlds", Mark.OK, f"{len(names)}: {', '.join(names)}", values=values)
     else:
         cure = pip("--force-reinstall", "--no-deps", "usarsim-server")
-        yield Finding("worlds", Mark.PROBLEM, f"there are none in {folder}", cure, values)
+        yield Finding("worlds", Mark.PROBLEM, f"there are none in {folder}", cure, values=values)
     yield from broken
 
 
@@ -70,7 +70,7 @@ def judge_robots(folders: Sequence[Path]) -> Iterator[Finding]:
         try:
             Roster(layers)  # which knows whether two of them want the same name
         except UsarsimError as error:
-            broken.append(_broken(error))
+            broken.append(_broken("robot files", error))
     shipped, own = len(layers[0]), sum(map(len, layers[1:]))
     text = f"{shipped} classes" + (f", {own} of your own" if len(folders) > 1 else "")
     values = {"shipped": shipped, "own": own, "broken": len(broken)}
@@ -92,14 +92,14 @@ def _read(
             library = library or Library(folders)
             files.append(library.load(path, number))
         except UsarsimError as error:
-            broken.append(_broken(error))
+            broken.append(_broken(path.name, error))
             library = None
     return files, broken
 
 
-def _broken(error: UsarsimError) -> Finding:
-    problem, cure = problem_and_cure(str(error))
-    return Finding("robot file", Mark.PROBLEM, problem, cure)
+def _broken(subject: str, error: UsarsimError) -> Finding:
+    problem, advice = problem_and_advice(str(error))
+    return Finding(subject, Mark.PROBLEM, problem, advice=advice)
 
 
 def judge_plugin(point: EntryPoint) -> Finding:

@@ -131,7 +131,7 @@ def _idle_card(drawing: Drawing) -> Finding:
     else:
         text += ": its driver is missing"
         cure = apt(INSTALL["egl"])
-    return Finding("graphics card", Mark.NOTE, text, cure, values)
+    return Finding("graphics card", Mark.NOTE, text, cure, values=values)
 
 
 def _nvidia_release() -> str:
@@ -151,9 +151,9 @@ def _no_opengl(drawing: Drawing, settings: Settings) -> Finding:
         text = f"--renderer {settings.renderer} does not work here: {reasons}"
         # Nothing is drawn, and so nothing checked, without the port for images.
         mark = Mark.PROBLEM if settings.image_port is not None else Mark.WARNING
-        return Finding("pictures", mark, text, cure, values)
+        return Finding("pictures", mark, text, cure, values=values)
     text = f"no OpenGL, {WITHOUT}" + (f" ({reasons})" if reasons else "")
-    return Finding("pictures", Mark.WARNING, text, cure, values)
+    return Finding("pictures", Mark.WARNING, text, cure, values=values)
 
 
 def _best(drawing: Drawing, settings: Settings) -> str:

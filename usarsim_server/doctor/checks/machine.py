@@ -30,19 +30,21 @@ _GIB = float(1 << 30)
 def look(context: Context) -> Iterator[Finding]:
     """Ask `/proc`."""
     cores = system.cores()
-    yield judge_cores(cores)
+    yield judge_cores(cores, context)
     yield judge_memory(*system.available_memory())
     yield judge_activity(system.activity(WATCHED), os.getloadavg()[0])
     yield judge_descriptors(system.descriptor_limit(), context.settings.max_connections)
 
 
-def judge_cores(cores: float) -> Finding:
+def judge_cores(cores: float, context: Context) -> Finding:
     """What to say of so many processors."""
     values = {"cores": cores}
     if cores >= 1.5:
         return Finding("processors", Mark.OK, f"{cores:g}", values=values)
     text = f"{cores:g}: physics, sensors and cameras share it; watch few cameras"
-    return Finding("processors", Mark.WARNING, text, "usarsim serve --camera-rate 5", values)
+    return Finding(
+        "processors", Mark.WARNING, text, context.serve({"--camera-rate": 5}), values=values
+    )
 
 
 def judge_memory(free: int, total: int) -> Finding:
@@ -53,7 +55,7 @@ def judge_memory(free: int, total: int) -> Finding:
         return Finding("memory", Mark.OK, text, values=values)
     mark = Mark.PROBLEM if free < NEEDED else Mark.WARNING
     text += f": a server with sixteen robots wants {NEEDED >> 20} MiB, large maps more"
-    return Finding("memory", mark, text, "ps -eo pid,rss,args --sort=-rss | head", values)
+    return Finding("memory", mark, text, "ps -eo pid,rss,args --sort=-rss | head", values=values)
 
 
 def judge_activity(seen: system.Activity, load: float) -> Finding:
@@ -80,7 +82,7 @@ def judge_activity(seen: system.Activity, load: float) -> Finding:
         values["busiest"] = {"pid": program.pid, "name": program.name}
         text += f"; most of all {program.name} (pid {program.pid}), which could stand back"
         cure = root(f"renice -n 19 -p {program.pid}")
-    return Finding("load", Mark.WARNING, text, cure, values)
+    return Finding("load", Mark.WARNING, text, cure, values=values)
 
 
 def judge_descriptors(limit: int, connections: int) -> Finding:
@@ -91,4 +93,4 @@ def judge_descriptors(limit: int, connections: int) -> Finding:
         text = "no limit" if endless else f"{limit} may be open"
         return Finding("sockets, files", Mark.OK, text, values=values)
     text = f"only {limit} may be open: clients will have to wait"
-    return Finding("sockets, files", Mark.WARNING, text, "ulimit -n 4096", values)
+    return Finding("sockets, files", Mark.WARNING, text, "ulimit -n 4096", values=values)

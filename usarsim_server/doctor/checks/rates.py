@@ -11,7 +11,6 @@ from usarsim_server.doctor import system
 from usarsim_server.doctor.findings import Finding, Mark
 from usarsim_server.doctor.isolation import Outcome, attempt
 from usarsim_server.doctor.registry import Context, check
-from usarsim_server.settings import Settings
 
 __all__ = ["Cost", "judge_cameras", "judge_physics", "judge_rays", "judge_team", "team_size"]
 
@@ -45,14 +44,14 @@ def look(context: Context) -> Iterator[Finding]:
     settings = context.settings
     outcomes = attempt(("physics", "rays", "cameras"), settings, TIMEOUT)
     physics, rays = outcomes["physics"], outcomes["rays"]
-    yield judge_physics(physics)
+    yield judge_physics(physics, context)
     yield judge_rays(rays)
-    yield judge_cameras(outcomes["cameras"], settings)
+    yield judge_cameras(outcomes["cameras"], context)
     if physics.failure is None and rays.failure is None:
-        yield judge_team(cost_of(physics.values, rays.values), settings, system.cores())
+        yield judge_team(cost_of(physics.values, rays.values), context, system.cores())
 
 
-def judge_physics(outcome: Outcome) -> Finding:
+def judge_physics(outcome: Outcome, context: Context) -> Finding:
     """What to say of the step rate."""
     if outcome.failure is not None:
         return _failed("physics", Mark.PROBLEM, outcome)
@@ -65,7 +64,9 @@ def judge_physics(outcome: Outcome) -> Finding:
     if factor >= 1.0:
         return Finding("physics", Mark.OK, text, values=facts)
     text += ", simulated time will go slower than the clock"
-    return Finding("physics", Mark.WARNING, text, "usarsim serve --timestep 0.008", facts)
+    return Finding(
+        "physics", Mark.WARNING, text, context.serve({"--timestep": 0.008}), values=facts
+    )
 
 
 def judge_rays(outcome: Outcome) -> Finding:
@@ -81,13 +82,13 @@ def judge_rays(outcome: Outcome) -> Finding:
     return Finding("rays", Mark.OK, text, values=facts)
 
 
-def judge_cameras(outcome: Outcome, settings: Settings) -> Finding:
+def judge_cameras(outcome: Outcome, context: Context) -> Finding:
     """What to say of the pictures."""
     if outcome.failure is not None:
         return _failed("cameras", Mark.WARNING, outcome)
     facts = outcome.values
     rate = float(facts["pictures_per_second"])
-    wanted = settings.camera_rate * (1.0 if math.isinf(settings.speed) else settings.speed)
+    wanted = context.settings.camera_rate * _speed(context)
     enough = math.floor(rate / wanted)
     text = f"{_rounded(rate)} pictures of 320x240 per second by {facts['renderer']}: "
     if enough >= 1:
@@ -96,13 +97,13 @@ def judge_cameras(outcome: Outcome, settings: Settings) -> Finding:
         return Finding("cameras", Mark.OK, text, values=facts)
     slower = max(0.1, math.floor(rate / 2.0))
     text += f"not one camera at {wanted:g} per second"
-    cure = f"usarsim serve --camera-rate {slower:g}"
-    return Finding("cameras", Mark.WARNING, text, cure, facts)
+    cure = context.serve({"--camera-rate": f"{slower:g}"})
+    return Finding("cameras", Mark.WARNING, text, cure, values=facts)
 
 
-def judge_team(cost: Cost, settings: Settings, cores: float) -> Finding:
+def judge_team(cost: Cost, context: Context, cores: float) -> Finding:
     """What both rates are enough for."""
-    speed = 1.0 if math.isinf(settings.speed) else settings.speed
+    speed, most = _speed(context), context.settings.max_robots
     robots = team_size(cost, speed, cores)
     pace = "in real time" if speed == 1.0 else f"at {speed:g} times real time"
     least = "at least " if robots == MOST_ROBOTS else "about "
@@ -111,15 +112,15 @@ def judge_team(cost: Cost, settings: Settings, cores: float) -> Finding:
         "estimate from the rates of physics and rays, without cameras)"
     )
     values = {"robots": robots, "speed": speed, "estimate": True}
-    if robots >= settings.max_robots:
+    if robots >= most:
         return Finding("enough for", Mark.OK, text, values=values)
     if not robots:
         text += ": simulated time will go slower than the clock"
-        cure = f"usarsim serve --speed {max(0.01, 0.5 * speed):g}"
-        return Finding("enough for", Mark.WARNING, text, cure, values)
-    text += f", but {settings.max_robots} may come: simulated time will go slower than the clock"
-    cure = f"usarsim serve --max-robots {robots}"
-    return Finding("enough for", Mark.WARNING, text, cure, values)
+        cure = context.serve({"--speed": f"{max(0.01, 0.5 * speed):g}"})
+        return Finding("enough for", Mark.WARNING, text, cure, values=values)
+    text += f", but {most} may come: simulated time will go slower than the clock"
+    cure = context.serve({"--max-robots": robots})
+    return Finding("enough for", Mark.WARNING, text, cure, values=values)
 
 
 def cost_of(physics: Mapping[str, Any], rays: Mapping[str, Any]) -> Cost:
@@ -142,6 +143,12 @@ def team_size(cost: Cost, speed: float, cores: float) -> int:
     if budget <= 0.0:
         return 0
     return MOST_ROBOTS if each * MOST_ROBOTS <= budget else math.floor(budget / each)
+
+
+def _speed(context: Context) -> float:
+    """Simulated over wall time that is wanted; in lockstep there is no such wish."""
+    speed = context.settings.speed
+    return 1.0 if math.isinf(speed) else speed
 
 
 def _failed(subject: str, mark: Mark, outcome: Outcome) -> Finding:

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from usarsim_server.doctor.findings import Finding, Mark, problem_and_cure
+from usarsim_server.doctor.findings import Finding, Mark
 from usarsim_server.doctor.isolation import Outcome, attempt
 from usarsim_server.doctor.registry import Context, check
-from usarsim_server.settings import Settings
 
 __all__ = ["judge"]
 
@@ -24,16 +23,14 @@ def look(context: Context) -> Iterator[Finding]:
         cure = f"usarsim import {settings.world}"
         yield Finding("world", Mark.NOTE, f"{text}; this shows how that goes", cure)
         return
-    yield from judge(settings, attempt(["server"], settings, TIMEOUT)["server"])
+    yield from judge(attempt(["server"], settings, TIMEOUT)["server"])
 
 
-def judge(settings: Settings, outcome: Outcome) -> Iterator[Finding]:
+def judge(outcome: Outcome) -> Iterator[Finding]:
     """What to say after the trial."""
     if outcome.failure is not None:
-        problem, cure = problem_and_cure(outcome.failure)
-        if not outcome.told:
-            problem, cure = f"cannot be put together: {outcome.failure}", None
-        yield Finding("start", Mark.PROBLEM, problem, cure)
+        text = outcome.failure if outcome.told else f"a defect, {outcome.failure}"
+        yield Finding("start", Mark.PROBLEM, f"would not start: {text}", advice=outcome.advice)
         return
     values = outcome.values
     seconds = float(values["seconds"])
@@ -44,6 +41,5 @@ def judge(settings: Settings, outcome: Outcome) -> Iterator[Finding]:
         text = f"{values['tried'] - len(broken)} of your own can be put into the world"
         yield Finding("robots", Mark.OK, text)
     for robot in broken:
-        problem, cure = problem_and_cure(robot["problem"])
-        text = f"cannot be put into the world: {problem}"
-        yield Finding(robot["name"], Mark.WARNING, text, cure)
+        text = f"cannot be put into the world: {robot['problem']}"
+        yield Finding(robot["name"], Mark.WARNING, text, advice=robot["advice"])

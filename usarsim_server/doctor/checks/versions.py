@@ -11,7 +11,7 @@ from pathlib import Path
 
 from usarsim_server import __version__
 from usarsim_server.doctor.commands import pip
-from usarsim_server.doctor.findings import Finding, Mark, problem_and_cure
+from usarsim_server.doctor.findings import Finding, Mark, problem_and_advice
 from usarsim_server.doctor.isolation import Outcome, attempt
 from usarsim_server.doctor.registry import Context, check
 from usarsim_server.errors import UsarsimError
@@ -76,7 +76,7 @@ def judge_python(version: tuple[int, ...], executable: str) -> Finding:
         return Finding("Python", Mark.OK, text, values=values)
     oldest = ".".join(map(str, OLDEST_PYTHON))
     cure = f"python{oldest} -m venv .venv && .venv/bin/pip install ."
-    return Finding("Python", Mark.PROBLEM, f"{text}: older than {oldest}", cure, values)
+    return Finding("Python", Mark.PROBLEM, f"{text}: older than {oldest}", cure, values=values)
 
 
 def judge_package(package: Package, outcome: Outcome) -> Finding:
@@ -95,7 +95,7 @@ def judge_package(package: Package, outcome: Outcome) -> Finding:
     refusal = _refusal(package, version)
     if refusal is not None:
         mark = Mark.WARNING if package.optional else Mark.PROBLEM
-        return Finding(package.name, mark, refusal, pip(package.requirement), values)
+        return Finding(package.name, mark, refusal, pip(package.requirement), values=values)
     return Finding(package.name, Mark.OK, version or "of an unknown version", values=values)
 
 
@@ -107,15 +107,19 @@ def _refusal(package: Package, version: str) -> str | None:
     """Why a version will not do; None if it will."""
     if package.name == "mujoco":
         # The server's own judgement, which knows of releases that diverge.
-        from usarsim_server.simulation.model import check_mujoco_version
-
         try:
+            from usarsim_server.simulation.model import check_mujoco_version
+
             check_mujoco_version(version)
         except UsarsimError as error:
-            return problem_and_cure(str(error))[0]
-    oldest = package.requirement.partition(">=")[2].partition(",")[0]
-    if version and _numbers(version) < _numbers(oldest):
-        return f"{version} is older than {oldest}"
+            return problem_and_advice(str(error))[0]
+        except ImportError:
+            pass  # another library is missing, which stands in a line of its own
+    bounds = dict(re.findall(r"(>=|<)([\d.]+)", package.requirement))
+    if version and _numbers(version) < _numbers(bounds[">="]):
+        return f"{version} is older than {bounds['>=']}"
+    if version and "<" in bounds and _numbers(version) >= _numbers(bounds["<"]):
+        return f"{version} is too new, {bounds['<']} and later will not do"
     return None
 
 
