@@ -66,12 +66,12 @@ class Sonar(SingleRange):
     def distance(self, hits: Sequence[RayHits]) -> float:
         """The centre ray, or a nearer ray of the cone that meets its surface squarely."""
         answer = hits[0]
-        counts = np.zeros(len(answer.distances), dtype=bool)
+        nearest = answer.distances[:1]
         if answer.normals is not None:
             against = np.einsum("ij,ij->i", answer.normals, self._sent)
-            counts = -against > self._facing
-        counts[0] = True
-        nearest = np.min(answer.distances, where=counts, initial=np.inf, keepdims=True)
+            square = answer.distances[against < -self._facing]
+            if square.size:
+                nearest = np.minimum(nearest, square.min())
         return max(float(self.echoes(nearest)[0]), self.min_range)
 
     def configuration(self, dialect: Dialect) -> tuple[Segment, ...]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -126,7 +127,7 @@ class StateSource(Protocol):
         """The newest published snapshot."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class RobotBody:
     """`RobotState` of one robot in one snapshot."""
 
@@ -138,7 +139,7 @@ class RobotBody:
         """Simulated seconds."""
         return self.snapshot.time
 
-    @property
+    @cached_property
     def pose(self) -> Pose:
         """Pose of the robot's reference point in the world."""
         return self._body_pose(self.layout.base)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from usarsim_server.protocol.dialects import FACETS
 from usarsim_server.protocol.messages.text import (
     count,
+    label,
     line,
     segment,
     time_segment,
@@ -62,7 +63,7 @@ def sensor_line(
         body = [_multi_pair(item) for item in items]
     else:
         body = _separate(items)
-    return line("SEN", *stamp, segment("Type", wire_type), *body)
+    return line("SEN", *stamp, label("Type", wire_type), *body)
 
 
 def sensor_geometry(
@@ -108,7 +109,7 @@ def _separate(items: Sequence[Item]) -> list[str]:
     body: list[str] = []
     for item in items:
         if item.name:
-            body.append(segment("Name", item.name))
+            body.append(label("Name", item.name))
         body += [segment(key, value) for key, value in item.segments]
     return body
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from functools import lru_cache
 
 from usarsim_server.protocol.numbers import boolean, fixed, vector
 
@@ -11,6 +12,7 @@ __all__ = [
     "count",
     "encode",
     "flag",
+    "label",
     "line",
     "number",
     "segment",
@@ -48,6 +50,12 @@ def segment(key: str, value: str = "") -> str:
     return f"{{{text}}}"
 
 
+@lru_cache(maxsize=4096)
+def label(key: str, value: str) -> str:
+    """`segment` for what never changes, such as types and names; remembered."""
+    return segment(key, value)
+
+
 def number(key: str, value: float, digits: int) -> str:
     """A segment with one decimal number."""
     return segment(key, fixed(value, digits))
@@ -68,8 +76,12 @@ def triple(key: str, values: Iterable[float], digits: int) -> str:
     return segment(key, vector(values, digits))
 
 
+@lru_cache(maxsize=64)
 def time_segment(time: float, digits: int) -> str:
-    """The Time segment: simulated seconds, never negative."""
+    """The Time segment: simulated seconds, never negative.
+
+    Remembered, because all lines of all robots at one instant have the same.
+    """
     return number("Time", max(time, 0.0), digits)
 
 
