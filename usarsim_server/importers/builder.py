@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.importers.builder_facts import (
     Place,
-    lamps,
     note_floor,
     path_node_entries,
     start_entries,
     victim_entries,
     within_reach,
 )
+from usarsim_server.importers.builder_lamps import chosen_lights, glows, lamps
 from usarsim_server.importers.builder_level import (
     MARGIN,
     add_brushes,
@@ -119,6 +119,7 @@ def build(
         low, high = (lower - MARGIN).tolist(), (upper + MARGIN).tolist()
         limits = (low[0], low[1], low[2]), (high[0], high[1], high[2])
         findings.warn("level", f"{giants} backdrop(s) around the map were cut off at {MARGIN:g} m")
+    lights = chosen_lights(scene.lights, findings)
     objects = ObjectBuilder(scene, emitter, names, findings)
     for number, thing in enumerate(scene.objects):
         progress("objects", number / len(scene.objects))
@@ -132,15 +133,14 @@ def build(
             scene.brushes,
             scene.filled,
             limits,
+            glows(lights),
             names,
             findings,
             lambda part: progress("brushes", part),
         )
     brushes = [NamedObject(brush.name, brush.name, brush.tag, "Brush") for brush in scene.brushes]
     progress("scene", 0.0)
-    emitter.write(
-        folder.name, lamps(scene.lights, findings), max(extent, 1.0), (lower + upper) / 2.0
-    )
+    emitter.write(folder.name, lamps(lights), max(extent, 1.0), (lower + upper) / 2.0)
     probe = Probe(folder / "scene.xml", scene.source.path)
     progress("scene", 0.7)
     if not probe.has_ground:

@@ -1,27 +1,23 @@
-"""Starts, victims, path nodes and lights: what of a map goes into `world.toml`, and lamps."""
+"""Starts, victims and path nodes: what of a map goes into `world.toml`."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.importers.emitter import Lamp
 from usarsim_server.importers.findings import Findings
 from usarsim_server.importers.names import NameBook, safe
 from usarsim_server.importers.probe import Probe
-from usarsim_server.importers.scene import Light, LightKind, Scene, Start
+from usarsim_server.importers.scene import LightKind, Scene, Start
 from usarsim_server.importers.sheet import Entry, rotation
 from usarsim_server.simulation.frames import Pose, Vector, quaternion_from_rpy, rpy_from_quaternion
 from usarsim_server.worlds.victims import PELVIS_HEIGHT
 
 __all__ = [
-    "MAX_LAMPS",
     "Place",
-    "lamps",
     "note_floor",
     "path_node_entries",
     "start_entries",
@@ -31,14 +27,8 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-MAX_LAMPS = 7
-"""OpenGL's fixed lights are eight, and the headlight is one of them."""
-
 OUTSIDE, FAR_LIGHT = 40.0, 1000.0
 """m outside the map at which things, and lights, are still believed."""
-
-SHORTEST = 0.1
-"""m that a lamp shines at least."""
 
 FLOOR_BELOW = 2.0
 """m within which a start has to have a floor (worlds reference 11)."""
@@ -91,49 +81,6 @@ def within_reach(scene: Scene, bounds: tuple[Array, Array], findings: Findings) 
             puffs=tuple(p for p in scene.smoke.puffs if near("smoke", p.name, p.position)),
         ),
     )
-
-
-def lamps(lights: Sequence[Light], findings: Findings) -> list[Lamp]:
-    """MuJoCo lights; the brightest and widest ones if there are too many (item 76)."""
-    shining = [light for light in lights if light.kind is not LightKind.AMBIENT]
-    if len(shining) > MAX_LAMPS:
-        order = sorted(
-            range(len(shining)),
-            key=lambda i: (
-                shining[i].kind is not LightKind.DIRECTIONAL,
-                -shining[i].brightness * (shining[i].reach or 1e6),
-                i,
-            ),
-        )
-        kept = sorted(order[:MAX_LAMPS])
-        findings.warn(
-            "lights",
-            f"{len(shining) - MAX_LAMPS} of {len(shining)} lights were left out: cameras know "
-            f"{MAX_LAMPS}",
-        )
-        shining = [shining[i] for i in kept]
-    book = NameBook()
-    return [Lamp(_lamp(light, book.take(light.name))) for light in shining]
-
-
-def _lamp(light: Light, name: str) -> dict[str, object]:
-    strength = min(1.0, max(0.0, light.brightness)) * 0.8
-    values: dict[str, object] = {
-        "name": name,
-        "pos": light.position,
-        "diffuse": tuple(min(1.0, max(0.0, c)) * strength for c in light.color),
-        "specular": (0.1, 0.1, 0.1),
-        "castshadow": light.shadows,
-    }
-    if light.kind is LightKind.DIRECTIONAL:
-        return {**values, "type": "directional", "dir": _unit(light.direction)}
-    if light.reach > 0.0:
-        # Down to a twentieth at the reach.
-        values["attenuation"] = (1.0, 0.0, 19.0 / max(light.reach, SHORTEST) ** 2)
-    if light.kind is LightKind.SPOT:
-        cutoff = min(90.0, max(1.0, light.cone))
-        return {**values, "type": "spot", "dir": _unit(light.direction), "cutoff": cutoff}
-    return {**values, "type": "point"}
 
 
 def note_floor(probe: Probe, bounds: tuple[Array, Array], findings: Findings) -> None:
@@ -291,9 +238,3 @@ def path_node_entries(scene: Scene, findings: Findings) -> list[Entry]:
 
 def _exact(position: Vector) -> list[float]:
     return [float(value) for value in position]
-
-
-def _unit(direction: Vector) -> tuple[float, float, float]:
-    x, y, z = direction
-    length = math.hypot(x, y, z)
-    return (x / length, y / length, z / length) if length > 1e-9 else (0.0, 0.0, -1.0)

@@ -13,6 +13,7 @@ from usarsim_server.importers.cells import Cell, Point
 from usarsim_server.importers.csg import Solid, clip_to_box, evaluate
 from usarsim_server.importers.emitter import Emitter, attributes, place
 from usarsim_server.importers.findings import Findings
+from usarsim_server.importers.lit_faces import Glow
 from usarsim_server.importers.looks import looks_of_grid, looks_of_level
 from usarsim_server.importers.names import NameBook
 from usarsim_server.importers.pieces import BoxPiece, piece_of_cell
@@ -47,6 +48,7 @@ def add_brushes(
     brushes: Sequence[Brush],
     filled: bool | None,
     limits: tuple[Point, Point] | None,
+    glows: Sequence[Glow],
     names: NameBook,
     findings: Findings,
     progress: Callable[[float], None],
@@ -58,6 +60,7 @@ def add_brushes(
         brushes: in order.
         filled: see `evaluate`.
         limits: box to which everything is cut, None if no brush is a giant.
+        glows: lamps that shine on it.
         names: for the geoms.
         findings: takes facts and warnings.
         progress: told the part that is done.
@@ -72,7 +75,7 @@ def add_brushes(
         boxes += isinstance(piece, BoxPiece)
         name = names.take(f"{brushes[owner].name if owner >= 0 else 'rock'}.solid")
         emitter.add_solid(piece, IDENTITY, _friction(cell), name)
-    looks = looks_of_level(solid)
+    looks = looks_of_level(solid, glows)
     if looks:
         emitter.mesh_files(solid, "level", looks)
         emitter.add_world(emitter.show(solid, IDENTITY, [names.take("level") for _ in looks]))

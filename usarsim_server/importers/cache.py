@@ -25,7 +25,7 @@ from usarsim_server.importers.reader import ImportOptions
 
 __all__ = ["ImportCache", "default_cache"]
 
-FORMAT = 2
+FORMAT = 3
 """Raise it when the same map would give another world."""
 
 KEPT = 32

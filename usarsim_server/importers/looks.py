@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import struct
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.importers.csg import Solid, Surface
+from usarsim_server.importers.lit_faces import Glow, cut_for_light
 from usarsim_server.importers.scene import Mesh, Polygon
 from usarsim_server.importers.soup import LEAST_AREA, normals_areas
 
@@ -28,11 +29,19 @@ TILE = 32.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Look:
-    """Triangles of one material: corners (m, 3, 3), and texture coordinates (m, 3, 2) or None."""
+    """Triangles of one material.
+
+    Attributes:
+        material: its name in the map.
+        corners: (m, 3, 3) m.
+        uvs: texture coordinates (m, 3, 2), or None.
+        flat: every triangle is lit as the plane that it is; else MuJoCo rounds shallow edges off.
+    """
 
     material: str
     corners: Array
     uvs: Array | None
+    flat: bool = False
 
 
 def looks_of_mesh(mesh: Mesh, linear: Array) -> Iterator[tuple[int, Look]]:
@@ -57,8 +66,13 @@ def looks_of_mesh(mesh: Mesh, linear: Array) -> Iterator[tuple[int, Look]]:
         yield slot, Look(name, corners[chosen], None if uvs is None else _finite(uvs[chosen]))
 
 
-def looks_of_level(solid: Solid) -> list[Look]:
-    """The faces of all cells and sheets, by material and tile, in the order of appearance."""
+def looks_of_level(solid: Solid, glows: Sequence[Glow] = ()) -> list[Look]:
+    """The faces of all cells and sheets, by material and tile, in the order of appearance.
+
+    Args:
+        solid: the level.
+        glows: lamps near which faces are cut small.
+    """
     twins = _twins(solid.surfaces)
     parts: dict[tuple[str, int, int], list[tuple[Array, Array | None]]] = defaultdict(list)
     for cell in solid.cells:
@@ -66,10 +80,11 @@ def looks_of_level(solid: Solid) -> list[Look]:
             points = np.array(face.points)
             surface = _surface_at(solid.surfaces, twins, face.surface, points)
             material = surface.polygon.material if surface else ""
-            uvs = None
-            if surface and surface.texture is not None:
-                uvs = np.column_stack([points, np.ones(len(points))]) @ surface.texture.T
-            _add_fan(parts, material, points, uvs)
+            for piece in cut_for_light(points, glows):
+                uvs = None
+                if surface and surface.texture is not None:
+                    uvs = np.column_stack([piece, np.ones(len(piece))]) @ surface.texture.T
+                _add_fan(parts, material, piece, uvs)
     for _, polygon in solid.sheets:
         _add_fan(parts, polygon.material, polygon.vertices, polygon.uvs)
     answer = []
@@ -80,6 +95,7 @@ def looks_of_level(solid: Solid) -> list[Look]:
                 material,
                 np.concatenate([corners for corners, _ in fans]),
                 np.concatenate([uvs for _, uvs in fans if uvs is not None]) if complete else None,
+                flat=True,
             )
         )
     return answer
@@ -157,12 +173,19 @@ def _covers(polygon: Polygon, point: Array) -> bool:
 
 
 def msh(look: Look, middle: Array) -> bytes:
-    """MuJoCo's binary mesh format: counts, then vertices, texture coordinates, faces.
+    """MuJoCo's binary mesh format: counts, then vertices, normals, texture coordinates, faces.
 
-    Corners with equal place and texture are shared. Texture coordinates count downwards there.
+    Corners with equal place, normal and texture are shared. Texture coordinates count downwards
+    there.
     """
     places = (look.corners.reshape(-1, 3) - middle).astype(np.float32)
     columns = [places]
+    if look.flat:
+        normals, _ = normals_areas(
+            look.corners.reshape(-1, 3), np.arange(len(places)).reshape(-1, 3)
+        )
+        # Rounded, so that triangles of one plane share their corners.
+        columns.append(np.repeat(np.round(normals, 5).astype(np.float32), 3, axis=0))
     if look.uvs is not None:
         texture = look.uvs.reshape(-1, 2).astype(np.float32)
         texture[:, 1] = 1.0 - texture[:, 1]
@@ -172,9 +195,9 @@ def msh(look: Look, middle: Array) -> bytes:
     faces = inverse.reshape(-1, 3).astype(np.int32)
     if len(unique) < LEAST_VERTICES:
         unique = np.concatenate([unique, np.repeat(unique[:1], LEAST_VERTICES - len(unique), 0)])
+    normal_count = len(unique) if look.flat else 0
     textured = len(unique) if look.uvs is not None else 0
-    head = struct.pack("<4i", len(unique), 0, textured, len(faces))
-    body = np.ascontiguousarray(unique[:, :3]).tobytes()
-    if textured:
-        body += np.ascontiguousarray(unique[:, 3:]).tobytes()
-    return head + body + np.ascontiguousarray(faces).tobytes()
+    head = struct.pack("<4i", len(unique), normal_count, textured, len(faces))
+    parts = np.split(unique, np.cumsum([column.shape[1] for column in columns])[:-1], axis=1)
+    arrays = b"".join(np.ascontiguousarray(part).tobytes() for part in parts)
+    return head + arrays + np.ascontiguousarray(faces).tobytes()
