@@ -1,6 +1,7 @@
 """Pictures of an imported world, made with rays: they need no graphics card.
 
-A view from above, a slice at the height of a laser, and four views from the corners.
+A view from above, a slice at the height of a laser, and four views from the corners. What lies
+above people's heads is cut off; where that goes through something solid, the cut is dark.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
 
+from usarsim_server.importers.preview_cut import covered, cut_line, sections
+from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.tessellation import triangles
 from usarsim_server.worlds.description import WorldDescription
 from usarsim_server.worlds.picture import png
@@ -32,6 +35,24 @@ SKY = np.array([0.93, 0.95, 0.98])
 SUN = np.array([0.35, 0.25, 0.9]) / np.linalg.norm([0.35, 0.25, 0.9])
 MARK = np.array([0.05, 0.60, 0.30])
 PERSON = np.array([0.85, 0.25, 0.15])
+CUT = np.array([0.20, 0.23, 0.27])
+"""Colour of what is cut through."""
+
+PLAN_CUT, VIEW_CUT = 2.0, 2.2
+"""m above the floor: what is higher is left out of plans and views."""
+
+DOT = 5.0
+"""Pixels: radius of a mark, where 0.15 m are less."""
+
+SPREAD = 0.55
+"""Tangent of half the angle of view, sideways."""
+
+FRAME = 0.95
+"""Part of a view that the map may fill."""
+
+PAD = 0.3
+"""m around the map: as much rock as a level has that is cut out of it."""
+
 PLANE = 200.0
 """m: half of what is drawn of an endless floor."""
 
@@ -41,8 +62,8 @@ class Preview:
 
     def __init__(self, world: WorldDescription) -> None:
         self._world = world
-        model = build_scene(world).compile()
-        data = mujoco.MjData(model)
+        self._model = model = build_scene(world).compile()
+        self._data = data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
         corners, colors = [], []
         for geom in range(model.ngeom):
@@ -69,19 +90,29 @@ class Preview:
     def top(self, width: int = WIDTH, height: int = HEIGHT) -> Image:
         """From above, without roofs: what is more than 2 m above the floor is cut off."""
         x, y, scale = self._grid(width, height)
-        level = self._floor() + 2.0
+        level = self._floor() + PLAN_CUT
         start = np.stack([x, y, np.full(x.shape, level)], axis=-1).reshape(-1, 3)
         down = np.tile([0.0, 0.0, -1.0], (len(start), 1))
         colors, depths = self._shade(start, down)
         # What is higher is lighter, so that walls stand out from the floor.
         colors *= 1.0 - 0.2 * np.clip(np.nan_to_num(depths, posinf=0.0), 0.0, 2.5)[:, None]
         image = colors.reshape(height, width, 3)
-        for places, color in (
-            ([s.pose.position for s in self._world.starts], MARK),
-            ([v.pose.position for v in self._world.victims], PERSON),
-        ):
-            for place in places:
-                _dot(image, x[0], y[:, 0], place, color, max(0.15, 2.5 / scale))
+
+        def pixels(corners: Array) -> tuple[Array, Array]:
+            columns = (corners[:, 0] - x[0, 0]) * scale
+            return columns, (y[0, 0] - corners[:, 1]) * scale
+
+        for section in sections(self._model, self._data, level):
+            window = _window(*pixels(section), image.shape)
+            image[window][covered(x[window], y[window], section)] = CUT
+        radius = max(0.15, DOT / scale)
+        for victim in self._world.victims:
+            _dot(image, x[0], y[:, 0], victim.pose.position, PERSON, radius)
+        for pose in (start.pose for start in self._world.starts):
+            _dot(image, x[0], y[:, 0], pose.position, MARK, radius)
+            for share in (1.0, 1.5, 2.0, 2.5):  # whither the robot looks
+                ahead = (pose @ Pose((share * radius, 0.0, 0.0))).position
+                _dot(image, x[0], y[:, 0], ahead, MARK, radius * 0.35)
         return _bytes(image)
 
     def slice(self, width: int = WIDTH, height: int = HEIGHT) -> Image:
@@ -91,7 +122,7 @@ class Preview:
         image = np.ones((height, width, 3))
         x, y, _ = self._grid(width, height)
         for corners in self._corners[(low <= level) & (high >= level) & (low < high)]:
-            ends = _cut(corners, level)
+            ends = cut_line(corners, level)
             if ends is None:
                 continue
             steps = max(2, int(np.linalg.norm(ends[1] - ends[0]) / (x[0, 1] - x[0, 0]) * 2))
@@ -104,24 +135,49 @@ class Preview:
 
     def view(self, corner: int, width: int = WIDTH, height: int = HEIGHT) -> Image:
         """From above one of the four corners towards the middle; near walls are cut away."""
-        middle = (self.lower + self.upper) / 2.0
-        size = float(np.linalg.norm((self.upper - self.lower)[:2])) + 1.0
-        azimuth = math.pi / 4.0 + corner * math.pi / 2.0
         floor = self._floor()
+        middle = (self.lower + self.upper) / 2.0
         middle[2] = min(middle[2], floor + 1.0)
-        eye = middle + size * np.array([0.7 * math.cos(azimuth), 0.7 * math.sin(azimuth), 0.75])
-        ahead = (middle - eye) / np.linalg.norm(middle - eye)
+        azimuth = math.pi / 4.0 + corner * math.pi / 2.0
+        ahead = -np.array([0.7 * math.cos(azimuth), 0.7 * math.sin(azimuth), 0.75])
+        ahead /= np.linalg.norm(ahead)
         right = np.cross(ahead, [0.0, 0.0, 1.0])
         right /= np.linalg.norm(right)
         up = np.cross(right, ahead)
+        level = floor + VIEW_CUT
+        eye = middle - ahead * self._distance(middle, (ahead, right, up), level, height / width)
         u, v = np.meshgrid(np.linspace(-1, 1, width), np.linspace(1, -1, height) * height / width)
-        ways = ahead + 0.55 * (u[..., None] * right + v[..., None] * up)
+        ways = ahead + SPREAD * (u[..., None] * right + v[..., None] * up)
         ways = (ways / np.linalg.norm(ways, axis=-1, keepdims=True)).reshape(-1, 3)
         # Begin below the ceiling, so that one looks into rooms.
         drop = np.minimum(ways[:, 2], -1e-3)
-        skip = np.maximum(0.0, (floor + 2.2 - eye[2]) / drop)
+        skip = np.maximum(0.0, (level - eye[2]) / drop)
         start = eye + ways * skip[:, None]
-        return _bytes(self._shade(start, ways)[0].reshape(height, width, 3))
+        image = self._shade(start, ways)[0].reshape(height, width, 3)
+        x, y = (start[:, axis].reshape(height, width) for axis in (0, 1))
+
+        def pixels(corners: Array) -> tuple[Array, Array]:
+            away = np.column_stack([corners, np.full(len(corners), level)]) - eye
+            depth = away @ ahead * SPREAD
+            if depth.min() <= 0.0:  # it goes on behind the eye
+                return np.array([0.0, width]), np.array([0.0, height])
+            columns = (away @ right / depth + 1.0) * (width - 1) / 2.0
+            return columns, (1.0 - away @ up / depth * width / height) * (height - 1) / 2.0
+
+        for section in sections(self._model, self._data, level):
+            window = _window(*pixels(section), image.shape)
+            image[window][covered(x[window], y[window], section)] = CUT
+        return _bytes(image)
+
+    def _distance(
+        self, middle: Array, axes: tuple[Array, Array, Array], level: float, ratio: float
+    ) -> float:
+        """m from which all of the map below a height is in a view along the first axis."""
+        ends = np.array([self.lower, [*self.upper[:2], max(level, self.lower[2])]])
+        corners = np.stack(np.meshgrid(*ends.T), axis=-1).reshape(-1, 3) - middle
+        along, sideways, upwards = (corners @ axis for axis in axes)
+        wanted = np.maximum(np.abs(sideways), np.abs(upwards) / ratio) / (SPREAD * FRAME)
+        return max(1.0, float((wanted - along).max()))
 
     def _floor(self) -> float:
         """m: height of the lowest start pose's floor."""
@@ -183,8 +239,8 @@ def write_previews(world: WorldDescription, folder: Path) -> list[Path]:
 def _playable(world: WorldDescription) -> tuple[Array, Array]:
     """The bounds without the room around and above that robots have."""
     lower, upper = np.array(world.lower), np.array(world.upper)
-    margin = np.minimum(20.0, (upper - lower)[:2] * 0.45)
-    return lower + np.array([*margin, 10.0]), upper - np.array([*margin, 100.0])
+    margin = np.minimum(20.0, (upper - lower)[:2] * 0.495)
+    return lower + np.array([*margin, 10.0]) - PAD, upper - np.array([*margin, 100.0]) + PAD
 
 
 def _plane(position: Array, turn: Array) -> Array:
@@ -209,15 +265,12 @@ def _color(model: mujoco.MjModel, geom: int) -> Array:
     return color
 
 
-def _cut(corners: Array, level: float) -> Array | None:
-    """The ends (2, 2) of the line in which a triangle meets a height."""
-    ends = []
-    for a, b in ((0, 1), (1, 2), (2, 0)):
-        p, q = corners[a], corners[b]
-        if (p[2] > level) != (q[2] > level):
-            share = (level - p[2]) / (q[2] - p[2])
-            ends.append((p + (q - p) * share)[:2])
-    return np.array(ends) if len(ends) == 2 else None
+def _window(columns: Array, rows: Array, shape: tuple[int, ...]) -> tuple[slice, slice]:
+    """The part of a picture in which something with these corners, in pixels, can be."""
+    return (
+        slice(max(0, math.floor(rows.min())), min(shape[0], math.ceil(rows.max()) + 1)),
+        slice(max(0, math.floor(columns.min())), min(shape[1], math.ceil(columns.max()) + 1)),
+    )
 
 
 def _dot(
