@@ -11,12 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.importers.assets import AssetLibrary
+from usarsim_server.importers.likely_colors import likely_color
 from usarsim_server.importers.placing import matrix_of_pose
 from usarsim_server.importers.reader import Context
 from usarsim_server.importers.reflect import reflect
 from usarsim_server.importers.scene import (
     Box,
     Brush,
+    Color,
     Light,
     LightKind,
     Material,
@@ -48,6 +50,9 @@ PLACEHOLDER = Box((0.5, 0.5, 0.5))
 
 NO_COLLISION = {"collide_nocollision", "collide_touchall", "collide_touchallbutweapons"}
 """Values of `CollisionType` of what is not solid."""
+
+PLAIN: Color = (0.7, 0.7, 0.7, 1.0)
+"""Of materials of which nothing is known."""
 
 DEFAULT_REACH = 1024.0
 """UU: UE3's radius of a light."""
@@ -259,6 +264,7 @@ class UnrealLevel:
 
     def _materials(self) -> dict[str, Material]:
         materials = dict(self.library.materials)
+        guessed = 0
         used = {p.material: None for brush in self._brushes for p in brush.polygons}
         for thing in self._objects:
             for part in thing.parts:
@@ -269,5 +275,9 @@ class UnrealLevel:
                 picture = self.library.picture(name)
                 if picture is None:
                     self._findings.missing("texture", name)
-                materials[name] = Material(name, texture=picture)
+                color = (picture is None and likely_color(name)) or PLAIN
+                guessed += color is not PLAIN
+                materials[name] = Material(name, color, texture=picture)
+        if guessed:
+            self._findings.fact("materials coloured after their names", guessed)
         return materials
