@@ -115,3 +115,11 @@ class TestPlaces:
             yaw = rpy_from_quaternion(victim.pose.quaternion)[2]
             assert yaw == pytest.approx(math.pi / 2, abs=0.01)
         assert build_world(tmp_path, scene).description.victims[0].name == "V1"
+
+    def test_a_figure_alone_is_a_map(self, tmp_path: Path) -> None:
+        """Who imports the model of a person alone gets its shape, which a world would replace."""
+        figure = shape("<box><size>0.5 0.3 1.7</size></box>", "0 0 0.85 0 0 0")
+        path = write_model(tmp_path, "victim", sdf(model("victimWoman", figure)))
+        scene = read(path if path.suffix == ".sdf" else path / "model.sdf")
+        assert not scene.victims
+        assert [thing.name for thing in scene.objects] == ["victimWoman"]

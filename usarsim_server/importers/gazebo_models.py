@@ -102,6 +102,7 @@ class Models:
         self._unit = unit
         self._documents: dict[Path, Document | None] = {}
         self._bodies: list[Body] = []
+        self._alone: Node | None = None
         self._count = 0
 
     def world(self, document: Document, owner: Node, saved: Mapping[str, Array]) -> list[Body]:
@@ -116,6 +117,8 @@ class Models:
             MapImportError: includes go in a circle, or there are too many.
         """
         scope = Scope(document, owner, self._unit, self._findings)
+        if owner is document.root and len(list(owner.all("model"))) == 1:
+            self._alone = owner.child("model")
         for node in owner.children:
             match node.tag:
                 case "light":
@@ -242,7 +245,7 @@ class Models:
             for link in node.all("link")
         ]
         somebody = person_words(entry.uri, node.get("name"), entry.name)
-        if somebody[0]:
+        if somebody[0] and node is not self._alone:  # who imports a figure wants to see just that
             self._person(name, matrix, links, entry.uri, node.get("name"), entry.name)
             return
         whole.links += links
