@@ -24,6 +24,7 @@ from usarsim_server.protocol.comserver import (
 )
 from usarsim_server.radio.event_log import Event
 from usarsim_server.radio.network import Network
+from usarsim_server.services.limits import READ_COST, InputRates
 from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits
 from usarsim_server.services.radio_watch import RadioWatch
 from usarsim_server.services.relay import dial
@@ -44,6 +45,7 @@ class ComServerLimits:
         ports: that one robot may listen on at a time.
         links: open at a time.
         poll: s of wall time between two looks at the world.
+        rate: messages per wall s of one client in the long run; it is read no faster.
     """
 
     max_connections: int = 64
@@ -51,6 +53,7 @@ class ComServerLimits:
     ports: int = 256
     links: int = 512
     poll: float = 0.25
+    rate: float = 1000.0
 
 
 @dataclass(slots=True, eq=False)
@@ -86,6 +89,7 @@ class ComServerService:
         self.required = required
         self._network = network
         self._limits = limits or ComServerLimits()
+        self._rates = InputRates(self._limits.rate)
         self._log = Log(self.name)
         self._robots: dict[str, _Robot] = {}
         self._links: set[asyncio.Task[None]] = set()
@@ -125,15 +129,16 @@ class ComServerService:
         self._log.info("client connected", connection=peer)
         loop = asyncio.get_running_loop()
         address = client.getpeername()[0]
-        framer = MessageFramer()
+        framer, allowance = MessageFramer(), self._rates.newcomer()
         while chunk := await loop.sock_recv(client, _CHUNK):
-            for message in framer.feed(chunk):
+            messages = framer.feed(chunk)
+            for message in messages:
                 request = comserver.parse_message(message)
                 if not isinstance(request, bytes):
                     request = await self._answer(request, address)
                 await loop.sock_sendall(client, request)
             # Neither call yields while there is data and room.
-            await asyncio.sleep(0)
+            await asyncio.sleep(self._rates.charge(allowance, READ_COST + len(messages)))
         self._log.info("client gone", connection=peer)
 
     async def _answer(self, request: comserver.Request, address: str) -> bytes:

@@ -13,8 +13,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import math
-import select
 import socket
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -23,8 +21,8 @@ from typing import Protocol
 from usarsim_server.logs import Log
 from usarsim_server.protocol.framing import MAX_LINE, LineFramer
 from usarsim_server.protocol.grammar import Command, parse_line
-from usarsim_server.services.limits import TokenBucket, input_cost
-from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits
+from usarsim_server.services.limits import REPLY_PART, InputRates, input_cost
+from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits, hung_up
 from usarsim_server.services.outbox import Outbox, OutboxLimits
 
 __all__ = ["Agent", "AgentFactory", "ControlLimits", "ControlService", "Greeting"]
@@ -33,18 +31,13 @@ _CHUNK = 2048
 """Bytes read at a time. Parsing them holds the event loop for half a millisecond; beside a client
 that floods (180,000 commands a second) another's request is answered within 4 ms. With 4096 it is
 7 ms, with 1024 3 ms at some loss of throughput."""
+_SMALL_CHUNK = 256
+"""The same for a client that has used up its rate: what it is charged for a chunk comes afterwards,
+and somebody who only comes to send one chunk never pays."""
 _LINES_PER_TURN = 32
 """Lines sent to one client before others get their turn."""
 _HANG_UP_POLL = 0.2
 """Seconds between looks for a hang-up while a client's input is not read."""
-_COMMAND_BURST = 2.0
-"""Seconds for which a client that was quiet before may double its rate of commands, at the least:
-what was not used of the rate is kept for so long."""
-_GRANT = 1.0
-"""Seconds' worth of commands that a new client may send at once."""
-_PURSE = 64.0
-"""Grants that can be given at the same time; then one a second. Without a common purse a client
-that comes again and again would get new ones for ever."""
 
 Greeting = Callable[[], bytes]
 """Makes the one line, CR LF included, that every client reads first (protocol reference 1.2)."""
@@ -144,8 +137,7 @@ class ControlService:
         self._agent_factory = agent_factory
         self._limits = limits or ControlLimits()
         self._log = Log(self.name)
-        rate = self._limits.command_rate
-        self._purse = TokenBucket(_GRANT * rate, _PURSE * _GRANT * rate)
+        self._rates = InputRates(self._limits.command_rate)
         self._listener = Listener(
             self.name,
             host,
@@ -181,7 +173,7 @@ class ControlService:
 
     async def _serve(self, client: socket.socket, peer: str) -> None:
         log = self._log.bind(connection=peer)
-        connection = _Connection(client, self._limits, self._allowance(), log)
+        connection = _Connection(client, self._limits, self._rates, log)
         connection.outbox.put_reply(self._greeting())
         try:
             agent = self._agent_factory(peer, connection.outbox, connection.resume)
@@ -200,23 +192,17 @@ class ControlService:
             agent.close()
             log.info(reason, dropped_lines=connection.outbox.dropped)
 
-    def _allowance(self) -> TokenBucket:
-        """The commands that a new client may send."""
-        rate = self._limits.command_rate
-        if math.isinf(rate):
-            return TokenBucket(rate, rate)
-        return TokenBucket(rate, _COMMAND_BURST * rate, start=self._purse.draw(_GRANT * rate))
-
 
 class _Connection:
     """The conversation with one client: a reader and a writer on one socket."""
 
     def __init__(
-        self, client: socket.socket, limits: ControlLimits, allowance: TokenBucket, log: Log
+        self, client: socket.socket, limits: ControlLimits, rates: InputRates, log: Log
     ) -> None:
         self._client = client
         self._limits = limits
-        self._allowance = allowance
+        self._rates = rates
+        self._allowance = rates.newcomer()
         self._log = log
         self._loop = asyncio.get_running_loop()
         self._ended: asyncio.Future[str] = self._loop.create_future()
@@ -225,6 +211,7 @@ class _Connection:
         self._settled = False
         self._heard = self._loop.time()
         self._hurried = False
+        self._replied = 0
         self.outbox = Outbox(self._wake, limits.outbox)
 
     async def run(self, agent: Agent) -> str:
@@ -277,7 +264,7 @@ class _Connection:
                 agent.submit(commands)
             # `sock_recv` does not yield while there is data: let other clients have a turn.
             await asyncio.sleep(0)
-            wait = self._allowance.spend(input_cost(lines, len(commands)))
+            wait = self._rates.charge(self._allowance, self._cost(lines, len(commands)))
             if wait and not await self._hold_back(wait):
                 break
             if agent.backlog > self._limits.backlog_high and not await self._pause(agent):
@@ -288,6 +275,11 @@ class _Connection:
         """Remember what keeps a connection from being idle."""
         self._heard = self._loop.time()
         self._settled = self._settled or any(command.word == "INIT" for command in commands)
+
+    def _cost(self, lines: list[bytes], commands: int) -> float:
+        """What this client has to pay for: a chunk, and the replies since the last one."""
+        replied, self._replied = self._replied, self.outbox.replied
+        return input_cost(lines, commands) + (self._replied - replied) / REPLY_PART
 
     async def _watch_idle(self) -> None:
         """End the connection of a client that wants nothing, as long as it never sent an INIT."""
@@ -309,16 +301,22 @@ class _Connection:
                 "client sends too fast: it is read more slowly", rate=self._limits.command_rate
             )
         until = self._loop.time() + wait
-        while (left := until - self._loop.time()) > 0.0:
-            await asyncio.sleep(min(left, _HANG_UP_POLL))
-            if left > _HANG_UP_POLL and _hung_up(self._client):
-                return False
+        self._rates.waiting += 1
+        try:
+            while (left := until - self._loop.time()) > 0.0:
+                await asyncio.sleep(min(left, _HANG_UP_POLL))
+                if left > _HANG_UP_POLL and hung_up(self._client):
+                    return False
+        finally:
+            self._rates.waiting -= 1
         return True
 
     async def _receive(self) -> bytes:
         """What came next; nothing once the client has closed, half or whole, or reset."""
         try:
-            return await self._loop.sock_recv(self._client, _CHUNK)
+            # A chunk can hold a line in every two bytes.
+            rich = self._allowance.tokens >= _CHUNK // 2
+            return await self._loop.sock_recv(self._client, _CHUNK if rich else _SMALL_CHUNK)
         except OSError as error:
             self._end(f"connection lost: {error.strerror}")
             return b""
@@ -336,7 +334,7 @@ class _Connection:
                 async with asyncio.timeout(_HANG_UP_POLL):
                     await self._backlog_shrank.wait()
             except TimeoutError:
-                if _hung_up(self._client):
+                if hung_up(self._client):
                     return False
         return True
 
@@ -365,10 +363,3 @@ class _Connection:
         if dropped != reported:
             self._log.info("client was too slow: periodic lines dropped", lines=dropped - reported)
         return dropped
-
-
-def _hung_up(client: socket.socket) -> bool:
-    """Whether the client has closed or reset, even if input from before that is still unread."""
-    poll = select.poll()
-    poll.register(client, select.POLLRDHUP)
-    return bool(poll.poll(0))

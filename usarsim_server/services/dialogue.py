@@ -16,6 +16,7 @@ from typing import Protocol
 
 from usarsim_server.errors import UsarsimError
 from usarsim_server.logs import Log
+from usarsim_server.services.limits import InputRates, input_cost
 from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits
 
 __all__ = ["DialogueLimits", "DialogueService", "Framer", "Respond"]
@@ -54,12 +55,14 @@ class DialogueLimits:
         kernel_buffer: bytes per client and direction, before the kernel doubles it.
         together: lines that came together may be answered together; otherwise one by one.
         pause: wall s between two replies to the same client, at the least.
+        rate: requests per wall s of one client in the long run; it is read no faster.
     """
 
     max_connections: int = 64
     kernel_buffer: int = 256 * 1024
     together: bool = True
     pause: float = 0.0
+    rate: float = 1000.0
 
 
 class DialogueService:
@@ -95,6 +98,7 @@ class DialogueService:
         self._respond = respond
         self._limits = limits or DialogueLimits()
         self._log = Log(name)
+        self._rates = InputRates(self._limits.rate)
         self._executor: ThreadPoolExecutor | None = None
         self._listener = Listener(
             name,
@@ -143,6 +147,7 @@ class DialogueService:
     async def _converse(self, client: socket.socket, log: Log) -> None:
         loop = asyncio.get_running_loop()
         framer, discarded = self._framer(), 0
+        allowance = self._rates.newcomer()
         while chunk := await loop.sock_recv(client, _CHUNK):
             lines = framer.feed(chunk)
             if framer.discarded != discarded:
@@ -151,7 +156,7 @@ class DialogueService:
             for batch in self._batches(lines):
                 await self._reply(client, batch)
             # `sock_recv` does not yield while there is data: let other clients have a turn.
-            await asyncio.sleep(0)
+            await asyncio.sleep(self._rates.charge(allowance, input_cost(lines, len(lines))))
 
     def _batches(self, lines: list[bytes]) -> list[list[bytes]]:
         if self._limits.together:

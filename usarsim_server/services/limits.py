@@ -13,7 +13,16 @@ from collections.abc import Callable, Sequence
 
 from usarsim_server.errors import SpawnError
 
-__all__ = ["AddressBuckets", "Clock", "SpawnGate", "TokenBucket", "input_cost"]
+__all__ = [
+    "READ_COST",
+    "REPLY_PART",
+    "AddressBuckets",
+    "Clock",
+    "InputRates",
+    "SpawnGate",
+    "TokenBucket",
+    "input_cost",
+]
 
 Clock = Callable[[], float]
 """Seconds that never go back."""
@@ -21,8 +30,22 @@ Clock = Callable[[], float]
 LONG_PART = 256
 """Bytes of a line that cost as much as a command: parsing them takes as long. Commands of known
 clients are shorter, but for way points."""
+REPLY_PART = 1024
+"""Bytes of replies that cost as much as a command."""
 READ_COST = 0.125
 """Cost of a read call, in commands, so that endless lines and single bytes are not for nothing."""
+COMMAND_BURST = 2.0
+"""Seconds' worth of commands that a client saves up while it sends fewer."""
+GRANT = 1.0
+"""Seconds' worth of commands that a new client may send at once."""
+PURSE = 64.0
+"""Grants that can be given at the same time; then one a second. Without a common purse a client
+that comes again and again would get new ones for ever."""
+FLOODERS = 8.0
+"""Clients that may send at their full rate at the same time; more of them share what these may."""
+LEAST_SHARE = 0.2
+"""Part of its rate that a client has in any case: 200 commands a second, where the busiest client
+of the field sends 180 (protocol reference, addendum)."""
 _MOST_ADDRESSES = 1024
 
 
@@ -157,6 +180,36 @@ class SpawnGate:
         if math.isfinite(self._rate):
             with self._lock:
                 self._buckets[address_of(peer)].give()
+
+
+class InputRates:
+    """How many commands the clients of a service may send. For one thread."""
+
+    def __init__(self, rate: float, clock: Clock = time.monotonic) -> None:
+        """Nobody has come yet.
+
+        Args:
+            rate: commands per s of one client in the long run; infinity for any number.
+            clock: see `Clock`.
+        """
+        self.rate = rate
+        self.waiting = 0
+        """Number of clients that have to wait just now, because they sent too many."""
+        self._clock = clock
+        self._purse = TokenBucket(GRANT * rate, PURSE * GRANT * rate, clock=clock)
+
+    def newcomer(self) -> TokenBucket:
+        """The commands of a new client."""
+        if math.isinf(self.rate):
+            return TokenBucket(self.rate, self.rate, clock=self._clock)
+        grant = self._purse.draw(GRANT * self.rate)
+        return TokenBucket(self.rate, COMMAND_BURST * self.rate, start=grant, clock=self._clock)
+
+    def charge(self, client: TokenBucket, cost: float) -> float:
+        """Let a client pay for what it sent; returns s until it may go on, 0 for at once."""
+        debt = client.spend(cost) * client.rate if math.isfinite(self.rate) else 0.0
+        client.rate = self.rate * min(1.0, max(LEAST_SHARE, FLOODERS / max(1, self.waiting)))
+        return debt / client.rate
 
 
 def address_of(peer: str) -> str:

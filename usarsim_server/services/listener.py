@@ -13,6 +13,7 @@ import errno
 import ipaddress
 import math
 import os
+import select
 import socket
 from collections import Counter
 from collections.abc import Awaitable, Callable
@@ -22,7 +23,7 @@ from usarsim_server.errors import ServiceError
 from usarsim_server.logs import Log
 from usarsim_server.services.limits import AddressBuckets, TokenBucket
 
-__all__ = ["Endpoint", "Handler", "Listener", "ListenerLimits"]
+__all__ = ["Endpoint", "Handler", "Listener", "ListenerLimits", "hung_up"]
 
 Handler = Callable[[socket.socket, str], Awaitable[None]]
 """Serves one client: a non-blocking socket for the `loop.sock_*` calls, and the peer `host:port`.
@@ -55,6 +56,8 @@ _FAILURE_PAUSE = 1.0
 _REFUSAL_PAUSE = 0.002
 """Seconds between refusing one client and looking for the next: somebody who does nothing but knock
 keeps the loop busy for a small part of its time."""
+_QUEUE_POLL = 0.05
+"""Seconds between looks whether a client that waits for its turn is still there."""
 _STOP_TIMEOUT = 2.0
 """Seconds that handlers get to end after their cancellation; the process has three in all."""
 
@@ -275,9 +278,12 @@ class Listener:
             self._log.warning(f"connection refused: {reason}", connection=peer, limit=limit)
             client.close()
             return False
+        delay = self._arrivals[host].spend()
+        if delay and hung_up(client):  # one that only knocks takes nobody's place
+            client.close()
+            return False
         self._connections += 1
         self._by_address[host] += 1
-        delay = self._arrivals[host].spend()
         task = clients.create_task(self._serve(client, peer, delay), name=f"{self._name}-{peer}")
         # Not a `finally` in the coroutine: one that is cancelled before its first step runs none.
         task.add_done_callback(lambda _: self._release(client, host))
@@ -308,7 +314,8 @@ class Listener:
                     connection=peer,
                     rate=self._limits.arrival_rate,
                 )
-                await asyncio.sleep(delay)
+                if not await _stays(client, delay):
+                    return
             await self._handler(client, peer)
         except OSError as error:
             self._log.debug("connection lost", connection=peer, reason=error)
@@ -321,6 +328,24 @@ class Listener:
         if not self._by_address[host]:
             del self._by_address[host]
         client.close()
+
+
+async def _stays(client: socket.socket, delay: float) -> bool:
+    """Wait so many seconds; False as soon as the client has gone."""
+    loop = asyncio.get_running_loop()
+    until = loop.time() + delay
+    while (left := until - loop.time()) > 0.0:
+        if hung_up(client):
+            return False
+        await asyncio.sleep(min(left, _QUEUE_POLL))
+    return True
+
+
+def hung_up(client: socket.socket) -> bool:
+    """Whether the client has closed or reset, even if input from before that is still unread."""
+    poll = select.poll()
+    poll.register(client, select.POLLRDHUP)
+    return bool(poll.poll(0))
 
 
 def format_address(host: str, port: int) -> str:

@@ -62,6 +62,7 @@ class Outbox:
         self._stream: deque[tuple[int, bytes]] = deque()
         self._reply_bytes = 0
         self._stream_bytes = 0
+        self._replied = 0
         self._dropped = 0
         self._called = False
         self._closed = False
@@ -79,6 +80,7 @@ class Outbox:
                 return
             self._replies.append((self._number(), line))
             self._reply_bytes += len(line)
+            self._replied += len(line)
             if self._replies_overflow():
                 self._shut(f"{len(self._replies)} replies wait and the client does not read")
                 call = True
@@ -149,6 +151,11 @@ class Outbox:
     def dropped(self) -> int:
         """Number of streamed lines dropped so far."""
         return self._dropped
+
+    @property
+    def replied(self) -> int:
+        """Bytes of all replies put so far."""
+        return self._replied
 
     @property
     def waiting_bytes(self) -> int:

@@ -23,6 +23,7 @@ from usarsim_server.protocol.framing import LineFramer
 from usarsim_server.protocol.wireless import Reason, Request
 from usarsim_server.radio.event_log import Event
 from usarsim_server.radio.network import Departure, Network
+from usarsim_server.services.limits import READ_COST, InputRates, input_cost
 from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits
 from usarsim_server.services.radio_watch import RadioWatch
 from usarsim_server.services.relay import Road
@@ -51,12 +52,14 @@ class WirelessLimits:
         ports: relay ports at a time; beyond it DNS fails as in a system without free ports.
         ports_per_robot: of these for one asking robot.
         poll: s of wall time between two looks at the world.
+        rate: requests per wall s of one client in the long run; it is read no faster.
     """
 
     max_connections: int = 64
     ports: int = 2048
     ports_per_robot: int = 256
     poll: float = 0.25
+    rate: float = 1000.0
 
 
 @dataclass(slots=True, eq=False)
@@ -105,6 +108,7 @@ class WirelessService:
         self._truth = truth
         self._road = road or Road()
         self._limits = limits or WirelessLimits()
+        self._rates = InputRates(self._limits.rate)
         self._log = Log(self.name)
         self._members: dict[str, _Member] = {}
         self._links: set[asyncio.Task[None]] = set()
@@ -156,10 +160,12 @@ class WirelessService:
         loop = asyncio.get_running_loop()
         framer = LineFramer(wireless.MAX_LINE)
         talk = _Talk(client, client.getpeername()[0])
+        allowance = self._rates.newcomer()
         try:
             while chunk := await loop.sock_recv(client, _CHUNK):
                 lines = framer.feed(chunk)
                 if not lines:
+                    await asyncio.sleep(self._rates.charge(allowance, READ_COST))
                     continue
                 if talk.truth is None:
                     talk.truth = wireless.asks_for_ground_truth(lines[0])
@@ -170,7 +176,7 @@ class WirelessService:
                     reply = b"".join([await self._answer(line, talk) for line in lines])
                 await loop.sock_sendall(client, reply)
                 # Neither call yields while there is data and room.
-                await asyncio.sleep(0)
+                await asyncio.sleep(self._rates.charge(allowance, input_cost(lines, len(lines))))
         except UsarsimError as error:
             log.warning("connection closed: the simulation has ended", reason=error)
         finally:
