@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from usarsim_server import __version__
+from usarsim_server.cli.bench_peers import add_peers
 from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_server.errors import UsarsimError
 from usarsim_tools.bench.figures import Plan, Report
@@ -32,9 +33,10 @@ def add_parser(subparsers: Subparsers) -> None:
     )
     _add_options(parser)
     kinds = parser.add_subparsers(title="measurements", metavar="MEASUREMENT")
-    _add_measurement(kinds, "all", "all of the following but fidelity (the default)")
+    _add_measurement(kinds, "all", "all of the following but peers and fidelity (the default)")
     for name, (_, help_text) in MEASUREMENTS.items():
         _add_measurement(kinds, name, help_text)
+    add_peers(kinds, lambda parser: _add_options(parser, world=False), _hand_out)
     # Without a prefix that could mark an option everything behind `fidelity` is taken as it is.
     fidelity = kinds.add_parser(
         "fidelity", help="the robots' motion against theory", add_help=False, prefix_chars="\0"
@@ -57,6 +59,10 @@ def run(arguments: argparse.Namespace) -> int:
         say=_say,
     )
     report = take(tuple(MEASUREMENTS) if name == "all" else (name,), plan, __version__)
+    return _hand_out(report, arguments)
+
+
+def _hand_out(report: Report, arguments: argparse.Namespace) -> int:
     print(as_text(report))
     _write(report, getattr(arguments, "json", None), as_json)
     _write(report, getattr(arguments, "markdown", None), as_markdown)
@@ -71,7 +77,7 @@ def _add_measurement(kinds: Subparsers, name: str, help_text: str) -> None:
     parser.set_defaults(measurement=name)
 
 
-def _add_options(parser: argparse.ArgumentParser) -> None:
+def _add_options(parser: argparse.ArgumentParser, world: bool = True) -> None:
     # No defaults here: those of a subparser would replace what stood before its name.
     def add(flag: str, metavar: str, kind: Callable[[str], object], help_text: str) -> None:
         parser.add_argument(
@@ -80,7 +86,8 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
 
     add("--robots", "N", _robots, f"size of the team, 1 to {_MOST_ROBOTS} (default: its own)")
     add("--seconds", "S", _seconds, "length of each measurement (default: its own)")
-    add("--world", "NAME|PATH", str, "world to measure in (default arena)")
+    if world:
+        add("--world", "NAME|PATH", str, "world to measure in (default arena)")
     add("--json", "FILE", Path, "write the report as JSON too")
     add("--markdown", "FILE", Path, "write the report as Markdown too")
 

@@ -22,8 +22,9 @@ def as_text(report: Report) -> str:
     parts = ["\n".join(f"{name.ljust(width)}  {value}" for name, value in report.facts)]
     for section in report.sections:
         setting = textwrap.fill(section.setting, _WIDTH)
-        body = _failure(section) or f"{setting}\n{_columns(_rows(section))}"
-        parts.append(f"{section.title}\n{body}")
+        if section.figures:
+            setting += f"\n{_columns(_rows(section))}"
+        parts.append(f"{section.title}\n{_failure(section) or setting}")
     return "\n\n".join([*parts, _summary(report)])
 
 
@@ -36,7 +37,8 @@ def as_markdown(report: Report) -> str:
             parts.append(_failure(section))
             continue
         parts.append(section.setting)
-        parts.append(_markdown_table(("Figure", "Value", "Unit", "Aim", ""), _rows(section)))
+        if section.figures:
+            parts.append(_markdown_table(("Figure", "Value", "Unit", "Aim", ""), _rows(section)))
     return "\n\n".join([*parts, _summary(report)]) + "\n"
 
 

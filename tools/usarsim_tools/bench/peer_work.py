@@ -1,0 +1,252 @@
+"""The work that every simulator is given: a world of boxes, robots, a laser, wheel speeds.
+
+One JSON text says all of it, so that a workload script of another simulator needs nothing of ours,
+and our own server is given the same: `write_world` and `write_robots` make its files.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import random
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+__all__ = [
+    "LASER_RATE",
+    "MOST",
+    "ROVER",
+    "Box",
+    "Work",
+    "arena",
+    "plan_work",
+    "write_robots",
+    "write_world",
+]
+
+HALF_X, HALF_Y = 12.0, 10.0
+"""m: half of the hall's inner length and width, those of the shipped arena."""
+WALL, HEIGHT = 0.2, 1.2
+"""m: thickness and height of walls."""
+CRATE = 0.5
+"""m: edge of a crate; crates do not move, since not every simulator could move them."""
+COLUMNS, ROWS = 8, 8
+"""Cells of the hall; a robot starts in each."""
+MOST = COLUMNS * ROWS
+WALL_CHANCE, CRATE_CHANCE = 0.35, 0.6
+GAP = 0.15
+"""Part of a wall between two cells that is left open at either end."""
+
+ROVER = "PeerRover"
+"""Class of our robot in this comparison: the P3AT of 0.8 m/s with nothing but a laser."""
+RADIUS, WIDTH, WHEEL_MASS = 0.098, 0.08, 0.1
+WHEELS = ((0.124, 0.18), (0.124, -0.18), (-0.124, 0.18), (-0.124, -0.18))
+"""m: centres, x forward and y left, left wheels first in either pair (robots reference 1.2)."""
+AXLE_TO_CHASSIS = 0.078
+"""m from the axles up to the centre of the chassis."""
+CHASSIS = (0.58, 0.26, 0.14)
+CHASSIS_MASS = 11.5
+HOUSING, HOUSING_FORWARD = (0.14, 0.14, 0.16), 0.15
+"""m: the laser's housing, on top of the chassis; other robots' lasers see it."""
+TOP_SPEED = 8.17
+"""rad/s, which is 0.80 m/s."""
+TORQUE = 10.0
+"""N m of a wheel, at most, in simulators that ask."""
+FLOOR_FRICTION = 1.0
+
+BEAMS, FOV, REACH, LASER_RATE = 181, math.pi, 20.0, 10.0
+LASER = (0.2085, 0.346)
+"""m: forward of the robot's middle and above the floor."""
+
+COMMAND_PERIOD = 0.5
+"""Simulated s between two commands to a robot."""
+WARM_UP = 1.0
+"""Simulated s before the measurement begins."""
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """Something upright that does not move.
+
+    Attributes:
+        center: x, y, z of its middle, m.
+        half: half of its edges, m.
+        yaw: rad, anticlockwise.
+    """
+
+    center: tuple[float, float, float]
+    half: tuple[float, float, float]
+    yaw: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Work:
+    """Everything that a run is told.
+
+    Attributes:
+        robots: how many.
+        seconds: simulated s to measure.
+        wall_limit: s of wall time after which a run that is slow may stop early.
+        warm_up: simulated s before.
+        half_x, half_y: of the hall, which is centred on the origin, m.
+        boxes: walls and crates.
+        starts: x, y (m), yaw (rad) of each robot.
+        commands: for every `command_period` of simulated time from the start of the warm-up, each
+            robot's left and right wheel speed, rad/s; begins again when it is at its end.
+    """
+
+    robots: int
+    seconds: float
+    wall_limit: float
+    warm_up: float
+    half_x: float
+    half_y: float
+    boxes: tuple[Box, ...]
+    starts: tuple[tuple[float, float, float], ...]
+    command_period: float
+    commands: tuple[tuple[tuple[float, float], ...], ...]
+
+    def as_json(self) -> str:
+        """One JSON object with the attributes, and what the robots and their lasers are like."""
+        robot = {
+            "chassis": CHASSIS,
+            "chassis_mass": CHASSIS_MASS,
+            "chassis_height": RADIUS + AXLE_TO_CHASSIS,
+            "housing": HOUSING,
+            "housing_forward": HOUSING_FORWARD,
+            "wheels": WHEELS,
+            "wheel_radius": RADIUS,
+            "wheel_width": WIDTH,
+            "wheel_mass": WHEEL_MASS,
+            "wheel_torque": TORQUE,
+            "track": 2.0 * WHEELS[0][1],
+            "top_speed": TOP_SPEED,
+            "friction": FLOOR_FRICTION,
+        }
+        laser = {
+            "beams": BEAMS,
+            "fov": FOV,
+            "range": REACH,
+            "rate": LASER_RATE,
+            "forward": LASER[0],
+            "height": LASER[1],
+        }
+        return json.dumps({**asdict(self), "robot": robot, "laser": laser})
+
+
+def arena(seed: int = 0) -> tuple[Box, ...]:
+    """The hall: four outer walls, walls between some of the cells, crates in corners of cells."""
+    dice = random.Random(f"arena {seed}")
+    boxes = [
+        Box((0.0, side * (HALF_Y + WALL / 2), HEIGHT / 2), (HALF_X + WALL, WALL / 2, HEIGHT / 2))
+        for side in (-1.0, 1.0)
+    ]
+    boxes += [
+        Box((side * (HALF_X + WALL / 2), 0.0, HEIGHT / 2), (WALL / 2, HALF_Y, HEIGHT / 2))
+        for side in (-1.0, 1.0)
+    ]
+    long, wide = 2.0 * HALF_X / COLUMNS, 2.0 * HALF_Y / ROWS
+    for column in range(COLUMNS):
+        for row in range(ROWS):
+            x, y = _middle(column, row)
+            if column + 1 < COLUMNS and dice.random() < WALL_CHANCE:
+                half = (WALL / 2, (0.5 - GAP) * wide, HEIGHT / 2)
+                boxes.append(Box((x + long / 2, y, HEIGHT / 2), half))
+            if row + 1 < ROWS and dice.random() < WALL_CHANCE:
+                half = ((0.5 - GAP) * long, WALL / 2, HEIGHT / 2)
+                boxes.append(Box((x, y + wide / 2, HEIGHT / 2), half))
+            if dice.random() < CRATE_CHANCE:
+                corner = (x - 0.3 * long, y - 0.3 * wide, CRATE / 2)
+                boxes.append(Box(corner, (CRATE / 2,) * 3, dice.uniform(0.0, math.pi / 2)))
+    return tuple(boxes)
+
+
+def _middle(column: int, row: int) -> tuple[float, float]:
+    return (
+        (column + 0.5) * 2.0 * HALF_X / COLUMNS - HALF_X,
+        (row + 0.5) * 2.0 * HALF_Y / ROWS - HALF_Y,
+    )
+
+
+def plan_work(robots: int, seconds: float, wall_limit: float, seed: int = 0) -> Work:
+    """The work for a team; equal arguments give equal work.
+
+    Raises:
+        ValueError: if there are more robots than cells.
+    """
+    if not 1 <= robots <= MOST:
+        raise ValueError(f"robots must be from 1 to {MOST}, not {robots}")
+    dice = random.Random(f"work {seed}")
+    cells = [(column, row) for column in range(COLUMNS) for row in range(ROWS)]
+    dice.shuffle(cells)
+    starts = [(*_middle(*cell), dice.uniform(-math.pi, math.pi)) for cell in cells[:robots]]
+    periods = math.ceil((WARM_UP + seconds) / COMMAND_PERIOD)
+    commands = [tuple((_speed(dice), _speed(dice)) for _ in range(robots)) for _ in range(periods)]
+    return Work(
+        robots=robots,
+        seconds=seconds,
+        wall_limit=wall_limit,
+        warm_up=WARM_UP,
+        half_x=HALF_X,
+        half_y=HALF_Y,
+        boxes=arena(seed),
+        starts=tuple(starts),
+        command_period=COMMAND_PERIOD,
+        commands=tuple(commands),
+    )
+
+
+def _speed(dice: random.Random) -> float:
+    return round(dice.uniform(-TOP_SPEED, TOP_SPEED), 3)
+
+
+def write_world(folder: Path, work: Work) -> Path:
+    """Write the work's hall as a world folder of our server; returns it."""
+    world = folder / "peer_arena"
+    world.mkdir(parents=True, exist_ok=True)
+    geoms = [
+        f'    <geom type="box" pos="{_numbers(box.center)}" size="{_numbers(box.half)}" '
+        f'euler="0 0 {math.degrees(box.yaw):.9g}"/>\n'
+        for box in work.boxes
+    ]
+    (world / "scene.xml").write_text(
+        '<mujoco model="peer_arena">\n  <worldbody>\n'
+        f'    <geom type="plane" size="0 0 1" friction="{FLOOR_FRICTION:g}"/>\n'
+        f"{''.join(geoms)}  </worldbody>\n</mujoco>\n",
+        encoding="utf-8",
+    )
+    starts = [
+        f'[[start]]\ntag = "Start{number}"\nposition = [{x:.9g}, {y:.9g}, 0.25]\n'
+        f"yaw_degrees = {math.degrees(yaw):.9g}\n"
+        for number, (x, y, yaw) in enumerate(work.starts, start=1)
+    ]
+    bounds = f"{work.half_x:.9g}, {work.half_y:.9g}"
+    (world / "world.toml").write_text(
+        'title = "Hall of the comparison"\n[bounds]\n'
+        f"lower = [-{bounds.replace(', ', ', -')}, -2.0]\nupper = [{bounds}, 30.0]\n"
+        f"{''.join(starts)}",
+        encoding="utf-8",
+    )
+    return world
+
+
+def write_robots(folder: Path) -> Path:
+    """Write our robot class of the comparison, `ROVER`, into a folder; returns it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / f"{ROVER}.toml").write_text(_rover(), encoding="utf-8")
+    return folder
+
+
+def _rover() -> str:
+    names = ["GndTruth", "InsTest", "TachTest", "W1", "W2", "battery", "Odometer", "Camera"]
+    names += [f"{end}{number}" for end in "FR" for number in range(1, 9)]
+    return (
+        f'name = "{ROVER}"\nextends = "P3AT"\nwithout = {json.dumps(names)}\nsensor = [\n'
+        f'  {{ type = "SICK", name = "lms200", position = [{LASER[0]}, 0, -0.2], '
+        f"max_range = {REACH}, interval = {1.0 / LASER_RATE:g} }},\n]\n"
+        f"[drive]\nmax_wheel_speed = {TOP_SPEED}\n"
+    )
+
+
+def _numbers(values: tuple[float, ...]) -> str:
+    return " ".join(f"{value:.9g}" for value in values)
