@@ -6,16 +6,13 @@ there, finite, and of the right kind.
 
 from __future__ import annotations
 
-import json
-import math
 import os
 import signal
 from pathlib import Path
-from typing import Any
 
 import pytest
+from bench_runs import measured
 
-from usarsim_server.cli import main
 from usarsim_tools.bench import latency, memory, sensors, spawn, team
 from usarsim_tools.bench.errors import BenchError
 from usarsim_tools.bench.server import Server
@@ -27,19 +24,6 @@ def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
     for module in (team, latency, spawn, memory):
         monkeypatch.setattr(module, "SETTLE", 0.3)
     monkeypatch.setattr(spawn, "NEW_CLASSES", ("P2AT",))
-
-
-def measured(tmp_path: Path, name: str, seconds: float) -> dict[str, dict[str, Any]]:
-    """Figures of one measurement by name, as the JSON file has them."""
-    file = tmp_path / f"{name}.json"
-    words = ["--robots", "2", "--seconds", str(seconds), "--world", "empty", "--json", str(file)]
-    assert main(["bench", name, *words]) == 0
-    sections = json.loads(file.read_text())["sections"]
-    assert [section["key"] for section in sections] == [name]
-    figures = {figure["name"]: figure for figure in sections[0]["figures"]}
-    assert len(figures) == len(sections[0]["figures"])
-    assert all(math.isfinite(figure["value"]) for figure in figures.values())
-    return figures
 
 
 @pytest.mark.usefixtures("hurried")

@@ -91,6 +91,19 @@ class TestChurn:
             assert churn(StandIn(), crowd, 0.1, seed=1).silent == 1  # type: ignore[arg-type]
 
 
+class TestTrend:
+    def test_is_that_of_the_second_half(self) -> None:
+        """While classes still get their slots memory may grow; afterwards it may not."""
+        growing = [(float(n), 1000.0 * min(n, 50)) for n in range(100)]
+        assert memory.slope(growing, 100.0) == pytest.approx(0.0)
+        leaking = [(float(n), 1000.0 * min(n, 50) + 3.0 * n) for n in range(100)]
+        assert memory.slope(leaking, 100.0) == pytest.approx(3.0)
+
+    def test_needs_two_looks(self) -> None:
+        """In a very short run there is no trend."""
+        assert memory.slope([(0.0, 5.0), (0.9, 7.0)], 1.0) == 0.0
+
+
 class TestGivingBack:
     def test_waits_until_everything_is_back(self) -> None:
         """It looks again as long as threads or descriptors are missing."""

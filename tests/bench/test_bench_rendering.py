@@ -11,6 +11,7 @@ import pytest
 from usarsim_server.cameras.painter import Painter, PainterOptions
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.validation import rendering as instrument
+from usarsim_server.validation.bare_renderer import BareRenderer
 from usarsim_tools.bench.errors import BenchError
 from usarsim_tools.bench.figures import Plan
 from usarsim_tools.bench.rendering import measure_rendering
@@ -81,9 +82,9 @@ def test_bare_and_server_draw_the_same() -> None:
             pytest.skip("no OpenGL library on this machine")
         eye = painter.place(assembly.board.views[0], snapshot, 320, 240)
         assert eye is not None
-        bare = instrument._Bare(painter.renderer, assembly, snapshot, eye)
-        theirs = np.array(bare.draw()).astype(int)
-        bare.close()
+        compiled = assembly.simulation.compiled(snapshot)
+        with BareRenderer(painter.renderer, compiled, snapshot, eye) as bare:
+            theirs = bare.draw(eye).astype(int)
         ours = painter.tile(eye, snapshot).astype(int)
         painter.close()
     finally:

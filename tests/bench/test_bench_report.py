@@ -128,6 +128,35 @@ class TestMarkdown:
         assert "| Use | 12,345.7 | cores | < 1.2 | MISSED |" in as_markdown(report(BAD))
 
 
+class TestAllAims:
+    SECTIONS = (
+        Section("a", "One", "So.", (GOOD, PLAIN)),
+        Section("b", "Two", "So.", (BAD,)),
+        Section("c", "Three", "So.", (PLAIN,)),
+    )
+    MANY = Report(MACHINE, datetime(2026, 1, 2, tzinfo=UTC), SECTIONS)
+
+    def test_stand_in_one_table(self) -> None:
+        """Of several sections everything that has an aim is found at a glance, and only that."""
+        table = as_markdown(self.MANY).split("## All aims\n\n")[1].split("\n\n")[0]
+        assert table.splitlines() == [
+            "| What | Measured | Aim |  |",
+            "| --- | --- | --- | --- |",
+            "| One: Factor | 0.9994 | >= 0.999 | met |",
+            "| Two: Use | 12,345.7 cores | < 1.2 | MISSED |",
+        ]
+
+    def test_end_the_text(self) -> None:
+        """On a terminal the last lines are those that are looked at first."""
+        last = as_text(self.MANY).split("All aims\n")[1].splitlines()
+        assert [line.split(":")[0].strip() for line in last[:2]] == ["One", "Two"]
+        assert last[-1] == "1 of 2 aims met."
+
+    def test_of_one_section_are_not_repeated(self) -> None:
+        """A single table needs no second one."""
+        assert "All aims" not in as_text(report(GOOD)) + as_markdown(report(GOOD))
+
+
 class TestJson:
     def test_is_read_back(self) -> None:
         """Values keep their full precision, aims and verdicts are there."""

@@ -87,7 +87,7 @@ class TestScene:
         inside: list[object] = []
 
         def fail() -> None:
-            with instrument._halves_timed(Stopwatch()):
+            with instrument.halves_timed(Stopwatch()):
                 inside.extend(getattr(mujoco, name) for name in HALVES)
                 raise ZeroDivisionError
 

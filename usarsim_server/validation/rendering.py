@@ -17,7 +17,6 @@ per second, the age of a frame when its watcher is told, and the real-time facto
 from __future__ import annotations
 
 import argparse
-import importlib
 import json
 import math
 import sys
@@ -25,17 +24,12 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from statistics import median
-from typing import Any
 
-import mujoco
 import numpy as np
 
 from usarsim_server.app import Assembly, assemble
-from usarsim_server.cameras.backend import NEAR
 from usarsim_server.cameras.encoding import Encoder
-from usarsim_server.cameras.gl import QUADS, SLICES, STACKS
 from usarsim_server.cameras.painter import Painter, PainterOptions
-from usarsim_server.cameras.stage import Stage
 from usarsim_server.cameras.view import Frame
 from usarsim_server.cameras.viewpoint import Eye, View
 from usarsim_server.protocol.images import NORMAL
@@ -44,6 +38,7 @@ from usarsim_server.settings import Settings
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.rays import RayFan
 from usarsim_server.simulation.snapshot import Snapshot
+from usarsim_server.validation.bare_renderer import BareRenderer
 from usarsim_server.worlds.description import Smoke
 
 __all__ = ["Costs", "Watched", "main", "measure_costs", "measure_watched"]
@@ -138,8 +133,8 @@ def _costs(assembly: Assembly, snapshot: Snapshot) -> Costs:
     works |= _depth_works(assembly, plain, snapshot, eye)
     bare = None
     if plain.renderer != "rays":
-        bare = _Bare(plain.renderer, assembly, snapshot, eye)
-        works["bare"] = bare.draw
+        bare = BareRenderer(plain.renderer, assembly.simulation.compiled(snapshot), snapshot, eye)
+        works["bare"] = lambda: bare.draw(eye)
     spent = _in_turns(works)
     for painter in painters.values():
         painter.close()
@@ -170,43 +165,6 @@ def _depth_works(
         "depth_rendered": lambda: painter.picture(image, snapshot),
         "depth_rays": lambda: assembly.simulation.cast([fan], snapshot, robot),
     }
-
-
-class _Bare:
-    """`mujoco.Renderer` as anybody would use it."""
-
-    def __init__(self, platform: str, assembly: Assembly, snapshot: Snapshot, eye: Eye) -> None:
-        # The platform that mujoco took when it was imported may not be the one that works here.
-        renderer = importlib.import_module("mujoco.rendering.classic.renderer")
-        context: Any = importlib.import_module(f"mujoco.{platform}").GLContext
-        renderer.gl_context.GLContext = context
-        stage = Stage(assembly.simulation.compiled(snapshot))
-        stage.show(snapshot)
-        quality = stage.model.vis.quality
-        quality.shadowsize = quality.offsamples = 0
-        quality.numslices, quality.numstacks, quality.numquads = SLICES, STACKS, QUADS
-        tall = math.atan(eye.slope * eye.height / eye.width)
-        stage.model.vis.global_.fovy = math.degrees(2.0 * tall)
-        stage.model.vis.map.znear = NEAR / stage.model.stat.extent
-        ahead = eye.pose.rotate((1.0, 0.0, 0.0))
-        self._camera = camera = mujoco.MjvCamera()
-        camera.lookat = np.add(eye.pose.position, ahead)
-        camera.distance = 1.0
-        camera.azimuth = math.degrees(math.atan2(ahead[1], ahead[0]))
-        camera.elevation = math.degrees(math.asin(ahead[2]))
-        self._data = stage.data
-        self._renderer = mujoco.Renderer(stage.model, eye.height, eye.width)
-        for flag in ("mjRND_REFLECTION", "mjRND_SHADOW"):
-            self._renderer.scene.flags[getattr(mujoco.mjtRndFlag, flag)] = 0
-
-    def draw(self) -> object:
-        """One picture."""
-        self._renderer.update_scene(self._data, self._camera)
-        return self._renderer.render()
-
-    def close(self) -> None:
-        """Give everything back."""
-        self._renderer.close()
 
 
 def _in_turns(works: dict[str, Callable[[], object]]) -> dict[str, float]:

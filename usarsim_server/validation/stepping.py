@@ -31,16 +31,16 @@ import numpy as np
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.fleet import robot_model
 from usarsim_server.robots.roster import load_roster
+from usarsim_server.simulation.clockwork import BATCH_STEPS
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.model import PhysicsOptions
 from usarsim_server.simulation.placement import Placement
-from usarsim_server.simulation.simulation import BATCH_STEPS
 from usarsim_server.worlds.catalog import find_world
 from usarsim_server.worlds.description import WorldDescription
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.scene import build_scene
 
-__all__ = ["Stepping", "Stopwatch", "main", "measure"]
+__all__ = ["Stepping", "Stopwatch", "halves_timed", "main", "measure", "with_velocity_actuators"]
 
 ROBOT_CLASS = "P3AT"
 CHUNK_STEPS = 24
@@ -165,7 +165,7 @@ class Stopwatch:
 
 
 @contextmanager
-def _halves_timed(watch: Stopwatch) -> Iterator[None]:
+def halves_timed(watch: Stopwatch) -> Iterator[None]:
     """While inside, the two half steps of MuJoCo are timed, whoever in this process calls them."""
     originals = {name: getattr(mujoco, name) for name in HALVES}
     try:
@@ -190,7 +190,7 @@ class _Scene:
         self._engine = _engine(world, description, robots)
         self._twin = _engine(world, description, robots)
         self._watch = Stopwatch()
-        self._plain = _with_velocity_actuators(self._engine, description.drive.servo_gain)
+        self._plain = with_velocity_actuators(self._engine, description.drive.servo_gain)
         self._bare = mujoco.MjData(self._plain)
         self._turns = 0
         for robot in self._robots:
@@ -245,7 +245,7 @@ class _Scene:
         """
         seconds = _timed(lambda: _advance(self._engine))
         self._watch.reset()
-        with _halves_timed(self._watch):
+        with halves_timed(self._watch):
             _advance(self._twin)
         if self._watch.calls != len(HALVES) * CHUNK_STEPS:
             raise RuntimeError("the engine does not step by two halves")
@@ -274,7 +274,7 @@ def _engine(world: WorldDescription, description: RobotDescription, robots: int)
     return engine
 
 
-def _with_velocity_actuators(engine: Engine, gain: float) -> mujoco.MjModel:
+def with_velocity_actuators(engine: Engine, gain: float) -> mujoco.MjModel:
     """The engine's model with the wheels driven as plain MuJoCo does it, gain in N m s/rad."""
     model = engine.world.model.__copy__()
     for layout in engine.world.layouts:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Literal
@@ -122,6 +122,7 @@ class Plan:
         world: name or folder of the world.
         seed: of the clients' behaviour.
         say: told what goes on while it takes its time.
+        brief: only to see whether something is badly wrong: of several sizes one is enough.
     """
 
     robots: int | None = None
@@ -129,3 +130,15 @@ class Plan:
     world: str = "arena"
     seed: int = 0
     say: Callable[[str], None] = _silent
+    brief: bool = False
+
+    def sizes(self, usual: Sequence[int], brief: int) -> tuple[int, ...]:
+        """Sizes of the teams to measure: the one asked for, else the usual ones.
+
+        Args:
+            usual: the measurement's own.
+            brief: the one of them that is enough if it is to be brief.
+        """
+        if self.robots is not None:
+            return (self.robots,)
+        return (brief,) if self.brief else tuple(usual)

@@ -11,11 +11,13 @@ from usarsim_tools.bench.figures import Aim, Figure, Plan, Section
 from usarsim_tools.bench.procfs import Usage
 from usarsim_tools.bench.server import Server
 from usarsim_tools.bench.statistics import trend
-from usarsim_tools.bench.team import MIB, ROBOTS, SETTLE
+from usarsim_tools.bench.swarm import TOGETHER
+from usarsim_tools.bench.team import MIB, SETTLE, gather
 
-__all__ = ["Churn", "churn", "measure_memory"]
+__all__ = ["Churn", "churn", "measure_memory", "slope"]
 
-SECONDS = 60.0
+ROBOTS = 64
+SECONDS = 600.0
 CLASSES = (DEFAULT_CLASS, "P2AT")
 """Classes that come and go; more than one, so that the model has to grow for each."""
 PAUSE = 0.25
@@ -28,8 +30,12 @@ the renderer of its cameras gets ready after READY."""
 PATIENCE = 5.0
 """s after the last departure in which threads and descriptors have to be given back."""
 
-RESIDENT_AIM = Aim("<", 400.0)
+RESIDENT_AIM = Aim("<", 700.0)
 LEFT_AIM = Aim("<=", 0)
+TREND_AIM = Aim("<", 0.2)
+"""MiB/min: flat, but for what an allocator takes now and then."""
+LEAST_TREND = 60.0
+"""s of coming and going before there is an aim for the trend: the model still grows at first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +80,12 @@ def _is_silent(controller: Controller, now: float) -> bool:
     return not controller.speaking and controller.joined < now - SPEAKING
 
 
+def slope(resident: list[tuple[float, float]], seconds: float) -> float:
+    """Bytes per second that memory grew by in the second half of so many seconds."""
+    settled = [sample for sample in resident if sample[0] >= seconds / 2.0]
+    return trend(settled) if len(settled) > 1 else 0.0
+
+
 def measure_memory(plan: Plan) -> Section:
     """Memory of a team and after churn; robots come and go for `plan.seconds` of wall time."""
     robots, seconds = plan.robots or ROBOTS, plan.seconds or SECONDS
@@ -81,14 +93,13 @@ def measure_memory(plan: Plan) -> Section:
     with Server(plan.world, robots) as server:
         with Crowd(server.port, plan.seed, keep=False) as crowd:
             empty = _wait_until_settled(server, crowd)
-            for _ in range(robots):
-                crowd.wait_until_speaking([crowd.join()])
+            gather(crowd, robots, (DEFAULT_CLASS,), TOGETHER)
             crowd.run(SETTLE)
             full = server.usage()
             turnover = churn(server, crowd, seconds, plan.seed)
         left = _wait_until_back(server, empty)
-    settled = [sample for sample in turnover.resident if sample[0] >= seconds / 2.0]
-    slope = trend(settled) if len(settled) > 1 else 0.0
+    highest = max(octets for _, octets in turnover.resident)
+    trend_aim = TREND_AIM if seconds >= LEAST_TREND else None
     return Section(
         "memory",
         "Memory, and robots coming and going",
@@ -98,8 +109,15 @@ def measure_memory(plan: Plan) -> Section:
         (
             Figure("Memory without robots", empty.resident / MIB, "MiB", 0),
             Figure(f"Memory with {robots} robots", full.resident / MIB, "MiB", 0, RESIDENT_AIM),
+            Figure("Memory while they come and go, highest", highest / MIB, "MiB", 0, RESIDENT_AIM),
             Figure("Memory after coming and going", left.resident / MIB, "MiB", 0),
-            Figure("Trend of memory while they come and go", 60.0 * slope / MIB, "MiB/min", 2),
+            Figure(
+                "Trend of memory while they come and go",
+                60.0 * slope(turnover.resident, seconds) / MIB,
+                "MiB/min",
+                2,
+                trend_aim,
+            ),
             Figure("Robots that came", turnover.spawned, "", 0),
             Figure("Robots that never spoke", turnover.silent, "", 0, LEFT_AIM),
             Figure("Threads left behind", left.threads - empty.threads, "", 0, LEFT_AIM),

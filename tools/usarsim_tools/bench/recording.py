@@ -7,13 +7,24 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from usarsim_tools.bench.statistics import Sample
 
-__all__ = ["Chunk", "between", "lines", "start_tags", "status_samples", "streams"]
+__all__ = [
+    "Chunk",
+    "between",
+    "first_reading",
+    "lines",
+    "sensor_samples",
+    "start_tags",
+    "status_samples",
+    "stream_of",
+    "streams",
+]
 
 Chunk = tuple[float, bytes]
 """Bytes of one read call and the wall time at which they were there."""
 
 _END = b"\r\n"
 _STATUS_TIME = re.compile(rb"STA .*?\{Time ([0-9.]+)\}")
+_TIMED_SENSOR = re.compile(rb"SEN \{Time ([0-9.]+)\} ?\{Type [^\s{}]+\} ?\{Name ([^\s{}]+)")
 _SENSOR = re.compile(rb"SEN .*?\{Type ([^\s{}]+)\} ?\{Name ([^\s{}]+)")
 _START_POSES = re.compile(r"NFO \{StartPoses \d+\} \{(.*)\}")
 _WORDS_PER_POSE = 3
@@ -38,17 +49,33 @@ def status_samples(chunks: Iterable[Chunk]) -> list[Sample]:
     return samples
 
 
+def sensor_samples(chunks: Iterable[Chunk], name: str) -> list[Sample]:
+    """Arrival and simulated time of every line of one sensor, if its lines tell their time."""
+    samples = []
+    for moment, line in lines(chunks):
+        found = _TIMED_SENSOR.match(line)
+        if found is not None and found[2].decode("latin-1") == name:
+            samples.append((moment, float(found[1])))
+    return samples
+
+
+def first_reading(chunks: Iterable[Chunk]) -> float | None:
+    """Arrival of the first line of any sensor; None if there is none."""
+    return next((moment for moment, line in lines(chunks) if line.startswith(b"SEN ")), None)
+
+
 def streams(chunks: Iterable[Chunk]) -> dict[str, list[float]]:
     """Arrivals of every periodic line: `STA`, and type and first name of each sensor line."""
     found: dict[str, list[float]] = {}
     for moment, line in lines(chunks):
-        name = _stream(line)
+        name = stream_of(line)
         if name is not None:
             found.setdefault(name, []).append(moment)
     return found
 
 
-def _stream(line: bytes) -> str | None:
+def stream_of(line: bytes) -> str | None:
+    """Which periodic line this is: `STA`, or type and first name of a sensor line; else None."""
     if line.startswith(b"STA "):
         return "STA"
     sensor = _SENSOR.match(line)

@@ -17,7 +17,7 @@ _VERDICT = {True: "met", False: "MISSED", None: ""}
 
 
 def as_text(report: Report) -> str:
-    """Plain text with aligned columns."""
+    """Plain text with aligned columns; of several sections the aims stand together once more."""
     width = max(len(name) for name, _ in report.facts)
     parts = ["\n".join(f"{name.ljust(width)}  {value}" for name, value in report.facts)]
     for section in report.sections:
@@ -25,12 +25,17 @@ def as_text(report: Report) -> str:
         if section.figures:
             setting += f"\n{_columns(_rows(section))}"
         parts.append(f"{section.title}\n{_failure(section) or setting}")
+    if len(report.sections) > 1 and (aimed := _aimed(report)):
+        parts.append(f"All aims\n{_columns(aimed)}")
     return "\n\n".join([*parts, _summary(report)])
 
 
 def as_markdown(report: Report) -> str:
-    """Headings and tables; ends with a line feed."""
+    """Headings and tables; of several sections the aims stand together first. Ends with a line
+    feed."""
     parts = ["# Measurements", _markdown_table(("Circumstance", ""), report.facts)]
+    if len(report.sections) > 1 and (aimed := _aimed(report)):
+        parts += ["## All aims", _markdown_table(("What", "Measured", "Aim", ""), aimed)]
     for section in report.sections:
         parts.append(f"## {section.title}")
         if section.failure is not None:
@@ -76,6 +81,16 @@ def _rows(section: Section) -> list[tuple[str, ...]]:
     return [
         (f.name, f.text, f.unit, "" if f.aim is None else str(f.aim), _VERDICT[f.met])
         for f in section.figures
+    ]
+
+
+def _aimed(report: Report) -> list[tuple[str, str, str, str]]:
+    """What has an aim, of all sections: what it is, value with unit, aim, verdict."""
+    return [
+        (f"{section.title}: {f.name}", f"{f.text} {f.unit}".rstrip(), str(f.aim), _VERDICT[f.met])
+        for section in report.sections
+        for f in section.figures
+        if f.aim is not None
     ]
 
 

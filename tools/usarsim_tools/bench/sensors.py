@@ -16,6 +16,7 @@ from pathlib import Path
 from usarsim_tools.bench.crowd import DEFAULT_CLASS, Behaviour, Controller, Crowd, wander
 from usarsim_tools.bench.figures import Aim, Figure, Plan, Section
 from usarsim_tools.bench.recording import Chunk, lines, streams
+from usarsim_tools.bench.robot_files import write_class
 from usarsim_tools.bench.server import SERVE, Server
 from usarsim_tools.bench.statistics import rate
 from usarsim_tools.bench.team import FACTOR_AIM, TeamTrial, load_figures, try_team
@@ -71,18 +72,13 @@ _FRAME = re.compile(rb"SEN .*\{Type RangeImager\}.*\{Frames (\d+)\} \{Frame (\d+
 def write_classes(folder: Path) -> None:
     """Write the robot files of both teams into a folder."""
     every = (_sensor(type_, f"Any{type_}", _NEEDED.get(type_, "")) for type_ in SENSOR_TYPES)
-    _write_class(folder, EVERYTHING, every)
-    _write_class(folder, LASER, [_sensor("RangeScanner", LASER, _LASER_KEYS)])
+    write_class(folder, EVERYTHING, sensors=every)
+    write_class(folder, LASER, sensors=[_sensor("RangeScanner", LASER, _LASER_KEYS)])
 
 
 def _sensor(type_: str, name: str, keys: str) -> str:
     parts = [f'type = "{type_}"', f'name = "{name}"', _PLACE, keys]
-    return f"    {{ {', '.join(filter(None, parts))} }},\n"
-
-
-def _write_class(folder: Path, name: str, sensors: Iterable[str]) -> None:
-    text = f'extends = "{DEFAULT_CLASS}"\nsensor = [\n{"".join(sensors)}]\n'
-    (folder / f"{name}.toml").write_text(text, encoding="utf-8")
+    return f"{{ {', '.join(filter(None, parts))} }}"
 
 
 def look_around(controller: Controller, dice: random.Random) -> None:

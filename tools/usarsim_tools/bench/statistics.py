@@ -12,6 +12,7 @@ __all__ = [
     "longest_extra_gap",
     "percentile",
     "period",
+    "period_errors",
     "rate",
     "real_time_factor",
     "trend",
@@ -98,6 +99,11 @@ def period(times: Sequence[float]) -> float:
     if len(times) < 2:
         raise ValueError("a period needs two moments")
     return median(later - earlier for earlier, later in pairwise(times))
+
+
+def period_errors(times: Sequence[float], expected: float) -> list[float]:
+    """By how much each time between two moments differs from what it should be, s, without sign."""
+    return [abs(later - earlier - expected) for earlier, later in pairwise(times)]
 
 
 def rate(times: Sequence[float], start: float, stop: float) -> float:

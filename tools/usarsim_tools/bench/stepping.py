@@ -25,7 +25,7 @@ _SHOWN_ERRORS = 2000
 
 def measure_stepping(plan: Plan) -> Section:
     """Rates of the step loop; `plan.seconds` of simulated time for each loop on each scene."""
-    sizes = ROBOTS if plan.robots is None else (plan.robots,)
+    sizes = plan.sizes(ROBOTS, max(ROBOTS))
     seconds = plan.seconds or SECONDS
     figures: list[Figure] = []
     for world in dict.fromkeys((BARE_WORLD, plan.world)):

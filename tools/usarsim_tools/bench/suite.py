@@ -5,32 +5,49 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 
+from usarsim_tools.bench.admission import measure_admission
 from usarsim_tools.bench.cameras import measure_cameras
+from usarsim_tools.bench.delivery import measure_delivery
 from usarsim_tools.bench.errors import BenchError
 from usarsim_tools.bench.figures import Plan, Report, Section
 from usarsim_tools.bench.garage import measure_garage
 from usarsim_tools.bench.groundtruth import measure_ground_truth
 from usarsim_tools.bench.importing import measure_importing
+from usarsim_tools.bench.jitter import measure_jitter
 from usarsim_tools.bench.latency import measure_latency
+from usarsim_tools.bench.lockstep import measure_lockstep
 from usarsim_tools.bench.machine import describe_machine
 from usarsim_tools.bench.memory import measure_memory
+from usarsim_tools.bench.physics import measure_physics
 from usarsim_tools.bench.relay import measure_relay
 from usarsim_tools.bench.rendering import measure_rendering
 from usarsim_tools.bench.sensors import measure_sensors
 from usarsim_tools.bench.spawn import measure_spawn
 from usarsim_tools.bench.stepping import measure_stepping
+from usarsim_tools.bench.swarm import measure_swarm
 from usarsim_tools.bench.team import measure_largest, measure_team
+from usarsim_tools.bench.watched import measure_watched
 
-__all__ = ["MEASUREMENTS", "Measurement", "take"]
+__all__ = ["MEASUREMENTS", "QUICK", "QUICK_SECONDS", "Measurement", "take"]
 
 Measurement = Callable[[Plan], Section]
 
 MEASUREMENTS: Mapping[str, tuple[Measurement, str]] = {
+    # What decides how large a team a lab can run.
+    "swarm": (measure_swarm, "real-time factor and cost of teams of 64 and 128"),
+    "watched": (measure_watched, "24 robots whose cameras are all watched"),
+    "physics": (measure_physics, "the physics thread of a running server against MuJoCo alone"),
+    "delivery": (measure_delivery, "pictures that arrive, against a loop that only renders"),
+    "admission": (measure_admission, "from INIT to the first SEN, alone and in a crowd"),
+    "jitter": (measure_jitter, "how evenly a stream of 10 Hz arrives from 24 robots"),
+    "lockstep": (measure_lockstep, "how fast 16 robots can be simulated"),
+    "memory": (measure_memory, "memory of 64 robots that come and go for ten minutes"),
+    # Teams with all their sensors, and what single commands and newcomers take.
     "team": (measure_team, "real-time factor and cost of a team of 16"),
     "largest": (measure_largest, "largest team that keeps real time"),
     "latency": (measure_latency, "from DRIVE on the socket to the wheels"),
     "spawn": (measure_spawn, "what the others notice of a newcomer"),
-    "memory": (measure_memory, "memory of a team, and after robots came and went"),
+    # Kinds of robots and sensors, cameras, side channels, maps, the step loop.
     "sensors": (measure_sensors, "real time with a robot's every sensor, and with fast lasers"),
     "garage": (measure_garage, "real-time factor and cost of 16 robots of all kinds"),
     "cameras": (measure_cameras, "pictures of a team's cameras, and what they cost"),
@@ -41,6 +58,11 @@ MEASUREMENTS: Mapping[str, tuple[Measurement, str]] = {
     "stepping": (measure_stepping, "the step loop against MuJoCo alone"),
 }
 """Function and one line of help of each, in the order in which `all` takes them."""
+
+QUICK = tuple(name for name in MEASUREMENTS if name != "largest")
+"""What is measured when it is to be quick: a search for the largest team cannot be."""
+QUICK_SECONDS = 4.0
+"""Length of each measurement then."""
 
 
 def take(names: Sequence[str], plan: Plan, server_version: str) -> Report:

@@ -13,13 +13,13 @@ from usarsim_tools.bench.recording import between, lines, status_samples
 from usarsim_tools.bench.server import Server
 from usarsim_tools.bench.statistics import real_time_factor, worst_window
 
-__all__ = ["TeamTrial", "measure_largest", "measure_team", "try_team"]
+__all__ = ["TeamTrial", "gather", "measure_largest", "measure_team", "try_team"]
 
 ROBOTS = 16
 SECONDS = 60.0
 LARGEST_SECONDS = 15.0
 TEAM_SIZES = (16, 24, 32, 48, 64)
-SERVER_LIMIT = 64
+SERVER_LIMIT = 256
 """Most robots that a server can be told to take."""
 SETTLE = 2.0
 """s between the last robot's first line and the start of a measurement."""
@@ -60,6 +60,25 @@ class TeamTrial:
     stop: float
 
 
+def gather(crowd: Crowd, robots: int, classes: Sequence[str], together: int = 1) -> None:
+    """Bring robots into the world and wait until they are there.
+
+    Args:
+        crowd: whose they are.
+        robots: how many more.
+        classes: of them, taken in turn.
+        together: how many ask at the same time. One, unless there are many: a crowd at the door
+            is a measurement of its own.
+
+    Raises:
+        BenchError: if the server fails a client, or a robot does not come.
+    """
+    names = [classes[number % len(classes)] for number in range(robots)]
+    for first in range(0, robots, together):
+        newcomers = [crowd.join(name) for name in names[first : first + together]]
+        crowd.wait_until_speaking(newcomers)
+
+
 def try_team(
     server: Server,
     crowd: Crowd,
@@ -71,18 +90,15 @@ def try_team(
 
     Args:
         server: what they are in.
-        crowd: nobody so far.
-        robots: size of the team.
+        crowd: nobody so far, or those who are watched, too.
+        robots: how many come.
         seconds: of wall time that it is watched.
         robot_class: of all of them, or several that are taken in turn.
 
     Raises:
         BenchError: if the server fails a client, or a robot stops talking.
     """
-    classes = (robot_class,) if isinstance(robot_class, str) else robot_class
-    for number in range(robots):
-        # One after the other: a crowd at the door is not what is measured here.
-        crowd.wait_until_speaking([crowd.join(classes[number % len(classes)])])
+    gather(crowd, robots, (robot_class,) if isinstance(robot_class, str) else robot_class)
     crowd.run(SETTLE)
     before = server.usage()
     start, stop = crowd.run(seconds)
@@ -97,7 +113,7 @@ def try_team(
         except ValueError as error:
             raise BenchError(f"too few STA lines for {one.name}: {error}") from None
     return TeamTrial(
-        robots=robots,
+        robots=len(crowd.controllers),
         factor=min(factors),
         worst=min(worst),
         load=load_between(before, after),
@@ -145,7 +161,7 @@ def measure_largest(plan: Plan) -> Section:
 
     Sizes are tried in turn until one fails. A given `plan.robots` is the only size tried.
     """
-    sizes = TEAM_SIZES if plan.robots is None else (plan.robots,)
+    sizes = plan.sizes(TEAM_SIZES, ROBOTS)
     seconds = plan.seconds or LARGEST_SECONDS
     trials: list[TeamTrial] = []
     for robots in sizes:
@@ -156,7 +172,7 @@ def measure_largest(plan: Plan) -> Section:
             break
     kept = [trial.robots for trial in trials if trial.factor >= LARGEST_FACTOR]
     # One size alone says nothing about the aim.
-    aim = LARGEST_AIM if plan.robots is None else None
+    aim = LARGEST_AIM if len(sizes) > 1 else None
     figures = [Figure("Largest team in real time", max(kept, default=0), "robots", 0, aim)]
     for trial in trials:
         name = f"{trial.robots} robots"
