@@ -100,11 +100,11 @@ def server(settings: Settings, _: str) -> dict[str, object]:
 
 
 def physics(settings: Settings, _: str) -> dict[str, object]:
-    """Steps per second with a driving team, and wall time per simulated second of both teams."""
+    """Steps per s of processor time with a driving team, and what of that each robot costs."""
     team = _team(settings.timestep)
-    large = team.pace(MEASURED)
+    large, share = team.pace(MEASURED)
     team.shrink(SMALL_TEAM)
-    small = team.pace(MEASURED / 2.0)
+    small = team.pace(MEASURED / 2.0)[0]
     team.grow(TEAM)
     per_robot = max(0.0, (large - small) / (TEAM - SMALL_TEAM))
     return {
@@ -114,6 +114,7 @@ def physics(settings: Settings, _: str) -> dict[str, object]:
         "real_time_factor": 1.0 / large,
         "base_cost": max(0.0, large - TEAM * per_robot),
         "cost_per_robot": per_robot,
+        "core_left": share,
     }
 
 
@@ -122,8 +123,9 @@ def rays(settings: Settings, _: str) -> dict[str, object]:
     team = _team(settings.timestep)
     return {
         "beams": BEAMS,
-        "rays_per_second": team.ray_rate(BEAMS, MEASURED),
+        "robots": TEAM,
         "rays_per_robot_second": team.rays_wanted(),
+        **team.ray_rates(BEAMS, MEASURED),
     }
 
 

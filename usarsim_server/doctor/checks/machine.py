@@ -33,7 +33,7 @@ def look(context: Context) -> Iterator[Finding]:
     yield judge_cores(cores, context)
     yield judge_memory(*system.available_memory())
     yield judge_activity(system.activity(WATCHED), os.getloadavg()[0])
-    yield judge_descriptors(system.descriptor_limit(), context.settings.max_connections)
+    yield judge_descriptors(system.descriptor_limit(), context.settings.connections)
 
 
 def judge_cores(cores: float, context: Context) -> Finding:

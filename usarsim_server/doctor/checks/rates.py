@@ -2,36 +2,45 @@
 
 from __future__ import annotations
 
+import bisect
+import functools
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from usarsim_server.doctor import system
 from usarsim_server.doctor.findings import Finding, Mark
 from usarsim_server.doctor.isolation import Outcome, attempt
 from usarsim_server.doctor.registry import Context, check
+from usarsim_server.options import OPTIONS
 
 __all__ = ["Cost", "judge_cameras", "judge_physics", "judge_rays", "judge_team", "team_size"]
 
 TIMEOUT = 60.0
-MOST_ROBOTS = 64
-"""That `--max-robots` takes."""
-ALL_IN_ALL = 2.75
-"""Processor time of a server over that of physics and rays alone.
+GROWING = 1.6
+"""Processor time by which a server grows, over that by which its physics and rays grow."""
+STANDING = 1.6
+"""Processor time that it takes anyway, over that of physics and rays of `REFERENCE` robots.
 
-From one machine (2 cores, AMD EPYC): a server with 16 P3AT and all their sensors takes 0.49 cores
-(`usarsim bench team`), where by these two rates physics and rays account for 0.18. The rest is
-noise models, text and sockets.
+Both from one machine (2 cores, AMD EPYC), where physics and rays of 16 and 48 P3AT account for 0.16
+and 0.44 cores, and a server with all their sensors took 0.52 and 0.95 (`usarsim bench team`). The
+rest is noise models, text and sockets.
 """
+REFERENCE = 16
 SPARE = 0.8
 """Part of one core that is counted on. Most of the rest is Python, so that further cores take some
 load off it but do not multiply it."""
+DISTURBED = 0.8
+"""Part of a core below which the estimate says that it is one for a free machine."""
+SEARCHED = 4096
+"""Beyond what `--max-robots` will ever take."""
 
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """Wall s per simulated s: of the world, and of each robot in physics and in rays."""
+    """Processor s per simulated s: of the world, and of each robot in physics and in rays."""
 
     base: float
     physics: float
@@ -48,7 +57,8 @@ def look(context: Context) -> Iterator[Finding]:
     yield judge_rays(rays)
     yield judge_cameras(outcomes["cameras"], context)
     if physics.failure is None and rays.failure is None:
-        yield judge_team(cost_of(physics.values, rays.values), context, system.cores())
+        cost = cost_of(physics.values, rays.values)
+        yield judge_team(cost, context, system.cores(), float(physics.values["core_left"]))
 
 
 def judge_physics(outcome: Outcome, context: Context) -> Finding:
@@ -77,7 +87,8 @@ def judge_rays(outcome: Outcome) -> Finding:
     rate = float(facts["rays_per_second"])
     text = (
         f"{_rounded(rate)} rays per second in arena: {_rounded(rate / facts['beams'])} scans of "
-        f"{facts['beams']} beams"
+        f"{facts['beams']} beams; {_rounded(facts['rays_per_second_together'])} when "
+        f"{facts['robots']} robots scan at the same instant"
     )
     return Finding("rays", Mark.OK, text, values=facts)
 
@@ -101,17 +112,26 @@ def judge_cameras(outcome: Outcome, context: Context) -> Finding:
     return Finding("cameras", Mark.WARNING, text, cure, values=facts)
 
 
-def judge_team(cost: Cost, context: Context, cores: float) -> Finding:
-    """What both rates are enough for."""
+def judge_team(cost: Cost, context: Context, cores: float, left: float = 1.0) -> Finding:
+    """What both rates are enough for.
+
+    Args:
+        cost: that follows from them.
+        context: with the speed and the number of robots that are wanted.
+        cores: of this machine.
+        left: part of one core that other programs left the measurement.
+    """
     speed, most = _speed(context), context.settings.max_robots
     robots = team_size(cost, speed, cores)
     pace = "in real time" if speed == 1.0 else f"at {speed:g} times real time"
-    least = "at least " if robots == MOST_ROBOTS else "about "
+    least = "at least " if robots == most_robots() else "about "
     text = (
         f"{least}{robots} robot{'s' * (robots != 1)} like P3AT with all their sensors {pace} (an "
         "estimate from the rates of physics and rays, without cameras)"
     )
-    values = {"robots": robots, "speed": speed, "estimate": True}
+    values = {"robots": robots, "speed": speed, "estimate": True, "core_left": left}
+    if left < DISTURBED:
+        text += f"; at this moment other programs leave it {left:.0%} of a core, so fewer"
     if robots >= most:
         return Finding("enough for", Mark.OK, text, values=values)
     if not robots:
@@ -128,21 +148,39 @@ def cost_of(physics: Mapping[str, Any], rays: Mapping[str, Any]) -> Cost:
     return Cost(
         float(physics["base_cost"]),
         float(physics["cost_per_robot"]),
-        float(rays["rays_per_robot_second"]) / float(rays["rays_per_second"]),
+        float(rays["rays_per_robot_second"]) / float(rays["rays_per_second_of_sensors"]),
     )
 
 
 def team_size(cost: Cost, speed: float, cores: float) -> int:
-    """Robots that can be simulated at a speed: an estimate, from 0 to `MOST_ROBOTS`.
+    """Robots that can be simulated at a speed: an estimate, from 0 to `most_robots`.
 
-    The processor time of n robots is taken as `ALL_IN_ALL` speed (base + n (physics + rays)), and
-    may be `SPARE` of one core, or of what part of a core there is.
+    Of physics and rays n robots take x(n) = base + n (physics + rays). All in all that is taken as
+    speed (`GROWING` x(n) + `STANDING` x(`REFERENCE`)), and may be `SPARE` of one core, or of what
+    part of a core there is.
     """
-    budget = SPARE * min(1.0, cores) / (ALL_IN_ALL * speed) - cost.base
     each = cost.physics + cost.rays
+    standing = STANDING * (cost.base + REFERENCE * each)
+    budget = (SPARE * min(1.0, cores) / speed - standing) / GROWING - cost.base
     if budget <= 0.0:
         return 0
-    return MOST_ROBOTS if each * MOST_ROBOTS <= budget else math.floor(budget / each)
+    most = most_robots()
+    return most if each * most <= budget else math.floor(budget / each)
+
+
+@functools.cache
+def most_robots() -> int:
+    """The most robots that a server can be told to take."""
+    [option] = [option for option in OPTIONS if option.key == "max_robots"]
+
+    def accepted(robots: int) -> bool:
+        try:
+            option.read(robots, Path())
+        except ValueError:
+            return False
+        return True
+
+    return bisect.bisect(range(1, SEARCHED), 0, key=lambda robots: not accepted(robots))
 
 
 def _speed(context: Context) -> float:
