@@ -16,10 +16,20 @@ from usarsim_server.settings import Settings
 SIDE_PORTS = ("image_port", "groundtruth_port", "wireless_port", "truth_port", "comserver_port")
 
 
+def quiet_port(first: int) -> socket.socket:
+    """A listening socket on a port that no program gets which asks for any free one."""
+    for number in range(first, first + 1000):
+        try:
+            return socket.create_server(("127.0.0.1", number))
+        except OSError:
+            continue
+    raise AssertionError("no port is free")
+
+
 @pytest.fixture
 def taken() -> Iterator[int]:
     """A port that this process listens on."""
-    with socket.create_server(("127.0.0.1", 0)) as listening:
+    with quiet_port(21000) as listening:
         yield listening.getsockname()[1]
 
 
@@ -62,7 +72,7 @@ def test_a_taken_side_port_is_a_warning_unless_asked_for(taken: int) -> None:
 
 def test_two_services_with_one_port_are_found_out(taken: int) -> None:
     """The second one is told of the first, and one command mends that and everything else."""
-    with socket.create_server(("127.0.0.1", 0)) as free:
+    with quiet_port(24000) as free:
         number = free.getsockname()[1]
     found = seen(groundtruth_port=number, truth_port=number, image_port=taken)
     clash, image = found["--truth-port"], found["--image-port"]
