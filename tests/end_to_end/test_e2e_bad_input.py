@@ -129,13 +129,13 @@ def test_robots_in_one_place(connect: Connect) -> None:
 
 
 def test_a_flood_of_commands(connect: Connect) -> None:
-    """20000 DRIVE lines in one go are obeyed in order, and the last one counts."""
+    """5000 DRIVE lines in one go are obeyed in order, if at their rate, and the last one counts."""
     client = connect()
     client.send("INIT {ClassName P2AT} {Location 80,20,-0.3}")
     client.wait_for("STA")
-    flood = "".join(f"DRIVE {{Left {i % 5}}} {{Right {i % 3}}}\r\n" for i in range(20000))
+    flood = "".join(f"DRIVE {{Left {i % 5}}} {{Right {i % 3}}}\r\n" for i in range(5000))
     client.send_bytes(flood.encode() + b"DRIVE {Left 0} {Right 0}\r\nGETCONF {Type Robot}\r\n")
-    assert client.wait_for("CONF", 20.0)
+    assert client.wait_for("CONF", 60.0)
     client.read_for(1.0)
     first = client.wait_for("SEN {Type Encoder}")
     client.read_for(0.5)

@@ -14,6 +14,7 @@ import pytest
 from services_harness import Client, eventually
 
 from usarsim_server.errors import ServiceError, UsarsimError
+from usarsim_server.protocol.framing import LineFramer
 from usarsim_server.services.dialogue import DialogueLimits, DialogueService
 from usarsim_server.services.ground_truth import ground_truth_service
 from usarsim_server.services.listener import Endpoint
@@ -265,3 +266,24 @@ def test_who_asks_without_pause_is_answered_at_the_rate_of_frames(start: Start) 
     lines = [client.line() for _ in range(26)]
     assert lines == [b"{Name }\r\n", b"{End}\r\n"] * 13
     assert time.monotonic() - begun >= 12 / 60 - 0.02
+
+
+def test_flood_of_requests_is_answered_at_the_rate(start: Start) -> None:
+    """Who asks faster than the rate waits for its answers; nothing is lost, others do not wait."""
+    service = DialogueService(
+        "dialogue",
+        "127.0.0.1",
+        0,
+        "--port",
+        LineFramer,
+        lambda lines: b"".join(line + b"\n" for line in lines),
+        limits=DialogueLimits(rate=200.0),
+    )
+    running = start(service)
+    client, other = running.connect(), running.connect()
+    begun = time.monotonic()
+    client.send(b"".join(b"%d\n" % number for number in range(600)))
+    other.send(b"hello\n")
+    assert other.line() == b"hello\n"
+    assert [client.line() for _ in range(600)] == [b"%d\n" % number for number in range(600)]
+    assert time.monotonic() - begun > 1.0

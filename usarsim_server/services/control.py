@@ -211,6 +211,7 @@ class _Connection:
         self._settled = False
         self._heard = self._loop.time()
         self._hurried = False
+        self._endless = False
         self._replied = 0
         self.outbox = Outbox(self._wake, limits.outbox)
 
@@ -255,6 +256,7 @@ class _Connection:
         discarded = 0
         while chunk := await self._receive():
             lines = framer.feed(chunk)
+            self._endless = not lines
             commands = [command for line in lines for command in parse_line(line)]
             if framer.discarded != discarded:
                 discarded = framer.discarded
@@ -315,8 +317,9 @@ class _Connection:
         """What came next; nothing once the client has closed, half or whole, or reset."""
         try:
             # A chunk can hold a line in every two bytes.
-            rich = self._allowance.tokens >= _CHUNK // 2
-            return await self._loop.sock_recv(self._client, _CHUNK if rich else _SMALL_CHUNK)
+            affordable = self._allowance.tokens >= _CHUNK // 2 or self._endless
+            size = _CHUNK if affordable else _SMALL_CHUNK
+            return await self._loop.sock_recv(self._client, size)
         except OSError as error:
             self._end(f"connection lost: {error.strerror}")
             return b""
