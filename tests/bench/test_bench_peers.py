@@ -249,11 +249,11 @@ class TestReport:
             return THEIRS
 
         section = compared(PLAYERS, robots=None, run=run).sections[1]
-        assert asked == [1]
+        assert set(asked) == {1}
         assert "Not compared: 16 robots: 3 fit on it." in section.setting
         assert "1 robot: simulated s per s" in values(section)
 
-    def test_humanoids_only_for_those_that_have_them(self, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_humanoids_only_for_those_that_have_them(self) -> None:
         """Ours are measured with as many as some peer can take."""
         made: list[FakeOwnSide] = []
 
@@ -262,7 +262,7 @@ class TestReport:
             return made[-1]
 
         compared(ROVERS, PLAYERS, robots=None, own=own)
-        assert [size for size, what in made[0].asked if what == HUMANOID] == [1]
+        assert {size for size, what in made[0].asked if what == HUMANOID} == {1}
         compared(ROVERS, robots=1, own=own)
         assert HUMANOID not in [what for _, what in made[1].asked]
 
@@ -275,7 +275,17 @@ class TestReport:
             return THEIRS
 
         compared(ROVERS, run=run)
-        assert commands == [("/wheels/python", "-I", str(ROVERS.script))]
+        assert set(commands) == {("/wheels/python", "-I", str(ROVERS.script))}
+
+    def test_of_several_runs_the_fastest_counts(self) -> None:
+        """Other programs of the machine can only slow a run down, on either side."""
+        walls = iter([4.0, 2.5, 5.0])
+
+        def run(command: Sequence[str], work: str, timeout: float) -> Outcome:
+            return replace(THEIRS, wall=next(walls))
+
+        told = values(compared(ROVERS, run=run).sections[1])
+        assert told["4 robots: simulated s per s"] == pytest.approx(4.0)
 
     def test_our_own_failure_is_one(self) -> None:
         """Without our own figures there is nothing to compare with."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 
 from usarsim_tools.bench.errors import BenchError
@@ -22,6 +23,8 @@ SIZES = (1, 4, 16, 64)
 SECONDS = 10.0
 WALL_LIMIT = 60.0
 """s of wall time after which a run stops early; what it has done until then counts."""
+REPEATS = 3
+"""Runs of each work; the fastest counts, since other programs can only slow a run down."""
 TIMEOUT = 300.0
 """s after which a run is given up: it may be long in making its world."""
 
@@ -133,13 +136,17 @@ def _measure_own(
     with tools.own() as own:
         for size, work in works.items():
             plan.say(f"peers: {size} of our own robots")
-            measured.rovers[size] = own.in_process(work)
+            measured.rovers[size] = _fastest(partial(own.in_process, work))
             measured.bare[size] = own.bare(work)
-            measured.sockets[size] = own.over_sockets(work)
+            measured.sockets[size] = _fastest(partial(own.over_sockets, work))
             limits = [one.most or size for one in chosen if one.against == "humanoids"]
             if limits and size <= max(limits):
-                measured.humanoids[size] = own.over_sockets(work, HUMANOID)
+                measured.humanoids[size] = _fastest(partial(own.over_sockets, work, HUMANOID))
     return measured
+
+
+def _fastest(run: Callable[[], Outcome]) -> Outcome:
+    return max((run() for _ in range(REPEATS)), key=lambda outcome: outcome.factor)
 
 
 def _measure_peer(
@@ -160,7 +167,7 @@ def _measure_peer(
         try:
             # Isolated from this process's paths and from the folder of the script.
             command = (python, "-I", str(peer.script))
-            runs[size] = tools.run(command, work.as_json(), TIMEOUT)
+            runs[size] = _fastest(partial(tools.run, command, work.as_json(), TIMEOUT))
         except BenchError as error:
             missing.append(f"{_robots(size)}: {error}")
     if not runs:
@@ -199,10 +206,11 @@ def own_section(measured: Measured, works: Mapping[int, Work]) -> Section:
         f"P3AT of 0.8 m/s with one laser (181 beams, {LASER_RATE:g} scans per simulated s), new "
         "random wheel speeds twice a simulated s, in a hall of 24 x 20 m with "
         f"{len(next(iter(works.values())).boxes)} boxes, as fast as possible, {seconds:g} "
-        "simulated s after 1 s that does not count. In process: everything but sockets, in "
-        "lockstep. Sockets: serve --speed max with clients in another process, whose processor "
-        "time is not counted; simulated time does not wait for them. Bare: mj_step and nothing "
-        "else with plain P3AT in the same hall.",
+        f"simulated s after 1 s that does not count; of {REPEATS} runs, here and of the others, "
+        "the fastest counts. In process: everything but sockets, in lockstep. Sockets: serve "
+        "--speed max with clients in another process, whose processor time is not counted; "
+        "simulated time does not wait for them. Bare: mj_step and nothing else with plain P3AT in "
+        "the same hall.",
         tuple(figures),
     )
 
