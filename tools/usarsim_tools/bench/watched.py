@@ -31,6 +31,8 @@ TILE_SIZE = 320, 240
 """Pixels of a camera."""
 
 PICTURES_AIM = Aim(">=", 0.9 * CAMERA_RATE)
+NEWS_AIM = Aim(">=", 0.8 * CAMERA_RATE)
+"""A client whose clock runs beside that of the camera sees a picture twice now and then."""
 
 
 def grid(cameras: int) -> tuple[int, int]:
@@ -90,7 +92,7 @@ def watched_figures(trial: TeamTrial, seen: Sequence[ViewerTrial]) -> list[Figur
             "Pictures of a camera, fewest", min(s.pictures for s in seen), "1/s", 2, PICTURES_AIM
         ),
         Figure(
-            "New pictures of a camera, median", median(s.news for s in seen), "1/s", 2, PICTURES_AIM
+            "New pictures of a camera, median", median(s.news for s in seen), "1/s", 2, NEWS_AIM
         ),
         Figure("New pictures of a camera, fewest", min(s.news for s in seen), "1/s", 2),
         Figure("New pictures of all cameras", sum(s.news for s in seen), "1/s", 1),
