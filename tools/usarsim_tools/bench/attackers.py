@@ -20,7 +20,7 @@ from dataclasses import asdict, dataclass
 from usarsim_tools.bench.closing import CarefulClosing
 from usarsim_tools.bench.errors import BenchError
 
-__all__ = ["RECONNECTS", "Attackers", "Damage"]
+__all__ = ["RECONNECTS", "Attackers", "Damage", "attack"]
 
 RECONNECTS = 50.0
 """Connections that the restless client makes per second."""
@@ -86,9 +86,9 @@ class Attackers(CarefulClosing):
                 pipe.close()
 
 
-def attack(port: int, ended: threading.Event) -> Damage:
-    """Do everything at once until the event is set."""
-    damage, begun = Damage(), time.perf_counter()
+def attack(port: int, ended: threading.Event, damage: Damage) -> None:
+    """Do everything at once until the event is set; what is done is written down meanwhile."""
+    begun = time.perf_counter()
     works: tuple[Callable[[int, threading.Event, Damage], None], ...] = (
         _never_read,
         _send_garbage,
@@ -104,7 +104,6 @@ def attack(port: int, ended: threading.Event) -> Damage:
     damage.seconds = time.perf_counter() - begun
     for thread in threads:
         thread.join(2.0 * _TIMEOUT)
-    return damage
 
 
 def _dial(port: int) -> socket.socket:
@@ -115,7 +114,7 @@ def _dial(port: int) -> socket.socket:
 
 def _never_read(port: int, ended: threading.Event, damage: Damage) -> None:
     """Have a robot with all its streams, and never read a byte of them."""
-    with _dial(port) as client:
+    with contextlib.suppress(OSError), _dial(port) as client:
         client.sendall(b"INIT {ClassName USARBot.P3AT} {Name Deaf}\r\n")
         ended.wait()
 
@@ -169,7 +168,9 @@ def _main() -> None:
         ended.set()
 
     threading.Thread(target=watch, daemon=True).start()
-    print(json.dumps(asdict(attack(int(sys.argv[1]), ended))), flush=True)
+    damage = Damage()
+    attack(int(sys.argv[1]), ended, damage)
+    print(json.dumps(asdict(damage)), flush=True)
 
 
 if __name__ == "__main__":
