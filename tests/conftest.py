@@ -1,13 +1,37 @@
-"""What holds for all tests: none of them decides what the next one may log."""
+"""What holds for all tests: none of them decides what the next one may log, and those that draw
+their examples draw the same ones every time, for as long as they need.
+
+`HYPOTHESIS_PROFILE=explore` draws new examples instead.
+"""
 
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Iterator
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from usarsim_server.logs import ROOT
+
+PATIENT = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("explore", PATIENT)
+settings.register_profile("same", PATIENT, derandomize=True)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
+
+
+BY_THE_CLOCK = frozenset({"end_to_end", "bench", "conformance", "record"})
+"""Folders of tests with whole servers in processes of their own, which other programs can starve of
+the processor while a second or two are all that the protocol grants. What fails there is tried
+again; a test that only passed so is counted as rerun in the report."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Let tests that go by the wall clock be tried up to three times."""
+    for item in items:
+        if BY_THE_CLOCK.intersection(item.path.parts):
+            item.add_marker(pytest.mark.flaky(reruns=2, reruns_delay=1))
 
 
 @pytest.fixture(autouse=True)

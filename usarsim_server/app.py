@@ -184,6 +184,7 @@ def assemble(settings: Settings) -> Assembly:
         SimulationOptions(
             physics=PhysicsOptions(timestep=settings.timestep, surfaces=world.surfaces),
             speed=settings.speed,
+            patience=settings.lockstep_patience or math.inf,
             max_robots=settings.max_robots,
             max_things=settings.max_objects,
             lower=world.lower,
@@ -429,6 +430,7 @@ def _agent_options(settings: Settings) -> AgentOptions:
     factor = 1.0 if math.isinf(settings.speed) else settings.speed
     return AgentOptions(
         dialect=settings.dialect,
+        tick=settings.tick if settings.lockstep else None,
         replace_robot=settings.second_init == "replace",
         start_at_first_pose=settings.default_start == "first",
         pilot=PilotOptions(

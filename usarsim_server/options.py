@@ -403,6 +403,23 @@ OPTIONS: tuple[Option, ...] = (
         "simulated seconds per second",
         "FACTOR|max",
     ),
+    _switch_option(
+        "lockstep", "step only when every controller has answered the last tick (see docs)"
+    ),
+    Option(
+        "tick",
+        "simulated seconds from 0.01 to 60",
+        _number(0.01, 60.0),
+        "simulated seconds between two ticks of lockstep",
+        "S",
+    ),
+    Option(
+        "lockstep_patience",
+        "seconds of wall time, 0 for ever",
+        _number(0.0, 86400.0),
+        "how long lockstep waits for one controller",
+        "S",
+    ),
     Option(
         "seed",
         "a whole number from 0 to 2^63 - 1",

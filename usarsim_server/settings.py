@@ -6,10 +6,11 @@ stands in `options.py`.
 
 from __future__ import annotations
 
+import math
 import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -54,6 +55,9 @@ class Settings:
         always_render: render cameras that nobody looks at, too.
         dialect: shape of the output, or how it is chosen (protocol reference 5.3).
         speed: simulated seconds per second of wall time; `math.inf` for as fast as possible.
+        lockstep: the world goes on only when every controller has answered the last tick.
+        tick: simulated s between two ticks of lockstep.
+        lockstep_patience: s of wall time for which lockstep waits for a controller; 0 for ever.
         seed: of all noise.
         timestep: of the physics, simulated s.
         config: the file that was read.
@@ -104,6 +108,9 @@ class Settings:
     always_render: bool = False
     dialect: DialectMode = DialectMode.AUTO
     speed: float = 1.0
+    lockstep: bool = False
+    tick: float = 0.1
+    lockstep_patience: float = 60.0
     seed: int = 0
     timestep: float = 0.004
     config: Path | None = None
@@ -181,6 +188,8 @@ def load_settings(
         places[option.key] = option.flag
     fitting: dict[str, Any] = values
     settings = Settings(config=config, written=frozenset(values), **fitting)
+    if settings.lockstep:
+        settings = _without_pace(settings, places)
     _check_ports(settings, places)
     _check_picture(settings, places)
     return settings
@@ -198,6 +207,14 @@ def _check_ports(settings: Settings, places: Mapping[str, str]) -> None:
             problem = f"port {port} is asked for by {places[taken[port]]} too"
             raise SettingsError(at(places[key], problem, cure))
         taken[port] = key
+
+
+def _without_pace(settings: Settings, places: Mapping[str, str]) -> Settings:
+    """The settings of lockstep, which goes as fast as the controllers allow."""
+    if "speed" in places and not math.isinf(settings.speed):
+        cure = "leave one of them out"
+        raise SettingsError(at(places["speed"], "lockstep goes at no pace of its own", cure))
+    return replace(settings, speed=math.inf)
 
 
 def _check_picture(settings: Settings, places: Mapping[str, str]) -> None:

@@ -146,11 +146,14 @@ def test_an_avatar_walks(connect: Connect) -> None:
         "INIT {ClassName USARAvatar.USARAvatarNewMale} {Name Worker1} {Location -20,-60,-1}\r\n"
         "MOVE {Type Walk_Forward} {Action New} {Location -18, -60}"
     )
-    lines = client.read_for(3.0)
+    lines = [client.wait_for("STA", 30.0)]
+    while "{Walking False}" not in lines[-1] or not any("{Walking True}" in x for x in lines):
+        lines.append(client.read_line(30.0))
     heads = {line.split()[0] for line in lines}
     assert heads == {"STA", "BSTA"}
     reports = [line for line in lines if line.startswith("STA")]
-    assert 45 <= len(reports) <= 60
+    times = [float(line.split()[2].rstrip("}")) for line in reports]
+    assert len(reports) == pytest.approx((times[-1] - times[0]) * 20.0 + 1.0, rel=0.1)
     assert re.fullmatch(
         r"STA \{Time \d+\.\d{4}\} \{Type USARAvatarNewMale\} \{Name Worker1\} "
         r"\{Location -18\.\d\d,-60\.\d\d,-0\.9\d\} \{Orientation \S+\} \{Walking False\}",

@@ -23,6 +23,7 @@ from usarsim_server.protocol.commands import (
     MultiDrive,
     Request,
     Set,
+    Sync,
     Unknown,
     WheelTarget,
     interpret,
@@ -474,6 +475,10 @@ def test_a_link_without_value_disturbs_no_other(word: str) -> None:
         ("MOVE {Action Pause}", Move(action="Pause")),
         ("GOTO {Name PathNode_0}", Goto("PathNode_0")),
         ("GOTO", Goto("")),
+        ("SYNC", Sync(1)),
+        ("sync {ticks 5}", Sync(5)),
+        ("SYNC {Ticks -3}", Sync(1)),
+        ("SYNC {Ticks 1e300}", Sync(1_000_000)),
     ],
 )
 def test_avatar_commands(line: str, expected: Request) -> None:

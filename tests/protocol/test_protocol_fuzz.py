@@ -178,6 +178,7 @@ LINES: dict[str, st.SearchStrategy[str]] = {
     "path nodes": st.builds(m.path_nodes, st.lists(st.tuples(TEXT, TRIPLE, TRIPLE), max_size=3)),
     "closest node": st.builds(m.closest_path_node, TEXT, TRIPLE),
     "status change": st.builds(m.status_change, ANY, TEXT, TEXT, TEXT),
+    "tick": st.builds(m.tick, ANY),
     "die": st.builds(m.die, TEXT, TEXT),
     "ground status": st.builds(
         m.ground_status,

@@ -6,6 +6,7 @@ ellipsoid wheels of 0.75 kg and radius 0.11 m, half wheel base 0.1331 m, half tr
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -229,6 +230,15 @@ class Watcher:
     def idle(self) -> bool:
         """Always: nothing is left undone."""
         return True
+
+    @property
+    def horizon(self) -> float:
+        """The world need not wait."""
+        return math.inf
+
+    def overdue(self) -> None:
+        """Never."""
+        raise AssertionError
 
     def lost(self, reason: str) -> None:
         """Keep the reason."""

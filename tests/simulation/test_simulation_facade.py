@@ -513,8 +513,8 @@ class TestRunning:
 
         with caplog.at_level(logging.ERROR, "usarsim"):
             monkeypatch.setattr(world._engine, "advance", fail)
-            assert world._thread is not None
-            world._thread.join(10.0)
+            assert world._clockwork._thread is not None
+            world._clockwork._thread.join(10.0)
         assert "out of order" in caplog.text
         with pytest.raises(UsarsimError, match="ended"):
             world.look()

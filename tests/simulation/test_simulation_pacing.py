@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
-from usarsim_server.simulation.pacing import MAX_LAG, REPORT_PERIOD, Pacer
+from usarsim_server.simulation.pacing import MAX_LAG, REPORT_PERIOD, Pacer, Patience
 
 BATCH = 0.008
 
@@ -117,3 +119,27 @@ class TestReport:
         """The clock's offset does not count as time lost."""
         _, _, reports = drive(Pacer(1.0, 50.0), 3 * REPORT_PERIOD, 0.001, wall=1e6, start=50.0)
         assert reports == []
+
+
+class TestPatience:
+    def test_ends_after_its_time(self) -> None:
+        """From the first look on it lasts as long as it was told to, and then begins anew."""
+        patience = Patience(5.0)
+        assert [patience.lost(wall) for wall in (100.0, 104.9, 105.1, 105.2, 110.1, 110.3)] == [
+            *(False, False, True),
+            *(False, False, True),
+        ]
+
+    def test_what_comes_ends_the_waiting(self) -> None:
+        """After that the clock starts again."""
+        patience = Patience(5.0)
+        assert not patience.lost(0.0)
+        patience.relax()
+        assert not patience.lost(6.0)
+        assert patience.lost(11.0)
+
+    def test_may_be_endless(self) -> None:
+        """Without a limit it is never lost."""
+        patience = Patience(math.inf)
+        assert not patience.lost(0.0)
+        assert not patience.lost(1e12)

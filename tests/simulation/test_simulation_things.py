@@ -380,6 +380,15 @@ class EveryTenth:
         """Always."""
         return True
 
+    @property
+    def horizon(self) -> float:
+        """The world need not wait."""
+        return math.inf
+
+    def overdue(self) -> None:
+        """Never."""
+        raise AssertionError
+
     def lost(self, reason: str) -> None:
         """Want nothing more."""
         self.due = math.inf

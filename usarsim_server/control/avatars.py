@@ -10,9 +10,10 @@ from dataclasses import dataclass
 from usarsim_server.control.survey import ground_below
 from usarsim_server.control.walk import Performance, Stance, Walk, body_poses
 from usarsim_server.errors import SpawnError
+from usarsim_server.simulation.clockwork import Listener
 from usarsim_server.simulation.frames import Pose, Vector, rpy_from_quaternion
 from usarsim_server.simulation.movers import Way
-from usarsim_server.simulation.simulation import Listener, Simulation
+from usarsim_server.simulation.simulation import Simulation
 from usarsim_server.simulation.snapshot import RobotBody, Snapshot
 from usarsim_server.worlds.avatar_classes import AvatarClass
 from usarsim_server.worlds.avatar_models import ADULT, CHEST, HEAD, avatar_model

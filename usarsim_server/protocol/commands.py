@@ -28,6 +28,7 @@ from usarsim_server.protocol.requests import (
     MultiDrive,
     Request,
     Set,
+    Sync,
     Unknown,
     WheelTarget,
 )
@@ -51,6 +52,7 @@ __all__ = [
     "MultiDrive",
     "Request",
     "Set",
+    "Sync",
     "Unknown",
     "WheelTarget",
     "interpret",
@@ -62,6 +64,8 @@ _DIALECTS = {dialect.value: dialect for dialect in Dialect}
 _SET_NAMES = frozenset({"type", "name", "opcode", "params"})
 # Segments that name opcode and parameter at once: `{Name Cam} {FOV 0.35}` (3.7).
 _OPCODE_SEGMENTS = ("fov", "zoom")
+# Ticks that one SYNC may let pass; a slip of the pen must not let the world run away for ever.
+_MOST_TICKS = 1_000_000
 # Unknown words go to the log, and a line of 64 KiB may be one word.
 _UNKNOWN_CHARACTERS = 40
 
@@ -308,6 +312,11 @@ def _goto(command: Command) -> Goto:
     return Goto(_Fields(command).text("name") or "")
 
 
+def _sync(command: Command) -> Sync:
+    ticks = _Fields(command).integer("ticks")
+    return Sync(1 if ticks is None else min(max(ticks, 1), _MOST_TICKS))
+
+
 def _control(command: Command) -> Control:
     return Control(_Fields(command).text("type") or "", command.segments)
 
@@ -327,4 +336,5 @@ _READERS: Mapping[str, Callable[[Command], Request]] = {
     "MOVE": _move,
     "GOTO": _goto,
     "CONTROL": _control,
+    "SYNC": _sync,
 }

@@ -47,8 +47,9 @@ KNOWN_WORDS = IGNORED_WORDS | {
     "MOVE",
     "MULTIDRIVE",
     "SET",
+    "SYNC",
 }
-"""Command words of all server generations (protocol reference 3.1).
+"""Command words of all server generations (protocol reference 3.1), and SYNC, our own.
 
 Only these may start a glued command: RDK sends RFID requests without a terminator, the 2011
 student controllers do so with other lines.

@@ -31,6 +31,7 @@ __all__ = [
     "MultiDrive",
     "Request",
     "Set",
+    "Sync",
     "Unknown",
     "WheelTarget",
 ]
@@ -283,6 +284,17 @@ class Unknown:
     word: str
 
 
+@dataclass(frozen=True, slots=True)
+class Sync:
+    """The world may go on, as far as this controller is concerned (lockstep; no original had it).
+
+    Attributes:
+        ticks: how many ticks, at least one.
+    """
+
+    ticks: int = 1
+
+
 Request = (
     Init
     | GetStartPoses
@@ -298,6 +310,7 @@ Request = (
     | Move
     | Goto
     | Control
+    | Sync
     | Ignored
     | Unknown
 )

@@ -28,12 +28,14 @@ from usarsim_server.protocol.requests import (
     Init,
     Request,
     Set,
+    Sync,
     Unknown,
 )
 from usarsim_server.robots.dispatcher import Dispatcher, Task
 from usarsim_server.robots.fleet import Fleet, Vehicle
 from usarsim_server.robots.pilot import Pilot, PilotOptions
-from usarsim_server.robots.role import Casting, Reading, Role, RoleFactory, robots_only
+from usarsim_server.robots.role import Casting, Role, RoleFactory, robots_only
+from usarsim_server.robots.ticks import Ticks
 from usarsim_server.simulation.frames import Pose, pose_from_wire, wire_from_pose
 from usarsim_server.simulation.rays import RayHits
 from usarsim_server.simulation.snapshot import Snapshot
@@ -65,12 +67,14 @@ class AgentOptions:
         replace_robot: a second INIT replaces the robot instead of being ignored.
         start_at_first_pose: INIT without place uses the first start pose, not the origin.
         pilot: see `PilotOptions`.
+        tick: simulated s between two ticks of lockstep; None without lockstep.
     """
 
     dialect: DialectMode = DialectMode.AUTO
     replace_robot: bool = False
     start_at_first_pose: bool = False
     pilot: PilotOptions = field(default_factory=PilotOptions)
+    tick: float | None = None
 
 
 class RobotAgent:
@@ -120,6 +124,7 @@ class RobotAgent:
         self._closed = False
         self._ended = False
         self._due = math.inf
+        self._ticks = Ticks(options.tick)
 
     # -- mailbox, any thread -----------------------------------------------------------------
 
@@ -132,6 +137,16 @@ class RobotAgent:
     def due(self) -> float:
         """Simulated time of the next snapshot wanted."""
         return self._due
+
+    @property
+    def horizon(self) -> float:
+        """Simulated time up to which the world may go on without waiting for this client."""
+        return self._ticks.horizon
+
+    def overdue(self) -> None:
+        """The client lets the world wait for too long; it is not waited for any more."""
+        if self._ticks.let_go():
+            self._log.warning("lockstep goes on without a client that sends no SYNC")
 
     def submit(self, commands: list[Command]) -> None:
         """Take over commands, in the order they came."""
@@ -214,14 +229,15 @@ class RobotAgent:
             return None
         reading = self._role.read(snapshot)
         if reading is None:
-            self._tell(())
+            self._tell((), snapshot.time)
             return None
-        return Task(snapshot, reading.query, lambda hits: self._finish(reading, hits))
 
-    def _finish(self, reading: Reading, hits: Sequence[RayHits]) -> None:
-        self._tell(reading.lines(hits))
+        def finish(hits: Sequence[RayHits]) -> None:
+            self._tell(reading.lines(hits), snapshot.time)
 
-    def _tell(self, streamed: Sequence[str]) -> None:
+        return Task(snapshot, reading.query, finish)
+
+    def _tell(self, streamed: Sequence[str], time: float) -> None:
         """Hand over what a report has found, and look forward to the next one."""
         if self._role is None:
             return
@@ -231,6 +247,8 @@ class RobotAgent:
             self._mouth.put_reply(messages.encode(line))
         for line in streamed:
             self._mouth.put_stream(messages.encode(line))
+        if self._ticks.passes(time):
+            self._mouth.put_reply(messages.encode(messages.tick(time)))
         self._set_due()
 
     def pause(self) -> bool:
@@ -283,6 +301,9 @@ class RobotAgent:
                 return [self._path_nodes()]
             case GetClosestPathNode():
                 return self._closest_path_node(request)
+            case Sync():
+                self._synchronise(request)
+                return []
             case Unknown():
                 self._log.info("unknown command ignored", command=command.text)
                 return []
@@ -297,6 +318,11 @@ class RobotAgent:
             return []
         return self._role.obey(request)
 
+    def _synchronise(self, request: Sync) -> None:
+        if self._role is None or not self._ticks.answer(request.ticks, self._fleet.time):
+            self._log.debug("SYNC ignored: nobody waits for it")
+        self._set_due()
+
     def _set_dialect(self) -> None:
         if self._role is not None and self._role.dialect is not self._selector.current:
             self._log.debug("dialect changed", dialect=self._selector.current.value)
@@ -306,7 +332,7 @@ class RobotAgent:
     def _set_due(self) -> None:
         with self._lock:
             if self._role is not None and self._snapshot is None and not self._closed:
-                self._due = self._role.due
+                self._due = min(self._role.due, self._ticks.due)
 
     # -- INIT --------------------------------------------------------------------------------
 
@@ -333,6 +359,7 @@ class RobotAgent:
             self._dismiss()
         elif casting.attach is not None:
             self._due = 0.0
+            self._ticks.begin(self._fleet.time)
             casting.attach(self)
 
     def _robot(self, init: Init, pose: Pose) -> Casting | None:
@@ -371,6 +398,7 @@ class RobotAgent:
 
     def _dismiss(self) -> None:
         self._role = self._vehicle = None
+        self._ticks.end()
         leave, self._leave = self._leave, _nothing
         leave()
         self._log = Log("robot", connection=self._peer)

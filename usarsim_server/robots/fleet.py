@@ -23,11 +23,12 @@ from usarsim_server.robots.roster import Roster
 from usarsim_server.sensors.base import Sensor, SensorContext
 from usarsim_server.sensors.registry import create_sensor
 from usarsim_server.simulation.articulation import JointModel, JointOrder, ToolModel
+from usarsim_server.simulation.clockwork import Listener
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import RobotModel
 from usarsim_server.simulation.objects import ObjectFacts
 from usarsim_server.simulation.rays import RayFan, RayHits
-from usarsim_server.simulation.simulation import Listener, Simulation
+from usarsim_server.simulation.simulation import Simulation
 from usarsim_server.simulation.slots import always
 from usarsim_server.simulation.snapshot import RobotBody, Snapshot
 from usarsim_server.worlds.description import WorldDescription

@@ -9,10 +9,10 @@ from typing import Protocol
 from usarsim_server.logs import Log
 from usarsim_server.protocol.requests import Init, Request
 from usarsim_server.protocol.values import Dialect
+from usarsim_server.simulation.clockwork import Listener
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.raycaster import RayQuery
 from usarsim_server.simulation.rays import RayHits
-from usarsim_server.simulation.simulation import Listener
 from usarsim_server.simulation.snapshot import Snapshot
 
 __all__ = ["Casting", "Reading", "Role", "RoleFactory", "robots_only"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["PaceReport", "Pacer"]
+__all__ = ["PaceReport", "Pacer", "Patience"]
 
 MAX_LAG = 0.1
 """s of wall time that may be caught up; what is later than that is given up."""
@@ -66,3 +66,31 @@ class Pacer:
         if not slow and not was:
             return None
         return PaceReport(round(factor, 3), self._speed, slow)
+
+
+class Patience:
+    """How long to wait for somebody. Pure: clocks are handed in.
+
+    Args:
+        limit: s of wall time; infinity for ever.
+    """
+
+    def __init__(self, limit: float) -> None:
+        self._limit = limit
+        self._since: float | None = None
+
+    def relax(self) -> None:
+        """What was waited for has come."""
+        self._since = None
+
+    def lost(self, wall: float) -> bool:
+        """Whether it has been waited for too long, at a wall time (s); if so, waiting starts anew.
+
+        The first call after `relax` starts the clock.
+        """
+        if self._since is None:
+            self._since = wall
+        if wall - self._since < self._limit:
+            return False
+        self._since = None
+        return True

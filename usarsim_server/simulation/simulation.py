@@ -9,11 +9,8 @@ with it, so that equal commands at equal times give equal runs.
 from __future__ import annotations
 
 import math
-import threading
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import mujoco
 import numpy as np
@@ -21,6 +18,7 @@ from numpy.typing import NDArray
 
 from usarsim_server.logs import Log
 from usarsim_server.simulation.articulation import JointOrder
+from usarsim_server.simulation.clockwork import ClockOptions, Clockwork, Listener
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose, Vector
 from usarsim_server.simulation.machines import Machine
@@ -33,37 +31,15 @@ from usarsim_server.simulation.model import (
 )
 from usarsim_server.simulation.movers import Mover, Way
 from usarsim_server.simulation.objects import ObjectFacts
-from usarsim_server.simulation.pacing import Pacer, PaceReport
 from usarsim_server.simulation.raycaster import RayQuery, cast, cast_all, cast_scenery
 from usarsim_server.simulation.rays import RayFan, RayHits, SceneryHit
 from usarsim_server.simulation.slots import SlotLimits, Slots, always
 from usarsim_server.simulation.snapshot import RobotBody, Snapshot
 from usarsim_server.simulation.static_geometry import StaticGeometry
 
-__all__ = ["Listener", "Simulation", "SimulationOptions"]
+__all__ = ["Simulation", "SimulationOptions"]
 
 _log = Log("simulation")
-
-BATCH_STEPS = 2
-"""Steps per turn at a paced speed: commands are obeyed at least this often."""
-LOCKSTEP_BATCH_STEPS = 5
-
-
-class Listener(Protocol):
-    """Someone who wants snapshots, each at a simulated time of its choice."""
-
-    @property
-    def due(self) -> float:
-        """Simulated time of the next snapshot wanted; infinity for none."""
-
-    def wake(self, snapshot: Snapshot) -> None:
-        """Take a snapshot (called by the physics thread; must return at once)."""
-
-    def idle(self) -> bool:
-        """Whether everything handed over so far has been dealt with (lockstep waits for it)."""
-
-    def lost(self, reason: str) -> None:
-        """The listener's robot was taken out of the world."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +48,8 @@ class SimulationOptions:
 
     Attributes:
         physics: settings of the physics.
-        speed: simulated seconds per wall second; infinity runs in lockstep.
+        speed: simulated seconds per wall second; infinity for as fast as possible.
+        patience: wall s for which the world waits at a listener's horizon; infinity for ever.
         max_robots: most robots at a time.
         max_things: most things at a time that were put into the world and are no robots.
         lower, upper: corners of the box that robots may be in, m.
@@ -80,6 +57,7 @@ class SimulationOptions:
 
     physics: PhysicsOptions = field(default_factory=PhysicsOptions)
     speed: float = 1.0
+    patience: float = math.inf
     max_robots: int = 16
     max_things: int = 256
     lower: Vector = (-1000.0, -1000.0, -50.0)
@@ -101,19 +79,19 @@ class Simulation:
             self._mail,
             SlotLimits(options.max_robots, options.max_things, options.lower, options.upper),
         )
-        self._listeners: dict[int, Listener] = {}
-        self._stopping = False
-        self._thread: threading.Thread | None = None
-        self._on_failure: Callable[[], None] | None = None
-        self.failure: Exception | None = None
-        self._snapshot = self._engine.snapshot()
+        self._clockwork = Clockwork(
+            self._engine,
+            self._mail,
+            lambda: self._slots.busy,
+            ClockOptions(options.speed, options.patience, options.lower[2]),
+        )
 
     # -- looking -----------------------------------------------------------------------------
 
     @property
     def snapshot(self) -> Snapshot:
         """The newest published snapshot."""
-        return self._snapshot
+        return self._clockwork.snapshot
 
     def look(self) -> Snapshot:
         """A picture of this very moment; blocks until the physics is between two steps."""
@@ -204,11 +182,7 @@ class Simulation:
 
     def remove(self, robot: int) -> None:
         """Take a robot out of the world soon; unknown robots are ignored."""
-        self._mail.post(lambda: self._remove(robot))
-
-    def _remove(self, robot: int) -> None:
-        self._listeners.pop(robot, None)
-        self._engine.vacate(robot)
+        self._mail.post(lambda: self._clockwork.remove(robot))
 
     def drive(self, robot: int, targets: NDArray[np.float64]) -> None:
         """Set wheel speed targets (rad/s, driven wheels in part order) at the next step.
@@ -319,20 +293,18 @@ class Simulation:
 
     def attach(self, robot: int, listener: Listener) -> None:
         """Give a robot's listener the snapshots it asks for from now on."""
-
-        def add() -> None:
-            if robot in self._engine.active:
-                self._listeners[robot] = listener
-            else:
-                listener.lost("it left the world at once")
-
-        self._mail.post(add)
+        self._mail.post(lambda: self._clockwork.attach(robot, listener))
 
     def attention(self) -> None:
-        """Tell the physics that a listener became idle or changed its due time."""
+        """Tell the physics that a listener became idle or changed its due time or horizon."""
         self._mail.notify()
 
     # -- running -----------------------------------------------------------------------------
+
+    @property
+    def failure(self) -> Exception | None:
+        """Why the physics thread had to give up, None if it did not."""
+        return self._clockwork.failure
 
     def start(self, on_failure: Callable[[], None] | None = None) -> None:
         """Start the physics thread.
@@ -340,120 +312,22 @@ class Simulation:
         Args:
             on_failure: called, on that thread, if it has to give up; `failure` says why.
         """
-        self._mail.disown()
-        self._on_failure = on_failure
-        self._thread = threading.Thread(target=self._run, name="physics", daemon=True)
-        self._thread.start()
+        self._clockwork.start(on_failure)
 
     def stop(self) -> None:
         """Stop the physics thread and wait for it."""
-        self._stopping = True
-        self._mail.notify()
-        if self._thread is not None:
-            self._thread.join(timeout=2.0)
-        self._mail.end()
+        self._clockwork.stop()
 
     def run_until(self, moment: float) -> None:
         """Advance in the calling thread, in lockstep, to a simulated time (tests, benchmarks).
 
         Must not be mixed with `start`.
         """
-        self._mail.claim()
-        while not self._stopping and self._engine.time < moment - self.timestep / 2:
-            self._settle()
-            self._turn(self._steps_to_due(LOCKSTEP_BATCH_STEPS, moment))
-        self._settle()
+        self._clockwork.run_until(moment)
 
     def settle(self) -> None:
         """Carry out requests in the calling thread until every listener is idle (tests)."""
-        self._mail.claim()
-        self._settle()
-
-    def _run(self) -> None:
-        self._mail.claim()
-        try:
-            if math.isinf(self._options.speed):
-                self._run_lockstep()
-            else:
-                self._run_paced(Pacer(self._options.speed, self._engine.time))
-        except Exception as error:
-            _log.exception("the physics thread died", error)
-            self.failure = error
-            if self._on_failure is not None:
-                self._on_failure()
-        finally:
-            self._mail.end()
-
-    def _run_paced(self, pacer: Pacer) -> None:
-        while not self._stopping:
-            self._mail.obey()
-            wait = pacer.wait(self._engine.time, time.perf_counter())
-            if wait > 0.0:
-                self._mail.wait(wait)
-                continue
-            self._turn(self._steps_to_due(BATCH_STEPS, math.inf))
-            report = pacer.report(self._engine.time, time.perf_counter())
-            if report is not None:
-                _tell(report)
-
-    def _run_lockstep(self) -> None:
-        while not self._stopping:
-            self._settle()
-            if self._listeners:
-                self._turn(self._steps_to_due(LOCKSTEP_BATCH_STEPS, math.inf))
-            else:
-                # Nobody is there: time stands still, so that runs do not depend on when they start.
-                self._mail.wait(0.1)
-
-    def _settle(self) -> None:
-        """Wait until no listener and no spawn is under way; requests are served meanwhile."""
-        while not self._stopping:
-            self._mail.obey()
-            seen = self._mail.events
-            busy = self._slots.busy or not all(one.idle() for one in self._listeners.values())
-            if not busy and self._mail.empty:
-                return
-            self._mail.wait(0.001, seen)
-
-    def _steps_to_due(self, most: int, horizon: float) -> int:
-        due = min((one.due for one in self._listeners.values()), default=math.inf)
-        ahead = min(due, horizon) - self._engine.time
-        if ahead >= most * self.timestep:
-            return most
-        # A stream is due at the first step that is not before its time.
-        return max(1, math.ceil(ahead / self.timestep - 1e-9))
-
-    def _turn(self, steps: int) -> None:
-        for robot in self._engine.advance(steps):
-            self._lose(robot, "its state became non-finite")
-        now = self._engine.time + self.timestep * 1e-6
-        if not any(one.due <= now for one in self._listeners.values()):
-            return
-        self._snapshot = self._engine.snapshot()
-        self._remove_fallen(self._snapshot)
-        for one in self._listeners.values():
-            if one.due <= now:
-                one.wake(self._snapshot)
-
-    def _remove_fallen(self, snapshot: Snapshot) -> None:
-        low = self._options.lower[2]
-        for robot, layout in snapshot.layouts.items():
-            if snapshot.xpos[layout.base, 2] < low:
-                self._engine.vacate(robot)
-                self._lose(robot, "it fell out of the world")
-
-    def _lose(self, robot: int, reason: str) -> None:
-        _log.warning("robot removed", id=robot, reason=reason)
-        listener = self._listeners.pop(robot, None)
-        if listener is not None:
-            listener.lost(reason)
-
-
-def _tell(report: PaceReport) -> None:
-    if report.slow:
-        _log.warning("simulated time is slow", real_time_factor=report.factor, asked=report.asked)
-    else:
-        _log.info("simulated time is kept again", real_time_factor=report.factor)
+        self._clockwork.settle()
 
 
 def _log_warning(text: str) -> None:

@@ -31,10 +31,10 @@ import numpy as np
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.fleet import robot_model
 from usarsim_server.robots.roster import load_roster
+from usarsim_server.simulation.clockwork import BATCH_STEPS
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.model import PhysicsOptions
 from usarsim_server.simulation.placement import Placement
-from usarsim_server.simulation.simulation import BATCH_STEPS
 from usarsim_server.worlds.catalog import find_world
 from usarsim_server.worlds.description import WorldDescription
 from usarsim_server.worlds.loader import load_world

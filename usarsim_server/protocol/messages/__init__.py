@@ -58,6 +58,7 @@ from usarsim_server.protocol.messages.world import (
     path_nodes,
     start_poses,
     status_change,
+    tick,
 )
 from usarsim_server.protocol.messages.world_objects import ObjectStatus, object_status
 
@@ -105,6 +106,7 @@ __all__ = [
     "static_geometry",
     "static_status",
     "status_change",
+    "tick",
     "tool_changer_item",
     "viewports_result",
 ]

@@ -9,7 +9,15 @@ from usarsim_server.protocol.messages.text import count, line, segment, time_seg
 from usarsim_server.protocol.numbers import vector
 from usarsim_server.protocol.values import Vector
 
-__all__ = ["closest_path_node", "die", "greeting", "path_nodes", "start_poses", "status_change"]
+__all__ = [
+    "closest_path_node",
+    "die",
+    "greeting",
+    "path_nodes",
+    "start_poses",
+    "status_change",
+    "tick",
+]
 
 _POSE_DIGITS = 4
 _LEVEL_INFO = re.compile(r"\.levelinfo.*", re.IGNORECASE | re.DOTALL)
@@ -80,6 +88,15 @@ def status_change(time: float, event: str, wire_type: str, name: str) -> str:
         segment("Type", wire_type),
         segment("Name", name),
     )
+
+
+def tick(time: float) -> str:
+    """A tick of lockstep has passed: everything that was due is said, and the world stands still.
+
+    Args:
+        time: simulated s.
+    """
+    return line("NFO", segment("Status", "Tick"), time_segment(time, _POSE_DIGITS))
 
 
 def _tagged_poses(key: str, poses: Sequence[tuple[str, Vector, Vector]]) -> str:
