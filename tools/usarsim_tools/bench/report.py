@@ -7,6 +7,7 @@ import math
 import textwrap
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
+from typing import Literal
 
 from usarsim_tools.bench.figures import Figure, Report, Section
 
@@ -25,7 +26,7 @@ def as_text(report: Report) -> str:
         if section.figures:
             setting += f"\n{_columns(_rows(section))}"
         parts.append(f"{section.title}\n{_failure(section) or setting}")
-    if len(report.sections) > 1 and (aimed := _aimed(report)):
+    if len(report.sections) > 1 and (aimed := _aimed(report, "key")):
         parts.append(f"All aims\n{_columns(aimed)}")
     return "\n\n".join([*parts, _summary(report)])
 
@@ -34,7 +35,7 @@ def as_markdown(report: Report) -> str:
     """Headings and tables; of several sections the aims stand together first. Ends with a line
     feed."""
     parts = ["# Measurements", _markdown_table(("Circumstance", ""), report.facts)]
-    if len(report.sections) > 1 and (aimed := _aimed(report)):
+    if len(report.sections) > 1 and (aimed := _aimed(report, "title")):
         parts += ["## All aims", _markdown_table(("What", "Measured", "Aim", ""), aimed)]
     for section in report.sections:
         parts.append(f"## {section.title}")
@@ -84,11 +85,14 @@ def _rows(section: Section) -> list[tuple[str, ...]]:
     ]
 
 
-def _aimed(report: Report) -> list[tuple[str, str, str, str]]:
+def _aimed(report: Report, name: Literal["key", "title"]) -> list[tuple[str, str, str, str]]:
     """What has an aim, of all sections: what it is, value with unit, aim, verdict."""
+    heads = [
+        (section, section.key if name == "key" else section.title) for section in report.sections
+    ]
     return [
-        (f"{section.title}: {f.name}", f"{f.text} {f.unit}".rstrip(), str(f.aim), _VERDICT[f.met])
-        for section in report.sections
+        (f"{head}: {f.name}", f"{f.text} {f.unit}".rstrip(), str(f.aim), _VERDICT[f.met])
+        for section, head in heads
         for f in section.figures
         if f.aim is not None
     ]
