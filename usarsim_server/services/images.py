@@ -22,6 +22,7 @@ from usarsim_server.cameras.view import Frame, FrameSource, Region
 from usarsim_server.logs import Log
 from usarsim_server.protocol.images import FullFrame, Request, RequestLexer, empty_reply
 from usarsim_server.services.attention import Attention, Bell, Repeats
+from usarsim_server.services.limits import READ_COST, InputRates
 from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits
 
 __all__ = ["ImageLimits", "ImageService"]
@@ -46,6 +47,7 @@ class ImageLimits:
         regions: regions rendered for one client at a time; as many as a grid has tiles at most.
         repeat: s between two copies of the same picture to the same client. One that asks again
             as soon as it can read would otherwise keep a core busy with pictures it has already.
+        rate: requests per s of one client in the long run; it is read no faster.
     """
 
     max_connections: int = 64
@@ -55,6 +57,7 @@ class ImageLimits:
     linger: float = 2.0
     regions: int = 64
     repeat: float = 0.004
+    rate: float = 1000.0
 
 
 class ImageService:
@@ -98,6 +101,7 @@ class ImageService:
         self._silent_push = silent_push
         self._bound = bound or _sees_all
         self._limits = limits or ImageLimits()
+        self._rates = InputRates(self._limits.rate)
         self._log = Log(self.name)
         self._listener = Listener(
             self.name,
@@ -137,7 +141,9 @@ class ImageService:
         assert self._desk is not None, "clients come after start only"
         log = self._log.bind(connection=peer)
         host = client.getpeername()[0]
-        conversation = _Conversation(client, self._desk, self._limits, lambda: self._bound(host))
+        conversation = _Conversation(
+            client, self._desk, self._limits, self._rates, lambda: self._bound(host)
+        )
         log.info("client connected")
         try:
             await conversation.run(self._legacy, self._silent_push)
@@ -228,11 +234,13 @@ class _Conversation:
         client: socket.socket,
         desk: _Desk,
         limits: ImageLimits,
+        rates: InputRates,
         bound: Callable[[], Region | None],
     ) -> None:
         self._client = client
         self._desk = desk
         self._limits = limits
+        self._rates = rates
         self._bound = bound
         self._loop = asyncio.get_running_loop()
         self.attention = Attention(desk.source, desk.bell, limits.linger, limits.regions)
@@ -241,15 +249,16 @@ class _Conversation:
 
     async def run(self, legacy: bool, silent_push: float) -> None:
         """Answer requests until the client closes; `OSError` if it is lost."""
-        lexer = RequestLexer()
+        lexer, allowance = RequestLexer(), self._rates.newcomer()
         if legacy:
             await self._answer(FullFrame())
         data = await (self._receive() if legacy else self._first(silent_push))
         while data:
-            for request in lexer.feed(data):
+            requests = lexer.feed(data)
+            for request in requests:
                 await self._answer(request)
             # `sock_recv` does not yield while there is data: let other clients have a turn.
-            await asyncio.sleep(0)
+            await asyncio.sleep(self._rates.charge(allowance, READ_COST + len(requests)))
             data = await self._receive()
 
     async def _receive(self) -> bytes:

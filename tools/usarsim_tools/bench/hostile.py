@@ -145,6 +145,7 @@ def measure_hostile(plan: Plan) -> Section:
         gather(crowd, robots, (DEFAULT_CLASS,), TOGETHER)
         crowd.run(SETTLE)
         usual, quiet = _quiet(server, crowd, min(QUIET, seconds))
+        crowd.run(SETTLE)  # what came while the clients were counting is old
         with Attackers(server.port) as attackers:
             attacked = _attacked(server, crowd, seconds, usual)
             damage = attackers.stop()
