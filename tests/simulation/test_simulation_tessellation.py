@@ -129,6 +129,23 @@ class TestRound:
             expected, rel=0.02
         )
 
+    @pytest.mark.parametrize(
+        "kind",
+        [
+            Geom.mjGEOM_SPHERE,
+            Geom.mjGEOM_ELLIPSOID,
+            Geom.mjGEOM_CAPSULE,
+            Geom.mjGEOM_CYLINDER,
+        ],
+    )
+    def test_no_corner_lies_on_an_axis(self, kind: Geom) -> None:
+        """Where people look from above or along, a ray meets the inside of a facet."""
+        faces = triangles(model_with(kind, (0.3, 0.3, 0.3)), 0, *UPRIGHT)
+        corners = faces.reshape(-1, 3)
+        for axis in range(3):
+            across = np.delete(corners, axis, axis=1)
+            assert np.linalg.norm(across, axis=1).min() > 1e-4
+
     def test_no_slivers(self) -> None:
         """No facet of any kind is degenerate, so every facet has a normal."""
         for kind in (Geom.mjGEOM_SPHERE, Geom.mjGEOM_CAPSULE, Geom.mjGEOM_CYLINDER):

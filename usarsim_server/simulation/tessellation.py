@@ -22,6 +22,10 @@ MAX_SEGMENTS = 256
 
 Array = NDArray[np.float64]
 
+_ASKEW: Array = np.array([[2.0, -6.0, 3.0], [6.0, 3.0, 2.0], [-3.0, 2.0, 6.0]]) / 7.0
+"""A turn of balls, by which no corner lies on an axis (see `_revolve`)."""
+_PHASE = 0.123
+"""rad by which the corners of rings are off the axes, for the same reason."""
 _QUADS = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
 """Faces of a box whose corners are numbered by the signs of x, y, z (z fastest)."""
 
@@ -83,7 +87,7 @@ def _local_triangles(model: mujoco.MjModel, geom: int, tolerance: float) -> Arra
         return _revolve(_capsule_profile(radius, float(size[1]), segments), segments)
     if kind == types.mjGEOM_CYLINDER:
         radius, half = float(size[0]), float(size[1])
-        profile = np.array([[0.0, -half], [radius, -half], [radius, half], [0.0, half]])
+        profile = np.array([[radius, -half], [radius, half]])
         return _revolve(profile, _segments(radius, tolerance))
     return np.zeros((0, 3, 3))
 
@@ -133,28 +137,47 @@ def _heightfield(model: mujoco.MjModel, field: int) -> Array:
 def _ellipsoid(semi_axes: Array, tolerance: float) -> Array:
     # Curved both ways: the errors along and across add up.
     count = _segments(float(semi_axes.max()), tolerance / 2)
-    angles = np.linspace(-math.pi / 2, math.pi / 2, math.ceil(count / 2) + 1)
+    angles = _latitudes(count)
+    angles = np.concatenate([-angles[::-1], angles])
     unit = _revolve(np.stack([np.cos(angles), np.sin(angles)], axis=1), count)
-    return unit * semi_axes
+    return unit @ _ASKEW * semi_axes
+
+
+def _latitudes(count: int) -> Array:
+    """Rings of the upper half of a ball with so many segments, from the equator up; the last one
+    is so near to the pole that a flat lid closes it as well as any facet."""
+    steps = math.ceil(count / 4)
+    return (np.arange(steps) + 0.5) * (math.pi / 2 / steps)
 
 
 def _capsule_profile(radius: float, half: float, segments: int) -> Array:
-    angles = np.linspace(0.0, math.pi / 2, math.ceil(segments / 4) + 1)
+    angles = np.append(0.0, _latitudes(segments))
     upper = np.stack([radius * np.cos(angles), half + radius * np.sin(angles)], axis=1)
     lower = upper[::-1] * np.array([1.0, -1.0])
     return np.concatenate([lower, upper])
 
 
 def _revolve(profile: Array, count: int) -> Array:
-    """Surface of revolution about z of a profile (n, 2) of radius and height, without slivers."""
-    angles = np.linspace(0.0, math.tau, count, endpoint=False)
+    """Surface of revolution about z of a profile (n, 2) of radius and height, closed by flat lids.
+
+    No corner and no edge lies on the axis, along which people like to look: where many triangles
+    meet a ray may slip through between them. Hence the odd number of segments, at the least as many
+    as asked for, and lids without a corner in their middle.
+    """
+    count |= 1
+    angles = _PHASE + np.linspace(0.0, math.tau, count, endpoint=False)
     ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     rings = np.concatenate(
         [profile[:, None, :1] * ring[None], np.repeat(profile[:, None, 1:], count, 1)], axis=2
     )
     a, b = rings[:-1], np.roll(rings[:-1], -1, axis=1)
     d, c = rings[1:], np.roll(rings[1:], -1, axis=1)
-    faces = np.concatenate([np.stack([a, b, c], 2), np.stack([a, c, d], 2)]).reshape(-1, 3, 3)
-    area = np.linalg.norm(np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0]), axis=1)
-    answer: Array = faces[area > 1e-12]
+    sides = np.concatenate([np.stack([a, b, c], 2), np.stack([a, c, d], 2)]).reshape(-1, 3, 3)
+    answer: Array = np.concatenate([sides, _lid(rings[0])[:, ::-1], _lid(rings[-1])])
     return answer
+
+
+def _lid(ring: Array) -> Array:
+    """Triangles (k, 3, 3) that fill a ring of corners (n, 3)."""
+    first = np.broadcast_to(ring[0], (len(ring) - 2, 3))
+    return np.stack([first, ring[1:-1], ring[2:]], axis=1)
