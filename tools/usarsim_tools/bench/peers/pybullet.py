@@ -21,7 +21,7 @@ PEER = Peer(
     "of 181 rays (rayTestBatch, one thread) of 20 m from every rover ten times a second; all "
     "inside one process.",
     different="pybullet steps 240 times a second (its default), we step 250 times. Our side does "
-    "more: commands and scans go through the text protocol, every robot has a thread, a battery, "
+    "more: commands and scans go through the text protocol, every robot has a battery, "
     "a status line, servos with limited acceleration and contact compensation. Not compared: how "
     "truly either of them moves, rendering, sockets.",
 )
