@@ -32,7 +32,7 @@ LONG_PART = 256
 clients are shorter, but for way points."""
 REPLY_PART = 1024
 """Bytes of replies that cost as much as a command."""
-READ_COST = 0.125
+READ_COST = 0.25
 """Cost of a read call, in commands, so that endless lines and single bytes are not for nothing."""
 COMMAND_BURST = 2.0
 """Seconds' worth of commands that a client saves up while it sends fewer."""
