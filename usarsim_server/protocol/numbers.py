@@ -107,6 +107,10 @@ def read_vector(text: str, count: int = 3) -> tuple[float, ...]:
     return (*numbers, *(0.0,) * (count - len(numbers)))
 
 
+_EXACT = 10**14
+"""Decimal digits up to which doubles tell all numbers apart."""
+
+
 def fixed(value: float, digits: int) -> str:
     """Print a number with exactly `digits` digits after the point, truncated toward zero.
 
@@ -117,8 +121,12 @@ def fixed(value: float, digits: int) -> str:
     value = float(value)
     if not math.isfinite(value):
         value = 0.0
-    scaled = min(max(value, -MAX_MAGNITUDE), MAX_MAGNITUDE) * 10.0**digits
+    scale = 10.0**digits
+    scaled = min(max(value, -MAX_MAGNITUDE), MAX_MAGNITUDE) * scale
     units = int(scaled + math.copysign(_SLACK, scaled))
+    if -_EXACT < units < _EXACT:
+        # The nearest double of so few digits prints as just these.
+        return f"{units / scale:.{digits}f}"
     text = f"{abs(units):0{digits + 1}d}"
     sign = "-" if units < 0 else ""
     return f"{sign}{text[:-digits]}.{text[-digits:]}" if digits else f"{sign}{text}"

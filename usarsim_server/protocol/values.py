@@ -20,6 +20,9 @@ class Dialect(Enum):
     UT2004 = "ut2004"
     UDK = "udk"
 
+    # Every line looks things up by the dialect; members are single, so identity will do.
+    __hash__ = object.__hash__
+
 
 @dataclass(frozen=True, slots=True)
 class Item:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
-__all__ = ["BEAT", "Schedule", "Stream", "first_report"]
+__all__ = ["BEAT", "Schedule", "first_report"]
 
 TOLERANCE = 1e-6
 """s: a stream is due at the step whose time rounds to its own."""
@@ -26,60 +25,51 @@ def first_report(asked: float, now: float, quiet: float) -> float:
     return max(last, math.ceil((now - TOLERANCE) / BEAT)) * BEAT
 
 
-@dataclass(slots=True)
-class Stream:
-    """One periodic report.
+class Schedule:
+    """The streams of one robot; a stream that fell behind skips reports, it never queues them.
 
-    Attributes:
-        interval: s between reports; 0 means only on request.
-        start: simulated time of report number 0.
-        count: number of the next report. Times are `start + count * interval`, so that they do
-            not drift however the steps fall.
+    Report number n of a stream is due at `start + n * interval`, so that times do not drift however
+    the steps fall.
     """
 
-    interval: float
-    start: float = math.inf
-    count: int = 0
-
-    @property
-    def due(self) -> float:
-        """Simulated time of the next report; infinity if there is none."""
-        return self.start + self.count * self.interval if self.interval > 0.0 else math.inf
-
-
-class Schedule:
-    """The streams of one robot; a stream that fell behind skips reports, it never queues them."""
-
     def __init__(self, intervals: list[float]) -> None:
-        """Make one stream per interval (s); nothing is due before `begin`."""
-        self._streams = [Stream(interval) for interval in intervals]
+        """Make one stream per interval (s; 0 reports on request only); nothing is due before
+        `begin`."""
+        self._intervals = list(intervals)
+        self._starts = [math.inf] * len(intervals)
+        # Looked at far more often than changed.
+        self._due = [math.inf] * len(intervals)
 
     @property
     def due(self) -> float:
         """Simulated time at which the next stream is due; infinity if none ever is."""
-        return min((stream.due for stream in self._streams), default=math.inf)
+        return min(self._due, default=math.inf)
 
     def begin(self, time: float) -> None:
         """Let all streams report first at a simulated time."""
-        for stream in self._streams:
-            stream.start, stream.count = time, 0
+        self._starts = [time] * len(self._intervals)
+        self._due = [time if interval > 0.0 else math.inf for interval in self._intervals]
 
     def set_intervals(self, intervals: list[float]) -> None:
         """Change the intervals (s), in the order of the streams; unchanged ones keep their beat."""
-        for stream, interval in zip(self._streams, intervals, strict=True):
-            if interval == stream.interval:
+        for index, (old, new) in enumerate(zip(self._intervals, intervals, strict=True)):
+            if new == old:
                 continue
             # The next report keeps its moment; the new beat is counted from there.
-            if math.isfinite(stream.due):
-                stream.start = stream.due
-            stream.interval, stream.count = interval, 0
+            if math.isfinite(self._due[index]):
+                self._starts[index] = self._due[index]
+            self._due[index] = self._starts[index] if new > 0.0 else math.inf
+        self._intervals = list(intervals)
 
     def take_due(self, time: float) -> list[int]:
         """Indices of the streams that are due at a simulated time; each is moved on."""
-        taken = []
-        for index, stream in enumerate(self._streams):
-            if stream.due <= time + TOLERANCE:
-                passed = math.floor((time + TOLERANCE - stream.start) / stream.interval)
-                stream.count = max(stream.count, passed) + 1
-                taken.append(index)
+        limit = time + TOLERANCE
+        taken = [index for index, due in enumerate(self._due) if due <= limit]
+        for index in taken:
+            start, interval = self._starts[index], self._intervals[index]
+            number = max(
+                math.floor((limit - start) / interval),
+                round((self._due[index] - start) / interval),
+            )
+            self._due[index] = start + (number + 1) * interval
         return taken

@@ -74,14 +74,13 @@ def _answer(
     dynamic: DynamicGeometry | None,
 ) -> list[RayHits]:
     full = [number for number, fan in enumerate(fans) if len(fan.directions)]
-    answers = [_nothing(fan) for fan in fans]
     if not full:
-        return answers
+        return [_nothing(fan) for fan in fans]
+    if len(full) < len(fans):
+        viewers = [viewers[number] for number in full]
     batch = join([fans[number] for number in full])
-    surfaces, names = _meet(batch, [viewers[number] for number in full], snapshot, static, dynamic)
-    for number, hits in zip(full, _cut(batch, surfaces, names), strict=True):
-        answers[number] = hits
-    return answers
+    found = iter(_cut(batch, *_meet(batch, viewers, snapshot, static, dynamic)))
+    return [next(found) if len(fan.directions) else _nothing(fan) for fan in fans]
 
 
 def _meet(

@@ -147,7 +147,8 @@ def _latitudes(count: int) -> Array:
     """Rings of the upper half of a ball with so many segments, from the equator up; the last one
     is so near to the pole that a flat lid closes it as well as any facet."""
     steps = math.ceil(count / 4)
-    return (np.arange(steps) + 0.5) * (math.pi / 2 / steps)
+    angles: Array = (np.arange(steps) + 0.5) * (math.pi / 2 / steps)
+    return angles
 
 
 def _capsule_profile(radius: float, half: float, segments: int) -> Array:

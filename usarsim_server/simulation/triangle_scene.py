@@ -59,7 +59,9 @@ class TriangleScene:
         self._parts = np.append(
             np.repeat([part for part, _ in parts], [len(part) for _, part in parts]), -1
         ).astype(np.intp)
-        self._rounds = tuple(rounds)
+        self._rounds = dict(rounds)
+        self._is_round = np.zeros(max((part for part, _ in parts), default=0) + 2, dtype=bool)
+        self._is_round[list(self._rounds)] = True
         self._scene = None
         if len(faces):
             self._scene = rtcore_scene.EmbreeScene()
@@ -89,23 +91,28 @@ class TriangleScene:
         distances = answer["tfar"].astype(np.float64)
         distances[faces < 0] = np.inf
         hits = self._hits(distances, faces, normals)
-        for part, shape in self._rounds:
-            _round_off(hits, np.flatnonzero(hits.parts == part), shape, origins, directions)
+        if self._rounds:
+            self._round_off(hits, origins, directions)
         return hits
+
+    def _round_off(self, hits: TriangleHits, origins: Array, directions: Array) -> None:
+        # A miss is part -1, the last entry, which is not round.
+        touched = np.flatnonzero(self._is_round.take(hits.parts, mode="wrap"))
+        for part in set(hits.parts[touched].tolist()):
+            rays = touched[hits.parts[touched] == part]
+            _round_off(hits, rays, self._rounds[part], origins, directions)
 
     def _hits(
         self, distances: Array, faces: NDArray[np.signedinteger], normals: bool
     ) -> TriangleHits:
-        facing = np.take(self._normals, faces, axis=0, mode="wrap") if normals else None
-        return TriangleHits(distances, np.take(self._parts, faces, mode="wrap"), facing)
+        facing = self._normals.take(faces, axis=0, mode="wrap") if normals else None
+        return TriangleHits(distances, self._parts.take(faces, mode="wrap"), facing)
 
 
 def _round_off(
     hits: TriangleHits, rays: Numbers, shape: RoundPart, origins: Array, directions: Array
 ) -> None:
     """Move hits on facets, which lie inside a round surface, out to where the ray meets it."""
-    if not len(rays):
-        return
     # In a frame where the surface is the unit sphere.
     start = (origins[rays] - shape.centre) @ shape.turn / shape.axes
     way = directions[rays] @ shape.turn / shape.axes
