@@ -147,7 +147,8 @@ def _latitudes(count: int) -> Array:
     """Rings of the upper half of a ball with so many segments, from the equator up; the last one
     is so near to the pole that a flat lid closes it as well as any facet."""
     steps = math.ceil(count / 4)
-    angles: Array = (np.arange(steps) + 0.5) * (math.pi / 2 / steps)
+    middles = np.arange(steps, dtype=np.float64) + 0.5
+    angles: Array = middles * (math.pi / 2 / steps)
     return angles
 
 
