@@ -42,6 +42,7 @@ from usarsim_server.robots.fleet import Fleet
 from usarsim_server.robots.pilot import PilotOptions
 from usarsim_server.robots.role import Casting, RoleFactory
 from usarsim_server.robots.roster import load_roster
+from usarsim_server.robots.schedule import BEAT, UNPACED_BEAT
 from usarsim_server.services.comserver import ComServerLimits, ComServerService
 from usarsim_server.services.control import ControlLimits, ControlService
 from usarsim_server.services.ground_truth import ground_truth_service
@@ -427,7 +428,8 @@ def _radio_options(settings: Settings) -> RadioOptions:
 
 def _agent_options(settings: Settings) -> AgentOptions:
     # The quiet period is promised in wall time; the simulation knows only its own.
-    factor = 1.0 if math.isinf(settings.speed) else settings.speed
+    paced = not math.isinf(settings.speed)
+    factor = settings.speed if paced else 1.0
     return AgentOptions(
         dialect=settings.dialect,
         tick=settings.tick if settings.lockstep else None,
@@ -435,6 +437,7 @@ def _agent_options(settings: Settings) -> AgentOptions:
         start_at_first_pose=settings.default_start == "first",
         pilot=PilotOptions(
             quiet_period=settings.quiet_period * factor,
+            beat=BEAT if paced else UNPACED_BEAT,
             udk_sta_order=settings.sta_order == "udk",
         ),
     )

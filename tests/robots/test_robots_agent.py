@@ -213,7 +213,7 @@ def test_tilt_signs(stage: Rehearsal, client: RehearsedClient, rotation: str, in
     client.send(
         f"INIT {{ClassName P3AT}} {{Location 30,10,-2.2}} {{Rotation {rotation}}} {{Dialect udk}}"
     )
-    stage.run(0.3)
+    stage.run(0.36)
     falling = [line for line in client.lines if "GroundTruth" in line]
     angles = _numbers(falling[0], "Orientation")
     assert angles[index] == pytest.approx(0.15, abs=0.01)

@@ -232,21 +232,22 @@ class RobotAgent:
             self._tell((), snapshot.time)
             return None
 
-        def finish(hits: Sequence[RayHits]) -> None:
-            self._tell(reading.lines(hits), snapshot.time)
+        def finish(hits: Sequence[RayHits]) -> Callable[[], None]:
+            lines = [messages.encode(line) for line in reading.lines(hits)]
+            return lambda: self._tell(lines, snapshot.time)
 
         return Task(snapshot, reading.query, finish)
 
-    def _tell(self, streamed: Sequence[str], time: float) -> None:
+    def _tell(self, streamed: Sequence[bytes], time: float) -> None:
         """Hand over what a report has found, and look forward to the next one."""
         if self._role is None:
             return
         # News first: the CONF of a camera must not look like the answer to a question that the
         # first SEN provokes.
-        for line in self._role.take_news():
-            self._mouth.put_reply(messages.encode(line))
+        for news in self._role.take_news():
+            self._mouth.put_reply(messages.encode(news))
         for line in streamed:
-            self._mouth.put_stream(messages.encode(line))
+            self._mouth.put_stream(line)
         if self._ticks.passes(time):
             self._mouth.put_reply(messages.encode(messages.tick(time)))
         self._set_due()
@@ -276,16 +277,19 @@ class RobotAgent:
             self._due = math.inf
 
     def _execute_waiting(self, apart: bool) -> None:
-        for _ in range(FLOOD):
-            if self._closed or not self._commands or (self._comes_slow() and not apart):
+        executed = 0
+        while executed < FLOOD and self._commands and not self._closed:
+            if self._comes_slow() and not apart:
                 break
             try:
                 command = self._commands.popleft()
             except IndexError:
                 break
+            executed += 1
             for line in self._execute(command):
                 self._mouth.put_reply(messages.encode(line))
-        self._on_backlog_low()
+        if executed:
+            self._on_backlog_low()
 
     def _execute(self, command: Command) -> list[str]:
         request = interpret(command)

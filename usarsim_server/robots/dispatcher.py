@@ -41,12 +41,14 @@ class Task:
     Attributes:
         snapshot: the instant it is about.
         query: the rays.
-        finish: writes the report, given the answers to the fans of the query, in order.
+        finish: writes the report, given the answers to the fans of the query, in order; what it
+            returns hands it over. So those who send all reports are woken once, when all are
+            written.
     """
 
     snapshot: Snapshot
     query: RayQuery
-    finish: Callable[[Sequence[RayHits]], None]
+    finish: Callable[[Sequence[RayHits]], Callable[[], None]]
 
 
 class Served(Protocol):
@@ -162,9 +164,15 @@ class Dispatcher:
                     for one in group:
                         self._work_off([one])
                 continue
+            written: list[tuple[Served, Callable[[], None]]] = []
             for (caller, task), hits in zip(group, answers, strict=True):
                 try:
-                    task.finish(hits)
+                    written.append((caller, task.finish(hits)))
+                except Exception as error:
+                    caller.fail(error)
+            for caller, hand_over in written:
+                try:
+                    hand_over()
                 except Exception as error:
                     caller.fail(error)
 

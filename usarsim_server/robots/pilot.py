@@ -31,7 +31,7 @@ from usarsim_server.robots.families.base import StatusFacts
 from usarsim_server.robots.families.registry import family_of
 from usarsim_server.robots.fleet import Vehicle
 from usarsim_server.robots.role import Reading
-from usarsim_server.robots.schedule import Schedule, first_report
+from usarsim_server.robots.schedule import BEAT, Schedule, first_report
 from usarsim_server.sensors.assembly import conf_line, find_sensors, geo_line
 from usarsim_server.sensors.base import SetReply, SetResult
 from usarsim_server.sensors.survey import Survey
@@ -54,10 +54,12 @@ class PilotOptions:
 
     Attributes:
         quiet_period: simulated s after spawning without STA and SEN (protocol reference 1.8).
+        beat: simulated s between the instants at which streams may begin (see `schedule.py`).
         udk_sta_order: send the exact UDK order of STA in the udk dialect (5.2 no. 1).
     """
 
     quiet_period: float = 0.27
+    beat: float = BEAT
     udk_sta_order: bool = False
 
 
@@ -247,7 +249,11 @@ class Pilot:
             if not sensor.rays(state):
                 sensor.measure(state, ())
         self._limbs.changes(state)
-        self._schedule.begin(first_report(self._asked, state.time, self._options.quiet_period))
+        self._schedule.begin(self._first_report(state.time))
+
+    def _first_report(self, now: float) -> float:
+        options = self._options
+        return first_report(self._asked, now, options.quiet_period, options.beat)
 
     def _tell_changes(self, state: RobotBody) -> None:
         """Announce what hands hold, and tiles of cameras.

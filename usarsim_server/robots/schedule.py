@@ -4,25 +4,29 @@ from __future__ import annotations
 
 import math
 
-__all__ = ["BEAT", "Schedule", "first_report"]
+__all__ = ["BEAT", "UNPACED_BEAT", "Schedule", "first_report"]
 
 TOLERANCE = 1e-6
 """s: a stream is due at the step whose time rounds to its own."""
 BEAT = 0.02
 """Simulated s between instants at which streams begin: a part of all usual intervals. So those of
 many robots fall due together and are worked out together, in at most 50 batches a second."""
+UNPACED_BEAT = 0.1
+"""The same where nobody waits for the clock: fewer and larger batches cost less."""
 
 
-def first_report(asked: float, now: float, quiet: float) -> float:
-    """When a robot reports first (simulated s): on a beat, as the quiet period ends or just before.
+def first_report(asked: float, now: float, quiet: float, beat: float = BEAT) -> float:
+    """When a robot reports first (simulated s): on a beat, about when the quiet period ends.
 
     Args:
         asked: time of INIT.
         now: time at which the robot is there.
-        quiet: s after INIT in which nothing is reported; up to a beat less.
+        quiet: s after INIT in which nothing is reported; the first report may come up to
+            `BEAT` earlier.
+        beat: s between the instants to choose from.
     """
-    last = math.floor((asked + quiet + TOLERANCE) / BEAT)
-    return max(last, math.ceil((now - TOLERANCE) / BEAT)) * BEAT
+    first = math.floor((asked + quiet - BEAT + TOLERANCE) / beat) + 1
+    return max(first, math.ceil((now - TOLERANCE) / beat)) * beat
 
 
 class Schedule:

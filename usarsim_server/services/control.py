@@ -12,7 +12,6 @@ and the kernel's buffers are small and of fixed size.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import socket
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -21,6 +20,7 @@ from typing import Protocol
 from usarsim_server.logs import Log
 from usarsim_server.protocol.framing import MAX_LINE, LineFramer
 from usarsim_server.protocol.grammar import Command, parse_line
+from usarsim_server.services.calls import LoopCalls
 from usarsim_server.services.limits import REPLY_PART, InputRates, input_cost
 from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits, hung_up
 from usarsim_server.services.outbox import Outbox, OutboxLimits
@@ -136,6 +136,7 @@ class ControlService:
         self._greeting = greeting
         self._agent_factory = agent_factory
         self._limits = limits or ControlLimits()
+        self._calls: LoopCalls | None = None
         self._log = Log(self.name)
         self._rates = InputRates(self._limits.command_rate)
         self._listener = Listener(
@@ -173,7 +174,8 @@ class ControlService:
 
     async def _serve(self, client: socket.socket, peer: str) -> None:
         log = self._log.bind(connection=peer)
-        connection = _Connection(client, self._limits, self._rates, log)
+        calls = self._calls = self._calls or LoopCalls(asyncio.get_running_loop())
+        connection = _Connection(client, self._limits, self._rates, calls, log)
         connection.outbox.put_reply(self._greeting())
         try:
             agent = self._agent_factory(peer, connection.outbox, connection.resume)
@@ -197,7 +199,12 @@ class _Connection:
     """The conversation with one client: a reader and a writer on one socket."""
 
     def __init__(
-        self, client: socket.socket, limits: ControlLimits, rates: InputRates, log: Log
+        self,
+        client: socket.socket,
+        limits: ControlLimits,
+        rates: InputRates,
+        calls: LoopCalls,
+        log: Log,
     ) -> None:
         self._client = client
         self._limits = limits
@@ -205,6 +212,7 @@ class _Connection:
         self._allowance = rates.newcomer()
         self._log = log
         self._loop = asyncio.get_running_loop()
+        self._call_in_loop = calls
         self._ended: asyncio.Future[str] = self._loop.create_future()
         self._lines_wait = asyncio.Event()
         self._backlog_shrank = asyncio.Event()
@@ -234,11 +242,6 @@ class _Connection:
     def _wake(self) -> None:
         """The outbox has lines, or was condemned. Any thread."""
         self._call_in_loop(self._look_at_outbox)
-
-    def _call_in_loop(self, callback: Callable[[], None]) -> None:
-        # A robot thread may still speak while the loop is being closed at the end of the process.
-        with contextlib.suppress(RuntimeError):
-            self._loop.call_soon_threadsafe(callback)
 
     def _look_at_outbox(self) -> None:
         condemned = self.outbox.condemned
@@ -354,12 +357,20 @@ class _Connection:
                     continue
                 # One send call per line (protocol reference 1.1 REQ); it returns when the kernel
                 # has all of it, so nothing piles up between the outbox and the socket.
-                await self._loop.sock_sendall(self._client, line)
+                await self._send(line)
                 sent += 1
                 if sent % _LINES_PER_TURN == 0:
                     await asyncio.sleep(0)
         except OSError as error:
             self._end(f"connection lost: {error.strerror}")
+
+    async def _send(self, line: bytes) -> None:
+        try:
+            taken = self._client.send(line)
+        except (BlockingIOError, InterruptedError):
+            taken = 0
+        if taken < len(line):  # rare: the kernel's buffer is full
+            await self._loop.sock_sendall(self._client, line[taken:])
 
     def _report_drops(self, reported: int) -> int:
         dropped = self.outbox.dropped

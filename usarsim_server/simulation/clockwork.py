@@ -25,8 +25,9 @@ __all__ = ["ClockOptions", "Clockwork", "Listener"]
 _log = Log("simulation")
 
 BATCH_STEPS = 2
-"""Steps per turn at a paced speed: commands are obeyed at least this often."""
-LOCKSTEP_BATCH_STEPS = 5
+"""Steps per turn at a pace: commands are obeyed at least this often, and what a report waits for is
+little."""
+UNPACED_BATCH_STEPS = 5
 STAND_POLL = 0.1
 """s of wall time between two looks while the world stands still."""
 
@@ -132,7 +133,7 @@ class Clockwork:
         self._mail.claim()
         while not self._stopping and self._engine.time < moment - self._engine.timestep / 2:
             self._settle()
-            self._turn(self._steps_to_due(LOCKSTEP_BATCH_STEPS, moment))
+            self._turn(self._steps_to_due(UNPACED_BATCH_STEPS, moment))
         self._settle()
 
     def settle(self) -> None:
@@ -176,7 +177,7 @@ class Clockwork:
             horizon = min((one.horizon for one in self._listeners.values()), default=-math.inf)
             if self._engine.time < horizon - self._engine.timestep / 2:
                 patience.relax()
-                self._turn(self._steps_to_due(LOCKSTEP_BATCH_STEPS, horizon))
+                self._turn(self._steps_to_due(UNPACED_BATCH_STEPS, horizon))
             elif not self._show_due():
                 # Without listeners time stands still, too: so runs do not depend on when they
                 # start.

@@ -35,6 +35,8 @@ __all__ = ["Engine"]
 
 Array = NDArray[np.float64]
 
+LOOK_STEPS = 5
+"""Steps between two looks whether anything is near a body that goes its own way."""
 WAKE = -0.0
 """Written to a velocity of a sleeping body: equal to zero, but not byte by byte, so it wakes."""
 
@@ -314,8 +316,12 @@ class Engine:
         moving, compensated = self._moving, self._options.compensation
         traction, limbs, laws = self._traction, self._limbs, self._laws
         patched = traction.near(data)
-        for _ in range(steps):
-            moving.apply(data, data.time)
+        met = False
+        for number in range(steps):
+            if met or number % LOOK_STEPS == 0:
+                moving.apply(data, data.time)
+            if number % LOOK_STEPS == 0:
+                met = moving.near(data)
             servos.update(data.qpos)
             limbs.update(data)
             laws.prepare(data)
@@ -324,7 +330,8 @@ class Engine:
             limbs.apply(data)
             laws.push(data)
             self._machines.decide(data)
-            moving.drag(data)
+            if met:
+                moving.drag(data)
             if patched:
                 traction.apply(data)
             if compensated:

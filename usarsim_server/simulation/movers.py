@@ -19,6 +19,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.simulation.culling import bounding_spheres
 from usarsim_server.simulation.frames import Pose
 
 __all__ = ["Mover", "MovingBodies", "Way", "carry_over", "mocap_bodies"]
@@ -28,6 +29,8 @@ Array = NDArray[np.float64]
 Way = Callable[[float], Pose]
 """Pose in the world at a simulated time (s)."""
 
+HASTE = 1.0
+"""m that two things may come nearer between two calls of `MovingBodies.near`: 20 ms at 50 m/s."""
 JUMP = 20.0
 """m/s: whatever is faster was put somewhere else and drags nothing along."""
 
@@ -102,11 +105,24 @@ class MovingBodies:
         row_of_body = np.full(model.nbody, -1)
         row_of_body[bodies] = np.arange(len(bodies))
         self._row_of_geom = row_of_body[model.body_rootid[model.geom_bodyid]]
+        self._measure_reach([index for index, _ in self._ways], bodies)
         self._timestep = float(model.opt.timestep)
         self._ahead: tuple[float, list[Pose]] = (-math.inf, [])
         # The last row, number -1, stands for everything that has no mover.
         self._origin = np.zeros((len(movers) + 1, 3))
         self._twist = np.zeros((len(movers) + 1, 6))
+
+    def _measure_reach(self, indices: list[int], bodies: NDArray[np.intp]) -> None:
+        """How near (m) the roots of all trees may come to each body without consequence."""
+        self._mocap = np.array(indices, dtype=np.intp)
+        if not indices:
+            return
+        roots, radii, number = bounding_spheres(self._model)
+        own = radii[[number.get(int(body), -1) for body in bodies]]
+        own[[int(body) not in number for body in bodies]] = 0.0
+        loose = self._model.body_mocapid[roots] < 0
+        self._roots = roots[loose]
+        self._reach = radii[loose][:, None] + own + HASTE
 
     def apply(self, data: mujoco.MjData, time: float) -> None:
         """Put all bodies where they are at a time."""
@@ -119,6 +135,17 @@ class MovingBodies:
         for (index, _), pose in zip(self._ways, poses, strict=True):
             data.mocap_pos[index] = pose.position
             data.mocap_quat[index] = pose.quaternion
+
+    def near(self, data: mujoco.MjData) -> bool:
+        """Whether anything that moves by forces may meet a body before the next call.
+
+        Otherwise nothing depends on where the bodies are meanwhile.
+        """
+        if not self._ways:
+            return False
+        places, bodies = data.xpos[self._roots], data.mocap_pos[self._mocap]
+        away = np.linalg.norm(places[:, None] - bodies, axis=2)
+        return bool((away < self._reach).any())
 
     def drag(self, data: mujoco.MjData) -> None:
         """Tell the contacts how fast the bodies go in this step.
