@@ -14,10 +14,14 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.simulation.courtesy import breathe
+
 __all__ = ["Lump", "find_lumps"]
 
 Array = NDArray[np.float64]
 
+BODIES_AT_A_TIME = 32
+"""Bodies between two pauses."""
 EXACT = 1e-6
 """m by which a geom may be off the axis, and deviation of a unit vector from it."""
 
@@ -64,6 +68,8 @@ def find_lumps(model: mujoco.MjModel, visible: Callable[[int], bool]) -> list[Lu
             if wheel:
                 turning.add(body)
         carrier, place, turn = carriers[body]
+        if body % BODIES_AT_A_TIME == 0:
+            breathe()
         for geom in geoms:
             own = turn @ _matrix(model.geom_quat[geom])
             found.setdefault(carrier, []).append((geom, place + turn @ model.geom_pos[geom], own))

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from usarsim_server.errors import UsarsimError
 from usarsim_server.simulation.articulation import HandModel, JointModel, ToolModel, add_ties
+from usarsim_server.simulation.courtesy import breathe
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.laws import LawModel
 from usarsim_server.simulation.snapshot import RobotLayout
@@ -174,6 +175,7 @@ def compile_world(
                 body.sleep = mujoco.mjtSleepPolicy.mjSLEEP_INIT
             frame.attach_body(body, slot_prefix(slot), "")
         add_ties(spec, slot_prefix(slot), ROOT_BODY, robot.hands, robot.anchored)
+        breathe()
     model = spec.compile()
     layouts = tuple(_layout(model, slot, robot) for slot, robot in enumerate(slots))
     for layout in layouts:

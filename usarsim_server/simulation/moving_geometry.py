@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.simulation.courtesy import breathe
 from usarsim_server.simulation.culling import Spheres, bounding_spheres, meetings, passing
 from usarsim_server.simulation.glass import is_glass
 from usarsim_server.simulation.lumps import Lump, find_lumps
@@ -30,6 +31,8 @@ __all__ = ["DynamicGeometry"]
 Array = NDArray[np.float64]
 Numbers = NDArray[np.intp]
 
+LUMPS_AT_A_TIME = 16
+"""Lumps between two pauses, while a world grows."""
 FINE = 1e-4
 """m between a tessellated and the true surface of what moves."""
 
@@ -140,6 +143,8 @@ class DynamicGeometry:
             full = self._scene(model, lump, [True] * len(glass))
             clear = self._scene(model, lump, [not pane for pane in glass]) if any(glass) else full
             found.append(_Body(lump.body, full, clear, lump.geoms))
+            if len(found) % LUMPS_AT_A_TIME == 0:
+                breathe()
         trees = self._tree_of_root
         return sorted(found, key=lambda one: (trees[int(model.body_rootid[one.body])], one.body))
 

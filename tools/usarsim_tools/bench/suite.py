@@ -20,6 +20,7 @@ from usarsim_tools.bench.lockstep import measure_lockstep
 from usarsim_tools.bench.machine import describe_machine
 from usarsim_tools.bench.memory import measure_memory
 from usarsim_tools.bench.physics import measure_physics
+from usarsim_tools.bench.rays import measure_rays
 from usarsim_tools.bench.relay import measure_relay
 from usarsim_tools.bench.rendering import measure_rendering
 from usarsim_tools.bench.sensors import measure_sensors
@@ -38,6 +39,7 @@ MEASUREMENTS: Mapping[str, tuple[Measurement, str]] = {
     "swarm": (measure_swarm, "real-time factor and cost of teams of 64 and 128"),
     "watched": (measure_watched, "24 robots whose cameras are all watched"),
     "physics": (measure_physics, "the physics thread of a running server against MuJoCo alone"),
+    "rays": (measure_rays, "rays of all sensors against bare Embree"),
     "delivery": (measure_delivery, "pictures that arrive, against a loop that only renders"),
     "admission": (measure_admission, "from INIT to the first SEN, alone and in a crowd"),
     "jitter": (measure_jitter, "how evenly a stream of 10 Hz arrives from 24 robots"),
