@@ -81,13 +81,18 @@ def passing(
     offset = centres - origins
     ahead = np.einsum("ij,ij->i", offset, directions)
     away = np.einsum("ij,ij->i", offset, offset)
-    return _near(ahead, away, reach, radii)
+    near = _near(ahead, away, radii)
+    near &= ahead - radii <= reach + SLACK
+    return near
 
 
-def _near(ahead: Array, away: Array, reach: Array, radii: Array) -> NDArray[np.bool_]:
-    # The square of the distance of a centre from the ray; from its start if it lies behind.
-    gap = (1.0 - ROUNDING) * away - np.maximum(ahead, 0.0) ** 2
-    touched: NDArray[np.bool_] = (gap <= (radii + SLACK) ** 2) & (ahead - radii <= reach + SLACK)
+def _near(ahead: Array, away: Array, radii: Array) -> NDArray[np.bool_]:
+    """Whether centres so far ahead along rays, and so far away squared, are within their radii."""
+    limit = (1.0 - ROUNDING) * away - (radii + SLACK) ** 2
+    # The way ahead squared, nothing if the centre lies behind; the rest is the distance squared.
+    forward = np.maximum(ahead, 0.0)
+    forward *= forward
+    touched: NDArray[np.bool_] = forward >= limit
     return touched
 
 
@@ -105,20 +110,58 @@ def meetings(
     Returns:
         Rays (k,) and spheres (k,).
     """
-    fans, found = np.nonzero(_in_view(batch, reach, spheres, own))
-    rays: list[Numbers] = []
-    met: list[Numbers] = []
+    seen = _in_view(batch, reach, spheres, own)
     counts = np.diff(batch.begins)
     large = (counts >= LARGE) & batch.together
-    for fan in np.unique(fans[large[fans]]).tolist():
-        span = slice(batch.begins[fan], batch.begins[fan + 1])
-        chosen = found[fans == fan]
-        for part in np.array_split(chosen, 1 + len(chosen) * counts[fan] // PAIRS_AT_ONCE):
-            sphere, ray = _through(batch, span, reach[span], spheres, part)
-            rays.append(ray + span.start)
-            met.append(part[sphere])
-    rest = ~large[fans]
-    fans, found = fans[rest], found[rest]
+    none = np.zeros(0, dtype=np.intp)
+    found = [(none, none)]
+    for count in set(counts[large].tolist()):
+        fans = np.flatnonzero(large & (counts == count) & seen.any(axis=1))
+        found += _met_by_large(batch, fans, count, seen, reach, spheres)
+    found += _met_by_small(batch, ~large, counts, seen, reach, spheres)
+    rays, met = zip(*found, strict=True)
+    return np.concatenate(rays), np.concatenate(met)
+
+
+def _met_by_large(
+    batch: RayBatch,
+    fans: Numbers,
+    count: int,
+    seen: NDArray[np.bool_],
+    reach: Array,
+    spheres: Spheres,
+) -> list[tuple[Numbers, Numbers]]:
+    """Pairs of fans whose rays, the same number for each, start at one point: matrix products."""
+    if not len(fans):
+        return []
+    chosen = np.flatnonzero(seen[fans].any(axis=0))
+    centres, radii = spheres.centres[chosen], spheres.radii[chosen]
+    pairs = []
+    portions = 1 + len(fans) * count * len(chosen) // PAIRS_AT_ONCE
+    for some in np.array_split(fans, min(portions, len(fans))):
+        rays = batch.begins[some][:, None] + np.arange(count)
+        offset = centres - batch.origins[rays[:, :1]]
+        ahead = batch.directions[rays] @ offset.transpose(0, 2, 1)
+        away = np.einsum("fti,fti->ft", offset, offset)[:, None]
+        near = _near(ahead, away, radii)
+        near &= seen[some][:, None, chosen]
+        fan, ray, sphere = np.nonzero(near)
+        within = ahead[fan, ray, sphere] - radii[sphere] <= reach[rays[fan, ray]] + SLACK
+        pairs.append((rays[fan, ray][within], chosen[sphere[within]]))
+    return pairs
+
+
+def _met_by_small(
+    batch: RayBatch,
+    small: NDArray[np.bool_],
+    counts: Numbers,
+    seen: NDArray[np.bool_],
+    reach: Array,
+    spheres: Spheres,
+) -> list[tuple[Numbers, Numbers]]:
+    """Pairs of all other fans, every ray of a fan with every sphere that its cone touches."""
+    fans, found = np.nonzero(seen & small[:, None])
+    pairs = []
     for some in _portions(counts[fans]):
         ray, sphere = _spread(batch, fans[some], found[some], counts)
         near = passing(
@@ -128,10 +171,8 @@ def meetings(
             spheres.centres[sphere],
             spheres.radii[sphere],
         )
-        rays.append(ray[near])
-        met.append(sphere[near])
-    none = np.zeros(0, dtype=np.intp)
-    return np.concatenate([none, *rays]), np.concatenate([none, *met])
+        pairs.append((ray[near], sphere[near]))
+    return pairs
 
 
 def _in_view(batch: RayBatch, reach: Array, spheres: Spheres, own: Numbers) -> NDArray[np.bool_]:
@@ -151,18 +192,6 @@ def _in_view(batch: RayBatch, reach: Array, spheres: Spheres, own: Numbers) -> N
     looking = np.flatnonzero(own >= 0)
     seen[looking, own[looking]] = False
     return seen
-
-
-def _through(
-    batch: RayBatch, span: slice, reach: Array, spheres: Spheres, chosen: Numbers
-) -> tuple[Numbers, Numbers]:
-    """Pairs of sphere and ray of one fan whose rays start at one point, each counted from 0."""
-    offset = spheres.centres[chosen] - batch.origins[span.start]
-    ahead = offset @ batch.directions[span].T
-    away = np.einsum("ti,ti->t", offset, offset)[:, None]
-    near = _near(ahead, away, reach[None], spheres.radii[chosen][:, None])
-    sphere, ray = np.nonzero(near)
-    return sphere, ray
 
 
 def _spread(
