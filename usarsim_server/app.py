@@ -72,7 +72,7 @@ __all__ = ["Assembly", "assemble", "run"]
 GAME_TYPE = "BotDeathMatch"
 """What both generations of the original said in their greeting (protocol reference 1.2)."""
 
-SWITCH_INTERVAL = 0.0005
+SWITCH_INTERVAL = 0.0002
 """s after which a Python thread has to let others run; the default of 5 ms starves the physics."""
 
 _LEAST_BURST = 64
@@ -433,6 +433,7 @@ def _agent_options(settings: Settings) -> AgentOptions:
     return AgentOptions(
         dialect=settings.dialect,
         tick=settings.tick if settings.lockstep else None,
+        ahead=not paced and not settings.lockstep,
         replace_robot=settings.second_init == "replace",
         start_at_first_pose=settings.default_start == "first",
         pilot=PilotOptions(

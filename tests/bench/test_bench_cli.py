@@ -18,7 +18,7 @@ from usarsim_tools.bench import suite
 from usarsim_tools.bench.errors import BenchError
 from usarsim_tools.bench.figures import Aim, Figure, Plan, Report, Section
 from usarsim_tools.bench.machine import describe_machine
-from usarsim_tools.bench.suite import MEASUREMENTS, QUICK_SECONDS
+from usarsim_tools.bench.suite import ALL, MEASUREMENTS, QUICK_SECONDS
 
 
 @dataclass
@@ -57,16 +57,16 @@ class TestArguments:
     def test_all_is_the_default(self, taken: Taken, words: list[str]) -> None:
         """Without a word everything is measured, in the order of the suite."""
         assert main(["bench", *words]) == 0
-        assert taken.names[:4] == ("swarm", "watched", "physics", "delivery")
+        assert taken.names[:4] == ("swarm", "watched", "physics", "rays")
         assert {"admission", "jitter", "lockstep", "memory", "stepping"} < set(taken.names)
-        assert taken.names == tuple(MEASUREMENTS)
+        assert taken.names == ALL
         assert not taken.plan.brief
         assert (taken.plan.robots, taken.plan.seconds, taken.plan.world) == (None, None, "arena")
 
     def test_quick_is_short(self, taken: Taken) -> None:
         """Everything but the search for the largest team, one size and some seconds each."""
         assert main(["bench", "quick"]) == 0
-        assert set(MEASUREMENTS) - set(taken.names) == {"largest"}
+        assert set(ALL) - set(taken.names) == {"largest"}
         assert taken.plan.brief
         assert taken.plan.seconds == QUICK_SECONDS
         assert main(["bench", "quick", "--seconds", "9"]) == 0

@@ -227,6 +227,10 @@ class Watcher:
         self.snapshots.append(snapshot)
         self.due += self._period
 
+    def settled(self) -> bool:
+        """When it is idle."""
+        return self.idle()
+
     def idle(self) -> bool:
         """Always: nothing is left undone."""
         return True

@@ -376,6 +376,10 @@ class EveryTenth:
         """Ask for the next one."""
         self.due += 0.1
 
+    def settled(self) -> bool:
+        """When it is idle."""
+        return self.idle()
+
     def idle(self) -> bool:
         """Always."""
         return True

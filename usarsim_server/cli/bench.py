@@ -12,8 +12,9 @@ from usarsim_server.cli.bench_peers import add_peers
 from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_server.errors import UsarsimError
 from usarsim_tools.bench.figures import Plan, Report
+from usarsim_tools.bench.plot import as_svg
 from usarsim_tools.bench.report import as_json, as_markdown, as_text
-from usarsim_tools.bench.suite import MEASUREMENTS, QUICK, QUICK_SECONDS, take
+from usarsim_tools.bench.suite import ALL, MEASUREMENTS, PROFILE, QUICK, QUICK_SECONDS, take
 
 __all__ = ["add_parser", "run"]
 
@@ -22,6 +23,8 @@ _EPILOG = (
     "themselves. Let nothing else run meanwhile: what other programs used is part of the report. "
     "Options may stand before or after the measurement."
 )
+PLOTTED = "growth"
+"""The measurement whose figures are curves, too."""
 _MOST_ROBOTS = 256
 _MOST_SECONDS = 600.0
 
@@ -34,7 +37,10 @@ def add_parser(subparsers: Subparsers) -> None:
     _add_options(parser)
     kinds = parser.add_subparsers(title="measurements", metavar="MEASUREMENT")
     _add_measurement(
-        kinds, "all", "all of the following but peers and fidelity, some 40 minutes (the default)"
+        kinds,
+        "all",
+        f"all of the following but {', '.join(PROFILE)}, peers and fidelity, some 40 minutes (the "
+        "default)",
     )
     _add_measurement(
         kinds, "quick", f"the same but for largest, {QUICK_SECONDS:g} s each, some 6 minutes"
@@ -65,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
         say=_say,
         brief=brief,
     )
-    names = {"all": tuple(MEASUREMENTS), "quick": QUICK}.get(name, (name,))
+    names = {"all": ALL, "quick": QUICK}.get(name, (name,))
     report = take(names, plan, __version__)
     return _hand_out(report, arguments)
 
@@ -74,6 +80,7 @@ def _hand_out(report: Report, arguments: argparse.Namespace) -> int:
     print(as_text(report))
     _write(report, getattr(arguments, "json", None), as_json)
     _write(report, getattr(arguments, "markdown", None), as_markdown)
+    _write_plots(report, getattr(arguments, "plots", None))
     if report.failed:
         raise UsarsimError(f"could not be measured: {', '.join(report.failed)} (reasons above)")
     return 0
@@ -82,6 +89,10 @@ def _hand_out(report: Report, arguments: argparse.Namespace) -> int:
 def _add_measurement(kinds: Subparsers, name: str, help_text: str) -> None:
     parser = add_command(kinds, name, help_text, run)
     _add_options(parser)
+    if name == PLOTTED:
+        parser.add_argument(
+            "--plots", metavar="DIR", type=Path, help="write the curves there, as SVG files"
+        )
     parser.set_defaults(measurement=name)
 
 
@@ -115,6 +126,20 @@ def _write(report: Report, file: Path | None, form: Callable[[Report], str]) -> 
         raise UsarsimError(
             f"{file}: cannot be written: {error.strerror} (name a file in a folder that exists)"
         ) from error
+
+
+def _write_plots(report: Report, folder: Path | None) -> None:
+    if folder is None:
+        return
+    for plot in (plot for section in report.sections for plot in section.plots):
+        file = folder / f"performance-{plot.key}.svg"
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            file.write_text(as_svg(plot), encoding="utf-8")
+        except OSError as error:
+            raise UsarsimError(
+                f"{file}: cannot be written: {error.strerror} (name a folder that can be made)"
+            ) from error
 
 
 def _say(text: str) -> None:

@@ -68,6 +68,8 @@ class AgentOptions:
         start_at_first_pose: INIT without place uses the first start pose, not the origin.
         pilot: see `PilotOptions`.
         tick: simulated s between two ticks of lockstep; None without lockstep.
+        ahead: tell when the next report is due before the last one is written, for a world without
+            pace, which may go on meanwhile.
     """
 
     dialect: DialectMode = DialectMode.AUTO
@@ -75,6 +77,7 @@ class AgentOptions:
     start_at_first_pose: bool = False
     pilot: PilotOptions = field(default_factory=PilotOptions)
     tick: float | None = None
+    ahead: bool = False
 
 
 class RobotAgent:
@@ -121,6 +124,7 @@ class RobotAgent:
         self._snapshot: Snapshot | None = None
         self._lost: str | None = None
         self._called = False
+        self._begun = False
         self._closed = False
         self._ended = False
         self._due = math.inf
@@ -171,9 +175,19 @@ class RobotAgent:
             self._due = math.inf
             self._call()
 
+    def settled(self) -> bool:
+        """Whether nothing is left to do but, perhaps, to write a report."""
+        with self._lock:
+            return not self._called or (self._begun and not self._pending())
+
     def idle(self) -> bool:
         """Whether all commands and snapshots have been dealt with, and a goodbye too."""
         return not self._called
+
+    def _pending(self) -> bool:
+        """Whether something waits to be begun (lock held)."""
+        waiting = bool(self._commands) or self._snapshot is not None or self._lost is not None
+        return waiting or (self._closed and not self._ended)
 
     def close(self) -> None:
         """The client is gone: the robot leaves the world."""
@@ -190,7 +204,7 @@ class RobotAgent:
     def _call(self) -> None:
         """Ask to be served (lock held)."""
         if not self._called and not self._ended:
-            self._called = True
+            self._called, self._begun = True, False
             self._dispatcher.call(self)
 
     # -- being served, one thread at a time --------------------------------------------------
@@ -209,11 +223,14 @@ class RobotAgent:
 
     def begin(self, apart: bool) -> Task | None:
         """Execute what waits; the report that is due, if there is one."""
+        self._begun = False
         try:
             return self._begin(apart)
         except Exception as error:
             self.fail(error)
             return None
+        finally:
+            self._begun = True
 
     def _begin(self, apart: bool) -> Task | None:
         with self._lock:
@@ -231,6 +248,9 @@ class RobotAgent:
         if reading is None:
             self._tell((), snapshot.time)
             return None
+
+        if self._options.ahead:
+            self._set_due()
 
         def finish(hits: Sequence[RayHits]) -> Callable[[], None]:
             lines = [messages.encode(line) for line in reading.lines(hits)]
@@ -255,9 +275,7 @@ class RobotAgent:
     def pause(self) -> bool:
         """Nothing is left to do; False if something has come in meanwhile."""
         with self._lock:
-            leaving = self._closed and not self._ended
-            pending = bool(self._commands) or self._snapshot is not None or self._lost is not None
-            self._called = leaving or (pending and not self._ended)
+            self._called = self._pending() and not self._ended
             return not self._called
 
     def fail(self, error: Exception) -> None:

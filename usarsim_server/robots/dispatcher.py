@@ -85,7 +85,8 @@ class Dispatcher:
 
         Args:
             cast_all: see there.
-            rested: called whenever somebody has been served to the end (lockstep waits for that).
+            rested: called whenever somebody has nothing left to do but to write, and again when
+                that is done (a world without pace waits for that).
         """
         self._cast_all = cast_all
         self._rested = rested
@@ -143,6 +144,8 @@ class Dispatcher:
             prompt.append(caller)
             if task is not None:
                 tasks.append((caller, task))
+        if tasks:
+            self._rested()  # the world may go on: what is left is only written down
         for start in range(0, len(tasks), AT_ONCE):
             self._work_off(tasks[start : start + AT_ONCE])
         for caller in prompt:
@@ -216,6 +219,7 @@ class Dispatcher:
         while not self._stopping:
             task = caller.begin(apart=True)
             if task is not None:
+                self._rested()
                 self._work_off([(caller, task)])
             if caller.pause():
                 return

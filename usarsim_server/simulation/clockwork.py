@@ -1,8 +1,10 @@
 """Time: when the world steps, who is shown what is there, and who is waited for.
 
 At a pace, simulated time follows the wall clock. Without one the world goes as fast as it can, but
-waits until everyone who wanted a snapshot has dealt with it; in lockstep it also waits at the
-horizon of every listener until that moves on.
+waits until everyone who was shown a snapshot has drawn the conclusions that the world may feel, and
+shows nobody the next one before he is done with the last: what is merely written down is written
+while the world goes on. In lockstep it also waits at the horizon of every listener until that moves
+on.
 """
 
 from __future__ import annotations
@@ -49,8 +51,11 @@ class Listener(Protocol):
     def overdue(self) -> None:
         """The world has stood still at its horizon for too long."""
 
+    def settled(self) -> bool:
+        """Whether nothing that was handed over so far can affect the world any more."""
+
     def idle(self) -> bool:
-        """Whether everything handed over so far has been dealt with (lockstep waits for it)."""
+        """Whether everything handed over so far has been dealt with."""
 
     def lost(self, reason: str) -> None:
         """The listener's robot was taken out of the world."""
@@ -96,6 +101,7 @@ class Clockwork:
         self._options = options
         self._listeners: dict[int, Listener] = {}
         self._stopping = False
+        self._unpaced = math.isinf(options.speed)
         self._thread: threading.Thread | None = None
         self._on_failure: Callable[[], None] | None = None
         self.failure: Exception | None = None
@@ -132,7 +138,7 @@ class Clockwork:
         """Advance in the calling thread without pace to a simulated time, whatever the horizons."""
         self._mail.claim()
         while not self._stopping and self._engine.time < moment - self._engine.timestep / 2:
-            self._settle()
+            self._wait_until_settled()
             self._turn(self._steps_to_due(UNPACED_BATCH_STEPS, moment))
         self._settle()
 
@@ -146,7 +152,7 @@ class Clockwork:
     def _run(self) -> None:
         self._mail.claim()
         try:
-            if math.isinf(self._options.speed):
+            if self._unpaced:
                 self._run_unpaced(Patience(self._options.patience))
             else:
                 self._run_paced(Pacer(self._options.speed, self._engine.time))
@@ -172,7 +178,7 @@ class Clockwork:
 
     def _run_unpaced(self, patience: Patience) -> None:
         while not self._stopping:
-            self._settle()
+            self._wait_until_settled()
             seen = self._mail.events
             horizon = min((one.horizon for one in self._listeners.values()), default=-math.inf)
             if self._engine.time < horizon - self._engine.timestep / 2:
@@ -191,12 +197,21 @@ class Clockwork:
                 one.overdue()
 
     def _settle(self) -> None:
-        """Wait until no listener and no spawn is under way; requests are served meanwhile."""
+        """Wait until no listener and no spawn is under way."""
+        self._wait(lambda: not self._busy() and all(one.idle() for one in self._listeners.values()))
+
+    def _wait_until_settled(self) -> None:
+        """Wait until no spawn is under way, and no listener is about to do anything."""
+        self._wait(
+            lambda: not self._busy() and all(one.settled() for one in self._listeners.values())
+        )
+
+    def _wait(self, quiet: Callable[[], bool]) -> None:
+        """Wait for something; requests are served meanwhile."""
         while not self._stopping:
             self._mail.obey()
             seen = self._mail.events
-            busy = self._busy() or not all(one.idle() for one in self._listeners.values())
-            if not busy and self._mail.empty:
+            if quiet() and self._mail.empty:
                 return
             self._mail.wait(0.001, seen)
 
@@ -218,6 +233,10 @@ class Clockwork:
         now = self._engine.time + self._engine.timestep * 1e-6
         if not any(one.due <= now for one in self._listeners.values()):
             return False
+        if self._unpaced:
+            self._wait(
+                lambda: all(one.idle() for one in self._listeners.values() if one.due <= now)
+            )
         self.snapshot = self._engine.snapshot()
         self._remove_fallen(self.snapshot)
         for one in self._listeners.values():

@@ -8,6 +8,7 @@ from datetime import datetime
 from typing import Literal
 
 from usarsim_tools.bench.machine import Machine
+from usarsim_tools.bench.plot import Plot
 
 __all__ = ["Aim", "Figure", "Plan", "Report", "Section"]
 
@@ -68,6 +69,7 @@ class Section:
         setting: under which circumstances they were taken.
         figures: in the order to show them.
         failure: why there are none, or None.
+        plots: of the same figures, for those who want pictures.
     """
 
     key: str
@@ -75,6 +77,7 @@ class Section:
     setting: str
     figures: tuple[Figure, ...]
     failure: str | None = None
+    plots: tuple[Plot, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -56,19 +56,21 @@ def write_class(
     folder: Path,
     name: str,
     *,
+    parent: str = DEFAULT_CLASS,
     without: Sequence[str] = (),
     sensors: Iterable[str] = (),
     cameras: Iterable[str] = (),
 ) -> None:
-    """Write a robot file that extends the shipped class.
+    """Write a robot file that extends the shipped class, or another.
 
     Args:
         folder: where to.
         name: of the class.
+        parent: the class that it extends.
         without: names of inherited sensors and cameras that are dropped.
         sensors, cameras: inline tables of TOML; those with inherited names replace them.
     """
-    lines = [f'extends = "{DEFAULT_CLASS}"']
+    lines = [f'extends = "{parent}"']
     if without:
         lines.append(f"without = {json.dumps(list(without))}")
     for key, tables in (("sensor", sensors), ("camera", cameras)):

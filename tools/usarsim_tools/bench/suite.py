@@ -12,6 +12,7 @@ from usarsim_tools.bench.errors import BenchError
 from usarsim_tools.bench.figures import Plan, Report, Section
 from usarsim_tools.bench.garage import measure_garage
 from usarsim_tools.bench.groundtruth import measure_ground_truth
+from usarsim_tools.bench.growth import measure_growth
 from usarsim_tools.bench.hostile import measure_hostile
 from usarsim_tools.bench.importing import measure_importing
 from usarsim_tools.bench.jitter import measure_jitter
@@ -21,8 +22,10 @@ from usarsim_tools.bench.machine import describe_machine
 from usarsim_tools.bench.memory import measure_memory
 from usarsim_tools.bench.physics import measure_physics
 from usarsim_tools.bench.rays import measure_rays
+from usarsim_tools.bench.readings import measure_readings
 from usarsim_tools.bench.relay import measure_relay
 from usarsim_tools.bench.rendering import measure_rendering
+from usarsim_tools.bench.savings import measure_savings
 from usarsim_tools.bench.sensors import measure_sensors
 from usarsim_tools.bench.spawn import measure_spawn
 from usarsim_tools.bench.stepping import measure_stepping
@@ -30,7 +33,7 @@ from usarsim_tools.bench.swarm import measure_swarm
 from usarsim_tools.bench.team import measure_largest, measure_team
 from usarsim_tools.bench.watched import measure_watched
 
-__all__ = ["MEASUREMENTS", "QUICK", "QUICK_SECONDS", "Measurement", "take"]
+__all__ = ["ALL", "MEASUREMENTS", "PROFILE", "QUICK", "QUICK_SECONDS", "Measurement", "take"]
 
 Measurement = Callable[[Plan], Section]
 
@@ -60,10 +63,17 @@ MEASUREMENTS: Mapping[str, tuple[Measurement, str]] = {
     "relay": (measure_relay, "what radio links carry, beside a plain proxy, and under a team"),
     "import": (measure_importing, "maps of other programs: import, cache, rays, a team in them"),
     "stepping": (measure_stepping, "the step loop against MuJoCo alone"),
+    # Where the time goes, for docs/performance.md.
+    "growth": (measure_growth, "how cost grows with robots, beams, geoms and cameras"),
+    "savings": (measure_savings, "what it brings to turn something down"),
+    "readings": (measure_readings, "what one reading of every type of sensor costs"),
 }
 """Function and one line of help of each, in the order in which `all` takes them."""
 
-QUICK = tuple(name for name in MEASUREMENTS if name != "largest")
+PROFILE = ("growth", "savings", "readings")
+"""What has no aims and is no part of `all`: it says where the time goes, not how fast it is."""
+ALL = tuple(name for name in MEASUREMENTS if name not in PROFILE)
+QUICK = tuple(name for name in ALL if name != "largest")
 """What is measured when it is to be quick: a search for the largest team cannot be."""
 QUICK_SECONDS = 4.0
 """Length of each measurement then."""
