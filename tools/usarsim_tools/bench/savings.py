@@ -1,0 +1,184 @@
+"""What it brings to turn something down: one change at a time, against the same team without it."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from usarsim_tools.bench.boxes import STARTS, write_boxes
+from usarsim_tools.bench.crowd import DEFAULT_CLASS
+from usarsim_tools.bench.figures import Figure, Plan, Section
+from usarsim_tools.bench.growth import beam_keys, camera_options, per_picture
+from usarsim_tools.bench.robot_files import (
+    CAMERA_RATE,
+    LASER_NAME,
+    SCOUT,
+    SCOUT_SENSORS,
+    SURVEYOR,
+    SURVEYOR_CAMERAS,
+    scouts,
+    write_class,
+)
+from usarsim_tools.bench.thread_cost import Cost, Team, Watching, measure_cost
+from usarsim_tools.bench.watched import tiles_of
+
+__all__ = ["Change", "measure_savings", "saving_figures", "teams", "write_variants"]
+
+ROBOTS = 16
+CAMERA_TEAM = 1
+SECONDS = 6.0
+FIXED, MOVABLE = 100, 50
+"""Boxes of the two worlds that are compared."""
+
+USUAL, SURVEYED, BOXED = "as it is", "cameras as they are", "boxes as they are"
+"""What changes are compared with."""
+
+_SONARS = (
+    *(("F1", (0.147, -0.136), -1.570796), ("F2", (0.193, -0.119), -0.872665)),
+    *(("F3", (0.227, -0.079), -0.523599), ("F4", (0.245, -0.027), -0.174533)),
+    *(("F5", (0.245, 0.027), 0.174533), ("F6", (0.227, 0.079), 0.523599)),
+    *(("F7", (0.193, 0.119), 0.872665), ("F8", (0.147, 0.136), 1.570796)),
+)
+"""Those of the shipped class: name, place in the plane, heading (wire frame)."""
+_NAMES = tuple(name for name, _, _ in _SONARS)
+_OTHERS = (("GroundTruth", "GndTruth"), ("INS", "InsTest"), ("Odometry", "Odometer"))
+_BASE = "position = [0.2085, 0, -0.2]"
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """One thing turned down, or up.
+
+    Attributes:
+        name: for people.
+        team: who is measured then.
+        against: name of the change that it is compared with; None for those themselves.
+    """
+
+    name: str
+    team: Team
+    against: str | None = USUAL
+
+
+def measure_savings(plan: Plan) -> Section:
+    """One team after the other; `plan.seconds` of wall time are watched for each."""
+    robots, seconds = min(plan.robots or ROBOTS, STARTS), plan.seconds or SECONDS
+    costs: dict[str, Cost] = {}
+    with scouts() as words, tempfile.TemporaryDirectory(prefix="usarsim-bench-") as name:
+        classes = Path(words[1])
+        write_variants(classes)
+        changes = teams(robots, classes, plan.world, Path(name))
+        for change in changes:
+            plan.say(f"savings: {change.name} for {seconds:g} s")
+            costs[change.name] = measure_cost(change.team, plan, seconds)
+    return Section(
+        "savings",
+        "What turning something down brings",
+        f"{robots} {DEFAULT_CLASS} with {SCOUT_SENSORS} each in {plan.world} at real time, random "
+        f"DRIVE commands at 2 Hz each, clients in another process, {seconds:g} s for each change, "
+        "one change at a time. Cameras: one robot with "
+        f"{SURVEYOR_CAMERAS} cameras of 320 x 240 at {CAMERA_RATE:g} Hz, all watched. Boxes: the "
+        f"same team in a field of {FIXED} fixed boxes. Processor time of the whole server.",
+        tuple(saving_figures(changes, costs)),
+    )
+
+
+def write_variants(folder: Path) -> None:
+    """Write the classes that differ from a scout in one thing."""
+    write_class(folder, "SlowLaser", parent=SCOUT, sensors=[_laser("interval = 0.2")])
+    few = _laser(f"interval = 0.1, {beam_keys(91)}")
+    write_class(folder, "FewBeams", parent=SCOUT, sensors=[few])
+    write_class(folder, "SlowSonars", parent=SCOUT, sensors=_sonars("interval = 0.5"))
+    write_class(folder, "ThinSonars", parent=SCOUT, sensors=_sonars("cones = 0"))
+    write_class(
+        folder, "FineSonars", parent=SCOUT, sensors=_sonars("cones = 10, rays_per_cone = 16")
+    )
+    write_class(folder, "NoSonars", parent=SCOUT, without=_NAMES)
+    slow = [f'{{ type = "{kind}", name = "{name}", interval = 1.0 }}' for kind, name in _OTHERS]
+    write_class(folder, "SlowPoses", parent=SCOUT, sensors=slow)
+    everything = (*_NAMES, LASER_NAME, *(name for _, name in _OTHERS))
+    write_class(folder, "NoSensors", parent=SCOUT, without=everything)
+
+
+def _laser(keys: str) -> str:
+    return f'{{ type = "SICK", name = "{LASER_NAME}", {_BASE}, {keys} }}'
+
+
+def _sonars(keys: str) -> list[str]:
+    return [
+        f'{{ type = "Sonar", name = "{name}", position = [{x}, {y}, -0.06], '
+        f"rotation = [0, 0, {heading}], {keys} }}"
+        for name, (x, y), heading in _SONARS
+    ]
+
+
+def teams(robots: int, classes: Path, world: str, folder: Path) -> list[Change]:
+    """What is measured, each kind behind what it is compared with."""
+
+    def scouting(name: str, kind: str = SCOUT, options: Sequence[str] = ()) -> Change:
+        against = None if name == USUAL else USUAL
+        return Change(name, Team(robots, kind, classes, world, tuple(options)), against)
+
+    def watched(name: str, options: Sequence[str] = (), rate: float = CAMERA_RATE) -> Change:
+        size = options[1] if options and options[0] == "--tile-size" else ""
+        words = (*camera_options(CAMERA_TEAM), *options)
+        team = Team(CAMERA_TEAM, SURVEYOR, classes, world, words, Watching(_tiles(size), rate))
+        return Change(name, team, None if name == SURVEYED else SURVEYED)
+
+    def boxed(name: str, movable: int) -> Change:
+        place = str(write_boxes(folder, FIXED, movable))
+        return Change(name, Team(robots, SCOUT, classes, place), None if name == BOXED else BOXED)
+
+    return [
+        scouting(USUAL),
+        scouting("no sensors at all", "NoSensors"),
+        scouting("no sonars", "NoSonars"),
+        scouting("sonars of one ray instead of 17", "ThinSonars"),
+        scouting("sonars of 161 rays", "FineSonars"),
+        scouting("sonars at 2 Hz instead of 5", "SlowSonars"),
+        scouting("laser at 5 Hz instead of 10", "SlowLaser"),
+        scouting("laser of 91 beams instead of 181", "FewBeams"),
+        scouting("odometry, INS and ground truth at 1 Hz", "SlowPoses"),
+        scouting("all sensors of the shipped class", DEFAULT_CLASS),
+        Change("--max-robots 128", Team(robots, SCOUT, classes, world, room=128)),
+        scouting("--timestep 0.005 instead of 0.004", SCOUT, ("--timestep", "0.005")),
+        boxed(BOXED, 0),
+        boxed(f"{MOVABLE} boxes more that can be pushed", MOVABLE),
+        watched(SURVEYED),
+        watched("--camera-rate 2.5", ("--camera-rate", "2.5"), 2.5),
+        watched("--tile-size 160x120", ("--tile-size", "160x120")),
+        watched("--tile-size 640x480", ("--tile-size", "640x480")),
+        watched("--shadows 1024", ("--shadows", "1024")),
+        watched("--multisample 4", ("--multisample", "4")),
+    ]
+
+
+def _tiles(size: str) -> list[tuple[int, int, int, int]]:
+    """The tiles of the surveyors in a grid whose tiles may have another size."""
+    tiles = tiles_of(CAMERA_TEAM * SURVEYOR_CAMERAS)
+    if not size:
+        return tiles
+    width, height = map(int, size.split("x"))
+    _, _, usual_width, usual_height = tiles[0]
+    return [
+        (x // usual_width * width, y // usual_height * height, width, height)
+        for x, y, _, _ in tiles
+    ]
+
+
+def saving_figures(changes: Iterable[Change], costs: Mapping[str, Cost]) -> list[Figure]:
+    """Cores with every change, and the part that it takes away; less than 0 if it adds."""
+    figures = []
+    for change in changes:
+        cost = costs[change.name]
+        figures.append(Figure(change.name, cost.whole, "cores", 3))
+        if change.team.watching.tiles:
+            figures.append(Figure(f"{change.name}: one picture", 1e3 * per_picture(cost), "ms", 1))
+        if change.against is None:
+            continue
+        usual = costs[change.against].whole
+        part = 100.0 * (usual - cost.whole) / usual if usual > 0.0 else 0.0
+        figures.append(Figure(f"{change.name}: less than {change.against} by", part, "%", 0))
+    return figures
