@@ -23,7 +23,6 @@ from statistics import median
 import numpy as np
 
 from usarsim_server.app import Assembly, assemble
-from usarsim_server.options import OPTIONS, is_port
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.fleet import Vehicle
 from usarsim_server.sensors.base import Sensor
@@ -171,9 +170,19 @@ def _write_carrier(folder: Path) -> None:
 
 
 def _assembly(world: str, folder: Path, robots: int) -> Assembly:
-    ports = {one.key: None for one in OPTIONS if is_port(one)}
-    values = {"world": world, "robots": (folder,), "max_robots": robots, "speed": math.inf}
-    assembly = assemble(Settings(**{**ports, **values}))  # type: ignore[arg-type]
+    assembly = assemble(
+        Settings(
+            world=world,
+            robots=(folder,),
+            max_robots=robots,
+            speed=math.inf,
+            port=None,
+            image_port=None,
+            groundtruth_port=None,
+            wireless_port=None,
+            truth_port=None,
+        )
+    )
     carrier = assembly.fleet.describe(CARRIER)
     assert carrier is not None  # just written
     starts = assembly.world.starts
