@@ -212,6 +212,7 @@ def assemble(settings: Settings) -> Assembly:
         simulation.cast_all,
         simulation.attention if math.isinf(settings.speed) else _nobody_waits,
     )
+    simulation.wake_together(dispatcher.together)
     assembly = Assembly(
         settings,
         world,

@@ -81,6 +81,7 @@ class RehearsedClient:
         self._rehearsal = rehearsal
         self._framer = LineFramer()
         self.agent: RobotAgent = rehearsal.assembly.make_agent(peer, self, _nothing)
+        rehearsal.await_client(self)
 
     def put_reply(self, line: bytes) -> None:
         """Take a reply (called by the agent)."""
@@ -122,9 +123,11 @@ class Rehearsal(Closing):
 
     def connect(self) -> RehearsedClient:
         """A new connection."""
-        client = RehearsedClient(self, f"rehearsed:{len(self._clients)}")
+        return RehearsedClient(self, f"rehearsed:{len(self._clients)}")
+
+    def await_client(self, client: RehearsedClient) -> None:
+        """Let `settle` wait for a client, too; clients see to that themselves."""
         self._clients.append(client)
-        return client
 
     @property
     def time(self) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 import time
+from pathlib import Path
 
 import psutil
 
@@ -20,10 +21,12 @@ def _visit(server: ServerProcess, chance: random.Random) -> ScriptedClient:
     return client
 
 
-def test_robots_come_and_go_for_a_while() -> None:
+def test_robots_come_and_go_for_a_while(tmp_path: Path) -> None:
     """200 visits by up to 12 robots leave no thread, descriptor, robot or lasting memory."""
     chance = random.Random(11)
-    with ServerProcess("--world", "empty", "--spawn-rate", "1000") as server:
+    settings = tmp_path / "lab.toml"
+    settings.write_text("spawn_rate = 1000\n", encoding="utf-8")
+    with ServerProcess("--world", "empty", "--config", str(settings)) as server:
         process = psutil.Process(server.process.pid)
         witness = server.client()
         witness.send("INIT {ClassName P3AT} {Location 50,50,-0.3}")

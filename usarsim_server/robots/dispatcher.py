@@ -15,6 +15,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -104,6 +105,10 @@ class Dispatcher:
                 self._thread = threading.Thread(target=self._run, name="robots", daemon=True)
                 self._thread.start()
             self._signal.notify()
+
+    def together(self) -> AbstractContextManager[object]:
+        """Those whom the calling thread lets call inside are served as one batch, in that order."""
+        return self._signal
 
     def stop(self, timeout: float) -> None:
         """End all threads and wait for them, at most so many s in all; who calls is not served."""

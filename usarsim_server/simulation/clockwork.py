@@ -13,6 +13,7 @@ import math
 import threading
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -82,6 +83,8 @@ class Clockwork:
     Attributes:
         snapshot: the newest that was published.
         failure: why the physics thread had to give up, None if it did not.
+        together: whoever is woken inside is served as one batch; so what is worked out together
+            does not depend on which thread runs first.
     """
 
     def __init__(
@@ -105,6 +108,7 @@ class Clockwork:
         self._thread: threading.Thread | None = None
         self._on_failure: Callable[[], None] | None = None
         self.failure: Exception | None = None
+        self.together: Callable[[], AbstractContextManager[object]] = nullcontext
         self.snapshot: Snapshot = engine.snapshot()
 
     def attach(self, robot: int, listener: Listener) -> None:
@@ -239,9 +243,10 @@ class Clockwork:
             )
         self.snapshot = self._engine.snapshot()
         self._remove_fallen(self.snapshot)
-        for one in self._listeners.values():
-            if one.due <= now:
-                one.wake(self.snapshot)
+        with self.together():
+            for one in self._listeners.values():
+                if one.due <= now:
+                    one.wake(self.snapshot)
         return True
 
     def _remove_fallen(self, snapshot: Snapshot) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 
 import mujoco
@@ -294,6 +295,10 @@ class Simulation:
     def attach(self, robot: int, listener: Listener) -> None:
         """Give a robot's listener the snapshots it asks for from now on."""
         self._mail.post(lambda: self._clockwork.attach(robot, listener))
+
+    def wake_together(self, together: Callable[[], AbstractContextManager[object]]) -> None:
+        """Have all listeners that are due at one instant woken inside a context manager."""
+        self._clockwork.together = together
 
     def attention(self) -> None:
         """Tell the physics that a listener became idle or changed its due time or horizon."""
