@@ -87,6 +87,7 @@ class TestArithmetic:
         assert [y for _, y in drawn["whole server"]] == pytest.approx([0.12, 0.36])
         told = {one.name: one.value for one in figures_of("robots", costs)}
         assert told["4 robots: reports"] == 0.05
+        assert told["1 robot: physics"] == 0.1
         assert told["4 robots: whole server"] == pytest.approx(0.36)
 
     @pytest.mark.parametrize(
@@ -220,9 +221,20 @@ class TestMeasuring:
             if team.watching.tiles:
                 shadows = "--shadows" in team.options
                 return cost(0.1, drawing=0.4 if shadows else 0.2, pictures=10.0)
-            return cost({"BenchScout": 1.0, "NoSensors": 0.25}.get(team.robot_class, 0.9))
+            raise AssertionError("only cameras need a clock")
+
+        def run(command: list[str], **_: object) -> subprocess.CompletedProcess[str]:
+            asked = json.loads(Path(command[-1]).read_text())
+            dear = {"BenchScout": 1.0, "NoSensors": 0.25}
+            told = [
+                {"physics": 0.0, "reports": dear.get(work["robot_class"], 0.9)}
+                for work in asked["works"]
+            ]
+            assert [work["timestep"] for work in asked["works"] if "timestep" in work] == [0.005]
+            return subprocess.CompletedProcess(command, 0, json.dumps(told), "")
 
         monkeypatch.setattr(savings, "measure_cost", pretend)
+        monkeypatch.setattr(subprocess, "run", run)
         figures = {one.name: one.value for one in measure_savings(Plan(robots=2)).figures}
         assert figures[USUAL] == 1.0
         assert figures[f"no sensors at all: less than {USUAL} by"] == pytest.approx(75.0)

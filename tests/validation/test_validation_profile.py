@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from usarsim_server.validation import readings, threads
+from usarsim_server.validation import readings, teams, threads
 from usarsim_server.validation.readings import measure
 
 
@@ -92,3 +92,17 @@ def test_a_run_leaves_its_looks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert {"physics", "reports", "sockets", "drawing", "encoding", "others"} == set(
         looks[0]["spent"]
     )
+
+
+def test_teams_in_turns(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Every team is measured, in order; steps and reports apart."""
+    (tmp_path / "Bare.toml").write_text('extends = "P3AT"\nwithout = ["lms200", "GndTruth"]\n')
+    work = {"world": "empty", "classes": str(tmp_path), "robots": 2}
+    works = [{**work, "robot_class": name} for name in ("P3AT", "Bare")]
+    works.append({**work, "robot_class": "P3AT", "timestep": 0.01, "room": 4})
+    file = tmp_path / "works.json"
+    file.write_text(json.dumps({"works": works, "turns": 2, "seed": 1}))
+    assert teams.main([str(file)]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert [set(one) for one in told] == [{"physics", "reports"}] * 3
+    assert all(one["physics"] > 0.0 and one["reports"] > 0.0 for one in told)

@@ -181,7 +181,7 @@ def figures_of(what: str, costs: Costs) -> list[Figure]:
     """Cores of each thread for each number."""
     figures = []
     for number, cost in costs.items():
-        name = f"{number} {what}"
+        name = f"{number} {what if number != 1 else what.removesuffix('s')}"
         figures += [Figure(f"{name}: {role}", cost.spent[role], "cores", 3) for role in _SHOWN]
         figures.append(Figure(f"{name}: whole server", cost.whole, "cores", 3))
         figures.append(Figure(f"{name}: real-time factor", cost.factor, "", 3))

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -9,6 +12,7 @@ from pathlib import Path
 
 from usarsim_tools.bench.boxes import STARTS, write_boxes
 from usarsim_tools.bench.crowd import DEFAULT_CLASS
+from usarsim_tools.bench.errors import BenchError
 from usarsim_tools.bench.figures import Figure, Plan, Section
 from usarsim_tools.bench.growth import beam_keys, camera_options, per_picture
 from usarsim_tools.bench.robot_files import (
@@ -21,7 +25,7 @@ from usarsim_tools.bench.robot_files import (
     scouts,
     write_class,
 )
-from usarsim_tools.bench.thread_cost import Cost, Team, Watching, measure_cost
+from usarsim_tools.bench.thread_cost import ROLES, Cost, Team, Watching, measure_cost
 from usarsim_tools.bench.watched import tiles_of
 
 __all__ = ["Change", "measure_savings", "saving_figures", "teams", "write_variants"]
@@ -29,6 +33,8 @@ __all__ = ["Change", "measure_savings", "saving_figures", "teams", "write_varian
 ROBOTS = 16
 CAMERA_TEAM = 1
 SECONDS = 6.0
+TURNS_PER_SECOND = 2.0
+"""Of simulated time."""
 FIXED, MOVABLE = 100, 50
 """Boxes of the two worlds that are compared."""
 
@@ -44,6 +50,8 @@ _SONARS = (
 """Those of the shipped class: name, place in the plane, heading (wire frame)."""
 _NAMES = tuple(name for name, _, _ in _SONARS)
 _OTHERS = (("GroundTruth", "GndTruth"), ("INS", "InsTest"), ("Odometry", "Odometer"))
+_INSTRUMENT = "usarsim_server.validation.teams"
+_SHOWN_ERRORS = 2000
 _BASE = "position = [0.2085, 0, -0.2]"
 
 
@@ -63,7 +71,7 @@ class Change:
 
 
 def measure_savings(plan: Plan) -> Section:
-    """One team after the other; `plan.seconds` of wall time are watched for each."""
+    """One team after the other; `plan.seconds` are watched for each."""
     robots, seconds = min(plan.robots or ROBOTS, STARTS), plan.seconds or SECONDS
     costs: dict[str, Cost] = {}
     with scouts() as words, tempfile.TemporaryDirectory(prefix="usarsim-bench-") as name:
@@ -71,18 +79,48 @@ def measure_savings(plan: Plan) -> Section:
         write_variants(classes)
         changes = teams(robots, classes, plan.world, Path(name))
         for change in changes:
-            plan.say(f"savings: {change.name} for {seconds:g} s")
-            costs[change.name] = measure_cost(change.team, plan, seconds)
+            if change.team.watching.tiles:
+                plan.say(f"savings: {change.name} for {seconds:g} s")
+                costs[change.name] = measure_cost(change.team, plan, seconds)
+        driving = [change for change in changes if not change.team.watching.tiles]
+        plan.say(f"savings: {len(driving)} teams in turns for {seconds:g} simulated s each")
+        found = _in_turns([one.team for one in driving], seconds, plan.seed, Path(name))
+        costs |= {one.name: cost for one, cost in zip(driving, found, strict=True)}
     return Section(
         "savings",
         "What turning something down brings",
-        f"{robots} {DEFAULT_CLASS} with {SCOUT_SENSORS} each in {plan.world} at real time, random "
-        f"DRIVE commands at 2 Hz each, clients in another process, {seconds:g} s for each change, "
-        "one change at a time. Cameras: one robot with "
+        f"{robots} {DEFAULT_CLASS} with {SCOUT_SENSORS} each in {plan.world}, random DRIVE "
+        "commands at 2 Hz each, one change at a time, all teams in turns in one process without "
+        f"sockets, {seconds:g} simulated s each, medians. Cameras: at real time, one robot with "
         f"{SURVEYOR_CAMERAS} cameras of 320 x 240 at {CAMERA_RATE:g} Hz, all watched. Boxes: the "
         f"same team in a field of {FIXED} fixed boxes. Processor time of the whole server.",
         tuple(saving_figures(changes, costs)),
     )
+
+
+def _in_turns(teams: Sequence[Team], seconds: float, seed: int, folder: Path) -> list[Cost]:
+    """Costs without sockets and clock, in the order of the teams."""
+    works = []
+    for one in teams:
+        work: dict[str, object] = {
+            "world": one.world,
+            "classes": str(one.classes),
+            "robot_class": one.robot_class,
+            "robots": one.robots,
+            "room": one.room or one.robots,
+        }
+        if one.options[:1] == ("--timestep",):
+            work["timestep"] = float(one.options[1])
+        works.append(work)
+    file = folder / "works.json"
+    turns = max(1, round(TURNS_PER_SECOND * seconds))
+    file.write_text(json.dumps({"works": works, "turns": turns, "seed": seed}))
+    command = [sys.executable, "-m", _INSTRUMENT, str(file)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise BenchError(f"the teams instrument failed: {done.stderr[-_SHOWN_ERRORS:].strip()}")
+    nobody = dict.fromkeys(ROLES, 0.0)
+    return [Cost({**nobody, **spent}, 1.0, 0.0, 0.0, 0, None) for spent in json.loads(done.stdout)]
 
 
 def write_variants(folder: Path) -> None:
