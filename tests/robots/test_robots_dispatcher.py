@@ -221,6 +221,28 @@ def test_the_world_may_go_on_before_and_after_reports_are_written(
     assert world.rests == 2
 
 
+def test_callers_may_hold_locks_of_their_own(dispatcher: Dispatcher) -> None:
+    """While somebody has many served together, others who hold a lock that he needs may call."""
+    lock, inside = threading.Lock(), threading.Event()
+    other, one = Caller(0, None, []), Caller(1, None, [])
+
+    def call_with_lock() -> None:
+        with lock:
+            inside.set()
+            time.sleep(0.05)
+            dispatcher.call(other)
+
+    thread = threading.Thread(target=call_with_lock, daemon=True)
+    with dispatcher.together():
+        thread.start()
+        assert inside.wait(TIMEOUT)
+        assert lock.acquire(timeout=TIMEOUT)
+        lock.release()
+        dispatcher.call(one)
+    assert one.done.wait(TIMEOUT)
+    assert other.done.wait(TIMEOUT)
+
+
 def test_after_the_end_nobody_is_served(world: World) -> None:
     """Calls during and after the stop are ignored, and no thread is left."""
     dispatcher = Dispatcher(world.cast_all, world.rested)

@@ -14,8 +14,8 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -93,6 +93,7 @@ class Dispatcher:
         self._rested = rested
         self._signal = threading.Condition()
         self._calls: deque[Served] = deque()
+        self._held = 0
         self._thread: threading.Thread | None = None
         self._extra: set[threading.Thread] = set()
         self._stopping = False
@@ -106,9 +107,20 @@ class Dispatcher:
                 self._thread.start()
             self._signal.notify()
 
-    def together(self) -> AbstractContextManager[object]:
-        """Those whom the calling thread lets call inside are served as one batch, in that order."""
-        return self._signal
+    @contextmanager
+    def together(self) -> Iterator[None]:
+        """Whoever calls inside is served when it ends: as one batch, in the order of the calls.
+
+        No lock is held inside: callers have locks of their own, which they hold when they call.
+        """
+        with self._signal:
+            self._held += 1
+        try:
+            yield
+        finally:
+            with self._signal:
+                self._held -= 1
+                self._signal.notify()
 
     def stop(self, timeout: float) -> None:
         """End all threads and wait for them, at most so many s in all; who calls is not served."""
@@ -130,7 +142,7 @@ class Dispatcher:
     def _take(self) -> list[Served]:
         """Who has called, in that order; nobody at the end."""
         with self._signal:
-            while not self._calls and not self._stopping:
+            while (self._held or not self._calls) and not self._stopping:
                 self._signal.wait()
             if self._stopping:
                 return []
