@@ -13,8 +13,9 @@ import socket
 import time
 from collections.abc import Callable, Iterator
 from itertools import pairwise
-from types import TracebackType
-from typing import ClassVar, Self
+from typing import ClassVar
+
+from usarsim_server.testing import Closing
 
 PATIENCE = 15.0
 """s after which a client gives up on the whole."""
@@ -22,7 +23,7 @@ PATIENCE = 15.0
 Vector = tuple[float, ...]
 
 
-class LegacyClient:
+class LegacyClient(Closing):
     """A connection; reading is the business of the families."""
 
     end = b"\r\n"
@@ -62,15 +63,8 @@ class LegacyClient:
             raise ConnectionError("the server closed the connection")
         self._buffer += data
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
+        """Hang up."""
         self.socket.close()
 
 

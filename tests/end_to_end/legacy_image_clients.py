@@ -10,12 +10,12 @@ import io
 import socket
 import struct
 import time
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
+
+from usarsim_server.testing import Closing
 
 PATIENCE = 15.0
 """s after which a client gives up."""
@@ -31,7 +31,7 @@ def decoded(file: bytes) -> Pixels:
     return np.asarray(Image.open(io.BytesIO(file)).convert("RGB"))
 
 
-class ImageProgram:
+class ImageProgram(Closing):
     """A connection; reading is the business of the programs."""
 
     def __init__(self, port: int) -> None:
@@ -41,17 +41,6 @@ class ImageProgram:
     def close(self) -> None:
         """Hang up."""
         self.socket.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 class SampleClient(ImageProgram):

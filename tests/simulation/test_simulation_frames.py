@@ -17,6 +17,7 @@ from usarsim_server.simulation.frames import (
     flip_quaternion,
     pose_from_wire,
     quaternion_from_rpy,
+    rotation_matrices,
     rpy_from_quaternion,
     wire_from_pose,
     wrap_signed,
@@ -230,6 +231,13 @@ class TestPose:
         for product in (pose @ pose.inverse(), pose.inverse() @ pose):
             np.testing.assert_allclose(product.position, (0.0, 0.0, 0.0), atol=1e-7)
             assert same_rotation(product, IDENTITY)
+
+    @given(st.lists(poses, min_size=1, max_size=5))
+    def test_many_matrices_are_those_of_the_poses(self, poses: list[Pose]) -> None:
+        """Turned into matrices together, quaternions give what each gives alone."""
+        together = rotation_matrices(np.array([pose.quaternion for pose in poses]))
+        for pose, matrix in zip(poses, together, strict=True):
+            np.testing.assert_allclose(matrix, pose.matrix(), atol=1e-12)
 
     @given(poses, points)
     def test_rotate_is_the_matrix(self, pose: Pose, vector: tuple[float, float, float]) -> None:

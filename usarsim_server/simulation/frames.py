@@ -21,6 +21,7 @@ __all__ = [
     "flip_quaternion",
     "pose_from_wire",
     "quaternion_from_rpy",
+    "rotation_matrices",
     "rpy_from_quaternion",
     "wire_from_pose",
     "wrap_signed",
@@ -76,6 +77,18 @@ class Pose:
 
 
 IDENTITY = Pose()
+
+
+def rotation_matrices(quaternions: Array) -> Array:
+    """Rotation matrices (n, 3, 3) of unit quaternions (n, 4), w x y z; see `Pose.matrix`."""
+    w, x, y, z = quaternions.T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    answer: Array = np.moveaxis(np.array(rows), 2, 0)
+    return answer
 
 
 def _multiply(a: Quaternion, b: Quaternion) -> Quaternion:

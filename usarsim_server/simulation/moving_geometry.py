@@ -16,15 +16,16 @@ from numpy.typing import NDArray
 
 from usarsim_server.simulation.courtesy import breathe
 from usarsim_server.simulation.culling import Spheres, bounding_spheres, meetings, passing
+from usarsim_server.simulation.frames import rotation_matrices
 from usarsim_server.simulation.glass import is_glass
 from usarsim_server.simulation.lumps import Lump, find_lumps
 from usarsim_server.simulation.model import CompiledWorld
 from usarsim_server.simulation.objects import Objects
 from usarsim_server.simulation.ray_batch import RayBatch
 from usarsim_server.simulation.snapshot import Snapshot
-from usarsim_server.simulation.static_geometry import Surfaces, is_visible
+from usarsim_server.simulation.static_geometry import is_visible
 from usarsim_server.simulation.tessellation import shape_key, triangles
-from usarsim_server.simulation.triangle_scene import RoundPart, TriangleScene
+from usarsim_server.simulation.triangle_scene import RoundPart, Surfaces, TriangleScene
 
 __all__ = ["DynamicGeometry"]
 
@@ -191,7 +192,7 @@ class DynamicGeometry:
         present = ~self._is_robot
         present[[self._tree_of_root[base] for base in active if base in self._tree_of_root]] = True
         trees = np.flatnonzero(present & (self._count > 0))
-        turns = _matrices(snapshot.xquat[self._body_ids])
+        turns = rotation_matrices(snapshot.xquat[self._body_ids])
         places = snapshot.xpos[self._body_ids]
         centres = places + np.einsum("bij,bj->bi", turns, self._middles)
         # A tree of one piece is bounded by the piece itself, more tightly.
@@ -245,15 +246,14 @@ class DynamicGeometry:
         starts = np.einsum("ki,kij->kj", offset, turns)
         ways = np.einsum("ki,kij->kj", batch.directions[rays], turns)
         scenes = self._full[bodies]
-        through = np.array([fan.through_glass for fan in batch.fans], dtype=bool)
-        if through.any():
-            scenes = np.where(through[batch.fan[rays]], self._clear[bodies], scenes)
+        if batch.through_glass is not None:
+            scenes = np.where(batch.through_glass[rays], self._clear[bodies], scenes)
         distances, parts = np.empty(len(rays)), np.empty(len(rays), dtype=np.intp)
         facing = np.zeros((len(rays), 3)) if normals else None
         for scene in np.unique(scenes).tolist():
             some = np.flatnonzero(scenes == scene)
             hits = self._scene_list[scene].cast(starts[some], ways[some], normals=normals)
-            distances[some], parts[some] = hits.distances, hits.parts
+            distances[some], parts[some] = hits.distances, hits.geoms
             if facing is not None and hits.normals is not None:
                 facing[some] = np.einsum("kij,kj->ki", turns[some], hits.normals)
         geoms = self._geoms[np.minimum(self._geom_begin[bodies] + parts, len(self._geoms) - 1)]
@@ -282,15 +282,3 @@ def _semi_axes(model: mujoco.MjModel, geom: int) -> Array | None:
     if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
         return np.full(3, float(size[0]))
     return size.copy() if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID else None
-
-
-def _matrices(quaternions: Array) -> Array:
-    """Rotation matrices (b, 3, 3) of unit quaternions (b, 4), w x y z."""
-    w, x, y, z = quaternions.T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    answer: Array = np.moveaxis(np.array(rows), 2, 0)
-    return answer

@@ -70,11 +70,11 @@ class RayBatch:
         half[scattered] = np.pi
         return axes, half
 
-    def asking(self, wanted: Sequence[bool]) -> Numbers | None:
-        """Rays of the fans that are marked; None if that is all of them."""
-        if all(wanted):
-            return None
-        return np.flatnonzero(np.asarray(wanted, dtype=bool)[self.fan])
+    @cached_property
+    def through_glass(self) -> NDArray[np.bool_] | None:
+        """Which rays (n,) do not see glass; None if all of them do."""
+        through = np.array([fan.through_glass for fan in self.fans], dtype=bool)
+        return through[self.fan] if through.any() else None
 
 
 def join(fans: Sequence[RayFan]) -> RayBatch:

@@ -13,7 +13,8 @@ from usarsim_server.simulation.objects import Names
 from usarsim_server.simulation.ray_batch import RayBatch, join
 from usarsim_server.simulation.rays import RayFan, RayHits
 from usarsim_server.simulation.snapshot import Snapshot
-from usarsim_server.simulation.static_geometry import StaticGeometry, Surfaces
+from usarsim_server.simulation.static_geometry import StaticGeometry
+from usarsim_server.simulation.triangle_scene import Surfaces
 
 __all__ = ["RayQuery", "cast", "cast_all", "cast_scenery"]
 
@@ -92,12 +93,11 @@ def _meet(
 ) -> tuple[Surfaces, Names | None]:
     """What all rays meet first, at any distance, and the names (n,) of it if any fan asks."""
     normals = any(fan.normals for fan in batch.fans)
-    through = [fan.through_glass for fan in batch.fans]
     fixed = static.cast(
         batch.origins,
         batch.directions,
         normals=normals,
-        through_glass=np.array(through)[batch.fan] if any(through) else None,
+        through_glass=batch.through_glass,
     )
     names = static.names[fixed.geoms] if any(fan.identify for fan in batch.fans) else None
     if dynamic is None or snapshot is None:

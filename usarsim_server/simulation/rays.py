@@ -5,14 +5,12 @@ The caster itself lives in `raycaster.py`; sensors and their tests need only the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["RayCaster", "RayFan", "RayHits", "SceneryHit"]
+__all__ = ["RayFan", "RayHits", "SceneryHit"]
 
 Array = NDArray[np.float64]
 
@@ -72,10 +70,3 @@ class SceneryHit:
     geom: int
     name: str | None
     entering: bool
-
-
-class RayCaster(Protocol):
-    """Answers fans against the true geometry of world and robots, never the asking robot's own."""
-
-    def __call__(self, fans: Sequence[RayFan]) -> list[RayHits]:
-        """Cast all fans as one batch; answers come in the order of the fans."""

@@ -13,25 +13,15 @@ from usarsim_server.simulation.model import SHELF_NAME, CompiledWorld
 from usarsim_server.simulation.objects import Names, geom_names
 from usarsim_server.simulation.rays import SceneryHit
 from usarsim_server.simulation.tessellation import triangles
-from usarsim_server.simulation.triangle_scene import TriangleScene
+from usarsim_server.simulation.triangle_scene import Surfaces, TriangleScene
 
-__all__ = ["StaticGeometry", "Surfaces", "is_visible"]
+__all__ = ["StaticGeometry", "is_visible"]
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.intp]
 
 SEEN_GROUPS = 3
 """Geoms of groups 0 to 2 are seen, as by MuJoCo's renderers; the others only collide."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Surfaces:
-    """What rays met: distances (n,), inf for a miss; geoms (n,), -1 for a miss; unit normals
-    (n, 3) on either side, zero for a miss, if asked for."""
-
-    distances: Array
-    geoms: Numbers
-    normals: Array | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,12 +65,11 @@ class StaticGeometry:
         through_glass: NDArray[np.bool_] | None = None,
     ) -> Surfaces:
         """Cast rays from (n, 3) along unit vectors (n, 3), some of them (n,) through glass."""
-        hits = self._full.cast(origins, directions, normals=normals)
-        surfaces = Surfaces(hits.distances, hits.parts, hits.normals)
+        surfaces = self._full.cast(origins, directions, normals=normals)
         if through_glass is not None and self._clear is not self._full:
             rays = np.flatnonzero(through_glass)
             further = self._clear.cast(origins[rays], directions[rays], normals=normals)
-            surfaces.distances[rays], surfaces.geoms[rays] = further.distances, further.parts
+            surfaces.distances[rays], surfaces.geoms[rays] = further.distances, further.geoms
             if surfaces.normals is not None and further.normals is not None:
                 surfaces.normals[rays] = further.normals
         for plane in self._planes:

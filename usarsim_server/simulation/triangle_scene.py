@@ -10,7 +10,7 @@ from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
 
-__all__ = ["RoundPart", "TriangleHits", "TriangleScene"]
+__all__ = ["RoundPart", "Surfaces", "TriangleScene"]
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.intp]
@@ -30,13 +30,14 @@ class RoundPart:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TriangleHits:
-    """What rays met: distances (n,), infinity for a miss; parts (n,), -1 for a miss; normals
-    (n, 3), unit vectors on either side, zero for a miss, None if nobody asked."""
+class Surfaces:
+    """What rays met: distances (n,), infinity for a miss; numbers (n,) of geoms, or of the parts of
+    a scene, -1 for a miss; normals (n, 3), unit vectors on either side, zero for a miss, None if
+    nobody asked."""
 
     distances: Array
-    parts: Numbers
-    normals: Array | None
+    geoms: Numbers
+    normals: Array | None = None
 
 
 class TriangleScene:
@@ -77,7 +78,7 @@ class TriangleScene:
         self.radius = float(np.linalg.norm(corners - self.centre, axis=1).max())
         """Of that sphere, m."""
 
-    def cast(self, origins: Array, directions: Array, *, normals: bool = False) -> TriangleHits:
+    def cast(self, origins: Array, directions: Array, *, normals: bool = False) -> Surfaces:
         """Cast rays from (n, 3) along unit vectors (n, 3), in the scene's frame."""
         if self._scene is None:
             missed = np.full(len(origins), -1, dtype=np.intp)
@@ -95,22 +96,20 @@ class TriangleScene:
             self._round_off(hits, origins, directions)
         return hits
 
-    def _round_off(self, hits: TriangleHits, origins: Array, directions: Array) -> None:
+    def _round_off(self, hits: Surfaces, origins: Array, directions: Array) -> None:
         # A miss is part -1, the last entry, which is not round.
-        touched = np.flatnonzero(self._is_round.take(hits.parts, mode="wrap"))
-        for part in set(hits.parts[touched].tolist()):
-            rays = touched[hits.parts[touched] == part]
+        touched = np.flatnonzero(self._is_round.take(hits.geoms, mode="wrap"))
+        for part in set(hits.geoms[touched].tolist()):
+            rays = touched[hits.geoms[touched] == part]
             _round_off(hits, rays, self._rounds[part], origins, directions)
 
-    def _hits(
-        self, distances: Array, faces: NDArray[np.signedinteger], normals: bool
-    ) -> TriangleHits:
+    def _hits(self, distances: Array, faces: NDArray[np.signedinteger], normals: bool) -> Surfaces:
         facing = self._normals.take(faces, axis=0, mode="wrap") if normals else None
-        return TriangleHits(distances, self._parts.take(faces, mode="wrap"), facing)
+        return Surfaces(distances, self._parts.take(faces, mode="wrap"), facing)
 
 
 def _round_off(
-    hits: TriangleHits, rays: Numbers, shape: RoundPart, origins: Array, directions: Array
+    hits: Surfaces, rays: Numbers, shape: RoundPart, origins: Array, directions: Array
 ) -> None:
     """Move hits on facets, which lie inside a round surface, out to where the ray meets it."""
     # In a frame where the surface is the unit sphere.
