@@ -1,6 +1,9 @@
-"""What waits to be sent to one client: bounded, thread-safe, lines always whole and in order.
+"""What waits to be sent to one client: bounded, lines always whole and in order.
 
-Two planes share one first-in-first-out order (protocol reference 4.14):
+Ports that speak unasked have an `Outbox`, which threads may fill; ports that only answer have a
+`ReplyBuffer`, which lets nobody work out replies faster than they leave.
+
+In an outbox two planes share one first-in-first-out order (protocol reference 4.14):
 
 * replies are never dropped. A client that asks without ever reading is condemned instead: its
   connection is to be closed, with a log line;
@@ -13,12 +16,19 @@ callback tells the taker that there is something to do.
 
 from __future__ import annotations
 
+import asyncio
+import socket
 import threading
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-__all__ = ["Outbox", "OutboxLimits"]
+__all__ = ["PIECE", "UNREAD", "Outbox", "OutboxLimits", "ReplyBuffer"]
+
+PIECE = 16 * 1024
+"""Bytes of replies that are joined before they are sent."""
+UNREAD = 60.0
+"""Seconds that a client may leave a piece of replies unread before its connection ends."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,6 +211,65 @@ class Outbox:
         self._stream.clear()
         self._reply_bytes = 0
         self._stream_bytes = 0
+
+
+class ReplyBuffer:
+    """The replies to one client on their way into the kernel, for one task.
+
+    A port makes one for each connection, puts every reply into it as soon as it is worked out, and
+    flushes it before it waits for further requests:
+
+        for line in framer.feed(chunk):
+            await replies.put(await self._answer(line))
+        await replies.flush()
+
+    Replies to requests that came together leave together, in pieces. Whoever works out replies
+    waits in `put` while the client does not read, so that the memory of a connection is bounded by
+    a piece and the longest single reply, however many requests a chunk holds. A client that reads
+    nothing of a piece for `patience` is given up: `ConnectionAbortedError`, which a `Listener`
+    takes for the end of the connection.
+    """
+
+    def __init__(self, client: socket.socket, patience: float = UNREAD) -> None:
+        """Make an empty buffer.
+
+        Args:
+            client: a non-blocking socket.
+            patience: s that a piece may wait for the client to read.
+        """
+        self._client = client
+        self._patience = patience
+        self._held = bytearray()
+
+    @property
+    def held(self) -> int:
+        """Bytes that are not yet handed to the kernel."""
+        return len(self._held)
+
+    async def put(self, reply: bytes) -> None:
+        """Add a whole reply, line end included; an empty one is nothing to send.
+
+        Raises:
+            OSError: if the client has gone, or does not read.
+        """
+        self._held += reply
+        if len(self._held) >= PIECE:
+            await self.flush()
+
+    async def flush(self) -> None:
+        """Hand everything to the kernel, which may mean to wait for the client.
+
+        Raises:
+            OSError: if the client has gone, or does not read.
+        """
+        if not self._held:
+            return
+        data, self._held = self._held, bytearray()
+        try:
+            async with asyncio.timeout(self._patience):
+                await asyncio.get_running_loop().sock_sendall(self._client, data)
+        except TimeoutError:
+            raise ConnectionAbortedError("the client does not read its replies") from None
 
 
 def _nobody() -> None:
