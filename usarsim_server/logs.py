@@ -41,7 +41,9 @@ RATE = 2.0
 _FACTS = "usarsim_facts"
 _LEFT_OUT = "usarsim_left_out"
 _MAX_KINDS = 1000
-_MAX_VALUE = 200  # characters of one value; a client chooses robot names, not our line length
+# Characters of one value, and of a message: clients choose what they say, not our line length.
+_MAX_VALUE = 200
+_MAX_MESSAGE = 1000
 
 
 class Log:
@@ -102,7 +104,10 @@ class LineFormatter(logging.Formatter):
         facts: dict[str, object] = getattr(record, _FACTS, {})
         area = record.name.removeprefix(f"{ROOT}.")
         pairs = [f"{key}={_value(value)}" for key, value in facts.items()]
-        line = " ".join([record.levelname, area, *pairs, _printable(record.getMessage())])
+        message = record.getMessage()
+        if len(message) > _MAX_MESSAGE:
+            message = message[:_MAX_MESSAGE] + "..."
+        line = " ".join([record.levelname, area, *pairs, _printable(message)])
         if left_out := getattr(record, _LEFT_OUT, 0):
             line += f" ({left_out} lines like this one were left out)"
         if record.exc_info and record.exc_info[0] is not None:
@@ -136,7 +141,7 @@ class Moderation(logging.Filter):
         """Whether a line may be written; it is told how many like it were not."""
         if record.levelno <= logging.DEBUG:
             return True
-        kind = record.name, record.levelno, record.getMessage().partition(":")[0]
+        kind = record.name, record.levelno, record.getMessage()[:_MAX_MESSAGE].partition(":")[0]
         now = self._clock()
         with self._lock:
             if len(self._kinds) >= _MAX_KINDS:

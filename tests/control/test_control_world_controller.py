@@ -382,8 +382,8 @@ def test_random_requests_do_no_harm(stage: Rehearsal, client: RehearsedClient) -
     for line in client.take():
         assert re.fullmatch(r"STA( \{[^{}]*\})*", line)
         assert not re.search(r"nan|inf|\de[+-]?\d", line.replace("{Memory nan,inf,-inf}", ""))
-    create(client, "after all", "50,50,-0.15")
-    assert where(client, "after all") == near(50, 50, HEIGHT)
+    create(client, "after_all", "50,50,-0.15")
+    assert where(client, "after_all") == near(50, 50, HEIGHT)
 
 
 def play() -> list[str]:

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from usarsim_server.cameras.view import CameraView, Grid, Region
+from usarsim_server.protocol.names import name_key
 from usarsim_server.simulation.frames import Pose
 
 __all__ = ["MOST_TILES", "CameraBoard"]
@@ -124,10 +125,10 @@ class CameraBoard:
 
     def find(self, name: str, owner: str = "") -> CameraView | None:
         """A camera by its name and the label of its robot, in any case; None if there is none."""
-        wanted = (name.strip().lower(), owner.strip().lower())
+        wanted = (name.strip().lower(), name_key(owner))
         with self._lock:
             for key, one in self._cameras.items():
-                if (one.name.lower(), one.owner.lower()) == wanted:
+                if (one.name.lower(), name_key(one.owner)) == wanted:
                     return self._view(key)
         return None
 

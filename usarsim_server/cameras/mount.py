@@ -17,6 +17,7 @@ from usarsim_server.cameras.board import CameraBoard
 from usarsim_server.protocol import messages
 from usarsim_server.protocol.dialects import FACETS, sends_results
 from usarsim_server.protocol.messages import CameraItem, SensorMount
+from usarsim_server.protocol.names import LONGEST_NAME
 from usarsim_server.protocol.numbers import read_number
 from usarsim_server.protocol.requests import Set
 from usarsim_server.protocol.values import Dialect
@@ -149,7 +150,7 @@ class CameraMount:
         """Names and success of what obeyed."""
         bound = bind_view(self._board, request)
         if bound is not None:
-            return [(request.name or "", bound)]
+            return [((request.name or "")[:LONGEST_NAME], bound)]
         if request.opcode not in _LENS_OPCODES:
             return []
         wanted = read_number(request.params)

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from usarsim_server.control.survey import ground_below
 from usarsim_server.control.walk import Performance, Stance, Walk, body_poses
 from usarsim_server.errors import SpawnError
+from usarsim_server.protocol.names import name_key
+from usarsim_server.robots.labels import Labels
 from usarsim_server.simulation.clockwork import Listener
 from usarsim_server.simulation.frames import Pose, Vector, rpy_from_quaternion
 from usarsim_server.simulation.movers import Way
@@ -91,7 +93,7 @@ class Avatars:
         self._simulation = simulation
         self._lock = threading.Lock()
         self._avatars: dict[str, Avatar] = {}
-        self._names: set[str] = set()
+        self._labels = Labels("avatars")
 
     def find_class(self, name: str) -> AvatarClass | None:
         """The class that a client means, without package; None if there is none."""
@@ -129,36 +131,28 @@ class Avatars:
         """Put a person into the world, upright on the ground at a place or near it.
 
         Raises:
-            SpawnError: if there is no room or no ground.
+            SpawnError: if the name is too long, or there is no room or no ground.
         """
         with self._lock:
-            label = self._reserve(name or kind.name)
+            label = self._labels.take(name, kind.name)
         try:
             body, stance = self._settle(kind, pose)
         except BaseException:
             with self._lock:
-                self._names.discard(label.lower())
+                self._labels.give_back(label)
             raise
         avatar = Avatar(label, kind, body, self._simulation, stance)
         with self._lock:
-            self._avatars[label.lower()] = avatar
+            self._avatars[name_key(label)] = avatar
         return avatar
 
     def remove(self, avatar: Avatar) -> None:
         """Take a person out of the world; a second call does nothing."""
         with self._lock:
-            if self._avatars.pop(avatar.name.lower(), None) is None:
+            if self._avatars.pop(name_key(avatar.name), None) is None:
                 return
-            self._names.discard(avatar.name.lower())
+            self._labels.give_back(avatar.name)
         self._simulation.remove(avatar.body)
-
-    def _reserve(self, name: str) -> str:
-        label, number = name, 1
-        while label.lower() in self._names:
-            number += 1
-            label = f"{name}_{number}"
-        self._names.add(label.lower())
-        return label
 
     def _settle(self, kind: AvatarClass, pose: Pose) -> tuple[int, Stance]:
         if not all(map(math.isfinite, pose.position)):

@@ -16,6 +16,7 @@ from usarsim_server.control.paths import Fall, Spin
 from usarsim_server.control.world_object import Creation, Physics, WorldObject
 from usarsim_server.errors import SpawnError
 from usarsim_server.logs import Log
+from usarsim_server.protocol.names import clean_name, free_name, name_key
 from usarsim_server.simulation.frames import Pose, Vector, flip_point
 from usarsim_server.simulation.model import RobotModel
 from usarsim_server.simulation.movers import Way
@@ -34,6 +35,8 @@ FASTEST_TURN = 50.0
 """rad/s."""
 MOST_POINTS = 1000
 """Way points of one path."""
+LONGEST_MEMORY = 256
+"""Characters of the text that clients keep with an object; every GetSTA tells it."""
 
 _log = Log("objects")
 
@@ -76,7 +79,7 @@ class WorldObjects:
 
     def find(self, name: str) -> WorldObject | None:
         """The object of a name, whatever its case; None if there is none."""
-        return self._objects.get(_key(name))
+        return self._objects.get(name_key(name))
 
     def label(self, body: int) -> str | None:
         """Name of the object with a number in the simulation; None if it is none of them."""
@@ -94,9 +97,12 @@ class WorldObjects:
         """Put a new object into the world.
 
         Raises:
-            SpawnError: if the class is unknown, the name taken, the size out of range, the place
-                blocked or the world full.
+            SpawnError: if the class is unknown, the name taken or too long, the memory too long,
+                the size out of range, the place blocked or the world full.
         """
+        if len(wish.memory) > LONGEST_MEMORY:
+            problem = f"the memory has {len(wish.memory)} characters"
+            raise SpawnError(f"{problem}, {LONGEST_MEMORY} are possible")
         kind = self._catalog.find(wish.class_name)
         if kind is None:
             raise SpawnError(f"there is no class {wish.class_name!r}")
@@ -180,7 +186,7 @@ class WorldObjects:
             if one.moves:
                 self._steer(replace(one, pose=placed, fall=None), _resettled)
             if one.physics is Physics.FALLING:
-                self._let_fall(self._objects[_key(name)])
+                self._let_fall(self._objects[name_key(name)])
             return True
 
     def rotate(self, name: str, rates: Vector) -> bool:
@@ -275,15 +281,15 @@ class WorldObjects:
 
     def _look(self, name: str) -> tuple[WorldObject, Pose] | None:
         self._forget_lost()
-        wanted = _key(name)
-        return next((pair for pair in self.present() if _key(pair[0].name) == wanted), None)
+        wanted = name_key(name)
+        return next((pair for pair in self.present() if name_key(pair[0].name) == wanted), None)
 
     def _keep(self, one: WorldObject) -> None:
         # A new table each time: others may be reading the old one.
-        self._objects = {**self._objects, _key(one.name): one}
+        self._objects = {**self._objects, name_key(one.name): one}
 
     def _remove(self, doomed: Sequence[WorldObject]) -> int:
-        names = {_key(one.name) for one in doomed}
+        names = {name_key(one.name) for one in doomed}
         self._objects = {name: one for name, one in self._objects.items() if name not in names}
         for one in doomed:
             self._simulation.remove(one.body)
@@ -295,14 +301,21 @@ class WorldObjects:
         self._remove([one for one in self._objects.values() if one.body not in there])
 
     def _free_name(self, wanted: str | None, kind: ObjectClass) -> str:
-        if wanted:
-            if _key(wanted) in self._objects:
-                raise SpawnError(f"there is already an object {wanted!r}")
-            return wanted
+        """The name that the client asked for, cleaned, or else the class and a number."""
+        if wanted and clean_name(wanted):
+            try:
+                name = free_name(wanted, ())
+            except ValueError as error:
+                raise SpawnError(str(error)) from None
+            if name_key(name) in self._objects:
+                raise SpawnError(f"there is already an object {name!r}")
+            if name != wanted:
+                _log.warning("a client gets another name than it asked for", asked=wanted, got=name)
+            return name
         while True:
             self._count += 1
             name = f"{kind.name}_{self._count}"
-            if _key(name) not in self._objects:
+            if name_key(name) not in self._objects:
                 return name
 
     def _grounded(self, pose: Pose, size: Vector, physics: Physics, body: int | None) -> Pose:
@@ -356,10 +369,6 @@ def _resettled(one: WorldObject, time: float) -> WorldObject:
     """The object as it goes on after it was put somewhere else."""
     spin = one.spin and Spin.begin(one.spin.rates, one.pose.quaternion, time)
     return replace(one, path=one.path.moved(time, one.pose.position), spin=spin)
-
-
-def _key(name: str) -> str:
-    return name.strip().lower()
 
 
 def _inside(point: Vector, one: Vector, other: Vector) -> bool:

@@ -12,6 +12,7 @@ from usarsim_server.control.world_object import Creation, Physics
 from usarsim_server.errors import UsarsimError
 from usarsim_server.logs import Log
 from usarsim_server.protocol import messages
+from usarsim_server.protocol.names import name_key
 from usarsim_server.protocol.numbers import read_bool, read_number, read_vector
 from usarsim_server.protocol.requests import Control, Request
 from usarsim_server.protocol.values import Dialect
@@ -230,12 +231,12 @@ class WorldController:
         return []
 
     def _status(self, request: Control) -> Reply:
-        name = _name(request).lower()
+        name = name_key(_name(request))
         kind = (request.get("ClassName") or "").rpartition(".")[2].strip().lower()
         entries = []
         for one, pose in self._objects.present():
             names = (one.kind.name.lower(), *(alias.lower() for alias in one.kind.aliases))
-            if (not name or one.name.lower() == name) and (not kind or kind in names):
+            if (not name or name_key(one.name) == name) and (not kind or kind in names):
                 location, rotation = wire_from_pose(pose)
                 entries.append(
                     messages.ObjectStatus(

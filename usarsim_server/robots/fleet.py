@@ -14,10 +14,12 @@ from usarsim_server.actuators.registry import create_effectors
 from usarsim_server.cameras.board import CameraBoard
 from usarsim_server.cameras.view import Grid
 from usarsim_server.logs import Log
+from usarsim_server.protocol.names import name_key
 from usarsim_server.robots.battery import BatteryGauge
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.families.registry import family_of
 from usarsim_server.robots.headlight import Headlight
+from usarsim_server.robots.labels import Labels
 from usarsim_server.robots.mjcf import build_spec
 from usarsim_server.robots.roster import Roster
 from usarsim_server.sensors.base import Sensor, SensorContext
@@ -137,7 +139,7 @@ class Fleet:
         self._lock = threading.Lock()
         self._models: dict[str, RobotModel] = {}
         self._vehicles: dict[int, Vehicle] = {}
-        self._names: set[str] = set()
+        self._labels = Labels("fleet")
         self._label_of_thing: Callable[[int], str | None] = _nameless
         self._number_of_thing: Callable[[str], int | None] = _unknown
         self._order = 0
@@ -168,24 +170,25 @@ class Fleet:
 
         Args:
             description: its class.
-            name: wanted label; made unique, invented if None.
+            name: wanted label; cleaned and made unique (see `protocol.names`), invented if None.
             pose: wanted pose of the reference point (simulation frame).
             wanted: asked when its turn has come; others before it may have taken long.
 
         Raises:
-            SpawnError: if there is no room, the pose cannot be used, or nobody wants it any more.
+            SpawnError: if the name is too long, there is no room, the pose cannot be used, or
+                nobody wants it any more.
             RobotDescriptionError: if a sensor of the class cannot be made.
         """
         with self._lock:
             order = self._order
             self._order += 1
-            label = self._reserve(name or description.name)
+            label = self._labels.take(name, description.name)
         try:
             sensors = tuple(self._sensors(description, order))
             robot, placed = self._simulation.spawn(self._model(description), pose, wanted)
         except BaseException:
             with self._lock:
-                self._names.discard(label)
+                self._labels.give_back(label)
             raise
         with self._lock:
             # Under the lock, so that tiles are given in the order of spawning.
@@ -235,8 +238,8 @@ class Fleet:
 
     def find(self, name: str) -> Vehicle | None:
         """The vehicle with a label, whatever its case; None if there is none."""
-        wanted = name.strip().lower()
-        return next((one for one in self.vehicles if one.name.lower() == wanted), None)
+        wanted = name_key(name)
+        return next((one for one in self.vehicles if name_key(one.name) == wanted), None)
 
     def lit(self, robot: int) -> bool:
         """Whether the headlight of a robot, by its number in the simulation, is on."""
@@ -265,17 +268,9 @@ class Fleet:
         with self._lock:
             if self._vehicles.pop(vehicle.robot, None) is None:
                 return
-            self._names.discard(vehicle.name)
+            self._labels.give_back(vehicle.name)
             self.board.remove_robot(vehicle.robot)
         self._simulation.remove(vehicle.robot)
-
-    def _reserve(self, name: str) -> str:
-        label, number = name, 1
-        while label in self._names:
-            number += 1
-            label = f"{name}_{number}"
-        self._names.add(label)
-        return label
 
     def _place_cameras(
         self, description: RobotDescription, label: str, robot: int

@@ -10,6 +10,7 @@ from pathlib import Path
 from usarsim_server.data import data_directory
 from usarsim_server.errors import RobotDescriptionError, at
 from usarsim_server.logs import Log
+from usarsim_server.protocol.names import LONGEST_NAME, clean_name
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.loader import Library, RobotFile
 
@@ -62,12 +63,14 @@ class Roster:
 
         Returns:
             The robot under its own name, under the name of the alias, or, if a pattern matched,
-            under the client's own spelling.
+            under the client's own spelling, which has to be a name (see `protocol.names`).
         """
         wanted = class_name.strip().rpartition(".")[2]
         found = self._exact.get(wanted) or self._names.get(wanted.lower())
         if found is not None:
             return found
+        if len(wanted) > LONGEST_NAME or clean_name(wanted) != wanted:
+            return None
         for pattern, robot in self._patterns:
             if fnmatch.fnmatchcase(wanted.lower(), pattern):
                 return replace(robot, name=wanted)
