@@ -1,21 +1,29 @@
-"""A team beside attackers: what is counted, and that the attackers do attack."""
+"""A team beside attackers: what is counted, what is judged, and that the attackers do attack."""
 
 from __future__ import annotations
 
+import dataclasses
 import socket
 import threading
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 from bench_fakes import FakeServer
-from bench_runs import measured
 
-from usarsim_tools.bench import attackers as module
-from usarsim_tools.bench import hostile
-from usarsim_tools.bench.attackers import Attackers, Damage, attack
+from usarsim_server.cli import main
 from usarsim_tools.bench.errors import BenchError
-from usarsim_tools.bench.hostile import Tally, intervals
+from usarsim_tools.bench.hostile import measuring
+from usarsim_tools.bench.hostile.attack import MIB, Attack
+from usarsim_tools.bench.hostile.attackers import Attackers
+from usarsim_tools.bench.hostile.attacks import ATTACKS
+from usarsim_tools.bench.hostile.control_attacks import CONTROL_ATTACKS
+from usarsim_tools.bench.hostile.links import Damage, Link, Site, work
+from usarsim_tools.bench.hostile.measuring import HEADS, Outcome, Span, outcome_row, verdict
+from usarsim_tools.bench.hostile.newcomers import QUESTIONS, Newcomers
+from usarsim_tools.bench.hostile.side_attacks import SIDE_ATTACKS
+from usarsim_tools.bench.hostile.tally import Tally, intervals
 
 
 def status(time: float) -> bytes:
@@ -43,7 +51,7 @@ class TestIntervals:
 
 
 class TestTally:
-    def tally(self, chunks: list[tuple[float, bytes]], pieces: int = 1) -> Tally:
+    def tally(self, chunks: Sequence[tuple[float, bytes]], pieces: int = 1) -> Tally:
         """The tally of ten seconds, fed in so many portions."""
         tally = Tally(10.0, {"STA": 0.1})
         size = max(1, len(chunks) // pieces)
@@ -52,83 +60,208 @@ class TestTally:
         tally.end(20.0)
         return tally
 
-    def test_an_even_stream_has_its_rate(self) -> None:
-        """A hundred lines of ten seconds are what is due, and no silence is longer than usual."""
-        stream = self.tally(EVEN).streams["STA"]
-        assert stream.rate(10.0) == pytest.approx(1.0)
-        assert stream.gap == pytest.approx(0.1)
+    def test_an_even_stream_is_whole(self) -> None:
+        """A hundred lines of ten seconds, real time, and no silence longer than usual."""
+        tally = self.tally(EVEN)
+        assert (tally.count, tally.lost) == (100, 0)
+        assert tally.factor == pytest.approx(1.0)
+        assert tally.gap == pytest.approx(0.0)
 
     def test_lines_that_are_left_out_are_missed(self) -> None:
         """Nine of ten lines, and a silence of two periods."""
-        stream = self.tally([one for n, one in enumerate(EVEN) if n % 10]).streams["STA"]
-        assert stream.rate(10.0) == pytest.approx(0.9)
-        assert stream.gap == pytest.approx(0.2)
+        tally = self.tally([one for n, one in enumerate(EVEN) if n % 10])
+        assert (tally.count, tally.lost) == (90, 9)
+        assert tally.gap == pytest.approx(0.1)
+
+    def test_a_slow_world_loses_nothing(self) -> None:
+        """All lines at half the speed: the factor tells, nothing is lost."""
+        tally = self.tally([(10.0 + 2.0 * (moment - 10.0), data) for moment, data in EVEN[:50]])
+        assert (tally.count, tally.lost) == (50, 0)
+        assert tally.factor == pytest.approx(0.5)
 
     def test_a_stream_that_dies_is_found(self) -> None:
         """Half of the lines, and silence until the end."""
-        stream = self.tally(EVEN[:50]).streams["STA"]
-        assert stream.rate(10.0) == pytest.approx(0.5)
-        assert stream.gap == pytest.approx(5.1)
+        tally = self.tally(EVEN[:50])
+        assert tally.count == 50
+        assert tally.gap == pytest.approx(5.0)
 
     def test_lines_cut_between_two_portions_count_once(self) -> None:
         """However the bytes come in."""
         whole = b"".join(data for _, data in EVEN)
         cut = [(11.0 + place / 1e4, whole[place : place + 7]) for place in range(0, len(whole), 7)]
-        assert self.tally(cut, pieces=40).streams["STA"].count == 100
+        assert self.tally(cut, pieces=40).count == 100
 
-    def test_what_came_before_does_not_count(self) -> None:
-        """Lines that waited when the span began."""
+    def test_spans(self) -> None:
+        """What came before does not count; what is lost between two spans does, in the second."""
         early = [(moment - 5.0, data) for moment, data in EVEN]
-        assert self.tally(early).streams["STA"].count == 50
+        tally = self.tally(early)
+        assert tally.count == 50
+        tally.begin(20.0)
+        tally.digest([(20.0, status(10.2)), (20.1, status(10.3))])
+        assert (tally.count, tally.lost) == (2, 2)
+
+    def test_nothing_came(self) -> None:
+        """A factor of nothing, not an error."""
+        assert self.tally([]).factor == 0.0
 
 
-class TestAttackers:
-    def test_do_what_they_are_for(self) -> None:
-        """One has a robot, one sends garbage, one drips, one comes again and again."""
-        ended, damage = threading.Event(), Damage()
+QUIET = Span(1000.0, 1.0, 0, 0.01, 0.4, 300, 300, 50)
+GOOD = Outcome(ATTACKS["drive"], QUIET, QUIET, QUIET, Damage(), (0.1, "control"), (), 0.5)
+
+
+class TestVerdict:
+    def test_nothing_has_changed(self) -> None:
+        """The promise is kept, and the row says so."""
+        assert verdict(GOOD) == []
+        row = outcome_row(GOOD)
+        assert len(row) == len(HEADS)
+        assert (row[0], row[1], row[-1]) == ("drive", "1.000", "yes")
+
+    @pytest.mark.parametrize(
+        ("changed", "broken"),
+        [
+            ({"rate": 940.0}, "rate"),
+            ({"rate": float("nan")}, "rate"),
+            ({"lost": 1}, "lines lost"),
+            ({"peak": int(300 + 65 * MIB)}, "memory (promised 64 MiB)"),
+            ({"descriptors": 5000}, "5000 descriptors"),
+        ],
+    )
+    def test_what_the_team_saw(self, changed: dict[str, float], broken: str) -> None:
+        """Each thing promised is judged by itself."""
+        during = dataclasses.replace(QUIET, **changed)  # type: ignore[arg-type]
+        outcome = dataclasses.replace(GOOD, during=during)
+        assert verdict(outcome) == [broken]
+        assert outcome_row(outcome)[-1] == f"NO: {broken}"
+
+    def test_what_others_saw(self) -> None:
+        """A new client that waits, forged answers, and a server that does not end."""
+        outcome = dataclasses.replace(
+            GOOD, wait=(9.0, "truth"), faults=("truth: forged fields",), end=float("inf")
+        )
+        assert verdict(outcome) == ["new client on truth", "end", "truth: forged fields"]
+
+    def test_overload_is_judged_by_losses(self) -> None:
+        """A machine with too much to do may be slow, not forgetful."""
+        slow = dataclasses.replace(QUIET, rate=100.0, lost=3)
+        outcome = dataclasses.replace(GOOD, attack=ATTACKS["busy-machine"], during=slow)
+        assert verdict(outcome) == ["lines lost"]
+
+
+def run(links: Sequence[Link], seconds: float = 0.5) -> Damage:
+    """Let links work for a while."""
+    ended, damage = threading.Event(), Damage()
+    threading.Timer(seconds, ended.set).start()
+    work(links, ended, damage)
+    return damage
+
+
+class TestLinks:
+    def test_say_something_first_and_then_again(self) -> None:
+        """Each connection has its number; what is said again comes at its pace."""
         with FakeServer() as server:
-            thread = threading.Thread(target=attack, args=(server.port, ended, damage))
-            thread.start()
-            assert server.commands("INIT", 1) == ["INIT {ClassName USARBot.P3AT} {Name Deaf}"]
-            assert len(server.commands("GETSTARTPOSES", 5)) >= 5
-            assert server.commands("DRIVE {Left 1} {x", 1)
-            deadline = time.monotonic() + 20.0
-            while damage.drips == 0 and time.monotonic() < deadline:
-                time.sleep(0.05)
-            ended.set()
-            thread.join(20.0)
-            assert not thread.is_alive()
-        assert damage.garbage > module._PIECE
-        assert damage.reconnects >= 5
-        assert damage.drips >= 1
-        assert damage.seconds > 0.0
+            run([Link(server.port, lambda n: b"INIT %d\r\n" % n, b"HELLO\r\n", every=0.05)])
+            assert server.commands("INIT", 1) == ["INIT 0"]
+            assert 3 <= len(server.commands("HELLO", 3)) <= 10
+
+    def test_come_back(self) -> None:
+        """After their life, and after the server has hung up."""
+        with FakeServer() as server:
+            damage = run([Link(server.port, lambda n: b"INIT %d\r\n" % n, lives=0.1)])
+            assert damage.connections >= 3
+            assert server.commands("INIT 2", 1)
+            link = Link(server.port, b"STAYS\r\n", reads=True)
+            threading.Timer(0.3, server.hang_up).start()
+            damage = run([link], 1.5)
+            assert (damage.connections, damage.closed) == (2, 1)
+
+    def test_cost_little(self) -> None:
+        """A flood that is taken at once stays within the share of a processor."""
+        sink = socket.create_server(("127.0.0.1", 0))
+
+        def swallow() -> None:
+            client, _ = sink.accept()
+            with client:
+                while client.recv(1 << 20):
+                    pass
+
+        threading.Thread(target=swallow, daemon=True).start()
+        with sink:
+            damage = run([Link(sink.getsockname()[1], again=b"x")], 1.0)
+        assert damage.sent > 1_000_000
+        assert damage.cpu < 0.3 * damage.seconds
+
+    def test_without_a_server(self) -> None:
+        """Nobody listens: they try again and do not fail."""
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            port = free.getsockname()[1]
+        damage = run([Link(port, b"X"), Link(port, reads=True)], 0.8)
+        assert damage.sent == damage.received == 0
+        assert damage.closed == damage.connections == 4
+
+
+class TestAttacks:
+    def test_names_are_unique(self) -> None:
+        """No attack hides another."""
+        assert len(ATTACKS) == len(CONTROL_ATTACKS) + len(SIDE_ATTACKS)
+
+    @pytest.mark.parametrize("attack", ATTACKS.values(), ids=str)
+    def test_ask_newcomers_where_they_attack(self, attack: Attack) -> None:
+        """Every port named has a question, and a sentence says what is done."""
+        assert set(attack.ports) <= set(QUESTIONS)
+        assert attack.what
+
+    @pytest.mark.parametrize("attack", CONTROL_ATTACKS, ids=lambda one: one.name)
+    def test_links_can_be_made(self, attack: Attack) -> None:
+        """Without anybody to attack: nothing is sent before they are worked."""
+        ports = dict.fromkeys(QUESTIONS, 1)
+        assert attack.links(Site(ports)) or attack.overload
 
     def test_are_called_back(self) -> None:
         """They run in a process of their own and tell what they did."""
-        with FakeServer() as server, Attackers(server.port) as attackers:
+        with FakeServer() as server, Attackers("medley", {"control": server.port}) as attackers:
             server.commands("GETSTARTPOSES", 1)
             damage = attackers.stop()
-        assert damage.reconnects >= 1
+        assert damage.connections >= 1
         attackers.close()
 
-    def test_without_a_server_they_get_nowhere(self) -> None:
-        """Nobody listens: they say so and do not fail."""
+    def test_that_fail_say_why(self) -> None:
+        """No such port: the last line of their complaint is the reason."""
+        with Attackers("medley", {}) as attackers, pytest.raises(BenchError, match="KeyError"):
+            attackers.stop()
+
+
+class TestNewcomers:
+    def test_are_answered(self) -> None:
+        """The wait and the answer are written down."""
+        with FakeServer() as server, Newcomers({"control": server.port}, ["control"]) as newcomers:
+            deadline = time.monotonic() + 20.0
+            while not newcomers.answers and time.monotonic() < deadline:
+                time.sleep(0.05)
+        assert b"{StartPoses" in newcomers.answers["control"]
+        assert newcomers.slowest[1] == "control"
+
+    def test_wait_in_vain(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Nobody answers: what they waited until the end counts."""
         with socket.create_server(("127.0.0.1", 0)) as free:
             port = free.getsockname()[1]
-        ended = threading.Event()
-        threading.Timer(0.3, ended.set).start()
-        damage = Damage()
-        attack(port, ended, damage)
-        assert damage.garbage == damage.reconnects == 0
-        assert damage.refused > 0
+        with Newcomers({"control": port}, ["control"]) as newcomers:
+            time.sleep(0.5)
+        assert newcomers.slowest[0] > 0.3
+        assert not newcomers.answers
 
 
-def test_measurement(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two robots beside all attackers: figures are there, with their aims."""
-    monkeypatch.setattr(hostile, "SETTLE", 0.3)
-    figures = measured(tmp_path, "hostile", 2.5)
-    assert figures["Worst rate of any stream, part of nominal"]["aim"] == ">= 0.95"
-    assert figures["Growth of memory"]["aim"] == "< 50"
-    assert figures["Garbage taken"]["value"] > 0.0
-    assert figures["Reconnects"]["value"] > 0.0
-    assert figures["Processor use of the server"]["value"] > 0.0
+def test_measurement(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Two robots beside two attacks, in full: the table is there, in all three forms."""
+    monkeypatch.setattr(measuring, "SETTLE", 1.0)
+    data, page = tmp_path / "r.json", tmp_path / "r.md"
+    words = ["--robots", "2", "--seconds", "1.5", "--world", "empty"]
+    files = ["--json", str(data), "--markdown", str(page)]
+    assert main(["bench", "hostile", *words, *files, "--attack", "drip", "registry"]) == 0
+    out = capsys.readouterr().out
+    assert "promise kept" in out
+    assert "Attacks whose promise is kept" in out
+    assert "| registry |" in page.read_text()
+    assert '"heads"' in data.read_text()

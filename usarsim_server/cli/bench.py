@@ -12,6 +12,7 @@ from usarsim_server.cli.bench_peers import add_peers
 from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_server.errors import UsarsimError
 from usarsim_tools.bench.figures import Plan, Report
+from usarsim_tools.bench.hostile.attacks import ATTACKS
 from usarsim_tools.bench.plot import as_svg
 from usarsim_tools.bench.report import as_json, as_markdown, as_text
 from usarsim_tools.bench.suite import ALL, MEASUREMENTS, PROFILE, QUICK, QUICK_SECONDS, take
@@ -25,6 +26,8 @@ _EPILOG = (
 )
 PLOTTED = "growth"
 """The measurement whose figures are curves, too."""
+ATTACKED = "hostile"
+"""The measurement that tries many attacks."""
 _MOST_ROBOTS = 256
 _MOST_SECONDS = 600.0
 
@@ -70,6 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
         world=getattr(arguments, "world", "arena"),
         say=_say,
         brief=brief,
+        attacks=tuple(getattr(arguments, "attack", ())),
     )
     names = {"all": ALL, "quick": QUICK}.get(name, (name,))
     report = take(names, plan, __version__)
@@ -92,6 +96,15 @@ def _add_measurement(kinds: Subparsers, name: str, help_text: str) -> None:
     if name == PLOTTED:
         parser.add_argument(
             "--plots", metavar="DIR", type=Path, help="write the curves there, as SVG files"
+        )
+    if name == ATTACKED:
+        parser.add_argument(
+            "--attack",
+            metavar="NAME",
+            nargs="+",
+            choices=sorted(ATTACKS),
+            default=argparse.SUPPRESS,
+            help=f"try only these: {', '.join(ATTACKS)}",
         )
     parser.set_defaults(measurement=name)
 

@@ -10,7 +10,7 @@ from typing import Literal
 from usarsim_tools.bench.machine import Machine
 from usarsim_tools.bench.plot import Plot
 
-__all__ = ["Aim", "Figure", "Plan", "Report", "Section"]
+__all__ = ["Aim", "Figure", "Plan", "Report", "Section", "Table"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +60,19 @@ class Figure:
 
 
 @dataclass(frozen=True, slots=True)
+class Table:
+    """Many cases beside each other.
+
+    Attributes:
+        heads: of the columns; the first names the case.
+        rows: a text for each column.
+    """
+
+    heads: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Section:
     """The figures of one measurement.
 
@@ -70,6 +83,7 @@ class Section:
         figures: in the order to show them.
         failure: why there are none, or None.
         plots: of the same figures, for those who want pictures.
+        table: of the cases that the figures sum up, or None.
     """
 
     key: str
@@ -78,6 +92,7 @@ class Section:
     figures: tuple[Figure, ...]
     failure: str | None = None
     plots: tuple[Plot, ...] = ()
+    table: Table | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,6 +141,7 @@ class Plan:
         seed: of the clients' behaviour.
         say: told what goes on while it takes its time.
         brief: only to see whether something is badly wrong: of several sizes one is enough.
+        attacks: names of those that `hostile` is to try; none for all.
     """
 
     robots: int | None = None
@@ -134,6 +150,7 @@ class Plan:
     seed: int = 0
     say: Callable[[str], None] = _silent
     brief: bool = False
+    attacks: tuple[str, ...] = ()
 
     def sizes(self, usual: Sequence[int], brief: int) -> tuple[int, ...]:
         """Sizes of the teams to measure: the one asked for, else the usual ones.

@@ -23,6 +23,8 @@ def as_text(report: Report) -> str:
     parts = ["\n".join(f"{name.ljust(width)}  {value}" for name, value in report.facts)]
     for section in report.sections:
         setting = textwrap.fill(section.setting, _WIDTH)
+        if section.table is not None:
+            setting += f"\n{_columns((section.table.heads, *section.table.rows))}"
         if section.figures:
             setting += f"\n{_columns(_rows(section))}"
         parts.append(f"{section.title}\n{_failure(section) or setting}")
@@ -43,6 +45,8 @@ def as_markdown(report: Report) -> str:
             parts.append(_failure(section))
             continue
         parts.append(section.setting)
+        if section.table is not None:
+            parts.append(_markdown_table(section.table.heads, section.table.rows))
         if section.figures:
             parts.append(_markdown_table(("Figure", "Value", "Unit", "Aim", ""), _rows(section)))
     return "\n\n".join([*parts, _summary(report)]) + "\n"
@@ -59,6 +63,7 @@ def as_json(report: Report) -> str:
                 "title": section.title,
                 "setting": section.setting,
                 "figures": [_figure(figure) for figure in section.figures],
+                "table": None if section.table is None else asdict(section.table),
                 "failure": section.failure,
             }
             for section in report.sections

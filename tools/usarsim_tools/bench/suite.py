@@ -13,7 +13,7 @@ from usarsim_tools.bench.figures import Plan, Report, Section
 from usarsim_tools.bench.garage import measure_garage
 from usarsim_tools.bench.groundtruth import measure_ground_truth
 from usarsim_tools.bench.growth import measure_growth
-from usarsim_tools.bench.hostile import measure_hostile
+from usarsim_tools.bench.hostile.measuring import measure_hostile
 from usarsim_tools.bench.importing import measure_importing
 from usarsim_tools.bench.jitter import measure_jitter
 from usarsim_tools.bench.latency import measure_latency
@@ -52,7 +52,7 @@ MEASUREMENTS: Mapping[str, tuple[Measurement, str]] = {
     "team": (measure_team, "real-time factor and cost of a team of 16"),
     "largest": (measure_largest, "largest team that keeps real time"),
     "latency": (measure_latency, "from DRIVE on the socket to the wheels"),
-    "hostile": (measure_hostile, "what 22 robots notice of clients that mean no good"),
+    "hostile": (measure_hostile, "what a team notices of every attack that we know of"),
     "spawn": (measure_spawn, "what the others notice of a newcomer"),
     # Kinds of robots and sensors, cameras, side channels, maps, the step loop.
     "sensors": (measure_sensors, "real time with a robot's every sensor, and with fast lasers"),
