@@ -231,6 +231,44 @@ class TestAttacks:
             attackers.stop()
 
 
+POSITIONS = b"POSITIONS {Robots 2} {Name %s Location 1.0,2.0,3.0 BatteryEmpty False} "
+POSITIONS += b"{Name R2 Location 0.0,0.0,0.0 BatteryEmpty False}\r\n"
+LISTING = b"{Name %s} {Class P3AT} {Time 1.0} {Location 1,2,3} {Rotation 0,0,0}\r\n{End}\r\n"
+
+
+class TestFaults:
+    @pytest.mark.parametrize("name", [b"R1", b"Evil_Location_9,9,0", b"\xe9t\xe9"])
+    def test_tokens_are_names(self, name: bytes) -> None:
+        """What looks odd but is one printable token forges nothing."""
+        answers = {"groundtruth": POSITIONS % name, "truth": LISTING % name}
+        assert not ATTACKS["names"].faults(answers)
+
+    @pytest.mark.parametrize(
+        ("name", "fault"),
+        [
+            (b"Evil Location 9,9,0", "forged fields"),
+            (b"Evil} {Name R3", "forged fields"),
+            (b"r2", "two robots of one name"),
+            (b"Bell\x07", "control characters"),
+        ],
+    )
+    def test_lists_that_lie(self, name: bytes, fault: str) -> None:
+        """Each way to forge a list of positions is found."""
+        found = ATTACKS["names"].faults({"groundtruth": POSITIONS % name})
+        assert f"groundtruth: {fault}" in found
+
+    def test_listings_that_lie(self) -> None:
+        """The same for scoring tools."""
+        (fault,) = ATTACKS["names"].faults({"truth": LISTING % b"Evil} {Location 9,9,9"})
+        assert fault.startswith("truth: forged line")
+
+    def test_truth_that_is_off(self) -> None:
+        """Nobody tells where robots are, on no port and by no sensor."""
+        faults = ATTACKS["truth-off"].faults
+        assert not faults({"wireless": b"POSITIONS {Robots 0}\r\n", "team": b"STA Odometry"})
+        assert len(faults({"wireless": POSITIONS % b"R1", "team": b"GroundTruth GndTruth"})) == 2
+
+
 class TestNewcomers:
     def test_are_answered(self) -> None:
         """The wait and the answer are written down."""

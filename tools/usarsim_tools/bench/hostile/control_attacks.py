@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 from collections.abc import Sequence
 
-from usarsim_tools.bench.hostile.attack import MIB, Answers, Attack
+from usarsim_tools.bench.hostile.attack import MIB, Answers, Attack, holding
 from usarsim_tools.bench.hostile.links import First, Link, Site
 
 __all__ = ["CONTROL_ATTACKS"]
@@ -160,14 +160,30 @@ def _half_closed(site: Site) -> Sequence[Link]:
     ] + [Link(port, b"GETPOS\r\n", half_closed=True) for port in site.ports.values()]
 
 
-def _held(site: Site) -> Sequence[Link]:
-    # They read, so that they notice when they are thrown out, and come back.
-    return [Link(site.ports["control"], reads=True) for _ in range(80)]
+def _orders(site: Site) -> Sequence[Link]:
+    """Everything that a robot with an arm and a camera can be told."""
+    orders = (
+        b"SET {Type Joint} {Name Pan} {Opcode Angle} {Params 0.5}\r\n"
+        b"MISPKG {Name CameraPanTilt} {Rotation 0,0.2,0.3}\r\n"
+        b"ACT {Name Arm} {Link 1} {Value 0.5}\r\n"
+        b"MULTIDRIVE {FRFlipper 0.5} {FLFlipper 0.5}\r\n"
+        b"SET {Type Camera} {Robot x} {Name Camera} {Client 10.0.0.1}\r\n"
+        b"TRACE {On True}\r\nSET {Type Viewports} {Config QuadView}\r\n"
+    )
+    classes = ("P2AT", "P3AT_arm", "Kenaf", "KR60")
+    return [
+        Link(site.ports["control"], robot(b"Told%d" % n, name), orders, reads=True)
+        for n, name in enumerate(classes)
+    ]
 
 
-def _failed_held(site: Site) -> Sequence[Link]:
-    wrong = robot(b"Failed", "NoSuchClass")
-    return [Link(site.ports["control"], wrong, reads=True) for _ in range(80)]
+def _avatars(site: Site) -> Sequence[Link]:
+    hello = b"INIT {ClassName USARAvatar.USARAvatarNewMale} {Name Person%d} {Location %d,3,-1}\r\n"
+    walk = (
+        b"MOVE {Type Run} {Action New} {Location 4,3}\r\n"
+        b"MOVE {Type Run} {Action Append} {Location 9,9}\r\nGETPATHNODES\r\n"
+    )
+    return [Link(site.ports["control"], hello % (n, n), walk, reads=True) for n in range(6)]
 
 
 def _medley(site: Site) -> Sequence[Link]:
@@ -206,19 +222,28 @@ def _names(site: Site) -> Sequence[Link]:
     ]
 
 
+_POSITION_KEYS = [b"Name", b"Location", b"BatteryEmpty"]
+_TRUTH_KEYS = [b"Name", b"Class", b"Time", b"Location", b"Rotation"]
+
+
 def _forged(answers: Answers) -> Sequence[str]:
+    """What is wrong with lists of robots (side channels reference 3.2, 6.1)."""
     faults = []
     for port, answer in answers.items():
-        if port in ("groundtruth", "wireless", "truth"):
-            text = answer.replace(b"\r\n", b"")
-            if any(byte < 32 or byte > 126 for byte in text):
-                faults.append(f"{port}: control characters")
-            if b"9,9,0" in text or b"Location 1,2,3" in text:
-                faults.append(f"{port}: forged fields")
-    groups = answers.get("groundtruth", b"").split(b"{")[2:]
-    names = [group.split()[1].lower() for group in groups if group.startswith(b"Name ")]
-    if len(set(names)) < len(names):
-        faults.append("two robots of one name")
+        if any(byte < 32 or 127 <= byte < 160 for byte in answer.replace(b"\r\n", b"")):
+            faults.append(f"{port}: control characters")
+    for port in ("groundtruth", "wireless"):
+        groups = [
+            group.rstrip(b"} \r\n").split(b" ") for group in answers.get(port, b"").split(b"{")
+        ]
+        if any(group[::2] != _POSITION_KEYS for group in groups[2:]):
+            faults.append(f"{port}: forged fields")
+        names = [group[1].lower() for group in groups[2:]]
+        if len(set(names)) < len(names):
+            faults.append(f"{port}: two robots of one name")
+    for line in answers.get("truth", b"").split(b"\r\n")[:-2]:
+        if [group.split(b" ")[0] for group in line.split(b"{")[1:]] != _TRUTH_KEYS:
+            faults.append(f"truth: forged line {line[:60]!r}")
     return faults
 
 
@@ -242,9 +267,11 @@ CONTROL_ATTACKS = (
     Attack("failing-spawn", "12 clients send INITs that fail, at full speed", _failing_spawn),
     Attack("growing", "4 robots of ever new classes", _growing, growth=256 * MIB),
     Attack("world-control", "6 world controllers send CONTROL at full speed", _world_control),
+    Attack("orders", "4 robots are sent orders for their every part at full speed", _orders),
+    Attack("avatars", "6 avatars are sent about at full speed", _avatars),
     Attack("half-closed", "8 robots and clients of all ports that never send again", _half_closed),
-    Attack("held", "80 idle connections hold the control port", _held),
-    Attack("failed-held", "80 connections whose INIT failed hold it", _failed_held),
+    holding("held", "control"),
+    holding("failed-held", "control", robot(b"Failed", "NoSuchClass")),
     Attack(
         "names",
         "case twins, forged fields, control characters",

@@ -6,7 +6,7 @@ import random
 import socket
 from collections.abc import Callable, Sequence
 
-from usarsim_tools.bench.hostile.attack import MIB, Answers, Attack
+from usarsim_tools.bench.hostile.attack import MIB, Answers, Attack, holding
 from usarsim_tools.bench.hostile.links import HOST, Link, Site
 
 __all__ = ["SIDE_ATTACKS"]
@@ -29,11 +29,6 @@ _Links = Callable[[Site], Sequence[Link]]
 
 def _asking(count: int, port: str, question: bytes, *, reads: bool) -> _Links:
     return lambda site: [Link(site.ports[port], again=question, reads=reads) for _ in range(count)]
-
-
-def _holding(port: str, first: bytes = b"") -> _Links:
-    # They read, so that they notice when they are thrown out, and come back.
-    return lambda site: [Link(site.ports[port], first, reads=True) for _ in range(80)]
 
 
 # -- wireless ---------------------------------------------------------------------
@@ -200,7 +195,7 @@ SIDE_ATTACKS = (
         _junk_registrations,
         ("wireless",),
     ),
-    Attack("wireless-held", "80 idle connections hold 50000", _holding("wireless"), ("wireless",)),
+    holding("wireless-held", "wireless"),
     Attack(
         "groundtruth",
         "20 clients ask GETPOS and GETOBS on 7435",
@@ -213,12 +208,7 @@ SIDE_ATTACKS = (
         _asking(20, "groundtruth", POSITIONS, reads=False),
         ("groundtruth",),
     ),
-    Attack(
-        "groundtruth-held",
-        "80 idle connections hold 7435",
-        _holding("groundtruth"),
-        ("groundtruth",),
-    ),
+    holding("groundtruth-held", "groundtruth"),
     Attack(
         "truth", "30 clients ask on 3989", _asking(30, "truth", b"\r\n", reads=True), ("truth",)
     ),
@@ -228,7 +218,7 @@ SIDE_ATTACKS = (
         _asking(30, "truth", b"\r\n", reads=False),
         ("truth",),
     ),
-    Attack("truth-held", "80 idle connections hold 3989", _holding("truth"), ("truth",)),
+    holding("truth-held", "truth"),
     Attack(
         "pictures",
         "16 clients ask for pictures and tiles and read",
@@ -249,13 +239,7 @@ SIDE_ATTACKS = (
         _asking(16, "image", b"\x00NOKNO", reads=True),
         ("image",),
     ),
-    Attack(
-        "image-held",
-        "80 idle connections hold 5003",
-        _holding("image"),
-        ("image",),
-        growth=128 * MIB,
-    ),
+    holding("image-held", "image"),
     Attack(
         "junk-links",
         "16 links of 5874 carry junk at full speed",
@@ -290,9 +274,7 @@ SIDE_ATTACKS = (
         _registry,
         ("comserver",),
     ),
-    Attack(
-        "comserver-held", "80 idle connections hold 5874", _holding("comserver"), ("comserver",)
-    ),
+    holding("comserver-held", "comserver"),
     Attack(
         "truth-off",
         "with --truth off, everything asks where robots are",
