@@ -271,7 +271,7 @@ class ServerProcess:
             RuntimeError: if it does not become ready; with what it said.
         """
         ports = [f"--{key.replace('_', '-')}=off" for key in SIDE_PORTS] + ["--port=0"]
-        command = [sys.executable, "-m", "usarsim_server.cli", "serve", *ports, *arguments]
+        command = [sys.executable, "-m", "usarsim_server", "serve", *ports, *arguments]
         self.process = subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )

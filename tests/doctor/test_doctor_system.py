@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from usarsim_server import processes
 from usarsim_server.doctor import system
 
 NET_TCP = """\
@@ -34,22 +35,22 @@ def proc(tmp_path: Path) -> Path:
 
 def test_the_listener_of_a_port_is_named(proc: Path) -> None:
     """The program that listens is found by its socket, not the one that is connected."""
-    owner = system.port_owner(3000, proc)
+    owner = processes.port_owner(3000, proc)
     assert owner is not None
-    assert owner.process == system.Process(77, "nc -l 3000")
+    assert owner.process == processes.Process(77, "nc -l 3000")
     assert owner.user == "root"
 
 
 def test_a_listener_that_may_not_be_seen_has_a_user(proc: Path) -> None:
     """Where no program shows the socket, the table still tells whose it is; or there is nobody."""
-    assert system.port_owner(5003, proc) == system.Owner(None, "root")
-    assert system.port_owner(51966, proc) is None
+    assert processes.port_owner(5003, proc) == processes.Owner(None, "root")
+    assert processes.port_owner(51966, proc) is None
 
 
 def test_our_own_socket_is_found() -> None:
     """In the real `/proc` a port of this process leads to this process."""
     with socket.create_server(("127.0.0.1", 0)) as listening:
-        owner = system.port_owner(listening.getsockname()[1])
+        owner = processes.port_owner(listening.getsockname()[1])
     assert owner is not None
     assert owner.process is not None
     assert owner.process.pid == os.getpid()
@@ -73,7 +74,7 @@ def test_activity_is_the_difference_of_two_looks(
     monkeypatch.setattr("time.sleep", lambda seconds: write(1200, 600, 100))
     seen = system.activity(0.5, tmp_path)
     assert (seen.processors, seen.busy) == (2, 1.0)
-    assert seen.busiest == system.Process(55, "odd ) name", 0.9)
+    assert seen.busiest == processes.Process(55, "odd ) name", 0.9)
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from usarsim_server.cli import main
+from usarsim_server.__main__ import main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import signal
 from collections.abc import Sequence
 from pathlib import Path
 
+from usarsim_server import interrupts
 from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_server.errors import UsarsimError
 from usarsim_tools.record.proxy import Proxy
@@ -81,20 +81,19 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 async def _record(links: Sequence[Link], writer: Writer, host: str) -> int:
-    proxy = Proxy(links, writer, host)
-    ports = await proxy.start()
-    words = [
-        f"{host}:{port}->{link.host}:{link.port}" for port, link in zip(ports, links, strict=True)
-    ]
-    print("RECORDING", *words, flush=True)
-    stop = asyncio.Event()
-    loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, stop.set)
-    ended = asyncio.create_task(stop.wait())
-    await asyncio.wait((ended, proxy.failed), return_when=asyncio.FIRST_COMPLETED)
-    await proxy.stop()
-    ended.cancel()
+    stop, loop = asyncio.Event(), asyncio.get_running_loop()
+    with interrupts.calling(lambda: loop.call_soon_threadsafe(stop.set)):
+        proxy = Proxy(links, writer, host)
+        ports = await proxy.start()
+        words = [
+            f"{host}:{port}->{link.host}:{link.port}"
+            for port, link in zip(ports, links, strict=True)
+        ]
+        print("RECORDING", *words, flush=True)
+        ended = asyncio.create_task(stop.wait())
+        await asyncio.wait((ended, proxy.failed), return_when=asyncio.FIRST_COMPLETED)
+        await proxy.stop()
+        ended.cancel()
     if proxy.failed.done():
         raise proxy.failed.result()
     return writer.count

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import signal
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from types import FrameType
 
 from usarsim_server import logs
 from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_server.options import OPTIONS, Option, is_port
+from usarsim_server.services import listener
 from usarsim_server.settings import Settings, load_settings
 
 __all__ = ["add_parser", "add_settings", "run", "settings_from"]
@@ -54,16 +50,41 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Serve until SIGINT or SIGTERM, which end the server with exit code 0."""
-    try:
-        with _terminable():
-            settings = settings_from(arguments)
-            logs.configure(settings.log_level)
-            from usarsim_server import app
+    """Serve until SIGINT or SIGTERM, which end the server with exit code 0.
 
-            return app.run(settings)
+    Ports are opened before anything that takes long, the import of the physics included: a second
+    server on the same ports says so at once.
+
+    Raises:
+        UsarsimError: if the server cannot start, or the physics has to give up.
+    """
+    settings = settings_from(arguments)
+    logs.configure(settings.log_level)
+    try:
+        _open_ports(settings)
+        from usarsim_server import app
+
+        return app.run(settings)
     except KeyboardInterrupt:
         return 0
+    finally:
+        listener.close_unused()
+
+
+def _open_ports(settings: Settings) -> None:
+    """Open the ports that the server does not run without; the services take them over.
+
+    Raises:
+        ServiceError: one is taken, or not allowed.
+    """
+    for option in filter(is_port, OPTIONS):
+        port: int | None = getattr(settings, option.key)
+        # Without robot control, or a port that was asked for, the server ends.
+        if port is not None and (option.key == "port" or settings.demands(option.key)):
+            name = {"port": "control", "image_port": "images"}.get(option.key)
+            listener.open_early(
+                name or option.key.removesuffix("_port"), settings.host, port, option=option.flag
+            )
 
 
 def settings_from(arguments: argparse.Namespace) -> Settings:
@@ -90,24 +111,3 @@ def _default(option: Option, defaults: Settings) -> str:
     if isinstance(value, tuple):
         return f"default {'x'.join(map(str, value))}"
     return f"default {getattr(value, 'value', value)}"
-
-
-@contextmanager
-def _terminable() -> Iterator[None]:
-    """While inside, SIGTERM raises `KeyboardInterrupt` as SIGINT does.
-
-    Loading a world takes a while; a signal during it must end the program just as quietly as one
-    while it serves, when the event loop handles the signals itself.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield  # only the main thread may set signal handlers
-        return
-    previous = signal.signal(signal.SIGTERM, _interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, previous)
-
-
-def _interrupt(number: int, frame: FrameType | None) -> None:
-    raise KeyboardInterrupt

@@ -1,4 +1,4 @@
-"""What Linux tells about this machine: processors, memory, who keeps it busy, who has a port.
+"""What Linux tells about this machine: processors, memory, who keeps it busy.
 
 Everything is read below a folder that stands for `/proc` (proc(5)), so that tests can make one up.
 """
@@ -6,44 +6,23 @@ Everything is read below a folder that stands for `/proc` (proc(5)), so that tes
 from __future__ import annotations
 
 import os
-import pwd
 import time
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from usarsim_server.processes import PROC, Process, name, pids
+
 __all__ = [
     "Activity",
-    "Owner",
-    "Process",
     "activity",
     "available_memory",
     "cores",
     "descriptor_limit",
-    "port_owner",
 ]
 
-PROC = Path("/proc")
 CGROUP = Path("/sys/fs/cgroup")
-LISTENING = "0A"
-"""State of a listening socket in `net/tcp`, TCP_LISTEN of the kernel's `tcp_states.h`."""
-LONGEST_NAME = 60
-
-
-@dataclass(frozen=True, slots=True)
-class Process:
-    """A program that runs.
-
-    Attributes:
-        pid: its number.
-        name: its command line, shortened.
-        cores: processors that it kept busy while that was watched.
-    """
-
-    pid: int
-    name: str
-    cores: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,19 +38,6 @@ class Activity:
     processors: int
     busy: float
     busiest: Process | None
-
-
-@dataclass(frozen=True, slots=True)
-class Owner:
-    """Who listens on a port.
-
-    Attributes:
-        process: the program, None if we may not see which.
-        user: whose it is.
-    """
-
-    process: Process | None
-    user: str
 
 
 def cores(group: Path = CGROUP) -> float:
@@ -134,7 +100,7 @@ def activity(seconds: float, proc: Path = PROC) -> Activity:
     return Activity(
         processors,
         max(0.0, busy),
-        None if busiest is None else Process(busiest, _name(proc, busiest), used[busiest]),
+        None if busiest is None else Process(busiest, name(proc, busiest), used[busiest]),
     )
 
 
@@ -149,60 +115,8 @@ def _ticks(proc: Path) -> tuple[int, int, int]:
 
 def _spent(proc: Path) -> Iterator[tuple[int, int]]:
     """Ticks that each program has used so far."""
-    for pid in _pids(proc):
+    for pid in pids(proc):
         with suppress(OSError, ValueError, IndexError):
             # The name stands in brackets and may hold blanks and brackets.
             fields = (proc / str(pid) / "stat").read_text().rpartition(")")[2].split()
             yield pid, int(fields[11]) + int(fields[12])
-
-
-def _pids(proc: Path) -> list[int]:
-    return [int(entry.name) for entry in proc.iterdir() if entry.name.isdigit()]
-
-
-def _name(proc: Path, pid: int) -> str:
-    """The command line of a process, without the folder of the program."""
-    with suppress(OSError):
-        words = (proc / str(pid) / "cmdline").read_bytes().decode(errors="replace").split("\0")
-        text = " ".join([os.path.basename(words[0]), *words[1:]]).strip()
-        if text:
-            text = "".join(one if one.isprintable() else " " for one in text)
-            return text if len(text) <= LONGEST_NAME else text[: LONGEST_NAME - 3] + "..."
-    with suppress(OSError):
-        return (proc / str(pid) / "comm").read_text().strip()
-    return "a program"
-
-
-def port_owner(port: int, proc: Path = PROC) -> Owner | None:
-    """Who listens on a TCP port of this machine; None if nobody is seen to."""
-    sockets = {}
-    for table in ("net/tcp", "net/tcp6"):
-        with suppress(OSError):
-            for line in (proc / table).read_text().splitlines()[1:]:
-                fields = line.split()
-                if fields[3] == LISTENING and int(fields[1].rpartition(":")[2], 16) == port:
-                    sockets[fields[9]] = int(fields[7])
-    for pid in _pids(proc) if sockets else ():
-        for inode, user in sockets.items():
-            if inode in _sockets(proc, pid):
-                return Owner(Process(pid, _name(proc, pid)), _user(user))
-    return next((Owner(None, _user(user)) for user in sockets.values()), None)
-
-
-def _sockets(proc: Path, pid: int) -> set[str]:
-    """Inodes of the sockets that a process has open, as far as we may see them."""
-    found = set()
-    with suppress(OSError):
-        for entry in os.scandir(proc / str(pid) / "fd"):
-            with suppress(OSError):
-                target = os.readlink(entry.path)
-                if target.startswith("socket:["):
-                    found.add(target[8:-1])
-    return found
-
-
-def _user(number: int) -> str:
-    try:
-        return pwd.getpwuid(number).pw_name
-    except KeyError:
-        return f"number {number}"

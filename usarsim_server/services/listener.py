@@ -21,9 +21,18 @@ from dataclasses import dataclass
 
 from usarsim_server.errors import ServiceError
 from usarsim_server.logs import Log
+from usarsim_server.processes import port_taker
 from usarsim_server.services.limits import AddressBuckets, TokenBucket
 
-__all__ = ["Endpoint", "Handler", "Listener", "ListenerLimits", "hung_up"]
+__all__ = [
+    "Endpoint",
+    "Handler",
+    "Listener",
+    "ListenerLimits",
+    "close_unused",
+    "hung_up",
+    "open_early",
+]
 
 Handler = Callable[[socket.socket, str], Awaitable[None]]
 """Serves one client: a non-blocking socket for the `loop.sock_*` calls, and the peer `host:port`.
@@ -161,7 +170,15 @@ class Listener:
         """
         if self._task is not None:
             raise RuntimeError(f"{self._name} listens already")
-        listening = await self._bind()
+        listening = _early.pop((self._option, self._host, self._port), None)
+        if listening is None:
+            listening = await asyncio.to_thread(
+                _open, self._name, self._host, self._port, self._option
+            )
+        # Accepted sockets inherit these; set later they could not shrink the TCP window.
+        _set_size(listening, socket.SO_RCVBUF, self._limits.receive_buffer)
+        _set_size(listening, socket.SO_SNDBUF, self._limits.send_buffer)
+        listening.listen(self._limits.queue)
         host, port = listening.getsockname()[:2]
         self._task = asyncio.create_task(self._run(listening), name=f"{self._name}-listener")
         self._log.info("listening", address=format_address(host, port))
@@ -180,57 +197,6 @@ class Listener:
         _, late = await asyncio.wait({task}, timeout=_STOP_TIMEOUT)
         if late:
             self._log.error("connections did not end in time", connections=self._connections)
-
-    async def _bind(self) -> socket.socket:
-        family, address = await self._resolve()
-        listening = socket.socket(family, socket.SOCK_STREAM)
-        try:
-            listening.setblocking(False)
-            listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            # Accepted sockets inherit these; set later they could not shrink the TCP window.
-            _set_size(listening, socket.SO_RCVBUF, self._limits.receive_buffer)
-            _set_size(listening, socket.SO_SNDBUF, self._limits.send_buffer)
-            listening.bind(address)
-            listening.listen(self._limits.queue)
-        except OSError as error:
-            listening.close()
-            raise ServiceError(self._bind_message(error)) from error
-        return listening
-
-    async def _resolve(self) -> tuple[socket.AddressFamily, tuple[object, ...]]:
-        """One address of the host: the legacy clients speak IPv4, so that comes first."""
-        loop = asyncio.get_running_loop()
-        try:
-            found = await loop.getaddrinfo(
-                self._host, self._port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
-            )
-        except (OSError, UnicodeError) as error:
-            raise ServiceError(
-                f"{self._name}: the host {self._host!r} is unknown "
-                "(give --host an address of this machine, or 0.0.0.0 for all of them)"
-            ) from error
-        entry = min(found, key=lambda item: item[0] is not socket.AF_INET)
-        return entry[0], entry[4]
-
-    def _bind_message(self, error: OSError) -> str:
-        where = format_address(self._host, self._port)
-        if error.errno == errno.EADDRINUSE:
-            return (
-                f"{self._name}: port {self._port} is already in use on {self._host} "
-                f"(stop the program that has it, or choose another with {self._option} N; "
-                "0 takes any free one)"
-            )
-        if error.errno == errno.EACCES:
-            return (
-                f"{self._name}: no permission to listen on {where} "
-                f"(choose a port above 1023 with {self._option} N)"
-            )
-        if error.errno == errno.EADDRNOTAVAIL:
-            return (
-                f"{self._name}: {self._host} is not an address of this machine "
-                "(give --host one that is, or 0.0.0.0 for all of them)"
-            )
-        return f"{self._name}: cannot listen on {where}: {os.strerror(error.errno or 0)}"
 
     async def _run(self, listening: socket.socket) -> None:
         with listening:
@@ -308,6 +274,9 @@ class Listener:
         try:
             with contextlib.suppress(OSError):
                 _prepare(client)
+                # Clients that came before the services had the listening socket inherit nothing.
+                _set_size(client, socket.SO_RCVBUF, self._limits.receive_buffer)
+                _set_size(client, socket.SO_SNDBUF, self._limits.send_buffer)
             if delay:
                 self._log.warning(
                     "client has to wait: too many new ones of its address",
@@ -328,6 +297,74 @@ class Listener:
         if not self._by_address[host]:
             del self._by_address[host]
         client.close()
+
+
+_early: dict[tuple[str, str, int], socket.socket] = {}
+"""Ports opened before their services exist, by option, host and port."""
+
+
+def open_early(name: str, host: str, port: int, *, option: str) -> None:
+    """Open a port before what is served there has been loaded; its `Listener` takes it over.
+
+    Clients that come meanwhile wait in the kernel's queue.
+
+    Args:
+        name: of the service, for errors.
+        host: as for `Listener`. port: likewise. option: likewise.
+
+    Raises:
+        ServiceError: see `Listener.start`.
+    """
+    _early[option, host, port] = _open(name, host, port, option)
+
+
+def close_unused() -> None:
+    """Close the ports of `open_early` that no listener has taken over."""
+    while _early:
+        _early.popitem()[1].close()
+
+
+def _open(name: str, host: str, port: int, option: str) -> socket.socket:
+    """A listening socket on one address of the host."""
+    try:
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+    except (OSError, UnicodeError) as error:
+        raise ServiceError(
+            f"{name}: the host {host!r} is unknown "
+            "(give --host an address of this machine, or 0.0.0.0 for all of them)"
+        ) from error
+    # The legacy clients speak IPv4, so that comes first.
+    family, _, _, _, address = min(found, key=lambda item: item[0] is not socket.AF_INET)
+    listening = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        listening.setblocking(False)
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.bind(address)
+        # Only a socket that listens keeps others from binding the port.
+        listening.listen()
+    except OSError as error:
+        listening.close()
+        raise ServiceError(_open_message(name, host, port, option, error)) from error
+    return listening
+
+
+def _open_message(name: str, host: str, port: int, option: str, error: OSError) -> str:
+    where = format_address(host, port)
+    if error.errno == errno.EADDRINUSE:
+        return (
+            f"{name}: port {port} is already in use on {host}, {port_taker(port)[0]} "
+            f"(stop that program, or choose another port with {option} N; 0 takes any free one)"
+        )
+    if error.errno == errno.EACCES:
+        return (
+            f"{name}: no permission to listen on {where} (choose a port above 1023 with {option} N)"
+        )
+    if error.errno == errno.EADDRNOTAVAIL:
+        return (
+            f"{name}: {host} is not an address of this machine "
+            "(give --host one that is, or 0.0.0.0 for all of them)"
+        )
+    return f"{name}: cannot listen on {where}: {os.strerror(error.errno or 0)}"
 
 
 async def _stays(client: socket.socket, delay: float) -> bool:
@@ -364,6 +401,6 @@ def _prepare(client: socket.socket) -> None:
     client.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, 6)
 
 
-def _set_size(listening: socket.socket, option: int, size: int | None) -> None:
+def _set_size(one: socket.socket, option: int, size: int | None) -> None:
     if size is not None:
-        listening.setsockopt(socket.SOL_SOCKET, option, size)
+        one.setsockopt(socket.SOL_SOCKET, option, size)

@@ -10,12 +10,10 @@ It names only the services that listen.
 from __future__ import annotations
 
 import asyncio
-import signal
-import threading
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
+from usarsim_server import interrupts
 from usarsim_server.errors import ServiceError
 from usarsim_server.logs import Log
 from usarsim_server.services.listener import Endpoint
@@ -79,7 +77,8 @@ async def run_services(
     """
     stop = stop or asyncio.Event()
     started: list[Service] = []
-    with _signals_set(stop):
+    loop = asyncio.get_running_loop()
+    with interrupts.calling(lambda: loop.call_soon_threadsafe(stop.set)):
         try:
             endpoints = await _start(services, started, stop)
             if not stop.is_set():
@@ -126,22 +125,3 @@ def _advise(endpoints: Sequence[Endpoint]) -> None:
             "only programs on this machine can connect; --host 0.0.0.0 opens the server "
             "to the network (it knows no passwords: do so in a trusted network only)"
         )
-
-
-@contextmanager
-def _signals_set(stop: asyncio.Event) -> Iterator[None]:
-    """While inside, SIGINT and SIGTERM set the event, whatever number of times they come."""
-    if threading.current_thread() is not threading.main_thread():
-        yield  # only the main thread may handle signals; embedders use `stop`
-        return
-    loop = asyncio.get_running_loop()
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    previous = [signal.getsignal(number) for number in numbers]
-    for number in numbers:
-        loop.add_signal_handler(number, stop.set)
-    try:
-        yield
-    finally:
-        for number, handler in zip(numbers, previous, strict=True):
-            loop.remove_signal_handler(number)
-            signal.signal(number, handler)

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import errno
-import os
 import socket
 from collections.abc import Iterator
 from dataclasses import replace
 
-from usarsim_server.doctor import system
 from usarsim_server.doctor.findings import Finding, Mark, problem_and_advice
 from usarsim_server.doctor.registry import Context, check
 from usarsim_server.errors import ServiceError
 from usarsim_server.options import OPTIONS, Option, is_port
+from usarsim_server.processes import port_taker
 from usarsim_server.services.listener import Endpoint, Listener
 
 __all__ = ["look"]
@@ -93,7 +92,7 @@ class _Round:
         if number in self._open:
             who, values["taken_by"] = f"{self._open[number].flag} has the same port", None
         else:
-            who, values["taken_by"] = _taker(number)
+            who, values["taken_by"] = port_taker(number)
         self._instead[option.flag] = self._free_port(number)
         text = f"{_service(option)}: taken, {who}{after}"
         return Finding(str(number), mark, text, values=values)
@@ -119,18 +118,6 @@ def _free(option: Option, number: int, endpoint: Endpoint) -> Finding:
     reach = "this machine only" if endpoint.loopback else f"on {endpoint.host}"
     text = f"{_service(option)}: free, {reach}"
     return Finding(str(number or "any"), Mark.OK, text, values=_values(option, number))
-
-
-def _taker(number: int) -> tuple[str, int | None]:
-    """Words for who has a port, and the number of the process if that can be seen."""
-    owner = system.port_owner(number)
-    if owner is None:
-        return "by whom cannot be seen", None
-    if owner.process is None:
-        return f"by a program of user {owner.user}", None
-    if owner.process.pid == os.getpid():
-        return "by this very program", owner.process.pid
-    return f"by {owner.process.name} (pid {owner.process.pid})", owner.process.pid
 
 
 def _can_bind(host: str, number: int) -> bool:
