@@ -34,7 +34,9 @@ MIDDLE = {
 }
 ROOMS: dict[str, set[str]] = {
     "errors": set(),
+    "interrupts": set(),
     "logs": set(),
+    "processes": set(),
     "data": set(),
     "plugins": {"errors", "logs"},
     "tables": {"errors"},
@@ -50,14 +52,18 @@ ROOMS: dict[str, set[str]] = {
     "cameras": MIDDLE | VALUES,
     "radio": MIDDLE | VALUES,
     "importers": {"protocol", "simulation", "worlds"} | VALUES,
-    "services": MIDDLE | VALUES,
+    "services": MIDDLE | VALUES | {"interrupts", "processes"},
     "app": MIDDLE | VALUES | {"importers", "services", "settings"},
     "testing": MIDDLE | VALUES | {"app", "options", "services", "settings"},
     "validation": MIDDLE | VALUES | {"app", "cli", "importers", "settings", "testing"},
-    "doctor": MIDDLE | VALUES | {"app", "importers", "options", "services", "settings"},
+    "doctor": MIDDLE
+    | VALUES
+    | {"app", "importers", "options", "processes", "services", "settings"},
     "cli": MIDDLE
     | VALUES
-    | {"app", "doctor", "importers", "options", "services", "settings", "testing", "validation"},
+    | {"app", "doctor", "importers", "interrupts", "options", "services", "settings", "testing"}
+    | {"__main__", "validation"},
+    "__main__": {"cli", "interrupts"},
 }
 """What each room may import of the others, beside itself."""
 

@@ -25,7 +25,7 @@ from types import FrameType
 
 __all__ = ["GRACE", "arm", "begin", "calling", "finish", "interrupted"]
 
-GRACE = 2.5
+GRACE = 2.0
 """s of wall time from the first signal to the end of the process, come what may."""
 
 _NUMBERS = (signal.SIGINT, signal.SIGTERM)
@@ -77,8 +77,14 @@ def interrupted() -> bool:
 
 
 def finish(code: int) -> int:
-    """Do nothing more but end; returns the exit code, or ends the process if a signal has come."""
+    """The work is done: ends the process if a signal has come, otherwise returns the exit code.
+
+    Signals that come while Python shuts down are ignored; it would give back their handlers.
+    """
     _state.tidy = False
+    if _state.first is None:
+        for number in _NUMBERS:
+            signal.signal(number, signal.SIG_IGN)
     if _state.first is not None:
         for stream in (sys.stdout, sys.stderr):
             with suppress(Exception):

@@ -190,19 +190,6 @@ def test_bad_settings_are_exit_code_2(app: ModuleType, tmp_path: Path, capsys) -
     assert app.seen == []
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_signal_while_the_world_loads_ends_quietly(app: ModuleType, number: int, capsys) -> None:
-    """Before the event loop runs, SIGINT and SIGTERM end the server with exit code 0 too."""
-
-    def act() -> int:
-        os.kill(os.getpid(), number)
-        return 1
-
-    app.act = act
-    assert main(["serve"]) == 0
-    assert capsys.readouterr().err == ""
-
-
 def test_serve_gives_the_signal_handler_back(app: ModuleType) -> None:
     """A program that embeds the command finds its own SIGTERM handler afterwards."""
 
