@@ -21,7 +21,7 @@ settings.register_profile("same", PATIENT, derandomize=True)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 
 
-BY_THE_CLOCK = frozenset({"end_to_end", "bench", "conformance", "record"})
+BY_THE_CLOCK = frozenset({"end_to_end", "bench"})
 """Folders of tests with whole servers in processes of their own, which other programs can starve of
 the processor while a second or two are all that the protocol grants. What fails there is tried
 again; a test that only passed so is counted as rerun in the report."""

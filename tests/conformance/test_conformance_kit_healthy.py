@@ -26,7 +26,7 @@ _FOREIGN = (
 async def _judge(checks: list[Check]) -> Report:
     async with control_server() as port:
         target = Target(ports={"control": port}, robot="P2AT")
-        return await judge_all(target, checks, parallel=10, rest=0.2, patience=3.0)
+        return await judge_all(target, checks, parallel=10)
 
 
 async def _judge_all(checks: list[Check]) -> list[Result]:

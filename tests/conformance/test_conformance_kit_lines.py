@@ -74,7 +74,7 @@ class TestLines:
     def test_nothing_is_lost(self, chunks: list[bytes]) -> None:
         """Lines and rest together are what came, however it was cut."""
         cutter = Lines()
-        found = [one.raw for chunk in chunks for one in cutter.feed(chunk, 0.0)]
+        found = [one.raw for chunk in chunks for one in cutter.feed(chunk)]
         assert b"".join(found) + cutter.rest == b"".join(chunks)
         assert all(raw.endswith(b"\n") and b"\n" not in raw[:-1] for raw in found)
 

@@ -16,6 +16,8 @@ from usarsim_tools.conformance.verdicts import Result, Verdict
 
 _FAULTS = all_faults()
 _AT_A_TIME = 64
+_HANGS = 10.0
+"""s of wall time without news of simulated time; one fault makes a server hang."""
 
 
 async def _judge(name: str) -> Result:
@@ -24,7 +26,7 @@ async def _judge(name: str) -> Result:
     checks = [check for check in all_checks() if check.id == fault.check]
     async with control_server(fault.kind) as port:
         target = Target(ports={"control": port}, robot="P2AT", dialect=fault.dialect or None)
-        report = await judge_all(target, checks, rest=0.2, patience=1.5)
+        report = await judge_all(target, checks, hangs=_HANGS)
     return report.results[0]
 
 

@@ -21,7 +21,7 @@ JPEG_FAULTS = {"image-cut-jpeg"}
 
 async def _report(checks: Sequence[Check], *faults: str, jpeg: bool = False) -> Report:
     async with side_server(*faults, jpeg=jpeg) as ports:
-        return await judge_all(Target(ports=ports), checks, rest=0.2)
+        return await judge_all(Target(ports=ports), checks)
 
 
 def _reports() -> dict[str, Report]:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import itertools
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from typing import Any, NoReturn, TypeVar
 
-from usarsim_tools.conformance.control import ControlClient, Pose, Robot
+from usarsim_tools.conformance.clock import SimulatedClock
+from usarsim_tools.conformance.control import REPLY, ControlClient, Pose, Robot
 from usarsim_tools.conformance.places import Place, Places
 from usarsim_tools.conformance.survey import Survey, Target
 from usarsim_tools.conformance.transcript import Transcript
@@ -31,8 +31,9 @@ ROLES: dict[str, tuple[str, ...]] = {
 a car or an industrial arm reaches over the start places beside its own, so checks with roles that
 only such robots may play are exclusive."""
 
-PATIENCE = 6.0
-"""s of wall time until a robot is given up; a busy machine must not look like a missing robot."""
+PATIENCE = 15.0
+"""s of simulated time until a robot is given up; a server may build it beside the running world,
+and a busy machine must not look like a missing robot."""
 
 Made = TypeVar("Made")
 
@@ -44,16 +45,16 @@ class Run:
     Attributes:
         target: the server, as the user describes it.
         survey: what is known of it.
+        clock: simulated time.
         places: where robots can be put.
         slots: how many checks may be at work; None for any number.
-        patience: s of wall time until a robot is given up.
     """
 
     target: Target
     survey: Survey
+    clock: SimulatedClock
     places: Places
     slots: asyncio.Semaphore | None = None
-    patience: float = PATIENCE
     numbers: itertools.count[int] = field(default_factory=lambda: itertools.count(1))
     shared: dict[tuple[str, str], asyncio.Task[Any]] = field(default_factory=dict)
 
@@ -65,7 +66,6 @@ class Case:
         run: what it shares with others.
         dialect: that it asks the server to speak.
         transcript: what goes over its own connections.
-        limit: when the check is given up; waiting for others does not count.
     """
 
     def __init__(self, run: Run, dialect: str) -> None:
@@ -74,7 +74,6 @@ class Case:
         self.transcript = Transcript()
         self._borrowed: list[Transcript] = []
         self._slot_left = False
-        self.limit: asyncio.Timeout | None = None
         self._wires: list[Wire] = []
         self._taken: list[Place] = []
 
@@ -87,6 +86,11 @@ class Case:
     def survey(self) -> Survey:
         """What is known of the server."""
         return self.run.survey
+
+    @property
+    def clock(self) -> SimulatedClock:
+        """Simulated time; all waiting is measured by it."""
+        return self.run.clock
 
     @property
     def robot_class(self) -> str:
@@ -141,7 +145,9 @@ class Case:
         if port is None:
             raise NotApplicable(f"no port of {service} was named")
         label = label or f"{service}{len(self._wires) + 1}"
-        wire = await Wire.open(self.target.host, port, self.transcript, label, tiny=tiny)
+        wire = await Wire.open(
+            self.target.host, port, self.transcript, label, self.clock, tiny=tiny
+        )
         self._wires.append(wire)
         return wire
 
@@ -155,7 +161,7 @@ class Case:
         label = f"c{len(self._wires) + 1}"
         client = ControlClient(await self.open("control", label, tiny))
         if greet:
-            await client.line(1.0)
+            await client.line(REPLY if self.survey.greeting is not None else 0.3)
         return client
 
     # Robots.
@@ -168,8 +174,7 @@ class Case:
         """
         if len(self._taken) >= len(self.run.places.all):
             raise Inconclusive(f"the server has places for {len(self._taken)} robots only")
-        with self._waiting():
-            place = await self.run.places.take()
+        place = await self.run.places.take()
         self._taken.append(place)
         return place
 
@@ -219,13 +224,12 @@ class Case:
         client = client or await self.connect()
         name = self.new_name()
         await client.send(init or self.init(place, name, class_name, extra))
-        first = await client.maybe(lambda line: line.head == "STA", self.run.patience)
+        first = await client.maybe(lambda line: line.head == "STA", PATIENCE)
         if first is None:
-            within = self.run.patience
-            raise Inconclusive(f"{class_name} sent no STA within {within:g} s of its INIT")
+            raise Inconclusive(f"{class_name} sent no STA within {PATIENCE:g} s of its INIT")
         return Robot(client, name, class_name, place, first)
 
-    async def appears(self, init: str, within: float = 4.0) -> Robot:
+    async def appears(self, init: str) -> Robot:
         """A robot that must appear after this INIT.
 
         Raises:
@@ -233,7 +237,7 @@ class Case:
         """
         client = await self.connect()
         await client.send(init)
-        first = await client.maybe(lambda line: line.head == "STA", within)
+        first = await client.maybe(lambda line: line.head == "STA", PATIENCE)
         if first is None:
             raise Failed(f"no robot appeared after {init}")
         return Robot(client, "", "", Place(None), first)
@@ -254,7 +258,7 @@ class Case:
             client = await self.connect()
             place = await self.place()
             await client.send(self.init(place, self.new_name(), class_name))
-            if await client.maybe(lambda line: line.head == "STA", self.run.patience) is not None:
+            if await client.maybe(lambda line: line.head == "STA", PATIENCE) is not None:
                 return class_name
             self.release()
         return None
@@ -265,6 +269,18 @@ class Case:
         await robot.send(command)
         await robot.run(seconds)
         return before, await robot.pose()
+
+    async def soon(self, happened: Callable[[], Awaitable[bool]], within: float) -> bool:
+        """Whether something happens within a simulated time; looks ten times a second.
+
+        Args:
+            happened: looks whether it has.
+            within: s of simulated time.
+        """
+        latest = self.clock.after(within)
+        while not (found := await happened()) and self.clock.now < latest:
+            await self.clock.sleep(0.1)
+        return found
 
     # Things that several checks use.
 
@@ -291,27 +307,11 @@ class Case:
             self.run.shared[key, dialect] = task
         if not task.done():
             self.leave_slot()
-        with self._waiting():
-            made, transcript, error = await asyncio.shield(task)
+        made, transcript, error = await asyncio.shield(task)
         self._borrowed.append(transcript)
         if error is not None:
             raise Inconclusive(f"{key} could not be had: {error}")
         return made  # type: ignore[no-any-return]
-
-    @contextlib.contextmanager
-    def _waiting(self) -> Iterator[None]:
-        """While inside, the time of the check does not run."""
-        limit, loop = self.limit, asyncio.get_running_loop()
-        when = limit.when() if limit is not None else None
-        if limit is None or when is None:
-            yield
-            return
-        left = when - loop.time()
-        limit.reschedule(None)
-        try:
-            yield
-        finally:
-            limit.reschedule(loop.time() + left)
 
     def leave_slot(self) -> None:
         """Let the next check begin: this one is done, or waits for something shared."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from usarsim_tools.conformance.case import Case
+from usarsim_tools.conformance.case import PATIENCE, Case
 from usarsim_tools.conformance.recordings import items_of, standing
 from usarsim_tools.conformance.registry import ONCE, UNREAL, check
 from usarsim_tools.conformance.verdicts import Severity
@@ -146,5 +146,5 @@ async def next_line(case: Case) -> None:
     place = await case.place()
     client = await case.connect()
     await client.send(case.init(place, case.new_name(), arm), "GETCONF {Type Actuator}")
-    line = await client.wait(lambda line: True, 6.0, "line")
+    line = await client.wait(lambda line: True, PATIENCE, "line")
     case.expect(line.head == "CONF" and line.type == "Actuator", f"the next line is {line}")

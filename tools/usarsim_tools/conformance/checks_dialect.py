@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from usarsim_tools.conformance.case import Case
+from usarsim_tools.conformance.case import PATIENCE, Case
 from usarsim_tools.conformance.lines import Line
 from usarsim_tools.conformance.registry import ONCE, UNREAL, check
 from usarsim_tools.conformance.survey import dialect_of
@@ -27,7 +27,7 @@ async def _u4_class(case: Case) -> str:
 async def _streamed(case: Case, *commands: str) -> Line:
     client = await case.connect()
     await client.send(*commands)
-    return await client.wait(lambda line: line.head == "STA", 5.0, "STA")
+    return await client.wait(lambda line: line.head == "STA", PATIENCE, "STA")
 
 
 @check(
@@ -113,7 +113,7 @@ async def side_by_side(case: Case) -> None:
         clients.append((client, dialect))
     for _ in range(2):
         for client, dialect in clients:
-            line = await client.wait(lambda line: line.head == "STA", 5.0, "STA")
+            line = await client.wait(lambda line: line.head == "STA", PATIENCE, "STA")
             case.expect(dialect_of(line) == dialect, f"not {dialect}: {line}")
 
 

@@ -178,7 +178,7 @@ async def old_commands(case: Case) -> None:
         "EFFECTOR",
         "CAMERA {Pan 1}",
     )
-    await robot.wait("STA", 2.0)
+    await robot.wait("STA")
     case.expect(await robot.client.is_alive(), "the connection no longer answers")
 
 

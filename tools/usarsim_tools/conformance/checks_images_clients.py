@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import asyncio
-
 from usarsim_tools.conformance.case import Case
 from usarsim_tools.conformance.side_checks import checks_of
 from usarsim_tools.conformance.side_images import (
+    FRAME_WITHIN,
     OK,
     Facts,
     ImageClient,
@@ -55,7 +54,7 @@ async def resumes(case: Case) -> None:
     client = await ImageClient.open(case)
     facts = client.facts
     await client.send(OK * 20)
-    await asyncio.sleep(5.0)
+    await case.clock.sleep(5.0)
     for number in range(20):
         frame = await client.frame()
         case.expect(
@@ -73,7 +72,7 @@ async def vanishes(case: Case) -> None:
         client = await ImageClient.open(case)
         await client.send(request)
         if request.startswith(OK):
-            await client.wire.read_exactly(100, 15.0)
+            await client.wire.read_exactly(100, FRAME_WITHIN)
         client.wire.reset()
     await (await ImageClient.open(case)).ask()
 
@@ -94,7 +93,7 @@ async def robot_leaves(case: Case) -> None:
     watcher = await camera_robot(case)
     before = (await client.ask()).size
     watcher.robot.close()
-    await asyncio.sleep(1.5)
+    await case.clock.sleep(1.5)
     after = (await client.ask()).size
     case.expect(before == after, f"the frame was {before} and is {after}")
 
@@ -107,7 +106,7 @@ async def frame_first(case: Case) -> None:
     """In legacy mode one full frame comes within a second of connect, and no second one."""
     facts = await _legacy(case)
     wire = await case.open("images")
-    size = (await read_frame(wire, 5.0)).size
+    size = (await read_frame(wire)).size
     case.expect(size == (facts.width, facts.height), f"the first picture is {size}")
     data = await wire.silence(1.0)
     case.expect(not data, f"{len(data)} bytes follow the first picture")
@@ -137,7 +136,7 @@ async def not_for_askers(case: Case) -> None:
     """A server may push a picture to a client that stays silent; never to one whose first request
     came within half a second."""
     client = await ImageClient.open(case)
-    await asyncio.sleep(0.4)
+    await case.clock.sleep(0.1)
     await client.ask()
     await client.silent(3.5, "the answer to a request in the first half second")
 

@@ -122,29 +122,31 @@ async def _alone(case: Case) -> CameraRobot:
 async def first(case: Case) -> None:
     """In an empty world the first camera gets tile 0, at offset 0, 0. Inconclusive while others
     have robots in the world."""
-    watcher = await camera_robot(case)
-    at = (watcher.tile.x, watcher.tile.y)
-    if at != (0, 0):
-        watcher.robot.close()
-        client = await ImageClient.open(case)
-        pixels = (await client.ask()).pixels
-        tile = pixels[: watcher.tile.height, : watcher.tile.width]
-        case.need(float(tile.std()) < 3.0, "tile 0 shows something: another robot may be there")
-    case.expect(at == (0, 0), f"the only camera is at {at}")
+    async with case.clock.alone():
+        watcher = await camera_robot(case)
+        at = (watcher.tile.x, watcher.tile.y)
+        if at != (0, 0):
+            watcher.robot.close()
+            client = await ImageClient.open(case)
+            pixels = (await client.ask()).pixels
+            tile = pixels[: watcher.tile.height, : watcher.tile.width]
+            case.need(float(tile.std()) < 3.0, "tile 0 shows something: another robot may be there")
+        case.expect(at == (0, 0), f"the only camera is at {at}")
 
 
 @images("tiles.lowest", "A new camera takes the lowest tile", "11.44, 2.10", exclusive=True)
 async def lowest(case: Case) -> None:
     """When a robot leaves, the next new camera takes its tile, and the others keep theirs."""
-    leaving = await _alone(case)
-    staying = await camera_robot(case)
-    leaving.robot.close()
-    await staying.robot.run(1.5)
-    newcomer = await camera_robot(case)
-    at = (newcomer.tile.x, newcomer.tile.y)
-    case.expect(at == (0, 0), f"tile 0 is free, but the new camera is at {at}")
-    again = tiles_of(await ask_conf(staying.robot))
-    case.expect(again == staying.tiles, f"the other camera moved from {staying.tiles} to {again}")
+    async with case.clock.alone():
+        leaving = await _alone(case)
+        staying = await camera_robot(case)
+        leaving.robot.close()
+        await staying.robot.run(1.5)
+        newcomer = await camera_robot(case)
+        at = (newcomer.tile.x, newcomer.tile.y)
+        case.expect(at == (0, 0), f"tile 0 is free, but the new camera is at {at}")
+        again = tiles_of(await ask_conf(staying.robot))
+        case.expect(again == staying.tiles, f"the camera moved from {staying.tiles} to {again}")
 
 
 @images("tiles.two-cameras", "Each camera counts", "11.42, 2.10", Severity.SHOULD)

@@ -129,7 +129,7 @@ async def split(case: Case) -> None:
     """A command cut within a word, the rest coming later, is executed once."""
     client = await case.connect()
     await client.send_bytes(b"GETSTART")
-    await asyncio.sleep(0.3)
+    await case.clock.sleep(0.2)
     await client.send_bytes(b"POSES\r\n")
     count = await _answers(client)
     case.expect(count == 1, f"it was answered {count} times, not once")
@@ -145,7 +145,7 @@ async def split_end(case: Case) -> None:
     """If a packet ends between CR and LF, the command is executed once, and the next one too."""
     client = await case.connect()
     await client.send_bytes(b"GETSTARTPOSES\r")
-    await asyncio.sleep(0.2)
+    await case.clock.sleep(0.2)
     await client.send_bytes(b"\nGETSTARTPOSES\r\n")
     count = await _answers(client)
     case.expect(count == 2, f"two commands were answered {count} times")
@@ -198,7 +198,7 @@ async def glued(case: Case) -> None:
     )
     case.expect(
         await robot.client.maybe(
-            lambda line: line.head == "STA" and line.get("LightToggle") == "True", 1.5
+            lambda line: line.head == "STA" and line.get("LightToggle") == "True"
         ),
         "the DRIVE behind the SET was not executed",
     )
@@ -231,7 +231,7 @@ async def init_packet(case: Case) -> None:
     await client.send(
         case.init(place, case.new_name()), "GETCONF {Type Robot}", "GETGEO {Type Robot}"
     )
-    lines = [await client.wait(_is_reply, 6.0, "CONF and GEO") for _ in range(2)]
+    lines = [await client.wait(_is_reply, what="CONF and GEO") for _ in range(2)]
     heads = [line.head for line in lines]
     case.expect(heads == ["CONF", "GEO"], f"replies came as {heads}")
 

@@ -300,7 +300,7 @@ async def gripper(case: Case) -> None:
     for opcode, status in (("CLOSE", "CLOSED"), ("OPEN", "OPEN"), ("CLOSE", "CLOSED")):
         await robot.send(f"SET {{Type Gripper}} {{Name {line.get('Name')}}} {{Opcode {opcode}}}")
         wanted = f"EFF with Status {status}"
-        await robot.wait(_status(status), 5.0, wanted)
+        await robot.wait(_status(status), what=wanted)
 
 
 def _status(status: str) -> Callable[[Line], bool]:

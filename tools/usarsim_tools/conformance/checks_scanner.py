@@ -69,7 +69,6 @@ async def scan_miss(case: Case) -> None:
     source="protocol reference 6, no. 104",
     dialects=UNREAL,
     exclusive=True,
-    within=60.0,
 )
 async def scan_right_first(case: Case) -> None:
     """An obstacle to the right of the robot, here another robot, appears in the first half of
@@ -84,7 +83,6 @@ async def scan_right_first(case: Case) -> None:
     source="protocol reference 4.15",
     dialects=GAZEBO,
     exclusive=True,
-    within=60.0,
 )
 async def scan_left_first(case: Case) -> None:
     """In the prototype's form an obstacle on the right appears in the second half."""

@@ -250,7 +250,7 @@ async def climb(case: Case) -> None:
     """The relative altitude of an AltitudeSensor increases when climbing."""
     robot = await case.spawn("aerial")
     line = await robot.client.maybe(
-        lambda line: line.head == "SEN" and line.type == "AltitudeSensor", 1.5
+        lambda line: line.head == "SEN" and line.type == "AltitudeSensor", 2.0
     )
     if line is None:
         case.skip(f"{robot.class_name} has no AltitudeSensor")

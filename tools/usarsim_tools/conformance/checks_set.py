@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from usarsim_tools.conformance.case import Case
+from usarsim_tools.conformance.case import PATIENCE, Case
 from usarsim_tools.conformance.control import Robot
 from usarsim_tools.conformance.lines import Line
 from usarsim_tools.conformance.recordings import items_of, standing
@@ -24,7 +24,7 @@ async def _item(case: Case, type: str) -> str:
 
 
 async def _responses(robot: Robot, command: str, seconds: float = 0.7) -> list[Line]:
-    await robot.send(command)
+    await robot.client.send(command)
     return [line for line in await robot.client.listen(seconds) if line.head == "RES"]
 
 
@@ -129,13 +129,11 @@ async def scan(case: Case) -> None:
     def scans(lines: list[Line]) -> int:
         return sum(line.head == "SEN" and line.type == "RangeScanner" for line in lines)
 
-    usual = scans(await robot.client.listen(1.0))
-    lines = []
-    for _ in range(8):
-        await robot.send(f"SET {{Type RangeScanner}} {{Name {name}}} {{Opcode SCAN}}")
-        lines += await robot.client.listen(0.125)
-    more = scans(lines)
-    case.expect(more >= usual + 4, f"{usual} scans without SCAN, {more} with eight")
+    usual = scans(await robot.client.listen(1.5))
+    command = f"SET {{Type RangeScanner}} {{Name {name}}} {{Opcode SCAN}}"
+    await robot.client.send(*[command] * 8)
+    more = scans(await robot.client.listen(1.5))
+    case.expect(more >= usual + 4, f"{usual} scans in 1.5 s without SCAN, {more} with eight")
 
 
 @check(
@@ -174,8 +172,7 @@ async def zoom(case: Case) -> None:
     robot = await case.spawn()
     wanted = math.degrees(0.5) if case.dialect == "udk" else 0.5
     await robot.send(f"SET {{Type Camera}} {{Name {name}}} {{Opcode Zoom}} {{0.5}}")
-    await robot.run(0.3)
-    await robot.client.listen(0.2)
+    await robot.run(0.5)
     told = await robot.client.ask(f"GETCONF {{Type Camera}} {{Name {name}}}", "CONF {Type Camera")
     fov = told.number("CameraFov")
     case.expect(abs(fov - wanted) < 0.02 * wanted, f"CameraFov is {fov}, not {wanted:.4f}")
@@ -199,7 +196,7 @@ async def zoom_limits(case: Case) -> None:
     robot = await case.spawn()
     for value, wanted in (("3.1", "CameraMaxFov"), ("0.01", "CameraMinFov"), ("0", "CameraDefFov")):
         await robot.send(f"SET {{Type Camera}} {{Name {name}}} {{Opcode FOV}} {{Params {value}}}")
-        await robot.client.listen(0.4)
+        await robot.run(0.4)
         told = await robot.client.ask(
             f"GETCONF {{Type Camera}} {{Name {name}}}", "CONF {Type Camera"
         )
@@ -254,7 +251,7 @@ async def rfid(case: Case) -> None:
     # A tag of its own, so that it does not depend on where others have dropped theirs.
     await robot.send("SET {Type RFIDReleaser} {Name Gun} {Opcode Release}")
     line = await robot.client.maybe(
-        lambda line: line.head == "SEN" and line.type == "RFID" and "ID" in line.names, 1.5
+        lambda line: line.head == "SEN" and line.type == "RFID" and "ID" in line.names, 2.0
     )
     reader = None
     for conf in [await robot.client.ask("GETCONF {Type RFID}", "CONF {Type RFID")]:
@@ -281,10 +278,10 @@ async def _with_rfid(case: Case) -> Robot:
         client = await case.connect()
         place = await case.place()
         await client.send(case.init(place, case.new_name(), class_name))
-        first = await client.maybe(lambda line: line.head == "STA", 4.0)
+        first = await client.maybe(lambda line: line.head == "STA", PATIENCE)
         if first is None:
             continue
         await client.send("GETCONF {Type RFID}")
-        if await client.maybe("CONF {Type RFID}", 1.0) is not None:
+        if await client.maybe("CONF {Type RFID}", 2.0) is not None:
             return Robot(client, "", class_name, place, first)
     raise NotApplicable(f"none of {', '.join(_RESCUE)} with an RFID reader could be spawned")

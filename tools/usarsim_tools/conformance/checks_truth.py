@@ -6,6 +6,7 @@ import asyncio
 import math
 import re
 
+from usarsim_tools.conformance import side_lines
 from usarsim_tools.conformance.case import Case
 from usarsim_tools.conformance.control import Robot
 from usarsim_tools.conformance.lines import numbers
@@ -135,7 +136,7 @@ async def line_ends(case: Case) -> None:
     await client.send("{Actors}", "\n")
     await _rest(case, client)
     await client.wire.send(b"{Actors}\r")
-    await asyncio.sleep(0.2)
+    await case.clock.sleep(0.0)
     await client.wire.send(b"\n")
     await _rest(case, client)
     await client.silent(_QUIET, "two listings for two queries")
@@ -253,7 +254,7 @@ async def one_read(case: Case) -> None:
     client = await _client(case)
     for _ in range(5):
         await client.send("")
-        data = await client.wire.read(5.0)
+        data = await client.wire.read(side_lines.WITHIN)
         case.expect(data.endswith(b"{End}\r\n"), f"the first piece ends with {data[-40:]!r}")
 
 
@@ -264,11 +265,13 @@ async def leaves(case: Case) -> None:
     client = await _client(case)
     mine = (await _own(case, client, robot))[1]
     robot.close()
-    for _ in range(30):
-        await asyncio.sleep(0.1)
-        if not await _ask(case, client, f"{{name {mine}}}"):
-            return
-    case.fail(f"{mine} is still listed 3 s after its connection ended")
+
+    async def gone() -> bool:
+        return not await _ask(case, client, f"{{name {mine}}}")
+
+    case.expect(
+        await case.soon(gone, 3.0), f"{mine} is still listed 3 s after its connection ended"
+    )
 
 
 @truth("listing.getpos", "Agrees with the ground truth port", "11.98", Severity.SHOULD)
@@ -293,7 +296,7 @@ async def ten_per_second(case: Case) -> None:
     for _ in range(15):
         for client in clients:
             await client.send("{Actors}")
-        await asyncio.sleep(0.1)
+        await case.clock.sleep(0.0)
     for client in clients:
         for _ in range(15):
             await _rest(case, client)

@@ -96,13 +96,17 @@ async def free_again(case: Case) -> None:
     """Closing the control connection unregisters; another can take the name soon after."""
     async with await Radio.make(case) as radio:
         radio.client.wire.close()
-        for _ in range(15):
-            await asyncio.sleep(0.2)
+
+        async def free() -> bool:
+            radio.client.wire.close()
             radio.client = await _client(case)
             text = f"INIT {{Robot {radio.name}}} {{Port {radio.port}}}"
-            if await radio.client.ask(text) == "INITREPLY {Status OK}":
-                return
-        case.fail(f"the name {radio.name} is not free 3 s after its connection ended")
+            return await radio.client.ask(text) == "INITREPLY {Status OK}"
+
+        case.expect(
+            await case.soon(free, 3.0),
+            f"the name {radio.name} is not free 3 s after its connection ended",
+        )
 
 
 @wireless("request.unknown", "Unknown verbs are refused", "4.2")

@@ -17,7 +17,7 @@ _EVERY_BYTE = bytes(range(256)) * 16
 
 
 async def _received(case: Case, wire: Wire, data: bytes, way: str) -> None:
-    found = await wire.read_exactly(len(data), 10.0)
+    found = await wire.read_exactly(len(data), side_lines.CARRIES)
     case.expect(found == data, f"{len(data)} bytes were changed {way}")
 
 
@@ -127,7 +127,7 @@ async def much(case: Case) -> None:
     data = b"".join(number.to_bytes(4) for number in range(262_144))
     async with await Radio.make(case) as one, await Radio.make(case) as other:
         wire, guest = await one.call(other)
-        await wire.send(data, 20.0)
+        await wire.send(data)
         found = await guest.read(len(data))
         case.expect(found == data, f"{len(found)} of {len(data)} bytes arrived, or out of order")
 

@@ -23,7 +23,7 @@ async def _controller(case: Case) -> ControlClient:
     client = await case.connect()
     await client.send("INIT {ClassName USARBot.WorldController} {Name WC} {Location 0,0,0}")
     await client.send("CONTROL {Type GetSTA} {Name NoSuchObject}")
-    if await client.maybe(lambda line: line.head == "STA", 3.0) is None:
+    if await client.maybe(lambda line: line.head == "STA") is None:
         case.skip("the server has no world controller")
     return client
 
@@ -181,9 +181,8 @@ async def cleans_up(case: Case) -> None:
     client, name, _ = await _created(case)
     client.close()
     other = await _controller(case)
-    for _ in range(6):
-        await other.listen(0.5)
-        line = await _status(other, name)
-        if line.text == "STA":
-            return
-    case.fail(f"the object is still there 3 s later: {line}")
+
+    async def gone() -> bool:
+        return (await _status(other, name)).text == "STA"
+
+    case.expect(await case.soon(gone, 3.0), "the object is still there 3 s later")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -12,13 +12,19 @@ from usarsim_tools.conformance.places import Place
 from usarsim_tools.conformance.verdicts import Failed, Inconclusive
 from usarsim_tools.conformance.wire import Hangup, Wire
 
-__all__ = ["ControlClient", "Pose", "Robot", "Wanted", "pose_of", "turned"]
+__all__ = ["REPLY", "ControlClient", "Pose", "Robot", "Wanted", "pose_of", "turned"]
 
 Wanted = str | Callable[[Line], bool]
 """The line that is waited for: what it begins with, or a function that accepts it."""
 
+REPLY = 10.0
+"""s of simulated time in which an answer comes or never does; servers answer at once, but may have
+to come to it."""
+
 _STALE = 0.2
-"""s without reading after which older lines are waiting to be read."""
+"""s of simulated time without reading after which older lines are waiting to be read."""
+_EXACT = 1e-6
+"""s; printed times are rounded, and so are their differences."""
 _MOST_LINES = 50_000
 """Lines remembered of one connection."""
 
@@ -58,16 +64,18 @@ class ControlClient:
     Attributes:
         wire: the connection.
         lines: everything the server has said, in order.
-        read_at: when a line was last taken, s of the monotonic clock.
+        clock: simulated time; waiting methods take `within`, s of it.
+        read_at: when a line was last taken, by the clock.
     """
 
     def __init__(self, wire: Wire) -> None:
         self.wire = wire
+        self.clock = wire.clock
         self.lines: list[Line] = []
         self._cutter = Lines()
-        self._ready: list[Line] = []
+        self._ready: deque[Line] = deque()
         self._last_command = ""
-        self.read_at = time.monotonic()
+        self.read_at = self.clock.now
 
     async def send(self, *commands: str, end: str = "\r\n") -> None:
         """Send commands in one write, each with the line end."""
@@ -78,50 +86,48 @@ class ControlClient:
         """Send bytes as they are."""
         await self.wire.send(data)
 
-    async def line(self, within: float) -> Line | None:
+    async def line(self, within: float = REPLY) -> Line | None:
         """The next line; None if none comes in time.
 
         Raises:
             Hangup: if the server closed the connection.
         """
-        deadline = time.monotonic() + within
+        return await self._line_by(self.clock.after(within))
+
+    async def _line_by(self, moment: float) -> Line | None:
         while not self._ready:
-            left = deadline - time.monotonic()
-            if left <= 0.0:
+            data = await self.wire.read_by(moment)
+            if not data:
                 return None
-            data = await self.wire.read(left)
-            self._ready = self._cutter.feed(data, time.monotonic())
-        line = self._ready.pop(0)
-        self.read_at = time.monotonic()
+            self._ready.extend(self._cutter.feed(data))
+        line = self._ready.popleft()
+        self.read_at = self.clock.now
         if len(self.lines) < _MOST_LINES:
             self.lines.append(line)
         return line
 
     async def listen(self, seconds: float) -> list[Line]:
         """All lines that come within a time."""
-        found, deadline = [], time.monotonic() + seconds
-        while (left := deadline - time.monotonic()) > 0.0:
-            line = await self.line(left)
-            if line is not None:
-                found.append(line)
+        found, moment = [], self.clock.after(seconds)
+        while (line := await self._line_by(moment)) is not None:
+            found.append(line)
         return found
 
-    async def maybe(self, wanted: Wanted, within: float) -> Line | None:
+    async def maybe(self, wanted: Wanted, within: float = REPLY) -> Line | None:
         """The next line that is wanted; None if none comes in time; others are passed over."""
         accept = _acceptor(wanted)
-        deadline = time.monotonic() + within
-        while (left := deadline - time.monotonic()) > 0.0:
-            line = await self.line(left)
-            if line is not None and accept(line):
+        moment = self.clock.after(within)
+        while (line := await self._line_by(moment)) is not None:
+            if accept(line):
                 return line
         return None
 
-    async def wait(self, wanted: Wanted, within: float = 3.0, what: str = "") -> Line:
+    async def wait(self, wanted: Wanted, within: float = REPLY, what: str = "") -> Line:
         """The next line that is wanted.
 
         Args:
             wanted: what it begins with, or a function.
-            within: s of wall time.
+            within: s of simulated time.
             what: name of it for the report; the text itself by default.
 
         Raises:
@@ -134,12 +140,14 @@ class ControlClient:
             raise Failed(f"no {name} within {within:g} s{after}")
         return line
 
-    async def ask(self, command: str, wanted: Wanted, within: float = 3.0, what: str = "") -> Line:
+    async def ask(
+        self, command: str, wanted: Wanted, within: float = REPLY, what: str = ""
+    ) -> Line:
         """Send a command and wait for its reply."""
         await self.send(command)
         return await self.wait(wanted, within, what)
 
-    async def is_alive(self, within: float = 3.0) -> bool:
+    async def is_alive(self, within: float = REPLY) -> bool:
         """Whether the connection still answers GETSTARTPOSES."""
         try:
             await self.send("GETSTARTPOSES")
@@ -189,11 +197,11 @@ class Robot:
         self._commanded = True
         await self.client.send(*commands)
 
-    async def wait(self, wanted: Wanted, within: float = 3.0, what: str = "") -> Line:
+    async def wait(self, wanted: Wanted, within: float = REPLY, what: str = "") -> Line:
         """See `ControlClient.wait`."""
         return await self.client.wait(wanted, within, what)
 
-    async def sensor(self, type: str, name: str | None = None, within: float = 3.0) -> Line:
+    async def sensor(self, type: str, name: str | None = None, within: float = REPLY) -> Line:
         """The next line of a sensor type, of one item if named.
 
         Raises:
@@ -218,29 +226,27 @@ class Robot:
         Raises:
             Inconclusive: if simulated time does not pass, or far too slowly.
         """
-        if self._commanded or time.monotonic() - self.client.read_at > _STALE:
+        clock = self.client.clock
+        if self._commanded or clock.now - self.client.read_at > _STALE:
             await self.catch_up()
         found: list[Line] = []
         start = await self._clock(found)
-        deadline = time.monotonic() + 5.0 + 4.0 * seconds
-        while time.monotonic() < deadline:
-            line = await self.client.line(1.0)
-            if line is None:
-                continue
+        latest = clock.after(seconds + REPLY)
+        while clock.now < latest and (line := await self.client.line()) is not None:
             found.append(line)
-            if line.head == "STA" and line.time - start >= seconds:
+            if line.head == "STA" and line.time - start >= seconds - _EXACT:
                 return found
-        raise Inconclusive(f"simulated time did not advance by {seconds:g} s in a long time")
+        raise Inconclusive(f"no STA has told that {seconds:g} s have passed")
 
     async def catch_up(self) -> None:
         """Read on to the reply to a request: all commands before it have been executed then, and
         what is read next was said after that."""
         self._commanded = False
         await self.client.send("GETSTARTPOSES")
-        await self.client.maybe("NFO {StartPoses", 1.0)
+        await self.client.maybe("NFO {StartPoses")
 
     async def _clock(self, found: list[Line]) -> float:
-        line = await self.client.maybe(lambda line: line.head == "STA", 3.0)
+        line = await self.client.maybe(lambda line: line.head == "STA")
         if line is None or math.isnan(line.time):
             raise Inconclusive("there is no STA with a Time to measure simulated time by")
         found.append(line)
@@ -253,7 +259,7 @@ class Robot:
             Inconclusive: if it has no such sensor.
         """
         for type in ("GroundTruth", "INS"):
-            line = await self.client.maybe(_report_of(type), 1.5)
+            line = await self.client.maybe(_report_of(type), 2.0)
             if line is not None:
                 return pose_of(line)
         raise Inconclusive("the robot has no GroundTruth and no INS to tell where it is")

@@ -29,11 +29,9 @@ class Line:
 
     Attributes:
         raw: all bytes, the line end included.
-        at: s of the monotonic clock when its end was read.
     """
 
     raw: bytes
-    at: float = 0.0
 
     @cached_property
     def text(self) -> str:
@@ -103,10 +101,10 @@ class Lines:
 
     _rest: bytes = field(default=b"")
 
-    def feed(self, data: bytes, at: float) -> list[Line]:
+    def feed(self, data: bytes) -> list[Line]:
         """Lines that are complete now; each ends with LF, and keeps in `raw` what stands before."""
         *done, self._rest = (self._rest + data).split(b"\n")
-        return [Line(text + b"\n", at) for text in done]
+        return [Line(text + b"\n") for text in done]
 
     @property
     def rest(self) -> bytes:

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from usarsim_tools.conformance.clock import SimulatedClock, Stalled
 from usarsim_tools.conformance.lines import Line, number, numbers
 
-__all__ = ["Place", "Places", "read_start_poses", "spaced"]
+__all__ = ["APART", "LEAVES", "Place", "Places", "read_start_poses", "spaced"]
 
-_APART = 1.5
+APART = 1.5
 """m between two places, so that robots can drive a little."""
-_EMPTIES = 1.0
-"""s of wall time in which the robot of a closed connection leaves (protocol reference 6.1.13)."""
+LEAVES = 1.0
+"""s of simulated time in which the robot of a closed connection leaves (protocol reference
+6.1.13)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,9 +59,10 @@ class Place:
 class Places:
     """Hands out places and takes them back; a place rests until its robot must be gone."""
 
-    def __init__(self, places: Sequence[Place], rest: float = _EMPTIES) -> None:
+    def __init__(self, places: Sequence[Place], clock: SimulatedClock) -> None:
         self.all = tuple(places)
-        self._rest = rest
+        self._clock = clock
+        self._resting: set[asyncio.Task[None]] = set()
         self._free: asyncio.Queue[Place] = asyncio.Queue()
         for place in places:
             self._free.put_nowait(place)
@@ -69,7 +73,14 @@ class Places:
 
     def give_back(self, place: Place) -> None:
         """Take a place back when its connection has been closed."""
-        asyncio.get_running_loop().call_later(self._rest, self._free.put_nowait, place)
+        rests = asyncio.create_task(self._rest(place))
+        self._resting.add(rests)
+        rests.add_done_callback(self._resting.discard)
+
+    async def _rest(self, place: Place) -> None:
+        with contextlib.suppress(Stalled):
+            await self._clock.sleep(LEAVES)
+        self._free.put_nowait(place)
 
 
 def read_start_poses(line: Line) -> list[Place]:
@@ -83,7 +94,7 @@ def read_start_poses(line: Line) -> list[Place]:
     ]
 
 
-def spaced(places: Sequence[Place], apart: float = _APART) -> list[Place]:
+def spaced(places: Sequence[Place], apart: float = APART) -> list[Place]:
     """Those that keep clear of all before them, and of poses that are no numbers."""
     kept: list[Place] = []
     for place in places:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from statistics import median
 
-from usarsim_tools.conformance.case import Case
+from usarsim_tools.conformance.case import PATIENCE, Case
 from usarsim_tools.conformance.control import ControlClient, Pose, Robot, pose_of
 from usarsim_tools.conformance.lines import Line
 from usarsim_tools.conformance.verdicts import Failed, Inconclusive, NotApplicable
@@ -17,16 +18,19 @@ __all__ = [
     "Recording",
     "driven",
     "ground_told",
+    "irregular",
     "items_of",
     "senses",
     "standing",
     "told",
+    "watched",
     "wheels_of",
 ]
 
 _WATCHED = 1.7
 """s of simulated time; eight reports of a sensor with an interval of 0.2 s."""
-_SLOWEST_REPLY = 2.0
+_WATCHED_LONG = 8.0
+"""s of simulated time in which no report may be missing."""
 _EXEMPT = ("Camera",)
 """SEN types that name no item, nor could be asked for by one."""
 
@@ -40,7 +44,8 @@ class Recording:
         streamed: those after the first STA, that one included.
         replies: what GETCONF and GETGEO answered, by command, type and item name; an empty name
             stands for a request by type, None for no answer.
-        waited: s of wall time from INIT to the first STA or SEN.
+        waited: s of simulated time from INIT to the first STA or SEN, at most: a little before
+            INIT the reference robot told the time.
         torn: chunks of bytes that did not end with a line.
     """
 
@@ -64,6 +69,39 @@ class Recording:
 async def standing(case: Case) -> Recording:
     """The recording of a robot that stands, made once for each dialect."""
     return await case.shared("a recording of a standing robot", _stand)
+
+
+async def watched(case: Case) -> list[Line]:
+    """What a robot that stands says in eight seconds of simulated time, none of it passed over."""
+    return await case.shared("a robot watched for long", _watch)
+
+
+async def _watch(case: Case) -> list[Line]:
+    robot = await case.spawn()
+    await robot.run(0.5)
+    return await robot.run(_WATCHED_LONG)
+
+
+def irregular(times: Sequence[float], rough: bool = False) -> str:
+    """What is wrong with the times of a stream that should be regular; empty if nothing.
+
+    The n-th report has to come n periods after the first, within 3/4 of a period: a report that is
+    left out, or comes twice, shifts all that follow.
+
+    Args:
+        times: of its reports, s of simulated time.
+        rough: whether they are those of other lines nearby, and jitter.
+    """
+    span = 4 if rough else 1
+    if len(times) < 3 * span:
+        return ""
+    period = median((b - a) / span for a, b in zip(times, times[span:], strict=False))
+    for number, time in enumerate(times):
+        late = time - times[0] - number * period
+        if abs(late) > 0.75 * period + 0.02:
+            what = "late: one is missing" if late > 0.0 else "early: one too many"
+            return f"every {period:.3f} s, but no. {number + 1} at {time:g} s is {what}"
+    return ""
 
 
 async def senses(case: Case, type: str = "") -> tuple[Recording, list[Line]]:
@@ -112,15 +150,18 @@ async def _stand(case: Case) -> Recording:
     recording = Recording()
     client = await case.connect()
     place = await case.place()
-    begun = time.monotonic()
+    await case.clock.sleep(0.0)  # until the time is told, which is then fresh
+    begun = case.clock.now
     await client.send(case.init(place, case.new_name()))
-    first = await client.maybe(lambda line: line.head in ("STA", "SEN"), 6.0)
+    first = await client.maybe(lambda line: line.head in ("STA", "SEN"), PATIENCE)
     if first is None:
-        raise Inconclusive("the robot sent nothing within 6 s of its INIT")
-    recording.waited = first.at - begun
+        raise Inconclusive(f"the robot sent nothing within {PATIENCE:g} s of its INIT")
     robot = Robot(client, "", case.robot_class, place, first)
     recording.streamed = [first, *await robot.run(_WATCHED)]
     recording.torn = client.wire.torn
+    if case.survey.timed:
+        times = (line.time for line in recording.streamed if not math.isnan(line.time))
+        recording.waited = next(times, math.nan) - begun
     wanted: list[tuple[str, str]] = [("Robot", "")]
     for type, name in items_of(recording.streamed):
         wanted += [(type, name)] if (type, "") in wanted else [(type, ""), (type, name)]
@@ -140,11 +181,7 @@ async def _reply(client: ControlClient, request: str, head: str) -> Line | None:
     """The reply to a request, None if the request behind it is answered and it is not."""
     await client.send(request, "GETSTARTPOSES")
     found: Line | None = None
-    deadline = time.monotonic() + _SLOWEST_REPLY
-    while time.monotonic() < deadline:
-        line = await client.line(0.5)
-        if line is None:
-            continue
+    while (line := await client.line()) is not None:
         if line.head == head and found is None:
             found = line
         elif line.head == "NFO" and "StartPoses" in line.names:

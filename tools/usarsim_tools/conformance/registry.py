@@ -62,8 +62,6 @@ class Check:
         dialects: in which it runs, once each; empty to run once in the server's own.
         service: that it is about. If the user named no port of it, it does not apply.
         exclusive: no other check may run at the same time.
-        within: s of wall time after which the check is given up; waiting for a place or for
-            something shared does not count.
         function: the check itself.
     """
 
@@ -75,7 +73,6 @@ class Check:
     dialects: tuple[str, ...]
     service: str
     exclusive: bool
-    within: float
     function: Function
 
 
@@ -91,7 +88,6 @@ def check(
     dialects: tuple[str, ...] = DIALECTS,
     service: str = "control",
     exclusive: bool = False,
-    within: float = 30.0,
 ) -> Callable[[Function], Function]:
     """Make a function a check.
 
@@ -122,7 +118,6 @@ def check(
             dialects=dialects,
             service=service,
             exclusive=exclusive,
-            within=within,
             function=function,
         )
         return function

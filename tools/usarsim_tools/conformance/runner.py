@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import time
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
-from usarsim_tools.conformance.case import PATIENCE, Case, Run
-from usarsim_tools.conformance.places import Places
+from usarsim_tools.conformance.case import Case, Run
+from usarsim_tools.conformance.clock import HANGS, SimulatedClock, Stalled
+from usarsim_tools.conformance.places import LEAVES, Places
 from usarsim_tools.conformance.registry import Check
 from usarsim_tools.conformance.report import Report, Rule
 from usarsim_tools.conformance.survey import Survey, Target, survey
@@ -26,9 +28,12 @@ from usarsim_tools.conformance.verdicts import (
 __all__ = ["Progress", "judge", "judge_all"]
 
 _PARALLEL = 8
-"""Checks at a time; with two robots each they still fit the 16 robots of a small server."""
-_REST = 1.2
-"""s before the checks that want to be alone, so that robots of earlier ones have left."""
+"""Checks at a time."""
+_ROBOTS = 14
+"""Robots at a time; with the one that tells the time, and one that is leaving, they fit a small
+server of 16."""
+_GIVES_UP = 600.0
+"""s of wall time after which a check counts as hanging."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,8 +64,8 @@ async def judge_all(
     name: str = "",
     tell: Callable[[Progress], None] = _silent,
     parallel: int = _PARALLEL,
-    rest: float = _REST,
-    patience: float = PATIENCE,
+    hangs: float = HANGS,
+    gives_up: float = _GIVES_UP,
 ) -> Report:
     """Judge a server by checks.
 
@@ -70,34 +75,41 @@ async def judge_all(
         name: of the server in the report; its address by default.
         tell: what is told after every check.
         parallel: checks at a time.
-        rest: s of wall time after which the robot of a closed connection must be gone.
-        patience: s of wall time until a robot is given up.
+        hangs: s of wall time without news of simulated time after which the server hangs.
+        gives_up: s of wall time after which a check hangs.
 
     Raises:
         Failed: if its control port cannot be reached at all.
     """
     begun, taken = time.monotonic(), datetime.now(UTC)
-    found = await survey(target, Transcript())
-    run = Run(target, found, Places(found.places[: 2 * parallel], rest), patience=patience)
-    jobs = _jobs(checks, found)
-    results: dict[tuple[str, str], Result] = {}
+    clock = SimulatedClock(hangs)
+    try:
+        found = await survey(target, Transcript(), clock)
+        places = found.places[:_ROBOTS]
+        run = Run(target, found, clock, Places(places, clock))
+        jobs = _jobs(checks, found)
+        results: dict[tuple[str, str], Result] = {}
 
-    async def work(check: Check, dialect: str, slots: asyncio.Semaphore) -> None:
-        await slots.acquire()
-        result = await judge(replace(run, slots=slots), check, dialect)
-        results[check.id, dialect] = result
-        tell(Progress(len(results), len(jobs), check, result))
+        async def work(check: Check, dialect: str, slots: asyncio.Semaphore) -> None:
+            await slots.acquire()
+            result = await judge(replace(run, slots=slots), check, dialect, gives_up)
+            results[check.id, dialect] = result
+            tell(Progress(len(results), len(jobs), check, result))
 
-    together = [job for job in jobs if not job[0].exclusive]
-    alone = [job for job in jobs if job[0].exclusive]
-    # Two places each: some checks use two robots, and places rest between robots.
-    workers = max(1, min(parallel, len(found.places) // 2))
-    for group, count in ((together, workers), (alone, 1)):
-        slots = asyncio.Semaphore(count)
-        async with asyncio.TaskGroup() as tasks:
-            for check, dialect in group:
-                tasks.create_task(work(check, dialect, slots))
-        await asyncio.sleep(rest if group is together and alone else 0.0)
+        together = [job for job in jobs if not job[0].exclusive]
+        alone = [job for job in jobs if job[0].exclusive]
+        # A check may take two places: with one more than there are checks, none waits for ever.
+        workers = max(1, min(parallel, len(places) - 1))
+        for group, count in ((together, workers), (alone, 1)):
+            slots = asyncio.Semaphore(count)
+            async with asyncio.TaskGroup() as tasks:
+                for check, dialect in group:
+                    tasks.create_task(work(check, dialect, slots))
+            if group is together and alone:
+                with contextlib.suppress(Stalled):
+                    await clock.sleep(LEAVES)
+    finally:
+        await clock.close()
     return Report(
         name=name or f"{target.host}:{target.ports['control']}",
         server=_facts(target, found),
@@ -109,7 +121,7 @@ async def judge_all(
     )
 
 
-async def judge(run: Run, check: Check, dialect: str) -> Result:
+async def judge(run: Run, check: Check, dialect: str, gives_up: float = _GIVES_UP) -> Result:
     """Run one check; whatever goes wrong in it becomes a result."""
     begun = time.monotonic()
     case = Case(run, dialect or run.survey.native)
@@ -118,7 +130,7 @@ async def judge(run: Run, check: Check, dialect: str) -> Result:
         verdict, reason = Verdict.NOT_APPLICABLE, f"no port of {check.service} was named"
     else:
         try:
-            async with asyncio.timeout(check.within) as case.limit:
+            async with asyncio.timeout(gives_up):
                 await check.function(case)
         except NotApplicable as error:
             verdict, reason = Verdict.NOT_APPLICABLE, str(error)
@@ -127,7 +139,7 @@ async def judge(run: Run, check: Check, dialect: str) -> Result:
         except Failed as error:
             verdict, reason = Verdict.FAIL, str(error)
         except TimeoutError:
-            verdict, reason = Verdict.INCONCLUSIVE, f"not judged within {check.within:g} s"
+            verdict, reason = Verdict.INCONCLUSIVE, f"not judged within {gives_up:g} s"
         except Exception:
             # A defect of the check, perhaps brought to light by what the server sent.
             verdict = Verdict.INCONCLUSIVE
@@ -165,4 +177,5 @@ def _facts(target: Target, found: Survey) -> dict[str, str]:
         "dialect by itself": found.native or "unknown",
         "dialects judged": ", ".join(found.dialects),
         "start places used": str(len(found.places)),
+        "time": "simulated, as a robot told it" if found.timed else "of the wall",
     }

@@ -14,7 +14,7 @@ Decorator = Callable[[Function], Function]
 
 
 def checks_of(
-    service: str, *, reference: str = "side channels reference", within: float = 60.0
+    service: str, *, reference: str = "side channels reference"
 ) -> Callable[..., Decorator]:
     """A decorator like `registry.check` for one side channel.
 
@@ -23,15 +23,13 @@ def checks_of(
     Args:
         service: the channel; the identifiers begin with it.
         reference: where the numbers of sources are found.
-        within: s of wall time for a check.
     """
-    return partial(_check, service, reference, within)
+    return partial(_check, service, reference)
 
 
 def _check(
     service: str,
     reference: str,
-    within: float,
     id: str,
     title: str,
     source: str,
@@ -47,5 +45,4 @@ def _check(
         dialects=ONCE,
         service=service,
         exclusive=exclusive,
-        within=within,
     )

@@ -3,26 +3,27 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import re
 from dataclasses import dataclass
 
-from usarsim_tools.conformance.case import Case
+from usarsim_tools.conformance.case import PATIENCE, Case
 from usarsim_tools.conformance.control import Robot
 from usarsim_tools.conformance.verdicts import Failed, Inconclusive, NotApplicable
-from usarsim_tools.conformance.wire import Wire
+from usarsim_tools.conformance.wire import Hangup, Wire
 
 __all__ = ["STATION", "Guest", "LineClient", "Radio", "split_reply", "static_station"]
 
 STATION = "ComStation"
 """Class of the static communication station (side channels reference 4.4)."""
 
-WITHIN = 5.0
-"""s of wall time for a line."""
-CARRIES = 20.0
-"""s of wall time for what a relay has to carry."""
+WITHIN = 10.0
+"""s of simulated time for a line."""
+CARRIES = 30.0
+"""s of simulated time for what a relay has to carry."""
 LEAVES = 6.0
-"""s of wall time until a hangup, or a robot that left, must be known everywhere; the original looks
-once per second (side channels reference 4.6)."""
+"""s of simulated time until a hangup, or a robot that left, must be known everywhere; the original
+looks once per second (side channels reference 4.6)."""
 
 
 def split_reply(line: str) -> tuple[str, list[dict[str, str]]]:
@@ -110,7 +111,7 @@ async def static_station(case: Case, location: tuple[float, ...] | None = None) 
         await client.send(
             f"INIT {{ClassName USARBot.{STATION}}} {{Name {name}}} {{Location {text}}}"
         )
-        first = await client.maybe("STA", 6.0)
+        first = await client.maybe("STA", PATIENCE)
     except Inconclusive:
         first = None
     if first is None:
@@ -125,7 +126,7 @@ _PORT = re.compile(r"\{Port (-?\d+)\}")
 class Guest:
     """A connection that the wireless simulation made to a robot."""
 
-    reader: asyncio.StreamReader
+    wire: Wire
     writer: asyncio.StreamWriter
 
     @property
@@ -135,29 +136,15 @@ class Guest:
 
     async def read(self, count: int) -> bytes:
         """So many bytes, or fewer at the end of the stream or of the time."""
-        data = b""
-        try:
-            async with asyncio.timeout(CARRIES):
-                while len(data) < count:
-                    part = await self.reader.read(65536)
-                    if not part:
-                        break
-                    data += part
-        except (TimeoutError, ConnectionError):
-            pass
+        data, moment = b"", self.wire.clock.after(CARRIES)
+        with contextlib.suppress(Hangup):
+            while len(data) < count and (part := await self.wire.read_by(moment)):
+                data += part
         return data
 
     async def hung_up(self) -> bool:
         """Whether the connection ends in time."""
-        try:
-            async with asyncio.timeout(LEAVES):
-                while await self.reader.read(65536):
-                    pass
-        except TimeoutError:
-            return False
-        except ConnectionError:
-            return True
-        return True
+        return await self.wire.hung_up(LEAVES)
 
 
 class Radio:
@@ -192,7 +179,8 @@ class Radio:
 
         async def take(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
             made[0]._open.append(writer)
-            made[0].guests.put_nowait(Guest(reader, writer))
+            wire = Wire(reader, writer, case.transcript, "guest", case.clock)
+            made[0].guests.put_nowait(Guest(wire, writer))
 
         server = await asyncio.start_server(take, client.wire.local_address, 0)
         made.append(cls(case, robot, client, server))
@@ -239,23 +227,23 @@ class Radio:
         Raises:
             Failed: if nobody accepts.
         """
-        wire = await Wire.open(self._case.target.host, port, self._case.transcript, "relay")
+        case = self._case
+        wire = await Wire.open(case.target.host, port, case.transcript, "relay", case.clock)
         self._calls.append(wire)
         return wire
 
-    async def guest(self, within: float = 10.0) -> Guest:
+    async def guest(self) -> Guest:
         """The next connection from the wireless simulation.
 
         Raises:
             Failed: if none comes in time.
         """
-        try:
-            async with asyncio.timeout(within):
-                return await self.guests.get()
-        except TimeoutError:
-            raise Failed(
-                f"the wireless simulation did not connect to port {self.port} of {self.name}"
-            ) from None
+        coming = asyncio.create_task(self.guests.get())
+        clock = self._case.clock
+        if await clock.wait(coming, clock.after(WITHIN)):
+            return coming.result()
+        coming.cancel()
+        raise Failed(f"the wireless simulation did not connect to port {self.port} of {self.name}")
 
     def deaf(self) -> None:
         """Stop listening."""

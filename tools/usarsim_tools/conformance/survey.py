@@ -7,10 +7,18 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 
+from usarsim_tools.conformance.clock import SimulatedClock
 from usarsim_tools.conformance.control import ControlClient
 from usarsim_tools.conformance.lines import Line
-from usarsim_tools.conformance.places import Place, place_from, read_start_poses, spaced
+from usarsim_tools.conformance.places import (
+    APART,
+    Place,
+    place_from,
+    read_start_poses,
+    spaced,
+)
 from usarsim_tools.conformance.registry import DIALECTS
 from usarsim_tools.conformance.transcript import Transcript
 from usarsim_tools.conformance.verdicts import Failed
@@ -21,8 +29,12 @@ __all__ = ["GROUND", "Survey", "Target", "dialect_of", "survey"]
 GROUND = ("P2AT", "P3AT", "P2DX", "P3DX", "pioneer3at_with_sensors")
 """Classes tried, in this order, if the user names none; every known server had one of them."""
 
-_SPAWNS = 4.0
-"""s until a robot is given up; twice what protocol reference 6.5.70 allows."""
+_SPAWNS = 6.0
+"""s until a robot is given up; three times what protocol reference 6.5.70 allows."""
+_ANSWERS = 10.0
+"""s until an answer is given up."""
+_KEEPER = "KitClock"
+"""Name of the robot that tells the time."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,6 +66,7 @@ class Survey:
         robot: class that could be spawned, or None.
         native: dialect that it speaks if not asked for any; empty without a robot.
         dialects: those to judge, each with the segment of INIT that asks for it.
+        timed: whether a robot stands aside and tells simulated time.
     """
 
     greeting: Line | None
@@ -61,6 +74,7 @@ class Survey:
     robot: str | None
     native: str
     dialects: Mapping[str, str]
+    timed: bool
 
 
 def dialect_of(status: Line) -> str:
@@ -75,54 +89,127 @@ def dialect_of(status: Line) -> str:
     return "ut2004" if status.names[0] == "Type" else "udk"
 
 
-async def survey(target: Target, transcript: Transcript) -> Survey:
-    """Look the server over with a few connections.
+async def survey(target: Target, transcript: Transcript, clock: SimulatedClock) -> Survey:
+    """Look the server over with a few connections, and set the clock by a robot.
 
     Raises:
         Failed: if its control port cannot be reached.
     """
-    client = await _connect(target, transcript)
-    greeting = await client.line(2.0)
-    starts: list[Place] = []
-    try:
-        reply = await client.ask("GETSTARTPOSES", "NFO {StartPoses")
-        starts = read_start_poses(reply)
-    except Failed:
-        pass  # a check will say so
-    finally:
-        client.close()
+    visit = _Visit(target, transcript, clock)
+    greeting, starts = await _welcome(await visit.connect())
     places = spaced(starts) or [Place(None)]
     if target.start is not None:
         places = [_named(place_from(target.start), starts)]
+    aside = _aside(places[0], starts)
+    if len(places) > 1 and aside is not None:
+        places = [place for place in places if place != aside]
     for robot in (target.robot,) if target.robot else GROUND:
-        status = await _status(target, transcript, robot, places[0], "")
-        if status is not None:
-            native = dialect_of(status)
-            dialects = await _dialects(target, transcript, robot, places, native)
-            return Survey(
-                greeting=greeting,
-                places=tuple(places),
-                robot=robot,
-                native=native,
-                dialects=dialects,
-            )
+        client, status = await visit.robot(robot, aside or places[0])
+        client.close()
+        if status is None:
+            continue
+        if aside is not None:
+            await clock.follow(partial(_keep, visit, robot, aside))
+        native = dialect_of(status)
+        return Survey(
+            greeting=greeting,
+            places=tuple(places),
+            robot=robot,
+            native=native,
+            dialects=await _dialects(visit, robot, places, native),
+            timed=aside is not None,
+        )
     wanted = target.dialect or DIALECTS[0]
     return Survey(
-        greeting=greeting, places=tuple(places), robot=None, native="", dialects={wanted: ""}
+        greeting=greeting,
+        places=tuple(places),
+        robot=None,
+        native="",
+        dialects={wanted: ""},
+        timed=False,
     )
 
 
-async def _dialects(
-    target: Target, transcript: Transcript, robot: str, places: list[Place], native: str
-) -> dict[str, str]:
+@dataclass(frozen=True, slots=True)
+class _Visit:
+    """What every connection of the survey needs."""
+
+    target: Target
+    transcript: Transcript
+    clock: SimulatedClock
+
+    async def connect(self) -> ControlClient:
+        port = self.target.ports["control"]
+        return ControlClient(
+            await Wire.open(self.target.host, port, self.transcript, "survey", self.clock)
+        )
+
+    async def robot(
+        self, class_name: str, place: Place, extra: str = "", name: str = "Survey"
+    ) -> tuple[ControlClient, Line | None]:
+        """A connection with a new robot, and its first STA if it has sent one."""
+        client = await self.connect()
+        try:
+            await client.send(
+                f"INIT {{ClassName USARBot.{class_name}}} {{Name {name}}} {place.segments}{extra}"
+            )
+            return client, await client.maybe("STA", _SPAWNS)
+        except Failed:
+            return client, None
+
+
+async def _welcome(client: ControlClient) -> tuple[Line | None, list[Place]]:
+    """The greeting, if there is one, and the start poses.
+
+    They are asked for twice: a server without a greeting has answered by then, and is not waited
+    for.
+    """
+    lines: list[Line] = []
+    try:
+        for _ in range(2):
+            await client.send("GETSTARTPOSES")
+            while (line := await client.line(_ANSWERS)) is not None:
+                lines.append(line)
+                if _lists_poses(line):
+                    break
+    except Failed:
+        pass  # checks will say so
+    finally:
+        client.close()
+    greeting = lines[0] if lines and not _lists_poses(lines[0]) else None
+    listed = [line for line in lines if _lists_poses(line)]
+    return greeting, read_start_poses(listed[-1]) if listed else []
+
+
+def _lists_poses(line: Line) -> bool:
+    return line.head == "NFO" and "StartPoses" in line.names
+
+
+def _aside(place: Place, starts: list[Place]) -> Place | None:
+    """The start pose farthest from a place; None if there is no other."""
+    others = [one for one in spaced(starts) if math.dist(one.location, place.location) > APART]
+    return max(others, key=lambda one: math.dist(one.location, place.location), default=None)
+
+
+async def _keep(visit: _Visit, robot: str, aside: Place) -> Wire | None:
+    """A robot that stands aside and tells the time."""
+    client, status = await visit.robot(robot, aside, name=_KEEPER)
+    if status is not None:
+        return client.wire
+    client.close()
+    return None
+
+
+async def _dialects(visit: _Visit, robot: str, places: list[Place], native: str) -> dict[str, str]:
     """Dialects to judge. Legacy servers know no segment Dialect, and pass it over."""
+    target = visit.target
     found = {native: ""} if native else {}
     wanted = DIALECTS if target.dialect is None else (target.dialect,)
     others = [dialect for dialect in wanted if dialect != native]
 
     async def speaks(dialect: str, place: Place) -> bool:
-        segment = f" {{Dialect {dialect}}}"
-        status = await _status(target, transcript, robot, place, segment)
+        client, status = await visit.robot(robot, place, f" {{Dialect {dialect}}}")
+        client.close()
         return status is not None and dialect_of(status) == dialect
 
     if len(places) > len(others):
@@ -139,26 +226,6 @@ async def _dialects(
         # The user knows better than a look at one line.
         return {target.dialect: found.get(target.dialect, "")}
     return {name: found[name] for name in DIALECTS if name in found} or {DIALECTS[0]: ""}
-
-
-async def _status(
-    target: Target, transcript: Transcript, robot: str, place: Place, extra: str
-) -> Line | None:
-    """The first STA of a new robot, or None."""
-    client = await _connect(target, transcript)
-    try:
-        init = f"INIT {{ClassName USARBot.{robot}}} {{Name Survey}} {place.segments}{extra}"
-        await client.send(init)
-        return await client.maybe("STA", _SPAWNS)
-    except Failed:
-        return None
-    finally:
-        client.close()
-
-
-async def _connect(target: Target, transcript: Transcript) -> ControlClient:
-    wire = await Wire.open(target.host, target.ports["control"], transcript, "survey")
-    return ControlClient(wire)
 
 
 def _named(place: Place, starts: list[Place]) -> Place:

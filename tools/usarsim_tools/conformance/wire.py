@@ -6,16 +6,21 @@ import asyncio
 import contextlib
 import socket
 import struct
-import time
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from usarsim_tools.conformance.transcript import Transcript
 from usarsim_tools.conformance.verdicts import Failed
+
+if TYPE_CHECKING:
+    from usarsim_tools.conformance.clock import SimulatedClock
 
 __all__ = ["Hangup", "Wire"]
 
 _CHUNK = 65536
 _TINY = 4096
+_HANGS = 60.0
+"""s of wall time after which a server that accepts nobody, or takes no bytes, counts as hanging."""
 
 
 class Hangup(Failed):
@@ -25,9 +30,10 @@ class Hangup(Failed):
 class Wire:
     """A connection; use `Case.open`, which closes it at the end of the check.
 
-    Waiting methods take `within`, s of wall time.
+    Waiting methods take `within`, s of simulated time.
 
     Attributes:
+        clock: simulated time, as the server tells it.
         label: name in the transcript.
         torn: how often what was received at once did not end with a line end.
     """
@@ -38,13 +44,16 @@ class Wire:
         writer: asyncio.StreamWriter,
         transcript: Transcript,
         label: str,
+        clock: SimulatedClock,
     ) -> None:
         self._reader = reader
         self._writer = writer
         self._transcript = transcript
+        self.clock = clock
         self.label = label
         self.torn = 0
         self._buffer = b""
+        self._reading: asyncio.Task[bytes] | None = None
 
     @classmethod
     async def open(
@@ -53,7 +62,7 @@ class Wire:
         port: int,
         transcript: Transcript,
         label: str,
-        within: float = 5.0,
+        clock: SimulatedClock,
         tiny: bool = False,
     ) -> Wire:
         """Connect.
@@ -63,14 +72,14 @@ class Wire:
             port: of one of its services.
             transcript: where everything goes.
             label: of the connection, there.
-            within: s to wait for the connection.
+            clock: simulated time.
             tiny: take little in advance, so that a client that does not read stops the sender.
 
         Raises:
-            Failed: if nobody accepts the connection in time.
+            Failed: if nobody accepts the connection.
         """
         try:
-            async with asyncio.timeout(within):
+            async with asyncio.timeout(_HANGS):
                 sock = await _connected(host, port, tiny)
                 reader, writer = await asyncio.open_connection(
                     sock=sock, limit=_TINY if tiny else _CHUNK
@@ -79,7 +88,7 @@ class Wire:
             transcript.note(label, f"no connection to {host}:{port}: {error!r}")
             raise Failed(f"no connection to {host}:{port}: {error or 'no answer'}") from None
         transcript.note(label, f"connected to {host}:{port}")
-        return cls(reader, writer, transcript, label)
+        return cls(reader, writer, transcript, label, clock)
 
     @property
     def local_port(self) -> int:
@@ -92,20 +101,20 @@ class Wire:
         """Address of the kit's end, where the server can reach it."""
         return str(self._writer.get_extra_info("sockname")[0])
 
-    async def send(self, data: bytes, within: float = 10.0) -> None:
+    async def send(self, data: bytes) -> None:
         """Send bytes.
 
         Raises:
             Hangup: if the connection is gone.
-            Failed: if the server does not take them in time.
+            Failed: if the server does not take them.
         """
         self._transcript.sent(self.label, data)
         try:
             self._writer.write(data)
-            async with asyncio.timeout(within):
+            async with asyncio.timeout(_HANGS):
                 await self._writer.drain()
         except TimeoutError:
-            raise Failed(f"the server did not take {len(data)} bytes in {within:g} s") from None
+            raise Failed(f"the server did not take {len(data)} bytes in {_HANGS:g} s") from None
         except OSError as error:
             raise Hangup(f"the server closed the connection ({error})") from None
 
@@ -115,10 +124,14 @@ class Wire:
         Raises:
             Hangup: if the server closed the connection.
         """
+        return await self.read_by(self.clock.after(within))
+
+    async def read_by(self, moment: float) -> bytes:
+        """Whatever comes next until a moment of the clock; nothing if nothing comes."""
         if self._buffer:
             data, self._buffer = self._buffer, b""
             return data
-        return await self._receive(within)
+        return await self._receive(moment)
 
     async def read_exactly(self, count: int, within: float) -> bytes:
         """That many bytes.
@@ -144,21 +157,35 @@ class Wire:
 
     async def silence(self, seconds: float) -> bytes:
         """Everything that comes within a time; a hangup ends it early and raises nothing."""
-        data, deadline = b"", time.monotonic() + seconds
+        data, moment = b"", self.clock.after(seconds)
         with contextlib.suppress(Hangup):
-            while (left := deadline - time.monotonic()) > 0.0:
-                data += await self.read(left)
+            while more := await self.read_by(moment):
+                data += more
         return data
 
     async def hung_up(self, within: float) -> bool:
         """Whether the server closes the connection in time; what it still says is dropped."""
-        deadline = time.monotonic() + within
+        moment = self.clock.after(within)
         try:
-            while (left := deadline - time.monotonic()) > 0.0:
-                await self.read(left)
+            while await self.read_by(moment):
+                pass
         except Hangup:
             return True
         return False
+
+    async def receive(self) -> bytes:
+        """Whatever comes next, however long it takes; it is not written down.
+
+        Raises:
+            Hangup: if the connection ends.
+        """
+        try:
+            data = await self._reader.read(_CHUNK)
+        except OSError as error:
+            raise Hangup(f"the server reset the connection ({error})") from None
+        if not data:
+            raise Hangup("the server closed the connection")
+        return data
 
     def half_close(self) -> None:
         """Send end of file and go on reading."""
@@ -176,15 +203,17 @@ class Wire:
 
     def close(self) -> None:
         """Hang up; a second call does nothing."""
+        if self._reading is not None:
+            self._reading.cancel()
+            self._reading = None
         if not self._writer.is_closing():
             self._transcript.note(self.label, "closed")
             self._writer.close()
 
     async def _fill(self, enough: Callable[[], bool], within: float, what: str) -> None:
-        deadline = time.monotonic() + within
+        moment = self.clock.after(within)
         while not enough():
-            left = deadline - time.monotonic()
-            data = await self._receive(left) if left > 0.0 else b""
+            data = await self._receive(moment)
             if not data:
                 raise Failed(
                     f"{what} did not come within {within:g} s; so far {len(self._buffer)} bytes: "
@@ -192,21 +221,29 @@ class Wire:
                 )
             self._buffer += data
 
-    async def _receive(self, within: float) -> bytes:
-        try:
-            async with asyncio.timeout(within):
-                data = await self._reader.read(_CHUNK)
-        except TimeoutError:
+    async def _receive(self, moment: float) -> bytes:
+        if self._reading is None:
+            self._reading = asyncio.create_task(self.receive())
+            self._reading.add_done_callback(_noticed)
+        # Never cancelled by a time limit: nothing that has come may be lost.
+        if not await self.clock.wait(self._reading, moment):
             return b""
-        except OSError as error:
-            raise Hangup(f"the server reset the connection ({error})") from None
-        if not data:
-            self._transcript.note(self.label, "closed by the server")
-            raise Hangup("the server closed the connection")
+        reading, self._reading = self._reading, None
+        try:
+            data = reading.result()
+        except Hangup as error:
+            self._transcript.note(self.label, str(error))
+            raise
         self._transcript.received(self.label, data)
         # A read that is full was cut by the kit, not by the server.
         self.torn += not data.endswith(b"\n") and len(data) < _CHUNK
         return data
+
+
+def _noticed(task: asyncio.Task[bytes]) -> None:
+    """Nobody has to read to the end: a hangup that is not looked at is no news."""
+    if not task.cancelled():
+        task.exception()
 
 
 async def _connected(host: str, port: int, tiny: bool) -> socket.socket:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 from usarsim_tools.conformance.mutants.control_faults import Pairs, fault
 from usarsim_tools.conformance.mutants.control_server import Session
 from usarsim_tools.conformance.mutants.control_text import fixed
@@ -59,7 +57,7 @@ class Watchdog(Session):
 
     async def do_drive(self, segments: Pairs) -> None:
         await super().do_drive(segments)
-        self.driven = math.floor(self.now() / 0.1)
+        self.driven = self.world.ticks.count
 
 
 @fault("control.motion.clamped")

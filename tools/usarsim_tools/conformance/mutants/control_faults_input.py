@@ -221,12 +221,12 @@ class AnswersInit(Session):
 
 @fault("control.init.quiet-period")
 class NoQuiet(Session):
-    quiet = 0.02
+    quiet = 0
 
 
 @fault("control.init.prompt")
 class SlowStart(Session):
-    quiet = 2.3
+    quiet = 30
 
 
 @fault("control.init.unknown-class")

@@ -82,7 +82,7 @@ class KeepsAlive(Session):
 
     async def _beat(self) -> None:
         while True:
-            await asyncio.sleep(2.0)
+            await self.world.ticks.sleep(2.0)
             self.send("PING")
 
 
@@ -110,9 +110,7 @@ class TornLines(Session):
 @fault("control.connection.half-close")
 class IgnoresHalfClose(Session):
     def leave(self) -> None:
-        if self.reader.at_eof() and self.body is not None:
-            asyncio.get_running_loop().call_later(8.0, super().leave)
-        else:
+        if self.body is None or not self.reader.at_eof():
             super().leave()
 
 
@@ -157,6 +155,27 @@ class StatusWithoutTime(Session):
 @fault("control.status.rate")
 class SlowStatus(Session):
     sta_every = {"ut2004": 5, "udk": 5}  # noqa: RUF012
+
+
+@fault("control.status.rate")
+class StatusTooOften(Session):
+    def status(self, when: float) -> Pairs:
+        return super().status(round(when * 0.95, 2))
+
+
+@fault("control.status.steady")
+class LosesStatus(Session):
+    async def moment(self, tick: int) -> None:
+        self.sta_every = {"ut2004": 2 if tick % 26 else 99, "udk": 1}
+        await super().moment(tick)
+
+
+@fault("control.status.steady", "udk")
+class StatusTwice(Session):
+    async def moment(self, tick: int) -> None:
+        await super().moment(tick)
+        if tick % 30 == 0:
+            await self.stream("STA", *self.status(self.now()))
 
 
 @fault("control.status.light")

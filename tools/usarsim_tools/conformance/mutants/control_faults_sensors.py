@@ -146,6 +146,20 @@ class LowerCaseFalse(Session):
         return [("Touch", "false")] if type == "Touch" else super().data(type, index)
 
 
+@fault("control.sensors.interval")
+class LosesScans(Session):
+    async def report(self, type: str, when: float) -> None:
+        if type != "RangeScanner" or self.world.ticks.count % 24:
+            await super().report(type, when)
+
+
+@fault("control.sensors.interval")
+class LosesOdometry(Session):
+    async def report(self, type: str, when: float) -> None:
+        if type != "Odometry" or self.world.ticks.count % 31:
+            await super().report(type, when)
+
+
 # Frames and time.
 
 

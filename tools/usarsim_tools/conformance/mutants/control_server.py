@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import math
 import re
 from collections.abc import AsyncIterator, Sequence
 
@@ -21,12 +20,14 @@ from usarsim_tools.conformance.mutants.control_world import (
     MiniBody,
     MiniWorld,
 )
+from usarsim_tools.conformance.mutants.ticks import Ticks
 
-__all__ = ["SPEED", "Session", "control_server"]
+__all__ = ["Session", "control_server"]
 
-SPEED = 4.0
-"""Simulated seconds per second: checks take less time."""
-_QUIET = 0.27
+_SPEED = 8.0
+"""Simulated seconds per second, at most: checks take less time."""
+_QUIET = 3
+"""Ticks from INIT to the first report."""
 _TICK = 0.1
 _LONGEST = 131072
 _MOST_WAITING = 1 << 20
@@ -282,13 +283,11 @@ class Session(Reports):
 
     async def run(self) -> None:
         """Stream reports, every 0.1 s of simulated time; none is left out."""
-        assert self.body is not None
-        await asyncio.sleep(self.quiet)
-        tick = math.floor(self.now() / _TICK)
+        ticks = self.world.ticks
+        await ticks.sleep((self.quiet + 1) * _TICK)
         while True:
-            await asyncio.sleep(max(0.0, tick * _TICK - self.now()) / SPEED)
-            await self.moment(tick)
-            tick += 1
+            await self.moment(ticks.count)
+            await ticks.next()
 
     def now(self) -> float:
         """Simulated s, as this connection is told."""
@@ -299,7 +298,7 @@ class Session(Reports):
         body = self.body
         assert body is not None
         body.advance(_TICK)
-        when = tick * _TICK
+        when = self.now()
         if tick % self.sta_every[self.dialect] == 0:
             await self.stream("STA", *self.status(when))
         if body.dead:
@@ -316,7 +315,9 @@ async def control_server(kind: type[Session] = Session) -> AsyncIterator[int]:
     Args:
         kind: what serves each connection; a fault, or the healthy `Session`.
     """
-    world = MiniWorld(SPEED)
+    ticks = Ticks(_TICK, _SPEED)
+    world = MiniWorld(ticks)
+    flow = asyncio.create_task(ticks.run())
     serving: set[asyncio.Task[None]] = set()
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -336,6 +337,7 @@ async def control_server(kind: type[Session] = Session) -> AsyncIterator[int]:
         yield server.sockets[0].getsockname()[1]
     finally:
         server.close()
+        flow.cancel()
         for task in list(serving):
             task.cancel()
         await asyncio.gather(*serving, return_exceptions=True)

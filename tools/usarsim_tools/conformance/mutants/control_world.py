@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import dataclass, field
+
+from usarsim_tools.conformance.mutants.ticks import Ticks
 
 __all__ = ["MASS", "MAX_SPEED", "RADIUS", "SEPARATION", "MiniBody", "MiniWorld"]
 
@@ -76,9 +77,8 @@ class MiniBody:
 class MiniWorld:
     """Simulated time and the robots in it."""
 
-    def __init__(self, speed: float) -> None:
-        self._speed = speed
-        self._begun = time.monotonic()
+    def __init__(self, ticks: Ticks) -> None:
+        self.ticks = ticks
         self.bodies: list[MiniBody] = []
         self.starts = [
             (
@@ -91,7 +91,7 @@ class MiniWorld:
     @property
     def time(self) -> float:
         """Simulated s."""
-        return (time.monotonic() - self._begun) * self._speed
+        return self.ticks.time
 
     def ranges(self, body: MiniBody, fov: float, count: int, limit: float) -> list[float]:
         """What a scanner sees of other robots, from the right to the left."""

@@ -94,12 +94,14 @@ async def side_server(*faults: str, jpeg: bool = False) -> AsyncIterator[dict[st
         name: await asyncio.start_server(partial(_guarded, handler, busy), "127.0.0.1", 0)
         for name, handler in handlers.items()
     }
+    flow = asyncio.create_task(world.ticks.run())
     try:
         yield {name: one.sockets[0].getsockname()[1] for name, one in servers.items()}
     finally:
         for server in servers.values():
             server.close()
         wireless.close()
+        flow.cancel()
         for task in busy:
             task.cancel()
         await asyncio.gather(*busy, return_exceptions=True)

@@ -14,15 +14,17 @@ from usarsim_tools.conformance.mutants.side_world import MiniWorld
 
 __all__ = ["MiniImages"]
 
-_WIDTH, _HEIGHT = 128, 96
+_ROWS, _COLUMNS = 6, 2
+"""Tiles for more robots than have a place."""
+_WIDTH, _HEIGHT = 64 * _COLUMNS, 48 * _ROWS
 
 
 def _scene() -> NDArray[np.uint8]:
-    """Two by two views, each with blue sky over grey ground; red first."""
-    view = np.full((_HEIGHT // 2, _WIDTH // 2, 3), 110, np.uint8)
-    view[: _HEIGHT // 4] = (120, 160, 220)
+    """A view for each tile, with blue sky over grey ground; red first."""
+    view = np.full((48, 64, 3), 110, np.uint8)
+    view[:24] = (120, 160, 220)
     view[30:34, 20:40] = (40, 40, 40)
-    return np.tile(view, (2, 2, 1))
+    return np.tile(view, (_ROWS, _COLUMNS, 1))
 
 
 class MiniImages:

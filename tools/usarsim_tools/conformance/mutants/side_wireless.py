@@ -61,7 +61,7 @@ class MiniWireless:
 
     async def _watch(self, station: _Station) -> None:
         while True:
-            await asyncio.sleep(_LOOK)
+            await self._world.ticks.sleep(_LOOK)
             present = any(robot.name == station.name for robot in self._world.robots)
             if station.name and not present and not self._has("wireless-keeps"):
                 station.writer.close()

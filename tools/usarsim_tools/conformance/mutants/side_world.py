@@ -6,9 +6,10 @@ import asyncio
 import contextlib
 import math
 import re
-import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
+
+from usarsim_tools.conformance.mutants.ticks import Ticks
 
 __all__ = ["Handler", "MiniRobot", "MiniWorld", "groups_of", "serve_lines"]
 
@@ -16,6 +17,8 @@ Handler = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]
 
 _STATUS_PERIOD = 0.05
 """s between two status lines."""
+_SPEED = 4.0
+"""Simulated s per s, at most."""
 _STARTS = {f"Start{n}": (float(3 * n), 0.0, -0.2) for n in range(1, 9)}
 _SEGMENT = re.compile(r"\{([^{}]*)\}")
 
@@ -54,11 +57,12 @@ class MiniWorld:
     Attributes:
         faults: names of faults, as in `side_faults.FAULTS`.
         robots: in spawn order.
+        ticks: simulated time.
     """
 
     faults: frozenset[str] = frozenset()
     robots: list[MiniRobot] = field(default_factory=list)
-    _begun: float = field(default_factory=time.monotonic)
+    ticks: Ticks = field(default_factory=lambda: Ticks(_STATUS_PERIOD, _SPEED))
     _made: int = 0
 
     def has(self, fault: str) -> bool:
@@ -68,7 +72,7 @@ class MiniWorld:
     @property
     def time(self) -> float:
         """Simulated s."""
-        return time.monotonic() - self._begun
+        return self.ticks.time
 
     def named(self, name: str) -> MiniRobot | None:
         """A robot by its name in any case."""
@@ -122,7 +126,7 @@ class MiniWorld:
                     f"{{Location {_text(robot.location)}}} {{Orientation 0,0,0}}\r\n".encode()
                 )
                 await writer.drain()
-                await asyncio.sleep(_STATUS_PERIOD)
+                await self.ticks.next()
 
 
 def _text(values: tuple[float, ...]) -> str:
