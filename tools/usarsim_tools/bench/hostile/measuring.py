@@ -132,6 +132,9 @@ def measure_hostile(plan: Plan) -> Section:
             outcomes.append(_try(plan, ATTACKS[name], robots, seconds))
         except BenchError as error:
             failed.append((name, str(error).strip().splitlines()[-1]))
+            plan.say(f"  {failed[-1][1]}")
+        else:
+            plan.say(f"  {outcomes[-1].rate:.3f}, promise kept: {outcome_row(outcomes[-1])[-1]}")
     return _section(plan, robots, seconds, outcomes, failed)
 
 
@@ -142,11 +145,22 @@ class _Watch:
         self._server, self._crowd = server, crowd
         self._tallies: list[Tally] = []
 
-    def learn(self, seconds: float) -> None:
-        """Find out which streams there are."""
+    def learn(self) -> None:
+        """Find out which streams there are; on a machine that is slow it takes longer.
+
+        Raises:
+            BenchError: if a robot stays silent.
+        """
         opening = time.perf_counter()
-        self._crowd.run(seconds)
-        self._tallies = [Tally(opening, intervals(one.chunks)) for one in self._crowd.controllers]
+        for last in (False, False, False, True):
+            self._crowd.run(SETTLE)
+            try:
+                usual = [intervals(one.chunks) for one in self._crowd.controllers]
+                break
+            except BenchError:
+                if last:
+                    raise
+        self._tallies = [Tally(opening, one) for one in usual]
         self._digest()
 
     @property
@@ -194,7 +208,7 @@ def _try(plan: Plan, attack: Attack, robots: int, seconds: float) -> Outcome:
         with server, Crowd(server.port, plan.seed) as crowd:
             gather(crowd, robots, (SCOUT,), TOGETHER)
             watch = _Watch(server, crowd)
-            watch.learn(SETTLE)
+            watch.learn()
             before = watch.watch(quiet)
             names = [name for name in ("control", *attack.ports) if name in server.ports]
             with (
