@@ -42,7 +42,7 @@ def add_parser(subparsers: Subparsers) -> None:
     _add_measurement(
         kinds,
         "all",
-        f"all of the following but {', '.join(PROFILE)}, peers and fidelity, some 40 minutes (the "
+        f"all of the following but {', '.join(PROFILE)}, peers and fidelity, some 50 minutes (the "
         "default)",
     )
     _add_measurement(

@@ -248,7 +248,9 @@ def _forged(answers: Answers) -> Sequence[str]:
 
 
 CONTROL_ATTACKS = (
-    Attack("medley", "one deaf robot, garbage, a byte a second, reconnects", _medley),
+    Attack(
+        "medley", "one deaf robot, garbage, a byte a second, reconnects", _medley, growth=50 * MIB
+    ),
     Attack("deaf", "8 robots that never read their streams", _never_reading),
     Attack("unread-questions", "12 clients ask at full speed, never read", _unread_questions),
     Attack("questions", "12 clients ask at full speed and read", _read_questions),

@@ -31,7 +31,7 @@ BRIEF = ("medley", "questions", "junk-links")
 """Attacks that tell whether something is badly wrong."""
 SLICE = 0.2
 """s between two looks at the server's memory."""
-MOST_QUIET = 10.0
+MOST_QUIET = 5.0
 """s of quiet before and behind an attack, at the most."""
 ENDING = 1.0
 """s of a second wave before the server is told to end."""
@@ -90,6 +90,11 @@ class Outcome:
     def rate(self) -> float:
         """Rate of the team's lines during the attack, as a part of that without."""
         return self.during.rate / (0.5 * (self.before.rate + self.after.rate))
+
+    @property
+    def cost(self) -> float:
+        """Processors that the server used on top of what it uses without the attack."""
+        return self.during.cores - 0.5 * (self.before.cores + self.after.cores)
 
     @property
     def lost(self) -> int:
@@ -258,7 +263,7 @@ def outcome_row(outcome: Outcome) -> tuple[str, ...]:
         f"{during.factor:.3f}",
         str(outcome.lost),
         f"{1e3 * during.gap:.0f}",
-        f"{during.cores:.2f}",
+        f"{outcome.before.cores:.2f} {outcome.cost:+.2f}",
         f"{outcome.wait[0]:.2f}",
         f"{outcome.before.peak / MIB:.0f}",
         f"{max(during.peak, outcome.after.peak) / MIB:.0f}",
@@ -318,9 +323,10 @@ def _section(
         f"{robots} {SCOUT} in {plan.world}, a server of its own for each attack of {seconds:g} s. "
         "rate: the team's lines per s of wall time, as a part of those in the quiet spans before "
         "and behind; factor: real-time factor; lost: lines missing in simulated time; gap: longest "
-        "silence beyond a stream's period; cores: processors that the server used; wait: longest "
-        "until a new client had its answer; end: until the server had ended under attack. The "
-        f"attackers together use at most {SHARE:g} of a processor.",
+        "silence beyond a stream's period; cores: processors that the server used before, and what "
+        "the attack added; wait: longest until a new client had its answer; end: until "
+        "the server had ended under attack. "
+        f"The attackers together use at most {SHARE:g} of a processor.",
         tuple(figures),
         table=Table(HEADS, tuple(rows)),
     )
