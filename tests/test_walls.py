@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "usarsim_server"
 TOOLS = ROOT / "tools" / "usarsim_tools"
 
-VALUES = {"errors", "logs", "data", "plugins", "tables"}
+VALUES = {"atomic", "errors", "logs", "data", "plugins", "tables"}
 MIDDLE = {
     "protocol",
     "simulation",
@@ -33,6 +33,7 @@ MIDDLE = {
     "radio",
 }
 ROOMS: dict[str, set[str]] = {
+    "atomic": set(),
     "errors": set(),
     "interrupts": set(),
     "logs": set(),

@@ -25,12 +25,12 @@ Handler = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]
 @given(st.lists(st.binary(max_size=50), max_size=5))
 def test_bytes_come_back(chunks: list[bytes]) -> None:
     """Whatever was sent is read again, text or not."""
-    file = io.StringIO()
+    file = io.BytesIO()
     writer = Writer(file, [Link(3000, "somewhere", 3000)])
     writer.add(1, "open")
     for chunk in chunks:
         writer.add(1, "data", "server", chunk)
-    found = read_text(file.getvalue())
+    found = read_text(file.getvalue().decode())
     assert [event.data for event in found.events[1:]] == chunks
     assert found.links == (Link(3000, "somewhere", 3000),)
 
@@ -119,7 +119,7 @@ def test_a_taken_port_is_one_error(tmp_path: Path, capsys: pytest.CaptureFixture
 
 def through(handler: Handler, client: Handler) -> list[Event]:
     """What is recorded of one client and one server."""
-    file = io.StringIO()
+    file = io.BytesIO()
 
     async def session() -> None:
         server = await asyncio.start_server(handler, "127.0.0.1", 0)
@@ -137,7 +137,7 @@ def through(handler: Handler, client: Handler) -> list[Event]:
             server.close()
 
     asyncio.run(session())
-    return list(read_text(file.getvalue()).events)
+    return list(read_text(file.getvalue().decode()).events)
 
 
 def test_half_close_is_passed_on() -> None:
@@ -182,7 +182,7 @@ def test_a_server_that_dies_is_recorded() -> None:
 
 def test_an_absent_server_is_recorded() -> None:
     """Without a server the client is hung up on, and the recording says so."""
-    file = io.StringIO()
+    file = io.BytesIO()
 
     async def session() -> None:
         with socket.create_server(("127.0.0.1", 0)) as gone:
@@ -195,7 +195,10 @@ def test_an_absent_server_is_recorded() -> None:
         await proxy.stop()
 
     asyncio.run(session())
-    assert [event.kind for event in read_text(file.getvalue()).events] == ["open", "refused"]
+    assert [event.kind for event in read_text(file.getvalue().decode()).events] == [
+        "open",
+        "refused",
+    ]
 
 
 def test_a_reader_that_sleeps_stops_the_sender_not_the_memory() -> None:
@@ -258,7 +261,7 @@ def test_the_player_waits_for_what_the_controller_waited_for() -> None:
 
 def test_every_line_stands_alone(tmp_path: Path) -> None:
     """Each line of a recording is JSON by itself, whatever bytes it holds."""
-    file = io.StringIO()
+    file = io.BytesIO()
     writer = Writer(file, [Link(1, "h", 2)])
     writer.add(1, "open")
     writer.add(1, "data", "client", b"GETPOS\r\n")

@@ -87,7 +87,7 @@ def recorded(file: Path, ports: dict[str, int], dialogue: Dialogue) -> None:
     stops: list[Callable[[], object]] = []
 
     async def record() -> None:
-        with file.open("w") as stream:
+        with file.open("wb", buffering=0) as stream:
             proxy = Proxy(links, Writer(stream, links))
             found.update(zip(ports, await proxy.start(), strict=True))
             stop, loop = asyncio.Event(), asyncio.get_running_loop()

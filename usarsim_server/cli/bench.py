@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from usarsim_server import __version__
+from usarsim_server import __version__, atomic
 from usarsim_server.cli.bench_peers import add_peers
 from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_server.errors import UsarsimError
@@ -134,7 +134,7 @@ def _write(report: Report, file: Path | None, form: Callable[[Report], str]) -> 
     if file is None:
         return
     try:
-        file.write_text(form(report), encoding="utf-8")
+        atomic.write_text(file, form(report))
     except OSError as error:
         raise UsarsimError(
             f"{file}: cannot be written: {error.strerror} (name a file in a folder that exists)"
@@ -148,7 +148,7 @@ def _write_plots(report: Report, folder: Path | None) -> None:
         file = folder / f"performance-{plot.key}.svg"
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            file.write_text(as_svg(plot), encoding="utf-8")
+            atomic.write_text(file, as_svg(plot))
         except OSError as error:
             raise UsarsimError(
                 f"{file}: cannot be written: {error.strerror} (name a folder that can be made)"

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from usarsim_server import __version__
+from usarsim_server import __version__, atomic
 from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_server.errors import UsarsimError, at
 from usarsim_tools.conformance.compare import compare, named_apart
@@ -183,7 +183,7 @@ def _write(folder: Path, report: Report) -> None:
 
 def _save(file: Path, text: str) -> None:
     try:
-        file.write_text(text, encoding="utf-8")
+        atomic.write_text(file, text)
     except OSError as error:
         cure = "name a file in a folder that can be written"
         raise UsarsimError(at(file, f"cannot be written: {error.strerror}", cure)) from None

@@ -11,7 +11,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TextIO
 
-from usarsim_server import logs
+from usarsim_server import atomic, logs
 from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_server.cli.serve import add_settings, settings_from
 from usarsim_server.errors import UsarsimError
@@ -91,7 +91,7 @@ def _colored(stream: TextIO) -> bool:
 
 def _write(path: Path, text: str) -> None:
     try:
-        path.write_text(text, encoding="utf-8")
+        atomic.write_text(path, text)
     except OSError as error:
         raise UsarsimError(
             f"{path}: cannot be written: {error.strerror} (name a file in a folder that exists)"

@@ -7,6 +7,7 @@ import json
 import math
 from pathlib import Path
 
+from usarsim_server import atomic
 from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_server.errors import MapImportError, SettingsError, at
 
@@ -135,7 +136,7 @@ def _wall_height(text: str | None) -> float | None:
 
 def _write(path: Path, text: str) -> None:
     try:
-        path.write_text(text, encoding="utf-8")
+        atomic.write_text(path, text)
     except OSError as error:
         problem = f"cannot be written: {error.strerror}"
         raise MapImportError(at(path, problem, "give another --report")) from error

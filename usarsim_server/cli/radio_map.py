@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import io
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO
 
+from usarsim_server import atomic
 from usarsim_server.cli.common import Subparsers, add_command, number, numbers
 from usarsim_server.errors import SettingsError, UsarsimError, at
 
@@ -97,22 +99,24 @@ def run(arguments: argparse.Namespace) -> int:
     name = arguments.model or table.get("model", "obstacle")
     title = f"{world.name}, {name}, from {numbers(arguments.source)}, cells of {grid.cell:.3g} m"
     image = draw_coverage(coverage, find_walls(simulation.cast_scenery, grid), title)
-    _write(arguments.picture, lambda: image.save(arguments.picture, "PNG"))
+    _write(arguments.picture, lambda file: image.save(file, "PNG"))
     if arguments.csv is not None:
-        _write(arguments.csv, lambda: _write_csv(coverage, arguments.csv))
+        _write(arguments.csv, lambda file: _write_csv(coverage, file))
     share = 100.0 * float(coverage.linked.mean())
     print(f"{arguments.picture}: {title}; a link in {number(share, 1)} % of the area")
     return 0
 
 
-def _write_csv(coverage: Coverage, path: Path) -> None:
-    with path.open("w", encoding="utf-8", newline="") as file:
-        coverage.write_csv(file)
+def _write_csv(coverage: Coverage, file: BinaryIO) -> None:
+    text = io.StringIO(newline="")
+    coverage.write_csv(text)
+    file.write(text.getvalue().encode())
 
 
-def _write(path: Path, write: Callable[[], object]) -> None:
+def _write(path: Path, write: Callable[[BinaryIO], object]) -> None:
     try:
-        write()
+        with atomic.replacing(path) as file:
+            write(file)
     except OSError as error:
         cure = "name a file in a folder that exists"
         raise UsarsimError(at(path, f"cannot be written: {error.strerror}", cure)) from None

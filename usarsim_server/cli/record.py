@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import os
+import secrets
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -59,28 +61,37 @@ def run(arguments: argparse.Namespace) -> int:
         UsarsimError: if a port cannot be had or the file cannot be written.
     """
     links = _links(arguments.listen, arguments.to, arguments.also)
-    file: Path = arguments.file
+    file = Path(os.path.realpath(arguments.file))
+    if os.path.lexists(file) and not arguments.overwrite:
+        raise UsarsimError(f"{file}: exists (name another file, or add --overwrite)")
+    # Under its name there is the old recording, or a new one that has begun.
+    plain = file.is_file() or not file.exists()
+    fresh = file.with_name(f".new-{secrets.token_hex(8)}") if plain else file
     try:
-        stream = file.open("w" if arguments.overwrite else "x", encoding="utf-8")
-    except FileExistsError:
-        raise UsarsimError(f"{file}: exists (name another file, or add --overwrite)") from None
+        stream = fresh.open("xb" if plain else "wb", buffering=0)
     except OSError as error:
         raise UsarsimError(f"{file}: cannot be written: {error.strerror}") from error
-    with stream:
-        try:
-            count = asyncio.run(_record(links, Writer(stream, links), arguments.host))
-        except RecordError as error:
-            raise UsarsimError(str(error)) from None
-        except OSError as error:
-            raise UsarsimError(
-                f"{file}: cannot be written any further: {error.strerror} (what was recorded "
-                "before can be replayed)"
-            ) from None
+    try:
+        with stream:
+            writer = Writer(stream, links)
+            count = asyncio.run(_record(links, writer, arguments.host, fresh, file))
+            if plain:
+                os.fsync(stream.fileno())
+    except RecordError as error:
+        raise UsarsimError(str(error)) from None
+    except OSError as error:
+        raise UsarsimError(
+            f"{file}: cannot be written any further: {error.strerror} (what was recorded "
+            "before can be replayed)"
+        ) from None
+    finally:
+        if plain:
+            fresh.unlink(missing_ok=True)
     print(f"{file}: {count} events")
     return 0
 
 
-async def _record(links: Sequence[Link], writer: Writer, host: str) -> int:
+async def _record(links: Sequence[Link], writer: Writer, host: str, fresh: Path, file: Path) -> int:
     stop, loop = asyncio.Event(), asyncio.get_running_loop()
     with interrupts.calling(lambda: loop.call_soon_threadsafe(stop.set)):
         proxy = Proxy(links, writer, host)
@@ -89,6 +100,8 @@ async def _record(links: Sequence[Link], writer: Writer, host: str) -> int:
             f"{host}:{port}->{link.host}:{link.port}"
             for port, link in zip(ports, links, strict=True)
         ]
+        if fresh != file:
+            os.replace(fresh, file)
         print("RECORDING", *words, flush=True)
         ended = asyncio.create_task(stop.wait())
         await asyncio.wait((ended, proxy.failed), return_when=asyncio.FIRST_COMPLETED)

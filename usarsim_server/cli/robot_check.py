@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from usarsim_server import logs
+from usarsim_server import atomic, logs
 from usarsim_server.cli.common import facts, number, numbers, table
 from usarsim_server.cli.robots import details
 from usarsim_server.data import data_directory
@@ -76,7 +76,9 @@ def save(path: Path, drive: TestDrive, width: int, height: int) -> None:
     from PIL import Image
 
     try:
-        Image.fromarray(drive.portrait(width, height)).save(path, format="PNG")
+        portrait = Image.fromarray(drive.portrait(width, height))
+        with atomic.replacing(path) as file:
+            portrait.save(file, format="PNG")
     except OSError as error:
         raise UsarsimError(
             f"{path}: cannot be written: {error.strerror} (name a file in a folder that exists)"

@@ -8,7 +8,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from usarsim_server import logs
+from usarsim_server import atomic, logs
 from usarsim_server.cli.common import Subparsers, add_command, table
 from usarsim_server.errors import UsarsimError
 
@@ -185,7 +185,8 @@ def _write(
     else:
         image = Image.fromarray(picture)
     try:
-        image.save(arguments.file, format="PNG")
+        with atomic.replacing(Path(arguments.file)) as file:
+            image.save(file, format="PNG")
     except OSError as error:
         raise UsarsimError(
             f"{arguments.file}: cannot be written: {error.strerror} (name a file in a folder that "

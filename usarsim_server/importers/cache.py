@@ -14,11 +14,11 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from usarsim_server import __version__
+from usarsim_server import __version__, atomic
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.importers.files import MAX_INDEXED, file_digest
 from usarsim_server.importers.reader import ImportOptions
@@ -35,6 +35,9 @@ RECORD = "import.json"
 
 LOCK = ".in-use"
 """A file of each entry, locked by every process that needs the entry as it is."""
+
+DOOR = ".lock"
+"""A file of the cache, locked by whoever changes which entries there are."""
 
 _held: list[int] = []
 """Descriptors of such locks; they end with this process."""
@@ -84,15 +87,36 @@ class ImportCache:
                 pass
         return None
 
-    def hold(self, folder: Path) -> None:
-        """Keep an entry as it is until this process ends.
+    @contextlib.contextmanager
+    def changing(self) -> Iterator[None]:
+        """While inside, no other process adds or removes entries; needed to find and hold one."""
+        try:
+            self._root.mkdir(parents=True, exist_ok=True)
+            descriptor = os.open(self._root / DOOR, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        except OSError:  # a cache that cannot be written is never changed
+            yield
+            return
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+            yield
+        finally:
+            os.close(descriptor)
+
+    def hold(self, folder: Path) -> int | None:
+        """Keep an entry as it is until this process ends, or until `release`.
 
         A running server reads its world again whenever a robot of another class comes.
         """
-        with contextlib.suppress(OSError):  # a cache that cannot be written is never pruned
-            descriptor = os.open(folder.parent / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
-            fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        descriptor = _lock(folder.parent, fcntl.LOCK_SH)
+        if descriptor is not None:
             _held.append(descriptor)
+        return descriptor
+
+    def release(self, descriptor: int | None) -> None:
+        """End what `hold` returned."""
+        if descriptor in _held:
+            _held.remove(descriptor)
+            os.close(descriptor)
 
     def _places(self, key: str) -> list[Path]:
         """Folders of a key, newest first; there are several if older ones were in use."""
@@ -102,12 +126,19 @@ class ImportCache:
     def building(self, source: Path) -> Any:
         """A fresh folder to build in, next to the entries; gone afterwards.
 
+        Those of processes that were killed are removed, too.
+
         Raises:
             MapImportError: the cache cannot be written.
         """
         try:
             self._root.mkdir(parents=True, exist_ok=True)
-            workshop = Path(tempfile.mkdtemp(prefix=".new-", dir=self._root))
+            with self.changing():
+                for left in self._root.glob(".new-*"):
+                    if not _in_use(left):
+                        shutil.rmtree(left, ignore_errors=True)
+                workshop = Path(tempfile.mkdtemp(prefix=".new-", dir=self._root))
+                lock = _lock(workshop, fcntl.LOCK_EX)
         except OSError as error:
             cure = "set XDG_CACHE_HOME to a folder that can be written"
             problem = f"the cache {self._root} cannot be written: {error.strerror}"
@@ -116,24 +147,35 @@ class ImportCache:
             yield workshop
         finally:
             shutil.rmtree(workshop, ignore_errors=True)
+            if lock is not None:
+                os.close(lock)
 
     def store(self, key: str, built: Path, record: dict[str, Any], files: Iterable[Path]) -> Path:
-        """Make a built folder an entry; returns where it is now."""
+        """Make a folder of `building` an entry, whole; returns where it is now.
+
+        To be called within `changing`.
+
+        Raises:
+            OSError: the disk is full, for example.
+        """
         record = {**record, "files": {str(path): _stamp(path) for path in files}}
         text = json.dumps(record, indent=1, default=str)
         (built / RECORD).write_text(text + "\n", encoding="utf-8")
         place, number = self._root / key, 1
         while _in_use(place):
             place, number = self._root / f"{key}-{number}", number + 1
-        shutil.rmtree(place, ignore_errors=True)
-        place.mkdir(parents=True)
-        os.replace(built, place / built.name)
-        self._prune()
+        entry = built.with_name(".entry")
+        entry.mkdir()
+        os.rename(built, entry / built.name)
+        atomic.publish_folder(entry, place)
+        self._prune(place)
         return place / built.name
 
-    def _prune(self) -> None:
+    def _prune(self, newest: Path) -> None:
+        """Remove the oldest entries, but never the newest, whatever the clock has done."""
         entries = [path for path in self._root.iterdir() if not path.name.startswith(".")]
-        for path in sorted(entries, key=_age, reverse=True)[KEPT:]:
+        entries.sort(key=lambda path: (path == newest, _age(path)), reverse=True)
+        for path in entries[KEPT:]:
             if not _in_use(path):
                 shutil.rmtree(path, ignore_errors=True)
 
@@ -144,6 +186,20 @@ def _age(place: Path) -> float:
         return place.stat().st_mtime
     except OSError:
         return 0.0
+
+
+def _lock(place: Path, kind: int) -> int | None:
+    """The descriptor of a lock on an entry; None if there can be none."""
+    try:
+        descriptor = os.open(place / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    except OSError:
+        return None
+    try:
+        fcntl.flock(descriptor, kind | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        return None
+    return descriptor
 
 
 def _in_use(place: Path) -> bool:

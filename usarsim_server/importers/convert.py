@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 import shutil
 import time
 from collections.abc import Callable
@@ -9,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from usarsim_server import __version__
+from usarsim_server import __version__, atomic
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.importers.builder import build
 from usarsim_server.importers.cache import RECORD, ImportCache, default_cache
@@ -89,36 +90,43 @@ def import_map(request: Request, progress: Callable[[str, float], None] = _quiet
             raise MapImportError(at(folder, "no such folder", "check --assets"))
     cache = ImportCache(request.cache)
     key = cache.key(source, sidecar_path, options, name)
-    found = None if request.fresh else cache.find(key, name)
+    with cache.changing():
+        found = None if request.fresh else cache.find(key, name)
+        held = None if found is None else cache.hold(found[0])
     if found is not None:
         folder, record = found
         remembered = _report(record)
         if remembered is not None:
-            if request.hold:
-                cache.hold(folder)
-            return Imported(_deliver(folder, target), remembered, cached=True)
+            delivered = _deliver(folder, target)
+            if not request.hold:
+                cache.release(held)
+            return Imported(delivered, remembered, cached=True)
+        cache.release(held)
     findings, began = Findings(), time.monotonic()
     scene = read_scene(source, Context(options, findings, progress))
     if sidecar is not None:
         scene = sidecar.apply(scene, findings)
     with cache.building(source) as workshop:
         place = workshop / name
-        place.mkdir()
         origin = _origin(source, options, reader.title)
         try:
+            place.mkdir()
             built = build(scene, place, findings, progress, origin)
+            report = make_report(scene, built, findings, time.monotonic() - began)
+            files = {*scene.source.files, source}
+            if sidecar_path is not None:
+                files.add(sidecar_path)
+            with cache.changing():
+                folder = cache.store(key, place, {"report": report.data()}, sorted(files))
+                held = cache.hold(folder)
         except OSError as error:
             cure = "free some space, or set XDG_CACHE_HOME to another disk"
             problem = f"cannot be written: {error.strerror}"
             raise MapImportError(at(error.filename or place, problem, cure)) from error
-        report = make_report(scene, built, findings, time.monotonic() - began)
-        files = {*scene.source.files, source}
-        if sidecar_path is not None:
-            files.add(sidecar_path)
-        folder = cache.store(key, place, {"report": report.data()}, sorted(files))
-        if request.hold:
-            cache.hold(folder)
-    return Imported(_deliver(folder, target), report, cached=False)
+    delivered = _deliver(folder, target)
+    if not request.hold:
+        cache.release(held)
+    return Imported(delivered, report, cached=False)
 
 
 def _origin(source: Path, options: ImportOptions, title: str) -> dict[str, object]:
@@ -151,15 +159,17 @@ def _deliver(folder: Path, target: Path | None) -> Path:
     """Copy a world out of the cache if somebody wants it elsewhere."""
     if target is None:
         return folder
-    fresh = target.with_name(f".{target.name}.new")
+    fresh = target.with_name(f".new-{secrets.token_hex(8)}")
     try:
-        shutil.rmtree(fresh, ignore_errors=True)
         shutil.copytree(folder, fresh)
-        shutil.rmtree(target, ignore_errors=True)
-        fresh.rename(target)
+        atomic.publish_folder(fresh, target)
     except OSError as error:
-        problem = f"cannot be written: {error.strerror}"
+        # Of several errors `copytree` tells each as file, copy and text.
+        reason = error.strerror or error.args[0][0][2].partition("] ")[2]
+        problem = f"cannot be written: {reason}"
         raise MapImportError(at(target, problem, "give another --out")) from error
+    finally:
+        shutil.rmtree(fresh, ignore_errors=True)
     assert (target / SHEET).is_file()
     return target
 

@@ -15,6 +15,7 @@ from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
 
+from usarsim_server import atomic
 from usarsim_server.importers.preview_cut import covered, cut_line, sections
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.tessellation import triangles
@@ -231,7 +232,7 @@ def write_previews(world: WorldDescription, folder: Path) -> list[Path]:
     paths = []
     for name, image in pictures.items():
         path = folder / f"{name}.png"
-        path.write_bytes(png(image))
+        atomic.write_bytes(path, png(image))
         paths.append(path)
     return paths
 

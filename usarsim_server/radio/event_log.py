@@ -10,12 +10,14 @@ then what belongs to the event; simulated time (s) comes last. Names that hold c
 
 from __future__ import annotations
 
+import contextlib
 import csv
+import io
 from collections.abc import Callable
 from datetime import datetime
 from enum import StrEnum
 from pathlib import Path
-from typing import TextIO
+from typing import BinaryIO
 
 from usarsim_server.errors import SettingsError, at
 from usarsim_server.logs import Log
@@ -44,6 +46,10 @@ class Event(StrEnum):
     """Name of the sender and of the receiver, bytes since the last such line."""
 
 
+_LONGEST = 65536
+"""Characters after which lines are handed over to the system without being asked to."""
+
+
 class EventLog:
     """Writes events to a file; without one it does nothing. For one thread."""
 
@@ -66,10 +72,12 @@ class EventLog:
         """
         self._clock = clock
         self._now = now
-        self._file: TextIO | None = None
+        self._file: BinaryIO | None = None
+        self._pending = io.StringIO(newline="")
+        self._rows = csv.writer(self._pending, lineterminator="\n")
+        self._size = 0
         if path is not None:
             self._file = _open(path, now())
-            self._rows = csv.writer(self._file, lineterminator="\n")
 
     def write(self, event: Event, *fields: object) -> None:
         """Add a line; numbers that are no whole ones are printed with six digits."""
@@ -77,34 +85,46 @@ class EventLog:
             return
         stamp = self._now().isoformat(sep=" ", timespec="milliseconds")
         texts = [f"{one:.6g}" if isinstance(one, float) else one for one in fields]
-        self._try(lambda: self._rows.writerow([event, stamp, *texts, f"{self._clock():.3f}"]))
+        self._rows.writerow([event, stamp, *texts, f"{self._clock():.3f}"])
+        if self._pending.tell() >= _LONGEST:
+            self.flush()
 
     def flush(self) -> None:
-        """Hand over to the system what was written."""
-        if self._file is not None:
-            self._try(self._file.flush)
+        """Hand over to the system what was written.
+
+        A full disk ends the record, not the server; its last line is whole.
+        """
+        if self._file is None or not self._pending.tell():
+            return
+        data = self._pending.getvalue().encode(errors="replace")
+        self._pending.seek(0)
+        self._pending.truncate()
+        written = 0
+        try:
+            while written < len(data):
+                written += self._file.write(data[written:])
+        except OSError as error:
+            Log("wireless").warning("the record of events ends here", reason=error.strerror)
+            with contextlib.suppress(OSError):
+                self._file.truncate(self._size + data.rfind(b"\n", 0, written) + 1)
+            self._file.close()
+            self._file = None
+        self._size += written
 
     def close(self) -> None:
         """End the record."""
+        self.flush()
         if self._file is not None:
-            self._try(self._file.close)
-            self._file = None
-
-    def _try(self, act: Callable[[], object]) -> None:
-        """A full disk ends the record, not the server."""
-        try:
-            act()
-        except OSError as error:
-            Log("wireless").warning("the record of events ends here", reason=error.strerror)
+            self._file.close()
             self._file = None
 
 
-def _open(path: Path, now: datetime) -> TextIO:
+def _open(path: Path, now: datetime) -> BinaryIO:
     if path.is_dir():
         stamp = now.strftime("%Y.%m.%d-%H.%M.%S.") + f"{now.microsecond // 1000:03d}"
         path = path / f"log-{stamp}.txt"
     try:
-        return path.open("w", encoding="utf-8", newline="")
+        return path.open("wb", buffering=0)
     except OSError as error:
         cure = "name a file in a folder that exists and may be written"
         raise SettingsError(at(path, f"cannot be written: {error.strerror}", cure)) from None

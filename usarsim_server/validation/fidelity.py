@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from usarsim_server import atomic
 from usarsim_server.errors import UsarsimError, at
 from usarsim_server.validation import trials_flat as flat
 from usarsim_server.validation import trials_machines as machines
@@ -199,7 +200,7 @@ def _page(path: Path, table: str) -> str:
 
 def _write(path: Path, text: str) -> None:
     try:
-        path.write_text(text, encoding="utf-8")
+        atomic.write_text(path, text)
     except OSError as error:
         raise UsarsimError(at(path, f"cannot be written: {error.strerror}", "check it")) from error
 

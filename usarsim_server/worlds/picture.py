@@ -18,6 +18,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server import atomic
 from usarsim_server.errors import UsarsimError
 from usarsim_server.worlds.catalog import find_world
 from usarsim_server.worlds.description import SmokeVolume, WorldDescription
@@ -150,7 +151,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     chosen = parser.parse_args(arguments)
     try:
         world = load_world(find_world(chosen.world))
-        chosen.picture.write_bytes(png(draw_world(world, chosen.width, chosen.height)))
+        atomic.write_bytes(chosen.picture, png(draw_world(world, chosen.width, chosen.height)))
     except (UsarsimError, OSError) as error:
         print(error, file=sys.stderr)
         return 2

@@ -5,14 +5,16 @@ The header names format, time and links; every further line is an event:
     {"t": 1.25, "connection": 1, "event": "data", "from": "client", "text": "GETPOS\\r\\n"}
 
 Bytes that are printable ASCII with line ends stand as `text`, all others as `base64`. Lines are
-written as things happen, so what was recorded survives the end of everybody involved; a last line
-that is cut off is passed over by the reader.
+written as things happen, each handed over to the system whole before what it tells of is passed
+on, so what was recorded survives the end of everybody involved. A last line that is cut off is
+passed over by the reader; where the disk is full, the file ends with the last whole one.
 """
 
 from __future__ import annotations
 
 import base64
 import binascii
+import contextlib
 import json
 import re
 import threading
@@ -21,7 +23,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, BinaryIO
 
 __all__ = ["CLIENT", "SERVER", "Event", "Link", "RecordError", "Recording", "Writer", "read"]
 
@@ -121,8 +123,18 @@ class Writer:
         count: events written.
     """
 
-    def __init__(self, file: TextIO, links: Sequence[Link]) -> None:
+    def __init__(self, file: BinaryIO, links: Sequence[Link]) -> None:
+        """Write the header.
+
+        Args:
+            file: to write to, opened without a buffer.
+            links: ports that are recorded.
+
+        Raises:
+            OSError: if the disk is full, for example.
+        """
         self._file = file
+        self._size = 0
         self._begun = time.monotonic()
         self._lock = threading.Lock()
         self.count = 0
@@ -159,9 +171,17 @@ class Writer:
         self.count += 1
 
     def _write(self, line: dict[str, Any]) -> None:
+        data = json.dumps(line, separators=(", ", ": ")).encode("ascii") + b"\n"
         with self._lock:
-            self._file.write(json.dumps(line, separators=(", ", ": ")) + "\n")
-            self._file.flush()
+            written = 0
+            try:
+                while written < len(data):
+                    written += self._file.write(data[written:])
+            except OSError:
+                with contextlib.suppress(OSError):
+                    self._file.truncate(self._size)
+                raise
+            self._size += written
 
 
 def read(path: Path) -> Recording:
