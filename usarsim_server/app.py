@@ -434,7 +434,6 @@ def _agent_options(settings: Settings) -> AgentOptions:
     return AgentOptions(
         dialect=settings.dialect,
         tick=settings.tick if settings.lockstep else None,
-        ahead=not paced and not settings.lockstep,
         replace_robot=settings.second_init == "replace",
         start_at_first_pose=settings.default_start == "first",
         pilot=PilotOptions(
@@ -446,4 +445,4 @@ def _agent_options(settings: Settings) -> AgentOptions:
 
 
 def _nobody_waits() -> None:
-    """Only lockstep waits for agents; at a paced speed there is nobody to tell."""
+    """At a pace the physics looks for itself, once in a while, and is not woken for each report."""

@@ -74,7 +74,10 @@ class RehearsedClient:
     Attributes:
         lines: everything the server has said so far, without line ends.
         agent: the agent that executes the commands.
+        crowded: never; whatever is said is read at once.
     """
+
+    crowded = False
 
     def __init__(self, rehearsal: Rehearsal, peer: str) -> None:
         self.lines: list[str] = []

@@ -126,8 +126,9 @@ def test_a_silent_controller_is_given_up() -> None:
         start(server, "B", "0,3,-0.3") as silent,
     ):
         one.send("SYNC {Ticks 10}")
-        assert time_of(until_tick(one)[-1]) == pytest.approx(1.0)
-        deadline = time.monotonic() + 10.0
+        while time_of(until_tick(one)[-1]) < 0.95:  # on a busy machine it is given up, too
+            one.send("SYNC")
+        deadline = time.monotonic() + 60.0
         while "sends no SYNC" not in server.errors and time.monotonic() < deadline:
             time.sleep(0.02)
         assert "sends no SYNC" in server.errors

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 
 import mujoco
@@ -236,6 +237,11 @@ class Watcher:
         return True
 
     @property
+    def oldest(self) -> float:
+        """No snapshot is left."""
+        return math.inf
+
+    @property
     def horizon(self) -> float:
         """The world need not wait."""
         return math.inf
@@ -251,7 +257,7 @@ class Watcher:
 
 
 class SlowWatcher(Watcher):
-    """A listener with a thread and a mailbox of one, as robot handlers have.
+    """A listener with a thread and a mailbox, as robot handlers have.
 
     Args:
         period: s between the snapshots it wants.
@@ -263,23 +269,30 @@ class SlowWatcher(Watcher):
         super().__init__(period)
         self._work, self._attention = work, attention
         self._mail = threading.Condition()
-        self._letter: Snapshot | None = None
-        self._busy = self._stopping = False
+        self._letters: deque[Snapshot] = deque()
+        self._stopping = False
         self.done: list[Snapshot] = []
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
     def wake(self, snapshot: Snapshot) -> None:
-        """Put the snapshot into the mailbox; one that was not looked at yet is forgotten."""
+        """Put the snapshot into the mailbox."""
         with self._mail:
-            self._letter = snapshot
-            self.snapshots.append(snapshot)
+            super().wake(snapshot)
+            self.due = snapshot.time + self._period
+            self._letters.append(snapshot)
             self._mail.notify()
+
+    @property
+    def oldest(self) -> float:
+        """The time of the one that is being worked on, or is next."""
+        with self._mail:
+            return self._letters[0].time if self._letters else math.inf
 
     def idle(self) -> bool:
         """Whether the mailbox is empty and nothing is being worked on."""
         with self._mail:
-            return self._letter is None and not self._busy
+            return not self._letters
 
     def stop(self) -> None:
         """End the thread."""
@@ -291,15 +304,13 @@ class SlowWatcher(Watcher):
     def _run(self) -> None:
         while True:
             with self._mail:
-                while self._letter is None and not self._stopping:
+                while not self._letters and not self._stopping:
                     self._mail.wait()
                 if self._stopping:
                     return
-                snapshot, self._letter, self._busy = self._letter, None, True
-            assert snapshot is not None
+                snapshot = self._letters[0]
             time.sleep(self._work)
             self.done.append(snapshot)
             with self._mail:
-                self._busy = False
-                self.due = snapshot.time + self._period
+                self._letters.popleft()
             self._attention()

@@ -26,6 +26,7 @@ from sim_fakes import (
 
 from usarsim_server.errors import SpawnError, UsarsimError
 from usarsim_server.simulation import simulation as module
+from usarsim_server.simulation.clockwork import BATCH_STEPS, MAX_AHEAD
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import RobotModel
 from usarsim_server.simulation.rays import RayFan
@@ -303,19 +304,20 @@ class TestListeners:
         np.testing.assert_allclose(np.diff(times), 0.1, atol=world.timestep + 1e-9)
         assert watcher.done[:20] == watcher.snapshots[:20]
 
-    def test_the_slow_skip_at_a_paced_speed(self, start: Start) -> None:
-        """At a paced speed a slow listener gets the newest snapshot, not a queue of old ones."""
-        world = start(speed=1.0)
+    @pytest.mark.parametrize("speed", [1.0, 50.0])
+    def test_the_slow_hold_a_paced_world_back(self, start: Start, speed: float) -> None:
+        """A listener that cannot keep up gets every snapshot, and time slows down for it."""
+        world = start(speed=speed)
         robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
-        watcher = SlowWatcher(0.02, 0.15, lambda: None)
+        watcher = SlowWatcher(0.02, 0.03, lambda: None)
         world.attach(robot, watcher)
-        wait_until(lambda: len(watcher.done) >= 4)
-        behind = world.look().time - watcher.done[-1].time
+        ahead: list[float] = []
+        while len(watcher.done) < 40:
+            ahead.append(world.look().time - watcher.oldest)
         watcher.stop()
         times = [snapshot.time for snapshot in watcher.done]
-        assert np.diff(times).min() > 0.1  # seven periods were skipped each time
-        assert behind < 1.0
-        assert len(watcher.done) < len(watcher.snapshots)
+        np.testing.assert_allclose(np.diff(times), 0.02, atol=world.timestep + 1e-9)
+        assert max(ahead) < MAX_AHEAD + BATCH_STEPS * world.timestep + 1e-9
 
     def test_time_stands_still_while_nobody_is_there(self, start: Start) -> None:
         """In lockstep no time passes without listeners, also not between spawn and attach."""

@@ -385,6 +385,11 @@ class EveryTenth:
         return True
 
     @property
+    def oldest(self) -> float:
+        """No snapshot is left."""
+        return math.inf
+
+    @property
     def horizon(self) -> float:
         """The world need not wait."""
         return math.inf

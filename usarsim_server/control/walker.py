@@ -67,6 +67,7 @@ class Walker:
 
     Attributes:
         dialect: of no consequence here; kept for whoever asks.
+        schedule: of STA and BSTA, which come together.
         slow: where it may walk is surveyed with many rays.
     """
 
@@ -100,15 +101,11 @@ class Walker:
         self._log = log
         self._walk = Walk(0.0, avatar.begin)
         self._errands: tuple[_Errand, ...] = ()
-        self._schedule = Schedule([REPORT_INTERVAL])
-        self._begun = False
+        self.schedule = Schedule(
+            [REPORT_INTERVAL], lambda now: first_report(now, now, self._quiet_period)
+        )
 
     # -- the role of a connection ------------------------------------------------------------
-
-    @property
-    def due(self) -> float:
-        """Simulated time of the next report; the first snapshot at once, to start the clock."""
-        return self._schedule.due if self._begun else 0.0
 
     def take_news(self) -> list[str]:
         """Nothing comes up while reporting."""
@@ -129,17 +126,10 @@ class Walker:
                 self._log.debug("an avatar ignores", request=type(request).__name__)
         return []
 
-    def read(self, snapshot: Snapshot) -> Reading | None:
+    def read(self, snapshot: Snapshot, due: Sequence[int]) -> Reading | None:
         """STA and BSTA if they are due at a snapshot."""
         state = self._avatar.state(snapshot)
-        if state is None:
-            return None
-        if not self._begun:
-            self._begun = True
-            now = snapshot.time
-            self._schedule.begin(first_report(now, now, self._quiet_period))
-            return None
-        if not self._schedule.take_due(snapshot.time):
+        if state is None or not due:
             return None
         location, orientation = wire_from_pose(state.pose)
         stance = self._walk.stance(snapshot.time)

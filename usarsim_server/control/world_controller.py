@@ -5,7 +5,7 @@ Only GetSTA answers. Whatever cannot be done is refused silently on the wire and
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 from usarsim_server.control.objects import WorldObjects
 from usarsim_server.control.world_object import Creation, Physics
@@ -46,10 +46,12 @@ class WorldController:
 
     Attributes:
         dialect: of no consequence here; kept for whoever asks.
+        schedule: it wants no snapshots.
         slow: what it is told to create may have to be compiled.
     """
 
     slow = True
+    schedule = None
 
     def __init__(
         self,
@@ -93,12 +95,7 @@ class WorldController:
 
     # -- the role of a connection ------------------------------------------------------------
 
-    @property
-    def due(self) -> float:
-        """A controller wants no snapshots."""
-        return float("inf")
-
-    def read(self, snapshot: Snapshot) -> Reading | None:
+    def read(self, snapshot: Snapshot, due: Sequence[int]) -> Reading | None:
         """A controller streams nothing."""
         return None
 

@@ -1,8 +1,8 @@
 """The handler of one connection: a mailbox that owns at most one robot, or another role such as
 that of a world controller. The dispatcher serves it whenever something has come in.
 
-Commands keep their order, whether they come before, with or after INIT. Snapshots do not queue:
-a handler that is late looks at the newest one and skips what it missed.
+Commands keep their order, whether they come before, with or after INIT. So do snapshots: each one
+that is shown is reported on. A handler that is late holds the world back, see `clockwork.py`.
 """
 
 from __future__ import annotations
@@ -46,10 +46,16 @@ __all__ = ["AgentOptions", "Mouth", "RobotAgent"]
 DIE_FELL = "DmgType_Fell"
 FLOOD = 64
 """Commands waiting from which on a client is served apart from the others."""
+BESIDE_REPORT = 16
+"""Commands that are executed before a report that is due."""
 
 
 class Mouth(Protocol):
     """Where an agent's lines go; must never block."""
+
+    @property
+    def crowded(self) -> bool:
+        """Whether so much waits for a client that reads that a world without pace should wait."""
 
     def put_reply(self, line: bytes) -> None:
         """Queue a line that must arrive."""
@@ -68,8 +74,6 @@ class AgentOptions:
         start_at_first_pose: INIT without place uses the first start pose, not the origin.
         pilot: see `PilotOptions`.
         tick: simulated s between two ticks of lockstep; None without lockstep.
-        ahead: tell when the next report is due before the last one is written, for a world without
-            pace, which may go on meanwhile.
     """
 
     dialect: DialectMode = DialectMode.AUTO
@@ -77,7 +81,21 @@ class AgentOptions:
     start_at_first_pose: bool = False
     pilot: PilotOptions = field(default_factory=PilotOptions)
     tick: float | None = None
-    ahead: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Report:
+    """What is to be told about one instant.
+
+    Attributes:
+        snapshot: the instant.
+        streams: which streams are due, see `Schedule.take_due`.
+        tick: a tick of lockstep has passed, and the client is to be told after the streams.
+    """
+
+    snapshot: Snapshot
+    streams: Sequence[int]
+    tick: bool
 
 
 class RobotAgent:
@@ -121,14 +139,18 @@ class RobotAgent:
         self._vehicle: Vehicle | None = None
         self._lock = threading.Lock()
         self._commands: deque[Command] = deque()
-        self._snapshot: Snapshot | None = None
+        self._reports: deque[_Report] = deque()
+        """Those that are not finished; the first one may be under way."""
         self._lost: str | None = None
         self._called = False
         self._begun = False
+        self._under_way = 0
         self._closed = False
         self._ended = False
         self._due = math.inf
         self._ticks = Ticks(options.tick)
+        self._barred = False
+        """In lockstep, what follows a SYNC waits until its tick has passed."""
 
     # -- mailbox, any thread -----------------------------------------------------------------
 
@@ -147,9 +169,19 @@ class RobotAgent:
         """Simulated time up to which the world may go on without waiting for this client."""
         return self._ticks.horizon
 
+    @property
+    def oldest(self) -> float:
+        """Simulated time of the oldest snapshot that is not reported on; infinity if none is."""
+        try:
+            return self._reports[0].snapshot.time
+        except IndexError:
+            return math.inf
+
     def overdue(self) -> None:
         """The client lets the world wait for too long; it is not waited for any more."""
-        if self._ticks.let_go():
+        with self._lock:
+            waited, self._barred = self._ticks.let_go(), False
+        if waited:
             self._log.warning("lockstep goes on without a client that sends no SYNC")
 
     def submit(self, commands: list[Command]) -> None:
@@ -161,11 +193,15 @@ class RobotAgent:
             self._call()
 
     def wake(self, snapshot: Snapshot) -> None:
-        """Take a snapshot; an older one that was not looked at yet is forgotten."""
+        """Take a snapshot, and what is due at it; the next one is wanted from now on."""
         with self._lock:
-            self._snapshot = snapshot
-            # Not due again before this one has been dealt with.
-            self._due = math.inf
+            role = self._role
+            if role is None or role.schedule is None or self._closed:
+                self._due = math.inf
+                return
+            streams = role.schedule.take_due(snapshot.time)
+            self._reports.append(_Report(snapshot, streams, self._ticks.passes(snapshot.time)))
+            self._set_due()
             self._call()
 
     def lost(self, reason: str) -> None:
@@ -175,10 +211,17 @@ class RobotAgent:
             self._due = math.inf
             self._call()
 
+    def _forget_reports(self) -> None:
+        """Nobody is to be told anything any more (lock held)."""
+        self._reports.clear()
+        self._under_way = 0
+        self._due = math.inf
+
     def settled(self) -> bool:
         """Whether nothing is left to do but, perhaps, to write a report."""
         with self._lock:
-            return not self._called or (self._begun and not self._pending())
+            quiet = not self._called or (self._begun and not self._pending())
+        return quiet and not self._mouth.crowded
 
     def idle(self) -> bool:
         """Whether all commands and snapshots have been dealt with, and a goodbye too."""
@@ -186,7 +229,8 @@ class RobotAgent:
 
     def _pending(self) -> bool:
         """Whether something waits to be begun (lock held)."""
-        waiting = bool(self._commands) or self._snapshot is not None or self._lost is not None
+        waiting = len(self._reports) > self._under_way or self._lost is not None
+        waiting = waiting or (bool(self._commands) and not self._barred)
         return waiting or (self._closed and not self._ended)
 
     def close(self) -> None:
@@ -194,7 +238,7 @@ class RobotAgent:
         with self._lock:
             self._closed = True
             self._commands.clear()
-            self._due = math.inf
+            self._forget_reports()
             self._call()
         vehicle = self._vehicle
         if vehicle is not None:
@@ -212,7 +256,7 @@ class RobotAgent:
     @property
     def slow(self) -> bool:
         """Whether what comes next may take long: INIT, orders of a world controller, a flood."""
-        return len(self._commands) > FLOOD or self._comes_slow()
+        return not self._barred and (len(self._commands) > FLOOD or self._comes_slow())
 
     def _comes_slow(self) -> bool:
         try:
@@ -233,33 +277,34 @@ class RobotAgent:
             self._begun = True
 
     def _begin(self, apart: bool) -> Task | None:
-        with self._lock:
-            lost, self._lost = self._lost, None
-            snapshot, self._snapshot = self._snapshot, None
         if self._closed:
             self._end()
             return None
+        self._execute_waiting(apart)
+        with self._lock:
+            role = self._role
+            report = self._reports[0] if self._reports else None
+            self._under_way = int(report is not None)
+            lost = None
+            if report is None:  # what was seen of a robot is told before its end
+                lost, self._lost = self._lost, None
         if lost is not None:
             self._lose(lost)
-        self._execute_waiting(apart)
-        if snapshot is None or self._role is None:
+        if report is None or role is None:
             return None
-        reading = self._role.read(snapshot)
+        reading = role.read(report.snapshot, report.streams)
         if reading is None:
-            self._tell((), snapshot.time)
+            self._tell((), report)
             return None
-
-        if self._options.ahead:
-            self._set_due()
 
         def finish(hits: Sequence[RayHits]) -> Callable[[], None]:
             lines = [messages.encode(line) for line in reading.lines(hits)]
-            return lambda: self._tell(lines, snapshot.time)
+            return lambda: self._tell(lines, report)
 
-        return Task(snapshot, reading.query, finish)
+        return Task(report.snapshot, reading.query, finish)
 
-    def _tell(self, streamed: Sequence[bytes], time: float) -> None:
-        """Hand over what a report has found, and look forward to the next one."""
+    def _tell(self, streamed: Sequence[bytes], report: _Report) -> None:
+        """Hand over what a report has found."""
         if self._role is None:
             return
         # News first: the CONF of a camera must not look like the answer to a question that the
@@ -268,9 +313,14 @@ class RobotAgent:
             self._mouth.put_reply(messages.encode(news))
         for line in streamed:
             self._mouth.put_stream(line)
-        if self._ticks.passes(time):
-            self._mouth.put_reply(messages.encode(messages.tick(time)))
-        self._set_due()
+        if report.tick:
+            self._mouth.put_reply(messages.encode(messages.tick(report.snapshot.time)))
+        with self._lock:
+            if self._reports:  # else the robot has left meanwhile
+                self._reports.popleft()
+            self._under_way = 0
+            if report.tick:
+                self._barred = False
 
     def pause(self) -> bool:
         """Nothing is left to do; False if something has come in meanwhile."""
@@ -292,11 +342,13 @@ class RobotAgent:
         with self._lock:
             self._closed = self._ended = True
             self._commands.clear()
-            self._due = math.inf
+            self._forget_reports()
 
     def _execute_waiting(self, apart: bool) -> None:
         executed = 0
-        while executed < FLOOD and self._commands and not self._closed:
+        # Reports do not wait for many commands, and a slow one at most.
+        most = FLOOD if not self._reports else 1 if self._comes_slow() else BESIDE_REPORT
+        while executed < most and self._commands and not (self._closed or self._barred):
             if self._comes_slow() and not apart:
                 break
             try:
@@ -341,20 +393,28 @@ class RobotAgent:
         return self._role.obey(request)
 
     def _synchronise(self, request: Sync) -> None:
-        if self._role is None or not self._ticks.answer(request.ticks, self._fleet.time):
+        now = self._fleet.time
+        with self._lock:
+            heard = self._role is not None and self._ticks.answer(request.ticks, now)
+            self._barred = heard
+            self._set_due()
+        if not heard:
             self._log.debug("SYNC ignored: nobody waits for it")
-        self._set_due()
 
     def _set_dialect(self) -> None:
         if self._role is not None and self._role.dialect is not self._selector.current:
             self._log.debug("dialect changed", dialect=self._selector.current.value)
-            self._role.dialect = self._selector.current
-            self._set_due()
+            with self._lock:
+                self._role.dialect = self._selector.current
+                self._set_due()
 
     def _set_due(self) -> None:
-        with self._lock:
-            if self._role is not None and self._snapshot is None and not self._closed:
-                self._due = min(self._role.due, self._ticks.due)
+        """Look forward to the next report (lock held)."""
+        role = self._role
+        if role is None or role.schedule is None or self._closed:
+            self._due = math.inf
+        else:
+            self._due = min(role.schedule.due, self._ticks.due)
 
     # -- INIT --------------------------------------------------------------------------------
 
@@ -375,13 +435,18 @@ class RobotAgent:
             return
         self._selector.initialised(casting.dialect, init)
         self._log = self._log.bind(robot=casting.name)
-        self._leave, self._role = casting.leave, casting.role
-        self._role.dialect = self._selector.current
+        casting.role.dialect = self._selector.current
+        self._leave = casting.leave
+        now = self._fleet.time
+        with self._lock:
+            self._role = casting.role
+            if casting.attach is not None:
+                # What follows INIT counts from the tick of which the client is told first.
+                self._barred = self._ticks.begin(now)
+            self._set_due()
         if self._closed:
             self._dismiss()
         elif casting.attach is not None:
-            self._due = 0.0
-            self._ticks.begin(self._fleet.time)
             casting.attach(self)
 
     def _robot(self, init: Init, pose: Pose) -> Casting | None:
@@ -419,8 +484,11 @@ class RobotAgent:
         return pose_from_wire(init.location or zero, init.rotation or zero)
 
     def _dismiss(self) -> None:
-        self._role = self._vehicle = None
-        self._ticks.end()
+        with self._lock:
+            self._role = self._vehicle = None
+            self._ticks.end()
+            self._barred = False
+            self._forget_reports()
         leave, self._leave = self._leave, _nothing
         leave()
         self._log = Log("robot", connection=self._peer)

@@ -64,7 +64,11 @@ class PilotOptions:
 
 
 class Pilot:
-    """Conducts one vehicle on behalf of one client."""
+    """Conducts one vehicle on behalf of one client.
+
+    Attributes:
+        schedule: of STA, of every sensor, of actuators and of effectors, in that order.
+    """
 
     slow = False
 
@@ -101,7 +105,7 @@ class Pilot:
             vehicle.description, vehicle.robot, vehicle.cameras, vehicle.board, vehicle.look
         )
         self._sensors = vehicle.sensors
-        self._schedule = Schedule(self._intervals())
+        self.schedule = Schedule(self._intervals(), self._first_report)
         self._spawned: float | None = None
         self._dead = False
         self._news: list[str] = []
@@ -119,7 +123,7 @@ class Pilot:
     def dialect(self, dialect: Dialect) -> None:
         if dialect is not self._dialect:
             self._dialect = dialect
-            self._schedule.set_intervals(self._intervals())
+            self.schedule.set_intervals(self._intervals())
 
     def obey(self, request: Request) -> list[str]:
         """Carry out a request; returns the reply lines."""
@@ -208,20 +212,14 @@ class Pilot:
 
     # -- reports -----------------------------------------------------------------------------
 
-    @property
-    def due(self) -> float:
-        """Simulated time of the next snapshot wanted."""
-        return self._schedule.due if self._spawned is not None else 0.0
-
-    def read(self, snapshot: Snapshot) -> Reading | None:
-        """Begin the report that is due at a snapshot; None if nothing is due."""
+    def read(self, snapshot: Snapshot, due: Sequence[int]) -> Reading | None:
+        """Begin the report that is due at a snapshot, see `Role.read`."""
         state = self.vehicle.state(snapshot)
         if state is None:
             return None
         if self._spawned is None:
             self._begin(state)
             return None
-        due = self._schedule.take_due(snapshot.time)
         if not due:
             return None
         self._tell_changes(state)
@@ -249,7 +247,6 @@ class Pilot:
             if not sensor.rays(state):
                 sensor.measure(state, ())
         self._limbs.changes(state)
-        self._schedule.begin(self._first_report(state.time))
 
     def _first_report(self, now: float) -> float:
         options = self._options
@@ -277,7 +274,7 @@ class Pilot:
         return next((one.name for one in self._sensors if one.wire_type == "Battery"), "Battery")
 
     def _intervals(self) -> list[float]:
-        """Interval of STA, of every sensor, of actuators and of effectors, in that order."""
+        """Intervals of the streams in the order of the schedule, s."""
         sensors = [sensor.interval(self._dialect) for sensor in self._sensors]
         status = self._family.status_period(self.vehicle.description, self._dialect)
         udk = self._dialect is Dialect.UDK

@@ -9,6 +9,7 @@ from typing import Protocol
 from usarsim_server.logs import Log
 from usarsim_server.protocol.requests import Init, Request
 from usarsim_server.protocol.values import Dialect
+from usarsim_server.robots.schedule import Schedule
 from usarsim_server.simulation.clockwork import Listener
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.raycaster import RayQuery
@@ -40,14 +41,26 @@ class Role(Protocol):
     """Whether its requests may take long; they are carried out by a thread of their own then."""
 
     @property
-    def due(self) -> float:
-        """Simulated time of the next snapshot wanted; infinity for none."""
+    def schedule(self) -> Schedule | None:
+        """When it wants snapshots; None for never.
+
+        The physics takes from it what is due. Setting `dialect` changes it, so that must not happen
+        at the same time.
+        """
 
     def obey(self, request: Request) -> list[str]:
         """Carry out a request; returns the reply lines."""
 
-    def read(self, snapshot: Snapshot) -> Reading | None:
-        """Begin the report that is due at a snapshot; None if nothing is due."""
+    def read(self, snapshot: Snapshot, due: Sequence[int]) -> Reading | None:
+        """Begin the report that is due at a snapshot.
+
+        Args:
+            snapshot: the instant; never an earlier one than at the call before.
+            due: what its schedule has said is due; nothing at the first snapshot.
+
+        Returns:
+            The report; None if there is nothing to tell.
+        """
 
     def take_news(self) -> list[str]:
         """Lines that came up while reporting and must arrive."""

@@ -13,7 +13,7 @@ TOLERANCE = 1e-6
 class Ticks:
     """How far one client lets the world go, in simulated time.
 
-    Written to by whoever serves the client; `horizon` may be read by any thread.
+    Not thread-safe, but `horizon` may be read by any thread.
 
     Attributes:
         horizon: time of the tick up to which the world may go; infinity if it need not wait.
@@ -34,11 +34,17 @@ class Ticks:
         """Time of the tick that the client is still to be told of; infinity if there is none."""
         return math.inf if self._told else self.horizon
 
-    def begin(self, now: float) -> None:
-        """The client has something in the world: that waits for it at the next tick, or now."""
-        if self._period is not None:
-            self.horizon = math.ceil((now - TOLERANCE) / self._period) * self._period
-            self._told = False
+    def begin(self, now: float) -> bool:
+        """The client has something in the world: that waits for it at the next tick, or now.
+
+        Returns:
+            Whether it does: False without lockstep.
+        """
+        if self._period is None:
+            return False
+        self.horizon = math.ceil((now - TOLERANCE) / self._period) * self._period
+        self._told = False
+        return True
 
     def end(self) -> None:
         """It has nothing there any more."""

@@ -19,6 +19,7 @@ from __future__ import annotations
 import asyncio
 import socket
 import threading
+import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -29,6 +30,11 @@ PIECE = 16 * 1024
 """Bytes of replies that are joined before they are sent."""
 UNREAD = 60.0
 """Seconds that a client may leave a piece of replies unread before its connection ends."""
+
+LEAST_READ = 64 * 1024
+"""Bytes per s of wall time that a client has to read to be waited for."""
+GRACE = 1.0
+"""s of wall time for which it is waited for in any case."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +60,10 @@ class Outbox:
     """The lines of one connection that are not yet handed to the socket."""
 
     def __init__(
-        self, wake: Callable[[], None] | None = None, limits: OutboxLimits | None = None
+        self,
+        wake: Callable[[], None] | None = None,
+        limits: OutboxLimits | None = None,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Make an empty outbox.
 
@@ -62,8 +71,10 @@ class Outbox:
             wake: called, from whatever thread puts, when `take` has something to return after
                 having returned None, and once when the outbox is condemned. Must not block.
             limits: see `OutboxLimits`.
+            clock: wall time, s; only `crowded` asks it.
         """
         self._wake = wake or _nobody
+        self._clock = clock
         self._limits = limits or OutboxLimits()
         self._lock = threading.Lock()
         # The number before each line restores the common order of the two planes.
@@ -72,6 +83,8 @@ class Outbox:
         self._stream: deque[tuple[int, bytes]] = deque()
         self._reply_bytes = 0
         self._stream_bytes = 0
+        self._crowded_since: float | None = None
+        self._read_since = 0
         self._replied = 0
         self._dropped = 0
         self._called = False
@@ -126,9 +139,32 @@ class Outbox:
             if self._stream:
                 line = self._stream.popleft()[1]
                 self._stream_bytes -= len(line)
+                self._read_since += len(line)
                 return line
             self._called = False
             return None
+
+    @property
+    def crowded(self) -> bool:
+        """Whether the streams fill half of their budget, and the client reads.
+
+        A world that runs as fast as it can waits meanwhile, so that lines are lost only by a
+        client that reads less than `LEAST_READ`. One that does not is waited for again when it
+        has read most of what waits.
+        """
+        with self._lock:
+            limits = self._limits
+            fill = max(
+                self._stream_bytes / limits.stream_bytes, len(self._stream) / limits.stream_lines
+            )
+            if fill < 0.25:
+                self._crowded_since = None
+            if fill < 0.5:
+                return False
+            now = self._clock()
+            if self._crowded_since is None:
+                self._crowded_since, self._read_since = now, 0
+            return now - self._crowded_since < GRACE + self._read_since / LEAST_READ
 
     def condemn(self, reason: str) -> None:
         """Ask for the connection to be closed at once; what waits is discarded. Thread-safe.

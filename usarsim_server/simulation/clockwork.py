@@ -1,5 +1,9 @@
 """Time: when the world steps, who is shown what is there, and who is waited for.
 
+The world stops at every step at which somebody is due and shows him a snapshot; it never goes more
+than `MAX_AHEAD` beyond one that has not been reported on. So every stream is complete in simulated
+time, and when reports cannot keep up, time slows down.
+
 At a pace, simulated time follows the wall clock. Without one the world goes as fast as it can, but
 waits until everyone who was shown a snapshot has drawn the conclusions that the world may feel, and
 shows nobody the next one before he is done with the last: what is merely written down is written
@@ -31,6 +35,12 @@ BATCH_STEPS = 2
 """Steps per turn at a pace: commands are obeyed at least this often, and what a report waits for is
 little."""
 UNPACED_BATCH_STEPS = 5
+MAX_AHEAD = 0.1
+"""Simulated s by which the world may be ahead, at a pace, of the oldest instant that is not
+reported on. One period of the usual stream: less makes the physics wait for reports that are merely
+worked out together, more lets commands act on a world that their senders have not seen."""
+CATCH_UP_POLL = 0.001
+"""s of wall time between two looks while reports are waited for."""
 STAND_POLL = 0.1
 """s of wall time between two looks while the world stands still."""
 
@@ -40,7 +50,14 @@ class Listener(Protocol):
 
     @property
     def due(self) -> float:
-        """Simulated time of the next snapshot wanted; infinity for none."""
+        """Simulated time of the next snapshot wanted; infinity for none.
+
+        Always known: taking a snapshot sets the next one.
+        """
+
+    @property
+    def oldest(self) -> float:
+        """Simulated time of the oldest snapshot not reported on; infinity for none."""
 
     @property
     def horizon(self) -> float:
@@ -171,6 +188,9 @@ class Clockwork:
     def _run_paced(self, pacer: Pacer) -> None:
         while not self._stopping:
             self._mail.obey()
+            if self._ahead_of_reports():
+                self._mail.wait(CATCH_UP_POLL)
+                continue
             wait = pacer.wait(self._engine.time, time.perf_counter())
             if wait > 0.0:
                 self._mail.wait(wait)
@@ -179,6 +199,10 @@ class Clockwork:
             report = pacer.report(self._engine.time, time.perf_counter())
             if report is not None:
                 _tell(report)
+
+    def _ahead_of_reports(self) -> bool:
+        oldest = min((one.oldest for one in self._listeners.values()), default=math.inf)
+        return oldest < self._engine.time - MAX_AHEAD
 
     def _run_unpaced(self, patience: Patience) -> None:
         while not self._stopping:
@@ -235,19 +259,19 @@ class Clockwork:
     def _show_due(self) -> bool:
         """Give a snapshot to everybody who wants one now; whether there is anybody."""
         now = self._engine.time + self._engine.timestep * 1e-6
-        if not any(one.due <= now for one in self._listeners.values()):
+        if not self._due_at(now):
             return False
         if self._unpaced:
-            self._wait(
-                lambda: all(one.idle() for one in self._listeners.values() if one.due <= now)
-            )
+            self._wait(lambda: all(one.idle() for one in self._due_at(now)))
         self.snapshot = self._engine.snapshot()
         self._remove_fallen(self.snapshot)
         with self.together():
-            for one in self._listeners.values():
-                if one.due <= now:
-                    one.wake(self.snapshot)
+            for one in self._due_at(now):
+                one.wake(self.snapshot)
         return True
+
+    def _due_at(self, now: float) -> list[Listener]:
+        return [one for one in self._listeners.values() if one.due <= now]
 
     def _remove_fallen(self, snapshot: Snapshot) -> None:
         for robot, layout in snapshot.layouts.items():

@@ -154,11 +154,10 @@ class TestDrive(Closing):
     def status(self, dialect: Dialect) -> str:
         """A STA line; lets a moment pass."""
         pilot = self._pilot(dialect)
-        pilot.read(self._state().snapshot)
         while True:
-            self._rehearsal.run(0.1)
             snapshot = self._state().snapshot
-            reading = pilot.read(snapshot)
+            reading = pilot.read(snapshot, pilot.schedule.take_due(snapshot.time))
+            self._rehearsal.run(0.1)
             if reading is None:
                 continue
             for line in reading.lines(self.vehicle.cast(reading.query.fans, snapshot)):
