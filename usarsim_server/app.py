@@ -29,6 +29,7 @@ from usarsim_server.data import data_directory
 from usarsim_server.errors import UsarsimError
 from usarsim_server.logs import Log
 from usarsim_server.protocol import messages
+from usarsim_server.protocol.names import name_key
 from usarsim_server.protocol.requests import Init
 from usarsim_server.radio.configuration import RadioOptions, read_radio, read_radio_file
 from usarsim_server.radio.event_log import EventLog
@@ -43,15 +44,18 @@ from usarsim_server.robots.pilot import PilotOptions
 from usarsim_server.robots.role import Casting, RoleFactory
 from usarsim_server.robots.roster import load_roster
 from usarsim_server.robots.schedule import BEAT, UNPACED_BEAT
+from usarsim_server.services.budget import WorkBudget
 from usarsim_server.services.comserver import ComServerLimits, ComServerService
 from usarsim_server.services.control import ControlLimits, ControlService
-from usarsim_server.services.ground_truth import ground_truth_service
+from usarsim_server.services.dialogue import Desk, DialogueLimits, Instant
+from usarsim_server.services.ground_truth import ground_truth_service, responder
 from usarsim_server.services.images import ImageService
-from usarsim_server.services.limits import SpawnGate
+from usarsim_server.services.limits import SpawnGate, address_of
 from usarsim_server.services.outbox import OutboxLimits
+from usarsim_server.services.owners import Owners
 from usarsim_server.services.ready import Service, run_services
 from usarsim_server.services.relay import Road
-from usarsim_server.services.truth import truth_service
+from usarsim_server.services.truth import TRUTH_LIMITS, truth_service
 from usarsim_server.services.wireless import WirelessLimits, WirelessService
 from usarsim_server.settings import Settings
 from usarsim_server.simulation.frames import Pose
@@ -79,8 +83,13 @@ _LEAST_BURST = 64
 """Robots that may come at the same moment, even if fewer fit into the world: most of those who try
 again and again do so because it is full."""
 
+INSTANT = 0.02
+"""Simulated s for which an answer about places holds: a robot at 2 m/s is 4 cm further by then."""
+
 STOP_TIMEOUT = 1.0
 """s that the agents' threads get to end; the process has three in all."""
+
+_log = Log("server")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,6 +126,11 @@ class Assembly:
     def board(self) -> CameraBoard:
         """All cameras, and the tiles of the full picture that they fill."""
         return self.fleet.board
+
+    def owners(self) -> dict[str, str]:
+        """The address of the control connection of each robot, by `names.name_key`."""
+        robots = [(agent.robot, agent.peer) for agent in tuple(self.agents)]
+        return {name_key(name): address_of(peer).strip("[]") for name, peer in robots if name}
 
     def make_agent(
         self, peer: str, outbox: Mouth, on_backlog_low: Callable[[], None]
@@ -196,7 +210,8 @@ def assemble(settings: Settings) -> Assembly:
     operators = operators_of(world.machinery)
     simulation.set_movers((*surroundings.movers, *operators.movers), operators.machines)
     board = CameraBoard(Grid(*settings.tiles, *settings.tile_size))
-    fleet = Fleet(roster, world, simulation, settings.seed, surroundings, board)
+    tells = settings.truth == "on"
+    fleet = Fleet(roster, world, simulation, settings.seed, surroundings, board, tells)
     services: list[Service] = []
     shipped = data_directory("worlds")
     catalog = load_objects([folder / object_classes.SHEET for folder in (shipped, world.folder)])
@@ -232,17 +247,20 @@ def assemble(settings: Settings) -> Assembly:
         services.append(_image_service(settings, settings.image_port, assembly))
     stations = stations_of(lambda: fleet.vehicles, simulation.look)
     obstacles = SceneryObstacles(simulation)
-    ground_truth = GroundTruth(stations, obstacles)
-    if settings.groundtruth_port is not None:
+    ground_truth = responder(GroundTruth(stations, obstacles).answers)
+    instant = Instant(INSTANT / settings.speed, lambda: fleet.vehicles)
+    if tells and settings.groundtruth_port is not None:
         services.append(
             ground_truth_service(
                 settings.host,
                 settings.groundtruth_port,
-                ground_truth.answers,
+                ground_truth,
                 required=settings.demands("groundtruth_port"),
+                limits=DialogueLimits(idle=settings.idle_timeout),
+                instant=instant,
             )
         )
-    if settings.truth_port is not None:
+    if tells and settings.truth_port is not None:
         actors = Actors(simulation, lambda: fleet.vehicles, surroundings.victims, avatars, objects)
         services.append(
             truth_service(
@@ -250,10 +268,17 @@ def assemble(settings: Settings) -> Assembly:
                 settings.truth_port,
                 actors.answer,
                 required=settings.demands("truth_port"),
+                limits=replace(TRUTH_LIMITS, idle=settings.idle_timeout),
+                instant=instant,
             )
         )
+    for key in ("groundtruth_port", "truth_port"):
+        if not tells and settings.demands(key) and getattr(settings, key) is not None:
+            _log.warning("a port is not opened: ground truth is switched off", setting=key)
+    limits = WirelessLimits(idle=settings.idle_timeout)
+    desk = Desk("wireless", ground_truth, limits.dialogue, instant) if tells else None
     radio = RadioWorld(stations, obstacles, lambda: simulation.snapshot.time, settings.speed)
-    services += _wireless_services(settings, radio, ground_truth)
+    services += _wireless_services(settings, radio, limits, desk, assembly.owners)
     return replace(assembly, services=tuple(services))
 
 
@@ -374,7 +399,11 @@ def _add_spectators(
 
 
 def _wireless_services(
-    settings: Settings, world: RadioWorld, ground_truth: GroundTruth
+    settings: Settings,
+    world: RadioWorld,
+    limits: WirelessLimits,
+    ground_truth: Desk | None,
+    owners: Owners,
 ) -> list[Service]:
     """The two wireless simulations, as far as they are wanted; each has a network of its own."""
     if settings.wireless_port is None and settings.comserver_port is None:
@@ -399,10 +428,12 @@ def _wireless_services(
                 settings.host,
                 settings.wireless_port,
                 network(),
-                ground_truth.answers,
-                road=Road(options.shape, settings.speed, settings.seed),
-                limits=WirelessLimits(poll=options.poll),
+                ground_truth,
+                road=Road(options.shape, settings.speed, settings.seed, WorkBudget(options.share)),
+                limits=replace(limits, poll=options.poll),
                 required=settings.demands("wireless_port"),
+                owners=owners,
+                strict=settings.strict_radio,
             )
         )
     if settings.comserver_port is not None:
@@ -411,8 +442,11 @@ def _wireless_services(
                 settings.host,
                 settings.comserver_port,
                 network(),
-                limits=ComServerLimits(poll=options.poll),
+                limits=ComServerLimits(
+                    poll=options.poll, link_share=options.share, idle=settings.idle_timeout
+                ),
                 required=settings.demands("comserver_port"),
+                owners=owners,
             )
         )
     return services

@@ -308,6 +308,12 @@ OPTIONS: tuple[Option, ...] = (
     _port_option("wireless_port", "wireless simulation"),
     _port_option("truth_port", "poses for scoring tools"),
     _port_option("comserver_port", "the older wireless simulation"),
+    _word_option(
+        "truth",
+        ("on", "off"),
+        "off: nobody is told where robots really are, on no port and by no sensor",
+        "on|off",
+    ),
     Option(
         "wireless",
         "a table (see docs/wireless.md) or the path of a file with one",
@@ -331,6 +337,10 @@ OPTIONS: tuple[Option, ...] = (
         "record the events of the wireless simulation",
         "FILE",
         text=True,
+    ),
+    _switch_option(
+        "strict_radio",
+        "let only robots of the world register for radio, each from its own machine",
     ),
     Option(
         "image_type",
@@ -505,7 +515,7 @@ OPTIONS: tuple[Option, ...] = (
         "idle_timeout",
         'seconds from 10 to 86400, or "off"',
         _idle_timeout,
-        "silence after which a client that never sent an INIT is closed",
+        "silence after which a client without a robot is closed, on any port",
     ),
     _word_option("default_start", ("origin", "first"), "place of robots whose INIT names none"),
     _word_option("second_init", ("ignore", "replace"), "what a second INIT does"),

@@ -37,10 +37,14 @@ class Settings:
         host: address to listen on; the default reaches this machine only.
         port: control port; as for all ports 0 takes any free one and None switches it off.
         image_port, groundtruth_port, wireless_port, truth_port, comserver_port: side channels.
+        truth: whether anybody is told where robots really are: by the ports for it, by GETPOS and
+            GETOBS on the wireless port, by the GroundTruth sensors of robots. Off wins over ports.
         wireless: settings of the wireless simulation, or the file that holds them; checked by
             `radio.configuration.read_radio`.
         wireless_model: propagation model that wins over theirs.
         wireless_log: where to record its events; None for nowhere.
+        strict_radio: only robots of the world may be registered with the wireless simulation,
+            each once and from the machine of its control connection.
         image_type: encoding of the camera images (side channels reference 2.3).
         image_legacy: send image clients a picture before they ask (side channels reference 2.8).
         image_silent_push: s of wall time after which an image client that has sent nothing gets
@@ -77,7 +81,8 @@ class Settings:
         line_bytes: longest command line, bytes (protocol reference 1.4).
         command_rate: commands of one client per s at real time; see `input_rate`.
         spawn_rate: robots that one address may start per s at real time; see `robot_rate`.
-        idle_timeout: s after which a client that wants nothing is closed; 0 for never.
+        idle_timeout: s after which a client that wants nothing is closed, on any port; 0 for
+            never.
         outbox_bytes: budget of periodic lines waiting for one client, bytes.
         reply_bytes: the same for replies, which are never dropped: beyond it the client is closed.
         quiet_period: s of wall time after INIT without STA and SEN (protocol reference 1.8).
@@ -92,9 +97,11 @@ class Settings:
     wireless_port: int | None = 50000
     truth_port: int | None = 3989
     comserver_port: int | None = None
+    truth: Literal["on", "off"] = "on"
     wireless: Mapping[str, object] | Path | None = None
     wireless_model: str | None = None
     wireless_log: Path | None = None
+    strict_radio: bool = False
     image_type: ImageType = NORMAL
     image_legacy: bool = False
     image_silent_push: float = 2.0

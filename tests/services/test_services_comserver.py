@@ -210,7 +210,7 @@ class TestLinks:
             assert team.say(f"OPEN A {team.a} B {team.b};") == "OK;"
             assert ended(team.accept(0))
 
-    @pytest.mark.parametrize("port", ["0", "65536", "x", "-1", "9" * 400])
+    @pytest.mark.parametrize("port", ["0", "65536", "x", "-1", "9" * 60])
     def test_ports_that_are_none(self, port: str) -> None:
         """They can be listened on as words, but not be dialled."""
         with Running(Line(A=0, B=1)) as running:

@@ -16,7 +16,7 @@ from services_harness import Client, eventually
 from usarsim_server.errors import ServiceError, UsarsimError
 from usarsim_server.protocol.framing import LineFramer
 from usarsim_server.services.dialogue import DialogueLimits, DialogueService
-from usarsim_server.services.ground_truth import ground_truth_service
+from usarsim_server.services.ground_truth import ground_truth_service, responder
 from usarsim_server.services.listener import Endpoint
 from usarsim_server.services.truth import truth_service
 
@@ -65,15 +65,15 @@ def start() -> Iterator[Start]:
         yield begin
 
 
-def echo(lines: object) -> list[str]:
+def echo(lines: object) -> list[str | None]:
     """Answers every line that begins with `GET` by itself."""
     assert isinstance(lines, list)
-    return [f"GOT {line}" for line in lines if line.startswith("GET")]
+    return [f"GOT {line}" if line.startswith("GET") else None for line in lines]
 
 
-def ground(answers: Callable[..., list[str]] = echo, **options: object) -> DialogueService:
+def ground(answers: Callable[..., list[str | None]] = echo, **options: object) -> DialogueService:
     """A ground truth service on any free port."""
-    return ground_truth_service("127.0.0.1", 0, answers, **options)  # type: ignore[arg-type]
+    return ground_truth_service("127.0.0.1", 0, responder(answers), **options)  # type: ignore[arg-type]
 
 
 def test_nothing_is_said_on_connecting(start: Start) -> None:
@@ -104,7 +104,7 @@ def test_answers_are_worked_out_beside_the_event_loop(start: Start) -> None:
     """An answer that waits for the physics holds up neither the loop nor another client."""
     gate, threads = threading.Event(), []
 
-    def slow(lines: list[str]) -> list[str]:
+    def slow(lines: list[str]) -> list[str | None]:
         threads.append(threading.current_thread())
         if lines == ["GET slow"]:
             gate.wait(5.0)
@@ -125,7 +125,7 @@ def test_who_does_not_read_is_not_asked_further(start: Start) -> None:
     """Slow readers: the server stops working for them, remembers nothing and serves the others."""
     served = []
 
-    def large(lines: list[str]) -> list[str]:
+    def large(lines: list[str]) -> list[str | None]:
         served.append(len(lines))
         return ["x" * 5000 for _ in lines]
 
@@ -181,7 +181,7 @@ def test_bytes_of_any_kind_come_back_unharmed(start: Start) -> None:
 def test_a_world_that_has_ended_ends_the_conversation_only(start: Start) -> None:
     """Once the physics is gone a question closes its connection and nothing else."""
 
-    def ended(lines: list[str]) -> list[str]:
+    def ended(lines: list[str]) -> list[str | None]:
         raise UsarsimError("the simulation has ended")
 
     running = start(ground(ended))
@@ -194,7 +194,7 @@ def test_a_world_that_has_ended_ends_the_conversation_only(start: Start) -> None
 def test_a_defect_closes_one_connection_only(start: Start) -> None:
     """An answer that fails ends that conversation; the service goes on."""
 
-    def broken(lines: list[str]) -> list[str]:
+    def broken(lines: list[str]) -> list[str | None]:
         if lines == ["GET bug"]:
             raise RuntimeError("a defect")
         return echo(lines)
@@ -212,13 +212,13 @@ def test_a_busy_port_names_its_own_option(start: Start) -> None:
     running = start(ground())
     port = running.endpoint.port
     for service in (
-        ground_truth_service("127.0.0.1", port, echo, required=True),
+        ground_truth_service("127.0.0.1", port, responder(echo), required=True),
         truth_service("127.0.0.1", port, str),
     ):
         option = f"--{service.name}-port"
         with pytest.raises(ServiceError, match=rf"port {port} is already in use .*{option} N"):
             running.call(service.start())
-    assert ground_truth_service("127.0.0.1", port, echo, required=True).required
+    assert ground_truth_service("127.0.0.1", port, responder(echo), required=True).required
     assert not truth_service("127.0.0.1", port, str).required
 
 
@@ -276,7 +276,7 @@ def test_flood_of_requests_is_answered_at_the_rate(start: Start) -> None:
         0,
         "--port",
         LineFramer,
-        lambda lines: b"".join(line + b"\n" for line in lines),
+        lambda lines: [line + b"\n" for line in lines],
         limits=DialogueLimits(rate=200.0),
     )
     running = start(service)

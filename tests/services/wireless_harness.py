@@ -21,6 +21,7 @@ from usarsim_server.radio.event_log import EventLog
 from usarsim_server.radio.network import Network, RadioWorld
 from usarsim_server.radio.station import Station
 from usarsim_server.services.comserver import ComServerLimits, ComServerService
+from usarsim_server.services.dialogue import Desk
 from usarsim_server.services.relay import Road
 from usarsim_server.services.wireless import WirelessLimits, WirelessService
 
@@ -152,9 +153,14 @@ class Running:
         log: Path | None = None,
         limits: WirelessLimits | None = None,
         speed: float = 1.0,
+        tells_truth: bool = True,
+        strict: bool = False,
+        owners: dict[str, str] | None = None,
+        com_limits: ComServerLimits | None = None,
         **radio: object,
     ) -> None:
         self.line = line
+        self.owners = owners or {}
         self.sockets: list[socket.socket] = []
         options = read_radio({"patience": 0.1, "cache_distance": 0, **radio}, "test")
         world = RadioWorld(line.stations, line, lambda: 0.0, speed)
@@ -163,20 +169,27 @@ class Running:
         def network() -> Network:
             return Network(world, options.model, patience=options.patience, log=record)
 
-        def truth(lines: object) -> list[str]:
-            assert isinstance(lines, list)
-            return [f"TRUTH {text}" for text in lines]
+        def truth(lines: list[bytes]) -> list[bytes]:
+            return [b"TRUTH " + text + b"\r\n" for text in lines]
+
+        limits = limits or WirelessLimits(poll=POLL)
 
         self.wireless = WirelessService(
             "127.0.0.1",
             0,
             network(),
-            truth,
+            Desk("wireless", truth, limits.dialogue) if tells_truth else None,
             road=Road(options.shape, speed),
-            limits=limits or WirelessLimits(poll=POLL),
+            limits=limits,
+            owners=lambda: self.owners,
+            strict=strict,
         )
         self.comserver = ComServerService(
-            "127.0.0.1", 0, network(), limits=ComServerLimits(poll=POLL)
+            "127.0.0.1",
+            0,
+            network(),
+            limits=com_limits or ComServerLimits(poll=POLL),
+            owners=lambda: self.owners,
         )
         self.loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._serve, daemon=True)

@@ -8,8 +8,11 @@ hears the bare bytes of the other robot.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
+
+from usarsim_server.protocol.names import LONGEST_NAME, clean_name
 
 __all__ = [
     "INCORRECT",
@@ -47,9 +50,10 @@ THIRD_PARTY = b"Fail: Server does not accept third party requests;"
 
 _BLANKS = b" \t\r\n"
 _END, _SPACE = b"; "
-_DIGITS = b"0123456789"
 _SEND, _CLOSE = b"SEND ", b"CLOSE"
-_LONGEST_NUMBER = 10
+_JUNK = re.compile(rb"(?:[ \t\r\n]*+(?!SEND |CLOSE)[^;]*+;)*+[ \t\r\n]*+")
+"""Words that mean nothing, each with its semicolon, and the blanks before the next."""
+_NUMBER = re.compile(rb"[0-9]{0,10}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,9 +143,9 @@ def parse_message(message: bytes | None) -> Request | bytes:
     kind, count = _REQUESTS.get(verb.upper(), (None, 0))
     if kind is None:
         return UNKNOWN
-    if len(words) != count:
+    if len(words) != count or max(map(len, words)) > LONGEST_NAME:
         return INCORRECT
-    return kind(*words)
+    return kind(*map(clean_name, words))
 
 
 def strength_reply(strength: float) -> bytes:
@@ -183,17 +187,19 @@ def _fail(reason: str) -> bytes:
 class LinkReader:
     """Reads what a robot sends on a data link (5.4); memory does not grow with the payload.
 
+    Works on whole buffers: junk is passed over by one search, however many words it has.
+
     Attributes:
         closed: whether CLOSE was read; nothing is read after it.
     """
 
-    __slots__ = ("_head", "_left", "_read", "closed")
+    __slots__ = ("_held", "_left", "_read", "closed")
 
     def __init__(self) -> None:
         self.closed = False
-        self._head = bytearray()
+        self._held = b""
         self._left = 0
-        self._read: Callable[[memoryview, bytearray], int] = self._read_word
+        self._read: Callable[[bytes, int, bytearray], int] = self._read_word
 
     def feed(self, data: bytes) -> bytes:
         """Take the next bytes and return the payload in them.
@@ -202,56 +208,62 @@ class LinkReader:
         length that is no number included, is skipped up to the next semicolon.
         """
         payload = bytearray()
-        rest = memoryview(data)
-        while rest and not self.closed:
-            rest = rest[self._read(rest, payload) :]
+        data, self._held = self._held + data, b""
+        place = 0
+        while place < len(data) and not self.closed:
+            place = self._read(data, place, payload)
         return bytes(payload)
 
-    # Each of these reads a little and returns how many bytes that were.
+    # Each of these reads on from a place in the bytes and returns the place behind it.
 
-    def _read_word(self, data: memoryview, payload: bytearray) -> int:
-        byte = data[0]
-        if self._head or byte not in _BLANKS:
-            self._head.append(byte)
-        if byte == _END:
-            self._head.clear()
-        elif self._head == _SEND:
-            self._next(self._read_length)
-        elif self._head == _CLOSE:
-            self._next(self._read_goodbye)
-        elif len(self._head) == len(_SEND):
-            self._next(self._skip)
-        return 1
+    def _read_word(self, data: bytes, place: int, payload: bytearray) -> int:
+        start = _place_behind(_JUNK, data, place)
+        word = data[start : start + len(_SEND)]
+        if len(word) < len(_SEND):
+            return self._hold(data, start)
+        reads = {_SEND: self._read_length, _CLOSE: self._read_goodbye}
+        self._read = reads.get(word, self._skip)
+        return start + len(word)
 
-    def _read_length(self, data: memoryview, payload: bytearray) -> int:
-        byte = data[0]
-        if byte == _SPACE and self._head:
-            self._left = int(self._head)
-            self._next(self._read_payload)
-        elif byte in _DIGITS and len(self._head) < _LONGEST_NUMBER:
-            self._head.append(byte)
+    def _read_length(self, data: bytes, place: int, payload: bytearray) -> int:
+        end = _place_behind(_NUMBER, data, place)
+        if end == len(data):
+            return self._hold(data, place)
+        if data[end] == _SPACE and end > place:
+            self._left = int(data[place:end])
+            self._read = self._read_payload
         else:
-            self._next(self._read_word if byte == _END else self._skip)
-        return 1
+            self._read = self._read_word if data[end] == _END else self._skip
+        return end + 1
 
-    def _read_payload(self, data: memoryview, payload: bytearray) -> int:
+    def _read_payload(self, data: bytes, place: int, payload: bytearray) -> int:
         if not self._left:
-            self._next(self._read_word)
-            return 1  # one byte ends the payload, whichever it is
-        part = data[: self._left]
+            self._read = self._read_word
+            return place + 1  # one byte ends the payload, whichever it is
+        part = data[place : place + self._left]
         payload += part
         self._left -= len(part)
-        return len(part)
+        return place + len(part)
 
-    def _read_goodbye(self, data: memoryview, payload: bytearray) -> int:
-        self.closed = data[0] == _END
-        return 1
+    def _read_goodbye(self, data: bytes, place: int, payload: bytearray) -> int:
+        end = data.find(b";", place)
+        self.closed = end >= 0
+        return len(data)
 
-    def _skip(self, data: memoryview, payload: bytearray) -> int:
-        if data[0] == _END:
-            self._next(self._read_word)
-        return 1
+    def _skip(self, data: bytes, place: int, payload: bytearray) -> int:
+        end = data.find(b";", place)
+        if end < 0:
+            return len(data)
+        self._read = self._read_word
+        return end + 1
 
-    def _next(self, read: Callable[[memoryview, bytearray], int]) -> None:
-        self._head.clear()
-        self._read = read
+    def _hold(self, data: bytes, place: int) -> int:
+        """Keep what is not complete for the next bytes: a word, or the digits of a length."""
+        self._held = data[place:]
+        return len(data)
+
+
+def _place_behind(pattern: re.Pattern[bytes], data: bytes, place: int) -> int:
+    found = pattern.match(data, place)
+    assert found is not None  # the patterns match nothing, too
+    return found.end()

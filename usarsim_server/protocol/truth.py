@@ -14,10 +14,13 @@ from usarsim_server.protocol.framing import LineFramer
 from usarsim_server.protocol.grammar import parse_line
 from usarsim_server.protocol.values import Vector
 
-__all__ = ["END", "Actor", "Query", "QueryFramer", "listing", "read_query"]
+__all__ = ["END", "MAX_LISTING", "Actor", "Query", "QueryFramer", "listing", "read_query"]
 
 END = "{End}"
 """The last line of every listing."""
+
+MAX_LISTING = 512 * 1024
+"""Longest listing in bytes: some 4500 actors, more than a world holds by default."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,14 +65,21 @@ def read_query(line: str) -> Query:
 
 
 def listing(actors: Iterable[Actor], time: float) -> str:
-    """A whole listing, line ends and end marker included.
+    """A whole listing, line ends and end marker included, at most `MAX_LISTING` long.
 
     Args:
-        actors: in the order of the lines.
+        actors: in the order of the lines; those for whom there is no room are left out.
         time: simulated s.
     """
-    lines = [_line(actor, time) for actor in actors]
-    return "".join(f"{line}\r\n" for line in [*lines, END])
+    lines: list[str] = []
+    room = MAX_LISTING - len(END) - 2
+    for actor in actors:
+        line = _line(actor, time) + "\r\n"
+        room -= len(line)
+        if room < 0:
+            break
+        lines.append(line)
+    return "".join([*lines, END, "\r\n"])
 
 
 def _line(actor: Actor, time: float) -> str:

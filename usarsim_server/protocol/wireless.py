@@ -11,9 +11,12 @@ import re
 from dataclasses import dataclass
 from enum import StrEnum
 
+from usarsim_server.protocol.names import LONGEST_NAME, clean_name
+
 __all__ = [
     "INIT_OK",
     "MAX_LINE",
+    "MOST_PORTS",
     "Reason",
     "Request",
     "asks_for_ground_truth",
@@ -30,6 +33,9 @@ __all__ = [
 
 MAX_LINE = 100 * 1024
 """Longest line in bytes: the buffer of the original (4.1)."""
+
+MOST_PORTS = 256
+"""Ports that a robot may say it listens on; the original set no limit, clients name one or two."""
 
 INIT_OK = "INITREPLY {Status OK}"
 
@@ -73,14 +79,19 @@ class Request:
 
 
 def parse_request(line: bytes) -> Request:
-    """Read one line without its end; never raises. Bytes are taken as Latin-1."""
+    """Read one line without its end; never raises. Bytes are taken as Latin-1.
+
+    Names are cleaned as those of the robots are (see `names`); one that is too long is none.
+    """
     text = _text(line)
     verb = _VERB.match(text)
     assert verb is not None  # the pattern matches the empty string
     groups: dict[str, str] = {}
     for key, value in _GROUP.findall(text, verb.end()):
         groups.setdefault(key, value.strip())
-    robot = groups.get("Robot", "")
+    robot = clean_name(groups.get("Robot", ""))
+    if len(robot) > LONGEST_NAME:
+        return Request(verb[0], error=Reason.NO_NAME)
     match verb[0]:
         case "INIT":
             return _init(robot, groups.get("Port", ""))
@@ -162,8 +173,8 @@ def _text(line: bytes) -> str:
 
 def _init(robot: str, ports: str) -> Request:
     texts = [part.strip() for part in ports.split(",") if part.strip()]
-    numbers = [port for port in map(_port, texts) if port is not None]
-    if len(numbers) < len(texts):
+    numbers = [port for port in map(_port, texts[: MOST_PORTS + 1]) if port is not None]
+    if len(numbers) < len(texts) or len(numbers) > MOST_PORTS:
         return Request("INIT", robot, error=Reason.PORTS)
     error = None if robot else Reason.NO_NAME
     return Request("INIT", robot, tuple(numbers), error=error)

@@ -29,6 +29,7 @@ class RadioOptions:
         poll: s of wall time between two looks at the world.
         patience: s of wall time that a registered station may be missing in the simulator.
         cache_distance: m that a station may move before obstacles are counted again.
+        share: part of a processor that all links together may use.
     """
 
     model: Propagation
@@ -37,6 +38,7 @@ class RadioOptions:
     poll: float = 0.25
     patience: float = 1.0
     cache_distance: float = 0.25
+    share: float = 0.15
 
 
 def read_radio(
@@ -73,6 +75,7 @@ def read_radio(
         poll=parameters.number("poll", 0.25, low=0.02, high=60.0),
         patience=parameters.number("patience", 1.0, low=0.0, high=1e9),
         cache_distance=parameters.number("cache_distance", 0.25, low=0.0, high=1000.0),
+        share=parameters.number("share", 0.15, low=0.01, high=64.0),
     )
     parameters.finish()
     return options

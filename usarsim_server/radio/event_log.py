@@ -79,6 +79,11 @@ class EventLog:
         if path is not None:
             self._file = _open(path, now())
 
+    @property
+    def recording(self) -> bool:
+        """Whether anything is written."""
+        return self._file is not None
+
     def write(self, event: Event, *fields: object) -> None:
         """Add a line; numbers that are no whole ones are printed with six digits."""
         if self._file is None:

@@ -34,18 +34,17 @@ class GroundTruth:
         Raises:
             UsarsimError: if the simulation has ended.
         """
-        replies = self.answers([line])
-        return replies[0] if replies else None
+        return self.answers([line])[0]
 
-    def answers(self, lines: Iterable[str]) -> list[str]:
-        """The replies to requests that came together, in order, about one and the same moment.
+    def answers(self, lines: Iterable[str]) -> list[str | None]:
+        """The replies to requests that came together, one for each, about the same moment.
 
         Cheaper than one by one: the physics is asked once for all of them. See `answer`.
         """
-        queries = [query for line in lines if (query := text.read_query(line)) is not None]
+        queries = [text.read_query(line) for line in lines]
         needed = any(isinstance(query, text.Positions | BetweenRobots) for query in queries)
         stations = self._stations() if needed else ()
-        return [self._reply(query, stations) for query in queries]
+        return [None if one is None else self._reply(one, stations) for one in queries]
 
     def _reply(self, query: Query, stations: Sequence[Station]) -> str:
         match query:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from usarsim_server.protocol.values import Vector
@@ -143,7 +143,8 @@ class Network:
             frozenset(station.name for station in stations if station.battery_empty),
         )
         if self.model.counts_obstacles:
-            for one, other in _pairs(self.names):
+            # Not over all names: those of nobody cost nothing, however many are registered.
+            for one, other in _pairs(filter(picture.positions.__contains__, self.names)):
                 self._obstacles(picture, one, other)
         self._picture = picture
 
@@ -164,13 +165,12 @@ class Network:
                 self._seen[name] = now
             if empty or now - self._seen[name] > self._patience:
                 departures.append(Departure(name, empty))
-        for pair in _pairs(self.names):
-            self._review_link(pair)
+        if self.log.recording:
+            for pair in _pairs(filter(self.knows, self.names)):
+                self._review_link(pair)
         return departures
 
     def _review_link(self, pair: tuple[str, str]) -> None:
-        if not all(map(self.knows, pair)):
-            return
         strength = self.strength(*pair)
         up = self.model.connects(strength)
         if up is not self._up.get(pair):
@@ -219,6 +219,6 @@ class Network:
         return number
 
 
-def _pairs(names: tuple[str, ...]) -> Iterator[tuple[str, str]]:
+def _pairs(names: Iterable[str]) -> Iterator[tuple[str, str]]:
     """Every pair once, the smaller name first, as the original asks (side channels 3.5)."""
     return itertools.combinations(sorted(names), 2)

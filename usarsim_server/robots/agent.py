@@ -155,6 +155,17 @@ class RobotAgent:
     # -- mailbox, any thread -----------------------------------------------------------------
 
     @property
+    def peer(self) -> str:
+        """`host:port` of the client."""
+        return self._peer
+
+    @property
+    def robot(self) -> str | None:
+        """The name of its robot; None as long as there is none."""
+        vehicle = self._vehicle
+        return None if vehicle is None else vehicle.name
+
+    @property
     def backlog(self) -> int:
         """Number of commands submitted and not yet begun."""
         return len(self._commands)

@@ -103,6 +103,9 @@ class Vehicle:
         self.simulation.attach(self.robot, listener)
 
 
+TRUE_POSE = "GroundTruth"
+"""Type on the wire of all sensors that tell the true pose."""
+
 _log = Log("fleet")
 
 
@@ -117,6 +120,7 @@ class Fleet:
         seed: int,
         surroundings: Surroundings | None = None,
         board: CameraBoard | None = None,
+        truth: bool = True,
     ) -> None:
         """Start without robots.
 
@@ -128,12 +132,14 @@ class Fleet:
                 robot's place in the order of spawning and the sensor's place on the robot.
             surroundings: live facts that all sensors share; None: every sensor has its own.
             board: where cameras come and go with their robots; None: one of the usual size.
+            truth: whether robots are mounted with sensors that tell where they really are.
         """
         self.board = board or CameraBoard(Grid())
         self._roster = roster
         self._world = world
         self._simulation = simulation
         self._seed = seed
+        self._truth = truth
         self._surroundings = surroundings
         self._smoke = smoke_field(world.smoke)
         self._lock = threading.Lock()
@@ -284,7 +290,7 @@ class Fleet:
         )
 
     def _sensors(self, description: RobotDescription, order: int) -> list[Sensor]:
-        return [
+        made = [
             create_sensor(
                 item,
                 SensorContext(
@@ -298,6 +304,7 @@ class Fleet:
             )
             for index, item in enumerate(description.items)
         ]
+        return [one for one in made if self._truth or one.wire_type != TRUE_POSE]
 
     def _rng(self, order: int, index: int) -> np.random.Generator:
         return np.random.default_rng(

@@ -109,6 +109,11 @@ class Repeats:
         # By region: number of the frame and when it was sent, the region sent last at the end.
         self._got: dict[Region, tuple[int, float]] = {}
 
+    def has(self, frame: Frame, region: Region) -> bool:
+        """Whether the client has this very picture already."""
+        number, _ = self._got.get(region, (-1, 0.0))
+        return number == frame.number
+
     def pause(self, frame: Frame, region: Region, now: float) -> float:
         """Seconds to wait at a time (s) until a copy is due; 0 for what is new to the client."""
         number, sent = self._got.get(region, (-1, now))

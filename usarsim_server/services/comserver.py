@@ -10,6 +10,7 @@ import asyncio
 import contextlib
 import socket
 from dataclasses import dataclass, field
+from functools import partial
 
 from usarsim_server.errors import UsarsimError
 from usarsim_server.logs import Log
@@ -22,17 +23,27 @@ from usarsim_server.protocol.comserver import (
     Open,
     Register,
 )
+from usarsim_server.protocol.names import name_key
 from usarsim_server.radio.event_log import Event
 from usarsim_server.radio.network import Network
+from usarsim_server.services.budget import BYTE_COST, HOP_COST, Account, WorkBudget
+from usarsim_server.services.descriptors import descriptor_limit, raise_descriptor_limit
+from usarsim_server.services.dialogue import CHUNK, CHUNK_BYTES
+from usarsim_server.services.guests import Guest, Guests
 from usarsim_server.services.limits import READ_COST, InputRates
 from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits
+from usarsim_server.services.outbox import PIECE, ReplyBuffer
+from usarsim_server.services.owners import NOBODY, Owners
 from usarsim_server.services.radio_watch import RadioWatch
-from usarsim_server.services.relay import dial
+from usarsim_server.services.relay import KERNEL_BUFFER, SHARE, Traffic, dial
 
 __all__ = ["ComServerLimits", "ComServerService"]
 
-_CHUNK = 2048
-_BLOCK = 64 * 1024
+_BLOCK = 8 * 1024
+"""Bytes read at a time from a link; the worst of them, messages without payload, take a
+millisecond."""
+_ROBOT_BYTES = 16 * 1024
+"""A registered name with all ports that it may listen on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,19 +52,48 @@ class ComServerLimits:
 
     Attributes:
         max_connections: control connections at a time.
-        robots: names that may be registered.
+        robots: names that may be registered; beyond it the oldest that is no robot of the world
+            and has no links is forgotten.
         ports: that one robot may listen on at a time.
-        links: open at a time.
+        links: open at a time; each takes two descriptors.
+        links_per_robot: of these for the one who opened them.
         poll: s of wall time between two looks at the world.
         rate: messages per wall s of one client in the long run; it is read no faster.
+        share: s of processor time per wall s for the control messages of all clients.
+        link_share: the same for all links.
+        idle: s after which a client that says nothing is closed unless it registered a robot of
+            the world; 0 for never.
+        kernel_buffer: bytes per control connection and direction, before the kernel doubles it.
     """
 
     max_connections: int = 64
     robots: int = 256
-    ports: int = 256
-    links: int = 512
+    ports: int = 64
+    links: int = 256
+    links_per_robot: int = 64
     poll: float = 0.25
     rate: float = 1000.0
+    share: float = 0.05
+    link_share: float = SHARE
+    idle: float = 300.0
+    kernel_buffer: int = 64 * 1024
+
+    @property
+    def held_bytes(self) -> int:
+        """Bytes that a connection can make the server hold, without kernel buffers: half a
+        message, those of one chunk that wait, one answer; and names, which outlive it but are
+        bounded for all connections together."""
+        return comserver.MAX_MESSAGE + CHUNK_BYTES + 2 * PIECE + self.robots * _ROBOT_BYTES
+
+    @property
+    def kernel_bytes(self) -> int:
+        """The same in the kernel, which doubles what it is asked for, in either direction."""
+        return 4 * self.kernel_buffer
+
+    @property
+    def link_bytes(self) -> int:
+        """Bytes, those of the kernel included, that the links of one robot can hold."""
+        return self.links_per_robot * (2 * 2 * _BLOCK + 8 * KERNEL_BUFFER)
 
 
 @dataclass(slots=True, eq=False)
@@ -61,6 +101,7 @@ class _Robot:
     name: str
     address: str
     listening: list[str] = field(default_factory=list)
+    links: int = 0
 
 
 class ComServerService:
@@ -76,6 +117,7 @@ class ComServerService:
         *,
         limits: ComServerLimits | None = None,
         required: bool = False,
+        owners: Owners = NOBODY,
     ) -> None:
         """Describe the service; nothing is opened before `start`.
 
@@ -85,10 +127,16 @@ class ComServerService:
             network: strengths and links; used by this service alone.
             limits: see there.
             required: whether the server shall not run without it.
+            owners: whose the robots are.
         """
         self.required = required
         self._network = network
         self._limits = limits or ComServerLimits()
+        self._owners = owners
+        self._budget = WorkBudget(self._limits.share)
+        self._link_budget = WorkBudget(self._limits.link_share)
+        self._traffic = Traffic(self._limits.links, self._limits.links_per_robot)
+        self._guests = Guests(self.name, self._limits.idle)
         self._rates = InputRates(self._limits.rate)
         self._log = Log(self.name)
         self._robots: dict[str, _Robot] = {}
@@ -102,7 +150,12 @@ class ComServerService:
             port,
             self._serve,
             option="--comserver-port",
-            limits=ListenerLimits(max_connections=self._limits.max_connections),
+            limits=ListenerLimits(
+                max_connections=self._limits.max_connections,
+                receive_buffer=self._limits.kernel_buffer,
+                send_buffer=self._limits.kernel_buffer,
+            ),
+            make_room=self._guests.make_room,
         )
 
     async def start(self) -> Endpoint:
@@ -112,6 +165,8 @@ class ComServerService:
             ServiceError: if it cannot be opened.
         """
         endpoint = await self._listener.start()
+        raise_descriptor_limit()
+        self._traffic.most = min(self._limits.links, descriptor_limit() // 8)
         self._watch.start()
         return endpoint
 
@@ -127,47 +182,79 @@ class ComServerService:
 
     async def _serve(self, client: socket.socket, peer: str) -> None:
         self._log.info("client connected", connection=peer)
-        loop = asyncio.get_running_loop()
-        address = client.getpeername()[0]
-        framer, allowance = MessageFramer(), self._rates.newcomer()
-        while chunk := await loop.sock_recv(client, _CHUNK):
-            messages = framer.feed(chunk)
-            for message in messages:
-                request = comserver.parse_message(message)
-                if not isinstance(request, bytes):
-                    request = await self._answer(request, address)
-                await loop.sock_sendall(client, request)
-            # Neither call yields while there is data and room.
-            await asyncio.sleep(self._rates.charge(allowance, READ_COST + len(messages)))
+        with self._guests.enter(peer) as guest:
+            await self._converse(client, guest)
         self._log.info("client gone", connection=peer)
 
-    async def _answer(self, request: comserver.Request, address: str) -> bytes:
+    async def _converse(self, client: socket.socket, guest: Guest) -> None:
+        loop, budget, account = asyncio.get_running_loop(), self._budget, self._budget.newcomer()
+        address = client.getpeername()[0]
+        framer, replies, allowance = MessageFramer(), ReplyBuffer(client), self._rates.newcomer()
+        introduced: set[str] = set()
+        guest.standing = lambda: not introduced.isdisjoint(self._owners())
+        while chunk := await loop.sock_recv(client, CHUNK):
+            await budget.turn(account)
+            with budget.work(account):
+                messages = framer.feed(chunk)
+            for number, message in enumerate(messages):
+                if number:
+                    await budget.turn(account)
+                with budget.work(account):
+                    request = comserver.parse_message(message)
+                    reply = self._answer(request, address)
+                if isinstance(request, Register) and reply == comserver.OK:
+                    introduced.add(name_key(request.name))
+                    budget.charge(account, HOP_COST)
+                    await self._look_for(request.name)
+                await replies.put(reply)
+            await replies.flush()
+            if messages:
+                self._guests.heard(guest)
+            # Neither call yields while there is data and room.
+            await asyncio.sleep(self._rates.charge(allowance, READ_COST + len(messages)))
+
+    def _answer(self, request: comserver.Request | bytes, address: str) -> bytes:
         match request:
             case Register():
-                return await self._register(request)
+                return self._register(request)
             case Listen():
                 return self._listen(request)
             case Open():
                 return self._open(request)
             case GetStrength():
                 return self._strength(request, address)
+            case refusal:
+                return refusal
 
-    async def _register(self, request: Register) -> bytes:
+    def _register(self, request: Register) -> bytes:
         known = self._robots.get(request.name)
         if known is not None:
             same = known.address == request.address
             return comserver.OK if same else comserver.already_registered(request.name)
-        if len(self._robots) >= self._limits.robots:
+        if len(self._robots) >= self._limits.robots and not self._forget_one():
             self._log.warning("too many robots registered", limit=self._limits.robots)
             return comserver.INCORRECT
         self._robots[request.name] = _Robot(request.name, request.address)
         self._network.register(request.name, asyncio.get_running_loop().time())
         self._network.log.write(Event.REGISTERED, request.name, request.address, "")
-        if not self._network.knows(request.name):
+        return comserver.OK
+
+    async def _look_for(self, name: str) -> None:
+        """Find a robot that may have come since the last look."""
+        if not self._network.knows(name):
             with contextlib.suppress(UsarsimError):
                 await self._watch.look()
         self._watch.wake()
-        return comserver.OK
+
+    def _forget_one(self) -> bool:
+        """Forget the oldest name that nobody needs; False if all are needed."""
+        owners = self._owners()
+        for name, robot in self._robots.items():
+            if name_key(name) not in owners and not robot.links:
+                del self._robots[name]
+                self._network.deregister(name)
+                return True
+        return False
 
     def _listen(self, request: Listen) -> bytes:
         robot = self._robots.get(request.name)
@@ -189,13 +276,19 @@ class ComServerService:
             return comserver.cannot_connect(request.other)
         me = self._robots.get(request.name)
         ends = [_port(text) for text in (request.port, request.other_port)]
-        if me is None or None in ends or len(self._links) >= self._limits.links:
+        if me is None or None in ends or not self._traffic.enter(me.name):
             return comserver.NO_LINK
         other.listening.remove(request.other_port)
         link = asyncio.create_task(self._link(me, other, [port or 0 for port in ends]))
         self._links.add(link)
-        link.add_done_callback(self._links.discard)
+        me.links, other.links = me.links + 1, other.links + 1
+        link.add_done_callback(partial(self._unlink, me, other))
         return comserver.OK
+
+    def _unlink(self, me: _Robot, other: _Robot, link: asyncio.Task[None]) -> None:
+        self._links.discard(link)
+        self._traffic.leave(me.name)
+        me.links, other.links = me.links - 1, other.links - 1
 
     def _strength(self, request: GetStrength, address: str) -> bytes:
         robots = [self._robots.get(name) for name in (request.one, request.other)]
@@ -229,9 +322,10 @@ class ComServerService:
     async def _carry(self, sockets: list[socket.socket], one: str, other: str) -> None:
         """Until CLOSE, the end of either side, or the end of the radio's reach (5.4)."""
         there, back = sockets
+        account = self._link_budget.newcomer()
         ways = [
-            asyncio.create_task(self._one_way(there, back, one, other)),
-            asyncio.create_task(self._one_way(back, there, other, one)),
+            asyncio.create_task(self._one_way(there, back, one, other, account)),
+            asyncio.create_task(self._one_way(back, there, other, one, account)),
         ]
         try:
             done, _ = await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
@@ -244,14 +338,22 @@ class ComServerService:
             await asyncio.gather(*ways, return_exceptions=True)
 
     async def _one_way(
-        self, source: socket.socket, target: socket.socket, sender: str, receiver: str
+        self,
+        source: socket.socket,
+        target: socket.socket,
+        sender: str,
+        receiver: str,
+        account: Account,
     ) -> None:
-        loop = asyncio.get_running_loop()
+        loop, budget = asyncio.get_running_loop(), self._link_budget
         reader = LinkReader()
         sent = 0
         try:
             while not reader.closed and (data := await loop.sock_recv(source, _BLOCK)):
-                payload = reader.feed(data)
+                await budget.turn(account)
+                with budget.work(account):
+                    payload = reader.feed(data)
+                budget.charge(account, len(data) * BYTE_COST)
                 if payload:
                     if not self._network.connected(sender, receiver):
                         self._log.info("out of reach", sender=sender, receiver=receiver)

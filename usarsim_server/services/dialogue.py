@@ -1,30 +1,53 @@
 """Services that speak only when they are asked: one request, one reply, in order.
 
-Replies are worked out on threads of the service's own, because they may have to wait for the
-physics. A client's next request is read only when its last reply has been handed to the kernel, so
-nothing piles up here whatever a client sends or leaves unread, and nobody waits for anybody else.
+A client's next request is read only when its last reply has been handed to the kernel, so nothing
+piles up here whatever a client sends or leaves unread, and nobody waits for anybody else. What is
+asked for again within an instant gets the same text, whoever asks; other replies are worked out on
+threads of the service's own, because they may have to wait for the physics. All of it comes out of
+the port's share of the processor.
 """
 
 from __future__ import annotations
 
 import asyncio
 import socket
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Protocol
 
 from usarsim_server.errors import UsarsimError
 from usarsim_server.logs import Log
-from usarsim_server.services.limits import InputRates, input_cost
+from usarsim_server.services.budget import BYTE_COST, HOP_COST, Account, WorkBudget
+from usarsim_server.services.guests import Guest, Guests
+from usarsim_server.services.limits import Clock, InputRates, input_cost
 from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits
+from usarsim_server.services.outbox import PIECE, ReplyBuffer
 
-__all__ = ["DialogueLimits", "DialogueService", "Framer", "Respond"]
+__all__ = [
+    "CHUNK",
+    "MAX_REQUEST",
+    "Desk",
+    "DialogueLimits",
+    "DialogueService",
+    "Framer",
+    "Instant",
+    "Respond",
+]
 
-_CHUNK = 2048
-"""Bytes read at a time: at most some hundred requests, whose replies are small."""
+CHUNK = 2048
+"""Bytes read at a time: at most some hundred requests, which wait here while one is answered."""
+CHUNK_BYTES = CHUNK + CHUNK * 40
+"""Memory of a chunk that is cut into as many lines as fit, with what Python needs for each."""
+MAX_REQUEST = 8 * 1024
+"""Longest request in bytes; the longest that means something names two points or robots."""
 _WORKERS = 2
 """Threads that work out replies; so one client's hard question does not hold up the others."""
+_GROUP = 8
+"""Requests that a thread answers at a time; the physics is asked once for all of them."""
+_KEPT, _KEPT_BYTES = 256, 1024 * 1024
+"""Texts of one instant that are remembered, and their bytes in all."""
 
 
 class Framer(Protocol):
@@ -38,12 +61,26 @@ class Framer(Protocol):
         """Take the next bytes and return the lines they complete, without terminators."""
 
 
-Respond = Callable[[list[bytes]], bytes]
-"""Makes the replies to lines that came together, line ends included; handed to the kernel at once.
+Respond = Callable[[list[bytes]], list[bytes]]
+"""Makes the replies to lines that came together, one for each, line ends included; an empty text is
+no reply.
 
 Called on a worker thread, may block. May raise `UsarsimError` if there is nothing left to tell; the
 connection ends then.
 """
+
+
+@dataclass(frozen=True, slots=True)
+class Instant:
+    """For how long an answer holds.
+
+    Attributes:
+        span: s of wall time; 0: every request is answered anew.
+        version: changes with what must show at once, such as who is there.
+    """
+
+    span: float = 0.0
+    version: Callable[[], object] = int
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,16 +90,160 @@ class DialogueLimits:
     Attributes:
         max_connections: at the same time.
         kernel_buffer: bytes per client and direction, before the kernel doubles it.
-        together: lines that came together may be answered together; otherwise one by one.
+        together: replies may be handed over together; otherwise one by one.
         pause: wall s between two replies to the same client, at the least.
         rate: requests per wall s of one client in the long run; it is read no faster.
+        share: s of processor time per wall s that all clients together may use.
+        reply_bytes: longest reply. No service makes a longer one; if it does, the client is closed.
+        idle: s after which a client that asks for nothing is closed; 0 for never.
     """
 
     max_connections: int = 64
-    kernel_buffer: int = 256 * 1024
+    kernel_buffer: int = 64 * 1024
     together: bool = True
     pause: float = 0.0
     rate: float = 1000.0
+    share: float = 0.05
+    reply_bytes: int = 64 * 1024
+    idle: float = 300.0
+
+    @property
+    def held_bytes(self) -> int:
+        """Bytes that a connection can make the server hold, without the kernel's buffers: half a
+        request, those of one chunk that wait, the replies worked out together, and the one piece
+        of them that is being sent."""
+        together = _GROUP if self.together else 1
+        return MAX_REQUEST + CHUNK_BYTES + (together + 1) * self.reply_bytes + PIECE
+
+    @property
+    def kernel_bytes(self) -> int:
+        """The same in the kernel, which doubles what it is asked for, in either direction."""
+        return 4 * self.kernel_buffer
+
+
+class Desk:
+    """Answers lines, whoever asks."""
+
+    def __init__(
+        self,
+        name: str,
+        respond: Respond,
+        limits: DialogueLimits,
+        instant: Instant | None = None,
+        clock: Clock = time.monotonic,
+    ) -> None:
+        """Make a desk; nobody works at it before `open`.
+
+        Args:
+            name: of the service.
+            respond: see `Respond`.
+            limits: see `DialogueLimits`.
+            instant: for how long an answer holds.
+            clock: wall time.
+        """
+        self.budget = WorkBudget(limits.share)
+        self._name = name
+        self._respond = respond
+        self._limits = limits
+        self._instant = instant or Instant()
+        self._clock = clock
+        self._executor: ThreadPoolExecutor | None = None
+        self._kept: dict[bytes, bytes] = {}
+        self._kept_bytes = 0
+        self._kept_since = 0.0
+        self._kept_version: object = None
+
+    def open(self) -> None:
+        """Start the threads."""
+        self._executor = ThreadPoolExecutor(_WORKERS, thread_name_prefix=self._name)
+
+    def close(self) -> None:
+        """Let the threads end."""
+        if self._executor is not None:
+            self._executor.shutdown(wait=False, cancel_futures=True)
+
+    async def answer(self, lines: list[bytes], replies: ReplyBuffer, account: Account) -> int:
+        """Send the replies to lines in their order; returns how many there were.
+
+        The client has had its turn when this is called.
+
+        Raises:
+            UsarsimError: if there is nothing left to tell.
+            OSError: if the client has gone, or does not read.
+        """
+        replied = place = 0
+        while place < len(lines):
+            if place:
+                await self.budget.turn(account)
+            with self.budget.work(account):
+                found = list(self._at_hand(lines, place))
+            if not found:
+                found = await self._work_out(lines[place : place + _GROUP], account)
+            place += len(found)
+            replied += sum(map(bool, found))
+            self.budget.charge(account, sum(map(len, found)) * BYTE_COST)
+            for reply in filter(None, found):
+                await self._send(reply, replies)
+        await replies.flush()
+        return replied
+
+    async def _send(self, reply: bytes, replies: ReplyBuffer) -> None:
+        begun = self._clock()
+        await replies.put(reply)
+        if not self._limits.together:
+            await replies.flush()
+        if self._limits.pause:
+            await asyncio.sleep(self._limits.pause - (self._clock() - begun))
+
+    def _at_hand(self, lines: list[bytes], place: int) -> Iterator[bytes]:
+        """Replies that were given this instant, up to the first that was not."""
+        self._look_at_clock()
+        size = 0
+        for line in lines[place:]:
+            reply = self._kept.get(line)
+            if reply is None or size >= PIECE:
+                return
+            size += len(reply)
+            yield reply
+
+    async def _work_out(self, lines: list[bytes], account: Account) -> list[bytes]:
+        loop = asyncio.get_running_loop()
+        if not self._limits.together:
+            lines = lines[:1]
+        begun = self._clock()
+        replies, cost = await loop.run_in_executor(self._executor, self._measured, lines)
+        self.budget.charge(account, cost + HOP_COST)
+        for line, reply in zip(lines, replies, strict=True):
+            self._keep(line, reply, begun)
+        return replies
+
+    def _measured(self, lines: list[bytes]) -> tuple[list[bytes], float]:
+        """Replies, and s of processor time; on a worker thread."""
+        begun = time.thread_time()
+        replies = self._respond(lines)
+        if max(map(len, replies), default=0) > self._limits.reply_bytes:
+            raise UsarsimError(f"a reply is longer than {self._limits.reply_bytes} bytes")
+        return replies, time.thread_time() - begun
+
+    def _look_at_clock(self) -> None:
+        """Forget the answers of an instant that has passed."""
+        if not self._kept:
+            return
+        past = self._clock() >= self._kept_since + self._instant.span
+        if past or self._instant.version() != self._kept_version:
+            self._kept.clear()
+            self._kept_bytes = 0
+
+    def _keep(self, line: bytes, reply: bytes, begun: float) -> None:
+        if not self._instant.span:
+            return
+        self._look_at_clock()
+        if not self._kept:
+            self._kept_since, self._kept_version = begun, self._instant.version()
+        size = len(line) + len(reply)
+        if len(self._kept) < _KEPT and self._kept_bytes + size <= _KEPT_BYTES:
+            self._kept_bytes += size
+            self._kept[line] = reply
 
 
 class DialogueService:
@@ -79,6 +260,7 @@ class DialogueService:
         *,
         required: bool = False,
         limits: DialogueLimits | None = None,
+        instant: Instant | None = None,
     ) -> None:
         """Describe the service; nothing is opened before `start`.
 
@@ -91,15 +273,16 @@ class DialogueService:
             respond: see `Respond`.
             required: see `ready.Service`.
             limits: see `DialogueLimits`.
+            instant: for how long an answer holds.
         """
         self.name = name
         self.required = required
         self._framer = framer
-        self._respond = respond
         self._limits = limits or DialogueLimits()
         self._log = Log(name)
         self._rates = InputRates(self._limits.rate)
-        self._executor: ThreadPoolExecutor | None = None
+        self._desk = Desk(name, respond, self._limits, instant)
+        self._guests = Guests(name, self._limits.idle)
         self._listener = Listener(
             name,
             host,
@@ -111,6 +294,7 @@ class DialogueService:
                 receive_buffer=self._limits.kernel_buffer,
                 send_buffer=self._limits.kernel_buffer,
             ),
+            make_room=self._guests.make_room,
         )
 
     @property
@@ -125,49 +309,39 @@ class DialogueService:
             ServiceError: if it cannot be opened.
         """
         endpoint = await self._listener.start()
-        self._executor = ThreadPoolExecutor(_WORKERS, thread_name_prefix=self.name)
+        self._desk.open()
         return endpoint
 
     async def stop(self) -> None:
         """Close the port and every connection."""
         await self._listener.stop()
-        if self._executor is not None:
-            self._executor.shutdown(wait=False, cancel_futures=True)
+        self._desk.close()
 
     async def _serve(self, client: socket.socket, peer: str) -> None:
         log = self._log.bind(connection=peer)
         log.info("client connected")
         try:
-            await self._converse(client, log)
+            with self._guests.enter(peer) as guest:
+                await self._converse(client, guest, log)
         except UsarsimError as error:
             log.info(f"conversation ended: {error}")
         finally:
             log.info("client left")
 
-    async def _converse(self, client: socket.socket, log: Log) -> None:
+    async def _converse(self, client: socket.socket, guest: Guest, log: Log) -> None:
         loop = asyncio.get_running_loop()
+        budget = self._desk.budget
         framer, discarded = self._framer(), 0
-        allowance = self._rates.newcomer()
-        while chunk := await loop.sock_recv(client, _CHUNK):
-            lines = framer.feed(chunk)
+        account, allowance = budget.newcomer(), self._rates.newcomer()
+        replies = ReplyBuffer(client)
+        while chunk := await loop.sock_recv(client, CHUNK):
+            await budget.turn(account)
+            with budget.work(account):
+                lines = framer.feed(chunk)
             if framer.discarded != discarded:
                 discarded = framer.discarded
                 log.info("line discarded: too long")
-            for batch in self._batches(lines):
-                await self._reply(client, batch)
+            if await self._desk.answer(lines, replies, account):
+                self._guests.heard(guest)
             # `sock_recv` does not yield while there is data: let other clients have a turn.
             await asyncio.sleep(self._rates.charge(allowance, input_cost(lines, len(lines))))
-
-    def _batches(self, lines: list[bytes]) -> list[list[bytes]]:
-        if self._limits.together:
-            return [lines] if lines else []
-        return [[line] for line in lines]
-
-    async def _reply(self, client: socket.socket, lines: list[bytes]) -> None:
-        loop = asyncio.get_running_loop()
-        begun = loop.time()
-        reply = await loop.run_in_executor(self._executor, self._respond, lines)
-        if reply:
-            await loop.sock_sendall(client, reply)
-        if self._limits.pause:
-            await asyncio.sleep(self._limits.pause - (loop.time() - begun))

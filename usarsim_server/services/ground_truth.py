@@ -10,43 +10,61 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 from usarsim_server.protocol.framing import LineFramer
-from usarsim_server.services.dialogue import DialogueLimits, DialogueService
+from usarsim_server.services.dialogue import (
+    MAX_REQUEST,
+    DialogueLimits,
+    DialogueService,
+    Instant,
+    Respond,
+)
 
-__all__ = ["ground_truth_service"]
+__all__ = ["Answers", "ground_truth_service", "responder"]
 
-Answers = Callable[[Iterable[str]], list[str]]
-"""Makes the replies, without line ends, to requests that came together; may block."""
+Answers = Callable[[Iterable[str]], list[str | None]]
+"""Makes the replies, without line ends, to requests that came together, one for each; None: there
+is no reply. May block."""
 
 
 def ground_truth_service(
     host: str,
     port: int,
-    answers: Answers,
+    respond: Respond,
     *,
     required: bool = False,
     limits: DialogueLimits | None = None,
+    instant: Instant | None = None,
 ) -> DialogueService:
     """Describe the service; nothing is opened before it is started.
 
     Args:
         host: address or host name to listen on.
         port: 0 takes any free one.
-        answers: see `Answers`; in general `GroundTruth.answers`.
+        respond: in general `responder` of `GroundTruth.answers`.
         required: see `ready.Service`.
         limits: see `DialogueLimits`.
+        instant: for how long an answer holds.
     """
-
-    def respond(lines: list[bytes]) -> bytes:
-        replies = answers([line.decode("latin-1") for line in lines])
-        return "".join([f"{reply}\r\n" for reply in replies]).encode("latin-1", "replace")
-
     return DialogueService(
         "groundtruth",
         host,
         port,
         "--groundtruth-port",
-        LineFramer,
+        lambda: LineFramer(MAX_REQUEST),
         respond,
         required=required,
         limits=limits,
+        instant=instant,
     )
+
+
+def responder(answers: Answers) -> Respond:
+    """What a desk needs, in bytes."""
+
+    def respond(lines: list[bytes]) -> list[bytes]:
+        replies = answers([line.decode("latin-1") for line in lines])
+        return [
+            b"" if reply is None else f"{reply}\r\n".encode("latin-1", "replace")
+            for reply in replies
+        ]
+
+    return respond

@@ -2,9 +2,10 @@
 
 Requests of one client are answered in order, each with the newest picture there is. Nothing of a
 client is read while it is being answered, so what it asks for too early waits in TCP; a client
-that does not read its picture is waited for without limit, as the original did, and costs the
-memory of that one picture. Pictures are encoded in threads beside the event loop, each but once
-for however many clients ask for it.
+that does not read its picture is waited for, and costs the memory of that one picture. Pictures are
+encoded in threads beside the event loop, each but once for however many clients ask for it. All of
+it comes out of the port's share of the processor; copies of what a client has already, for which
+nobody waits, out of a small part of that.
 
 The service knows no camera and no renderer: pictures come from a `FrameSource`.
 """
@@ -13,15 +14,25 @@ from __future__ import annotations
 
 import asyncio
 import socket
+import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 
 from usarsim_server.cameras.encoding import Encoder
 from usarsim_server.cameras.view import Frame, FrameSource, Region
 from usarsim_server.logs import Log
-from usarsim_server.protocol.images import FullFrame, Request, RequestLexer, empty_reply
+from usarsim_server.protocol.images import (
+    FullFrame,
+    Request,
+    RequestLexer,
+    empty_reply,
+    raw_row_length,
+)
 from usarsim_server.services.attention import Attention, Bell, Repeats
+from usarsim_server.services.budget import Account, WorkBudget
+from usarsim_server.services.guests import Guest, Guests
 from usarsim_server.services.limits import READ_COST, InputRates
 from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits
 
@@ -29,6 +40,10 @@ __all__ = ["ImageLimits", "ImageService"]
 
 _CHUNK = 1024
 """Bytes read at a time: at most 512 requests of one client that wait outside the kernel."""
+_REQUEST_BYTES, _REGION_BYTES = 100, 2000
+"""Memory of a request that waits, and of a region that is looked at."""
+SEND_COST = 0.5e-9
+"""s of processor time for each byte of a picture on its way into the kernel."""
 _ENCODERS = 2
 """Threads that encode; a picture of 1280 x 960 takes 3 ms."""
 
@@ -48,6 +63,11 @@ class ImageLimits:
         repeat: s between two copies of the same picture to the same client. One that asks again
             as soon as it can read would otherwise keep a core busy with pictures it has already.
         rate: requests per s of one client in the long run; it is read no faster.
+        share: s of processor time per wall s for encoding and sending pictures to all clients.
+        copies_share: the same for copies of pictures that a client has already.
+        idle: s after which a client that never asked for a picture, or does not take the one it is
+            sent, is closed; 0 for never. Others may be silent, as somebody who presses a button
+            now and then, and make room when the port is full.
     """
 
     max_connections: int = 64
@@ -58,6 +78,20 @@ class ImageLimits:
     regions: int = 64
     repeat: float = 0.004
     rate: float = 1000.0
+    share: float = 0.2
+    copies_share: float = 0.05
+    idle: float = 300.0
+
+    def held_bytes(self, frame: Region) -> int:
+        """Bytes that a connection can make the server hold, without the kernel's buffers: one
+        picture, raw or of the worst JPEG, which is no longer; requests; regions it looks at."""
+        picture = 16 + raw_row_length(frame.width) * frame.height
+        return picture + _CHUNK + _CHUNK // 2 * _REQUEST_BYTES + self.regions * _REGION_BYTES
+
+    @property
+    def kernel_bytes(self) -> int:
+        """The same in the kernel, which doubles what it is asked for."""
+        return 2 * (self.send_buffer + self.receive_buffer)
 
 
 class ImageService:
@@ -102,6 +136,7 @@ class ImageService:
         self._bound = bound or _sees_all
         self._limits = limits or ImageLimits()
         self._rates = InputRates(self._limits.rate)
+        self._guests = Guests(self.name, self._limits.idle)
         self._log = Log(self.name)
         self._listener = Listener(
             self.name,
@@ -114,6 +149,7 @@ class ImageService:
                 receive_buffer=self._limits.receive_buffer,
                 send_buffer=self._limits.send_buffer,
             ),
+            make_room=self._guests.make_room,
         )
         self._desk: _Desk | None = None
 
@@ -128,7 +164,7 @@ class ImageService:
         Raises:
             ServiceError: if it cannot be opened.
         """
-        self._desk = _Desk(self._source, self._encoder, self._limits.patience, self._log)
+        self._desk = _Desk(self._source, self._encoder, self._limits, self._guests, self._log)
         return await self._listener.start()
 
     async def stop(self) -> None:
@@ -141,29 +177,41 @@ class ImageService:
         assert self._desk is not None, "clients come after start only"
         log = self._log.bind(connection=peer)
         host = client.getpeername()[0]
-        conversation = _Conversation(
-            client, self._desk, self._limits, self._rates, lambda: self._bound(host)
-        )
         log.info("client connected")
-        try:
-            await conversation.run(self._legacy, self._silent_push)
-        finally:
-            conversation.attention.close()
-            log.info("client left", pictures=conversation.sent)
+        with self._guests.enter(peer) as guest:
+            conversation = _Conversation(
+                client, self._desk, self._limits, self._rates, lambda: self._bound(host), guest
+            )
+            try:
+                await conversation.run(self._legacy, self._silent_push)
+            finally:
+                conversation.attention.close()
+                log.info("client left", pictures=conversation.sent)
 
 
 class _Desk:
-    """Hands out encoded pictures; all clients share it."""
+    """Hands out encoded pictures; all clients share it.
 
-    def __init__(self, source: FrameSource, encoder: Encoder, patience: float, log: Log) -> None:
+    Attributes:
+        budget: for all pictures.
+        copies: for pictures that a client has already; they need both.
+        heard: told when a client was sent what it asked for.
+    """
+
+    def __init__(
+        self, source: FrameSource, encoder: Encoder, limits: ImageLimits, guests: Guests, log: Log
+    ) -> None:
         self.source = source
         self.bell = Bell()
+        self.budget = WorkBudget(limits.share)
+        self.copies = WorkBudget(limits.copies_share)
+        self.heard = guests.heard
         self._encoder = encoder
-        self._patience = patience
+        self._patience = limits.patience
         self._log = log
         self._loop = asyncio.get_running_loop()
         self._threads = ThreadPoolExecutor(_ENCODERS, "image-encoder")
-        self._under_way: dict[tuple[int, Region], asyncio.Future[memoryview]] = {}
+        self._under_way: dict[tuple[int, Region], asyncio.Future[tuple[memoryview, float]]] = {}
         self._complained = False
 
     def close(self) -> None:
@@ -193,27 +241,37 @@ class _Desk:
                 return latest
             latest = news.result()
 
-    async def picture(self, frame: Frame | None, region: Region) -> memoryview:
-        """The reply for a region of a frame; a grey one for None."""
+    async def picture(self, frame: Frame | None, region: Region, account: Account) -> memoryview:
+        """The reply for a region of a frame; a grey one for None. Who asks first pays for it."""
         if frame is None:
-            return await self._loop.run_in_executor(self._threads, self._encoder.grey, region)
-        message = self._encoder.found(frame, region)
-        if message is not None:
+            grey = partial(self._encoder.grey, region)
+            message, cost = await self._loop.run_in_executor(self._threads, _timed, grey)
+            self.budget.charge(account, cost)
             return message
+        found = self._encoder.found(frame, region)
+        if found is not None:
+            return found
         key = frame.number, region
         work = self._under_way.get(key)
         if work is None:
-            encode = self._encoder.encode
-            work = self._loop.run_in_executor(self._threads, encode, frame, region)
+            encode = partial(self._encoder.encode, frame, region)
+            work = self._loop.run_in_executor(self._threads, _timed, encode)
             self._under_way[key] = work
-            work.add_done_callback(lambda done: self._finished(key, done))
+            work.add_done_callback(lambda done: self._finished(key, done, account))
         # Others may wait for the same picture when this client goes.
-        return await asyncio.shield(work)
+        made, _ = await asyncio.shield(work)
+        return made
 
-    def _finished(self, key: tuple[int, Region], work: asyncio.Future[memoryview]) -> None:
+    def _finished(
+        self,
+        key: tuple[int, Region],
+        work: asyncio.Future[tuple[memoryview, float]],
+        account: Account,
+    ) -> None:
         self._under_way.pop(key, None)
-        if not work.cancelled():
-            work.exception()  # a failure has been seen even if no client is left to see it
+        # A failure has been seen even if no client is left to see it.
+        if not work.cancelled() and work.exception() is None:
+            self.budget.charge(account, work.result()[1])
 
     def _complain(self) -> None:
         if not self._complained:
@@ -236,7 +294,11 @@ class _Conversation:
         limits: ImageLimits,
         rates: InputRates,
         bound: Callable[[], Region | None],
+        guest: Guest,
     ) -> None:
+        self._guest = guest
+        self._account = desk.budget.newcomer()
+        self._copies = desk.copies.newcomer()
         self._client = client
         self._desk = desk
         self._limits = limits
@@ -257,6 +319,9 @@ class _Conversation:
             requests = lexer.feed(data)
             for request in requests:
                 await self._answer(request)
+                # A person may press a button once an hour; the original knew no idle clients.
+                self._guest.patient = True
+                self._desk.heard(self._guest)
             # `sock_recv` does not yield while there is data: let other clients have a turn.
             await asyncio.sleep(self._rates.charge(allowance, READ_COST + len(requests)))
             data = await self._receive()
@@ -278,20 +343,26 @@ class _Conversation:
             reading.cancel()
 
     async def _answer(self, request: Request) -> None:
+        await self._desk.budget.turn(self._account)
         region = self._region(request)
         if region is None:
             await self._send(self._desk.empty())
             return
         self.attention.turn_to(region)
         frame = await self._desk.frame(region)
-        if frame is not None and (pause := self._repeats.pause(frame, region, self._loop.time())):
-            await asyncio.sleep(pause)
+        if frame is not None and self._repeats.has(frame, region):
+            await self._desk.copies.turn(self._copies)
+            await asyncio.sleep(self._repeats.pause(frame, region, self._loop.time()))
             frame = await self._desk.frame(region)
+        copy = frame is not None and self._repeats.has(frame, region)
         if frame is not None:
             self._repeats.note(frame, region, self._loop.time())
         # From here on the frame itself is not needed: a client that stalls holds one picture.
-        message = await self._desk.picture(frame, region)
+        message = await self._desk.picture(frame, region, self._account)
         del frame
+        self._desk.budget.charge(self._account, len(message) * SEND_COST)
+        if copy:
+            self._desk.copies.charge(self._copies, len(message) * SEND_COST)
         await self._send(message)
 
     def _region(self, request: Request) -> Region | None:
@@ -306,9 +377,21 @@ class _Conversation:
 
     async def _send(self, message: memoryview | bytes) -> None:
         """Header and payload in one piece; returns when the kernel has all of it."""
-        await self._loop.sock_sendall(self._client, message)
+        patience = self._limits.idle or None
+        try:
+            async with asyncio.timeout(patience):
+                await self._loop.sock_sendall(self._client, message)
+        except TimeoutError:
+            raise ConnectionAbortedError("the client does not take its picture") from None
         self.sent += 1
         await asyncio.sleep(0)
+
+
+def _timed(make: Callable[[], memoryview]) -> tuple[memoryview, float]:
+    """What is made, and s of processor time that it took; on an encoder's thread."""
+    begun = time.thread_time()
+    made = make()
+    return made, time.thread_time() - begun
 
 
 def _sees_all(address: str) -> Region | None:

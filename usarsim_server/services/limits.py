@@ -21,6 +21,7 @@ __all__ = [
     "InputRates",
     "SpawnGate",
     "TokenBucket",
+    "address_of",
     "input_cost",
 ]
 

@@ -131,6 +131,7 @@ class Listener:
         *,
         option: str = "--port",
         limits: ListenerLimits | None = None,
+        make_room: Callable[[], bool] | None = None,
     ) -> None:
         """Describe a listener; nothing is opened before `start`.
 
@@ -141,6 +142,8 @@ class Listener:
             handler: see `Handler`.
             option: command line option that sets the port, for the advice when it is busy.
             limits: see `ListenerLimits`.
+            make_room: asked when all places are taken; whether somebody is about to leave. None:
+                nobody leaves for a newcomer.
         """
         self._name = name
         self._host = host
@@ -148,6 +151,7 @@ class Listener:
         self._handler = handler
         self._option = option
         self._limits = limits or ListenerLimits()
+        self._make_room = make_room
         self._log = Log(name)
         self._connections = 0
         self._by_address: Counter[str] = Counter()
@@ -258,7 +262,9 @@ class Listener:
     def _refusal(self, host: str) -> tuple[str, int] | None:
         """Why a client of this address cannot be served, and the limit; None if it can."""
         limits = self._limits
-        if self._connections >= limits.max_connections:
+        if self._connections >= limits.max_connections and not (
+            self._make_room is not None and self._make_room()
+        ):
             return "too many clients", limits.max_connections
         if limits.per_address is not None and self._by_address[host] >= limits.per_address:
             return "too many clients of one address", limits.per_address

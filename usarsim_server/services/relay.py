@@ -11,22 +11,38 @@ import asyncio
 import contextlib
 import math
 import socket
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 from usarsim_server.radio.shaping import LinkClock, LinkShape
+from usarsim_server.services.budget import BYTE_COST, Account, WorkBudget
 
-__all__ = ["KERNEL_BUFFER", "DialError", "Dialler", "Road", "dial", "join", "pump", "tune"]
+__all__ = [
+    "BUFFER",
+    "KERNEL_BUFFER",
+    "SHARE",
+    "DialError",
+    "Dialler",
+    "Road",
+    "Traffic",
+    "dial",
+    "join",
+    "pump",
+    "tune",
+]
 
-BUFFER = 64 * 1024
+BUFFER = 32 * 1024
 """Bytes read at a time where traffic simply passes; the original read 2048 (4.3)."""
 BLOCK = 8 * 1024
 """Bytes read at a time on a shaped link: the finest grain of bandwidth."""
-WAITING_BYTES, WAITING_BLOCKS = 256 * 1024, 4096
+WAITING_BYTES, WAITING_BLOCKS = 128 * 1024, 4096
 """What may be on its way in one direction of a shaped link."""
-KERNEL_BUFFER = 256 * 1024
+KERNEL_BUFFER = 64 * 1024
 """Bytes per socket and direction, before the kernel doubles it."""
+SHARE = 0.15
+"""Part of a processor that all links of a service may use: some 40 MB/s."""
 DIAL_TIMEOUT = 5.0
 """s of wall time for a robot to accept a connection."""
 
@@ -43,16 +59,56 @@ class Road:
         shape: what happens to the traffic.
         speed: simulated seconds per second; at infinity nothing waits.
         seed: of losses.
+        budget: processor time for carrying it.
     """
 
     shape: LinkShape = field(default_factory=LinkShape)
     speed: float = 1.0
     seed: int = 0
+    budget: WorkBudget = field(default_factory=lambda: WorkBudget(SHARE))
 
     @property
     def plain(self) -> bool:
         """Whether traffic simply passes."""
         return self.shape.plain or math.isinf(self.speed)
+
+    @property
+    def held_bytes(self) -> int:
+        """Bytes that a link can make the server hold if nobody reads at either end, without the
+        kernel's buffers."""
+        return 2 * (BUFFER if self.plain else WAITING_BYTES + 2 * BLOCK)
+
+    @property
+    def kernel_bytes(self) -> int:
+        """The same in the kernel, which doubles what it is asked for: two sockets, two ways."""
+        return 8 * KERNEL_BUFFER
+
+
+class Traffic:
+    """Counts the links of a service, all of them and those of each robot."""
+
+    def __init__(self, most: int, per_robot: int) -> None:
+        """There are none.
+
+        Args:
+            most: at a time.
+            per_robot: the same for those that one robot began.
+        """
+        self.most, self.per_robot = most, per_robot
+        self._links: Counter[str] = Counter()
+
+    def enter(self, robot: str) -> bool:
+        """Count a link that a robot begins; False if it may not."""
+        if self._links.total() >= self.most or self._links[robot] >= self.per_robot:
+            return False
+        self._links[robot] += 1
+        return True
+
+    def leave(self, robot: str) -> None:
+        """A link of a robot has ended."""
+        self._links[robot] -= 1
+        if not self._links[robot]:
+            del self._links[robot]
 
 
 def tune(one: socket.socket) -> None:
@@ -137,9 +193,16 @@ async def join(
         name: of the link; equal names lose equal frames.
         passed: told how many bytes were handed on, and whether from `one` to `other`.
     """
+    account = road.budget.newcomer()
+
+    def note(forward: bool, size: int) -> None:
+        road.budget.charge(account, size * BYTE_COST)
+        passed(forward, size)
+
+    there, back = partial(note, True), partial(note, False)
     ways = [
-        asyncio.create_task(pump(one, other, road, f"{name}>", lambda size: passed(True, size))),
-        asyncio.create_task(pump(other, one, road, f"{name}<", lambda size: passed(False, size))),
+        asyncio.create_task(pump(one, other, road, f"{name}>", account, there)),
+        asyncio.create_task(pump(other, one, road, f"{name}<", account, back)),
     ]
     try:
         done, _ = await asyncio.wait(ways, return_when=asyncio.FIRST_EXCEPTION)
@@ -157,6 +220,7 @@ async def pump(
     target: socket.socket,
     road: Road,
     name: str,
+    account: Account,
     passed: Callable[[int], None],
 ) -> None:
     """Pass bytes one way until the source says no more; then tell the target so.
@@ -165,20 +229,25 @@ async def pump(
         OSError: if either side is lost.
     """
     if road.plain:
-        await _pump_at_once(source, target, passed)
+        await _pump_at_once(source, target, road.budget, account, passed)
     else:
-        await _Delay(source, target, road, name, passed).run()
+        await _Delay(source, target, road, name, account, passed).run()
     target.shutdown(socket.SHUT_WR)
 
 
 async def _pump_at_once(
-    source: socket.socket, target: socket.socket, passed: Callable[[int], None]
+    source: socket.socket,
+    target: socket.socket,
+    budget: WorkBudget,
+    account: Account,
+    passed: Callable[[int], None],
 ) -> None:
     loop = asyncio.get_running_loop()
-    buffer = memoryview(bytearray(BUFFER))
-    while size := await loop.sock_recv_into(source, buffer):
-        await loop.sock_sendall(target, buffer[:size])
-        passed(size)
+    # A link on which nothing passes holds no buffer.
+    while data := await loop.sock_recv(source, BUFFER):
+        await budget.turn(account)
+        await loop.sock_sendall(target, data)
+        passed(len(data))
         # Neither call yields while it has data and room: let the other links have a turn.
         await asyncio.sleep(0)
 
@@ -192,9 +261,11 @@ class _Delay:
         target: socket.socket,
         road: Road,
         name: str,
+        account: Account,
         passed: Callable[[int], None],
     ) -> None:
         self._source, self._target = source, target
+        self._budget, self._account = road.budget, account
         self._speed = road.speed
         self._passed = passed
         self._clock = LinkClock(road.shape, f"{road.seed}\0{name}")
@@ -220,6 +291,7 @@ class _Delay:
             while self._bytes >= WAITING_BYTES or len(self._blocks) >= WAITING_BLOCKS:
                 await self._change()
             data = await self._loop.sock_recv(self._source, BLOCK)
+            await self._budget.turn(self._account)
             due = self._clock.arrival(self._loop.time() * self._speed, len(data)) / self._speed
             self._blocks.append((due, data))
             self._bytes += len(data)

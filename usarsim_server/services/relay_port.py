@@ -17,7 +17,7 @@ from usarsim_server.services.relay import KERNEL_BUFFER, DialError, Dialler, Roa
 
 __all__ = ["LinkWatcher", "RelayPort"]
 
-MOST_LINKS = 32
+MOST_LINKS = 16
 """Connections through one port at a time."""
 _RESOURCE_PAUSE = 0.1
 _OUT_OF_RESOURCES = frozenset({errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ENOBUFS})
@@ -27,6 +27,12 @@ _log = Log("relay")
 
 class LinkWatcher(Protocol):
     """Is told about the links of a relay port, on the event loop."""
+
+    def enter(self) -> bool:
+        """Somebody connects: count the link; False if there are too many."""
+
+    def leave(self) -> None:
+        """A link that was counted is gone."""
 
     def dialled(self, port: int) -> None:
         """The server is about to dial from this port of its own."""
@@ -142,8 +148,8 @@ class RelayPort:
             if error.errno in _OUT_OF_RESOURCES:
                 self._pause()
             return
-        if len(self._links) >= MOST_LINKS:
-            _log.info("connection refused: too many through one port", link=self._name)
+        if len(self._links) >= MOST_LINKS or not self._watcher.enter():
+            _log.warning("connection refused: too many links", link=self._name)
             client.close()
             return
         self._count += 1
@@ -152,7 +158,11 @@ class RelayPort:
             tasks.add(link)
             link.add_done_callback(tasks.discard)
         # Not a `finally` in the coroutine: one that is cancelled before its first step runs none.
-        link.add_done_callback(lambda _: client.close())
+        link.add_done_callback(lambda _: self._leave(client))
+
+    def _leave(self, client: socket.socket) -> None:
+        client.close()
+        self._watcher.leave()
 
     def _pause(self) -> None:
         """Out of descriptors: look again in a while instead of at once."""

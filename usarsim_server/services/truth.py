@@ -8,12 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from usarsim_server.protocol.truth import QueryFramer
-from usarsim_server.services.dialogue import DialogueLimits, DialogueService
+from usarsim_server.protocol.truth import MAX_LISTING, QueryFramer
+from usarsim_server.services.dialogue import (
+    MAX_REQUEST,
+    DialogueLimits,
+    DialogueService,
+    Instant,
+)
 
 __all__ = ["TRUTH_LIMITS", "truth_service"]
 
-TRUTH_LIMITS = DialogueLimits(together=False, pause=1 / 60)
+TRUTH_LIMITS = DialogueLimits(together=False, pause=1 / 60, reply_bytes=MAX_LISTING)
 """One listing for each query; a tool that asks again at once gets sixty a second, about as many as
 the original, which answered once a tick."""
 
@@ -25,6 +30,7 @@ def truth_service(
     *,
     required: bool = False,
     limits: DialogueLimits = TRUTH_LIMITS,
+    instant: Instant | None = None,
 ) -> DialogueService:
     """Describe the service; nothing is opened before it is started.
 
@@ -34,19 +40,20 @@ def truth_service(
         answer: the listing, line ends included, for a query without line end; may block.
         required: see `ready.Service`.
         limits: see `DialogueLimits`.
+        instant: for how long a listing holds.
     """
 
-    def respond(lines: list[bytes]) -> bytes:
-        listings = [answer(line.decode("latin-1")) for line in lines]
-        return "".join(listings).encode("latin-1", "replace")
+    def respond(lines: list[bytes]) -> list[bytes]:
+        return [answer(line.decode("latin-1")).encode("latin-1", "replace") for line in lines]
 
     return DialogueService(
         "truth",
         host,
         port,
         "--truth-port",
-        QueryFramer,
+        lambda: QueryFramer(MAX_REQUEST),
         respond,
         required=required,
         limits=limits,
+        instant=instant,
     )

@@ -2,45 +2,40 @@
 them through ports that are open only while the radio reaches, TCP 50000 (side channels 4).
 
 A connection whose first line is GETPOS or GETOBS is that of a wireless simulation elsewhere, which
-wants to know where everybody is; it is answered as on port 7435 (side channels 1, no. 3).
+wants to know where everybody is; it is answered as on port 7435 (side channels 1, no. 3), unless
+nobody shall know.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-import resource
 import socket
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Protocol
 
 from usarsim_server.errors import UsarsimError
 from usarsim_server.logs import Log
 from usarsim_server.protocol import wireless
 from usarsim_server.protocol.framing import LineFramer
+from usarsim_server.protocol.names import name_key
 from usarsim_server.protocol.wireless import Reason, Request
 from usarsim_server.radio.event_log import Event
 from usarsim_server.radio.network import Departure, Network
-from usarsim_server.services.limits import READ_COST, InputRates, input_cost
+from usarsim_server.services.budget import HOP_COST, Account
+from usarsim_server.services.descriptors import descriptor_limit, raise_descriptor_limit
+from usarsim_server.services.dialogue import CHUNK, CHUNK_BYTES, Desk, DialogueLimits
+from usarsim_server.services.guests import Guest, Guests
+from usarsim_server.services.limits import InputRates, input_cost
 from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits
+from usarsim_server.services.outbox import PIECE, ReplyBuffer
+from usarsim_server.services.owners import NOBODY, Owners, same_machine
 from usarsim_server.services.radio_watch import RadioWatch
-from usarsim_server.services.relay import Road
+from usarsim_server.services.relay import Road, Traffic
 from usarsim_server.services.relay_port import RelayPort
 
-__all__ = ["TruthAnswers", "WirelessLimits", "WirelessService", "raise_descriptor_limit"]
-
-_CHUNK = 2048
-DESCRIPTORS = 8192
-"""Open files that a large team may need: two for each link, one for each pair that asked."""
-
-
-class TruthAnswers(Protocol):
-    """Answers GETPOS and GETOBS; may wait for a physics step."""
-
-    def __call__(self, lines: Sequence[str], /) -> Sequence[str]:
-        """Replies to requests that came together, without line ends."""
+__all__ = ["WirelessLimits", "WirelessService"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,15 +46,59 @@ class WirelessLimits:
         max_connections: control connections at a time.
         ports: relay ports at a time; beyond it DNS fails as in a system without free ports.
         ports_per_robot: of these for one asking robot.
+        links: connections through relay ports at a time; beyond it they end as they are made. A
+            link takes two descriptors, a port one; of all that the process may have ports and
+            links get half.
+        links_per_robot: of these for one that dials.
         poll: s of wall time between two looks at the world.
         rate: requests per wall s of one client in the long run; it is read no faster.
+        share: s of processor time per wall s for the dialogue of all clients; links have their
+            own, see `Road`.
+        idle: s after which a client that asks for nothing is closed unless its robot is in the
+            world or has links; 0 for never.
+        kernel_buffer: bytes per control connection and direction, before the kernel doubles it.
     """
 
     max_connections: int = 64
-    ports: int = 2048
-    ports_per_robot: int = 256
+    ports: int = 1024
+    ports_per_robot: int = 128
+    links: int = 512
+    links_per_robot: int = 64
     poll: float = 0.25
     rate: float = 1000.0
+    share: float = 0.05
+    idle: float = 300.0
+    kernel_buffer: int = 64 * 1024
+
+    @property
+    def dialogue(self) -> DialogueLimits:
+        """The same for those who ask for ground truth."""
+        return DialogueLimits(
+            max_connections=self.max_connections,
+            kernel_buffer=self.kernel_buffer,
+            rate=self.rate,
+            share=self.share,
+            idle=self.idle,
+        )
+
+    @property
+    def held_bytes(self) -> int:
+        """Bytes that a connection can make the server hold, without links and kernel buffers."""
+        robots = wireless.MAX_LINE + CHUNK_BYTES + 2 * PIECE + _MEMBER_BYTES
+        return max(robots, wireless.MAX_LINE + self.dialogue.held_bytes)
+
+    @property
+    def kernel_bytes(self) -> int:
+        """The same in the kernel, which doubles what it is asked for, in either direction."""
+        return 4 * self.kernel_buffer
+
+    def link_bytes(self, road: Road) -> int:
+        """Bytes, those of the kernel included, that the links of one robot can hold."""
+        return self.links_per_robot * (road.held_bytes + road.kernel_bytes)
+
+
+_MEMBER_BYTES = 64 * 1024
+"""A registered robot with its ports and all relay ports that it may have."""
 
 
 @dataclass(slots=True, eq=False)
@@ -86,11 +125,13 @@ class WirelessService:
         host: str,
         port: int,
         network: Network,
-        truth: TruthAnswers,
+        truth: Desk | None = None,
         *,
         road: Road | None = None,
         limits: WirelessLimits | None = None,
         required: bool = False,
+        owners: Owners = NOBODY,
+        strict: bool = False,
     ) -> None:
         """Describe the service; nothing is opened before `start`.
 
@@ -98,16 +139,27 @@ class WirelessService:
             host: address to listen on, for relay ports, too.
             port: 0 takes any free one.
             network: stations and links; used by this service alone.
-            truth: answers what is asked on port 7435.
+            truth: answers what is asked on port 7435; None: nobody does.
             road: what happens to traffic.
             limits: see there.
             required: whether the server shall not run without it.
+            owners: whose the robots are.
+            strict: only a robot that is in the world may be registered, once, and from the machine
+                of its control connection. Otherwise a name of which there is no robot is
+                everybody's until there is one.
         """
         self.required = required
         self._network = network
-        self._truth = truth
         self._road = road or Road()
         self._limits = limits or WirelessLimits()
+        self._desk = truth or Desk(self.name, _nothing, self._limits.dialogue)
+        self._tells_truth = truth is not None
+        self._owners_now = owners
+        self._owners: Mapping[str, str] = {}
+        self._strict = strict
+        self._traffic = Traffic(self._limits.links, self._limits.links_per_robot)
+        self._most_ports = self._limits.ports
+        self._guests = Guests(self.name, self._limits.idle)
         self._rates = InputRates(self._limits.rate)
         self._log = Log(self.name)
         self._members: dict[str, _Member] = {}
@@ -123,7 +175,12 @@ class WirelessService:
             port,
             self._serve,
             option="--wireless-port",
-            limits=ListenerLimits(max_connections=self._limits.max_connections),
+            limits=ListenerLimits(
+                max_connections=self._limits.max_connections,
+                receive_buffer=self._limits.kernel_buffer,
+                send_buffer=self._limits.kernel_buffer,
+            ),
+            make_room=self._guests.make_room,
         )
 
     @property
@@ -141,6 +198,10 @@ class WirelessService:
         # Relay ports go where this one is: a host name may have several addresses.
         self._host = endpoint.host
         raise_descriptor_limit()
+        ours = descriptor_limit() // 2
+        self._most_ports = min(self._limits.ports, ours // 2)
+        self._traffic.most = min(self._limits.links, ours // 4)
+        self._desk.open()
         self._watch.start()
         return endpoint
 
@@ -151,32 +212,18 @@ class WirelessService:
         for link in self._links:
             link.cancel()
         await asyncio.gather(*self._links, return_exceptions=True)
+        self._desk.close()
         self._network.log.close()
 
     # -- the dialogue ----------------------------------------------------------------------------
 
     async def _serve(self, client: socket.socket, peer: str) -> None:
         log = self._log.bind(connection=peer)
-        loop = asyncio.get_running_loop()
-        framer = LineFramer(wireless.MAX_LINE)
-        talk = _Talk(client, client.getpeername()[0])
-        allowance = self._rates.newcomer()
+        talk = _Talk(client, client.getpeername()[0], self._desk.budget.newcomer())
         try:
-            while chunk := await loop.sock_recv(client, _CHUNK):
-                lines = framer.feed(chunk)
-                if not lines:
-                    await asyncio.sleep(self._rates.charge(allowance, READ_COST))
-                    continue
-                if talk.truth is None:
-                    talk.truth = wireless.asks_for_ground_truth(lines[0])
-                    log.info("client connected", ground_truth=talk.truth)
-                if talk.truth:
-                    reply = await asyncio.to_thread(self._tell_truth, lines)
-                else:
-                    reply = b"".join([await self._answer(line, talk) for line in lines])
-                await loop.sock_sendall(client, reply)
-                # Neither call yields while there is data and room.
-                await asyncio.sleep(self._rates.charge(allowance, input_cost(lines, len(lines))))
+            with self._guests.enter(peer) as guest:
+                guest.standing = partial(self._has_standing, talk)
+                await self._converse(client, talk, guest, log)
         except UsarsimError as error:
             log.warning("connection closed: the simulation has ended", reason=error)
         finally:
@@ -184,28 +231,60 @@ class WirelessService:
                 self._deregister(talk.member)
             log.info("client gone")
 
-    def _tell_truth(self, lines: list[bytes]) -> bytes:
-        replies = self._truth([line.decode("latin-1") for line in lines])
-        return b"".join(map(wireless.encode, replies))
+    async def _converse(self, client: socket.socket, talk: _Talk, guest: Guest, log: Log) -> None:
+        loop, budget, account = asyncio.get_running_loop(), self._desk.budget, talk.account
+        framer, replies = LineFramer(wireless.MAX_LINE), ReplyBuffer(client)
+        allowance = self._rates.newcomer()
+        while chunk := await loop.sock_recv(client, CHUNK):
+            await budget.turn(account)
+            with budget.work(account):
+                lines = framer.feed(chunk)
+            if lines:
+                if talk.truth is None:
+                    asked = wireless.asks_for_ground_truth(lines[0])
+                    talk.truth = self._tells_truth and asked
+                    log.info("client connected", ground_truth=talk.truth)
+                if talk.truth:
+                    if await self._desk.answer(lines, replies, account):
+                        self._guests.heard(guest)
+                else:
+                    await self._answer(lines, talk, replies)
+                    self._guests.heard(guest)
+            # Neither call yields while there is data and room.
+            await asyncio.sleep(self._rates.charge(allowance, input_cost(lines, len(lines))))
 
-    async def _answer(self, line: bytes, talk: _Talk) -> bytes:
-        request = wireless.parse_request(line)
+    async def _answer(self, lines: list[bytes], talk: _Talk, replies: ReplyBuffer) -> None:
+        budget = self._desk.budget
+        for number, line in enumerate(lines):
+            if number:
+                await budget.turn(talk.account)
+            with budget.work(talk.account):
+                request = wireless.parse_request(line)
+                reply = None if talk.member is None else self._reply(request, talk.member)
+            if reply is None:
+                reply = await self._init(request, talk)
+            await replies.put(wireless.encode(reply))
+        await replies.flush()
+
+    def _reply(self, request: Request, me: _Member) -> str:
+        if self._members.get(me.name) is not me:
+            raise ConnectionAbortedError("dismissed")
+        if request.verb in ("INIT", "") or request.verb not in _VERBS:
+            return wireless.error_reply(Reason.UNKNOWN)
+        if request.error is not None:
+            return wireless.error_reply(request.error)
+        if request.verb == "GETSS":
+            return self._strength(me, request.robot)
+        if request.verb == "DNS":
+            return self._lookup(me, request)
+        return self._reverse_lookup(me, request.port or 0)
+
+    def _has_standing(self, talk: _Talk) -> bool:
+        """Whether a client may listen in silence: its robot is in the world, or has links."""
         me = talk.member
         if me is None:
-            reply = await self._init(request, talk)
-        elif self._members.get(me.name) is not me:
-            raise ConnectionAbortedError("dismissed")
-        elif request.verb in ("INIT", "") or request.verb not in _VERBS:
-            reply = wireless.error_reply(Reason.UNKNOWN)
-        elif request.error is not None:
-            reply = wireless.error_reply(request.error)
-        elif request.verb == "GETSS":
-            reply = self._strength(me, request.robot)
-        elif request.verb == "DNS":
-            reply = self._lookup(me, request)
-        else:
-            reply = self._reverse_lookup(me, request.port or 0)
-        return wireless.encode(reply)
+            return False
+        return name_key(me.name) in self._owners or any(one.links for one in me.roads.values())
 
     async def _init(self, request: Request, talk: _Talk) -> str:
         if request.verb != "INIT":
@@ -213,6 +292,13 @@ class WirelessService:
         if request.error is not None:
             return wireless.error_reply(request.error)
         name, now = request.robot, asyncio.get_running_loop().time()
+        self._owners = self._owners_now()
+        if not self._may_register(name, talk.address):
+            self._log.warning("a name is not registered: the robot is another's", robot=name)
+            return wireless.error_reply(Reason.NAME_TAKEN)
+        squatter = self._members.get(name)
+        if squatter is not None and self._is_foreign(squatter):
+            self._dismiss(squatter, "the robot is another's")
         if not self._network.register(name, now):
             return wireless.error_reply(Reason.NAME_TAKEN)
         talk.member = _Member(name, talk.address, request.ports, talk.client)
@@ -221,10 +307,24 @@ class WirelessService:
         self._network.log.write(Event.REGISTERED, name, talk.address, ports)
         self._log.info("registered", robot=name)
         # Nobody may have looked for a long time.
+        self._desk.budget.charge(talk.account, HOP_COST)
         await self._watch.look()
         self._review()
         self._watch.wake()
         return wireless.INIT_OK
+
+    def _may_register(self, name: str, address: str) -> bool:
+        owner = self._owners.get(name_key(name))
+        if owner is None:
+            return not self._strict
+        if self._strict and name_key(name) in map(name_key, self._members):
+            return False
+        return same_machine(owner, address)
+
+    def _is_foreign(self, member: _Member) -> bool:
+        """Whether a robot has come since that is somebody else's."""
+        owner = self._owners.get(name_key(member.name))
+        return owner is not None and not same_machine(owner, member.address)
 
     def _strength(self, me: _Member, other: str) -> str:
         if other == me.name:
@@ -257,7 +357,7 @@ class WirelessService:
 
     def _new_road(self, me: _Member, other: _Member, port: int) -> RelayPort | None:
         roads = sum(len(member.roads) for member in self._members.values())
-        if len(me.roads) >= self._limits.ports_per_robot or roads >= self._limits.ports:
+        if len(me.roads) >= self._limits.ports_per_robot or roads >= self._most_ports:
             self._log.warning("no relay port left", robot=me.name, ports=roads)
             return None
         watcher = _Watcher(self, me, other, port)
@@ -287,6 +387,14 @@ class WirelessService:
                 other.roads.pop(way).release()
         self._network.log.write(Event.DEREGISTERED, member.name)
 
+    def enter_link(self, robot: str) -> bool:
+        """Count a link that a robot begins; False if it may not."""
+        return self._traffic.enter(robot)
+
+    def leave_link(self, robot: str) -> None:
+        """A link of a robot has ended."""
+        self._traffic.leave(robot)
+
     def note_sent(self, sender: str, receiver: str, size: int) -> None:
         """Count bytes that were handed on, for the record."""
         pair = (sender, receiver)
@@ -299,8 +407,12 @@ class WirelessService:
     # -- the watch -------------------------------------------------------------------------------
 
     def _review(self) -> None:
+        self._owners = self._owners_now()
         for departure in self._network.review(asyncio.get_running_loop().time()):
-            self._dismiss(departure)
+            self._depart(departure)
+        for member in tuple(self._members.values()):
+            if self._is_foreign(member):
+                self._dismiss(member, "the robot is another's")
         for me in self._members.values():
             for (other, _), road in me.roads.items():
                 if self._network.connected(me.name, other):
@@ -312,11 +424,13 @@ class WirelessService:
         self._sent.clear()
         self._network.log.flush()
 
-    def _dismiss(self, departure: Departure) -> None:
-        member = self._members[departure.name]
+    def _depart(self, departure: Departure) -> None:
         if departure.battery_empty:
-            self._network.log.write(Event.OUT_OF_BATTERY, member.name)
+            self._network.log.write(Event.OUT_OF_BATTERY, departure.name)
         reason = "battery empty" if departure.battery_empty else "not in the simulator"
+        self._dismiss(self._members[departure.name], reason)
+
+    def _dismiss(self, member: _Member, reason: str) -> None:
         self._log.info("robot dismissed", robot=member.name, reason=reason)
         self._deregister(member)
         with contextlib.suppress(OSError):
@@ -332,6 +446,7 @@ class _Talk:
 
     client: socket.socket
     address: str
+    account: Account
     truth: bool | None = None
     member: _Member | None = None
 
@@ -342,31 +457,32 @@ class _Watcher:
     def __init__(
         self, service: WirelessService, source: _Member, target: _Member, port: int
     ) -> None:
-        self._record = partial(service.record)
-        self._note = service.note_sent
+        self._service = service
         self._source, self._target = source, target
         self._facts = (source.name, target.name, target.address, port)
+
+    def enter(self) -> bool:
+        return self._service.enter_link(self._source.name)
+
+    def leave(self) -> None:
+        self._service.leave_link(self._source.name)
 
     def dialled(self, port: int) -> None:
         self._target.callers[port] = self._source.name
 
     def established(self) -> None:
-        self._record(Event.CON_ESTABLISHED, *self._facts)
+        self._service.record(Event.CON_ESTABLISHED, *self._facts)
 
     def passed(self, forward: bool, size: int) -> None:
         ends = (self._source.name, self._target.name)
-        self._note(*(ends if forward else ends[::-1]), size)
+        self._service.note_sent(*(ends if forward else ends[::-1]), size)
 
     def ended(self, port: int, established: bool) -> None:
         self._target.callers.pop(port, None)
         if established:
-            self._record(Event.CON_TERMINATED, *self._facts)
+            self._service.record(Event.CON_TERMINATED, *self._facts)
 
 
-def raise_descriptor_limit(wanted: int = DESCRIPTORS) -> None:
-    """Let the process open as many files as it may, up to a number; never lowers the limit."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    most = wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)
-    if soft != resource.RLIM_INFINITY and soft < most:
-        with contextlib.suppress(OSError, ValueError):
-            resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
+def _nothing(lines: list[bytes]) -> list[bytes]:
+    """The replies of a desk that nobody is sent to."""
+    return [b""] * len(lines)
