@@ -21,19 +21,6 @@ settings.register_profile("same", PATIENT, derandomize=True)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 
 
-BY_THE_CLOCK = frozenset({"end_to_end", "bench"})
-"""Folders of tests with whole servers in processes of their own, which other programs can starve of
-the processor while a second or two are all that the protocol grants. What fails there is tried
-again; a test that only passed so is counted as rerun in the report."""
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Let tests that go by the wall clock be tried up to three times."""
-    for item in items:
-        if BY_THE_CLOCK.intersection(item.path.parts):
-            item.add_marker(pytest.mark.flaky(reruns=2, reruns_delay=1))
-
-
 @pytest.fixture(autouse=True)
 def _logging_as_it_was() -> Iterator[None]:
     """Take back what a test, or a command that it runs, sets up about logging."""

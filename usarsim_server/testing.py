@@ -4,6 +4,9 @@
   out as text, time moves when told to. Equal scripts give equal lines.
 * `ScriptedClient` speaks the protocol over a socket, line by line.
 * `running_server` runs a whole server inside this process; `ServerProcess` runs `usarsim serve`.
+
+Verdicts count simulated time, as lines tell it, or what comes before a fence: a question whose
+answer proves that all that was sent earlier has been dealt with. `PATIENCE` only ends what hangs.
 """
 
 from __future__ import annotations
@@ -30,22 +33,47 @@ from usarsim_server.services.ready import run_services
 from usarsim_server.settings import Settings
 
 __all__ = [
+    "PATIENCE",
     "Closing",
     "Rehearsal",
     "RehearsedClient",
     "ScriptedClient",
     "ServerProcess",
+    "eventually",
     "running_server",
+    "time_of",
 ]
 
-TIMEOUT = 10.0
-"""s of wall time after which a test gives up waiting."""
+PATIENCE = 90.0
+"""s of wall time after which something hangs, on however busy a machine."""
+
+POLL = 0.005
+"""s of wall time between two looks at what shall come true."""
 
 SIDE_PORTS = tuple(one.key for one in OPTIONS if is_port(one) and one.key != "port")
 """Settings of all ports but that of robot control."""
 
 SETTLE_POLL = 0.0002
 """s of wall time between two looks at an agent that is busy."""
+
+
+_TIME = re.compile(r"\{Time (\d+\.\d+)\}")
+
+
+def eventually(condition: Callable[[], bool]) -> bool:
+    """Wait until a condition comes true; False if it does not, for as long as `PATIENCE`."""
+    deadline = time.monotonic() + PATIENCE
+    while not condition():
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(POLL)
+    return True
+
+
+def time_of(line: str) -> float | None:
+    """Simulated time that a line of the server tells, s; None if it tells none."""
+    found = _TIME.search(line)
+    return None if found is None else float(found.group(1))
 
 
 class Closing:
@@ -161,7 +189,7 @@ class Rehearsal(Closing):
 class ScriptedClient(Closing):
     """A legacy controller in slow motion: sends text, reads whole lines."""
 
-    def __init__(self, port: int, host: str = "127.0.0.1", timeout: float = TIMEOUT) -> None:
+    def __init__(self, port: int, host: str = "127.0.0.1", timeout: float = PATIENCE) -> None:
         self.socket = socket.create_connection((host, port), timeout=timeout)
         self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._timeout = timeout
@@ -205,12 +233,40 @@ class ScriptedClient(Closing):
                 return line
 
     def read_for(self, seconds: float) -> list[str]:
-        """All lines that arrive within a time."""
+        """All lines that arrive within a wall time, for what must stay silent."""
         lines = []
         deadline = time.monotonic() + seconds
         with contextlib.suppress(TimeoutError):
             while (left := deadline - time.monotonic()) > 0.0:
                 lines.append(self.read_line(left))
+        return lines
+
+    def fence(self) -> list[str]:
+        """All lines up to the answer to a harmless question: all that was sent is dealt with.
+
+        The answer itself, that of GETSTARTPOSES, is not among them.
+        """
+        self.send("GETSTARTPOSES")
+        return self._until(lambda line: line.startswith("NFO {StartPoses"))[:-1]
+
+    def listen(self, seconds: float) -> list[str]:
+        """All lines until so much simulated time has passed since all that was sent was dealt with.
+
+        Args:
+            seconds: counted by the `{Time t}` of the lines, so something has to stream here.
+        """
+        lines = self.fence()
+        lines += self._until(lambda line: time_of(line) is not None)
+        begun = time_of(lines[-1])
+        assert begun is not None
+        end = begun + seconds - 1e-6
+        return lines + self._until(lambda line: (time_of(line) or 0.0) >= end)
+
+    def _until(self, last: Callable[[str], bool]) -> list[str]:
+        """All lines up to one that is the last."""
+        lines = [self.read_line()]
+        while not last(lines[-1]):
+            lines.append(self.read_line())
         return lines
 
     def close(self) -> None:
@@ -245,13 +301,13 @@ def running_server(**settings: object) -> Iterator[tuple[Assembly, dict[str, End
     thread = threading.Thread(target=asyncio.run, args=(serve(),), daemon=True)
     thread.start()
     try:
-        if not ready.wait(TIMEOUT):
+        if not ready.wait(PATIENCE):
             raise TimeoutError("the server did not become ready")
         yield assembly, endpoints
     finally:
         for loop, stop in loops:
             loop.call_soon_threadsafe(stop.set)
-        thread.join(TIMEOUT)
+        thread.join(PATIENCE)
         assembly.stop()
 
 
@@ -281,7 +337,7 @@ class ServerProcess:
         assert self.process.stdout is not None
         self.ready_line = self.process.stdout.readline()
         if not self.ready_line.startswith("READY"):
-            _, errors = self.process.communicate(timeout=TIMEOUT)
+            _, errors = self.process.communicate(timeout=PATIENCE)
             raise RuntimeError(f"the server did not start: {errors}")
         found = re.findall(r"(\w+)=\S+:(\d+)", self.ready_line)
         self.ports = {name: int(port) for name, port in found}
@@ -299,7 +355,7 @@ class ServerProcess:
         """A new connection to the control port."""
         return ScriptedClient(self.ports["control"])
 
-    def stop(self, timeout: float = TIMEOUT) -> int:
+    def stop(self, timeout: float = PATIENCE) -> int:
         """Send SIGTERM and return the exit code."""
         self.process.terminate()
         code = self.process.wait(timeout)

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
+from usarsim_server.testing import eventually
 from usarsim_tools.bench.procfs import Usage
 
 STATUS = b"STA {Type GroundVehicle} {Time %.4f} {Battery 1}\r\n"
@@ -51,12 +52,12 @@ class FakeServer:
 
     def commands(self, word: str, count: int = 0) -> list[str]:
         """The lines received that begin with a word; waits until there are at least `count`."""
-        deadline = time.monotonic() + 5.0
-        while True:
-            found = [line for line in self.received if line.startswith(word)]
-            if len(found) >= count or time.monotonic() > deadline:
-                return found
-            time.sleep(0.01)
+
+        def found() -> list[str]:
+            return [line for line in self.received if line.startswith(word)]
+
+        assert eventually(lambda: len(found()) >= count)
+        return found()
 
     def _start(self, work: Callable[..., None], *arguments: object) -> None:
         threading.Thread(target=work, args=arguments, daemon=True).start()

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from usarsim_server.testing import eventually
 from usarsim_tools.bench.camera_client import Picture, Viewer, summed_up
 from usarsim_tools.bench.errors import BenchError
 
@@ -60,9 +61,7 @@ def serve() -> Iterator[type[FakeImages]]:
 
 def wait_for(viewer: Viewer, count: int) -> None:
     """Until a viewer has so many pictures."""
-    deadline = time.monotonic() + 10.0
-    while len(viewer.pictures) < count and time.monotonic() < deadline:
-        time.sleep(0.005)
+    assert eventually(lambda: len(viewer.pictures) >= count)
 
 
 def test_viewer_asks_for_the_full_frame_and_knows_repeats(serve: type[FakeImages]) -> None:
@@ -101,7 +100,7 @@ def test_server_that_hangs_up_is_an_error(serve: type[FakeImages]) -> None:
     server = serve(limit=3)
     viewer = Viewer(server.port)
     wait_for(viewer, 3)
-    time.sleep(0.05)
+    assert eventually(lambda: not viewer._thread.is_alive())
     with pytest.raises(BenchError, match="hung up"):
         viewer.close()
 

@@ -62,9 +62,9 @@ class TestJoining:
         self, server: FakeServer, crowd: Crowd, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         """A robot that never gets into the world is an error that names it."""
-        monkeypatch.setattr(crowd_module, "_SPEAK_TIMEOUT", 0.4)
         server.mute.add("R2")
-        crowd.join()
+        crowd.wait_until_speaking([crowd.join()])
+        monkeypatch.setattr(crowd_module, "_SPEAK_TIMEOUT", 0.4)
         crowd.join()
         with pytest.raises(BenchError, match=r"no STA line after INIT for R2$"):
             crowd.wait_until_speaking()
@@ -141,7 +141,8 @@ class TestRunning:
         seen: list[bool] = []
         with Crowd(server.port, 0, lambda one, dice: seen.append(gc.isenabled())) as people:
             people.join()
-            people.run(0.6)
+            while not seen:
+                people.run(0.6)
             assert gc.isenabled()
             server.hang_up()
             with pytest.raises(BenchError):
@@ -168,7 +169,8 @@ class TestEnding:
             crowd.wait_until_speaking()
             crowd.leave(first)
             driven.clear()
-            crowd.run(0.8)
+            while not driven:
+                crowd.run(0.8)
             assert crowd.controllers == [second]
         assert set(driven) == {"R2"}
 

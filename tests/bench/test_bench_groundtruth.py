@@ -50,7 +50,7 @@ def test_an_unknown_robot_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     """Fast wrong answers do not count: the measurement fails."""
     monkeypatch.setattr(groundtruth, "TURN", 0.02)
     asker = Asker(oracle("-1.0000"), ["A", "B"])
-    asker._thread.join(5.0)
+    asker._thread.join(60.0)
     with pytest.raises(BenchError, match=r"GETOBS .* was answered"):
         asker.finish()
 

@@ -6,7 +6,6 @@ import json
 import shutil
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from usarsim_server.testing import eventually
 from usarsim_tools.bench.errors import BenchError
 from usarsim_tools.bench.peer import Peer
 from usarsim_tools.bench.peer_environments import Environments, NotInstalledError, find_python
@@ -270,10 +270,7 @@ class TestRunning:
         with pytest.raises(BenchError, match="wrote no result"):
             run_workload(command, "{}", 60.0)
         child = int(note.read_text())
-        deadline = time.monotonic() + 30.0
-        while _alive(child) and time.monotonic() < deadline:
-            time.sleep(0.05)
-        assert not _alive(child)
+        assert eventually(lambda: not _alive(child))
 
 
 def _alive(pid: int) -> bool:

@@ -232,5 +232,5 @@ def test_many_threads_at_once() -> None:
     for thread in threads:
         thread.start()
     for thread in threads:
-        thread.join(20.0)
+        thread.join(90.0)
     assert board.views == ()

@@ -143,7 +143,7 @@ def examined(
         [*command, "--world", "empty", "--renderer", "rays"],
         capture_output=True,
         text=True,
-        timeout=100,
+        timeout=300,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))},
         check=False,
     )

@@ -149,7 +149,7 @@ def test_command_line_runs_as_a_module_and_survives_a_closed_pipe() -> None:
         stdout=writer,
         stderr=subprocess.PIPE,
         env=environment,
-        timeout=60,
+        timeout=300,
         check=False,
     )
     os.close(writer)

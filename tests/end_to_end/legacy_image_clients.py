@@ -15,10 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from usarsim_server.testing import Closing
-
-PATIENCE = 15.0
-"""s after which a client gives up."""
+from usarsim_server.testing import PATIENCE, Closing
 
 Pixels = NDArray[np.uint8]
 """(height, width, 3), red green blue."""
@@ -155,13 +152,17 @@ class Poaret(ImageProgram):
 
 
 class ButtonClient(ImageProgram):
-    """The onomasticon: reads once what has arrived a moment after its button was pressed."""
+    """The onomasticon: reads once what has arrived a moment after its button was pressed.
 
-    def press(self, moment: float = 0.5) -> Pixels:
+    Its moment is as long here as a picture takes on this machine.
+    """
+
+    def press(self) -> Pixels:
         """Ask and show."""
         self.socket.sendall(b"OK\r\n")
-        time.sleep(moment)
-        return decoded(self.socket.recv(1 << 22)[5:])
+        header = self.socket.recv(5, socket.MSG_PEEK | socket.MSG_WAITALL)
+        length = 5 + int.from_bytes(header[1:5])
+        return decoded(self.socket.recv(length, socket.MSG_WAITALL)[5:])
 
 
 class ImageTester(ImageProgram):

@@ -7,9 +7,8 @@ from __future__ import annotations
 
 import re
 import socket
-import time
 
-from usarsim_server.testing import ScriptedClient
+from usarsim_server.testing import PATIENCE, ScriptedClient
 
 __all__ = ["MetricTool", "RoboCupScore", "TruthConsole", "WirelessModel", "split_reply"]
 
@@ -77,17 +76,15 @@ class RoboCupScore:
         self.victims: dict[str, list[float]] = {}
         self.listings = 0
 
-    def watch(self, seconds: float) -> None:
-        """Ask and read for some time."""
-        due = begun = time.monotonic()
-        asked = 0
-        while (now := time.monotonic()) < begun + seconds or self.listings < asked:
-            if now >= due and now < begun + seconds:
-                self.client.send("{Actors}")
-                asked, due = asked + 1, due + 0.1
-            for line in self.client.read_for(max(0.0, min(0.05, due - now))):
+    def watch(self, times: int) -> None:
+        """Ask so often, then read what has not come yet."""
+        wanted = self.listings + times
+        for _ in range(times):
+            self.client.send("{Actors}")
+            for line in self.client.read_for(0.1):
                 self._take(line)
-            assert now < begun + seconds + 5.0, "the server fell behind"
+        while self.listings < wanted:
+            self._take(self.client.read_line())
 
     def _take(self, line: str) -> None:
         if line == "{End}":
@@ -114,7 +111,7 @@ class MetricTool:
     CLASSES = ("P3AT", "AirRobot", "Kenaf", "MaleVictim", "FemaleVictim")
 
     def __init__(self, port: int) -> None:
-        self.socket = socket.create_connection(("127.0.0.1", port), timeout=5.0)
+        self.socket = socket.create_connection(("127.0.0.1", port), timeout=PATIENCE)
 
     def look(self) -> tuple[dict[str, list[float]], bool]:
         """Place of every actor of a known class; whether the end was in the same read."""

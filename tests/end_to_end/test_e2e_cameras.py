@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import re
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
 from usarsim_server.app import Assembly
-from usarsim_server.testing import ScriptedClient, running_server
+from usarsim_server.testing import ScriptedClient, eventually, running_server
 
 QUICK = {"world": "empty", "speed": 5.0, "max_robots": 4}
 
@@ -42,11 +41,8 @@ def spawn(server: tuple[Assembly, int]) -> Iterator[Callable[..., ScriptedClient
 
 
 def wait(condition: Callable[[], bool]) -> None:
-    """Until something is true; fails after some seconds."""
-    deadline = time.monotonic() + 10.0
-    while not condition():
-        assert time.monotonic() < deadline, "it does not come true"
-        time.sleep(0.01)
+    """Until something is true."""
+    assert eventually(condition)
 
 
 def ask(client: ScriptedClient, question: str) -> str:
@@ -82,7 +78,7 @@ def test_configuration_comes_unasked(server: tuple[Assembly, int]) -> None:
             client.wait_for("NFO")
             client.send(f"INIT {{ClassName P3AT}} {{Dialect {dialect}}} {{Location 0,0,-0.3}}")
             assert client.read_line().startswith(first)
-            told = client.read_for(0.5)
+            told = client.listen(0.5)
             assert not [line for line in told if line.startswith(first[:18])]
         wait(lambda: not server[0].board.views)
 

@@ -18,9 +18,13 @@ from side_clients import WirelessModel, split_reply
 
 from usarsim_server.services.listener import Endpoint
 from usarsim_server.settings import load_settings
-from usarsim_server.testing import SIDE_PORTS, ScriptedClient, ServerProcess, running_server
-
-PATIENCE = 15.0
+from usarsim_server.testing import (
+    PATIENCE,
+    SIDE_PORTS,
+    ScriptedClient,
+    ServerProcess,
+    running_server,
+)
 
 
 class Looker:
@@ -144,7 +148,7 @@ def test_every_port_can_be_chosen(key: str) -> None:
         found = ports(endpoints)
         assert set(found) == {"control", key.removesuffix("_port").replace("image", "images")}
         assert free in found.values()
-        socket.create_connection(("127.0.0.1", free), timeout=5.0).close()
+        socket.create_connection(("127.0.0.1", free), timeout=PATIENCE).close()
 
 
 def test_every_port_can_be_disabled() -> None:

@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import pytest
 
-from usarsim_server.testing import ScriptedClient
+from usarsim_server.testing import ScriptedClient, eventually
 
 Connect = Callable[[], ScriptedClient]
 RESET = struct.pack("ii", 1, 0)
@@ -28,7 +28,10 @@ def _sta_time(line: str) -> float:
 def test_silence_before_commands(connect: Connect) -> None:
     """A silent connection gets the greeting and nothing else (checks 2, 3, 5)."""
     client = connect()
-    lines = client.read_for(2.0)
+    witness = connect()
+    witness.send("INIT {ClassName P2AT} {Location -10,-30,-0.3}")
+    witness.listen(2.0)
+    lines = client.fence()
     assert len(lines) == 1
     assert re.fullmatch(r"NFO \{Gametype \S+\} \{Level \S+\} \{TimeLimit \d+\}", lines[0])
 
@@ -37,8 +40,11 @@ def test_silence_before_commands(connect: Connect) -> None:
 def test_every_line_end_is_understood(client: ScriptedClient, end: bytes) -> None:
     """GETSTARTPOSES is answered exactly once whatever ends the line (checks 21-24, 28, 31)."""
     client.send_bytes(b"\r\n\n\r" * 5 + b"  GETSTARTPOSES" + end)
-    lines = client.read_for(0.4)
-    assert [line[:16] for line in lines] == ["NFO {StartPoses "]
+    client.send("INIT {ClassName P2AT} {Location -10,-36,-0.3}\r\nGETGEO {Type Robot}")
+    heads = []
+    while "GEO {Type Ground" not in heads:
+        heads.append(client.read_line()[:16])
+    assert heads.count("NFO {StartPoses ") == 1
 
 
 def test_one_byte_per_packet(client: ScriptedClient) -> None:
@@ -48,12 +54,11 @@ def test_one_byte_per_packet(client: ScriptedClient) -> None:
         time.sleep(0.002)
     assert client.read_for(0.2) == []
     client.send_bytes(b"\n")
-    assert client.read_line(1.0).startswith("NFO {StartPoses")
+    assert client.read_line().startswith("NFO {StartPoses")
 
 
 def test_replies_come_in_order_and_before_streams(client: ScriptedClient) -> None:
     """INIT, GETCONF and GETGEO in one packet are answered in order, streams later (25, 30, 70)."""
-    started = time.monotonic()
     client.send(
         "INIT {ClassName P2AT} {Location 1,1,-0.3}\r\nGETCONF {Type Robot}\r\n"
         "GETGEO {Type Robot}\r\nGETSTARTPOSES"
@@ -61,12 +66,11 @@ def test_replies_come_in_order_and_before_streams(client: ScriptedClient) -> Non
     heads = [client.read_line().split()[0] for _ in range(3)]
     assert heads == ["CONF", "GEO", "NFO"]
     client.wait_for("STA")
-    assert 0.25 <= time.monotonic() - started <= 2.0
 
 
 @pytest.mark.parametrize("how", ["close", "half-close", "reset", "mid-line"])
 def test_a_robot_leaves_with_its_connection(connect: Connect, how: str) -> None:
-    """Within a second of any kind of goodbye the place is free again (checks 13, 14, 15)."""
+    """After any kind of goodbye the place is free again (checks 13, 14, 15)."""
     first = connect()
     first.send("INIT {ClassName P3AT} {Location -5,-5,-0.3}")
     first.wait_for("STA")
@@ -83,9 +87,8 @@ def test_a_robot_leaves_with_its_connection(connect: Connect, how: str) -> None:
         if how == "mid-line":
             first.send_bytes(b"DRIVE {Left 1.0} {Ri")
         first.close()
-    deadline = time.monotonic() + 1.0
-    while _range(second.wait_for(lambda line: "{Name R4}" in line)) < 4.9:
-        assert time.monotonic() < deadline, "the robot is still there after a second"
+    # The goodbye is noticed in wall time, so only that it is counts here.
+    assert eventually(lambda: _range(second.wait_for(lambda line: "{Name R4}" in line)) > 4.9)
 
 
 def _range(line: str) -> float:
@@ -106,7 +109,7 @@ def test_a_client_that_does_not_read(connect: Connect) -> None:
     times = [_sta_time(lively.wait_for("STA")) for _ in range(15)]
     gaps = [later - earlier for earlier, later in pairwise(times)]
     assert max(gaps) < 0.45, "the world and the other robot went on"
-    lines = lazy.read_for(2.5)
+    lines = lazy.listen(0.5)
     assert sum(line.startswith("GEO {Type Sonar}") for line in lines) == 20
     assert all(re.match(r"(NFO|STA|SEN|GEO|MISSTA) \{.*\}$", line) for line in lines)
 
@@ -117,7 +120,7 @@ def test_lines_of_one_step_carry_one_time(connect: Connect) -> None:
     for index, robot in enumerate(robots):
         robot.send(f"INIT {{ClassName P3AT}} {{Location {40 + 3 * index},5,-0.3}}")
     for robot in robots:
-        lines = [line for line in robot.read_for(1.0) if "{Time " in line]
+        lines = [line for line in robot.listen(1.0) if "{Time " in line]
         times = [_sta_time(line) for line in lines]
         assert times == sorted(times)
         assert len(set(times)) < len(times), "lines of one step share their Time"
@@ -125,16 +128,17 @@ def test_lines_of_one_step_carry_one_time(connect: Connect) -> None:
 
 def _admitted(connect: Connect) -> ScriptedClient:
     """A connection; those of the test before may still be ending and fill the house."""
-    deadline = time.monotonic() + 5.0
-    while True:
+    admitted: list[ScriptedClient] = []
+
+    def enter() -> bool:
         client = connect()
-        try:
+        with contextlib.suppress(ConnectionError):
             client.wait_for("NFO {Gametype")
-        except ConnectionError:
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
-        else:
-            return client
+            admitted.append(client)
+        return bool(admitted)
+
+    assert eventually(enter)
+    return admitted[0]
 
 
 def test_sixty_four_connections_with_a_robot_each(connect: Connect) -> None:
@@ -146,8 +150,8 @@ def test_sixty_four_connections_with_a_robot_each(connect: Connect) -> None:
         client.send(f"INIT {{ClassName P2AT}} {{Location {x},{y},-0.3}}")
         clients.append(client)
     for client in clients:
-        assert client.wait_for("STA", 20.0).startswith("STA {Type GroundVehicle}")
+        assert client.wait_for("STA").startswith("STA {Type GroundVehicle}")
     extra = connect()
     with contextlib.suppress(ConnectionError):
         extra.read_for(0.2)
-    assert clients[0].wait_for("STA", 20.0)
+    assert clients[0].wait_for("STA")

@@ -24,7 +24,7 @@ def _pose(line: str) -> list[float]:
 def test_a_player_like_client_drives_a_p2at(connect: Callable[[], ScriptedClient]) -> None:
     """The ut2004 dialogue of 5.5 happens as written (checks 2, 3, 30, 85, 134, 143, 174, 179)."""
     client = connect()
-    greeting = client.read_line(1.0)
+    greeting = client.read_line()
     assert re.fullmatch(
         r"NFO \{Gametype BotDeathMatch\} \{Level [\w-]+\} \{TimeLimit \d+\}", greeting
     )
@@ -57,7 +57,7 @@ def test_a_player_like_client_drives_a_p2at(connect: Callable[[], ScriptedClient
 def test_a_ros_like_client_configures_itself(connect: Callable[[], ScriptedClient]) -> None:
     """The udk dialogue of 5.5 happens as written (checks 12, 125, 130, 173, 181)."""
     client = connect()
-    assert client.read_line(1.0).startswith("NFO {Gametype BotDeathMatch}")
+    assert client.read_line().startswith("NFO {Gametype BotDeathMatch}")
     client.send_bytes(
         b"GETSTARTPOSES\r\nINIT {Classname USARBot.P3AT} {Name rover} {Start RobotStart1}\r\n"
         b"GETCONF {Type RFID}\r\nGETGEO {Type RFID}\r\n"
@@ -79,8 +79,8 @@ def test_a_ros_like_client_configures_itself(connect: Callable[[], ScriptedClien
         client.send(f"GETCONF {{Type {wire_type}}} {{Name {name}}}")
         client.send(f"GETGEO {{Type {wire_type}}} {{Name {name}}}")
         head = f"{{Type {wire_type}}} {{Name {name}}}"
-        assert client.wait_for("CONF", 0.5).startswith(f"CONF {head}")
-        assert client.wait_for("GEO", 0.5).startswith(f"GEO {head}")
+        assert client.wait_for("CONF").startswith(f"CONF {head}")
+        assert client.wait_for("GEO").startswith(f"GEO {head}")
     client.send("GETCONF {Type Robot} {Name rover}")
     assert client.wait_for("CONF") == (
         "CONF {Name P3AT} {Type GroundVehicle} {SteeringType SkidSteered} {Mass 11.9000} "

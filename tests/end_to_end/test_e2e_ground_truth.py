@@ -8,13 +8,12 @@ from __future__ import annotations
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 
 import pytest
 from side_clients import MetricTool, RoboCupScore, TruthConsole, WirelessModel, split_reply
 
-from usarsim_server.testing import ScriptedClient, ServerProcess
+from usarsim_server.testing import PATIENCE, ScriptedClient, ServerProcess, eventually
 
 Connect = Callable[[], ScriptedClient]
 
@@ -82,16 +81,6 @@ def robot(connect: Connect, name: str, place: str, kind: str = "P3AT") -> Script
     return client
 
 
-def until(condition: Callable[[], bool], within: float = 5.0) -> bool:
-    """Whether something comes true in time."""
-    deadline = time.monotonic() + within
-    while not condition():
-        if time.monotonic() > deadline:
-            return False
-        time.sleep(0.02)
-    return True
-
-
 # -- ground truth --------------------------------------------------------------------------------
 
 
@@ -124,9 +113,9 @@ def test_positions_of_a_team(model: WirelessModel, connect: Connect) -> None:
             assert all(len(part.partition(".")[2]) == 4 for part in group["Location"].split(","))
     assert third == "NUMOBS {From alpha} {To Beta} {ObstCount 0.0000}"
     team[0].close()
-    assert until(lambda: list(model.positions()) == ["Beta"])
+    assert eventually(lambda: list(model.positions()) == ["Beta"])
     team[1].close()
-    assert until(lambda: not model.positions())
+    assert eventually(lambda: not model.positions())
 
 
 def test_walls_count_and_nothing_else(model: WirelessModel, connect: Connect) -> None:
@@ -144,7 +133,7 @@ def test_walls_count_and_nothing_else(model: WirelessModel, connect: Connect) ->
     assert obstacles(model, "0,0,-2.5", "100,0,-2.5") == 0
     for client in team:
         client.close()
-    assert until(lambda: not model.positions())
+    assert eventually(lambda: not model.positions())
 
 
 def obstacles(model: WirelessModel, start: str, end: str) -> int:
@@ -171,9 +160,9 @@ def test_an_empty_battery_is_told(model: WirelessModel, connect: Connect) -> Non
     client.send("INIT {ClassName USARBot.P3AT} {Name Tired} {Location 0,0,-0.3} {Battery 2}")
     client.wait_for("STA")
     assert model.positions()["Tired"][1] is False
-    assert until(lambda: model.positions()["Tired"][1])
+    assert eventually(lambda: model.positions()["Tired"][1])
     client.close()
-    assert until(lambda: not model.positions())
+    assert eventually(lambda: not model.positions())
 
 
 def test_an_operators_station_is_listed(model: WirelessModel, connect: Connect) -> None:
@@ -185,12 +174,12 @@ def test_an_operators_station_is_listed(model: WirelessModel, connect: Connect) 
     (x, y, _), empty = model.positions()["BaseStation"]
     assert [x, y] == pytest.approx([3.0, 1.0], abs=0.01)
     assert empty is False
-    time.sleep(0.3)
+    base.listen(0.3)
     assert model.positions()["BaseStation"][0][:2] == pytest.approx([x, y], abs=1e-3)
     assert model.obstacles("BaseStation", "Scout") == 0
     for client in (base, scout):
         client.close()
-    assert until(lambda: not model.positions())
+    assert eventually(lambda: not model.positions())
 
 
 def test_sixteen_robots_are_answered_about(model: WirelessModel, connect: Connect) -> None:
@@ -214,7 +203,7 @@ def test_sixteen_robots_are_answered_about(model: WirelessModel, connect: Connec
         assert float(groups[2]["ObstCount"]) >= 0.0
     for client in team:
         client.close()
-    assert until(lambda: not model.positions())
+    assert eventually(lambda: not model.positions())
 
 
 def test_hostile_questions_disturb_nobody(server: ServerProcess, model: WirelessModel) -> None:
@@ -237,11 +226,11 @@ def test_scoring_tools_see_robots_and_victims(
     """88, 89, 92 to 98: two tools at ten queries a second each and one without pause see the same
     actors as ground truth; one that asks and quits disturbs nobody."""
     team = [robot(connect, "One", "0,0,-0.3"), robot(connect, "Two", "2,0,-0.3")]
-    time.sleep(0.5)  # until they stand still
+    team[1].listen(1.0)  # until they stand still
     tools = [RoboCupScore(server.ports["truth"]) for _ in range(2)]
     for tool in tools:
-        tool.watch(1.0)
-        assert tool.listings >= 9
+        tool.watch(10)
+        assert tool.listings == 10
         tool.close()
     metric = MetricTool(server.ports["truth"])
     for _ in range(20):
@@ -257,7 +246,7 @@ def test_scoring_tools_see_robots_and_victims(
     metric.socket.close()
     for client in team:
         client.close()
-    assert until(lambda: not model.positions())
+    assert eventually(lambda: not model.positions())
 
 
 def test_queries_by_class_and_name(
@@ -282,7 +271,7 @@ def test_queries_by_class_and_name(
     assert TruthConsole(server.ports["truth"], "{class USARBot.Zeppelin}").lines == []
     boxes.close()
     client.close()
-    assert until(lambda: not model.positions())
+    assert eventually(lambda: not model.positions())
 
 
 # -- ports ---------------------------------------------------------------------------------------
@@ -303,7 +292,7 @@ def serve(*words: str) -> subprocess.CompletedProcess[str]:
         ],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=PATIENCE,
         check=False,
     )
 

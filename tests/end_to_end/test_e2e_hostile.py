@@ -22,7 +22,7 @@ from usarsim_server.robots.roster import load_roster
 from usarsim_server.testing import ScriptedClient, ServerProcess
 
 MEGABYTE = 1 << 20
-PATIENCE = 20.0
+PATIENCE = 90.0
 QUESTIONS = {
     "control": b"GETSTARTPOSES\r\n",
     "images": b"OK",
@@ -61,7 +61,7 @@ def witness(server: ServerProcess) -> Iterator[ScriptedClient]:
 
 def dial(port: int) -> socket.socket:
     """A connection with a time limit."""
-    return socket.create_connection(("127.0.0.1", port), timeout=5.0)
+    return socket.create_connection(("127.0.0.1", port), timeout=PATIENCE)
 
 
 def all_is_well(server: ServerProcess, witness: ScriptedClient) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from usarsim_server.testing import ServerProcess
+from usarsim_server.testing import PATIENCE, ServerProcess
 
 LOW, HIGH = (-500.0, -500.0, 0.0), (500.0, 500.0, 600.0)
 """A room of 4 x 4 x 2.4 m, in Unreal units."""
@@ -86,7 +86,7 @@ def test_a_broken_map_is_refused(source: Path) -> None:
         ],
         capture_output=True,
         text=True,
-        timeout=30,
+        timeout=PATIENCE,
         check=False,
         env=dict(os.environ),
     )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import time
 from collections.abc import Iterator
 
 import pytest
@@ -118,7 +117,6 @@ def test_iridium(arena: int) -> None:
         assert len(console.starts) == 16
         assert console.starts["RobotStart1"] == ((-10.6, 7.0, -0.25), (0.0, 0.0, 0.0))
         console.send("INIT {ClassName USARBot.P3AT} {Start RobotStart5}")
-        time.sleep(0.2)
         console.send("GETCONF {Type Actuator}")
         console.send("DRIVE {Left 1.30} {Right 1.30}")
 
@@ -156,7 +154,7 @@ def test_aut_toolbox(arena: int) -> None:
     """Each reading function returns within its half second, again and again (check 184)."""
     with AutToolbox(arena) as toolbox:
         toolbox.send("INIT {ClassName USARBot.P2AT} {Location -9.2,-1.0,-0.25} {Rotation 0,0,0}")
-        time.sleep(1.0)
+        toolbox.pass_by(1.0)
         for _ in range(4):
             assert len(toolbox.vector("Odometry", "Pose")) == 3
             assert len(toolbox.vector("GroundTruth", "Orientation")) == 3
@@ -165,7 +163,7 @@ def test_aut_toolbox(arena: int) -> None:
         x, *_ = toolbox.vector("GroundTruth", "Location")
         toolbox.send("DRIVE {Left 1.0}")
         toolbox.send("DRIVE {Right 1.0} {Light True} {Normalized False}")
-        time.sleep(0.8)
+        toolbox.pass_by(0.8)
         assert toolbox.vector("GroundTruth", "Location")[0] > x + 0.05
 
 
@@ -214,26 +212,25 @@ def test_uva_rescue(arena: int) -> None:
         start = float(client.next("SEN", "Odometry")["Pose"].split(",")[0])
         client.send("MULTIDRIVE {FRFlipper 0,5}")
         client.send("DRIVE {Left 0,5} {Right 0,5} {Normalized False}")
-        deadline = time.monotonic() + 5.0
-        while float(client.next("SEN", "Odometry")["Pose"].split(",")[0]) < start + 0.05:
-            assert time.monotonic() < deadline, "it does not drive"
+        end = start
+        for _ in range(25):
+            end = float(client.next("SEN", "Odometry")["Pose"].split(",")[0])
+        assert end > start + 0.05, "it does not drive"
 
 
 def test_chunk_reader(arena: int) -> None:
     """Chunks end where lines end as long as a client keeps up (protocol reference 1.1, 5.1.11)."""
     with Ades(arena) as client:
         client.send("INIT {ClassName P2AT} {Start RobotStart11}")
-        whole = torn = 0
-        deadline = time.monotonic() + 1.5
-        while time.monotonic() < deadline:
-            for line in filter(None, client.chunk()):
+        whole = 0
+        while whole < 60:
+            chunk = client.chunk()
+            for line in filter(None, chunk):
+                # On a busy machine a chunk of 65536 bytes may fill; nothing else cuts a line.
                 if re.fullmatch(r"[A-Z]+ \{.*\}", line):
                     whole += 1
                 else:
-                    torn += 1
-        assert whole > 30
-        # A short scheduling delay may let a chunk of 65536 bytes fill; nothing else cuts a line.
-        assert torn == 0
+                    assert len("\r\n".join(chunk)) == 65536, line
 
 
 def test_one_receive_is_one_answer(arena: int) -> None:

@@ -8,9 +8,15 @@ from collections.abc import Iterator
 
 import pytest
 
-from usarsim_server.testing import Rehearsal, ScriptedClient, ServerProcess, running_server
+from usarsim_server.testing import (
+    PATIENCE,
+    Rehearsal,
+    ScriptedClient,
+    ServerProcess,
+    eventually,
+    running_server,
+)
 
-PATIENCE = 20.0
 FILE = """
 max_per_address = 3
 line_bytes = 100000
@@ -43,10 +49,7 @@ def visit(server: ServerProcess, address: str) -> ScriptedClient:
 
 def said(server: ServerProcess, text: str) -> bool:
     """Whether the log says something before long."""
-    deadline = time.monotonic() + PATIENCE
-    while text not in server.errors and time.monotonic() < deadline:
-        time.sleep(0.05)
-    return text in server.errors
+    return eventually(lambda: text in server.errors)
 
 
 def test_a_fourth_connection_of_an_address_is_closed(server: ServerProcess) -> None:

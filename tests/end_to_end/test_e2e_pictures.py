@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import socket
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from usarsim_server.testing import ScriptedClient, ServerProcess
+from usarsim_server.testing import PATIENCE, ScriptedClient, ServerProcess, eventually
 
 SCENE = """<mujoco model="court">
   <visual>
@@ -40,7 +39,6 @@ position = [0.0, -10.0, 0.25]
 yaw_degrees = -90.0
 """
 WIDTH, HEIGHT = 320, 240
-PATIENCE = 10.0
 
 Picture = NDArray[np.int_]
 
@@ -133,10 +131,7 @@ def plain(picture: Picture) -> bool:
 
 def until(condition: Callable[[], bool]) -> None:
     """Wait for the world to get somewhere."""
-    deadline = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < deadline, "it did not happen"
-        time.sleep(0.05)
+    assert eventually(condition)
 
 
 Spawn = Callable[..., ScriptedClient]

@@ -5,30 +5,16 @@ from __future__ import annotations
 import contextlib
 import math
 import socket
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from usarsim_server.testing import ScriptedClient, ServerProcess
-
-WITHIN = 10.0
-"""s to wait for what ought to happen at once or after a look at the world."""
+from usarsim_server.testing import PATIENCE, ScriptedClient, ServerProcess, eventually
 
 BASE, NEAR_ONE, NEAR_TWO = (-12.0, 0.0), (-9.0, 1.5), (-9.0, -1.5)
 WORKSHOP = (12.5, 8.0)
 """Wire frame: behind six walls of the office, seen from the lobby."""
-
-
-def eventually(condition: Callable[[], bool]) -> bool:
-    """Whether the condition comes true in time."""
-    deadline = time.monotonic() + WITHIN
-    while not condition():
-        if time.monotonic() > deadline:
-            return False
-        time.sleep(0.05)
-    return True
 
 
 def read(end: socket.socket, size: int) -> bytes:
@@ -49,7 +35,7 @@ def hung_up(end: socket.socket) -> bool:
 def refused(port: int) -> bool:
     """Whether nobody listens on a port."""
     try:
-        socket.create_connection(("127.0.0.1", port), WITHIN).close()
+        socket.create_connection(("127.0.0.1", port), PATIENCE).close()
     except ConnectionRefusedError:
         return True
     return False
@@ -70,7 +56,7 @@ class Controller:
         )
         self.robot.wait_for("STA")
         self.listener = socket.create_server(("127.0.0.1", 0))
-        self.listener.settimeout(WITHIN)
+        self.listener.settimeout(PATIENCE)
         self.radio = ScriptedClient(server.ports["wireless"])
         port = self.listener.getsockname()[1]
         assert self.ask(f"INIT {{Robot {name}}} {{Port {port}}}") == "INITREPLY {Status OK}"
@@ -94,12 +80,12 @@ class Controller:
     def accept(self) -> socket.socket:
         """Take a connection."""
         end, _ = self.listener.accept()
-        end.settimeout(WITHIN)
+        end.settimeout(PATIENCE)
         return end
 
     def call(self, other: Controller) -> tuple[socket.socket, socket.socket]:
         """Connect to another station: our end and theirs, which learns who called."""
-        mine = socket.create_connection(("127.0.0.1", self.road(other.name)), WITHIN)
+        mine = socket.create_connection(("127.0.0.1", self.road(other.name)), PATIENCE)
         theirs = other.accept()
         port = theirs.getpeername()[1]
         answer = other.ask(f"REVERSEDNS {{Port {port}}}")
@@ -215,7 +201,7 @@ def test_a_robot_that_left_the_simulator_is_dropped(team: Team) -> None:
     assert hung_up(mine)
     assert hung_up(theirs)
     with pytest.raises(ConnectionError):
-        team.two.radio.read_line(WITHIN)
+        team.two.radio.read_line()
     team.two.close()
     team.two = Controller(team.office, "Robot2", NEAR_TWO)
     talk(*team.one.call(team.two))
@@ -230,7 +216,7 @@ def test_an_operator_station_stands_still(team: Team) -> None:
     assert team.base.robot.wait_for("CONF").startswith("CONF {Name ComStation} {Type StaticPlat")
     team.base.robot.send("DRIVE {Left 1} {Right 1}")
     assert "{Battery 99999} {Type StaticPlatform}" in team.base.robot.wait_for("STA")
-    time.sleep(0.5)
+    team.base.robot.listen(0.5)
     assert positions(team.office)["Base"] == before
 
 
@@ -244,7 +230,7 @@ def test_comserver(team: Team) -> None:
 
         ends = [socket.create_server(("127.0.0.1", 0)) for _ in range(2)]
         for one in ends:
-            one.settimeout(WITHIN)
+            one.settimeout(PATIENCE)
         a, b = (one.getsockname()[1] for one in ends)
         assert say("REGISTER Robot1 127.0.0.1;") == "OK;"
         assert say("REGISTER Base 127.0.0.1;") == "OK;"
@@ -270,7 +256,7 @@ def test_a_robot_drives_out_of_sight_and_back(tmp_path: Path) -> None:
         mine, theirs = robot.call(base)
         talk(mine, theirs)
         robot.robot.send("DRIVE {Left 5} {Right 5}")
-        mine.settimeout(30.0)
+        mine.settimeout(PATIENCE)
         assert hung_up(mine)
         assert hung_up(theirs)
         assert positions(server)["Rover"][0] == pytest.approx(-4.1, abs=0.6)
@@ -278,9 +264,7 @@ def test_a_robot_drives_out_of_sight_and_back(tmp_path: Path) -> None:
         road = robot.road("Base")
         assert refused(road)
         robot.robot.send("DRIVE {Left -5} {Right -5}")
-        deadline = time.monotonic() + 30.0
-        while refused(road) and time.monotonic() < deadline:
-            time.sleep(0.05)
+        assert eventually(lambda: not refused(road))
         robot.robot.send("DRIVE {Left 0} {Right 0}")
         base.accept().close()
         talk(*robot.call(base))

@@ -451,8 +451,8 @@ def test_one_handler_failing_does_not_touch_another(
 
 
 def eventually(true: Callable[[], bool]) -> bool:
-    """Whether something becomes true within ten seconds."""
-    deadline = time.monotonic() + 10.0
+    """Whether something becomes true, however slow the machine is."""
+    deadline = time.monotonic() + 90.0
     while not true() and time.monotonic() < deadline:
         time.sleep(0.002)
     return true()

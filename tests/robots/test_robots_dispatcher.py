@@ -15,7 +15,7 @@ from usarsim_server.simulation.rays import RayFan, RayHits
 from usarsim_server.simulation.snapshot import Snapshot
 
 NOTHING = np.zeros(0)
-TIMEOUT = 20.0
+TIMEOUT = 90.0
 
 
 def snapshot(time: float = 0.0) -> Snapshot:

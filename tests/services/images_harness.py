@@ -9,12 +9,13 @@ from collections.abc import Callable, Coroutine
 from typing import Any
 
 import numpy as np
-from services_harness import Client
+from services_harness import Client, LoopClock
 
 from usarsim_server.cameras.encoding import Encoder, JpegCodec
 from usarsim_server.cameras.view import Frame, Grid, Region
 from usarsim_server.protocol.images import RAW, ImageType
 from usarsim_server.services.images import ImageLimits, ImageService
+from usarsim_server.testing import PATIENCE
 
 GRID = Grid(columns=2, rows=2, tile_width=64, tile_height=48)
 BIG = Grid()
@@ -135,11 +136,13 @@ class RunningImages:
         legacy: bool = False,
         silent_push: float = 0.0,
         bound: Callable[[str], Region | None] | None = None,
+        stopped_clock: bool = False,
     ) -> None:
         self.source = source
         self.encoder = Encoder(image_type, codec)
         self.clients: list[ImageClient] = []
         self.loop = asyncio.new_event_loop()
+        self.clock = LoopClock(self.loop) if stopped_clock else None
         self.service = ImageService(
             "127.0.0.1",
             0,
@@ -160,7 +163,12 @@ class RunningImages:
 
     def call(self, coroutine: Coroutine[Any, Any, Any]) -> Any:
         """Run a coroutine on the service's loop and wait for it."""
-        return asyncio.run_coroutine_threadsafe(coroutine, self.loop).result(10)
+        return asyncio.run_coroutine_threadsafe(coroutine, self.loop).result(PATIENCE)
+
+    def turn(self, seconds: float) -> None:
+        """Let the time of a service with a stopped clock pass."""
+        assert self.clock is not None
+        self.clock.turn(seconds)
 
     def connect(self, **buffers: int) -> ImageClient:
         """A new client; buffers as for `Client`."""
@@ -174,7 +182,7 @@ class RunningImages:
             return
         self.call(self.service.stop())
         self.loop.call_soon_threadsafe(self.loop.stop)
-        self._thread.join(5)
+        self._thread.join(PATIENCE)
         self.loop.close()
         for client in self.clients:
             client.close()

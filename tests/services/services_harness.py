@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import socket
 import threading
-import time
 from collections import deque
 from collections.abc import Callable
 
@@ -13,18 +12,9 @@ from usarsim_server.protocol.grammar import Command
 from usarsim_server.services.control import ControlLimits, ControlService
 from usarsim_server.services.listener import Endpoint
 from usarsim_server.services.outbox import Outbox
+from usarsim_server.testing import PATIENCE, eventually
 
 GREETING = b"NFO {Gametype BotDeathMatch} {Level arena} {TimeLimit 20}\r\n"
-
-
-def eventually(condition: Callable[[], bool], within: float = 2.0) -> bool:
-    """Whether the condition comes true within so many seconds."""
-    deadline = time.monotonic() + within
-    while time.monotonic() < deadline:
-        if condition():
-            return True
-        time.sleep(0.005)
-    return condition()
 
 
 def words(agent: FakeAgent) -> list[str]:
@@ -90,6 +80,20 @@ class FakeAgent:
                 self.outbox.put_reply(f"CONF {{Name {command.get('Name')}}}\r\n".encode())
 
 
+class LoopClock:
+    """The time of an event loop, which passes only when the test says so."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        self._loop = loop
+        self._now = loop.time()
+        loop.time = lambda: self._now  # type: ignore[method-assign]
+
+    def turn(self, seconds: float) -> None:
+        """Let time pass, and the loop notice."""
+        self._now += seconds
+        self._loop.call_soon_threadsafe(lambda: None)
+
+
 class Client:
     """A controller that speaks over a real socket."""
 
@@ -104,7 +108,7 @@ class Client:
             self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, send_buffer)
         if receive_buffer is not None:
             self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
-        self.socket.settimeout(5.0)
+        self.socket.settimeout(PATIENCE)
         self.socket.connect(address)
         self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._rest = b""
@@ -140,7 +144,7 @@ class Client:
         except TimeoutError:
             return True
         finally:
-            self.socket.settimeout(5.0)
+            self.socket.settimeout(PATIENCE)
         return False
 
     def ended(self) -> bool:
@@ -190,7 +194,7 @@ class Running:
         self.loop.run_forever()
 
     def _call(self, coroutine):  # type: ignore[no-untyped-def]
-        return asyncio.run_coroutine_threadsafe(coroutine, self.loop).result(10)
+        return asyncio.run_coroutine_threadsafe(coroutine, self.loop).result(PATIENCE)
 
     def connect(self, *, greet: bool = True, **buffers: int) -> Client:
         """A new client that has read its greeting; buffers as for `Client`."""
@@ -210,11 +214,9 @@ class Running:
         client = self.connect(**buffers)
         return client, self.agent_of(client)
 
-    def stop_service(self) -> float:
-        """Stop the service only; returns the seconds it took."""
-        start = time.monotonic()
+    def stop_service(self) -> None:
+        """Stop the service only."""
         self._call(self.service.stop())
-        return time.monotonic() - start
 
     def stop(self) -> None:
         """Stop everything."""
@@ -222,7 +224,7 @@ class Running:
             return
         self._call(self.service.stop())
         self.loop.call_soon_threadsafe(self.loop.stop)
-        self._thread.join(5)
+        self._thread.join(PATIENCE)
         self.loop.close()
         for client in self.clients:
             client.close()

@@ -7,7 +7,9 @@ import random
 import socket
 
 import pytest
-from wireless_harness import FAR, NEAR, Line, Running, Talker, eventually
+from wireless_harness import FAR, NEAR, Line, Running, Talker
+
+from usarsim_server.testing import PATIENCE, eventually
 
 
 class Team:
@@ -36,9 +38,9 @@ class Team:
 
     def accept(self, number: int) -> socket.socket:
         """Take a connection from the server."""
-        self.listeners[number].settimeout(5.0)
+        self.listeners[number].settimeout(PATIENCE)
         made, _ = self.listeners[number].accept()
-        made.settimeout(5.0)
+        made.settimeout(PATIENCE)
         self.running.sockets.append(made)
         return made
 

@@ -19,6 +19,7 @@ from usarsim_server.services.dialogue import DialogueLimits, DialogueService
 from usarsim_server.services.ground_truth import ground_truth_service, responder
 from usarsim_server.services.listener import Endpoint
 from usarsim_server.services.truth import truth_service
+from usarsim_server.testing import PATIENCE
 
 T = TypeVar("T")
 
@@ -35,7 +36,7 @@ class Running:
 
     def call(self, coroutine: Coroutine[None, None, T]) -> T:
         """Run a coroutine on the loop."""
-        return asyncio.run_coroutine_threadsafe(coroutine, self.loop).result(5.0)
+        return asyncio.run_coroutine_threadsafe(coroutine, self.loop).result(PATIENCE)
 
     def connect(self, **sizes: int) -> Client:
         """A client."""
@@ -45,7 +46,7 @@ class Running:
         """End it."""
         self.call(self.service.stop())
         self.loop.call_soon_threadsafe(self.loop.stop)
-        self.thread.join(2.0)
+        self.thread.join(PATIENCE)
         self.loop.close()
 
 
@@ -107,7 +108,7 @@ def test_answers_are_worked_out_beside_the_event_loop(start: Start) -> None:
     def slow(lines: list[str]) -> list[str | None]:
         threads.append(threading.current_thread())
         if lines == ["GET slow"]:
-            gate.wait(5.0)
+            gate.wait(PATIENCE)
         return echo(lines)
 
     running = start(ground(slow))
@@ -141,7 +142,7 @@ def test_who_does_not_read_is_not_asked_further(start: Start) -> None:
     other = running.connect()
     other.send(b"GETPOS\r\n")
     assert len(other.line()) == 5002
-    lazy.socket.settimeout(5.0)
+    lazy.socket.settimeout(PATIENCE)
     for _ in range(before):
         assert lazy.line() == b"x" * 5000 + b"\r\n"
 

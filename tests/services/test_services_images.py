@@ -31,6 +31,7 @@ from usarsim_server.services.attention import Repeats
 from usarsim_server.services.images import ImageLimits, ImageService
 from usarsim_server.services.listener import Endpoint
 from usarsim_server.services.ready import run_services
+from usarsim_server.testing import PATIENCE
 
 TILE_SIZE = (TILE.width, TILE.height)
 
@@ -165,7 +166,7 @@ def test_repeats_are_paced_and_news_are_not(images) -> None:
     started = time.monotonic()
     replies_to(client, (TILE_REQUEST + b"OK") * 4, 8)
     assert time.monotonic() - started > 3 * 0.05, "each region is paced, also in turns"
-    changing = images(FakeSource(), limits=ImageLimits(repeat=30.0))
+    changing = images(FakeSource(), limits=ImageLimits(repeat=10.0 * PATIENCE))
     client = changing.connect()
     for value in range(5):
         changing.source.show(value)
@@ -214,28 +215,43 @@ def test_legacy_mode_and_an_immediate_request_are_two_pictures(images) -> None:
 
 def test_silent_client_gets_one_picture(images) -> None:
     """Side channels reference 2.12: one push, never a second one."""
-    client = images(silent_push=0.1).connect()
-    assert client.silent_for(0.05)
+    running = images(silent_push=1.0, stopped_clock=True)
+    client = running.connect()
+    assert eventually(lambda: running.service.connections == 1)
+    running.turn(0.9)
+    assert client.silent_for(0.1)
+    running.turn(0.2)
     replies_to(client, b"", 1)
-    assert client.silent_for(0.3)
+    running.turn(10.0)
+    assert client.silent_for(0.1)
     replies_to(client, b"OK", 1)
 
 
 @pytest.mark.parametrize("word", [b"OK", b"O", b"\0"])
-def test_client_that_speaks_in_time_gets_no_push(images, word: bytes) -> None:
+def test_client_that_speaks_in_time_gets_no_push(images, monkeypatch, word: bytes) -> None:
     """Check 29: whatever it says first, only what it asked for is sent."""
-    client = images(silent_push=0.3).connect()
-    time.sleep(0.05)
+    running = images(silent_push=1.0, stopped_clock=True)
+    heard: list[bytes] = []
+    sock_recv = running.loop.sock_recv
+
+    async def receive(client: socket.socket, size: int) -> bytes:
+        heard.append(await sock_recv(client, size))
+        return heard[-1]
+
+    monkeypatch.setattr(running.loop, "sock_recv", receive)
+    client = running.connect()
     client.send(word)
     if word == b"OK":
         client.value()
-    assert client.silent_for(0.5)
+    assert eventually(lambda: bool(heard))
+    running.turn(2.0)
+    assert client.silent_for(0.2)
 
 
 def test_request_during_the_push_is_answered_too(images) -> None:
     """Bytes that come while the picture is on its way are not lost."""
     source = FakeSource(value=None)
-    running = images(source, silent_push=0.05, limits=ImageLimits(patience=5.0))
+    running = images(source, silent_push=0.05, limits=ImageLimits(patience=PATIENCE))
     client = running.connect()
     assert eventually(lambda: bool(source.watches)), "the push waits for the renderer"
     client.send(b"OK")
@@ -276,7 +292,7 @@ def test_loop_does_not_wait_for_the_encoder(images) -> None:
     go_on = threading.Event()
 
     def held(pixels: NDArray[np.uint8], quality: int, head: bytes) -> memoryview:
-        go_on.wait(10.0)
+        go_on.wait(PATIENCE)
         return pillow_jpeg(pixels, quality, head)
 
     running = images(FakeSource(), NORMAL, held)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import time
 
 from images_harness import (
     GRID,
@@ -102,28 +101,31 @@ def test_word_of_many_frames_reaches_the_loop_once() -> None:
 
 def test_region_is_watched_while_it_is_asked_for(images) -> None:
     """Rendering goes on for a while after a request, and stops when nobody asks again."""
-    running = images(limits=ImageLimits(linger=0.3))
+    running = images(limits=ImageLimits(linger=1.0), stopped_clock=True)
     client = running.connect()
     for _ in range(5):
         client.send(TILE_REQUEST)
         client.value(TILE_SIZE)
         assert running.source.looked_at == {TILE}
-        time.sleep(0.1)
+        running.turn(0.9)
     assert running.source.most_watches == 1
+    running.turn(0.2)
     assert eventually(lambda: running.source.looked_at == set())
 
 
 def test_each_region_has_its_own_time(images) -> None:
     """What was asked for earlier is forgotten earlier."""
-    running = images(limits=ImageLimits(linger=0.5))
+    running = images(limits=ImageLimits(linger=1.0), stopped_clock=True)
     client = running.connect()
     client.send(TILE_REQUEST)
     client.value(TILE_SIZE)
-    time.sleep(0.25)
+    running.turn(0.5)
     client.send(b"OK")
     client.value()
-    assert GRID.frame in running.source.looked_at
+    assert running.source.looked_at == {TILE, GRID.frame}
+    running.turn(0.6)
     assert eventually(lambda: running.source.looked_at == {GRID.frame})
+    running.turn(0.6)
     assert eventually(lambda: running.source.looked_at == set())
 
 

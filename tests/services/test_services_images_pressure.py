@@ -13,7 +13,9 @@ import psutil
 from images_harness import BIG, TILE, TILE_REQUEST, FakeSource, ImageClient, RunningImages
 from services_harness import eventually
 
+from usarsim_server.services import listener
 from usarsim_server.services.images import ImageLimits
+from usarsim_server.testing import PATIENCE
 
 BIG_SIZE = (BIG.width, BIG.height)
 FRAME_BYTES = 5 + 4 + 3 * BIG.width * BIG.height
@@ -115,18 +117,18 @@ def test_client_that_leaves_while_it_waits_is_forgotten(images) -> None:
     assert source.watches == []
 
 
-def test_stop_does_not_wait_for_clients(images) -> None:
+def test_stop_does_not_wait_for_clients(images, caplog, monkeypatch) -> None:
     """The server ends although clients stall, wait for the renderer, or are silent."""
-    running = images(FakeSource(BIG), silent_push=60.0)
+    monkeypatch.setattr(listener, "_STOP_TIMEOUT", PATIENCE)
+    running = images(FakeSource(BIG), silent_push=10.0 * PATIENCE)
     ask_and_stall(running, b"OK" * 10)
     running.connect()
     running.source.fresh = False
     ask_and_stall(running)
     assert eventually(lambda: running.service.connections == 3)
     clients = list(running.clients)
-    started = time.monotonic()
     running.call(running.service.stop())
-    assert time.monotonic() - started < 1.5, "the listener would have given up only after 2 s"
+    assert "connections did not end in time" not in caplog.messages
     assert running.source.watches == []
     assert all(client.ended() for client in clients)
 

@@ -22,6 +22,7 @@ from usarsim_server.services.limits import (
     TokenBucket,
     input_cost,
 )
+from usarsim_server.testing import PATIENCE
 
 
 class Watch:
@@ -38,7 +39,7 @@ def visitor(server: Running, address: str = "127.0.0.2") -> Client:
     """A client with another address of this machine; it has not read its greeting."""
     client = Client.__new__(Client)
     client.socket = socket.create_connection(
-        (server.endpoint.host, server.endpoint.port), 5.0, (address, 0)
+        (server.endpoint.host, server.endpoint.port), PATIENCE, (address, 0)
     )
     client._rest = b""
     server.clients.append(client)
@@ -194,7 +195,7 @@ def test_flood_is_read_at_the_rate_and_nothing_is_lost(control, caplog) -> None:
     other.send(b"GETCONF {Name other}\r\n")
     assert other.line() == b"CONF {Name other}\r\n"
     assert len(agent.commands) < 1600
-    client.socket.settimeout(30.0)
+    client.socket.settimeout(PATIENCE)
     assert client.line() == b"CONF {Name done}\r\n"
     assert time.monotonic() - begun > 2.5
     assert words(agent) == ["DRIVE"] * 1600 + ["GETCONF"]
@@ -226,18 +227,20 @@ def test_client_that_is_held_back_may_go(control, end) -> None:
     client.send(b"{}ACT" * 4000 + b"\r\n")
     assert eventually(lambda: server.service._rates.waiting == 1)
     end(client)
-    assert eventually(lambda: agent.closes == 1, within=5.0)
+    assert eventually(lambda: agent.closes == 1)
     assert eventually(lambda: server.service._rates.waiting == 0)
 
 
-def test_stop_does_not_wait_for_clients_that_are_held_back(control) -> None:
+def test_stop_does_not_wait_for_clients_that_are_held_back(control, caplog, monkeypatch) -> None:
     """A server that ends forgets what they owe."""
+    monkeypatch.setattr(listener_module, "_STOP_TIMEOUT", PATIENCE)
     server = control(ControlLimits(command_rate=200.0))
     client, agent = server.pair()
     client.send(b"{}ACT" * 4000 + b"\r\n")
     assert eventually(lambda: server.service._rates.waiting == 1)
-    assert server.stop_service() < 2.0
+    server.stop_service()
     assert agent.closes == 1
+    assert "connections did not end in time" not in caplog.messages
 
 
 # Connections of one address
@@ -273,7 +276,7 @@ def test_who_only_knocks_does_not_lengthen_the_queue(control) -> None:
     for _ in range(100):
         server.connect(greet=False).close()
     late = server.connect(greet=False)
-    late.socket.settimeout(30.0)
+    late.socket.settimeout(PATIENCE)
     assert late.line() == GREETING
 
 
@@ -284,7 +287,7 @@ def test_who_leaves_the_queue_gives_its_place_back(control) -> None:
     waiting = server.connect(greet=False)
     assert eventually(lambda: server.service.connections == 3)
     waiting.close()
-    assert eventually(lambda: server.service.connections == 2, within=5.0)
+    assert eventually(lambda: server.service.connections == 2)
     for client in (first, second):
         client.send(b"GETCONF {Name x}\r\n")
         assert client.line() == b"CONF {Name x}\r\n"
@@ -335,7 +338,7 @@ def test_bytes_that_make_no_line_do_not_count(control) -> None:
     """Who drips a byte now and then wants nothing, either."""
     server = control(ControlLimits(idle=0.5))
     client, agent = server.pair()
-    deadline = time.monotonic() + 10.0
+    deadline = time.monotonic() + PATIENCE
     while agent.closes == 0 and time.monotonic() < deadline:
         try:
             client.send(b"D")

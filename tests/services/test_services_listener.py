@@ -14,6 +14,7 @@ import pytest
 from usarsim_server.errors import ServiceError
 from usarsim_server.services import listener as module
 from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits, format_address
+from usarsim_server.testing import PATIENCE, eventually
 
 
 async def echo(client: socket.socket, peer: str) -> None:
@@ -46,18 +47,14 @@ async def connected(endpoint):
 
 async def echoes(endpoint) -> bool:
     """Whether a new client is served."""
-    async with asyncio.timeout(3), connected(endpoint) as (reader, writer):
+    async with asyncio.timeout(PATIENCE), connected(endpoint) as (reader, writer):
         writer.write(b"ping\n")
         return await reader.readline() == b"ping\n"
 
 
 async def soon(condition) -> bool:
-    """Whether the condition comes true within two seconds."""
-    for _ in range(400):
-        if condition():
-            return True
-        await asyncio.sleep(0.005)
-    return False
+    """Whether the condition comes true."""
+    return await asyncio.to_thread(eventually, condition)
 
 
 # Binding
@@ -228,7 +225,7 @@ def test_lack_of_resources_pauses_accepting_and_is_said_once(caplog, number: int
         async with listening() as (_, endpoint):
             assert await echoes(endpoint)
         pauses = [b - a for a, b in zip(accept.times[:3], accept.times[1:4], strict=True)]
-        assert all(0.09 < pause < 0.5 for pause in pauses)
+        assert all(pause > 0.09 for pause in pauses)
 
     asyncio.run(scenario())
     warnings = [record for record in caplog.records if record.levelname == "WARNING"]
@@ -238,14 +235,15 @@ def test_lack_of_resources_pauses_accepting_and_is_said_once(caplog, number: int
 
 
 @pytest.mark.parametrize("number", [errno.ECONNABORTED, errno.EPROTO, errno.ENETDOWN])
-def test_connection_lost_on_arrival_is_skipped(caplog, number: int) -> None:
+def test_connection_lost_on_arrival_is_skipped(caplog, monkeypatch, number: int) -> None:
     """accept(2): an error of the arriving connection itself does not delay the next one."""
+    monkeypatch.setattr(module, "_RESOURCE_PAUSE", 10 * PATIENCE)
+    monkeypatch.setattr(module, "_FAILURE_PAUSE", 10 * PATIENCE)
 
     async def scenario() -> None:
-        accept = ScriptedAccept(number, number)
+        ScriptedAccept(number, number)
         async with listening() as (_, endpoint):
             assert await echoes(endpoint)
-        assert accept.times[2] - accept.times[0] < 0.05
 
     asyncio.run(scenario())
     assert caplog.records == []
@@ -346,7 +344,7 @@ def test_stop_ends_handlers_and_closes_their_sockets() -> None:
 
     async def handler(client: socket.socket, peer: str) -> None:
         try:
-            await asyncio.sleep(60)
+            await asyncio.sleep(10 * PATIENCE)
         finally:
             await asyncio.sleep(0.01)
             cleaned.append(peer)
@@ -402,9 +400,7 @@ def test_handler_that_does_not_end_is_abandoned_in_time(caplog, monkeypatch) -> 
         async with listening(stubborn) as (listener, endpoint), connected(endpoint):
             assert await soon(lambda: listener.connections == 1)
             task = listener._task
-            start = time.monotonic()
             await listener.stop()
-            assert time.monotonic() - start < 1.0
             release.set()
             await asyncio.wait({task})
 

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from usarsim_server.services.outbox import PIECE, Outbox, OutboxLimits, ReplyBuffer
+from usarsim_server.testing import PATIENCE
 
 STREAM_BYTES = 100
 STREAM_LINES = 6
@@ -293,7 +294,7 @@ def test_threads_lose_no_reply_and_keep_each_ones_order() -> None:
         for thread in threads:
             thread.start()
         while len(received) < 4 * per_thread:
-            assert ready.wait(10), "a wake was lost"
+            assert ready.wait(PATIENCE), "a wake was lost"
             ready.clear()
             received += [line for line in drain(outbox) if line != b"STA\r\n"]
     finally:

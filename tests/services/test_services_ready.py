@@ -8,7 +8,6 @@ import re
 import signal
 import socket
 import threading
-import time
 
 import pytest
 
@@ -16,6 +15,7 @@ from usarsim_server.errors import ServiceError
 from usarsim_server.services.control import ControlService
 from usarsim_server.services.listener import Endpoint
 from usarsim_server.services.ready import ready_line, run_services
+from usarsim_server.testing import PATIENCE, eventually
 
 
 class FakeService:
@@ -99,7 +99,7 @@ def test_ready_line_is_flushed_at_once(monkeypatch) -> None:
 
     async def scenario() -> None:
         running = asyncio.create_task(run_services([FakeService("control")], stop=stop))
-        await asyncio.sleep(0.05)
+        assert await asyncio.to_thread(eventually, lambda: "flush" in events)
         stop.set()
         await running
 
@@ -109,18 +109,15 @@ def test_ready_line_is_flushed_at_once(monkeypatch) -> None:
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signals_end_the_services_quietly(number) -> None:
-    """SIGINT and SIGTERM stop everything and return: no exception, well within three seconds."""
+    """SIGINT and SIGTERM stop everything and return: no exception."""
     service = FakeService("control", required=True)
-    sent = []
 
     def on_ready(endpoints) -> None:
         os.kill(os.getpid(), number)
         os.kill(os.getpid(), number)  # an impatient second one changes nothing
-        sent.append(time.monotonic())
 
     asyncio.run(run_services([service], on_ready))
     assert service.events == ["start", "stop"]
-    assert time.monotonic() - sent[0] < 1.0
 
 
 def test_signal_during_start_ends_before_ready() -> None:
@@ -166,7 +163,7 @@ def test_services_run_in_a_thread_of_an_embedding_program() -> None:
         target=lambda: announced.extend(run_until_ready(FakeService("control")))
     )
     thread.start()
-    thread.join(5)
+    thread.join(PATIENCE)
     assert len(announced) == 1
 
 

@@ -10,8 +10,7 @@ import asyncio
 import contextlib
 import socket
 import threading
-import time
-from collections.abc import Callable, Coroutine
+from collections.abc import Coroutine
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
@@ -24,22 +23,13 @@ from usarsim_server.services.comserver import ComServerLimits, ComServerService
 from usarsim_server.services.dialogue import Desk
 from usarsim_server.services.relay import Road
 from usarsim_server.services.wireless import WirelessLimits, WirelessService
+from usarsim_server.testing import PATIENCE
 
 T = TypeVar("T")
 
 NEAR, FAR = 10.0, 80.0
 """m: places where a station at 0 is heard and is not."""
 POLL = 0.02
-
-
-def eventually(condition: Callable[[], bool], within: float = 3.0) -> bool:
-    """Whether the condition comes true within so many seconds."""
-    deadline = time.monotonic() + within
-    while time.monotonic() < deadline:
-        if condition():
-            return True
-        time.sleep(0.005)
-    return condition()
 
 
 class Line:
@@ -65,7 +55,7 @@ class Talker:
     """A robot's control connection."""
 
     def __init__(self, port: int) -> None:
-        self.socket = socket.create_connection(("127.0.0.1", port), timeout=5.0)
+        self.socket = socket.create_connection(("127.0.0.1", port), timeout=PATIENCE)
         self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._rest = b""
 
@@ -125,15 +115,15 @@ class Robot:
 
     def call(self, road: int) -> socket.socket:
         """Connect to a relay port."""
-        made = socket.create_connection(("127.0.0.1", road), timeout=5.0)
+        made = socket.create_connection(("127.0.0.1", road), timeout=PATIENCE)
         self._running.sockets.append(made)
         return made
 
     def accept(self, listener: int = 0) -> socket.socket:
         """Take a connection that the server made."""
-        self.listeners[listener].settimeout(5.0)
+        self.listeners[listener].settimeout(PATIENCE)
         made, _ = self.listeners[listener].accept()
-        made.settimeout(5.0)
+        made.settimeout(PATIENCE)
         self._running.sockets.append(made)
         return made
 
@@ -203,7 +193,7 @@ class Running:
 
     def call(self, coroutine: Coroutine[Any, Any, T]) -> T:
         """Have something done on the event loop."""
-        return asyncio.run_coroutine_threadsafe(coroutine, self.loop).result(10)
+        return asyncio.run_coroutine_threadsafe(coroutine, self.loop).result(PATIENCE)
 
     def talker(self) -> Talker:
         """A new control connection of the wireless simulation."""
@@ -228,7 +218,7 @@ class Running:
         self.call(self.wireless.stop())
         self.call(self.comserver.stop())
         self.loop.call_soon_threadsafe(self.loop.stop)
-        self._thread.join(5)
+        self._thread.join(PATIENCE)
         self.loop.close()
         for one in self.sockets:
             one.close()

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from usarsim_server.testing import PATIENCE, eventually
 from usarsim_server.validation import readings, teams, threads
 from usarsim_server.validation.readings import measure
 
@@ -45,19 +46,14 @@ def test_a_thread_is_known_by_its_name() -> None:
         until = time.thread_time() + 0.2
         while time.thread_time() < until:
             pass
-        stop.wait(30.0)
+        stop.wait(PATIENCE)
 
     worker = threading.Thread(target=work, name="physics", daemon=True)
     worker.start()
-    deadline = time.monotonic() + 30.0
-    while time.monotonic() < deadline:
-        seen = threads.look()
-        if seen.spent["physics"] - begin.spent["physics"] >= 0.19:
-            break
-        time.sleep(0.01)
+    assert eventually(lambda: threads.look().spent["physics"] >= begin.spent["physics"] + 0.19)
+    seen = threads.look()
     stop.set()
-    worker.join(30.0)
-    assert seen.spent["physics"] - begin.spent["physics"] >= 0.19
+    worker.join(PATIENCE)
     assert seen.spent["drawing"] == begin.spent["drawing"]
     assert seen.moment > begin.moment
 
@@ -68,9 +64,7 @@ def test_a_run_leaves_its_looks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
     def serve(words: list[str]) -> int:
         seen.append(words)
-        deadline = time.monotonic() + 30.0
-        while len(taken) < 2 and time.monotonic() < deadline:
-            time.sleep(0.01)
+        assert eventually(lambda: len(taken) >= 2)
         return 3
 
     taken: list[threads.Look] = []
