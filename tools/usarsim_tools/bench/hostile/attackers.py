@@ -83,7 +83,7 @@ def _main(name: str, ports: Mapping[str, int]) -> None:
     threading.Thread(target=watch, daemon=True).start()
     attack = ATTACKS[name]
     loops = [_busy_loop() for _ in range(attack.busy_loops)]
-    damage, site = Damage(), Site(ports)
+    damage, site = Damage(), Site(ports, ended)
     work(attack.links(site), ended, damage)
     for child in loops:
         child.kill()

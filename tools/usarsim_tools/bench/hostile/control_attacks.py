@@ -10,7 +10,7 @@ from usarsim_tools.bench.hostile.links import First, Link, Site
 
 __all__ = ["CONTROL_ATTACKS"]
 
-EVERYBODY = ("groundtruth", "wireless", "truth", "image")
+EVERYBODY = ("groundtruth", "wireless", "truth", "images")
 LONG_NAME = b"N" * 65_000
 GROWING = (
     *("Kenaf", "TeleMax", "Nao", "ERS", "QRIO", "Hummer", "Lisa", "Talon"),

@@ -62,10 +62,12 @@ class Site:
 
     Attributes:
         ports: of the server, by the names of its READY line.
+        ended: set when the attack is over.
         kept: sockets that stay open, and unread, as long as the attack lasts.
     """
 
     ports: Mapping[str, int]
+    ended: threading.Event = field(default_factory=threading.Event)
     kept: list[socket.socket] = field(default_factory=list)
 
     def dial(self, port: int) -> socket.socket:

@@ -120,7 +120,7 @@ def verdict(outcome: Outcome) -> list[str]:
         broken.append(f"{outcome.during.descriptors} descriptors")
     if not attack.overload and outcome.wait[0] > attack.wait:
         broken.append(f"new client on {outcome.wait[1]}")
-    if outcome.end > LONGEST_END:
+    if not attack.busy_loops and outcome.end > LONGEST_END:
         broken.append("end")
     return broken + list(outcome.faults)
 
@@ -297,13 +297,6 @@ def _section(
                 0,
                 Aim("<=", 0),
             ),
-            Figure(
-                "Longest end of the server",
-                max(one.end for one in outcomes),
-                "s",
-                1,
-                Aim("<=", LONGEST_END),
-            ),
             Figure("Largest growth of memory", max(one.growth for one in outcomes) / MIB, "MiB", 0),
         ]
     if judged:
@@ -314,6 +307,13 @@ def _section(
                 "",
                 3,
                 Aim(">=", LEAST_RATE),
+            ),
+            Figure(
+                "Longest end of the server",
+                max(one.end for one in judged),
+                "s",
+                1,
+                Aim("<=", LONGEST_END),
             ),
             Figure("Longest wait of a new client", max(one.wait[0] for one in judged), "s", 2),
         ]

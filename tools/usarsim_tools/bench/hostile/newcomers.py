@@ -18,7 +18,7 @@ QUESTIONS: Mapping[str, tuple[bytes, bytes]] = {
     "wireless": (b"GETPOS\r\n", b"\r\n"),
     "truth": (b"\r\n", b"{End}\r\n"),
     # A rectangle without a point: answered, and nothing has to be drawn.
-    "image": (b"U" + bytes(16), b"\x00\x00"),
+    "images": (b"U" + bytes(16), b"\x00\x00"),
     "comserver": (b"GETSS Nobody Noone;", b";"),
     # The controller of a robot of the team, on the port of the wireless server.
     "radio": (b"INIT {Robot R1} {Port 1}\r\n", b"INITREPLY {Status OK}\r\n"),

@@ -24,6 +24,8 @@ TILES = b"".join(
 STRANGER = "127.0.0.2"
 RELAY_PORTS = 256
 THROUGH_ONE = 32
+PAUSE = 0.01
+"""s between two relay ports, so that the attackers stay within their share."""
 
 _Links = Callable[[Site], Sequence[Link]]
 
@@ -73,7 +75,7 @@ def _many_relays(site: Site) -> Sequence[Link]:
     for (_, client), (other, _) in (pair, pair[::-1]):
         for port in listening:
             road = _road(site, client, other, port)
-            if not road:
+            if not road or site.ended.wait(PAUSE):
                 break
             for _ in range(THROUGH_ONE):
                 # Not waited for: what the server does not take shall not hold up the rest.
@@ -239,24 +241,24 @@ SIDE_ATTACKS = (
     Attack(
         "pictures",
         "16 clients ask for pictures and tiles and read",
-        _asking(16, "image", PICTURE + TILES, reads=True),
-        ("image",),
+        _asking(16, "images", PICTURE + TILES, reads=True),
+        ("images",),
         growth=128 * MIB,
     ),
     Attack(
         "pictures-unread",
         "the same, never read",
-        _asking(16, "image", PICTURE + TILES, reads=False),
-        ("image",),
+        _asking(16, "images", PICTURE + TILES, reads=False),
+        ("images",),
         growth=128 * MIB,
     ),
     Attack(
         "image-junk",
         "16 clients send bytes that are no request",
-        _asking(16, "image", b"\x00NOKNO", reads=True),
-        ("image",),
+        _asking(16, "images", b"\x00NOKNO", reads=True),
+        ("images",),
     ),
-    holding("image-held", "image"),
+    holding("image-held", "images"),
     Attack(
         "junk-links",
         "16 links of 5874 carry junk at full speed",
