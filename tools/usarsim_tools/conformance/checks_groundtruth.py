@@ -214,10 +214,10 @@ async def battery(case: Case) -> None:
     case.expect(found[0].get("BatteryEmpty") == "False", f"{found[0]}")
 
 
-@truth("getpos.in-time", "Answers within a second", "11.62, 3.5")
+@truth("getpos.in-time", "Answers within a second", "11.62, 3.5", Severity.INFORMATIVE)
 async def in_time(case: Case) -> None:
-    """The wireless program waits at most a second; later answers are booked on the wrong pair. A
-    second of simulated time: a busy machine slows the program down as well."""
+    """The wireless program waits at most a second; later answers are booked on the wrong pair. How
+    fast a server answers is a matter of its machine: informative."""
     robots = [await case.spawn() for _ in range(2)]
     client = await _client(case)
     worst = 0.0

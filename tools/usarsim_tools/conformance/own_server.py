@@ -13,6 +13,7 @@ from usarsim_tools.conformance.registry import SERVICES
 __all__ = ["OwnServer", "StartError"]
 
 _PORTS = ("", "image-", "groundtruth-", "wireless-", "truth-")
+_MOST_ROBOTS = 32
 _PATIENCE = 10.0
 """s to end after SIGTERM."""
 
@@ -40,6 +41,8 @@ class OwnServer(Closing):
         """
         ports = [f"--{name}port=0" for name in _PORTS]
         command = [sys.executable, "-m", "usarsim_server.cli", "serve", "--world", world]
+        # On a busy machine robots that have left may be counted a little longer.
+        command += ["--max-robots", str(_MOST_ROBOTS)]
         self._errors = tempfile.TemporaryFile("w+")  # noqa: SIM115  (closed by `stop`)
         self._process = subprocess.Popen(
             [*command, *ports, *options], stdout=subprocess.PIPE, stderr=self._errors, text=True
