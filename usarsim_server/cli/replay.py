@@ -39,20 +39,24 @@ def add_parser(subparsers: Subparsers) -> None:
         "server instead of a recorded one; may be repeated",
     )
     parser.add_argument(
-        "--speed", metavar="X", type=_positive, default=1.0, help="times as fast (default 1)"
+        "--speed",
+        metavar="X",
+        type=_positive,
+        default=1.0,
+        help="times as fast, where no simulated time is told (default 1)",
     )
     parser.add_argument(
         "--patience",
         metavar="S",
         type=_positive,
-        default=5.0,
-        help="seconds to wait for an answer that the controller had (default 5)",
+        default=20.0,
+        help="simulated seconds to wait for an answer that the controller had (default 20)",
     )
     defaults = Tolerance()
     for name, help_text in (
         ("relative", "part by which numbers may differ"),
         ("absolute", "what numbers may differ by in any case"),
-        ("rate", "part by which lines per second may differ"),
+        ("rate", "part by which lines per simulated second may differ"),
     ):
         default = getattr(defaults, name)
         parser.add_argument(
@@ -110,7 +114,7 @@ def _report(recording: Recording, outcome: Outcome) -> str:
     heads = ("connection", "port", "what", "then", "now", "verdict", "difference")
     wrong = sum(not row.passed for row in outcome.rows)
     last = f"{wrong} of {len(rows)} differ" if wrong else f"all {len(rows)} the same"
-    late = f", {outcome.late:.1f} s of waiting" if outcome.late >= 0.05 else ""
+    late = f", {outcome.late:.1f} s longer now" if outcome.late >= 0.05 else ""
     return f"{table(heads, rows)}\n\n{last}; {recording.seconds:.1f} s recorded{late}"
 
 

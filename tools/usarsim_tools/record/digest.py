@@ -7,6 +7,8 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
+from usarsim_tools.record.session_clock import time_told
+
 __all__ = ["Digest", "Series", "Shape", "numbers_of", "shape_of", "words_of"]
 
 STREAMED = frozenset({"SEN", "STA", "MISSTA"})
@@ -105,7 +107,8 @@ class Series:
     Attributes:
         streamed: whether they come by themselves.
         count: how many.
-        first: s of the first one. last: of the last one.
+        first: simulated s of the first one after a time was told. last: of the last one.
+        timed: how many came since then.
         shapes: how often each form was seen.
         lines: the lines, of those that are not streamed.
         lowest: of each number of a line of the form seen first. highest: likewise.
@@ -117,6 +120,7 @@ class Series:
     count: int = 0
     first: float = 0.0
     last: float = 0.0
+    timed: int = 0
     shapes: Counter[Shape] = field(default_factory=Counter)
     lines: list[str] = field(default_factory=list)
     lowest: list[float] = field(default_factory=list)
@@ -126,20 +130,21 @@ class Series:
 
     @property
     def rate(self) -> float:
-        """Per second, 0 with fewer than two."""
-        return (self.count - 1) / (self.last - self.first) if self.last > self.first else 0.0
+        """Per simulated second, 0 with fewer than two."""
+        return (self.timed - 1) / (self.last - self.first) if self.last > self.first else 0.0
 
     @property
     def usual(self) -> Shape:
         """The form seen most often."""
         return self.shapes.most_common(1)[0][0] if self.shapes else ()
 
-    def add(self, line: str, time: float) -> None:
-        """Take a line."""
-        if not self.count:
-            self.first = time
-        self.last = time
+    def add(self, line: str, time: float | None) -> None:
+        """Take a line that came when this simulated time had been told."""
         self.count += 1
+        if time is not None:
+            self.first = time if not self.timed else self.first
+            self.last = time
+            self.timed += 1
         shape = shape_of(line)
         if shape in self.shapes or len(self.shapes) < _MOST_SHAPES:
             self.shapes[shape] += 1
@@ -179,14 +184,15 @@ class Digest:
         self.ended = False
         self._held = b""
         self._mode = ""
+        self._time: float | None = None
 
     @property
     def binary(self) -> bool:
         """Whether what came is neither lines nor pictures."""
         return self._mode == "bytes"
 
-    def feed(self, data: bytes, time: float) -> None:
-        """Take bytes that came at a time, s."""
+    def feed(self, data: bytes) -> None:
+        """Take bytes that came."""
         if not data:
             return
         self.bytes += len(data)
@@ -195,9 +201,9 @@ class Digest:
             self._mode = "pictures" if data[0] < 9 else "lines"
         self._held += data
         if self._mode == "pictures":
-            self._take_pictures(time)
+            self._take_pictures()
         elif self._mode == "lines":
-            self._take_lines(time)
+            self._take_lines()
         else:
             self._held = b""
 
@@ -210,14 +216,16 @@ class Digest:
             }
         )
 
-    def _take_lines(self, time: float) -> None:
+    def _take_lines(self) -> None:
         *lines, self._held = self._held.split(b"\n")
         for line in lines:
-            self._add_line(line.decode("latin-1").removesuffix("\r"), time)
+            told = time_told(line)
+            self._time = self._time if told is None else told
+            self._add_line(line.decode("latin-1").removesuffix("\r"))
         if len(self._held) > _MOST_HELD:
             self._mode, self._held = "bytes", b""
 
-    def _add_line(self, line: str, time: float) -> None:
+    def _add_line(self, line: str) -> None:
         head = line.partition("{")[0].strip() or ("{}" if line else "(empty line)")
         streamed = head in STREAMED
         kind = head
@@ -226,9 +234,9 @@ class Digest:
         if streamed and head == "SEN" and (match := _NAME.search(line)):
             kind = f"{kind} {match[1]}"
         self.heads[head] += 1
-        self._series(kind, streamed).add(line, time)
+        self._series(kind, streamed).add(line, self._time)
 
-    def _take_pictures(self, time: float) -> None:
+    def _take_pictures(self) -> None:
         while len(self._held) >= _HEADER:
             length = int.from_bytes(self._held[1:_HEADER])
             if length > _LARGEST:
@@ -239,7 +247,7 @@ class Digest:
             kind, payload = self._held[0], self._held[_HEADER : _HEADER + length]
             self._held = self._held[_HEADER + length :]
             self.heads["picture"] += 1
-            self._series("picture", False).add(_described(kind, payload), time)
+            self._series("picture", False).add(_described(kind, payload), None)
 
     def _series(self, kind: str, streamed: bool) -> Series:
         return self.series.setdefault(kind, Series(streamed))

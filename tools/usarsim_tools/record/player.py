@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import socket
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from usarsim_tools.record.compare import Row, Tolerance, compare
@@ -23,11 +23,16 @@ from usarsim_tools.record.recording import (
     RecordError,
     Recording,
 )
+from usarsim_tools.record.session_clock import Cue, SessionClock, cues
 
 __all__ = ["Outcome", "play"]
 
-_POLL = 0.01
-"""s between two looks at what a controller waits for."""
+_HANGS = 60.0
+"""s of wall time without a byte after which the server counts as hanging."""
+_LOOKS = 1.0
+"""s of wall time between two looks at a server that says nothing."""
+_EXACT = 1e-6
+"""s; printed times are rounded, and so are their differences."""
 _CHUNK = 65536
 
 
@@ -37,7 +42,7 @@ class Outcome:
 
     Attributes:
         rows: verdicts, connection by connection.
-        late: s by which waiting has made it longer than the recording.
+        late: s of wall time by which it took longer than the recording.
     """
 
     rows: tuple[Row, ...]
@@ -66,20 +71,22 @@ async def play(
     links: Mapping[int, Link] | None = None,
     *,
     speed: float = 1.0,
-    patience: float = 5.0,
+    patience: float = 20.0,
     tolerance: Tolerance | None = None,
 ) -> Outcome:
     """Play a recording.
 
-    What the controllers sent goes out at its time, in its pieces and in its order over all
-    connections; before each piece the replies that the controller had by then must have come, and
-    the first line of every stream.
+    What the controllers sent goes out in its pieces and in its order over all connections, each
+    when the server has told the simulated time that it had told then, since the first one. Before
+    each piece the replies that the controller had by then must have come, and the first line of
+    every stream. Only where nobody told a time, pauses of wall time are those of the recording.
 
     Args:
         recording: the session.
         links: where to connect, by index of the link; by default where the recording was made.
-        speed: times as fast as then.
-        patience: s of wall time to wait for replies that the controller had.
+        speed: times as fast as then, for pauses in which no simulated time was told.
+        patience: s of simulated time to wait for replies that the controller had; of wall time
+            while none is told.
         tolerance: of the comparison.
 
     Raises:
@@ -87,8 +94,8 @@ async def play(
     """
     player = _Player(recording, dict(links or {}), speed, patience)
     try:
-        for event in recording.events:
-            await player.take(event)
+        for event, cue in zip(recording.events, cues(recording.events), strict=True):
+            await player.take(event, cue)
         await player.settle()
     finally:
         await player.stop()
@@ -111,29 +118,39 @@ class _Player:
         self._patience = patience
         self._loop = asyncio.get_running_loop()
         self._begun = self._loop.time()
-        self.late = 0.0
+        self._clock = SessionClock()
+        self._then = SessionClock()
+        self._news = asyncio.Event()
+        self._hanging = False
         self.lines: dict[int, _Line] = {}
 
-    async def take(self, event: Event) -> None:
+    @property
+    def late(self) -> float:
+        """s of wall time more than then."""
+        return max(0.0, self._loop.time() - self._begun - self._seconds)
+
+    async def take(self, event: Event, cue: Cue) -> None:
         """Note what the server did then, do what the controller did."""
         if event.kind == OPEN:
-            await self._until(event.time)
+            await self._moment(cue)
             await self._connect(event)
             return
         line = self.lines[event.connection]
         if event.side == SERVER:
             if event.kind == DATA:
-                line.then.feed(event.data, event.time)
+                line.then.feed(event.data)
+                self._then.hear(event.connection, event.data)
             elif event.kind in (END, RESET, REFUSED):
+                self._then.end(event.connection)
                 line.then.ended = line.then.ended or not line.client_ended
             return
-        await self._until(event.time)
+        await self._wait(line)
+        await self._moment(cue)
         if event.kind == DATA:
-            await self._wait(line)
             await self._send(line, event.data)
         elif event.kind in (END, RESET):
-            await self._wait(line)
             line.client_ended = True
+            self._then.end(event.connection)
             if line.writer is not None:
                 if event.kind == RESET:
                     line.writer.transport.abort()
@@ -143,7 +160,8 @@ class _Player:
 
     async def settle(self) -> None:
         """Wait for the end of the recording, and for the last replies."""
-        await self._until(self._seconds)
+        if any(not line.client_ended for line in self.lines.values()):
+            await self._moment(Cue(self._then.elapsed, 0.0))
         for line in self.lines.values():
             await self._wait(line)
 
@@ -158,28 +176,52 @@ class _Player:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
 
-    async def _until(self, time: float) -> None:
-        """Wait for a time of the recording, later by what waiting has cost so far."""
-        left = self._begun + time / self._speed + self.late - self._loop.time()
-        if left > 0.0:
-            await asyncio.sleep(left)
+    async def _moment(self, cue: Cue) -> None:
+        """Wait until it is as late as it was when the controller did something."""
+        await asyncio.sleep(cue.pause / self._speed)
+        wanted = cue.elapsed
+        if wanted is None:
+            return
+
+        def reached() -> bool:
+            told = self._clock.elapsed
+            # Nobody tells it any more: the last of them left a report earlier than then.
+            return told is not None and (told >= wanted - _EXACT or not self._clock.telling)
+
+        await self._until(reached)
 
     async def _wait(self, line: _Line) -> None:
         """Wait for what the controller had received by now, as long as patience lasts."""
         needed = line.then.needed() - line.missed
-        begun = self._loop.time()
-        while (missing := needed - line.now.heads) and not line.now.ended:
-            if self._loop.time() - begun > self._patience:
-                line.missed += missing  # waited for once only
-                break
-            await asyncio.sleep(_POLL)
-        self.late += self._loop.time() - begun
+        begun, told = self._loop.time(), self._clock.elapsed or 0.0
+
+        def done() -> bool:
+            waited = (self._clock.elapsed or 0.0) - told
+            if not self._clock.telling:
+                waited = max(waited, self._loop.time() - begun)
+            return not needed - line.now.heads or line.now.ended or waited > self._patience
+
+        await self._until(done)
+        line.missed += needed - line.now.heads  # waited for once only
+
+    async def _until(self, done: Callable[[], bool]) -> None:
+        """Wait for something that bytes of the server bring about, unless it says nothing more."""
+        silent = 0.0
+        while not done() and not self._hanging:
+            self._news.clear()
+            try:
+                async with asyncio.timeout(_LOOKS):
+                    await self._news.wait()
+                silent = 0.0
+            except TimeoutError:
+                silent += _LOOKS
+                self._hanging = silent >= _HANGS
 
     async def _connect(self, event: Event) -> None:
         link = self._links[event.link]
         line = self.lines[event.connection] = _Line()
         try:
-            async with asyncio.timeout(self._patience):
+            async with asyncio.timeout(_HANGS):
                 reader, writer = await asyncio.open_connection(link.host, link.port)
         except (OSError, TimeoutError) as error:
             raise RecordError(
@@ -188,18 +230,23 @@ class _Player:
             ) from None
         writer.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         line.writer = writer
-        line.reading = asyncio.create_task(self._read(line, reader))
+        line.reading = asyncio.create_task(self._read(event.connection, reader))
 
-    async def _read(self, line: _Line, reader: asyncio.StreamReader) -> None:
+    async def _read(self, number: int, reader: asyncio.StreamReader) -> None:
+        line = self.lines[number]
         with contextlib.suppress(OSError):
             while data := await reader.read(_CHUNK):
-                line.now.feed(data, self._loop.time())
+                line.now.feed(data)
+                self._clock.hear(number, data)
+                self._news.set()
         line.now.ended = not line.client_ended
+        self._clock.end(number)
+        self._news.set()
 
     async def _send(self, line: _Line, data: bytes) -> None:
         if line.writer is None:
             return
         with contextlib.suppress(OSError, TimeoutError):
             line.writer.write(data)
-            async with asyncio.timeout(self._patience):
+            async with asyncio.timeout(_HANGS):
                 await line.writer.drain()

@@ -25,8 +25,8 @@ __all__ = ["Proxy"]
 
 _CHUNK = 65536
 """Most bytes held per direction of a connection, beside the buffers of the sockets."""
-_CONNECTS = 10.0
-"""s until the server counts as absent."""
+_CONNECTS = 60.0
+"""s of wall time until a server that neither accepts nor refuses counts as absent."""
 
 
 class Proxy:
