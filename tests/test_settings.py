@@ -256,7 +256,7 @@ def test_defaults_are_those_of_the_legacy_installations() -> None:
         spawn_rate=20.0,
         idle_timeout=300.0,
         outbox_bytes=262144,
-        reply_bytes=4194304,
+        reply_bytes=1048576,
         quiet_period=0.27,
     )
 

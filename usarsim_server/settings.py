@@ -137,7 +137,7 @@ class Settings:
     spawn_rate: float = 20.0
     idle_timeout: float = 300.0
     outbox_bytes: int = 256 * 1024
-    reply_bytes: int = 4 * 1024 * 1024
+    reply_bytes: int = 1024 * 1024
     quiet_period: float = 0.27
     written: frozenset[str] = field(default=frozenset(), compare=False)
 

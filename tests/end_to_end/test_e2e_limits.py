@@ -94,7 +94,7 @@ def test_a_client_that_never_wanted_anything_is_closed(caplog: pytest.LogCapture
         idle.wait_for("NFO {Gametype")
         with pytest.raises(ConnectionError):
             idle.read_line(PATIENCE)
-    assert any("idle, without a robot" in message for message in caplog.messages)
+    assert any("closed by the server: idle" in message for message in caplog.messages)
 
 
 def test_longer_lines_are_read_if_the_file_says_so(server: ServerProcess) -> None:

@@ -3,10 +3,19 @@
 from __future__ import annotations
 
 import time
+import tracemalloc
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from usarsim_server.protocol.grammar import KNOWN_WORDS, Command, parse_line
+from usarsim_server.protocol.grammar import (
+    KNOWN_WORDS,
+    MOST_SEGMENTS,
+    WEIGHT_BYTES,
+    Command,
+    parse_line,
+)
 
 DRIVE = ("DRIVE", (("Left", "1"), ("Right", "1")))
 
@@ -163,13 +172,56 @@ def test_glued_commands_keep_their_own_text() -> None:
 
 def test_log_text_is_short_and_printable() -> None:
     """A hostile line cannot write control characters or kilobytes into a log."""
-    (command,) = parse_line(b"INIT {Name \x1b[31m\x00\xff}" + b"{A b}" * 10000)
+    (command,) = parse_line(b"INIT {Name \x1b[31m\x00\xff}" + b"{A b}" * 1000)
     assert command.text.isascii()
     assert command.text.isprintable()
     assert command.text.startswith(r"INIT {Name \x1b[31m\x00\xff}")
     assert command.text.endswith("...")
     assert len(command.text) < 300
-    assert len(command.segments) == 10001
+    assert len(command.segments) == 1001
+    (command,) = parse_line(b"\xff" * 60_000)
+    assert len(command.text) < 300
+
+
+@pytest.mark.parametrize("segment", [b"{A b}", b"{}", b"{} SET "])
+def test_a_line_has_so_many_segments_and_no_more(segment: bytes) -> None:
+    """What follows is thrown away, glued commands included, and the last command says so."""
+    commands = parse_line(b"SET " + segment * MOST_SEGMENTS)
+    assert not any(command.cut for command in commands)
+    commands = parse_line(b"SET " + segment * 20_000)
+    assert [command.cut for command in commands if command.cut] == [True]
+    assert commands[-1].cut
+    assert len(commands) <= MOST_SEGMENTS + 1
+    assert sum(len(command.segments) for command in commands) <= MOST_SEGMENTS
+
+
+HEAVY = st.sampled_from([b"{", b"}", b"A", b"{a}", b"{\xe9 \xe9}", b" ", b"{}ACT", b"\xff" * 70])
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.lists(HEAVY, min_size=1, max_size=40), st.integers(1, 500))
+def test_the_weight_of_a_command_bounds_its_memory(parts: list[bytes], times: int) -> None:
+    """Whatever the line: what its commands take is at most their weight, a fifth at the most more.
+
+    Python keeps tables of texts beside them, which are left out by doing it twice.
+    """
+    line = (b"".join(parts) * times)[:65_000]
+    keep = [parse_line(line)]
+    tracemalloc.start()
+    try:
+        keep.append(parse_line(line))
+        taken = tracemalloc.get_traced_memory()[0]
+    finally:
+        tracemalloc.stop()
+    weight = sum(command.weight for command in keep[-1])
+    assert taken <= 1.2 * WEIGHT_BYTES * weight + 4096
+
+
+def test_commands_of_known_clients_weigh_little() -> None:
+    """A driver that is a second behind does not fill the mailbox."""
+    assert [one.weight for one in parse_line(b"DRIVE {Left 1.000000} {Right -1.000000}")] == [1]
+    (command,) = parse_line(b"ACT {Name Arm} " + b"{Link 1} {Value 0.5000} {Order 0} " * 6)
+    assert command.weight <= 5
 
 
 def test_commands_are_values() -> None:

@@ -44,6 +44,8 @@ class FakeAgent:
         self.waiting: deque[Command] = deque()
         self.most_waiting = 0
         self.closes = 0
+        self.work = 0.0
+        self.has_role = False
         self.submit_thread: int | None = None
 
     def submit(self, commands: list[Command]) -> None:
@@ -60,7 +62,7 @@ class FakeAgent:
     @property
     def backlog(self) -> int:
         """Commands kept waiting."""
-        return len(self.waiting)
+        return sum(command.weight for command in tuple(self.waiting))
 
     def close(self) -> None:
         """Count the calls."""
@@ -76,6 +78,7 @@ class FakeAgent:
     def _execute(self, commands: list[Command]) -> None:
         for command in commands:
             self.commands.append(command)
+            self.has_role = self.has_role or (command.word == "INIT" and not command.has("Fail"))
             if command.word == "GETCONF":
                 self.outbox.put_reply(f"CONF {{Name {command.get('Name')}}}\r\n".encode())
 

@@ -254,7 +254,7 @@ def test_each_chunk_of_input_is_a_turn_of_the_loop():
         complete = asyncio.Event()
 
         class Agent:
-            backlog = 0
+            backlog, work, has_role = 0, 0.0, True
 
             def submit(self, commands):
                 submitted.append(turns.now)

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from services_harness import GREETING, Client, Running, eventually, words
 
 from usarsim_server.errors import SpawnError
+from usarsim_server.services import guests as guests_module
 from usarsim_server.services import limits as module
 from usarsim_server.services import listener as listener_module
 from usarsim_server.services.control import ControlLimits
@@ -21,6 +22,7 @@ from usarsim_server.services.limits import (
     SpawnGate,
     TokenBucket,
     input_cost,
+    work_cost,
 )
 from usarsim_server.testing import PATIENCE
 
@@ -144,31 +146,42 @@ def test_work_that_hides_in_few_lines_is_paid_for() -> None:
 
 
 def test_real_controllers_are_never_held_back() -> None:
-    """180 commands a second (protocol reference, addendum) never wait, beside sixty flooders."""
+    """180 commands a second (protocol reference, addendum) never wait: not for their rate, and
+    not for a turn among those who send more than their own share."""
     clock = Watch()
     rates = InputRates(1000.0, clock)
     client = rates.newcomer()
-    rates.waiting = 60
+    own = rates.own(client)
     waits = []
     for _ in range(180 * 60):
         clock.now += 1.0 / 180.0
-        waits.append(rates.charge(client, 1.0))
+        waits += [rates.charge(client, 1.0), own.spend(max(1.0, work_cost(90e-6)))]
     assert max(waits) == 0.0
 
 
-@pytest.mark.parametrize(("waiting", "expected"), [(1, 1000.0), (8, 1000.0), (16, 500.0)])
-def test_many_flooders_share_what_eight_may_send(waiting: int, expected: float) -> None:
-    """A flooder that waits as told gets its rate, or its share if there are many like it."""
+def test_a_flooder_gets_its_rate_and_has_nothing_of_its_own() -> None:
+    """It is read at the rate at most; two seconds after it has stopped, its own share is back."""
     clock = Watch()
     rates = InputRates(1000.0, clock)
     client = rates.newcomer()
-    rates.waiting = waiting
+    own = rates.own(client)
     rates.charge(client, 2000.0)  # spends the grant
     begun, got = clock.now, 0.0
     while clock.now < begun + 30.0:
         clock.now += rates.charge(client, 60.0)
+        own.spend(60.0)
         got += 60.0
-    assert got / (clock.now - begun) == pytest.approx(expected, rel=0.1)
+    assert got / (clock.now - begun) == pytest.approx(1000.0, rel=0.1)
+    assert own.tokens < 0.0
+    clock.now += 2.0
+    assert own.tokens >= 0.0
+
+
+def test_commands_that_take_long_count_as_several() -> None:
+    """A scan costs several commands, a DRIVE less than one; a model that grows is not paid for."""
+    assert work_cost(25e-6) < 1.0
+    assert work_cost(1e-3) == pytest.approx(10.0)
+    assert work_cost(10.0) == work_cost(1.0) == pytest.approx(1000.0)
 
 
 def test_clients_that_come_again_and_again_get_no_new_burst() -> None:
@@ -349,17 +362,38 @@ def test_bytes_that_make_no_line_do_not_count(control) -> None:
 
 
 def test_client_that_asked_for_a_robot_may_be_silent(control) -> None:
-    """After an INIT, however it went, nobody is closed; nor is one without a limit."""
-    server = control(ControlLimits(idle=1.5))
+    """As long as it has one; who has not, for example because INIT failed, is closed."""
+    server = control(ControlLimits(idle=1.0))
     client, agent = server.pair()
-    client.send(b"INIT {ClassName Nobody}\r\n")
-    assert eventually(lambda: words(agent) == ["INIT"])
-    idle, other = server.pair()
-    assert idle.line() == b""
+    client.send(b"INIT {ClassName P2AT}\r\n")
+    failed, other = server.pair()
+    failed.send(b"INIT {ClassName Nobody} {Fail}\r\n")
+    assert eventually(lambda: words(agent) == words(other) == ["INIT"])
+    assert failed.line() == b""
     assert eventually(lambda: other.closes == 1)
     assert agent.closes == 0
+    agent.has_role = False
+    assert client.line() == b""
     patient = control(ControlLimits(idle=0.0)).connect()
     assert patient.silent_for(0.5)
+
+
+def test_who_only_sits_there_makes_room(control, monkeypatch, caplog) -> None:
+    """When all places are taken the silent ones without a robot leave, the longest silent first."""
+    monkeypatch.setattr(guests_module, "GRACE", 0.2)
+    server = control(ControlLimits(max_connections=3))
+    robot, agent = server.pair()
+    robot.send(b"INIT {ClassName P2AT}\r\n")
+    assert eventually(lambda: agent.has_role)
+    first, one = server.pair()
+    second, other = server.pair()
+    time.sleep(0.3)
+    second.send(b"GETCONF {Name x}\r\n")
+    assert second.line() == b"CONF {Name x}\r\n"
+    server.connect()
+    assert first.line() == b""
+    assert (agent.closes, one.closes, other.closes) == (0, 1, 0)
+    assert any("the port is full" in message for message in caplog.messages)
 
 
 def test_client_that_asks_now_and_then_stays(control) -> None:

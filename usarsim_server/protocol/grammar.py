@@ -13,7 +13,26 @@ from dataclasses import dataclass
 
 from usarsim_server.protocol.values import Segment
 
-__all__ = ["IGNORED_WORDS", "KNOWN_WORDS", "Command", "first_value", "parse_line"]
+__all__ = [
+    "IGNORED_WORDS",
+    "KNOWN_WORDS",
+    "MOST_SEGMENTS",
+    "WEIGHT_BYTES",
+    "Command",
+    "first_value",
+    "parse_line",
+]
+
+MOST_SEGMENTS = 1024
+"""Segments of one line, those of commands glued to it and empty ones included; what follows them is
+thrown away. A segment of three bytes takes sixty times as much memory. The longest command of known
+clients, a MULTIDRIVE of all joints, has some thirty."""
+WEIGHT_BYTES = 1024
+"""Bytes of memory that make a command count as one more, see `Command.weight`."""
+_SEGMENT_BYTES = 208
+"""Memory of a segment beside its characters: a tuple, two texts, a place in a tuple."""
+_COMMAND_BYTES = 512
+"""Memory of a command beside its segments: the object, its word, the text for the log."""
 
 IGNORED_WORDS = frozenset(
     {
@@ -77,11 +96,16 @@ class Command:
             keeps inner blanks; a segment of one word has an empty value. Empty segments are left
             out.
         text: the beginning of the command, safe to print in a log.
+        weight: memory that it takes while it waits, in units of `WEIGHT_BYTES`, rounded up. That
+            of a command of known clients is 1 to 4.
+        cut: what followed on its line was thrown away.
     """
 
     word: str
     segments: tuple[Segment, ...] = ()
     text: str = ""
+    weight: int = 1
+    cut: bool = False
 
     def get(self, name: str, default: str | None = None) -> str | None:
         """Value of the first segment of this name in any case, `default` if there is none."""
@@ -114,19 +138,33 @@ def parse_line(line: bytes) -> list[Command]:
     assert head is not None  # the pattern matches the empty string
     commands: list[Command] = []
     word, start, segments = head[1].upper(), 0, list[Segment]()
-    after_brace = False
+    after_brace = cut = False
+    end, left = len(text), MOST_SEGMENTS
     for token in _TOKEN.finditer(text, head.end()):
         inner = token[1]
         if inner is not None:
+            if left == 0:
+                end, cut = token.start(), True
+                break
+            left -= 1
             _append(segments, inner)
             after_brace = True
         elif token[0] in "{}":
             after_brace = token[0] == "}"
         elif after_brace and (glued := _glued_word(text, token)):
-            commands.append(Command(word, tuple(segments), _loggable(text, start, token.start())))
+            commands.append(_command(word, segments, text, start, token.start()))
             word, start, segments = glued, token.start(), []
-    commands.append(Command(word, tuple(segments), _loggable(text, start, len(text))))
+    commands.append(_command(word, segments, text, start, end, cut))
     return commands
+
+
+def _command(
+    word: str, segments: list[Segment], text: str, start: int, end: int, cut: bool = False
+) -> Command:
+    """The command that is `text[start:end]`."""
+    memory = _COMMAND_BYTES + _SEGMENT_BYTES * len(segments) + (end - start)
+    weight = -(-memory // WEIGHT_BYTES)
+    return Command(word, tuple(segments), _loggable(text, start, end), weight, cut)
 
 
 def _append(segments: list[Segment], inner: str) -> None:
@@ -148,4 +186,6 @@ def _loggable(text: str, start: int, end: int) -> str:
     shown = text[start : min(end, start + _LOGGED_CHARACTERS)].strip(_BLANKS)
     if not (shown.isascii() and shown.isprintable()):
         shown = shown.encode("unicode_escape").decode("ascii")
-    return shown if end - start <= _LOGGED_CHARACTERS else shown + "..."
+    if max(end - start, len(shown)) <= _LOGGED_CHARACTERS:
+        return shown
+    return shown[:_LOGGED_CHARACTERS] + "..."

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -139,6 +140,9 @@ class RobotAgent:
         self._vehicle: Vehicle | None = None
         self._lock = threading.Lock()
         self._commands: deque[Command] = deque()
+        self._submitted = self._taken = 0
+        """Weight of all commands submitted, and of those begun or forgotten."""
+        self._work = 0.0
         self._reports: deque[_Report] = deque()
         """Those that are not finished; the first one may be under way."""
         self._lost: str | None = None
@@ -167,8 +171,18 @@ class RobotAgent:
 
     @property
     def backlog(self) -> int:
-        """Number of commands submitted and not yet begun."""
-        return len(self._commands)
+        """Weight of the commands submitted and not yet begun."""
+        return self._submitted - self._taken
+
+    @property
+    def work(self) -> float:
+        """Processor time that the commands of this client have taken so far, s."""
+        return self._work
+
+    @property
+    def has_role(self) -> bool:
+        """Whether the connection is a robot or something else in the world, or becomes so."""
+        return self._role is not None or self._called
 
     @property
     def due(self) -> float:
@@ -201,6 +215,7 @@ class RobotAgent:
             if self._closed:
                 return
             self._commands.extend(commands)
+            self._submitted += sum([command.weight for command in commands])
             self._call()
 
     def wake(self, snapshot: Snapshot) -> None:
@@ -249,6 +264,7 @@ class RobotAgent:
         with self._lock:
             self._closed = True
             self._commands.clear()
+            self._taken = self._submitted
             self._forget_reports()
             self._call()
         vehicle = self._vehicle
@@ -353,10 +369,11 @@ class RobotAgent:
         with self._lock:
             self._closed = self._ended = True
             self._commands.clear()
+            self._taken = self._submitted
             self._forget_reports()
 
     def _execute_waiting(self, apart: bool) -> None:
-        executed = 0
+        executed, started = 0, time.thread_time()
         # Reports do not wait for many commands, and a slow one at most.
         most = FLOOD if not self._reports else 1 if self._comes_slow() else BESIDE_REPORT
         while executed < most and self._commands and not (self._closed or self._barred):
@@ -367,9 +384,11 @@ class RobotAgent:
             except IndexError:
                 break
             executed += 1
+            self._taken += command.weight
             for line in self._execute(command):
                 self._mouth.put_reply(messages.encode(line))
         if executed:
+            self._work += time.thread_time() - started
             self._on_backlog_low()
 
     def _execute(self, command: Command) -> list[str]:

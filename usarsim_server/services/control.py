@@ -6,22 +6,34 @@ mean is the agent's business: this file knows no robot and no clock.
 
 A client can neither fill the memory nor delay others. Its input is read only as fast as its agent
 takes commands, and no faster than a rate (TCP pushes back), its output waits in a bounded outbox,
-and the kernel's buffers are small and of fixed size.
+and the kernel's buffers are small and of fixed size. Who sends more commands than real controllers
+do takes turns with all others who do: together they get a small part of one processor, so that the
+physics and the reports come first.
 """
 
 from __future__ import annotations
 
 import asyncio
+import math
 import socket
-from collections.abc import Callable
+import time
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
 from usarsim_server.logs import Log
 from usarsim_server.protocol.framing import MAX_LINE, LineFramer
-from usarsim_server.protocol.grammar import Command, parse_line
+from usarsim_server.protocol.grammar import (
+    KNOWN_WORDS,
+    MOST_SEGMENTS,
+    WEIGHT_BYTES,
+    Command,
+    parse_line,
+)
+from usarsim_server.services.budget import WorkBudget
 from usarsim_server.services.calls import LoopCalls
-from usarsim_server.services.limits import REPLY_PART, InputRates, input_cost
+from usarsim_server.services.guests import Guest, Guests
+from usarsim_server.services.limits import REPLY_PART, InputRates, input_cost, work_cost
 from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits, hung_up
 from usarsim_server.services.outbox import Outbox, OutboxLimits
 
@@ -32,12 +44,23 @@ _CHUNK = 2048
 that floods (180,000 commands a second) another's request is answered within 4 ms. With 4096 it is
 7 ms, with 1024 3 ms at some loss of throughput."""
 _SMALL_CHUNK = 256
-"""The same for a client that has used up its rate: what it is charged for a chunk comes afterwards,
-and somebody who only comes to send one chunk never pays."""
+"""The same for a client that has used up what is its own: what it is charged for a chunk comes
+afterwards, and somebody who only comes to send one chunk never pays."""
+_FLOOD_CHUNK = 1024
+"""The same once such a client has waited for its turn: some thirty commands, so that reports never
+wait for more than half a millisecond of them."""
+_LINE_TOKENS = 128
+"""Commands that a client has to have left if a whole chunk is to be read from it."""
+_REPLY_WORK = 20e-6
+"""Processor time of sending a reply, s."""
+LONGEST_REPLY = 256 * 1024
+"""Bytes of a single reply: that to GetSTA when there are 256 objects, whose names and memories are
+bounded, comes near half of it."""
 _LINES_PER_TURN = 32
 """Lines sent to one client before others get their turn."""
 _HANG_UP_POLL = 0.2
-"""Seconds between looks for a hang-up while a client's input is not read."""
+"""Seconds between looks for a hang-up while a client's input is not read; who has had to wait for
+so long in all is told of in the log."""
 
 Greeting = Callable[[], bytes]
 """Makes the one line, CR LF included, that every client reads first (protocol reference 1.2)."""
@@ -51,7 +74,15 @@ class Agent(Protocol):
 
     @property
     def backlog(self) -> int:
-        """Number of commands submitted and not yet begun."""
+        """Weight of the commands submitted and not yet begun, see `Command.weight`."""
+
+    @property
+    def work(self) -> float:
+        """Processor time that the commands of this client have taken so far, s."""
+
+    @property
+    def has_role(self) -> bool:
+        """Whether the connection is a robot or something else in the world, or becomes so."""
 
     def close(self) -> None:
         """The client is gone: remove its robot, forget its commands. Must not block.
@@ -87,11 +118,13 @@ class ControlLimits:
         max_line: longest line in bytes; longer ones are thrown away.
         command_rate: commands per s of one client in the long run; it is read no faster. See
             `limits.input_cost` for what counts as a command.
-        idle: s after which a client that neither had a command nor ever an INIT is closed; 0 for
-            never.
-        backlog_high: commands waiting at an agent beyond which its client's input is not read.
-            One client of the field sends 180 a second (protocol reference, addendum): five seconds.
-        backlog_low: commands at which reading goes on.
+        share: s of processor time per wall s for the commands of all clients together that send
+            more than their own share of the rate (`limits.OWN_SHARE`).
+        idle: s after which a client that neither had a command nor is anything in the world is
+            closed; 0 for never.
+        backlog_high: weight of commands waiting at an agent beyond which its client's input is not
+            read. One client of the field sends 180 a second (protocol reference, addendum).
+        backlog_low: weight at which reading goes on.
         outbox: see `OutboxLimits`.
         kernel_buffer: bytes per client and direction, before the kernel doubles it. A client that
             stopped reading finds at most this much old text when it reads again.
@@ -103,11 +136,29 @@ class ControlLimits:
     arrival_burst: int = 128
     max_line: int = MAX_LINE
     command_rate: float = 1000.0
+    share: float = 0.05
     idle: float = 300.0
     backlog_high: int = 1024
     backlog_low: int = 256
     outbox: OutboxLimits = field(default_factory=OutboxLimits)
     kernel_buffer: int = 64 * 1024
+
+    @property
+    def held_bytes(self) -> int:
+        """Memory that a connection can make the server hold, without the kernel's buffers.
+
+        Half a line, which Python keeps with an eighth to spare, and the next one that is read; the
+        commands that wait, and those of the line with which they became too many; the outbox, with
+        one long reply.
+        """
+        line = self.max_line + _CHUNK
+        commands = self.backlog_high * WEIGHT_BYTES + 2 * line + MOST_SEGMENTS * WEIGHT_BYTES // 4
+        return 2 * line + line // 8 + commands + self.outbox.held_bytes + LONGEST_REPLY
+
+    @property
+    def kernel_bytes(self) -> int:
+        """The same in the kernel, which doubles what it is asked for, in either direction."""
+        return 4 * self.kernel_buffer
 
 
 class ControlService:
@@ -139,6 +190,8 @@ class ControlService:
         self._calls: LoopCalls | None = None
         self._log = Log(self.name)
         self._rates = InputRates(self._limits.command_rate)
+        self._budget = WorkBudget(self._limits.share)
+        self._guests = Guests(self.name, self._limits.idle)
         self._listener = Listener(
             self.name,
             host,
@@ -153,6 +206,7 @@ class ControlService:
                 receive_buffer=self._limits.kernel_buffer,
                 send_buffer=self._limits.kernel_buffer,
             ),
+            make_room=self._guests.make_room,
         )
 
     @property
@@ -175,7 +229,7 @@ class ControlService:
     async def _serve(self, client: socket.socket, peer: str) -> None:
         log = self._log.bind(connection=peer)
         calls = self._calls = self._calls or LoopCalls(asyncio.get_running_loop())
-        connection = _Connection(client, self._limits, self._rates, calls, log)
+        connection = _Connection(client, self._limits, self._rates, self._budget, calls, log)
         connection.outbox.put_reply(self._greeting())
         try:
             agent = self._agent_factory(peer, connection.outbox, connection.resume)
@@ -185,7 +239,10 @@ class ControlService:
         log.info("client connected")
         reason = "connection closed by a server error"
         try:
-            reason = await connection.run(agent)
+            with self._guests.enter(peer) as guest:
+                guest.standing = lambda: self._stands(guest, agent)
+                guest.leave = connection.dismiss
+                reason = await connection.run(agent, lambda: self._guests.heard(guest))
         except asyncio.CancelledError:
             reason = "server stopped"
             raise
@@ -193,6 +250,12 @@ class ControlService:
             connection.outbox.close()
             agent.close()
             log.info(reason, dropped_lines=connection.outbox.dropped)
+
+    def _stands(self, guest: Guest, agent: Agent) -> bool:
+        """Whether a client may be silent: as long as it is something in the world."""
+        if agent.has_role:
+            self._guests.heard(guest)  # the time begins when its robot is lost
+        return agent.has_role
 
 
 class _Connection:
@@ -203,41 +266,53 @@ class _Connection:
         client: socket.socket,
         limits: ControlLimits,
         rates: InputRates,
+        budget: WorkBudget,
         calls: LoopCalls,
         log: Log,
     ) -> None:
         self._client = client
         self._limits = limits
         self._rates = rates
+        self._budget = budget
         self._allowance = rates.newcomer()
+        self._own = rates.own(self._allowance)
+        self._account = budget.newcomer()
         self._log = log
         self._loop = asyncio.get_running_loop()
         self._call_in_loop = calls
         self._ended: asyncio.Future[str] = self._loop.create_future()
         self._lines_wait = asyncio.Event()
         self._backlog_shrank = asyncio.Event()
-        self._settled = False
-        self._heard = self._loop.time()
-        self._hurried = False
+        self._paused = False
+        self._waited = 0.0
         self._endless = False
-        self._replied = 0
+        self._replied = (0, 0)
+        self._worked = 0.0
         self.outbox = Outbox(self._wake, limits.outbox)
 
-    async def run(self, agent: Agent) -> str:
-        """Talk until the client goes or has to go; returns why it ended."""
+    async def run(self, agent: Agent, heard: Callable[[], None]) -> str:
+        """Talk until the client goes or has to go; returns why it ended.
+
+        Args:
+            agent: executes the commands.
+            heard: called whenever there was one.
+        """
         async with asyncio.TaskGroup() as tasks:
-            works = [self._read(agent), self._write()]
-            if self._limits.idle:
-                works.append(self._watch_idle())
+            works = [self._read(agent, heard), self._write()]
             running = [tasks.create_task(work) for work in works]
             reason = await self._ended
             for task in running:
                 task.cancel()
         return reason
 
+    def dismiss(self) -> None:
+        """The client has to go: it wants nothing, or somebody else wants its place."""
+        self._end("client was idle")
+
     def resume(self) -> None:
         """The agent's backlog shrank. Any thread."""
-        self._call_in_loop(self._backlog_shrank.set)
+        if self._paused:
+            self._call_in_loop(self._backlog_shrank.set)
 
     def _wake(self) -> None:
         """The outbox has lines, or was condemned. Any thread."""
@@ -254,74 +329,88 @@ class _Connection:
         if not self._ended.done():
             self._ended.set_result(reason)
 
-    async def _read(self, agent: Agent) -> None:
+    async def _read(self, agent: Agent, heard: Callable[[], None]) -> None:
         framer = LineFramer(self._limits.max_line)
-        discarded = 0
         while chunk := await self._receive():
+            begun = time.thread_time()
+            discarded = framer.discarded
             lines = framer.feed(chunk)
             self._endless = not lines
             commands = [command for line in lines for command in parse_line(line)]
             if framer.discarded != discarded:
-                discarded = framer.discarded
                 self._log.info("line discarded: too long", limit=framer.max_line)
             if commands:
-                self._note(commands)
+                if any(command.word in KNOWN_WORDS for command in commands):
+                    heard()
+                if any(command.cut for command in commands):
+                    self._log.info("end of a line discarded: too many segments")
                 agent.submit(commands)
+            work = time.thread_time() - begun
             # `sock_recv` does not yield while there is data: let other clients have a turn.
             await asyncio.sleep(0)
-            wait = self._rates.charge(self._allowance, self._cost(lines, len(commands)))
-            if wait and not await self._hold_back(wait):
+            if not await self._pay(agent, work, input_cost(lines, len(commands))):
                 break
             if agent.backlog > self._limits.backlog_high and not await self._pause(agent):
                 break
         self._end("client closed the connection")
 
-    def _note(self, commands: list[Command]) -> None:
-        """Remember what keeps a connection from being idle."""
-        self._heard = self._loop.time()
-        self._settled = self._settled or any(command.word == "INIT" for command in commands)
+    async def _pay(self, agent: Agent, work: float, cost: float) -> bool:
+        """Let the client pay for a chunk, and for what has been done for it since the last one.
 
-    def _cost(self, lines: list[bytes], commands: int) -> float:
-        """What this client has to pay for: a chunk, and the replies since the last one."""
-        replied, self._replied = self._replied, self.outbox.replied
-        return input_cost(lines, commands) + (self._replied - replied) / REPLY_PART
+        Args:
+            agent: executes its commands.
+            work: processor time that it took to read the chunk, s.
+            cost: of the chunk, see `input_cost`.
 
-    async def _watch_idle(self) -> None:
-        """End the connection of a client that wants nothing, as long as it never sent an INIT."""
-        while not self._settled:
-            left = self._heard + self._limits.idle - self._loop.time()
-            if left <= 0.0:
-                self._log.warning(
-                    "connection closed by the server: idle, without a robot", idle=self._limits.idle
-                )
-                self._end("client was idle")
-                return
-            await asyncio.sleep(left)
+        Returns:
+            False if the client has hung up before it may go on.
+        """
+        if math.isinf(self._rates.rate):
+            return True
+        replies, octets = self.outbox.replied
+        cost += (octets - self._replied[1]) / REPLY_PART
+        work += agent.work - self._worked + (replies - self._replied[0]) * _REPLY_WORK
+        self._replied, self._worked = (replies, octets), agent.work
+        self._budget.charge(self._account, work)
+        cost = max(cost, work_cost(work))
+        wait = self._rates.charge(self._allowance, cost)
+        if wait and not await self._stays_for(asyncio.sleep(wait)):
+            return False
+        if not self._own.spend(cost):
+            return True
+        return await self._stays_for(self._budget.turn(self._account))
 
-    async def _hold_back(self, wait: float) -> bool:
-        """Read nothing for so many seconds; False if the client hangs up meanwhile."""
-        if not self._hurried:
-            self._hurried = True
-            self._log.warning(
-                "client sends too fast: it is read more slowly", rate=self._limits.command_rate
-            )
-        until = self._loop.time() + wait
+    async def _stays_for(self, turn: Awaitable[None]) -> bool:
+        """Read nothing until a turn has come; False if the client hangs up meanwhile."""
+        begun = self._loop.time()
         self._rates.waiting += 1
+        waiting = asyncio.ensure_future(turn)
         try:
-            while (left := until - self._loop.time()) > 0.0:
-                await asyncio.sleep(min(left, _HANG_UP_POLL))
-                if left > _HANG_UP_POLL and hung_up(self._client):
+            while not waiting.done():
+                await asyncio.wait({waiting}, timeout=_HANG_UP_POLL)
+                if not waiting.done() and hung_up(self._client):
                     return False
         finally:
             self._rates.waiting -= 1
+            waiting.cancel()
+        self._tell_of_haste(self._loop.time() - begun)
         return True
+
+    def _tell_of_haste(self, waited: float) -> None:
+        """Say once, when it has had to wait for a while in all, that a client sends too much."""
+        before, self._waited = self._waited, self._waited + waited
+        if before <= _HANG_UP_POLL < self._waited:
+            self._log.warning(
+                "client sends too fast: it is read more slowly", rate=self._limits.command_rate
+            )
 
     async def _receive(self) -> bytes:
         """What came next; nothing once the client has closed, half or whole, or reset."""
-        try:
+        size = _CHUNK
+        if not self._endless and self._own.tokens < _LINE_TOKENS:
             # A chunk can hold a line in every two bytes.
-            affordable = self._allowance.tokens >= _CHUNK // 2 or self._endless
-            size = _CHUNK if affordable else _SMALL_CHUNK
+            size = _FLOOD_CHUNK if self._waited else _SMALL_CHUNK
+        try:
             return await self._loop.sock_recv(self._client, size)
         except OSError as error:
             self._end(f"connection lost: {error.strerror}")
@@ -334,14 +423,19 @@ class _Connection:
         delivers the end of a stream after its data.
         """
         self._log.debug("input paused", backlog=agent.backlog)
-        while agent.backlog > self._limits.backlog_low:
-            self._backlog_shrank.clear()
-            try:
-                async with asyncio.timeout(_HANG_UP_POLL):
-                    await self._backlog_shrank.wait()
-            except TimeoutError:
-                if hung_up(self._client):
-                    return False
+        self._backlog_shrank.clear()
+        self._paused = True
+        try:
+            while agent.backlog > self._limits.backlog_low:
+                try:
+                    async with asyncio.timeout(_HANG_UP_POLL):
+                        await self._backlog_shrank.wait()
+                except TimeoutError:
+                    if hung_up(self._client):
+                        return False
+                self._backlog_shrank.clear()
+        finally:
+            self._paused = False
         return True
 
     async def _write(self) -> None:

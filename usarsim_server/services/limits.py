@@ -23,11 +23,18 @@ __all__ = [
     "TokenBucket",
     "address_of",
     "input_cost",
+    "work_cost",
 ]
 
 Clock = Callable[[], float]
 """Seconds that never go back."""
 
+COMMAND_WORK = 100e-6
+"""Processor time that a command may take, s; one that takes more counts as several. A DRIVE takes a
+quarter of it (AMD EPYC)."""
+MOST_WORK = 0.1
+"""Processor time that commands of one chunk are charged for at most, s: an INIT for which the world
+has to grow takes seconds."""
 LONG_PART = 256
 """Bytes of a line that cost as much as a command: parsing them takes as long. Commands of known
 clients are shorter, but for way points."""
@@ -42,11 +49,10 @@ GRANT = 1.0
 PURSE = 64.0
 """Grants that can be given at the same time; then one a second. Without a common purse a client
 that comes again and again would get new ones for ever."""
-FLOODERS = 8.0
-"""Clients that may send at their full rate at the same time; more of them share what these may."""
-LEAST_SHARE = 0.2
+OWN_SHARE = 0.2
 """Part of its rate that a client has in any case: 200 commands a second, where the busiest client
-of the field sends 180 (protocol reference, addendum)."""
+of the field sends 180 (protocol reference, addendum). More than that comes out of what all clients
+of a port share."""
 _MOST_ADDRESSES = 1024
 
 
@@ -195,7 +201,7 @@ class InputRates:
         """
         self.rate = rate
         self.waiting = 0
-        """Number of clients that have to wait just now, because they sent too many."""
+        """Number of clients that wait just now, because they sent too many."""
         self._clock = clock
         self._purse = TokenBucket(GRANT * rate, PURSE * GRANT * rate, clock=clock)
 
@@ -206,16 +212,26 @@ class InputRates:
         grant = self._purse.draw(GRANT * self.rate)
         return TokenBucket(self.rate, COMMAND_BURST * self.rate, start=grant, clock=self._clock)
 
+    def own(self, client: TokenBucket) -> TokenBucket:
+        """The commands that a new client may send whatever all the others do."""
+        own = OWN_SHARE * self.rate
+        return TokenBucket(
+            own, GRANT * self.rate, start=client.tokens, deepest=2.0 * own, clock=self._clock
+        )
+
     def charge(self, client: TokenBucket, cost: float) -> float:
         """Let a client pay for what it sent; returns s until it may go on, 0 for at once."""
-        debt = client.spend(cost) * client.rate if math.isfinite(self.rate) else 0.0
-        client.rate = self.rate * min(1.0, max(LEAST_SHARE, FLOODERS / max(1, self.waiting)))
-        return debt / client.rate
+        return client.spend(cost)
 
 
 def address_of(peer: str) -> str:
     """The host of `host:port`."""
     return peer.rpartition(":")[0]
+
+
+def work_cost(seconds: float) -> float:
+    """What commands have cost that took so many s of processor time, in commands."""
+    return min(seconds, MOST_WORK) / COMMAND_WORK
 
 
 def input_cost(lines: Sequence[bytes], commands: int) -> float:

@@ -24,10 +24,12 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-__all__ = ["PIECE", "UNREAD", "Outbox", "OutboxLimits", "ReplyBuffer"]
+__all__ = ["LINE_BYTES", "PIECE", "UNREAD", "Outbox", "OutboxLimits", "ReplyBuffer"]
 
 PIECE = 16 * 1024
 """Bytes of replies that are joined before they are sent."""
+LINE_BYTES = 144
+"""Memory of a line that waits in an outbox beside its characters."""
 UNREAD = 60.0
 """Seconds that a client may leave a piece of replies unread before its connection ends."""
 
@@ -45,15 +47,22 @@ class OutboxLimits:
         stream_bytes: budget of streamed lines; with scan lines just under 2048 bytes at 5 Hz
             (protocol reference, addendum) about 25 s of one laser.
         stream_lines: the same in lines, because a short line costs far more than its bytes.
-        reply_bytes: replies beyond this condemn the connection; thousands of CONF and GEO lines,
-            which no client asks for before it reads the first.
+        reply_bytes: replies that wait beyond this condemn the connection; thousands of CONF and
+            GEO lines, which no client asks for before it reads the first. A single reply may be
+            longer.
         reply_lines: the same in lines.
     """
 
     stream_bytes: int = 256 * 1024
     stream_lines: int = 4096
-    reply_bytes: int = 4 * 1024 * 1024
-    reply_lines: int = 65536
+    reply_bytes: int = 1024 * 1024
+    reply_lines: int = 8192
+
+    @property
+    def held_bytes(self) -> int:
+        """Most memory that the lines of one client take while they wait, beside one long reply."""
+        lines = self.stream_lines + self.reply_lines
+        return self.stream_bytes + self.reply_bytes + lines * LINE_BYTES
 
 
 class Outbox:
@@ -85,7 +94,7 @@ class Outbox:
         self._stream_bytes = 0
         self._crowded_since: float | None = None
         self._read_since = 0
-        self._replied = 0
+        self._replied = self._replied_bytes = 0
         self._dropped = 0
         self._called = False
         self._closed = False
@@ -103,7 +112,8 @@ class Outbox:
                 return
             self._replies.append((self._number(), line))
             self._reply_bytes += len(line)
-            self._replied += len(line)
+            self._replied += 1
+            self._replied_bytes += len(line)
             if self._replies_overflow():
                 self._shut(f"{len(self._replies)} replies wait and the client does not read")
                 call = True
@@ -199,9 +209,9 @@ class Outbox:
         return self._dropped
 
     @property
-    def replied(self) -> int:
-        """Bytes of all replies put so far."""
-        return self._replied
+    def replied(self) -> tuple[int, int]:
+        """Number of all replies put so far, and their bytes."""
+        return self._replied, self._replied_bytes
 
     @property
     def waiting_bytes(self) -> int:
@@ -228,8 +238,9 @@ class Outbox:
         return True
 
     def _replies_overflow(self) -> bool:
-        limits = self._limits
-        return self._reply_bytes > limits.reply_bytes or len(self._replies) > limits.reply_lines
+        limits, count = self._limits, len(self._replies)
+        too_long = count > 1 and self._reply_bytes > limits.reply_bytes
+        return too_long or count > limits.reply_lines
 
     def _trim_stream(self) -> None:
         limits = self._limits
