@@ -69,6 +69,7 @@ GOOD = [
     ("max_robots", "256", "256", 256),
     ("max_objects", "0", "0", 0),
     ("max_objects", "4096", "4096", 4096),
+    ("allow_outside", "true", "true", True),
     ("log_level", "debug", '"debug"', "debug"),
     ("log_level", "error", '"error"', "error"),
 ]
@@ -493,14 +494,14 @@ def test_missing_file_is_refused(tmp_path: Path) -> None:
 
 def test_folder_instead_of_a_file_is_refused(tmp_path: Path) -> None:
     """A path that cannot be read says why."""
-    with pytest.raises(SettingsError, match="cannot be read: Is a directory"):
+    with pytest.raises(SettingsError, match="cannot be read: it is a folder"):
         load_settings({}, tmp_path)
 
 
 def test_file_that_is_not_toml_is_refused_with_the_line(tmp_path: Path) -> None:
     """A syntax error names its line and column."""
     path = written(tmp_path, "seed = 1\nport = = 2\n")
-    with pytest.raises(SettingsError, match=r"not TOML: .*line 2, column 8"):
+    with pytest.raises(SettingsError, match=r"line 2, column 8: is not valid TOML"):
         load_settings({}, path)
 
 

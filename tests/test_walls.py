@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "usarsim_server"
 TOOLS = ROOT / "tools" / "usarsim_tools"
 
-VALUES = {"atomic", "errors", "logs", "data", "plugins", "tables"}
+VALUES = {"atomic", "errors", "files", "logs", "data", "model_check", "plugins", "tables"}
 MIDDLE = {
     "protocol",
     "simulation",
@@ -36,14 +36,16 @@ ROOMS: dict[str, set[str]] = {
     "atomic": set(),
     "errors": set(),
     "interrupts": set(),
+    "files": set(),
+    "model_check": {"errors", "files"},
     "logs": set(),
     "processes": set(),
     "data": set(),
     "plugins": {"errors", "logs"},
-    "tables": {"errors"},
+    "tables": {"errors", "files"},
     "protocol": set(),
     "options": {"errors", "logs", "protocol"},
-    "settings": {"errors", "options", "protocol"},
+    "settings": {"errors", "files", "options", "protocol", "tables"},
     "simulation": {"errors", "logs"},
     "worlds": {"protocol", "simulation"} | VALUES,
     "sensors": MIDDLE | VALUES,

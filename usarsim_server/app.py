@@ -27,6 +27,7 @@ from usarsim_server.control.objects import WorldObjects
 from usarsim_server.control.roles import SpecialRoles
 from usarsim_server.data import data_directory
 from usarsim_server.errors import UsarsimError
+from usarsim_server.files import is_regular
 from usarsim_server.logs import Log
 from usarsim_server.protocol import messages
 from usarsim_server.protocol.names import name_key
@@ -192,10 +193,10 @@ def assemble(settings: Settings) -> Assembly:
         WorldError: if the world cannot be used.
         RobotDescriptionError: if a robot file cannot be used.
     """
-    world = load_world(_world_folder(settings.world))
-    roster = load_roster(settings.robots)
+    world = load_world(_world_folder(settings.world, settings.allow_outside))
+    roster = load_roster(settings.robots, allow_outside=settings.allow_outside)
     simulation = Simulation(
-        lambda: build_scene(world),
+        lambda: build_scene(world, allow_outside=settings.allow_outside),
         SimulationOptions(
             physics=PhysicsOptions(timestep=settings.timestep, surfaces=world.surfaces),
             speed=settings.speed,
@@ -282,20 +283,26 @@ def assemble(settings: Settings) -> Assembly:
     return replace(assembly, services=tuple(services))
 
 
-def _world_folder(named: str) -> Path:
+def _world_folder(named: str, allow_outside: bool) -> Path:
     """The folder of a world; a map of another program is imported first, or remembered.
+
+    Args:
+        named: by the user.
+        allow_outside: the map may have files read that lie elsewhere.
 
     Raises:
         WorldError: there is no such world, or the map cannot be imported.
     """
     path = Path(named).expanduser()
-    if not path.is_file():
+    if not is_regular(path):
         return find_world(named)
     from usarsim_server.importers.convert import Request, import_map
     from usarsim_server.importers.progress import ProgressBar
+    from usarsim_server.importers.reader import ImportOptions
 
     with ProgressBar() as bar:
-        return import_map(Request(path, hold=True), bar).folder
+        options = ImportOptions(allow_outside=allow_outside)
+        return import_map(Request(path, options=options, hold=True), bar).folder
 
 
 def run(settings: Settings) -> int:

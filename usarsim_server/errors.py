@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+LONGEST_PATH = 500
+"""Characters of a path in an error; systems allow 4095."""
+
 
 class UsarsimError(Exception):
     """Base of all errors that are reported to a user in one line (exit code 2), no traceback."""
@@ -37,10 +40,18 @@ def at(path: Path | str, problem: str, cure: str, *, where: str | None = None) -
     """Return the one-line form of a file error: `path: where: problem (cure)`.
 
     Args:
-        path: the file the user has to open.
+        path: the file the user has to open; of absurdly long ones the end is left out.
         problem: what is wrong, with the offending value.
         cure: what to write instead.
         where: the key or line inside the file, if known.
     """
-    place = f"{path}: {where}" if where else f"{path}"
+    place = _shown(path)
+    if where:
+        place = f"{place}: {where}"
     return f"{place}: {problem} ({cure})"
+
+
+def _shown(path: Path | str) -> str:
+    """A path on one line."""
+    text = "".join(char if char.isprintable() else "?" for char in str(path))
+    return text if len(text) <= LONGEST_PATH else text[:LONGEST_PATH] + "..."

@@ -467,6 +467,10 @@ OPTIONS: tuple[Option, ...] = (
         "objects of world controllers, and avatars, at the same time",
         "N",
     ),
+    _switch_option(
+        "allow_outside",
+        "let maps, worlds and robot files read files outside the folders that were given",
+    ),
     Option(
         "clean_on_close",
         "true or false",

@@ -8,7 +8,9 @@ should be the type.
 from __future__ import annotations
 
 import difflib
+import errno
 import importlib
+import os
 import pkgutil
 import threading
 from collections.abc import Callable
@@ -23,6 +25,9 @@ __all__ = ["PluginTypes"]
 
 T = TypeVar("T")
 C = TypeVar("C", bound=type)
+
+_DESCRIPTORS = 8
+"""That imports need at once: a file, its folder, its compiled form; and some for other threads."""
 
 _log = Log("plugins")
 
@@ -94,8 +99,9 @@ class PluginTypes(Generic[T]):
     def _enter(self, name: str, cls: type) -> None:
         with self._lock:
             taken = self._types.get(name.lower())
-            if taken is not None and taken[1] is not cls:
-                owner = f"{taken[1].__module__}.{taken[1].__qualname__}"
+            # A module whose import failed half-way makes its classes once more when it is retried.
+            if taken is not None and _address(taken[1]) != _address(cls):
+                owner = _address(taken[1])
                 raise ValueError(f"{self._kind} type {name!r} is already registered by {owner}")
             self._types[name.lower()] = (name, cls)
 
@@ -103,10 +109,20 @@ class PluginTypes(Generic[T]):
         with self._lock:
             if self._discovered:
                 return
-            self._discovered = True
-            for module in pkgutil.iter_modules(self._package.__path__):
-                importlib.import_module(f"{self._package.__name__}.{module.name}")
-            self._load_entry_points()
+            self._discovered = True  # modules that are being imported may ask for names
+            try:
+                _check_descriptors()
+                for module in pkgutil.iter_modules(self._package.__path__):
+                    importlib.import_module(f"{self._package.__name__}.{module.name}")
+                self._load_entry_points()
+            except BaseException as error:
+                self._discovered = False
+                importlib.invalidate_caches()
+                if not isinstance(error, OSError):
+                    raise
+                problem = f"the {self._kind} types cannot be looked for: {error.strerror}"
+                cure = "end other programs, or allow more with `ulimit -n`"
+                raise RobotDescriptionError(at(self._package.__name__, problem, cure)) from error
 
     def _load_entry_points(self) -> None:
         """One broken outside package must not keep the server from starting: log it and go on."""
@@ -116,7 +132,30 @@ class PluginTypes(Generic[T]):
                 if isinstance(loaded, type) and issubclass(loaded, self._base):
                     self._enter(point.name, loaded)
             except Exception as error:
+                if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
+                    raise  # not the package's fault, and perhaps over by the next question
                 self._broken[point.name.lower()] = f"{point.value}: {error}"
                 _log.warning(
                     f"{self._kind} type {point.name} ({point.value}) is not usable: {error}"
                 )
+
+
+def _address(cls: type) -> str:
+    return f"{cls.__module__}.{cls.__qualname__}"
+
+
+def _check_descriptors() -> None:
+    """Refuse to look around while files can hardly be opened.
+
+    Python takes a folder that it cannot open for an empty one, and remembers that.
+
+    Raises:
+        OSError: there are too few descriptors.
+    """
+    found: list[int] = []
+    try:
+        for _ in range(_DESCRIPTORS):
+            found.append(os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC))
+    finally:
+        for descriptor in found:
+            os.close(descriptor)

@@ -8,16 +8,17 @@ from __future__ import annotations
 
 import math
 import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
 from usarsim_server.errors import SettingsError, at
+from usarsim_server.files import read_regular, reason
 from usarsim_server.options import OPTIONS, is_port, nearest
 from usarsim_server.protocol.dialects import DialectMode
 from usarsim_server.protocol.images import NORMAL, ImageType
+from usarsim_server.tables import parse_toml
 
 __all__ = ["Settings", "load_settings"]
 
@@ -66,6 +67,7 @@ class Settings:
         timestep: of the physics, simulated s.
         config: the file that was read.
         robots: folders with further robot files.
+        allow_outside: what maps, worlds and robot files name is read wherever it lies.
         max_robots: robots at the same time.
         max_objects: objects that world controllers may put into the world, and avatars.
         clean_on_close: objects leave with the world controller that created them.
@@ -122,6 +124,7 @@ class Settings:
     timestep: float = 0.004
     config: Path | None = None
     robots: tuple[Path, ...] = ()
+    allow_outside: bool = False
     max_robots: int = 16
     max_objects: int = 256
     clean_on_close: bool = True
@@ -236,10 +239,7 @@ def _check_picture(settings: Settings, places: Mapping[str, str]) -> None:
 
 def _read_file(path: Path) -> dict[str, object]:
     text = _file_text(path)
-    try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise SettingsError(at(path, f"not TOML: {error}", "mend the line")) from None
+    table = parse_toml(text, path, SettingsError)
     values: dict[str, object] = {}
     for written, value in table.items():
         where = _where(text, written)
@@ -260,12 +260,12 @@ def _read_file(path: Path) -> dict[str, object]:
 
 def _file_text(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8")
+        return read_regular(path).decode("utf-8")
     except FileNotFoundError:
         raise SettingsError(at(path, "no such file", "check the path after --config")) from None
     except OSError as error:
         cure = "name a readable file after --config"
-        raise SettingsError(at(path, f"cannot be read: {error.strerror}", cure)) from None
+        raise SettingsError(at(path, f"cannot be read: {reason(error)}", cure)) from None
     except UnicodeDecodeError:
         raise SettingsError(at(path, "not UTF-8 text", "save it as UTF-8")) from None
 

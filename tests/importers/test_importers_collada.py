@@ -277,7 +277,7 @@ class TestMaterials:
         Image.new("RGB", (2, 2)).save(folder / "Wall One.jpg")
         (tmp_path / "meshes").mkdir()
         path = write(tmp_path, self.scene_text(written, "brick"), "meshes/map.dae")
-        scene = read(path)
+        scene = read(path, assets=(tmp_path,))
         assert scene.materials["brick"].texture == folder / "Wall One.jpg"
         assert scene.objects[0].parts[0].materials == {0: "brick"}
         assert folder / "Wall One.jpg" in scene.source.files

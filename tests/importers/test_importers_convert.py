@@ -392,7 +392,7 @@ class TestCommand:
             (["two.t3d", "--sidecar", "nowhere.toml"], "nowhere.toml"),
             (["two.t3d", "--scale", "0.001"], "absurd"),
             (["two.xyz"], "unknown kind of map"),
-            (["."], "no such file"),
+            (["."], "it is a folder"),
             (["two.t3d", "--report", "nowhere/r.txt"], "cannot be written"),
         ],
     )

@@ -306,7 +306,7 @@ class TestSettings:
             file.write_text(text)
             assert read_radio_file(file) == {"model": "none"}
         file.write_text("model = ")
-        with pytest.raises(SettingsError, match=r"radio\.toml: is not valid TOML"):
+        with pytest.raises(SettingsError, match=r"radio\.toml: end of document: is not valid TOML"):
             read_radio_file(file)
         with pytest.raises(SettingsError, match=r"gone\.toml: cannot be read"):
             read_radio_file(tmp_path / "gone.toml")

@@ -60,6 +60,7 @@ def body(folder: Path, text: str | bytes, name: str = "body.xml", **keys: Any) -
     """The robot of a legged class whose body is in a model file."""
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / name
+    file.parent.mkdir(exist_ok=True)
     if isinstance(text, bytes):
         file.write_bytes(text)
     else:

@@ -265,7 +265,7 @@ def test_urdf_keeps_fixed_links_and_looks(tmp_path: Path, head: str, mesh: str) 
     """
     write_stl(tmp_path / "walker" / "meshes" / "tetra.stl", *TETRAHEDRON)
     text = urdf(LEG_OF_URDF.replace("MESH", mesh), head)
-    robot = body(tmp_path / "walker" / "urdf", text, "walker.urdf")
+    robot = body(tmp_path / "walker", text, "urdf/walker.urdf")
     (shoulder,) = robot.links
     assert shoulder.pose.position == pytest.approx((0.1, 0.0, 0.5))
     assert (shoulder.limits, shoulder.max_torque) == ((-1.0, 1.0), 7.0)
@@ -438,7 +438,7 @@ def test_missing_files(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("limit", "value", "error"),
     [
-        ("LARGEST_TEXT", 100, "is longer than"),
+        ("LARGEST_TEXT", 100, "it is larger than"),
         ("LARGEST_MESHES", 100, "its meshes are larger than"),
         ("MOST_TRIANGLES", 3, "has 4 triangles, at most 3"),
         ("MOST_BODIES", 2, "has 3 bodies, at most 2"),

@@ -47,6 +47,11 @@ def add_parser(subparsers: Subparsers) -> None:
         default=[],
         help="folder with the meshes, textures and models that the map names; may be repeated",
     )
+    parser.add_argument(
+        "--allow-outside",
+        action="store_true",
+        help="read what the map names wherever it lies, not only beside it and in --assets",
+    )
     parser.add_argument("--sidecar", metavar="FILE", type=Path, help="additions and overrides")
     parser.add_argument(
         "--placeholders", action="store_true", help="a box stands in for every missing mesh"
@@ -82,9 +87,10 @@ def run(arguments: argparse.Namespace) -> int:
             scale=_scale(arguments.scale),
             up=arguments.up,
             mirror=arguments.mirror,
-            assets=tuple(folder.expanduser().resolve() for folder in arguments.assets),
+            assets=tuple(arguments.assets),
             placeholders=arguments.placeholders,
             wall_height=_wall_height(arguments.wall_height),
+            allow_outside=arguments.allow_outside,
         ),
         sidecar=arguments.sidecar,
         fresh=arguments.fresh,

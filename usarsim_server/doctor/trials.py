@@ -78,7 +78,9 @@ def server(settings: Settings, _: str) -> dict[str, object]:
         folders = [folder.resolve() for folder in settings.robots]
         own = [
             robot
-            for robot in load_roster(settings.robots).descriptions()
+            for robot in load_roster(
+                settings.robots, allow_outside=settings.allow_outside
+            ).descriptions()
             if robot.source.resolve().parent in folders
         ]
         broken: list[dict[str, str | None]] = []

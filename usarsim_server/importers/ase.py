@@ -73,7 +73,7 @@ class AseReader(Reader):
         turn = axis_matrix(context.options.up or "Z") / scale
         if context.options.mirror:
             turn = MIRROR @ turn
-        index = AssetIndex(context.options.assets, source)
+        index = context.index(source)
         known, files = _materials(materials, index)
         objects = [_object(geom, turn, materials, source) for geom in geoms if geom.faces]
         if not objects:

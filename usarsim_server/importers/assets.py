@@ -50,7 +50,7 @@ class AssetLibrary:
     def index(self) -> AssetIndex:
         """Finds files by name."""
         if self._index is None:
-            self._index = AssetIndex(self.context.options.assets, self.source)
+            self._index = self.context.index(self.source)
         return self._index
 
     def picture(self, name: str) -> Path | None:

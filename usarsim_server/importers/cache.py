@@ -20,18 +20,22 @@ from typing import Any
 
 from usarsim_server import __version__, atomic
 from usarsim_server.errors import MapImportError, at
+from usarsim_server.files import read_regular
 from usarsim_server.importers.files import MAX_INDEXED, file_digest
 from usarsim_server.importers.reader import ImportOptions
 
 __all__ = ["ImportCache", "default_cache"]
 
-FORMAT = 3
+FORMAT = 4
 """Raise it when the same map would give another world."""
 
 KEPT = 32
 """Imported worlds that are kept; older ones go."""
 
 RECORD = "import.json"
+
+MAX_RECORD = 64 << 20
+"""Bytes of a record; it names every file that was read."""
 
 LOCK = ".in-use"
 """A file of each entry, locked by every process that needs the entry as it is."""
@@ -65,7 +69,7 @@ class ImportCache:
         """
         digest = hashlib.sha256()
         said = [__version__, FORMAT, str(source), name, options.scale, options.up]
-        said += [options.mirror, options.placeholders, options.wall_height]
+        said += [options.mirror, options.placeholders, options.wall_height, options.allow_outside]
         digest.update(json.dumps(said).encode())
         for path in (source, sidecar):
             digest.update(b"\0" if path is None else file_digest(path))
@@ -79,7 +83,7 @@ class ImportCache:
         for place in self._places(key):
             folder = place / name
             try:
-                record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+                record = json.loads(read_regular(folder / RECORD, MAX_RECORD))
                 if all(_stamp(Path(path)) == stamp for path, stamp in record["files"].items()):
                     os.utime(place)
                     return folder, record

@@ -6,17 +6,24 @@ import secrets
 import shutil
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from usarsim_server import __version__, atomic
 from usarsim_server.errors import MapImportError, at
+from usarsim_server.files import ALLOW, Folders
 from usarsim_server.importers.builder import build
 from usarsim_server.importers.cache import RECORD, ImportCache, default_cache
 from usarsim_server.importers.findings import Findings
 from usarsim_server.importers.names import safe
-from usarsim_server.importers.reader import Context, ImportOptions, find_reader, read_scene
+from usarsim_server.importers.reader import (
+    Context,
+    ImportOptions,
+    find_reader,
+    read_scene,
+    without_refused,
+)
 from usarsim_server.importers.report import Report, make_report
 from usarsim_server.importers.sidecar import find_sidecar, load_sidecar
 from usarsim_server.worlds.loader import SHEET
@@ -78,14 +85,23 @@ def import_map(request: Request, progress: Callable[[str, float], None] = _quiet
     Raises:
         MapImportError: naming file, place and cure; what was there before is left alone.
     """
-    source = request.source.expanduser().resolve()
+    source = _resolved(request.source)
     reader = find_reader(source)
     name = safe(request.name or source.stem)
     target = None if request.out is None else _target(source, request.out, name)
     sidecar_path = find_sidecar(source, request.sidecar)
     sidecar = None if sidecar_path is None else load_sidecar(sidecar_path)
-    options = request.options if sidecar is None else sidecar.options(request.options)
+    assets = tuple(_resolved(folder) for folder in request.options.assets)
+    options = replace(request.options, assets=assets)
+    folders = Folders([source.parent, *assets], allow_outside=options.allow_outside)
+    if sidecar is not None:
+        options = sidecar.options(options)
+    if sidecar is not None and request.sidecar is not None:
+        folders = folders.with_more([sidecar.path.parent, *sidecar.assets])
     for folder in options.assets:
+        refusal = None if sidecar is None else folders.refusal(folder, sidecar.path)
+        if refusal is not None and sidecar is not None:
+            raise MapImportError(at(sidecar.path, refusal, ALLOW, where="assets"))
         if not folder.is_dir():
             raise MapImportError(at(folder, "no such folder", "check --assets"))
     cache = ImportCache(request.cache)
@@ -103,9 +119,10 @@ def import_map(request: Request, progress: Callable[[str, float], None] = _quiet
             return Imported(delivered, remembered, cached=True)
         cache.release(held)
     findings, began = Findings(), time.monotonic()
-    scene = read_scene(source, Context(options, findings, progress))
+    context = Context(options, findings, progress, folders)
+    scene = read_scene(source, context)
     if sidecar is not None:
-        scene = sidecar.apply(scene, findings)
+        scene = without_refused(sidecar.apply(scene, findings), context, sidecar.path)
     with cache.building(source) as workshop:
         place = workshop / name
         origin = _origin(source, options, reader.title)
@@ -127,6 +144,14 @@ def import_map(request: Request, progress: Callable[[str, float], None] = _quiet
     if not request.hold:
         cache.release(held)
     return Imported(delivered, report, cached=False)
+
+
+def _resolved(path: Path) -> Path:
+    try:
+        return path.expanduser().resolve()
+    except (OSError, RuntimeError, ValueError) as error:  # too long, in a circle, of nobody
+        problem = f"no such file ({error})"[:200]
+        raise MapImportError(at(path, problem, "check the path of the map")) from None
 
 
 def _origin(source: Path, options: ImportOptions, title: str) -> dict[str, object]:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import hashlib
 import itertools
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from urllib.parse import unquote
 
 from usarsim_server.errors import MapImportError, at
+from usarsim_server.files import Folders, is_regular, open_regular, reason
 
 __all__ = [
     "MAX_BYTES",
@@ -27,6 +28,9 @@ MAX_BYTES = 1 << 30
 MAX_INDEXED = 200_000
 """Files that are looked at in asset folders."""
 
+MAX_NAME = 4096
+"""Characters of a path in a map that are looked at; no system has longer ones."""
+
 HEAD = 4096
 
 USUAL = {"meshes", "staticmeshes", "textures", "materials", "models", "assets", "images"}
@@ -40,7 +44,7 @@ def read_head(path: Path) -> bytes:
         MapImportError: it cannot be read.
     """
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             return file.read(HEAD)
     except OSError as error:
         raise _unreadable(path, error) from error
@@ -53,7 +57,7 @@ def read_bytes(path: Path, limit: int = MAX_BYTES) -> bytes:
         MapImportError: it cannot be read or is too large.
     """
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             check_size(path, os.fstat(file.fileno()).st_size, limit)
             content = file.read(limit + 1)
     except OSError as error:
@@ -80,7 +84,7 @@ def file_digest(path: Path, limit: int = MAX_BYTES) -> bytes:
         MapImportError: it cannot be read or is too large.
     """
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             check_size(path, os.fstat(file.fileno()).st_size, limit)
             return hashlib.file_digest(file, "sha256").digest()
     except OSError as error:
@@ -112,16 +116,23 @@ def decode(content: bytes) -> str:
 class AssetIndex:
     """Files below some folders, found by name without regard to case or lost directories."""
 
-    def __init__(self, folders: Iterable[Path], beside: Path | None = None) -> None:
+    def __init__(
+        self,
+        folders: Iterable[Path],
+        beside: Path | None = None,
+        admit: Callable[[Path], bool] | None = None,
+    ) -> None:
         """Look through the folders at the first question, not now.
 
         Args:
             folders: searched with everything below them.
             beside: a map; its own folder is searched too, but of what is below only folders with
                 the usual names, for a map may lie in somebody's home.
+            admit: whether a file may be read; by default those in the folders, links followed.
         """
         self._folders = tuple(dict.fromkeys(Path(folder) for folder in folders))
         self._near = () if beside is None else tuple(_usual_folders(beside.parent))
+        self._admit = admit or Folders([*self._folders, *self._near]).admit
         self._by_name: dict[str, list[Path]] | None = None
 
     def find(self, name: str, extensions: Sequence[str] = ()) -> Path | None:
@@ -132,10 +143,14 @@ class AssetIndex:
                 with or without extension.
             extensions: tried in this order in place of or behind the written one.
         """
+        found = self._search(name, extensions)
+        return found if found is not None and self._admit(found) else None
+
+    def _search(self, name: str, extensions: Sequence[str]) -> Path | None:
         plain = _plain(name)
         for folder in (*self._folders, *self._near):
             direct = folder / plain
-            if plain and direct.is_file():
+            if plain and is_regular(direct):
                 return direct
         last = PurePosixPath(plain).name.lower()
         if not last:
@@ -177,7 +192,7 @@ def _below(folder: Path) -> Iterator[Path]:
 
 def _inside(folder: Path) -> Iterator[Path]:
     """All files of a folder."""
-    yield from (path for path in _sorted(folder) if path.is_file())
+    yield from (path for path in _sorted(folder) if is_regular(path))
 
 
 def _sorted(folder: Path) -> list[Path]:
@@ -189,7 +204,7 @@ def _sorted(folder: Path) -> list[Path]:
 
 def _plain(name: str) -> str:
     """A relative path with forward slashes."""
-    name = name.strip().strip('"')
+    name = name[:MAX_NAME].strip().strip('"')
     for scheme in ("file://", "model://", "package://"):
         if name.lower().startswith(scheme):
             name = name[len(scheme) :]
@@ -207,4 +222,4 @@ def _nearest(paths: Sequence[Path], wanted: str) -> Path:
 
 
 def _unreadable(path: Path, error: OSError) -> MapImportError:
-    return MapImportError(at(path, f"cannot be read: {error.strerror}", "check the path"))
+    return MapImportError(at(path, f"cannot be read: {reason(error)}", "check the path"))

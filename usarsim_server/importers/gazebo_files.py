@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 from collections.abc import Iterator
@@ -10,10 +11,11 @@ from pathlib import Path
 from urllib.parse import unquote
 
 from usarsim_server.errors import MapImportError
+from usarsim_server.files import is_regular
 from usarsim_server.importers.reader import Context
 from usarsim_server.importers.xml_text import read_xml
 
-__all__ = ["GazeboFiles", "model_name"]
+__all__ = ["GazeboFiles", "gazebo_folders", "model_name"]
 
 VARIABLES = (
     "GAZEBO_MODEL_PATH",
@@ -58,6 +60,16 @@ def _split(uri: str) -> tuple[str, str]:
     return "", uri
 
 
+def gazebo_folders() -> Iterator[Path]:
+    """Folders that the user gave to Gazebo: by its environment variables, or by custom."""
+    for variable in VARIABLES:
+        for text in os.environ.get(variable, "").split(os.pathsep):
+            if text:
+                yield Path(text)
+    with contextlib.suppress(RuntimeError):
+        yield Path.home() / ".gazebo" / "models"
+
+
 @dataclass(slots=True)
 class GazeboFiles:
     """Finds what a world names.
@@ -78,60 +90,59 @@ class GazeboFiles:
     _models: dict[str, Path | None] = field(default_factory=dict)
     _deep: dict[str, Path] | None = None
 
-    def find(self, uri: str, beside: Path) -> Path | None:
-        """A file or folder; None if it is not there.
+    def find(self, uri: str, asker: Path) -> Path | None:
+        """A file or folder; None if it is not there, or, which is a finding, may not be read.
 
         Args:
             uri: as written.
-            beside: folder of the file in which it is written.
+            asker: the file in which it is written.
         """
         name, path = _split(uri)
         parts = [part for part in path.split("/") if part not in ("", ".")]
         if name:
             if ".." in parts:
                 return None
-            folder = self.model(name)
-            return None if folder is None else self._keep(_walk(folder, parts))
-        try:
-            if path.startswith("/"):
-                found = Path(path) if Path(path).exists() else None
-            else:
-                found = _walk(beside, parts) or _walk(self.source.parent, parts)
-        except OSError:
-            found = None
-        return self._keep(found)
+            folder = self.model(name, asker)
+            return None if folder is None else self.keep(_walk(folder, parts), asker)
+        if path.startswith("/"):
+            found = Path(path) if os.path.lexists(path) else None
+        else:
+            found = _walk(asker.parent, parts) or _walk(self.source.parent, parts)
+        return self.keep(found, asker)
 
-    def model(self, name: str) -> Path | None:
-        """The folder of a model."""
+    def model(self, name: str, asker: Path) -> Path | None:
+        """The folder of a model that a file names."""
         key = name.lower()
         if key not in self._models:
-            self._models[key] = self._search(name)
+            self._models[key] = self._search(name, asker)
         return self._models[key]
 
     def sdf(self, place: Path) -> Path | None:
         """The SDF file of a model: the newest one of its `model.config`, or any."""
-        if place.is_file():
+        if is_regular(place):
             return place
-        manifest = _walk(place, ["model.config"])
+        manifest = self.keep(_walk(place, ["model.config"]), self.source)
         if manifest is not None:
             try:
                 root = read_xml(manifest, limit=1 << 20).root
             except MapImportError as error:
                 self.context.findings.warn(place.name, str(error))
             else:
-                self._keep(manifest)
                 named = sorted(root.all("sdf"), key=lambda node: _version(node.get("version")))
                 for node in reversed(named):
                     found = _walk(place, [node.text])
-                    if found is not None and found.is_file():
-                        return self._keep(found)
+                    if found is not None and is_regular(found):
+                        return self.keep(found, manifest)
         found = _walk(place, ["model.sdf"])
         if found is None:
             found = next((path for path in _entries(place) if path.suffix == ".sdf"), None)
-        return self._keep(found)
+        return self.keep(found, self.source)
 
-    def _keep(self, found: Path | None) -> Path | None:
-        if found is not None and found.is_file():
+    def keep(self, found: Path | None, asker: Path) -> Path | None:
+        """Note what was found for a file; None if it may not be read."""
+        if found is None or not self.context.admit(found, asker):
+            return None
+        if is_regular(found):
             self.files.append(found)
         return found
 
@@ -139,31 +150,26 @@ class GazeboFiles:
 
     def _roots(self) -> Iterator[Path]:
         here = self.source.parent
-        for folder in (here, here.parent, *self.context.options.assets):
+        for folder in (here, here.parent, *self.context.options.assets, *gazebo_folders()):
             yield folder
             yield folder / "models"
-        for variable in VARIABLES:
-            for text in os.environ.get(variable, "").split(os.pathsep):
-                if text:
-                    yield Path(text)
-                    yield Path(text) / "models"
-        try:
-            yield Path.home() / ".gazebo" / "models"
-        except RuntimeError:
-            return
 
-    def _search(self, name: str) -> Path | None:
+    def _search(self, name: str, asker: Path) -> Path | None:
         if not name or name in (".", ".."):
             return None
+        outside: Path | None = None
         for root in self._roots():
             found = _walk(root, [name])
             if found is not None and found.is_dir():
-                return found
+                if self.context.confined().admit(found):
+                    return found
+                outside = outside or found
         if self._deep is None:
             self._deep = {}
             for folder in _below(self.context.options.assets):
                 self._deep.setdefault(folder.name.lower(), folder)
-        return self._deep.get(name.lower())
+        inside = self._deep.get(name.lower())
+        return inside or self.keep(outside, asker)
 
 
 def _version(text: str) -> tuple[int, ...]:
@@ -209,6 +215,6 @@ def _below(folders: tuple[Path, ...]) -> Iterator[Path]:
                     if count > MAX_FOLDERS:
                         return
                     deeper.append(path)
-                    if (path / "model.config").is_file() or (path / "model.sdf").is_file():
+                    if any(is_regular(path / name) for name in ("model.config", "model.sdf")):
                         yield path
         level = deeper

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from usarsim_server.errors import MapImportError
+from usarsim_server.files import is_regular
 from usarsim_server.importers.assets import PICTURES
 from usarsim_server.importers.files import read_text
 from usarsim_server.importers.gazebo_files import GazeboFiles
@@ -124,7 +125,7 @@ class Looks:
             document, node.child("ambient")
         )
         if picture:
-            found = self.files.find(picture, document.path.parent)
+            found = self.files.find(picture, document.path)
             if found is None:
                 found = Pictures(document.path, self.files.context).find(picture)
             name = Path(picture).stem
@@ -152,13 +153,15 @@ class Looks:
             return None
         folders: list[Path] = []
         for uri in script.all("uri"):
-            place = self.files.find(uri.text, document.path.parent)
+            place = self.files.find(uri.text, document.path)
             if place is None:
                 continue
             if place.is_dir():
                 folders.append(place)
             scripts = sorted(place.glob("*.material")) if place.is_dir() else [place]
             for path in scripts:
+                if not self.files.context.admit(path, document.path):
+                    continue
                 found = self._read(path).get(name)
                 if found is not None:
                     color, picture = found
@@ -182,13 +185,12 @@ class Looks:
     ) -> Path | None:
         if not name:
             return None
-        later = [self.files.find(uri.text, document.path.parent) for uri in script.all("uri")]
+        later = [self.files.find(uri.text, document.path) for uri in script.all("uri")]
         places = [place for place in (*folders, *later) if place is not None and place.is_dir()]
         for folder in (*places, path.parent.parent / "textures"):
             found = folder / name
-            if found.suffix.lower() in PICTURES and found.is_file():
-                self.files.files.append(found)
-                return found
+            if found.suffix.lower() in PICTURES and is_regular(found):
+                return self.files.keep(found, path)
         finder = Pictures(path, self.files.context)
         found_at = finder.find(name)
         self.files.files.extend(finder.files)

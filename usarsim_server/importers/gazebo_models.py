@@ -165,7 +165,7 @@ class Models:
         """The model that an include means; None, and a finding, if it is not there."""
         uri = node.word("uri")
         name = model_name(uri)
-        place = self._files.find(uri, document.path.parent)
+        place = self._files.find(uri, document.path)
         path = None if place is None else self._files.sdf(place)
         given = node.word("name")
         static = flag(node.word("static"), False) if node.child("static") is not None else None

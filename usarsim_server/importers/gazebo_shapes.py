@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.errors import MapImportError
+from usarsim_server.files import is_regular
 from usarsim_server.importers.assets import merge_meshes
 from usarsim_server.importers.gazebo_files import GazeboFiles
 from usarsim_server.importers.gazebo_frames import Scope, matrix_from
@@ -235,9 +236,9 @@ class Shapes:
 
     def _mesh(self, document: Document, kind: Node) -> Mesh | None:
         uri = kind.word("uri") or kind.word("filename") or kind.get("filename")
-        path = self.files.find(uri, document.path.parent)
+        path = self.files.find(uri, document.path)
         findings = self.files.context.findings
-        if path is None or not path.is_file():
+        if path is None or not is_regular(path):
             findings.missing("mesh", uri[:200])
             return None
         name, center = kind.word("submesh", "name"), kind.word("submesh", "center")

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
+from usarsim_server.errors import MapImportError
 from usarsim_server.importers.gazebo_files import GazeboFiles
 from usarsim_server.importers.gazebo_frames import matrix_from
 from usarsim_server.importers.gazebo_looks import Looks
 from usarsim_server.importers.gazebo_models import Link
 from usarsim_server.importers.mesh_files import Pictures
 from usarsim_server.importers.scene import Heightfield, Material
+from usarsim_server.importers.textures import open_picture
 from usarsim_server.importers.units import pose_of_matrix
 from usarsim_server.importers.xml_text import Document, Node
 
@@ -25,8 +25,6 @@ Array = NDArray[np.float64]
 
 LARGEST = 1025
 """Rows and columns; larger pictures are reduced."""
-
-MAX_PIXELS = 64 << 20
 
 
 @dataclass(slots=True)
@@ -64,8 +62,8 @@ class Terrain:
     ) -> Heightfield | None:
         findings = self.files.context.findings
         uri = node.word("uri")
-        path = self.files.find(uri, document.path.parent)
-        if path is None or not path.is_file():
+        path = self.files.find(uri, document.path)
+        if path is None:
             findings.missing("file", uri[:200])
             return None
         rows = self._rows(path)
@@ -96,19 +94,15 @@ class Terrain:
         """Heights from 0 to 1; the first row is at the lowest y, the lower edge of the picture."""
         findings = self.files.context.findings
         try:
-            with warnings.catch_warnings(), Image.open(path) as image:
-                warnings.simplefilter("ignore")
-                if image.width * image.height > MAX_PIXELS:
-                    findings.warn(path.name, f"{image.width} x {image.height} pixels are too many")
-                    return None
+            with open_picture(path, path.name) as image:
                 deep = image.mode.startswith(("I", "F"))
                 grey = image.convert("F") if deep else image.convert("L").convert("F")
                 if max(grey.size) > LARGEST:
                     findings.warn(path.name, f"the terrain was reduced to {LARGEST} points a side")
                     grey.thumbnail((LARGEST, LARGEST))
                 rows = np.array(grey, dtype=float)[::-1]
-        except Exception as error:  # Pillow's decoders raise whatever they like
-            findings.warn(path.name, f"the picture cannot be read ({type(error).__name__})")
+        except MapImportError as error:
+            findings.warn(path.name, str(error))
             return None
         if min(rows.shape) < 2:
             findings.warn(path.name, "a height map needs two pixels each way")
@@ -120,7 +114,7 @@ class Terrain:
         picture = node.word("texture", "diffuse")
         if not picture:
             return ""
-        found = self.files.find(picture, document.path.parent)
+        found = self.files.find(picture, document.path)
         if found is None:
             found = Pictures(document.path, self.files.context).find(picture)
         return self.looks.add(Material(Path(picture).stem, (1.0, 1.0, 1.0, 1.0), found))

@@ -72,7 +72,7 @@ class GltfReader(Reader):
 
     def read(self, source: Path, context: Context) -> Scene:
         """See `Reader.read`."""
-        file = load_gltf(source)
+        file = load_gltf(source, context.confined())
         missing = sorted(set(file.words("extensionsRequired")) - UNDERSTOOD)
         if missing:
             cure = "export without compression and without this extension"

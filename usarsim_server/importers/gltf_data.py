@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.errors import MapImportError, at
+from usarsim_server.files import ALLOW, Folders
 from usarsim_server.importers.files import AssetIndex, read_bytes
 
 __all__ = ["GltfFile", "Item", "load_gltf"]
@@ -165,11 +166,13 @@ class GltfFile:
         path: of the file.
         root: the outermost object.
         files: everything that was read.
+        folders: out of which buffers may be read.
     """
 
     path: Path
     root: Item
     files: list[Path]
+    folders: Folders
     _chunk: bytes | None = None
     _buffers: dict[int, bytes] = field(default_factory=dict)
     _lists: dict[str, list[Item]] = field(default_factory=dict)
@@ -276,14 +279,17 @@ class GltfFile:
         """The bytes behind a URI: data in the URI itself, or a file beside this one.
 
         Raises:
-            MapImportError: there are none.
+            MapImportError: there are none, or they lie elsewhere.
         """
         if uri.startswith("data:"):
             try:
                 return base64.b64decode(uri.partition(",")[2], validate=False)
             except (binascii.Error, ValueError):
                 raise item.error("data that is no base64") from None
-        found = AssetIndex((), self.path).find(uri)
+        found = AssetIndex((), self.path, lambda path: True).find(uri)
+        refusal = None if found is None else self.folders.refusal(found, self.path)
+        if refusal is not None:
+            raise item.error(refusal, ALLOW)
         if found is None:
             cure = "keep the files of the export together"
             raise item.error(f"the file {uri[:80]!r} is missing", cure)
@@ -291,8 +297,8 @@ class GltfFile:
         return read_bytes(found, MAX_BYTES)
 
 
-def load_gltf(path: Path) -> GltfFile:
-    """Read the container; buffers follow when they are needed.
+def load_gltf(path: Path, folders: Folders) -> GltfFile:
+    """Read the container; buffers follow when they are needed, out of these folders.
 
     Raises:
         MapImportError: it is damaged, or not of version 2.
@@ -318,7 +324,7 @@ def load_gltf(path: Path) -> GltfFile:
     if not version.startswith("2"):
         problem = f"version {version or '?'} of glTF is not known"
         raise MapImportError(at(path, problem, "export as glTF 2.0", where="asset"))
-    return GltfFile(path, root, [path], chunk)
+    return GltfFile(path, root, [path], folders, chunk)
 
 
 def _chunks(path: Path, content: bytes) -> tuple[bytes, bytes | None]:

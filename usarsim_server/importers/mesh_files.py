@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.errors import MapImportError, at
+from usarsim_server.files import is_regular
 from usarsim_server.importers.assets import PICTURES
 from usarsim_server.importers.files import AssetIndex
 from usarsim_server.importers.placing import matrix_of_pose
@@ -205,7 +206,7 @@ class Pictures:
         found = self._beside(plain)
         if found is None:
             if self._index is None:
-                self._index = AssetIndex(self.context.options.assets, self.source)
+                self._index = self.context.index(self.source)
             found = self._index.find(plain, PICTURES)
         if found is None or found.suffix.lower() not in PICTURES:
             return self.source.parent / PureWindowsPath(plain).name
@@ -215,17 +216,14 @@ class Pictures:
     def _beside(self, plain: str) -> Path | None:
         last = PureWindowsPath(plain).name
         here = self.source.parent
-        try:
-            direct = here / plain
-            if direct.suffix.lower() in PICTURES and direct.is_file():
-                return direct
-        except (OSError, ValueError):
-            return None
+        direct = here / plain
+        if direct.suffix.lower() in PICTURES and is_regular(direct):
+            return direct if self.context.admit(direct, self.source) else None
         for base in (here, here.parent, here.parent.parent):
             for folder in NEARBY if base is here else NEARBY[1:]:
                 found = self._inside(base / folder, last)
                 if found is not None:
-                    return found
+                    return found if self.context.admit(found, self.source) else None
         return None
 
     def _inside(self, folder: Path, name: str) -> Path | None:

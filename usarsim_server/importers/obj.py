@@ -15,7 +15,7 @@ from typing import NoReturn
 import numpy as np
 
 from usarsim_server.errors import MapImportError, at
-from usarsim_server.importers.files import AssetIndex, read_text
+from usarsim_server.importers.files import read_text
 from usarsim_server.importers.mesh_files import (
     MAX_TRIANGLES,
     Axes,
@@ -231,7 +231,7 @@ def _materials(
     source: Path, libraries: list[str], context: Context, pictures: Pictures
 ) -> tuple[dict[str, Material], list[Path]]:
     """All materials of all libraries; those that are not found are findings."""
-    index = AssetIndex(context.options.assets, source)
+    index = context.index(source)
     known: dict[str, Material] = {}
     files = []
     for name in dict.fromkeys(libraries):

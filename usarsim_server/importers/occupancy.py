@@ -9,15 +9,14 @@ the right and y down in a picture without YAML, from its upper left corner, as M
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from usarsim_server.errors import MapImportError, at
+from usarsim_server.files import ALLOW, is_regular
 from usarsim_server.importers.files import read_text
 from usarsim_server.importers.mesh_files import Pictures
 from usarsim_server.importers.occupancy_grid import (
@@ -38,6 +37,7 @@ from usarsim_server.importers.scene import (
     Source,
     Start,
 )
+from usarsim_server.importers.textures import open_picture
 from usarsim_server.importers.tiny_yaml import Value, read_yaml
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
 
@@ -165,7 +165,7 @@ def _load(source: Path, context: Context) -> _Grid:
         return _plain(source, cells, ~cells, "MRESim text", context)
     for other in (".yaml", ".yml"):
         beside = source.with_suffix(other)
-        if beside.is_file():
+        if is_regular(beside) and context.admit(beside, source):
             context.findings.warn(source.name, f"its scale and place are those of {beside.name}")
             return _from_yaml(beside, context, source)
     gray = _gray(source)
@@ -199,9 +199,11 @@ def _from_yaml(path: Path, context: Context, picture: Path | None) -> _Grid:
     if not isinstance(name, str) or not name:
         cure = "give the YAML file that the map server saved"
         raise MapImportError(at(path, "no image is named", cure, where="image"))
-    finder = Pictures(path, context)
-    found = picture or _beside(path, name) or finder.find(name)
-    if found is None or not found.is_file():
+    found = picture or _beside(path, name) or Pictures(path, context).find(name)
+    refusal = None if found is None else context.confined().refusal(found, path)
+    if refusal is not None:
+        raise MapImportError(at(path, refusal, ALLOW, where="image"))
+    if found is None or not is_regular(found):
         cure = "keep picture and YAML file together"
         raise MapImportError(at(path, f"the picture {name!r:.80} is missing", cure, where="image"))
     size = _number(path, table, "resolution", None)
@@ -231,11 +233,8 @@ def _from_yaml(path: Path, context: Context, picture: Path | None) -> _Grid:
 
 def _beside(path: Path, name: str) -> Path | None:
     """The picture where the YAML file says."""
-    try:
-        found = path.parent / name
-        return found if found.is_file() else None
-    except (OSError, ValueError):
-        return None
+    found = path.parent / name
+    return found if is_regular(found) else None
 
 
 def _text_of(table: dict[str, Value], key: str) -> str:
@@ -282,24 +281,11 @@ def _gray(path: Path) -> Array:
     Raises:
         MapImportError: it is no picture, damaged, or too large.
     """
-    try:
-        with warnings.catch_warnings(), Image.open(path) as image:
-            warnings.simplefilter("ignore")
-            if image.width * image.height > MAX_CELLS:
-                problem = f"{image.width} x {image.height} pixels"
-                raise MapImportError(at(path, problem, "cut or reduce the picture"))
-            if image.mode.startswith("I") or image.mode == "F":
-                deep = np.array(image, dtype=float)
-                return deep / (65535.0 if deep.max(initial=0.0) > 255.0 else 255.0)
-            pixels = np.array(image.convert("RGBA"), dtype=np.uint8)
-    except MapImportError:
-        raise
-    except Image.DecompressionBombError:
-        problem = "far too many pixels"
-        raise MapImportError(at(path, problem, "cut or reduce the picture")) from None
-    except Exception as error:  # Pillow's decoders raise whatever they like
-        problem = f"the picture cannot be read ({type(error).__name__}: {error})"
-        raise MapImportError(at(path, " ".join(problem.split())[:200], "save it again")) from None
+    with open_picture(path, str(path), MAX_CELLS) as image:
+        if image.mode.startswith("I") or image.mode == "F":
+            deep = np.array(image, dtype=float)
+            return deep / (65535.0 if deep.max(initial=0.0) > 255.0 else 255.0)
+        pixels = np.array(image.convert("RGBA"), dtype=np.uint8)
     gray = np.asarray(pixels[:, :, :3].mean(axis=2) / 255.0)
     gray[pixels[:, :, 3] == 0] = np.nan
     return gray

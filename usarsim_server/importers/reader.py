@@ -8,16 +8,18 @@ must be cheap: heavy or optional packages belong inside `read` (see `need`).
 from __future__ import annotations
 
 import importlib
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import ModuleType
 from typing import ClassVar
 
 import usarsim_server.importers as package
 from usarsim_server.errors import MapImportError, at
-from usarsim_server.importers.files import read_head
+from usarsim_server.files import ALLOW, Folders
+from usarsim_server.importers.files import AssetIndex, read_head
 from usarsim_server.importers.findings import Findings
 from usarsim_server.importers.scene import Scene
 from usarsim_server.plugins import PluginTypes
@@ -32,6 +34,7 @@ __all__ = [
     "read_scene",
     "readers",
     "register",
+    "without_refused",
 ]
 
 PACKAGES = {"pxr": "pip install usd-core"}
@@ -55,6 +58,8 @@ class ImportOptions:
         assets: folders searched for meshes, textures and models that the map names.
         placeholders: a box of 0.5 m stands in for every mesh that is missing.
         wall_height: m, of walls that come from occupancy grids.
+        allow_outside: what the map names is read wherever it lies, not only in its own folder and
+            those of `assets`.
     """
 
     scale: float | None = None
@@ -63,6 +68,7 @@ class ImportOptions:
     assets: tuple[Path, ...] = ()
     placeholders: bool = False
     wall_height: float | None = None
+    allow_outside: bool = False
 
 
 def _quiet(step: str, part: float) -> None:
@@ -78,11 +84,34 @@ class Context:
         findings: where counts, missing files and warnings go.
         progress: call now and then with what is being done and the part of it that is done, 0 to
             1. It may raise to end the import.
+        folders: what may be read; None stands for the asset folders. `read_scene` adds the map's.
     """
 
     options: ImportOptions = field(default_factory=ImportOptions)
     findings: Findings = field(default_factory=Findings)
     progress: Callable[[str, float], None] = _quiet
+    folders: Folders | None = None
+
+    def admit(self, path: Path, asker: Path) -> bool:
+        """Whether a file or folder may be read; a refusal is a finding.
+
+        Args:
+            path: that was found.
+            asker: the file that names it.
+        """
+        refusal = self.confined().refusal(path, asker)
+        if refusal is not None:
+            self.findings.warn(asker.name, f"{refusal}; {ALLOW}")
+        return refusal is None
+
+    def index(self, source: Path) -> AssetIndex:
+        """Finds by name what a file names, beside it and in the asset folders."""
+        return AssetIndex(self.options.assets, source, lambda path: self.admit(path, source))
+
+    def confined(self) -> Folders:
+        """The folders that may be read."""
+        options = self.options
+        return self.folders or Folders(options.assets, allow_outside=options.allow_outside)
 
 
 class Reader(ABC):
@@ -133,14 +162,14 @@ def find_reader(source: Path) -> Reader:
     Raises:
         MapImportError: there is no such file, or no reader wants it.
     """
-    if not source.is_file():
+    if not os.path.lexists(source):
         raise MapImportError(at(source, "no such file", "check the path of the map"))
+    head = read_head(source)
     known = list(dict.fromkeys(readers().values()))
     suffix = source.suffix.lower()
     by_name = [cls for cls in known if suffix in cls.extensions]
     if len(by_name) == 1 and suffix not in ANYTHING:
         return by_name[0]()
-    head = read_head(source)
     for cls in known if suffix in ANYTHING else by_name or known:
         if cls.recognises(head):
             return cls()
@@ -158,9 +187,11 @@ def read_scene(source: Path, context: Context | None = None) -> Scene:
         MapImportError: see `Reader.read`.
     """
     context = context or Context()
+    if context.folders is None:
+        context = replace(context, folders=context.confined().with_more([source.parent]))
     reader = find_reader(source)
     try:
-        return reader.read(source, context)
+        return without_refused(reader.read(source, context), context, source)
     except MapImportError:
         raise
     except (RecursionError, MemoryError) as error:
@@ -170,6 +201,16 @@ def read_scene(source: Path, context: Context | None = None) -> Scene:
         raise MapImportError(
             at(error.filename or source, f"cannot be read: {error.strerror}", "check the file")
         ) from error
+
+
+def without_refused(scene: Scene, context: Context, asker: Path) -> Scene:
+    """The scene without pictures that lie where nothing may be read: the last place to look."""
+    changed = {
+        name: replace(material, texture=None)
+        for name, material in scene.materials.items()
+        if material.texture is not None and not context.admit(material.texture, asker)
+    }
+    return replace(scene, materials={**scene.materials, **changed}) if changed else scene
 
 
 def need(module: str, source: Path, what_for: str) -> ModuleType:

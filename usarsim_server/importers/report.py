@@ -10,7 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from usarsim_server.errors import MapImportError
 from usarsim_server.importers.builder import Built
+from usarsim_server.importers.files import read_head
 from usarsim_server.importers.findings import Findings
 from usarsim_server.importers.scene import Scene
 
@@ -155,10 +157,10 @@ def licence_note(source: Path) -> str:
     for pattern in ("LICEN[CS]E*", "COPYING*", "licen[cs]e*", "copying*"):
         for path in sorted(source.parent.glob(pattern)):
             try:
-                with path.open(encoding="utf-8", errors="replace") as file:
-                    first = next((line.strip() for line in file if line.strip()), "")
-            except OSError:
+                head = read_head(path).decode("utf-8", "replace")
+            except MapImportError:
                 continue
+            first = next((line.strip() for line in head.splitlines() if line.strip()), "")
             return f"{path.name} beside the map says: {first[:80]}"
     return "none found beside the map; ask its author before passing the result on"
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.importers.findings import Findings
-from usarsim_server.importers.gazebo_files import GazeboFiles
+from usarsim_server.importers.gazebo_files import GazeboFiles, gazebo_folders
 from usarsim_server.importers.gazebo_frames import matrix_from
 from usarsim_server.importers.gazebo_light import dimmed, light_of, sun
 from usarsim_server.importers.gazebo_looks import Looks
@@ -66,6 +66,8 @@ class SdfReader(Reader):
     def read(self, source: Path, context: Context) -> Scene:
         """See `Reader.read`; an error names the line (item 73)."""
         document = read_xml(source, limit=MAX_BYTES)
+        folders = context.confined().with_more(gazebo_folders())
+        context = replace(context, folders=folders)
         files = GazeboFiles(source, context)
         if document.root.tag == "model" and document.root.child("sdf") is not None:
             found = files.sdf(source.parent)

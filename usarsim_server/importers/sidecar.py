@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from usarsim_server.errors import MapImportError, WorldError
+from usarsim_server.files import is_regular
 from usarsim_server.importers.findings import Findings
 from usarsim_server.importers.reader import ImportOptions
 from usarsim_server.importers.scene import (
@@ -168,7 +169,7 @@ def find_sidecar(source: Path, given: Path | None) -> Path | None:
     if given is not None:
         return given
     beside = source.with_name(source.stem + SUFFIX)
-    return beside if beside.is_file() else None
+    return beside if is_regular(beside) else None
 
 
 def load_sidecar(path: Path) -> Sidecar:

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import io
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from PIL import Image
 
+from usarsim_server.errors import MapImportError, at
+from usarsim_server.files import is_regular, open_regular
 from usarsim_server.importers.findings import Findings
 from usarsim_server.importers.names import NameBook
 from usarsim_server.importers.scene import Color, Material
 
-__all__ = ["NEUTRAL", "Finish", "finish_materials"]
+__all__ = ["NEUTRAL", "Finish", "finish_materials", "open_picture"]
 
 NEUTRAL: Color = (0.62, 0.62, 0.60, 1.0)
 """Colour of what has no material."""
@@ -25,6 +28,9 @@ LARGEST = 2048
 
 MAX_PIXELS = 64 << 20
 """Larger pictures are not opened: 64 megapixels take 192 MB."""
+
+FORMATS = ("PNG", "JPEG", "TGA", "DDS", "BMP", "TIFF", "WEBP", "GIF", "PPM", "MPO")
+"""That are decoded, whatever the name says. Pillow knows some that start other programs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,29 +81,53 @@ def finish_materials(
     return answer
 
 
+@contextlib.contextmanager
+def open_picture(source: Path | bytes, name: str, most: int = MAX_PIXELS) -> Iterator[Image.Image]:
+    """A picture while it is open; its pixels are not decoded before somebody asks for them.
+
+    Args:
+        source: a file, or what is in it.
+        name: for errors.
+        most: pixels that it may have.
+
+    Raises:
+        MapImportError: it cannot be opened, has more pixels, or, while it is open, is damaged.
+    """
+    cure = "save it again as PNG"
+    try:
+        with (
+            warnings.catch_warnings(),
+            io.BytesIO(source) if isinstance(source, bytes) else open_regular(source) as file,
+            Image.open(file, formats=FORMATS) as image,
+        ):
+            warnings.simplefilter("ignore")
+            if image.width * image.height > most:
+                problem = f"{image.width} x {image.height} pixels are too many"
+                raise MapImportError(at(name, problem, "reduce the picture"))
+            yield image
+    except MapImportError:
+        raise
+    except Image.DecompressionBombError:
+        raise MapImportError(at(name, "far too many pixels", "reduce the picture")) from None
+    except Exception as error:  # Pillow's decoders raise whatever they like
+        text = f"the picture cannot be read ({type(error).__name__}: {error})"
+        raise MapImportError(at(name, " ".join(text.split())[:300], cure)) from None
+
+
 def _open(material: Material, findings: Findings) -> Image.Image | None:
-    source: Path | io.BytesIO
-    if material.image is not None:
-        source, name = io.BytesIO(material.image), material.name
-    elif material.texture is not None:
-        source, name = material.texture, str(material.texture)
-        if not material.texture.is_file():
-            findings.missing("texture", material.texture.name)
-            return None
-    else:
+    source = material.image if material.image is not None else material.texture
+    if source is None:
+        return None
+    if isinstance(source, Path) and not is_regular(source):
+        findings.missing("texture", source.name)
         return None
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            image = Image.open(source)
-            if image.width * image.height > MAX_PIXELS:
-                findings.warn(name, f"{image.width} x {image.height} pixels are too many; left out")
-                return None
+        with open_picture(source, material.name) as image:
             image.draft("RGB", (LARGEST, LARGEST))
             image.thumbnail((LARGEST, LARGEST))
             return image.convert("RGB")
-    except Exception as error:  # Pillow's decoders raise whatever they like
-        findings.warn(name, f"the picture cannot be read ({type(error).__name__}: {error})")
+    except MapImportError as error:
+        findings.warn(str(material.texture or material.name), f"{error}; left out")
         return None
 
 

@@ -44,7 +44,7 @@ class UsdReader(Reader):
         from usarsim_server.importers.openusd.walker import StageReader
 
         context.progress("reading", 0.0)
-        stage = open_stage(source, context.options.assets, context.findings)
+        stage = open_stage(source, context)
         try:
             finest_variants(stage, context.findings)
             axes = axes_of(

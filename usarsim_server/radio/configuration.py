@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from usarsim_server.errors import SettingsError, at
+from usarsim_server.errors import SettingsError
 from usarsim_server.radio.fading import Fading
 from usarsim_server.radio.parameters import RadioParameters
 from usarsim_server.radio.propagation import Propagation, create_model
 from usarsim_server.radio.shaping import LinkShape
+from usarsim_server.tables import read_toml
 
 __all__ = ["DEFAULT_MODEL", "RadioOptions", "read_radio", "read_radio_file"]
 
@@ -87,13 +87,6 @@ def read_radio_file(path: Path) -> dict[str, object]:
     Raises:
         SettingsError: if it cannot be read or is not TOML.
     """
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        cure = "check the path and its rights"
-        raise SettingsError(at(path, f"cannot be read: {error.strerror}", cure)) from None
-    except (ValueError, RecursionError) as error:
-        cure = "see docs/wireless.md for an example"
-        raise SettingsError(at(path, f"is not valid TOML: {error}", cure)) from None
+    table = read_toml(path, SettingsError, "wireless.obstacle")
     inner = table.get("wireless")
     return inner if isinstance(inner, dict) and len(table) == 1 else table

@@ -63,13 +63,18 @@ class Library:
     A class in a later folder replaces one of the same name in an earlier folder.
     """
 
-    def __init__(self, folders: Sequence[Path]) -> None:
+    def __init__(self, folders: Sequence[Path], *, allow_outside: bool = False) -> None:
         """List the folders, first the one with the lowest precedence.
+
+        Args:
+            folders: of robot files.
+            allow_outside: model files may be read wherever they lie.
 
         Raises:
             RobotDescriptionError: if a folder is missing or two of its files differ by case only.
         """
         self._layers = [_files(folder) for folder in folders]
+        self._allow_outside = allow_outside
         self._read: dict[Path, RobotFile] = {}
         self._reading: list[Path] = []
 
@@ -105,7 +110,9 @@ class Library:
             )
         if path not in self._read:
             self._reading.append(path)
-            self._read[path] = _read(path, lambda name: self._parent(path, number, name))
+            self._read[path] = _read(
+                path, lambda name: self._parent(path, number, name), self._allow_outside
+            )
             self._reading.remove(path)
         return self._read[path]
 
@@ -133,12 +140,12 @@ def _files(folder: Path) -> dict[str, Path]:
     return files
 
 
-def _read(path: Path, find_parent: ParentFinder) -> RobotFile:
+def _read(path: Path, find_parent: ParentFinder, allow_outside: bool) -> RobotFile:
     reader = TableReader(read_toml(path), path)
     name = _class_name(reader, path)
     parent = _parent(reader, find_parent)
     file = RobotFile(
-        _robot(reader, path, name, parent),
+        _robot(reader, path, name, parent, allow_outside),
         _class_names(reader, "aliases"),
         reader.texts("alias_patterns"),
         _class_names(reader, "exact_aliases"),
@@ -175,7 +182,11 @@ def _parent(reader: TableReader, find_parent: ParentFinder) -> RobotDescription 
 
 
 def _robot(
-    reader: TableReader, path: Path, name: str, parent: RobotDescription | None
+    reader: TableReader,
+    path: Path,
+    name: str,
+    parent: RobotDescription | None,
+    allow_outside: bool,
 ) -> RobotDescription:
     dialects = [dialect.value for dialect in Dialect]
     kind = reader.choice("kind", families(), parent.kind if parent else None)
@@ -183,7 +194,7 @@ def _robot(
     dialect = Dialect(reader.choice("dialect", dialects, parent.dialect.value if parent else None))
     if parent is not None and family.wheeled != find_family(parent.kind).wheeled:
         reader.fail(f"is {kind}, {parent.name} is {parent.kind}", "drop it", "kind")
-    body = model_files.read_body(reader, path.parent, dialect)
+    body = model_files.read_body(reader, path.parent, dialect, allow_outside=allow_outside)
     actuators = limb_parts.read_actuators(reader, parent, dialect, body.actuators if body else ())
     wheels = parts.read_wheels(reader, family.wheeled, actuators, parent)
     casters = parts.read_casters(reader, parent)

@@ -16,7 +16,10 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from usarsim_server.data import data_directory
 from usarsim_server.errors import RobotDescriptionError, at
+from usarsim_server.files import Folders
+from usarsim_server.model_check import ALLOW_MODEL
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import (
     ActuatorDescription,
@@ -74,13 +77,17 @@ class _Node:
     shapes: list[Shape] = field(default_factory=list)
 
 
-def read_body(reader: TableReader, folder: Path, dialect: Dialect) -> Body | None:
+def read_body(
+    reader: TableReader, folder: Path, dialect: Dialect, *, allow_outside: bool = False
+) -> Body | None:
     """Read the model file that a robot file names, if it names one.
 
     Args:
         reader: the robot file.
         folder: where relative paths start.
         dialect: decides the speed of joints that say nothing else.
+        allow_outside: the model may lie outside this folder and the shipped data, and so may what
+            it names.
 
     Raises:
         RobotDescriptionError: if the file cannot be used.
@@ -91,7 +98,11 @@ def read_body(reader: TableReader, folder: Path, dialect: Dialect) -> Body | Non
                 reader.fail("is about a model file", 'name one with body = "file.xml"', key)
         return None
     path = folder / reader.text("body")
-    model = load_model(path)
+    folders = Folders([folder, data_directory("robots")], allow_outside=allow_outside)
+    refusal = folders.refusal(path, reader.path)
+    if refusal is not None:
+        reader.fail(refusal, ALLOW_MODEL, "body")
+    model = load_model(path, folders)
     base, nodes = _tree(model, path)
     links = _drives(reader.table("joints"), nodes, dialect)
     return Body(tuple(base), _group(nodes, links, _packages(reader, links)))

@@ -9,6 +9,8 @@ import mujoco
 import numpy as np
 
 from usarsim_server.errors import RobotDescriptionError, at
+from usarsim_server.files import Folders, is_regular, read_regular, reason
+from usarsim_server.model_check import ALLOW_MODEL, check_model
 
 __all__ = ["load_model"]
 
@@ -27,17 +29,23 @@ _DISCARD = re.compile(r"\bdiscardvisual\s*=\s*(\"[^\"]*\"|'[^']*')")
 _SCHEME = re.compile(r"(package|model|file)://*")
 
 
-def load_model(path: Path) -> mujoco.MjModel:
+def load_model(path: Path, folders: Folders) -> mujoco.MjModel:
     """Read and compile a model file.
 
     A URDF file keeps its fixed links and its visual shapes, which MuJoCo would otherwise leave
     out. Meshes of ROS packages (`package://name/meshes/x.stl`) are looked for beside the file, in
     the folders above it, and in folders called `meshes` there.
 
+    Args:
+        path: of the file.
+        folders: out of which it, and what it names, may be read.
+
     Raises:
-        RobotDescriptionError: if it cannot be read or is no model, or is too large.
+        RobotDescriptionError: if it cannot be read or is no model, is too large, or names files
+            outside.
     """
     text = _text(path)
+    check_model(path, folders, RobotDescriptionError)
     try:
         if _is_urdf(text):
             spec = mujoco.MjSpec.from_string(_with_visuals(text))
@@ -45,7 +53,7 @@ def load_model(path: Path) -> mujoco.MjModel:
             spec.compiler.fusestatic = False
         else:
             spec = mujoco.MjSpec.from_file(str(path))
-        _find_meshes(spec, path)
+        _find_meshes(spec, path, folders)
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         problem = " ".join(str(error).split())
@@ -60,12 +68,9 @@ def load_model(path: Path) -> mujoco.MjModel:
 
 def _text(path: Path) -> str:
     try:
-        if path.stat().st_size > LARGEST_TEXT:
-            problem = f"is longer than {LARGEST_TEXT // 2**20} MB"
-            raise RobotDescriptionError(at(path, problem, "name an MJCF or URDF file"))
-        return path.read_text(encoding="utf-8")
+        return read_regular(path, LARGEST_TEXT).decode("utf-8")
     except OSError as error:
-        problem = f"cannot be read: {error.strerror or error}"
+        problem = f"cannot be read: {reason(error)}"
         raise RobotDescriptionError(
             at(path, problem, "check body = ... of the robot file")
         ) from None
@@ -95,7 +100,7 @@ def _with_visuals(text: str) -> str:
     return re.sub(r"<robot\b[^>]*>", extra, text, count=1)
 
 
-def _find_meshes(spec: mujoco.MjSpec, path: Path) -> None:
+def _find_meshes(spec: mujoco.MjSpec, path: Path, folders: Folders) -> None:
     """Replace addresses of mesh files by names that MuJoCo finds; refuse far too large ones."""
     total = 0
     for mesh in spec.meshes:
@@ -103,11 +108,14 @@ def _find_meshes(spec: mujoco.MjSpec, path: Path) -> None:
             continue
         place = _SCHEME.match(mesh.file)
         found = path.parent / spec.meshdir / mesh.file
-        if place is not None or not found.is_file():
+        if place is not None or not is_regular(found):
             found = _search(path.parent, mesh.file[place.end() if place else 0 :]) or found
-            if found.is_file():
+            refusal = folders.refusal(found, path)
+            if refusal is not None:
+                raise RobotDescriptionError(at(path, refusal, ALLOW_MODEL))
+            if is_regular(found):
                 mesh.file = str(found.resolve())
-        total += found.stat().st_size if found.is_file() else 0
+        total += found.stat().st_size if is_regular(found) else 0
     if total > LARGEST_MESHES:
         problem = f"its meshes are larger than {LARGEST_MESHES // 2**20} MB"
         raise RobotDescriptionError(at(path, problem, "simplify them"))
@@ -120,7 +128,7 @@ def _search(folder: Path, name: str) -> Path | None:
         for first in range(len(parts)):
             for root in (above, above / "meshes"):
                 found = root.joinpath(*parts[first:])
-                if found.is_file():
+                if is_regular(found):
                     return found
     return None
 

@@ -85,17 +85,18 @@ class Roster:
         return self._classes
 
 
-def load_roster(extra: Sequence[Path] = ()) -> Roster:
+def load_roster(extra: Sequence[Path] = (), *, allow_outside: bool = False) -> Roster:
     """Load the shipped robots and those of further folders.
 
     Args:
         extra: folders of robot files; a class in a later folder replaces one of the same name in
             an earlier folder and the shipped one, and may extend what it replaces.
+        allow_outside: model files may be read wherever they lie.
 
     Raises:
         RobotDescriptionError: if a folder is missing or a file cannot be used.
     """
-    library = Library([data_directory("robots"), *extra])
+    library = Library([data_directory("robots"), *extra], allow_outside=allow_outside)
     for path in library.replacements():
         _log.info("robot class is replaced", name=path.stem, by=path)
     return Roster(library.layers())

@@ -6,6 +6,7 @@ that world, or replaces shipped ones.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -58,7 +59,7 @@ def load_avatars(sheets: Iterable[Path]) -> dict[str, AvatarClass]:
     """
     found: dict[str, AvatarClass] = {}
     for sheet in sheets:
-        if sheet.is_file():
+        if os.path.lexists(sheet):
             for one in _read(sheet):
                 found |= {name.lower(): one for name in (one.name, *one.aliases)}
     return found

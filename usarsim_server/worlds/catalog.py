@@ -8,6 +8,7 @@ from pathlib import Path
 
 from usarsim_server.data import data_directory
 from usarsim_server.errors import WorldError
+from usarsim_server.files import is_regular
 from usarsim_server.worlds.description import WorldDescription
 from usarsim_server.worlds.loader import SHEET, load_world
 
@@ -29,7 +30,7 @@ def find_world(name_or_path: str, extra: Sequence[Path] = ()) -> Path:
         WorldError: if there is none; the message lists the names that would do.
     """
     path = Path(name_or_path).expanduser()
-    if (path / SHEET).is_file():
+    if is_regular(path / SHEET):
         return path
     if len(path.parts) != 1 or path.is_absolute():
         raise WorldError(
@@ -64,5 +65,5 @@ def _folders(extra: Sequence[Path]) -> Iterator[Path]:
     for directory in (*extra, data_directory("worlds")):
         if directory.is_dir():
             yield from (
-                folder for folder in sorted(directory.iterdir()) if (folder / SHEET).is_file()
+                folder for folder in sorted(directory.iterdir()) if is_regular(folder / SHEET)
             )

@@ -7,6 +7,7 @@ instead of going on without; what other rooms need of a world stands in the free
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -57,7 +58,7 @@ def load_world(folder: Path) -> WorldDescription:
     sheet = folder / SHEET
     scene = folder / SCENE
     for path, holds in ((sheet, "the facts of the world"), (scene, "its geometry (MJCF)")):
-        if not path.is_file():
+        if not os.path.lexists(path):
             raise WorldError(
                 errors.at(path, "file is missing", f"a world folder has a {path.name} with {holds}")
             )

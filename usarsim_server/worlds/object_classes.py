@@ -7,6 +7,7 @@ for that world, or replaces shipped ones (docs/world-controller.md).
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -125,7 +126,7 @@ def load_objects(sheets: Iterable[Path]) -> ObjectCatalog:
     classes: list[ObjectClass] = []
     materials: list[Material] = []
     for sheet in sheets:
-        if sheet.is_file():
+        if os.path.lexists(sheet):
             table = Table(sheet, read_toml(sheet, WorldError, "object"))
             found = [_material(entry) for entry in table.tables("material")]
             materials += found

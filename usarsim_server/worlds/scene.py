@@ -7,7 +7,10 @@ import re
 import mujoco
 
 from usarsim_server import errors
+from usarsim_server.data import data_directory
 from usarsim_server.errors import WorldError
+from usarsim_server.files import Folders, read_regular
+from usarsim_server.model_check import check_model
 from usarsim_server.worlds.description import Surface, WorldDescription
 from usarsim_server.worlds.machine_bodies import add_machinery
 from usarsim_server.worlds.victims import add_victim
@@ -30,18 +33,26 @@ PAINT_HEIGHT = 0.0005
 _LINE = re.compile(r"\bline (?:number=)?(\d+)", re.IGNORECASE)
 
 
-def build_scene(world: WorldDescription) -> mujoco.MjSpec:
+def build_scene(world: WorldDescription, *, allow_outside: bool = False) -> mujoco.MjSpec:
     """Read the scene of a world and put its victims and its machinery in.
 
     The result compiles. Its extent and centre are fixed, so that parking robots far away does
     not change clip planes and shadows of cameras; a scene without light is given some, one
     without a sky a blue one.
 
+    Args:
+        world: whose scene it is.
+        allow_outside: it may name files outside the world's folder and the shipped data.
+
     Raises:
-        WorldError: if MuJoCo cannot read or compile the scene, if the scene sets what the server
+        WorldError: if it names files outside, or would grow too large (`model_check`), if MuJoCo
+            cannot read or compile the scene, if the scene sets what the server
             decides (`option`, `keyframe`), if a movable body has no name, or if a name or a
             material of the machinery does not fit the scene.
     """
+    shipped = data_directory("worlds")
+    folders = Folders([world.folder, shipped], allow_outside=allow_outside)
+    check_model(world.scene, folders, WorldError)
     try:
         spec = mujoco.MjSpec.from_file(str(world.scene))
     except (ValueError, OSError) as error:
@@ -117,7 +128,7 @@ def _changed_option(spec: mujoco.MjSpec) -> str | None:
 
 
 def _line_with(world: WorldDescription, text: str) -> str | None:
-    lines = world.scene.read_text(encoding="utf-8", errors="replace").splitlines()
+    lines = read_regular(world.scene).decode("utf-8", "replace").splitlines()
     return next((f"line {n}" for n, line in enumerate(lines, start=1) if text in line), None)
 
 

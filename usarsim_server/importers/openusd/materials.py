@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Ar, Sdf, UsdGeom, UsdShade
 
+from usarsim_server.files import is_regular
 from usarsim_server.importers.findings import Findings
 from usarsim_server.importers.mesh_files import Pictures
 from usarsim_server.importers.openusd.stage import read_resource
@@ -143,7 +144,7 @@ class Finishes:
                 self.findings.missing("texture", asset.path)
             return None, content
         path = Path(resolved)
-        if path.is_file():
+        if is_regular(path) and self.pictures.context.admit(path, self.pictures.source):
             self.pictures.files.append(path)
             return path, None
         return self.pictures.find(str(asset.path)), None

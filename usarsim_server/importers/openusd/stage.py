@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import signal
 import subprocess
@@ -14,8 +15,10 @@ from typing import Any
 from pxr import Ar, Tf, Usd, UsdUtils
 
 from usarsim_server.errors import MapImportError, at
+from usarsim_server.files import ALLOW
 from usarsim_server.importers.files import MAX_BYTES, check_size, read_bytes, read_head
 from usarsim_server.importers.findings import Findings
+from usarsim_server.importers.reader import Context
 
 __all__ = ["broken", "check_archive", "files_of", "finest_variants", "open_stage", "read_resource"]
 
@@ -65,17 +68,18 @@ def check_archive(source: Path) -> None:
         raise MapImportError(at(source, problem, cure))
 
 
-def try_out(source: Path, folders: Iterable[Path]) -> None:
+def try_out(source: Path, context: Context) -> None:
     """Let another process read a binary file first: a damaged one may end or stall it.
 
     Text is read here, unless it brings in other files.
 
     Raises:
-        MapImportError: it did.
+        MapImportError: it did, or files that the stage needs may not be read.
     """
     binary = source.suffix.lower() == ".usdz" or read_head(source).startswith(BINARY)
-    if not binary and b".usd" not in read_bytes(source):
+    if not binary and b"@" not in read_bytes(source):
         return
+    folders = context.options.assets
     command = [sys.executable, str(TRIAL), str(source), *map(str, folders)]
     seconds = PATIENCE + source.stat().st_size / SPEED
     cure = "the file is damaged; export it again, or as .usda"
@@ -89,28 +93,46 @@ def try_out(source: Path, folders: Iterable[Path]) -> None:
     if done.returncode < 0:
         name = signal.Signals(-done.returncode).name
         raise MapImportError(at(source, f"the USD library crashes on it ({name})", cure))
+    try:
+        named = json.loads(done.stdout or b"[]")
+    except ValueError:
+        named = []  # names that are no text; what is opened in the end is looked at once more
+    for asker, path in named:
+        check_layer(context, Path(asker), Path(path))
 
 
-def open_stage(source: Path, folders: Iterable[Path], findings: Findings) -> Any:
+def check_layer(context: Context, asker: Path, path: Path) -> None:
+    """Refuse a file that a stage is composed of, if it lies outside or is no regular file.
+
+    Raises:
+        MapImportError: it is one.
+    """
+    refusal = context.confined().refusal(path, asker)
+    if refusal is not None:
+        raise MapImportError(at(asker, refusal, ALLOW))
+    read_head(path)
+
+
+def open_stage(source: Path, context: Context) -> Any:
     """Open a stage with all its payloads.
 
     Args:
         source: the file.
-        folders: searched for references that are not found where they should be.
-        findings: told of files that are missing.
+        context: of the import; its asset folders are searched for references that are not found
+            where they should be, its findings are told of files that are missing.
 
     Raises:
         MapImportError: the file itself cannot be read; line and reason are those of the library.
+            Or the stage needs a file that may not be read.
     """
     check_size(source, source.stat().st_size, MAX_BYTES)
     if source.suffix.lower() == ".usdz":
         check_archive(source)
-    folders = list(folders)
-    try_out(source, folders)
-    context = Ar.ResolverContext(Ar.DefaultResolverContext([str(folder) for folder in folders]))
+    try_out(source, context)
+    folders = Ar.DefaultResolverContext([str(folder) for folder in context.options.assets])
     delegate = UsdUtils.CoalescingDiagnosticDelegate()
     try:
-        stage = Usd.Stage.Open(str(source), context)
+        stage = Usd.Stage.Open(str(source), Ar.ResolverContext(folders))
     except Tf.ErrorException as error:
         raise broken(source, error) from None
     finally:
@@ -118,7 +140,9 @@ def open_stage(source: Path, folders: Iterable[Path], findings: Findings) -> Any
         del delegate
     if stage is None:
         raise broken(source, "\n".join(messages))
-    _tell(stage, messages, findings)
+    for path in files_of(stage):
+        check_layer(context, source, path)
+    _tell(stage, messages, context.findings)
     return stage
 
 
