@@ -117,6 +117,46 @@ def test_runs_repeat_to_the_letter() -> None:
     assert play() == first
 
 
+def synced(syncs: list[str], at_once: bool) -> list[str]:
+    """The streams of forty ticks of 0.1 s whose answers come one by one or all at once."""
+    options = ("--world", "arena", "--lockstep", "--seed", "2")
+    with ServerProcess(*options) as server, start(server, "A", "0,0,-0.3") as client:
+        heard: list[str] = []
+        if at_once:
+            client.send("\r\n".join(syncs))
+        for sync in syncs:
+            if not at_once:
+                client.send(sync)
+            heard += until_tick(client)
+        assert time_of(heard[-1]) == pytest.approx(4.0)
+        assert sum(line.startswith(TICK) for line in heard) == len(syncs), "one for each SYNC"
+        return [line for line in heard if not line.startswith(TICK)]
+
+
+def test_no_line_is_lost_however_far_ahead_a_client_has_synced() -> None:
+    """One by one, five or twenty ticks at once, and all in advance: the same lines."""
+    usual = synced(["SYNC"] * 40, at_once=False)
+    assert sum(line.startswith("STA") for line in usual) == 19, "one every 0.2 s from 0.3 s on"
+    for ticks in (5, 20):
+        assert synced([f"SYNC {{Ticks {ticks}}}"] * (40 // ticks), at_once=False) == usual
+    assert synced(["SYNC"] * 40, at_once=True) == usual
+    assert synced(["SYNC {Ticks 20}"] * 2, at_once=True) == usual
+
+
+def test_what_follows_a_sync_waits_for_its_tick(server: ServerProcess) -> None:
+    """A question behind a SYNC is answered after the tick, one before it at once."""
+    with start(server, "A", "0,0,-0.3") as client:
+        client.send(
+            "GETCONF {Type Robot}\r\nSYNC {Ticks 2}\r\nGETGEO {Type Robot}\r\nSYNC\r\n"
+            "GETCONF {Type Robot}"
+        )
+        heard = [client.read_line()]
+        while sum(line.startswith("CONF {Type GroundV") for line in heard) < 2:
+            heard.append(client.read_line())
+        told = [line[:20] for line in heard if line.startswith(("CONF {Type G", "GEO", TICK))]
+        assert [line[:3] for line in told] == ["CON", "NFO", "GEO", "NFO", "CON"]
+
+
 def test_a_silent_controller_is_given_up() -> None:
     """After the patience set for it the world goes on without it, until it answers again."""
     options = ("--world", "empty", "--lockstep", "--lockstep-patience", "0.5")

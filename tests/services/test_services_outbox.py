@@ -11,7 +11,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from usarsim_server.services.outbox import PIECE, Outbox, OutboxLimits, ReplyBuffer
+from usarsim_server.services.outbox import (
+    GRACE,
+    LEAST_READ,
+    PIECE,
+    Outbox,
+    OutboxLimits,
+    ReplyBuffer,
+)
 from usarsim_server.testing import PATIENCE
 
 STREAM_BYTES = 100
@@ -381,3 +388,76 @@ def test_a_reply_that_nobody_reads_ends_the_connection_and_a_slow_reader_lives()
 
     with Pair() as pair:
         assert asyncio.run(converse(pair)) == 20 * PIECE
+
+
+# -- a client that reads, but slowly ---------------------------------------------------------------
+
+
+class Clock:
+    """Wall time that stands still until it is moved."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def half_full(clock: Clock) -> Outbox:
+    """An outbox whose streams fill half of a budget of 1 MiB."""
+    outbox = Outbox(limits=OutboxLimits(stream_bytes=1 << 20, stream_lines=1 << 20), clock=clock)
+    while outbox.waiting_bytes < 1 << 19:
+        outbox.put_stream(b"x" * 1022 + b"\r\n")
+    return outbox
+
+
+def test_an_empty_outbox_is_not_crowded() -> None:
+    """Nor is one that is filled to less than a half."""
+    outbox = Outbox(limits=OutboxLimits(stream_bytes=100, stream_lines=4))
+    assert not outbox.crowded
+    outbox.put_stream(b"x" * 49)
+    assert not outbox.crowded
+    outbox.put_stream(b"x")
+    assert outbox.crowded, "by bytes"
+    outbox = Outbox(limits=OutboxLimits(stream_bytes=100, stream_lines=4))
+    outbox.put_stream(b"x")
+    outbox.put_stream(b"x")
+    assert outbox.crowded, "by lines"
+
+
+def test_who_does_not_read_is_not_waited_for() -> None:
+    """A second of grace, and then it loses lines."""
+    clock = Clock()
+    outbox = half_full(clock)
+    assert outbox.crowded
+    clock.now += GRACE - 0.01
+    assert outbox.crowded
+    clock.now += 0.02
+    assert not outbox.crowded
+
+
+def test_who_reads_is_waited_for_as_long_as_it_takes() -> None:
+    """At a little more than the least rate, for a minute in which the server fills up again."""
+    clock = Clock()
+    outbox = half_full(clock)
+    for _ in range(60 * 10):
+        assert outbox.crowded
+        clock.now += 0.1
+        for _ in range(LEAST_READ // 10 // 1024 + 1):
+            outbox.take()
+            outbox.put_stream(b"x" * 1022 + b"\r\n")
+
+
+def test_who_dawdles_is_waited_for_again_after_it_has_read() -> None:
+    """A client that was given up gets its grace again once a quarter is left."""
+    clock = Clock()
+    outbox = half_full(clock)
+    assert outbox.crowded
+    clock.now += 10.0
+    assert not outbox.crowded
+    while outbox.waiting_bytes >= 1 << 18:
+        outbox.take()
+    assert not outbox.crowded
+    while outbox.waiting_bytes < 1 << 19:
+        outbox.put_stream(b"x" * 1022 + b"\r\n")
+    assert outbox.crowded
