@@ -1,0 +1,345 @@
+"""Small inputs that lead a long way into each reader; all written for this purpose.
+
+The samples of maps are those of the importers' own tests.
+"""
+
+from __future__ import annotations
+
+import base64
+import functools
+import io
+import json
+import struct
+from pathlib import Path
+
+import numpy as np
+from collada_samples import document as collada_document
+from collada_samples import wedge
+from mesh_samples import FACES, WEDGE
+from PIL import Image
+from robot_files import table, write
+from sdf_samples import BOX, PLUGIN, model
+from sdf_samples import world as sdf_world
+from t3d_maps import actor, level, room, start
+from unreal_fixture import Map
+
+ROOT = Path(__file__).parents[2]
+
+SCENE = b"""<mujoco model="yard"><worldbody>
+<light type="directional" dir="0 0 -1"/><geom name="floor" type="plane" size="0 0 1"/>
+<body name="crate" pos="2 0 0.2"><freejoint/><geom type="box" size="0.2 0.2 0.2" mass="2"/></body>
+</worldbody></mujoco>
+"""
+
+
+def control() -> list[bytes]:
+    """Lines of all commands."""
+    return [line.encode() + b"\r\n" for line in _CONTROL.splitlines()] + [
+        b"\xef\xbb\xbfDRIVE {Left 1,5}\n\n\r{Right}}{ {} x",
+        b"GETPOSGETOBS DRIVE {Left 1} INIT {Name a\x00\x7f}\r\n",
+    ]
+
+
+_CONTROL = """INIT {ClassName USARBot.P2AT} {Location 4.5,1.9,1.8} {Rotation 0,0,1.57} {Name R1}
+INIT {ClassName USARBot.WorldController} {Name W}
+INIT {ClassName P3AT} {Start RobotStart1} {Dialect udk}
+DRIVE {Left 1.0} {Right -1.0} {Normalized False} {Light True} {Flip True}
+DRIVE {Speed 1.5} {FrontSteer 0.3} {RearSteer 0} {Normalized true}
+DRIVE {WheelNumber 1} {WheelSpeed 2} {WheelSteer 0.2} {WheelNumber 2} {WheelSpeed 2}
+DRIVE {AltitudeVelocity 1} {LinearVelocity 2} {LateralVelocity 3} {RotationalVelocity 4}
+DRIVE {Propeller 1} {Rudder 0.1} {SternPlane -0.1}
+DRIVE {Name Joint1} {Steer 45} {Order 1} {Value 1e3}
+MULTIDRIVE {FRFlipper 0.5} {FLFlipper 0.5} {RRFlipper 1} {RLFlipper 1}
+MISPKG {Name CameraPanTilt} {Link 1} {Value 0.5} {Order 0} {Link 2} {Value 1} {Order 1}
+MISPKG {Name Arm} {Sequence 3} {Link 1} {Value 1}
+ACT {Name Arm} {Sequence 4} {Link 1} {Value 0.25}
+SET {Type Camera} {Name Camera1} {Opcode Zoom} {Params 0.6}
+SET {Type Joint} {Name LeftHip} {Opcode Angle} {Params 0.3}
+SET {Type Viewports} {Config QuadView} {Viewport1 Camera}
+GETCONF {Type RangeScanner} {Name Scanner1}
+GETGEO {Type Robot}
+GETSTARTPOSES
+GETCLOSESTPATHNODE {Location 1,2,3}
+GETPOS
+SYNC {Ticks 5}
+MOVE {Name Walker} {Location 1,2,0} {Speed 1}
+GOTO {Node 12}
+CONTROL {Type Create} {ClassName Box} {Name b} {Location 1,2,3} {Rotation 0,0,0} {Physics None}
+CONTROL {Type AddWP} {Name b} {WP 1,2,3;4,5,6;7,8,9} {Speed 2} {Autostart True}
+CONTROL {Type RelMove} {Name b} {Location 0.1,0,0}
+CONTROL {Type KillAll} {MaxTorque 20}
+TRACE {On true} {Interval 0.5}
+CAMERA {Camera 1} {Robot R1}
+"""
+
+
+def numbers() -> list[bytes]:
+    """Numbers in the ways of all clients."""
+    return [b"-1.5e3", b" 0,5 1,0 1,8", b".5", b"+7.25junk", b"1e999", b"-0", b"nan", b"0x10"]
+
+
+def names() -> list[bytes]:
+    """Names, good and bad."""
+    return [b"Rover7", b"Evil Location 9,9,0", b"{a}\r\n\x00\xff", b"x" * 64, b" \t", b"Robot_2"]
+
+
+def image() -> list[bytes]:
+    """Requests of image clients."""
+    return [b"OK", b"OOK" * 3, b"xxU" + struct.pack("<4I", 0, 0, 320, 240) + b"OK\r\n", b"U" * 40]
+
+
+def wireless() -> list[bytes]:
+    """All verbs of the wireless port."""
+    lines = [
+        b"INIT {Robot Rover1} {Port 3333;2323}",
+        b"GETSS {Robot Rover2}",
+        b"DNS {Robot Rover2} {Port 3333}",
+        b"REVERSEDNS {Port 50123}",
+        b"GETPOS",
+        b"getobs {From a} {To b}",
+    ]
+    return [*(line + b"\r\n" for line in lines), b"\r\n".join(lines) + b"\r\n"]
+
+
+def ground_truth() -> list[bytes]:
+    """Both questions."""
+    return [
+        b"GETPOS\r\n",
+        b"GETOBS {From R1} {To R2}\r\n",
+        b"getobs {Start 1,2,3} {End -4.5, 0, 1e2}\r\nGETOBS {From x}\r\n",
+    ]
+
+
+def truth() -> list[bytes]:
+    """Queries of scoring tools."""
+    return [b"\r\n", b"{Class USARBot.P2AT}\r\n", b"{Name R1}\n\n{Class a.b.c} {Name}\n"]
+
+
+def comserver() -> list[bytes]:
+    """All messages of the older wireless simulation."""
+    texts = b"REGISTER R1;LISTEN R1 3333;OPEN R1 R2 3333;GETSS R1 R2;CLOSE;;x y z;"
+    return [texts, *(one + b";" for one in texts.split(b";"))]
+
+
+def link() -> list[bytes]:
+    """Data in the way of its links."""
+    return [b"SEND 5 hello;SEND 0 ;CLOSE;", b"SEND x;  SEND 3 abc\nCLOSE ignored;", b"SEND 99999 a"]
+
+
+def robot() -> list[bytes]:
+    """A small robot, and shipped ones."""
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as place:
+        small = write(Path(place), "Fuzzed", table()).read_bytes()
+    names = ("P3AT", "Nao", "Kenaf", "AirRobot", "Submarine", "Hummer")
+    shipped = (ROOT / "robots" / f"{name}.toml" for name in names)
+    return [small, *(path.read_bytes() for path in shipped if path.is_file())]
+
+
+def world() -> list[bytes]:
+    """A small world, and shipped ones."""
+    small = (
+        b'title = "Yard"\n[[start]]\ntag = "A"\nposition = [0.0, 0.0, 0.25]\n'
+        b'[[victim]]\nname = "V"\nposition = [1.0, 2.0, 0.12]\nposture = "lying"\n'
+    )
+    return [small, *(path.read_bytes() for path in sorted(ROOT.glob("worlds/*/world.toml")))]
+
+
+def objects() -> list[bytes]:
+    """The shipped classes."""
+    return [path.read_bytes() for path in sorted(ROOT.glob("worlds/*.toml"))]
+
+
+def radio() -> list[bytes]:
+    """Every key that the page on the wireless simulation names."""
+    page = (ROOT / "docs" / "wireless.md").read_text()
+    blocks = [block.partition("```")[0] for block in page.split("```toml\n")[1:]]
+    return [b'model = "obstacle"\ncutoff = -93\n', *(block.encode() for block in blocks)]
+
+
+def settings() -> list[bytes]:
+    """Some settings of each kind."""
+    return [
+        b'world = "empty"\nport = 0\nimage_port = "off"\nspeed = "max"\ntiles = "4x4"\n'
+        b'tile_size = "320x240"\nseed = 7\nrobots = ["robots"]\nmax_robots = 2\n'
+        b'dialect = "udk"\nidle_timeout = 30\nspectator = ["top"]\n[wireless]\nmodel = "distance"\n'
+    ]
+
+
+def sidecar() -> list[bytes]:
+    """What can stand beside a map."""
+    page = (ROOT / "docs" / "import.md").read_text()
+    blocks = [block.partition("```")[0] for block in page.split("```toml\n")[1:]]
+    start = b'scale = 100\nup = "Z"\n[[start]]\ntag = "A"\nposition = [0.0, 0.0, 0.25]\n'
+    return [start, *(block.encode() for block in blocks)]
+
+
+def recording() -> list[bytes]:
+    """A recorded session, whole and cut off."""
+    lines = (
+        b'{"usarsim_recording": 1, "taken": "2026", "links": [{"listen": 1, "to": "h:2"}]}\n'
+        b'{"t": 0, "connection": 1, "event": "open", "link": 0}\n'
+        b'{"t": 0.5, "connection": 1, "event": "data", "from": "client", "text": "GETPOS\\r\\n"}\n'
+        b'{"t": 1, "connection": 1, "event": "data", "from": "server", "base64": "/wAK"}\n'
+        b'{"t": 2, "connection": 1, "event": "end", "from": "client"}\n'
+    )
+    return [lines, lines[:-20]]
+
+
+def t3d() -> list[bytes]:
+    """A level with a bit of everything."""
+    inside = [
+        actor(kind, f"{kind}_0", (100, 50, 60), "DrawScale=2\nRotation=(Yaw=100)")
+        for kind in ("PathNode", "MaleVictim", "PointLight", "StaticMeshActor")
+    ]
+    return [level(room(), start("S", (0, 0, 60)), *inside).encode(), level(room()).encode("utf-16")]
+
+
+def ase() -> list[bytes]:
+    """A triangle."""
+    return [
+        b"*3DSMAX_ASCIIEXPORT\t200\n*MATERIAL_LIST {\n*MATERIAL_COUNT 1\n*MATERIAL 0 {\n"
+        b'*MATERIAL_NAME "Stone"\n}\n}\n*GEOMOBJECT {\n*NODE_NAME "T"\n*MESH {\n*MESH_NUMVERTEX 3\n'
+        b"*MESH_VERTEX_LIST {\n*MESH_VERTEX 0 0 0 0\n*MESH_VERTEX 1 250 0 0\n*MESH_VERTEX 2 0 5 0\n"
+        b"}\n*MESH_FACE_LIST {\n*MESH_FACE 0: A: 0 B: 2 C: 1 AB: 1 BC: 1 CA: 1\n}\n}\n"
+        b"*MATERIAL_REF 0\n}\n"
+    ]
+
+
+def unreal() -> list[bytes]:
+    """A package with a room, plain and compressed."""
+    made = Map()
+    made.box("Room", (-500, -500, 0), (500, 500, 750), "CSG_Subtract")
+    made.start("PlayerStart_0", (0, 0, 60))
+    return [made.content()]
+
+
+def sdf() -> list[bytes]:
+    """A world with models, a light, people and starts."""
+    heap = (
+        '<model name="hill"><static>true</static><pose>1 2 0 0 0 1</pose><link name="l">'
+        '<collision name="c"><geometry><cylinder><radius>1</radius><length>2</length></cylinder>'
+        "</geometry></collision></link></model>"
+        '<light name="sun" type="directional"><direction>0 0 -1</direction></light>'
+        "<include><uri>model://ground_plane</uri><pose>0 0 0 0 0 0</pose></include>"
+    )
+    return [sdf_world(model("box", BOX) + heap + PLUGIN).encode()]
+
+
+def collada() -> list[bytes]:
+    """A wedge."""
+    return [collada_document(wedge()).encode()]
+
+
+@functools.cache
+def _gltf() -> tuple[dict[str, object], bytes]:
+    points = WEDGE.astype("<f4").tobytes()
+    blob = points + FACES.astype("<u2").tobytes()
+    return {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"name": "n", "mesh": 0, "translation": [1, 2, 3]}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "material": 0}]}],
+        "materials": [{"pbrMetallicRoughness": {"baseColorFactor": [1, 0, 0, 1]}}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"},
+            {"bufferView": 1, "componentType": 5123, "count": 12, "type": "SCALAR"},
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": 0, "byteLength": len(points)},
+            {"buffer": 0, "byteOffset": len(points), "byteLength": len(blob) - len(points)},
+        ],
+        "buffers": [{"byteLength": len(blob)}],
+    }, blob
+
+
+def gltf() -> list[bytes]:
+    """The wedge as text."""
+    document, blob = _gltf()
+    uri = "data:application/octet-stream;base64," + base64.b64encode(blob).decode()
+    return [json.dumps({**document, "buffers": [{"byteLength": len(blob), "uri": uri}]}).encode()]
+
+
+def glb() -> list[bytes]:
+    """The wedge as bytes."""
+    document, blob = _gltf()
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    blob += b"\0" * (-len(blob) % 4)
+    parts = struct.pack("<2I", len(text), 0x4E4F534A) + text
+    parts += struct.pack("<2I", len(blob), 0x004E4942) + blob
+    return [struct.pack("<3I", 0x46546C67, 2, 12 + len(parts)) + parts]
+
+
+def obj() -> list[bytes]:
+    """The wedge, with what else there is in such files."""
+    lines = ["mtllib no.mtl", "o one", "usemtl red"]
+    lines += ["v {:g} {:g} {:g}".format(*point) for point in WEDGE]
+    lines += ["vt 0 0", "vn 0 0 1", "g a b"]
+    lines += ["f {}/1/1 {}/1 {}//1".format(*(face + 1)) for face in FACES]
+    lines += ["f -1 -2 -3 -4", "l 1 2", "s off"]
+    return ["\n".join(lines).encode()]
+
+
+def stl() -> list[bytes]:
+    """A triangle as text and as bytes."""
+    text = b"solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\n"
+    corners = struct.pack("<12f", 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0)
+    binary = b"made by hand".ljust(80) + struct.pack("<I", 1) + corners + b"\0\0"
+    return [text + b"endloop\nendfacet\nendsolid a\n", binary]
+
+
+def ply() -> list[bytes]:
+    """The wedge as text and as bytes."""
+    head = (
+        "ply\nformat {} 1.0\ncomment by hand\nelement vertex 4\nproperty float x\n"
+        "property float y\nproperty float z\nproperty uchar red\nelement face 4\n"
+        "property list uchar int vertex_indices\nend_header\n"
+    )
+    rows = ["{:g} {:g} {:g} 9".format(*point) for point in WEDGE]
+    rows += ["3 {} {} {}".format(*face) for face in FACES]
+    binary = b"".join(struct.pack("<3fB", *point, 9) for point in WEDGE.tolist())
+    binary += b"".join(struct.pack("<B3i", 3, *face) for face in FACES.tolist())
+    text = head.format("ascii") + "\n".join(rows) + "\n"
+    return [text.encode(), head.format("binary_little_endian").encode() + binary]
+
+
+def _pixels() -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
+    pixels = np.full((12, 16), 254, dtype=np.uint8)
+    pixels[[0, -1], :] = 0
+    pixels[:, [0, -1]] = 0
+    return pixels
+
+
+def ros_map() -> list[bytes]:
+    """A map server's file; the picture beside it is missing."""
+    return [
+        b"image: map.pgm\nresolution: 0.1\norigin: [-3.0, -2.0, 0.0]\nnegate: 0\n"
+        b"occupied_thresh: 0.65 # walls\nfree_thresh: 0.196\nmode: trinary\n"
+    ]
+
+
+def picture() -> list[bytes]:
+    """The grid in several formats; the reader goes by the first bytes."""
+    found = []
+    for form in ("PNG", "PPM", "BMP", "GIF"):
+        stream = io.BytesIO()
+        Image.fromarray(_pixels()).save(stream, form)
+        found.append(stream.getvalue())
+    return found
+
+
+def mresim() -> list[bytes]:
+    """MRESim's text."""
+    return [b"3\n4\n1111\n1001\n1111\n"]
+
+
+def usd() -> list[bytes]:
+    """A cube."""
+    return [
+        b'#usda 1.0\n(\n    upAxis = "Z"\n    metersPerUnit = 1\n)\ndef Xform "World"\n{\n'
+        b'    def Cube "Box"\n    {\n        double size = 2\n'
+        b"        double3 xformOp:translate = (1, 2, 3)\n"
+        b'        uniform token[] xformOpOrder = ["xformOp:translate"]\n    }\n}\n'
+    ]

@@ -1,0 +1,347 @@
+"""What is fuzzed: every reader of bytes from outside, as a function that takes any bytes.
+
+A target raises nothing unless something is wrong: errors that the reader declares are caught here,
+and what has to hold of the result is asserted. Each has seeds, small inputs that lead a long way
+in. `run.py` lets atheris look for inputs that a target cannot stand; those found so far are kept in
+`corpus/NAME`, and `test_fuzz_corpus.py` tries them, and the seeds, without atheris.
+"""
+
+from __future__ import annotations
+
+import atexit
+import functools
+import importlib.util
+import math
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+HERE = Path(__file__).parent
+CORPUS = HERE / "corpus"
+for _folder in (HERE, HERE.parent / "importers", HERE.parent / "robots"):
+    if str(_folder) not in sys.path:
+        sys.path.insert(0, str(_folder))
+
+import seeds  # noqa: E402
+
+from usarsim_server.errors import MapImportError, UsarsimError, WorldError  # noqa: E402
+from usarsim_server.importers.reader import Context, ImportOptions, find_reader  # noqa: E402
+from usarsim_server.importers.reader import read_scene as read_map  # noqa: E402
+from usarsim_server.importers.sidecar import load_sidecar  # noqa: E402
+from usarsim_server.protocol import comserver, ground_truth, images, truth, wireless  # noqa: E402
+from usarsim_server.protocol.commands import interpret  # noqa: E402
+from usarsim_server.protocol.dialects import DialectSelector  # noqa: E402
+from usarsim_server.protocol.framing import LineFramer  # noqa: E402
+from usarsim_server.protocol.grammar import parse_line  # noqa: E402
+from usarsim_server.protocol.names import LONGEST_NAME, clean_name, free_name  # noqa: E402
+from usarsim_server.protocol.numbers import (  # noqa: E402
+    fixed,
+    read_bool,
+    read_int,
+    read_number,
+    read_vector,
+    single,
+)
+from usarsim_server.radio.configuration import read_radio, read_radio_file  # noqa: E402
+from usarsim_server.robots.loader import load_robot  # noqa: E402
+from usarsim_server.settings import load_settings  # noqa: E402
+from usarsim_server.worlds.avatar_classes import load_avatars  # noqa: E402
+from usarsim_server.worlds.loader import load_world  # noqa: E402
+from usarsim_server.worlds.object_classes import load_objects  # noqa: E402
+from usarsim_tools.record.recording import RecordError, read  # noqa: E402
+
+__all__ = ["CORPUS", "TARGETS", "Target"]
+
+
+@dataclass(frozen=True)
+class Target:
+    """One thing to fuzz.
+
+    Attributes:
+        run: takes any bytes; an exception is a find.
+        seeds: inputs to begin with.
+        linear: work grows with the length of the input at most in proportion.
+        longest: bytes of the inputs that are tried.
+    """
+
+    run: Callable[[bytes], None]
+    seeds: Callable[[], list[bytes]]
+    linear: bool = False
+    longest: int = 4096
+
+
+TARGETS: dict[str, Target] = {}
+
+
+class Framer(Protocol):
+    """Cuts bytes into pieces."""
+
+    def feed(self, data: bytes) -> Any: ...
+
+
+def target(begin: Callable[[], list[bytes]], **facts: Any) -> Callable[[Any], Any]:
+    """Decorator: the function is the target of its name."""
+
+    def add(run: Callable[[bytes], None]) -> Callable[[bytes], None]:
+        TARGETS[run.__name__] = Target(run, begin, **facts)
+        return run
+
+    return add
+
+
+def chunks(data: bytes) -> Iterator[bytes]:
+    """The bytes cut into pieces of lengths that the bytes themselves give."""
+    place = 0
+    while place < len(data):
+        size = 1 + data[place] % 7
+        yield data[place : place + size]
+        place += size
+
+
+def in_pieces(whole: Framer, cut: Framer, data: bytes) -> list[Any]:
+    """What a framer makes of the data; the same however they are cut."""
+    found = list(whole.feed(data))
+    again = [one for chunk in chunks(data) for one in cut.feed(chunk)]
+    assert found == again
+    return found
+
+
+# The protocols
+
+
+@target(seeds.control, linear=True)
+def control(data: bytes) -> None:
+    """Lines of robot controllers, world controllers and avatars."""
+    framer = LineFramer(256)
+    selector = DialectSelector()
+    for line in in_pieces(LineFramer(256), framer, data):
+        assert 0 < len(line) <= 256
+        for command in parse_line(line):
+            assert command.text.isprintable()
+            for name, value in command.segments:
+                assert name
+                read_bool(value)
+                assert all(map(math.isfinite, read_vector(value)))
+            selector.observe(interpret(command))
+    assert framer.pending <= 256
+
+
+@target(seeds.numbers, linear=True)
+def numbers(data: bytes) -> None:
+    """Numbers as clients write them, and as the server does."""
+    text = data.decode("latin-1")
+    value = read_number(text)
+    assert math.isfinite(value)
+    assert isinstance(read_int(text), int)
+    for written in (fixed(value, 4), single(value, 4)):
+        again = read_number(written)
+        assert abs(again - value) <= 1e-3 + 1e-6 * abs(value)
+
+
+@target(seeds.names, linear=True)
+def names(data: bytes) -> None:
+    """Names of robots, people and objects."""
+    text = data.decode("latin-1")
+    clean = clean_name(text)
+    assert clean_name(clean) == clean
+    assert not set(clean) & set("{} \t\r\n")
+    assert clean.isprintable()
+    try:
+        name = free_name(text, {clean.lower()})
+    except ValueError:
+        return
+    assert 0 < len(name) <= LONGEST_NAME
+    assert name.lower() != clean.lower()
+
+
+@target(seeds.image, linear=True)
+def image(data: bytes) -> None:
+    """Requests of image clients."""
+    lexer = images.RequestLexer()
+    in_pieces(images.RequestLexer(), lexer, data)
+    assert lexer.pending <= 16
+
+
+@target(seeds.wireless, linear=True)
+def wireless_lines(data: bytes) -> None:
+    """Requests on the wireless port, those for ground truth included."""
+    for line in in_pieces(LineFramer(256), LineFramer(256), data):
+        request = wireless.parse_request(line)
+        assert all(0 <= port <= 65535 for port in request.ports)
+        if request.error is not None:
+            wireless.encode(wireless.error_reply(request.error))
+        reply = wireless.encode(wireless.strength_reply(request.robot, -50.0))
+        assert reply.endswith(b"\r\n")
+        wireless.asks_for_ground_truth(line)
+
+
+@target(seeds.ground_truth, linear=True)
+def ground_truth_lines(data: bytes) -> None:
+    """GETPOS and GETOBS."""
+    for line in in_pieces(LineFramer(256), LineFramer(256), data):
+        query = ground_truth.read_query(line.decode("latin-1"))
+        if isinstance(query, ground_truth.BetweenPoints | ground_truth.BetweenRobots):
+            answer = ground_truth.obstacles(query, 3)
+            assert "\n" not in answer
+            assert answer.endswith("{ObstCount 3.0000}")
+
+
+@target(seeds.truth, linear=True)
+def truth_lines(data: bytes) -> None:
+    """Queries of scoring tools."""
+    for line in in_pieces(truth.QueryFramer(256), truth.QueryFramer(256), data):
+        query = truth.read_query(line.decode("latin-1"))
+        assert len(query.bare_class) <= len(line)
+
+
+@target(seeds.comserver, linear=True)
+def comserver_messages(data: bytes) -> None:
+    """Requests of the older wireless simulation."""
+    for message in in_pieces(comserver.MessageFramer(), comserver.MessageFramer(), data):
+        comserver.parse_message(message)
+
+
+@target(seeds.link, linear=True)
+def comserver_link(data: bytes) -> None:
+    """What robots send on its data links."""
+    whole, cut = comserver.LinkReader(), comserver.LinkReader()
+    payload = whole.feed(data)
+    assert payload == b"".join(cut.feed(chunk) for chunk in chunks(data))
+    assert whole.closed == cut.closed
+    assert len(payload) <= len(data)
+
+
+# Files of settings
+
+
+@functools.cache
+def folder() -> Path:
+    """Where files of targets are written; gone at the end."""
+    shared = Path("/dev/shm")
+    found = Path(tempfile.mkdtemp(prefix="fuzz-", dir=shared if shared.is_dir() else None))
+    atexit.register(shutil.rmtree, found, ignore_errors=True)
+    return found
+
+
+def written(data: bytes, name: str) -> Path:
+    """The bytes as a file."""
+    path = folder() / name
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(data)
+    return path
+
+
+def told(error: Exception) -> None:
+    """An error for users is one line that can be printed anywhere."""
+    assert str(error)
+    assert "\n" not in str(error)
+
+
+@target(seeds.robot)
+def robot_toml(data: bytes) -> None:
+    """Robot files."""
+    try:
+        load_robot(written(data, "Fuzzed.toml"))
+    except UsarsimError as error:
+        told(error)
+
+
+@target(seeds.world)
+def world_toml(data: bytes) -> None:
+    """World files."""
+    written(seeds.SCENE, "world/scene.xml")
+    try:
+        load_world(written(data, "world/world.toml").parent)
+    except WorldError as error:
+        told(error)
+
+
+@target(seeds.objects)
+def objects_toml(data: bytes) -> None:
+    """Classes of objects, and of avatars."""
+    path = written(data, "objects.toml")
+    for load in (load_objects, load_avatars):
+        try:
+            load([path])
+        except UsarsimError as error:
+            told(error)
+
+
+@target(seeds.radio)
+def radio_toml(data: bytes) -> None:
+    """Settings of the wireless simulation."""
+    path = written(data, "radio.toml")
+    try:
+        read_radio(read_radio_file(path), str(path), None, 0)
+    except UsarsimError as error:
+        told(error)
+
+
+@target(seeds.settings)
+def settings_toml(data: bytes) -> None:
+    """Settings of the server."""
+    try:
+        load_settings({}, written(data, "settings.toml"))
+    except UsarsimError as error:
+        told(error)
+
+
+@target(seeds.sidecar)
+def sidecar_toml(data: bytes) -> None:
+    """What is said about a map beside it."""
+    try:
+        load_sidecar(written(data, "map.usarsim.toml"))
+    except UsarsimError as error:
+        told(error)
+
+
+@target(seeds.recording)
+def recording(data: bytes) -> None:
+    """Recorded sessions."""
+    try:
+        read(written(data, "session.rec"))
+    except RecordError as error:
+        told(error)
+
+
+# Maps
+
+
+def reads(data: bytes, name: str) -> None:
+    """Read a map of this name; only the error that readers declare may come of it."""
+    path = written(data, f"maps/{name}")
+    try:
+        find_reader(path)
+        read_map(path, Context(ImportOptions(assets=(path.parent,))))
+    except MapImportError as error:
+        told(error)
+
+
+def add_reader(name: str, file: str, begin: Callable[[], list[bytes]], **facts: Any) -> None:
+    """A target that reads files of one kind."""
+
+    def run(data: bytes) -> None:
+        reads(data, file)
+
+    TARGETS[name] = Target(run, begin, **facts)
+
+
+add_reader("t3d", "map.t3d", seeds.t3d)
+add_reader("ase", "map.ase", seeds.ase)
+add_reader("unreal", "map.udk", seeds.unreal, longest=16384)
+add_reader("sdf", "map.world", seeds.sdf)
+add_reader("collada", "map.dae", seeds.collada)
+add_reader("gltf", "map.gltf", seeds.gltf)
+add_reader("glb", "map.glb", seeds.glb)
+add_reader("obj", "map.obj", seeds.obj)
+add_reader("stl", "map.stl", seeds.stl)
+add_reader("ply", "map.ply", seeds.ply)
+add_reader("ros_map", "map.yaml", seeds.ros_map)
+add_reader("picture", "map.png", seeds.picture)
+add_reader("mresim", "map.txt", seeds.mresim)
+if importlib.util.find_spec("pxr") is not None:
+    add_reader("usd", "map.usda", seeds.usd)
