@@ -4,8 +4,9 @@ PYTHON ?= $(firstword $(foreach name,python3.11 python3.12 python3.13 python3,$(
 VENV := .venv
 BIN := $(VENV)/bin
 ARGS ?=
+SECONDS ?= 60
 
-.PHONY: run test lint format types bench fidelity worlds package clean help
+.PHONY: run test fuzz lint format types bench fidelity worlds package clean help
 
 help:            ## show this list
 	@grep -E '^[a-z]+: .*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/'
@@ -15,6 +16,9 @@ run: $(VENV)/ready        ## start the server (ARGS="--world office" adds option
 
 test: $(VENV)/ready-dev   ## run the tests
 	$(BIN)/python -m pytest -n 4 --dist loadfile $(ARGS)
+
+fuzz: $(VENV)/ready-fuzz  ## look for bytes that no reader can stand (SECONDS=60 for each)
+	$(BIN)/python tests/fuzz/run.py --seconds $(SECONDS) $(ARGS)
 
 lint: $(VENV)/ready-dev   ## check style and types
 	$(BIN)/ruff check .
@@ -55,3 +59,7 @@ $(VENV)/ready: pyproject.toml | $(VENV)/pip
 $(VENV)/ready-dev: pyproject.toml | $(VENV)/pip
 	$(BIN)/python -m pip install --quiet --editable . --group test --group lint
 	@touch $@ $(VENV)/ready
+
+$(VENV)/ready-fuzz: $(VENV)/ready-dev
+	$(BIN)/python -m pip install --quiet --group fuzz
+	@touch $@
