@@ -112,7 +112,6 @@ class Link:
         lives: float | None = None,
         half_closed: bool = False,
         client: socket.socket | None = None,
-        source: str = "",
     ) -> None:
         """Describe a client; nothing is sent before `step`.
 
@@ -125,13 +124,11 @@ class Link:
             lives: s after which it hangs up and comes back at once; None to stay.
             half_closed: close the sending half once the first words are out.
             client: a connection that exists; one that is lost does not come back.
-            source: address that it comes from; empty for that of everybody.
         """
         self._port, self._first = port, first
         self._again = again if every or not again else again * (_BLOCK // len(again) + 1)
         self._every, self._reads, self._lives = every, reads, lives
         self._half_closed = half_closed
-        self._source = source
         self._client = client
         self._returns = client is None
         self._count = 0
@@ -169,8 +166,6 @@ class Link:
         self._client = socket.socket()
         self._client.setblocking(False)
         self._client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        if self._source:
-            self._client.bind((self._source, 0))
         # Still on its way when the first bytes are sent: they wait, like those of a full buffer.
         self._client.connect_ex((HOST, self._port))
         first = self._first(self._count) if callable(self._first) else self._first

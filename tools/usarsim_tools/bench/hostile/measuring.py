@@ -13,7 +13,7 @@ from usarsim_tools.bench.hostile.attack import MIB, Attack
 from usarsim_tools.bench.hostile.attackers import Attackers
 from usarsim_tools.bench.hostile.attacks import ATTACKS
 from usarsim_tools.bench.hostile.links import SHARE, Damage
-from usarsim_tools.bench.hostile.newcomers import ELSEWHERE, Newcomers
+from usarsim_tools.bench.hostile.newcomers import Newcomers
 from usarsim_tools.bench.hostile.tally import Tally, intervals
 from usarsim_tools.bench.procfs import load_between
 from usarsim_tools.bench.robot_files import SCOUT, scouts
@@ -215,11 +215,7 @@ def _try(plan: Plan, attack: Attack, robots: int, seconds: float) -> Outcome:
             watch = _Watch(server, crowd)
             watch.learn()
             before = watch.watch(quiet)
-            names = [
-                name
-                for name in ("control", *attack.ports)
-                if ELSEWHERE.get(name, name) in server.ports
-            ]
+            names = [name for name in ("control", *attack.ports) if name in server.ports]
             with (
                 Newcomers(server.ports, names) as newcomers,
                 Attackers(attack.name, server.ports) as attackers,

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 
 from usarsim_tools.closing import Closing
 
-__all__ = ["ELSEWHERE", "QUESTIONS", "Newcomers"]
+__all__ = ["QUESTIONS", "Newcomers"]
 
 QUESTIONS: Mapping[str, tuple[bytes, bytes]] = {
     "control": (b"GETSTARTPOSES\r\n", b"{StartPoses"),
@@ -20,12 +20,8 @@ QUESTIONS: Mapping[str, tuple[bytes, bytes]] = {
     # A rectangle without a point: answered, and nothing has to be drawn.
     "images": (b"U" + bytes(16), b"\x00\x00"),
     "comserver": (b"GETSS Nobody Noone;", b";"),
-    # The controller of a robot of the team, on the port of the wireless server.
-    "radio": (b"INIT {Robot R1} {Port 1}\r\n", b"INITREPLY {Status OK}\r\n"),
 }
 """For each port what is asked and what an answer contains."""
-ELSEWHERE = {"radio": "wireless"}
-"""Ports of questions that have not the name of their port."""
 
 PERIOD = 1.0
 """s between two rounds."""
@@ -84,8 +80,7 @@ class Newcomers(Closing):
 
     def _ask(self, name: str) -> bool:
         question, sign = QUESTIONS[name]
-        port = self._ports[ELSEWHERE.get(name, name)]
-        with socket.create_connection(("127.0.0.1", port), TIMEOUT) as client:
+        with socket.create_connection(("127.0.0.1", self._ports[name]), TIMEOUT) as client:
             client.sendall(question)
             answer = b""
             while sign not in answer or len(answer) < _LEAST:

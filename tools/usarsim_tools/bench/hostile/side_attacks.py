@@ -21,7 +21,6 @@ TILES = b"".join(
     b"U" + b"".join(part.to_bytes(4, "big") for part in (320 * tile, 0, 320, 240))
     for tile in range(4)
 )
-STRANGER = "127.0.0.2"
 RELAY_PORTS = 256
 THROUGH_ONE = 32
 PAUSE = 0.01
@@ -95,16 +94,6 @@ def _junk_registrations(site: Site) -> Sequence[Link]:
         *(Link(port, again=first % b"" + b"DNS {Robot x}\r\n", reads=True) for _ in range(5)),
         *(Link(port, first % b"Come%d" % n, lives=0.1, reads=True) for n in range(5)),
         *(Link(port, again=b"GETSS " + b"{" * 90_000 + b"\r\n", reads=True) for _ in range(5)),
-    ]
-
-
-def _impostors(site: Site) -> Sequence[Link]:
-    first = b"INIT {Robot %s} {Port 1}\r\n"
-    names = [name % n for name in (b"R%d", b"r%d") for n in range(1, 9)]
-    question = b"GETSS {Robot R1}\r\n"
-    return [
-        Link(site.ports["wireless"], first % name, question, every=0.5, reads=True, source=STRANGER)
-        for name in names
     ]
 
 
@@ -200,6 +189,7 @@ SIDE_ATTACKS = (
         "two names, 512 relay ports, 16,384 connections",
         _many_relays,
         ("wireless",),
+        descriptors=640,
         options=NO_RADIO,
     ),
     Attack(
@@ -207,12 +197,6 @@ SIDE_ATTACKS = (
         "names that are taken, long, forged; 50 a second come and go",
         _junk_registrations,
         ("wireless",),
-    ),
-    Attack(
-        "impostors",
-        "another address registers the names of the team's robots",
-        _impostors,
-        ("radio",),
     ),
     holding("wireless-held", "wireless"),
     Attack(
@@ -298,7 +282,7 @@ SIDE_ATTACKS = (
         "truth-off",
         "with --truth off, everything asks where robots are",
         _asking(4, "wireless", POSITIONS, reads=True),
-        (),
+        ("wireless",),
         options=("--truth", "off"),
         faults=_told,
     ),

@@ -1,0 +1,153 @@
+"""docs/threat-model.md and docs/limits.md name limits, tests and attacks that exist."""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import importlib
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+
+from usarsim_server.cameras.board import Grid
+from usarsim_server.cli.serve import add_parser
+from usarsim_server.services.comserver import ComServerLimits
+from usarsim_server.services.control import ControlLimits
+from usarsim_server.services.dialogue import DialogueLimits
+from usarsim_server.services.images import ImageLimits
+from usarsim_server.services.relay import Road
+from usarsim_server.services.truth import TRUTH_LIMITS
+from usarsim_server.services.wireless import WirelessLimits
+from usarsim_server.settings import Settings
+from usarsim_tools.bench.hostile.attacks import ATTACKS
+
+ROOT = Path(__file__).parents[1]
+PAGES = ("threat-model.md", "limits.md")
+TEXTS = {name: (ROOT / "docs" / name).read_text(encoding="utf-8") for name in PAGES}
+SETTINGS = {field.name for field in fields(Settings)}
+
+
+def quoted(text: str) -> Iterator[str]:
+    """Everything between single back quotes, outside of code blocks."""
+    yield from re.findall(r"`([^`\n]+)`", re.sub(r"```.*?```", "", text, flags=re.DOTALL))
+
+
+def rows(text: str) -> Iterator[list[str]]:
+    """Rows of tables with a column `Limit` and one `Shown by`: the cells of these two."""
+    columns: list[int] | None = None
+    for line in text.splitlines():
+        if not line.startswith("|"):
+            columns = None
+            continue
+        cells = [cell.strip() for cell in line.strip("|").split("|")]
+        if columns is None:
+            columns = [n for n, cell in enumerate(cells) if cell in ("Limit", "Shown by")]
+        elif len(columns) == 2 and not set(line) <= set("|- "):
+            yield [cells[n] for n in columns]
+
+
+def names_in(tree: ast.Module) -> set[str]:
+    """`test_x` and `TestX::test_x` of a test file."""
+    found = set()
+    for node in tree.body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            found.add(node.name)
+        if isinstance(node, ast.ClassDef):
+            found |= {f"{node.name}::{one.name}" for one in node.body if hasattr(one, "name")}
+    return found
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_tests_that_are_named_exist(page: str) -> None:
+    """The file, and the function in it."""
+    named = [one for one in quoted(TEXTS[page]) if one.startswith("tests/")]
+    assert named
+    for one in named:
+        file, _, name = one.partition("::")
+        assert (ROOT / file).exists(), one
+        assert not name or name in names_in(ast.parse((ROOT / file).read_text())), one
+
+
+def attacks_in(page: str) -> set[str]:
+    """Names behind `hostile:`."""
+    found = {one.partition(":")[2] for one in quoted(TEXTS[page]) if one.startswith("hostile:")}
+    return found - {"NAME"}
+
+
+def test_attacks_that_are_named_exist_and_all_are_named() -> None:
+    """No attack without a promise that it tries to break."""
+    assert attacks_in("threat-model.md") == set(ATTACKS)
+    assert attacks_in("limits.md") <= set(ATTACKS)
+
+
+def limit_exists(name: str) -> bool:
+    """Whether it is a setting, an option of `serve`, or a constant of the server."""
+    if name.startswith("--"):
+        parser = argparse.ArgumentParser()
+        add_parser(parser.add_subparsers())
+        return (
+            name.split()[0] in parser._subparsers._group_actions[0].choices["serve"].format_help()
+        )  # type: ignore[union-attr,index]
+    if "." not in name:
+        return name in SETTINGS
+    path, rest = "usarsim_server", name.split(".")
+    thing: object = None
+    while rest:
+        try:
+            thing = importlib.import_module(f"{path}.{rest[0]}")
+        except ModuleNotFoundError:
+            break
+        path = f"{path}.{rest.pop(0)}"
+    for part in rest:
+        known = getattr(thing, "__dataclass_fields__", {})
+        if part in known or hasattr(thing, part):
+            thing = getattr(thing, part, None)
+        else:
+            return False
+    return True
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_limits_that_are_named_exist(page: str) -> None:
+    """Each is a setting, an option or a constant; each promise has a limit and a proof."""
+    promises = list(rows(TEXTS[page]))
+    assert promises
+    for limits, proofs in promises:
+        assert list(quoted(proofs)), limits
+        for name in quoted(limits):
+            assert limit_exists(name), name
+
+
+@pytest.mark.parametrize(
+    "name", ["max_robot", "--no-such-option", "services.limits.NOTHING", "services.nothing.AT_ALL"]
+)
+def test_limits_that_do_not_exist_are_found(name: str) -> None:
+    """The look-up can fail."""
+    assert not limit_exists(name)
+
+
+def test_bytes_that_a_connection_can_hold() -> None:
+    """The table of docs/limits.md has the figures that the services work out."""
+    grid = Settings()
+    frame = Grid(*grid.tiles, *grid.tile_size).frame
+    expected = {
+        "3000": (ControlLimits().held_bytes, ControlLimits().kernel_bytes),
+        "7435": (DialogueLimits().held_bytes, DialogueLimits().kernel_bytes),
+        "3989": (TRUTH_LIMITS.held_bytes, TRUTH_LIMITS.kernel_bytes),
+        "50000": (WirelessLimits().held_bytes, WirelessLimits().kernel_bytes),
+        "5874": (ComServerLimits().held_bytes, ComServerLimits().kernel_bytes),
+        "5003": (ImageLimits().held_bytes(frame), ImageLimits().kernel_bytes),
+    }
+    found = re.findall(r"^\| (\d+) \| (\d+) KiB \| (\d+) KiB \|", TEXTS["limits.md"], re.MULTILINE)
+    told = {port: (int(held), int(kernel)) for port, held, kernel in found}
+    assert told == {
+        port: (math.ceil(held / 1024), math.ceil(kernel / 1024))
+        for port, (held, kernel) in expected.items()
+    }
+    assert Road().held_bytes // 1024 == 64
+    assert Road().kernel_bytes // 1024 == 512
+    assert WirelessLimits().link_bytes(Road()) == 36 << 20
