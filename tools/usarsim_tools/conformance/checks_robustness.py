@@ -175,10 +175,12 @@ async def init_flood(case: Case) -> None:
     dialects=ONCE,
 )
 async def long_names(case: Case) -> None:
-    """A robot name of 2000 characters and numbers of 2000 digits do no harm."""
-    place = await case.place()
+    """A robot name of 2000 characters and numbers of 2000 digits do no harm: an INIT with such a
+    name may be refused, and then another one works on the same connection."""
+    place, client = await case.place(), await case.connect()
     digits = "1" * 2000
-    robot = await case.spawn(place=place, init=case.init(place, case.new_name() + "n" * 2000))
+    await client.send(case.init(place, case.new_name() + "n" * 2000))
+    robot = await case.spawn(place=place, client=client)
     await robot.send(
         f"DRIVE {{Left {digits}}} {{Right -{digits}}}",
         f"DRIVE {{Left 0.{digits}}}",

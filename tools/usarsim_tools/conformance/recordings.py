@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from statistics import median
+from statistics import fmean, median
 
 from usarsim_tools.conformance.case import PATIENCE, Case
 from usarsim_tools.conformance.control import ControlClient, Pose, Robot, pose_of
@@ -95,7 +95,10 @@ def irregular(times: Sequence[float], rough: bool = False) -> str:
     span = 4 if rough else 1
     if len(times) < 3 * span:
         return ""
-    period = median((b - a) / span for a, b in zip(times, times[span:], strict=False))
+    gaps = [(b - a) / span for a, b in zip(times, times[span:], strict=False)]
+    # The mean of those that are whole: they may alternate between two multiples of a time step.
+    usual = median(gaps)
+    period = fmean(gap for gap in gaps if abs(gap - usual) <= 0.5 / span * usual)
     for number, time in enumerate(times):
         late = time - times[0] - number * period
         if abs(late) > 0.75 * period + 0.02:
