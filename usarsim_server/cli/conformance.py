@@ -20,7 +20,7 @@ from usarsim_tools.conformance.places import place_from
 from usarsim_tools.conformance.registry import DIALECTS, Check, all_checks, select
 from usarsim_tools.conformance.report import Report, as_json, from_json
 from usarsim_tools.conformance.runner import judge_all
-from usarsim_tools.conformance.survey import Target
+from usarsim_tools.conformance.survey import GROUND, Target
 from usarsim_tools.conformance.terminal import Teller, as_list, as_text
 from usarsim_tools.conformance.verdicts import Failed
 
@@ -107,7 +107,7 @@ def run(arguments: argparse.Namespace) -> int:
         target = Target(
             host=arguments.host if not arguments.own else "127.0.0.1",
             ports=ports,
-            robot=arguments.robot,
+            robot=arguments.robot or (GROUND[0] if arguments.own else None),
             start=arguments.start,
             dialect=None if arguments.dialect == "auto" else arguments.dialect,
         )

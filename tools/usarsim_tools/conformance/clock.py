@@ -41,15 +41,21 @@ class SimulatedClock:
 
     Attributes:
         now: s of simulated time told last; never goes back.
+        hangs: s of wall time without news after which the server hangs.
     """
 
     def __init__(self, hangs: float = HANGS) -> None:
         self.now = 0.0
-        self._hangs = hangs
+        self.hangs = hangs
         self._bells: list[tuple[float, asyncio.Future[None]]] = []
         self._teller: asyncio.Task[None] = asyncio.create_task(self._by_the_wall())
         self._wire: Wire | None = None
         self._again: Callable[[], Awaitable[Wire | None]] | None = None
+
+    @property
+    def followed(self) -> bool:
+        """Whether a robot tells the time."""
+        return self._wire is not None
 
     def after(self, seconds: float) -> float:
         """The told moment at which this much simulated time has certainly passed."""
@@ -96,7 +102,7 @@ class SimulatedClock:
     @contextlib.asynccontextmanager
     async def alone(self) -> AsyncIterator[None]:
         """While inside, the robot that tells the time is not in the world."""
-        followed = self._wire is not None
+        followed = self.followed
         await self._dismiss()
         self._teller = asyncio.create_task(self._by_the_wall())
         await self.sleep(_LEAVES if followed else 0.0)
@@ -128,12 +134,12 @@ class SimulatedClock:
         seen = self.now
         try:
             done, _ = await asyncio.wait(
-                {bell, *others}, timeout=self._hangs, return_when=asyncio.FIRST_COMPLETED
+                {bell, *others}, timeout=self.hangs, return_when=asyncio.FIRST_COMPLETED
             )
         finally:
             bell.cancel()
         if not done and self.now == seen:
-            raise Stalled(f"simulated time has not gone on for {self._hangs:g} s")
+            raise Stalled(f"simulated time has not gone on for {self.hangs:g} s")
 
     def _tell(self, now: float) -> None:
         self.now = max(self.now, now)

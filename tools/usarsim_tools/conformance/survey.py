@@ -29,8 +29,10 @@ __all__ = ["GROUND", "Survey", "Target", "dialect_of", "survey"]
 GROUND = ("P2AT", "P3AT", "P2DX", "P3DX", "pioneer3at_with_sensors")
 """Classes tried, in this order, if the user names none; every known server had one of them."""
 
-_SPAWNS = 6.0
-"""s until a robot is given up; three times what protocol reference 6.5.70 allows."""
+_GUESSES = 10.0
+"""s until a class that nobody named is given up."""
+_SPAWNS = 15.0
+"""s until another robot of a class that there is is given up."""
 _ANSWERS = 10.0
 """s until an answer is given up."""
 _KEEPER = "KitClock"
@@ -104,7 +106,8 @@ async def survey(target: Target, transcript: Transcript, clock: SimulatedClock) 
     if len(places) > 1 and aside is not None:
         places = [place for place in places if place != aside]
     for robot in (target.robot,) if target.robot else GROUND:
-        client, status = await visit.robot(robot, aside or places[0])
+        within = clock.hangs if target.robot else _GUESSES
+        client, status = await visit.robot(robot, places[0], within=within)
         client.close()
         if status is None:
             continue
@@ -117,7 +120,7 @@ async def survey(target: Target, transcript: Transcript, clock: SimulatedClock) 
             robot=robot,
             native=native,
             dialects=await _dialects(visit, robot, places, native),
-            timed=aside is not None,
+            timed=clock.followed,
         )
     wanted = target.dialect or DIALECTS[0]
     return Survey(
@@ -145,7 +148,12 @@ class _Visit:
         )
 
     async def robot(
-        self, class_name: str, place: Place, extra: str = "", name: str = "Survey"
+        self,
+        class_name: str,
+        place: Place,
+        extra: str = "",
+        name: str = "Survey",
+        within: float = _SPAWNS,
     ) -> tuple[ControlClient, Line | None]:
         """A connection with a new robot, and its first STA if it has sent one."""
         client = await self.connect()
@@ -153,7 +161,7 @@ class _Visit:
             await client.send(
                 f"INIT {{ClassName USARBot.{class_name}}} {{Name {name}}} {place.segments}{extra}"
             )
-            return client, await client.maybe("STA", _SPAWNS)
+            return client, await client.maybe("STA", within)
         except Failed:
             return client, None
 
@@ -193,7 +201,7 @@ def _aside(place: Place, starts: list[Place]) -> Place | None:
 
 async def _keep(visit: _Visit, robot: str, aside: Place) -> Wire | None:
     """A robot that stands aside and tells the time."""
-    client, status = await visit.robot(robot, aside, name=_KEEPER)
+    client, status = await visit.robot(robot, aside, name=_KEEPER, within=visit.clock.hangs)
     if status is not None:
         return client.wire
     client.close()

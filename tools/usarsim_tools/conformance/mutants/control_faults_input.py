@@ -226,7 +226,7 @@ class NoQuiet(Session):
 
 @fault("control.init.prompt")
 class SlowStart(Session):
-    quiet = 30
+    quiet = 26
 
 
 @fault("control.init.unknown-class")
