@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import re
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
@@ -40,12 +41,14 @@ class SimulatedClock:
     machine is. While no robot tells the time, seconds are those of the wall.
 
     Attributes:
-        now: s of simulated time told last; never goes back.
+        now: s of time that has passed since the kit began, as far as it was told.
+        told: simulated time told last, as the server counts it.
         hangs: s of wall time without news after which the server hangs.
     """
 
     def __init__(self, hangs: float = HANGS) -> None:
         self.now = 0.0
+        self.told = 0.0
         self.hangs = hangs
         self._bells: list[tuple[float, asyncio.Future[None]]] = []
         self._teller: asyncio.Task[None] = asyncio.create_task(self._by_the_wall())
@@ -160,7 +163,7 @@ class SimulatedClock:
             self._tell(start + time.monotonic() - begun)
 
     async def _by_a_robot(self, wire: Wire) -> None:
-        rest = b""
+        rest, offset = b"", math.nan
         while True:
             try:
                 rest += await wire.receive()
@@ -171,4 +174,7 @@ class SimulatedClock:
             if times:
                 for _ in range(_ROUNDS):
                     await asyncio.sleep(0)
-                self._tell(max(times))
+                self.told = max(times)
+                if math.isnan(offset):
+                    offset = self.now - self.told
+                self._tell(self.told + offset)

@@ -154,7 +154,7 @@ async def _stand(case: Case) -> Recording:
     client = await case.connect()
     place = await case.place()
     await case.clock.sleep(0.0)  # until the time is told, which is then fresh
-    begun = case.clock.now
+    begun = case.clock.told
     await client.send(case.init(place, case.new_name()))
     first = await client.maybe(lambda line: line.head in ("STA", "SEN"), PATIENCE)
     if first is None:
