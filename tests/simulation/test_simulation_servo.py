@@ -260,7 +260,7 @@ class TestState:
         few.command(0, straight(2.0))
         for _ in range(10):
             few.update(np.zeros(11))
-        many.restore(few.state())
+        many.inherit(few, [0])
         few.update(np.zeros(11))
         many.update(np.zeros(22))
         np.testing.assert_array_equal(many.setpoints(0), few.setpoints(0))

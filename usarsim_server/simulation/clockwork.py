@@ -140,6 +140,10 @@ class Clockwork:
         self._listeners.pop(robot, None)
         self._engine.vacate(robot)
 
+    def renew(self) -> None:
+        """Publish a snapshot of another model that wakes nobody. Physics thread."""
+        self.snapshot = self._engine.snapshot()
+
     def start(self, on_failure: Callable[[], None] | None = None) -> None:
         """Start the physics thread, see `Simulation.start`."""
         self._mail.disown()

@@ -43,17 +43,13 @@ def bounding_spheres(model: mujoco.MjModel) -> tuple[Numbers, Array, dict[int, i
     for body in range(1, model.nbody):
         if model.body_rootid[body] != body:
             reach[body] = reach[model.body_parentid[body]] + _stretch(model, body)
-    radius: dict[int, float] = {}
-    for geom in range(model.ngeom):
-        body = model.geom_bodyid[geom]
-        if model.body_weldid[body] == 0:
-            continue
-        root = int(model.body_rootid[body])
-        away = float(np.linalg.norm(model.geom_pos[geom])) + float(model.geom_rbound[geom])
-        radius[root] = max(radius.get(root, 0.0), float(reach[body]) + away)
-    roots = np.array(sorted(radius), dtype=np.intp)
-    radii = np.array([radius[int(root)] for root in roots])
-    return roots, radii, {int(root): index for index, root in enumerate(roots)}
+    geoms = np.flatnonzero(model.body_weldid[model.geom_bodyid] != 0)
+    bodies = model.geom_bodyid[geoms]
+    away = np.linalg.norm(model.geom_pos[geoms], axis=1) + model.geom_rbound[geoms]
+    radius = np.full(model.nbody, -np.inf)
+    np.maximum.at(radius, model.body_rootid[bodies], reach[bodies] + away)
+    roots = np.flatnonzero(radius >= 0.0)
+    return roots, radius[roots], {int(root): index for index, root in enumerate(roots)}
 
 
 def _stretch(model: mujoco.MjModel, body: int) -> float:

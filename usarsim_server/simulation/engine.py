@@ -15,16 +15,18 @@ from usarsim_server.simulation.belts import Belts
 from usarsim_server.simulation.compensation import compensate
 from usarsim_server.simulation.divergence import SPEED_LIMIT, culprits, is_sound
 from usarsim_server.simulation.frames import Pose
-from usarsim_server.simulation.growth import Growth, grow, laws_of
+from usarsim_server.simulation.growth import Growth, grow, inherit_sleep, laws_of
 from usarsim_server.simulation.limbs import Limbs
 from usarsim_server.simulation.machines import Machine, Machines
 from usarsim_server.simulation.model import (
     JOINT_WIDTH,
+    VACANT,
     PhysicsOptions,
     RobotModel,
     compile_world,
     put,
     root_qpos,
+    slot_prefix,
 )
 from usarsim_server.simulation.movers import Mover, MovingBodies, Way, carry_over
 from usarsim_server.simulation.servo import WheelServos
@@ -53,6 +55,7 @@ class Engine:
         world: the current model generation.
         data: live state; nobody else may touch it.
         steps: number of steps since the world started.
+        after_batch: called after every batch of steps.
     """
 
     def __init__(
@@ -74,6 +77,9 @@ class Engine:
         self._traction = Traction(self.world.model, options.surfaces)
         self._active: dict[int, int] = {}
         self._driven: set[int] = set()
+        self._left: dict[int, int] = {}
+        self._resting: set[int] = set()
+        self.after_batch: Callable[[], None] = _nothing
         self.steps = 0
         mujoco.mj_kinematics(self.world.model, self.data)
 
@@ -159,6 +165,7 @@ class Engine:
         """
         self._put(slot, _finite(root_qpos(pose)))
         self._active[robot] = slot
+        self._left.pop(slot, None)
         self._release(slot)
         self._laws.occupy(slot)
 
@@ -170,6 +177,17 @@ class Engine:
         self._moving.follow(robot, ())
         self._release(slot)
         self._put(slot, self.world.parking[slot])
+        self._left[slot] = self.steps
+
+    def free_since(self, seconds: float) -> list[int]:
+        """Slots that nobody has been in for some simulated time, in order."""
+        taken = set(self._active.values())
+        latest = self.steps - seconds / self.timestep
+        return [
+            slot
+            for slot, kind in enumerate(self.world.slots)
+            if kind is not VACANT and slot not in taken and self._left.get(slot, 0) <= latest
+        ]
 
     def reseat(self, robot: int, slot: int) -> bool:
         """Give a robot or thing another body, in a free slot, at the same pose.
@@ -285,6 +303,8 @@ class Engine:
         if layout.mocap.size:
             put(self.world, data, slot, coordinates)
             return
+        self._touch(slot, True)
+        self._resting.discard(slot)
         self._limbs.drop(data, int(model.dof_treeid[layout.dof]))
         put(self.world, data, slot, coordinates)
         data.qpos[list(layout.joint_qpos.values())] = model.qpos0[list(layout.joint_qpos.values())]
@@ -294,6 +314,27 @@ class Engine:
         self._limbs.place(data, slot, coordinates)
 
     # -- stepping ----------------------------------------------------------------------------
+
+    def _touch(self, slot: int, touching: bool) -> None:
+        """Let a slot touch things, or leave it out of the search for contacts.
+
+        That search is what a sleeping robot costs most in.
+        """
+        bodies = list(self.world.layouts[slot].bodies)
+        model, (types, affinities) = self.world.model, self.world.masks
+        model.body_contype[bodies] = types[bodies] if touching else 0
+        model.body_conaffinity[bodies] = affinities[bodies] if touching else 0
+
+    def _let_rest(self) -> None:
+        """Leave parked slots that have fallen asleep out of the search for contacts."""
+        model, data = self.world.model, self.data
+        taken = set(self._active.values())
+        for slot, layout in enumerate(self.world.layouts):
+            if slot in taken or slot in self._resting or layout.dof < 0:
+                continue
+            if data.tree_asleep[model.dof_treeid[layout.dof]] >= 0:
+                self._resting.add(slot)
+                self._touch(slot, False)
 
     def advance(self, steps: int) -> list[int]:
         """Advance the world by a number of steps.
@@ -308,6 +349,9 @@ class Engine:
         self.run(steps)
         lost = [] if is_sound(self.data) else self._take_out(culprits(self, steps))
         self.steps += steps
+        if len(self._resting) + len(self._active) < len(self.world.slots):
+            self._let_rest()
+        self.after_batch()
         return lost
 
     def run(self, steps: int) -> None:
@@ -382,7 +426,9 @@ class Engine:
                 _log.warning("a movable object diverged and was put back", body=body)
         lost = [robots[tree] for tree in trees if tree in robots]
         for robot in lost:
-            self._release(self._active.pop(robot))
+            slot = self._active.pop(robot)
+            self._release(slot)
+            self._left[slot] = self.steps
         return lost
 
     def _robot_of_tree(self) -> dict[int, int]:
@@ -405,47 +451,50 @@ class Engine:
         data.qvel[dofs] = WAKE
         data.qacc_warmstart[dofs] = 0.0
 
-    # -- growing -----------------------------------------------------------------------------
+    # -- growing and shrinking ---------------------------------------------------------------
 
     def grow(
         self, added: Iterable[RobotModel], replaced: Mapping[int, RobotModel] = MappingProxyType({})
     ) -> Growth:
-        """Compile a model with more slots. Reads only immutable state: safe in another thread.
+        """Compile a model with other slots. Reads only immutable state: safe in another thread.
 
         Args:
             added: slots behind the present ones.
-            replaced: free slots, neither robots before nor after, that become something else.
+            replaced: free slots that become something else, or `VACANT`.
         """
         old = self.world
         kept = (replaced.get(number, slot) for number, slot in enumerate(old.slots))
         return grow(old, self._scenery, (*kept, *added), self._options)
 
     def adopt(self, growth: Growth) -> None:
-        """Replace the model by a grown one and carry the whole state over."""
-        old, new = self.data, growth.data
-        new.qpos[growth.joints[1]] = old.qpos[growth.joints[0]]
-        new.qacc_warmstart[growth.dofs[1]] = old.qacc_warmstart[growth.dofs[0]]
-        velocity = old.qvel[growth.dofs[0]]
-        velocity[velocity == 0.0] = WAKE
-        new.qvel[growth.dofs[1]] = velocity
+        """Replace the model by another one and carry the whole state over.
+
+        What is in both goes on as if nothing had happened, to the last bit if nothing is new.
+        """
+        old, new, before = self.data, growth.data, self.world
         new.time = old.time
-        growth.servos.restore(self._servos.state())
-        growth.limbs.inherit(new, self._limbs, old)
+        new.qpos[growth.joints[1]] = old.qpos[growth.joints[0]]
+        new.qvel[growth.dofs[1]] = old.qvel[growth.dofs[0]]
+        growth.servos.inherit(self._servos, growth.kept)
+        growth.limbs.inherit(new, self._limbs, old, growth.kept)
         growth.laws.inherit(self._laws)
-        carry_over(self.world.model, old, growth.world.model, new)
-        before = self.world.slots
+        others = tuple(slot_prefix(slot) for slot in growth.changed)
+        carry_over(before.model, old, growth.world.model, new, others)
         self.world, self.data, self._servos = growth.world, new, growth.servos
-        self._limbs, self._laws = growth.limbs, growth.laws
+        self._limbs, self._laws, self._traction = growth.limbs, growth.laws, growth.traction
         self._moving.bind(self.world.model)
         self._machines.bind(self.world)
         self._belts.apply(self.world.model)
-        for slot, (one, other) in enumerate(zip(before, self.world.slots, strict=False)):
-            if one is not other:
-                self._put(slot, self.world.parking[slot])
-        self._traction = growth.traction
         for slot in self._driven:
             self._allow_sleep(slot, False)
-        mujoco.mj_kinematics(self.world.model, self.data)
+        inherit_sleep(before.model, old, growth)
+        new.qacc_warmstart[growth.dofs[1]] = old.qacc_warmstart[growth.dofs[0]]
+        self._left = {slot: step for slot, step in self._left.items() if slot in growth.kept}
+        for slot, kind in enumerate(self.world.slots):
+            if kind is not VACANT and slot not in growth.kept:
+                self._left[slot] = self.steps
+        self._resting.clear()
+        self._let_rest()
 
     # -- looking -----------------------------------------------------------------------------
 
@@ -464,6 +513,7 @@ class Engine:
             layouts=self._layouts(),
             torque=_frozen(self._limbs.torques()),
             hands=self._limbs.hands(),
+            world=self.world,
         )
 
     def _look(self) -> None:
@@ -473,6 +523,10 @@ class Engine:
 
     def _layouts(self) -> dict[int, RobotLayout]:
         return {robot: self.world.layouts[slot] for robot, slot in self._active.items()}
+
+
+def _nothing() -> None:
+    """Nobody wants to know."""
 
 
 def _finite(coordinates: Array) -> Array:

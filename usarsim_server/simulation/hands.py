@@ -147,19 +147,24 @@ class Hands:
             model.eq_obj2id[ties] = bodies
             data.eq_active[ties] = active
 
-    def inherit(self, data: mujoco.MjData, older: Hands, old: mujoco.MjData) -> None:
-        """Take over from an older generation, whose slots are the first ones of this one."""
-        for hand, former in zip(self._all, older._all, strict=False):
-            hand.closed, hand.lost, hand.strained = former.closed, former.lost, data.time
-            hand.held = -1
-            if former.held >= 0:
-                # Scenery comes first and keeps its numbers; nameless bodies are scenery.
-                name = older._model.body(former.held).name
-                hand.held = int(self._model.body(name).id) if name else former.held
-                self._model.eq_obj2id[hand.tie] = hand.held
-            self._copy(data, hand.tie, older, former.tie, old)
-        for slot, tie in older._anchors.items():
-            self._copy(data, self._anchors[slot], older, tie, old)
+    def inherit(
+        self, data: mujoco.MjData, older: Hands, old: mujoco.MjData, slots: Sequence[int]
+    ) -> None:
+        """Take over slots, which are the same there and here, from another generation."""
+        for slot in slots:
+            pairs = zip(self._hands.get(slot, ()), older._hands.get(slot, ()), strict=True)
+            for hand, former in pairs:
+                hand.closed, hand.lost = former.closed, former.lost
+                hand.strained, hand.searched = former.strained, former.searched
+                hand.held = -1
+                if former.held >= 0:
+                    # Scenery comes first and keeps its numbers; nameless bodies are scenery.
+                    name = older._model.body(former.held).name
+                    hand.held = int(self._model.body(name).id) if name else former.held
+                    self._model.eq_obj2id[hand.tie] = hand.held
+                self._copy(data, hand.tie, older, former.tie, old)
+            if slot in older._anchors:
+                self._copy(data, self._anchors[slot], older, older._anchors[slot], old)
 
     def _copy(
         self, data: mujoco.MjData, tie: int, older: Hands, former: int, old: mujoco.MjData

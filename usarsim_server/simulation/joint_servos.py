@@ -16,7 +16,7 @@ gains have to be tuned to the load.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import mujoco
@@ -155,10 +155,26 @@ class JointServos:
         return tuple(array.copy() for array in self._arrays())
 
     def restore(self, state: JointsState) -> None:
-        """Go back to a copied state, of this generation or of one with fewer slots."""
+        """Go back to a copied state of this generation."""
         for array, kept in zip(self._arrays(), state, strict=True):
-            array[: len(kept)] = kept
+            array[:] = kept
         self._begin()
+
+    def inherit(self, older: JointServos, slots: Sequence[int]) -> None:
+        """Take over slots, which are the same there and here, from another generation."""
+        here = [joint for slot in slots for joint in self._index[slot].values()]
+        there = [joint for slot in slots for joint in older._index[slot].values()]
+        for array, former in zip(self._arrays(), older._arrays(), strict=True):
+            array[here] = former[there]
+        self._begin()
+        # The rhythm of the looks, too, so that nobody notices.
+        self._here[here] = older._here[there]
+        self._waited, self._holding = older._waited, older._holding
+        self._settled = older._settled
+        for mine, former in ((self._shift, older._shift), (self._torque, older._torque)):
+            mine[self._dofs[here]] = former[older._dofs[there]]
+        self._moving = bool(self._shift.any())
+        self._busy = self._roots[here][np.isin(older._roots[there], older._busy)]
 
     def _arrays(self) -> JointsState:
         return (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import mujoco
 import numpy as np
@@ -83,10 +83,12 @@ class Limbs:
         self._joints.restore(joints)
         self._hands.restore(data, hands)
 
-    def inherit(self, data: mujoco.MjData, older: Limbs, old: mujoco.MjData) -> None:
-        """Take over from an older generation, whose slots are the first ones of this one."""
-        self._joints.restore(older._joints.state())
-        self._hands.inherit(data, older._hands, old)
+    def inherit(
+        self, data: mujoco.MjData, older: Limbs, old: mujoco.MjData, slots: Sequence[int]
+    ) -> None:
+        """Take over slots, which are the same there and here, from another generation."""
+        self._joints.inherit(older._joints, slots)
+        self._hands.inherit(data, older._hands, old, slots)
 
     def torques(self) -> Array:
         """Forces of the joint drives by velocity index, see `JointServos.torques`."""

@@ -8,7 +8,7 @@ writing a pose; the model is compiled again, in the background, only when a clas
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -25,6 +25,7 @@ from usarsim_server.simulation.surfaces import Surface
 
 __all__ = [
     "JOINT_WIDTH",
+    "VACANT",
     "CompiledWorld",
     "PhysicsOptions",
     "RobotModel",
@@ -44,6 +45,8 @@ SHELF_COLUMNS = 16
 ROOT_BODY = "base"
 ROOT_JOINT = "free"
 SHELF_NAME = "usarsim:shelf"
+NOWHERE = -1
+"""Stands for the base body of a slot without any."""
 KINEMATIC_SHELF = 500.0
 """m above the shelf: where things hang that would push what is parked beside them."""
 
@@ -114,7 +117,13 @@ class RobotModel:
     laws: tuple[LawModel, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+VACANT = RobotModel(
+    key="", build=mujoco.MjSpec, driven=(), rest_height=0.0, kinematic=True, robot=False
+)
+"""The class of a slot that was given back: its number stays, there is nothing in it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class CompiledWorld:
     """One generation of the model with everything that is looked up once per generation."""
 
@@ -124,6 +133,13 @@ class CompiledWorld:
     layouts: tuple[RobotLayout, ...]
     parking: NDArray[np.float64]
     """Free-joint coordinates (slots, 7) of the parking places."""
+    masks: NDArray[np.int32]
+    """Contact type and affinity (2, nbody) of all bodies; those of parked ones in the running
+    model are zero (see `engine.py`)."""
+
+    def weight(self, slot: int) -> int:
+        """Bodies that a slot adds to the model."""
+        return len(self.layouts[slot].bodies)
 
 
 def check_mujoco_version(version: str = mujoco.__version__) -> None:
@@ -168,6 +184,8 @@ def compile_world(
     parking = np.zeros((len(slots), 7))
     for slot, robot in enumerate(slots):
         parking[slot] = _parking_place(slot, robot)
+        if robot is VACANT:
+            continue
         frame = spec.worldbody.add_frame(pos=parking[slot, :3])
         built = robot.build()
         for body in list(built.worldbody.bodies):
@@ -177,10 +195,13 @@ def compile_world(
         add_ties(spec, slot_prefix(slot), ROOT_BODY, robot.hands, robot.anchored)
         breathe()
     model = spec.compile()
-    layouts = tuple(_layout(model, slot, robot) for slot, robot in enumerate(slots))
-    for layout in layouts:
-        _convert_servos(model, layout)
-    return CompiledWorld(generation, model, tuple(slots), layouts, parking)
+    names = [model.body(body).name for body in range(model.nbody)]
+    layouts = []
+    for slot, robot in enumerate(slots):
+        layouts.append(_layout(model, slot, robot, names))
+        _convert_servos(model, layouts[-1])
+    masks = np.array([model.body_contype, model.body_conaffinity])
+    return CompiledWorld(generation, model, tuple(slots), tuple(layouts), parking, masks)
 
 
 def _convert_servos(model: mujoco.MjModel, layout: RobotLayout) -> None:
@@ -262,14 +283,17 @@ def slot_prefix(slot: int) -> str:
     return f"robot{slot}:"
 
 
-def _layout(model: mujoco.MjModel, slot: int, robot: RobotModel) -> RobotLayout:
+def _layout(
+    model: mujoco.MjModel, slot: int, robot: RobotModel, names: Sequence[str]
+) -> RobotLayout:
     prefix = slot_prefix(slot)
-    base = model.body(prefix + ROOT_BODY).id
+    base = NOWHERE if robot is VACANT else int(model.body(prefix + ROOT_BODY).id)
     if robot.kinematic:
-        return _kinematic_layout(model, slot, base)
+        return _kinematic_layout(model, slot, base, names)
     free = model.joint(prefix + ROOT_JOINT)
-    bodies = [body for body in range(model.nbody) if model.body_rootid[body] == base]
-    joints = [j for j in range(model.njnt) if model.jnt_bodyid[j] in bodies and j != free.id]
+    bodies = np.flatnonzero(model.body_rootid == base).tolist()
+    joints = np.flatnonzero(np.isin(model.jnt_bodyid, bodies)).tolist()
+    joints.remove(free.id)
     wheels = [model.joint(prefix + name).id for name in robot.driven]
 
     def plain(name: str) -> str:
@@ -280,7 +304,7 @@ def _layout(model: mujoco.MjModel, slot: int, robot: RobotModel) -> RobotLayout:
         base=base,
         qpos=int(free.qposadr[0]),
         dof=int(free.dofadr[0]),
-        links={plain(model.body(body).name): body for body in bodies if body != base},
+        links={plain(names[body]): body for body in bodies if body != base},
         joint_qpos={plain(model.joint(j).name): int(model.jnt_qposadr[j]) for j in joints},
         joint_dof={plain(model.joint(j).name): int(model.jnt_dofadr[j]) for j in joints},
         wheel_qpos=model.jnt_qposadr[wheels].astype(np.intp),
@@ -293,9 +317,10 @@ def _layout(model: mujoco.MjModel, slot: int, robot: RobotModel) -> RobotLayout:
     )
 
 
-def _kinematic_layout(model: mujoco.MjModel, slot: int, base: int) -> RobotLayout:
+def _kinematic_layout(
+    model: mujoco.MjModel, slot: int, base: int, names: Sequence[str]
+) -> RobotLayout:
     prefix = slot_prefix(slot)
-    names = [model.body(body).name for body in range(model.nbody)]
     bodies = [body for body, name in enumerate(names) if name.startswith(prefix)]
     nothing = np.zeros(0, dtype=np.intp)
     return RobotLayout(
@@ -316,20 +341,25 @@ def _kinematic_layout(model: mujoco.MjModel, slot: int, base: int) -> RobotLayou
 
 
 def matching_joints(
-    old: mujoco.MjModel, new: mujoco.MjModel
+    old: mujoco.MjModel, new: mujoco.MjModel, changed: Collection[int] = ()
 ) -> tuple[tuple[NDArray[np.intp], NDArray[np.intp]], tuple[NDArray[np.intp], NDArray[np.intp]]]:
-    """Where the joints of one model lie in a larger one; those that it lacks are left out.
+    """Where the joints of one model lie in another one; those that it lacks are left out.
+
+    Args:
+        old, new: models of one scenery.
+        changed: slots that are of another kind now.
 
     Returns:
         Coordinate indices in the old and the new model, then velocity indices in both.
     """
     target = {key: joint for joint, key in enumerate(_joint_keys(new))}
+    others = tuple(slot_prefix(slot) for slot in changed)
     positions: tuple[list[int], list[int]] = ([], [])
     velocities: tuple[list[int], list[int]] = ([], [])
     for joint, key in enumerate(_joint_keys(old)):
         twin = target.get(key, -1)
-        if twin < 0 or old.jnt_type[joint] != new.jnt_type[twin]:
-            continue  # its slot is of another kind now
+        if twin < 0 or key.removeprefix("@").startswith(others):
+            continue
         nq, nv = JOINT_WIDTH[int(old.jnt_type[joint])]
         for model, j, q, v in (
             (old, joint, positions[0], velocities[0]),

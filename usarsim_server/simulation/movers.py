@@ -213,13 +213,24 @@ def mocap_bodies(model: mujoco.MjModel) -> NDArray[np.intp]:
 
 
 def carry_over(
-    old_model: mujoco.MjModel, old: mujoco.MjData, new_model: mujoco.MjModel, new: mujoco.MjData
+    old_model: mujoco.MjModel,
+    old: mujoco.MjData,
+    new_model: mujoco.MjModel,
+    new: mujoco.MjData,
+    others: tuple[str, ...] = (),
 ) -> None:
-    """Put the mocap bodies of a grown model where their namesakes are in the old one."""
+    """Put the mocap bodies of another model where their namesakes are in the old one.
+
+    Args:
+        old_model, old: the model that was.
+        new_model, new: the one that is to be.
+        others: prefixes of bodies that only bear the same names.
+    """
     for body in mocap_bodies(old_model):
-        twin = _find(new_model, old_model.body(body).name)
-        if twin < 0:
-            continue  # its slot is of another kind now
+        name = old_model.body(body).name
+        twin = _find(new_model, name)
+        if twin < 0 or name.startswith(others):
+            continue
         index = old_model.body_mocapid[body]
         new.mocap_pos[twin] = old.mocap_pos[index]
         new.mocap_quat[twin] = old.mocap_quat[index]

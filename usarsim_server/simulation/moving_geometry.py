@@ -2,12 +2,15 @@
 
 Each rigid piece's visible geometry (see `lumps.py`) is an Embree scene in its body's own frame,
 built once per shape and shared by all that look the same, in this model generation and in later
-ones. A ray is turned into the frame of every body whose bounding sphere it passes; so nothing is
-rebuilt when things move, and all rays at bodies of one shape, whoever sent them, are one call.
+ones as long as it is there. A ray is turned into the frame of every body whose bounding sphere it
+passes; so nothing is rebuilt when things move, and all rays at bodies of one shape, whoever sent
+them, are one call.
 """
 
 from __future__ import annotations
 
+import weakref
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import mujoco
@@ -53,13 +56,13 @@ class _Moment:
     """Where everything is in one snapshot.
 
     Attributes:
-        snapshot: that one.
+        snapshot: that one, as long as anybody else has it.
         trees: (t,) those that are in the world; spheres: around them.
         turns: (b, 3, 3) rotation matrices, places: (b, 3) origins, centres: (b, 3) middles of all
             visible bodies, in the world, m.
     """
 
-    snapshot: Snapshot
+    snapshot: weakref.ref[Snapshot]
     trees: Numbers
     spheres: Spheres
     turns: Array
@@ -85,11 +88,12 @@ class DynamicGeometry:
         model = world.model
         self.generation = world.generation
         self.objects = Objects(world)
-        self._scenes: dict[bytes, TriangleScene] = dict(older._scenes) if older else {}
+        self._scenes: dict[bytes, TriangleScene] = {}
+        known = older._scenes if older else {}
         self._roots, self._radii, self._tree_of_root = bounding_spheres(model)
         robots = {layout.base for layout in world.layouts}
         self._is_robot = np.array([root in robots for root in self._roots], dtype=bool)
-        self._bodies = self._visible_bodies(model)
+        self._bodies = self._visible_bodies(model, known)
         self._body_ids = np.array([one.body for one in self._bodies], dtype=np.intp)
         self._middles = np.array([one.full.centre for one in self._bodies]).reshape(-1, 3)
         self._spans = np.array([one.full.radius for one in self._bodies])
@@ -136,23 +140,34 @@ class DynamicGeometry:
 
     # -- what there is -----------------------------------------------------------------------
 
-    def _visible_bodies(self, model: mujoco.MjModel) -> list[_Body]:
+    def _visible_bodies(
+        self, model: mujoco.MjModel, known: Mapping[bytes, TriangleScene]
+    ) -> list[_Body]:
         """Everything that moves and can be seen, tree by tree."""
         found = []
         for lump in find_lumps(model, lambda geom: is_visible(model, geom)):
             glass = [is_glass(model, geom) for geom in lump.geoms]
-            full = self._scene(model, lump, [True] * len(glass))
-            clear = self._scene(model, lump, [not pane for pane in glass]) if any(glass) else full
+            full = clear = self._scene(model, lump, [True] * len(glass), known)
+            if any(glass):
+                clear = self._scene(model, lump, [not pane for pane in glass], known)
             found.append(_Body(lump.body, full, clear, lump.geoms))
             if len(found) % LUMPS_AT_A_TIME == 0:
                 breathe()
         trees = self._tree_of_root
         return sorted(found, key=lambda one: (trees[int(model.body_rootid[one.body])], one.body))
 
-    def _scene(self, model: mujoco.MjModel, lump: Lump, shown: list[bool]) -> TriangleScene:
+    def _scene(
+        self,
+        model: mujoco.MjModel,
+        lump: Lump,
+        shown: list[bool],
+        known: Mapping[bytes, TriangleScene],
+    ) -> TriangleScene:
         count = len(lump.geoms)
         frames = np.hstack([lump.places, lump.turns.reshape(count, 9)])
         key = shape_key(model, lump.geoms, frames, shown)
+        if key in known:
+            self._scenes[key] = known[key]
         if key not in self._scenes:
             parts, rounds = [], []
             for number, geom in enumerate(lump.geoms):
@@ -182,7 +197,7 @@ class DynamicGeometry:
 
     def _at(self, snapshot: Snapshot) -> _Moment:
         moment = self._moment
-        if moment is None or moment.snapshot is not snapshot:
+        if moment is None or moment.snapshot() is not snapshot:
             # Two threads may both do this; either result is right.
             moment = self._moment = self._locate(snapshot)
         return moment
@@ -202,7 +217,7 @@ class DynamicGeometry:
             np.where(single[:, None], centres[first], snapshot.xpos[self._roots[trees]]),
             np.where(single, self._spans[first], self._radii[trees]),
         )
-        return _Moment(snapshot, trees, spheres, turns, places, centres)
+        return _Moment(weakref.ref(snapshot), trees, spheres, turns, places, centres)
 
     def _own(self, snapshot: Snapshot, moment: _Moment, viewers: list[int | None]) -> Numbers:
         """Place in the list of present trees of each fan's own robot, -1 for none."""

@@ -41,6 +41,7 @@ class Placement:
         # Awake, so that contacts with sleeping robots are found too.
         self._model = world.model.__copy__()
         self._model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+        self._model.body_contype[:], self._model.body_conaffinity[:] = world.masks
         # What is only seen (the true surface of a mesh) is no ground to stand on.
         hollow = (self._model.geom_contype | self._model.geom_conaffinity) == 0
         self._model.geom_rgba[hollow, 3] = 0.0

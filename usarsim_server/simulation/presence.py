@@ -103,5 +103,5 @@ def _owners(world: CompiledWorld) -> NDArray[np.intp]:
     """For every body one that stands for the robot, person or thing that it is a part of."""
     owners: NDArray[np.intp] = world.model.body_rootid.astype(np.intp)
     for layout in world.layouts:
-        owners[list(layout.bodies)] = layout.base
+        owners[list(layout.bodies)] = -1 - layout.slot  # the same in all generations
     return owners

@@ -89,9 +89,20 @@ class WheelServos:
         return tuple(array.copy() for array in self._arrays())
 
     def restore(self, state: ServoState) -> None:
-        """Go back to a copied state, of this generation or of one with fewer slots."""
+        """Go back to a copied state of this generation."""
         for array, kept in zip(self._arrays(), state, strict=True):
-            array[: len(kept)] = kept
+            array[:] = kept
+        self._steady = False
+
+    def inherit(self, older: WheelServos, slots: Sequence[int]) -> None:
+        """Take over slots, which are the same there and here, from another generation."""
+        for array, former in zip(self._arrays(), older._arrays(), strict=True):
+            for slot in slots:
+                array[self._span[slot]] = former[older._span[slot]]
+        for slot in slots:
+            speed = older._speed[older._dofs[older._span[slot]]]
+            self._speed[self._dofs[self._span[slot]]] = speed
+        self._moving = bool(self._speed.any())
         self._steady = False
 
     def _arrays(self) -> tuple[NDArray[Any], ...]:

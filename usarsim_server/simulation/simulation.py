@@ -34,7 +34,7 @@ from usarsim_server.simulation.movers import Mover, Way
 from usarsim_server.simulation.objects import ObjectFacts
 from usarsim_server.simulation.raycaster import RayQuery, cast, cast_all, cast_scenery
 from usarsim_server.simulation.rays import RayFan, RayHits, SceneryHit
-from usarsim_server.simulation.slots import SlotLimits, Slots, always
+from usarsim_server.simulation.slots import SlotLimits, Slots, always, compiled
 from usarsim_server.simulation.snapshot import RobotBody, Snapshot
 from usarsim_server.simulation.static_geometry import StaticGeometry
 
@@ -78,7 +78,10 @@ class Simulation:
         self._slots = Slots(
             self._engine,
             self._mail,
-            SlotLimits(options.max_robots, options.max_things, options.lower, options.upper),
+            SlotLimits(
+                *(options.max_robots, options.max_things, options.lower, options.upper),
+                at_once=math.isinf(options.speed),
+            ),
         )
         self._clockwork = Clockwork(
             self._engine,
@@ -86,6 +89,7 @@ class Simulation:
             lambda: self._slots.busy,
             ClockOptions(options.speed, options.patience, options.lower[2]),
         )
+        self._slots.adopted = self._clockwork.renew
 
     # -- looking -----------------------------------------------------------------------------
 
@@ -109,12 +113,8 @@ class Simulation:
         return self._options.speed
 
     def compiled(self, snapshot: Snapshot) -> CompiledWorld:
-        """The model that a snapshot belongs to, for who wants to draw it; not to be written to.
-
-        Raises:
-            KeyError: if the snapshot is older than some generations of the model.
-        """
-        return self._slots.compiled(snapshot)
+        """The model that a snapshot belongs to, for who wants to draw it; not to be written to."""
+        return compiled(snapshot)
 
     def robot_state(self, robot: int, snapshot: Snapshot) -> RobotBody | None:
         """A robot's window onto a snapshot; None if it is not in there."""
@@ -322,6 +322,7 @@ class Simulation:
     def stop(self) -> None:
         """Stop the physics thread and wait for it."""
         self._clockwork.stop()
+        self._slots.close()
 
     def run_until(self, moment: float) -> None:
         """Advance in the calling thread, in lockstep, to a simulated time (tests, benchmarks).

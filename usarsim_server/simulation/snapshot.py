@@ -9,13 +9,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.simulation.articulation import HandState
 from usarsim_server.simulation.frames import Pose, Vector
+
+if TYPE_CHECKING:
+    from usarsim_server.simulation.model import CompiledWorld
 
 __all__ = ["RobotBody", "RobotLayout", "RobotState", "Snapshot", "StateSource"]
 
@@ -27,7 +30,7 @@ Indices = NDArray[np.intp]
 class RobotLayout:
     """Where one robot slot lies inside the arrays of one compiled model.
 
-    A layout belongs to one model generation; after the model grew it is looked up again.
+    A layout belongs to one model generation; in the next one it is looked up again.
     """
 
     slot: int
@@ -57,7 +60,7 @@ class RobotLayout:
     """Bodies that are placed, not simulated, the base first; then `qpos` and `dof` are -1."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class Snapshot:
     """State of the whole world at one simulated instant; arrays are read-only copies."""
 
@@ -79,6 +82,8 @@ class Snapshot:
     """Forces of the joint drives (nv,), N m or N; wheels included."""
     hands: Mapping[int, Mapping[str, HandState]] = field(default_factory=dict)
     """What hands are doing, by slot and name of the hand."""
+    world: CompiledWorld | None = None
+    """The model that it belongs to, which lives as long as anybody has such a snapshot."""
 
 
 class RobotState(Protocol):

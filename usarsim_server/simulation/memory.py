@@ -1,0 +1,115 @@
+"""How much memory the process may still take, and giving back what it does not need.
+
+MuJoCo ends the process if it gets no memory while it compiles a model or makes a state of it. So
+whoever makes a larger model asks first whether there is room.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import resource
+from collections.abc import Iterable
+from pathlib import Path
+
+import mujoco
+
+__all__ = ["shortage", "trim"]
+
+MIB = 2**20
+
+_STATM = Path("/proc/self/statm")
+_GROUPS = Path("/proc/self/cgroup")
+_GROUP_ROOT = Path("/sys/fs/cgroup")
+
+STATES = 4
+"""Copies of model and state in use: the physics, two that judge places, the cameras."""
+COMPILING = 6
+"""Sizes of a model that are needed beside it while it is compiled."""
+RESERVE = 96 << 20
+"""Bytes that must be left: shapes for rays, and what every connection and thread takes."""
+
+
+def shortage(model: mujoco.MjModel, ratio: float) -> str | None:
+    """What is missing for a larger model, with all copies of it and of its state.
+
+    Args:
+        model: the present one.
+        ratio: bodies of the larger one by bodies of the present one.
+
+    Returns:
+        How much memory is needed, how much there is, and why no more; None if there is enough.
+    """
+    size = RESERVE + (STATES + COMPILING) * ratio * int(mujoco.mj_sizeModel(model))
+    # Made for constraints between all joints, it grows faster than the model; few of its pages are
+    # ever used, but all of them count as address space.
+    arena = STATES * ratio**1.5 * int(model.narena)
+    limits = (
+        ("ulimit -v", size + arena, _room(resource.RLIMIT_AS, 0)),
+        ("ulimit -d", size + arena, _room(resource.RLIMIT_DATA, 5)),
+        ("the control group", size, _group_room()),
+    )
+    for name, needed, room in limits:
+        if needed > room:
+            return f"{needed / MIB:.0f} MiB needed, {max(0.0, room) / MIB:.0f} MiB left by {name}"
+    return None
+
+
+def trim() -> None:
+    """Let the C library give the pages back that nothing is in; other ones do so by themselves."""
+    release = getattr(_library, "malloc_trim", None)
+    if release is not None:
+        release(0)
+
+
+def _room(limit: int, column: int) -> float:
+    """Bytes left below a limit of the process, by a column of /proc/self/statm."""
+    most = resource.getrlimit(limit)[0]
+    if most == resource.RLIM_INFINITY:
+        return math.inf
+    try:
+        used = int(_STATM.read_text(encoding="ascii").split()[column])
+    except (OSError, ValueError, IndexError):
+        return math.inf
+    return float(most - used * resource.getpagesize())
+
+
+def _group_room() -> float:
+    """Room in the control groups (version 2) that the process is in, the narrowest of them."""
+    try:
+        own = _GROUPS.read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return math.inf
+    path = next((line[3:] for line in own if line.startswith("0::/")), None)
+    return math.inf if path is None else _narrowest(_folders(path))
+
+
+def _folders(path: str) -> Iterable[Path]:
+    place = _GROUP_ROOT / path.lstrip("/")
+    while place != _GROUP_ROOT:
+        yield place
+        place = place.parent
+    yield place
+
+
+def _narrowest(folders: Iterable[Path]) -> float:
+    room = math.inf
+    for folder in folders:
+        try:
+            most = int((folder / "memory.max").read_text(encoding="ascii"))
+            used = int((folder / "memory.current").read_text(encoding="ascii"))
+            facts = (folder / "memory.stat").read_text(encoding="ascii")
+        except (OSError, ValueError):
+            continue  # no such group, or "max"
+        # Files that were read are forgotten when there is need.
+        cached = sum(
+            int(line.split()[1]) for line in facts.splitlines() if line.startswith("inactive_file ")
+        )
+        room = min(room, most - used + cached)
+    return room
+
+
+try:
+    _library: object = ctypes.CDLL(None)
+except OSError:  # not everywhere can a process look into itself
+    _library = None
