@@ -60,6 +60,7 @@ from usarsim_server.services.truth import TRUTH_LIMITS, truth_service
 from usarsim_server.services.wireless import WirelessLimits, WirelessService
 from usarsim_server.settings import Settings
 from usarsim_server.simulation.frames import Pose
+from usarsim_server.simulation.memory import share_heaps
 from usarsim_server.simulation.model import PhysicsOptions
 from usarsim_server.simulation.simulation import Simulation, SimulationOptions
 from usarsim_server.worlds import avatar_classes, object_classes
@@ -312,6 +313,7 @@ def run(settings: Settings) -> int:
         UsarsimError: if the server cannot start, or the physics has to give up.
     """
     sys.setswitchinterval(SWITCH_INTERVAL)
+    share_heaps()
     assembly = assemble(settings)
     try:
         asyncio.run(_serve(assembly))

@@ -37,7 +37,7 @@ from usarsim_tools.bench.savings import (
     teams,
     write_variants,
 )
-from usarsim_tools.bench.suite import ALL, MEASUREMENTS, PROFILE, QUICK
+from usarsim_tools.bench.suite import ALL, LONG, MEASUREMENTS, PROFILE, QUICK
 from usarsim_tools.bench.thread_cost import ROLES, Cost, Team, measure_cost, spent_between
 
 
@@ -263,7 +263,7 @@ class TestMeasuring:
 def test_the_profile_is_measured_only_if_asked_for() -> None:
     """It is no part of `all` and `quick`, but every part has its own word."""
     assert not set(PROFILE) & {*ALL, *QUICK}
-    assert {*ALL, *PROFILE} == set(MEASUREMENTS)
+    assert {*ALL, *LONG, *PROFILE} == set(MEASUREMENTS)
     assert MEASUREMENTS["growth"][0] is measure_growth
     assert MEASUREMENTS["savings"][0] is measure_savings
     assert MEASUREMENTS["readings"][0] is measure_readings

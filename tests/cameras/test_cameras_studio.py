@@ -453,8 +453,7 @@ class TestSinglePictures:
         stage.studio.watch(GRID.frame, Watcher()).close()
 
     def test_an_old_snapshot(self, stage: Set) -> None:
-        """What was can be drawn as long as somebody has a snapshot of it; then the studio goes on.
-        """
+        """What was can be drawn while somebody has a snapshot of it; then the studio goes on."""
         old = stage.world.look()
         for number in range(6):
             stage.yard.park(-8.0 - number, -8.0, model=cart(f"kind{number}"))

@@ -15,7 +15,15 @@ from usarsim_tools.bench.figures import Plan, Report
 from usarsim_tools.bench.hostile.attacks import ATTACKS
 from usarsim_tools.bench.plot import as_svg
 from usarsim_tools.bench.report import as_json, as_markdown, as_text
-from usarsim_tools.bench.suite import ALL, MEASUREMENTS, PROFILE, QUICK, QUICK_SECONDS, take
+from usarsim_tools.bench.suite import (
+    ALL,
+    LONG,
+    MEASUREMENTS,
+    PROFILE,
+    QUICK,
+    QUICK_SECONDS,
+    take,
+)
 
 __all__ = ["add_parser", "run"]
 
@@ -30,6 +38,7 @@ ATTACKED = "hostile"
 """The measurement that tries many attacks."""
 _MOST_ROBOTS = 256
 _MOST_SECONDS = 600.0
+_MOST_MINUTES = 10000.0
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -42,8 +51,8 @@ def add_parser(subparsers: Subparsers) -> None:
     _add_measurement(
         kinds,
         "all",
-        f"all of the following but {', '.join(PROFILE)}, peers and fidelity, some 50 minutes (the "
-        "default)",
+        f"all of the following but {', '.join((*PROFILE, *LONG))}, peers and fidelity, some "
+        "50 minutes (the default)",
     )
     _add_measurement(
         kinds, "quick", f"the same but for largest, {QUICK_SECONDS:g} s each, some 6 minutes"
@@ -106,6 +115,15 @@ def _add_measurement(kinds: Subparsers, name: str, help_text: str) -> None:
             default=argparse.SUPPRESS,
             help=f"try only these: {', '.join(ATTACKS)}",
         )
+    if name in LONG:
+        parser.add_argument(
+            "--minutes",
+            metavar="M",
+            dest="seconds",
+            type=_minutes,
+            default=argparse.SUPPRESS,
+            help="length of the measurement (default: 60)",
+        )
     parser.set_defaults(measurement=name)
 
 
@@ -164,6 +182,13 @@ def _robots(text: str) -> int:
     if not 1 <= number <= _MOST_ROBOTS:
         raise argparse.ArgumentTypeError(f"must be from 1 to {_MOST_ROBOTS}, not {number}")
     return number
+
+
+def _minutes(text: str) -> float:
+    minutes = float(text)
+    if not 0.0 < minutes <= _MOST_MINUTES:
+        raise argparse.ArgumentTypeError(f"must be above 0 and at most {_MOST_MINUTES:g}")
+    return 60.0 * minutes
 
 
 def _seconds(text: str) -> float:

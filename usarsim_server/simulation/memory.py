@@ -14,7 +14,7 @@ from pathlib import Path
 
 import mujoco
 
-__all__ = ["shortage", "trim"]
+__all__ = ["share_heaps", "shortage", "trim"]
 
 MIB = 2**20
 
@@ -22,6 +22,11 @@ _STATM = Path("/proc/self/statm")
 _GROUPS = Path("/proc/self/cgroup")
 _GROUP_ROOT = Path("/sys/fs/cgroup")
 
+HEAPS = 2
+LARGE = 1 << 20
+"""Bytes from which on a block is a mapping of its own, given back as soon as it is free."""
+_ARENA_MAX, _MMAP_THRESHOLD = -8, -3
+"""M_ARENA_MAX and M_MMAP_THRESHOLD of malloc.h."""
 STATES = 4
 """Copies of model and state in use: the physics, two that judge places, the cameras."""
 COMPILING = 6
@@ -53,6 +58,19 @@ def shortage(model: mujoco.MjModel, ratio: float) -> str | None:
         if needed > room:
             return f"{needed / MIB:.0f} MiB needed, {max(0.0, room) / MIB:.0f} MiB left by {name}"
     return None
+
+
+def share_heaps() -> None:
+    """Let all threads take memory from few heaps, and large blocks from none; at the start.
+
+    By default the C library (glibc) has up to eight heaps per processor, one thread after the
+    other. A heap shrinks from its end only, and every robot that comes has a thread of its own for
+    a moment: so what many of them leave behind keeps many heaps large.
+    """
+    set_option = getattr(_library, "mallopt", None)
+    if set_option is not None:
+        set_option(_ARENA_MAX, HEAPS)
+        set_option(_MMAP_THRESHOLD, LARGE)
 
 
 def trim() -> None:

@@ -108,6 +108,7 @@ class Crowd(Closing):
 
     Attributes:
         controllers: those connected, in the order in which they joined.
+        tags: of the start poses of the world.
     """
 
     def __init__(
@@ -132,13 +133,13 @@ class Crowd(Closing):
         self._selector = selectors.DefaultSelector()
         self._numbers = count(1)
         self._drives: list[tuple[float, int, Controller]] = []
-        self._tags = _ask_start_tags(port)
+        self.tags = _ask_start_tags(port)
 
     def join(self, robot_class: str = DEFAULT_CLASS) -> Controller:
         """Connect one more and send its INIT; start poses are used in turn."""
         number = next(self._numbers)
         controller = Controller(self._port, f"R{number}", robot_class)
-        tag = self._tags[(number - 1) % len(self._tags)]
+        tag = self.tags[(number - 1) % len(self.tags)]
         controller.joined = controller.send(
             f"INIT {{ClassName USARBot.{robot_class}}} {{Name {controller.name}}} {{Start {tag}}}"
         )

@@ -27,13 +27,23 @@ from usarsim_tools.bench.relay import measure_relay
 from usarsim_tools.bench.rendering import measure_rendering
 from usarsim_tools.bench.savings import measure_savings
 from usarsim_tools.bench.sensors import measure_sensors
+from usarsim_tools.bench.soak import measure_soak
 from usarsim_tools.bench.spawn import measure_spawn
 from usarsim_tools.bench.stepping import measure_stepping
 from usarsim_tools.bench.swarm import measure_swarm
 from usarsim_tools.bench.team import measure_largest, measure_team
 from usarsim_tools.bench.watched import measure_watched
 
-__all__ = ["ALL", "MEASUREMENTS", "PROFILE", "QUICK", "QUICK_SECONDS", "Measurement", "take"]
+__all__ = [
+    "ALL",
+    "LONG",
+    "MEASUREMENTS",
+    "PROFILE",
+    "QUICK",
+    "QUICK_SECONDS",
+    "Measurement",
+    "take",
+]
 
 Measurement = Callable[[Plan], Section]
 
@@ -63,6 +73,8 @@ MEASUREMENTS: Mapping[str, tuple[Measurement, str]] = {
     "relay": (measure_relay, "what radio links carry, beside a plain proxy, and under a team"),
     "import": (measure_importing, "maps of other programs: import, cache, rays, a team in them"),
     "stepping": (measure_stepping, "the step loop against MuJoCo alone"),
+    # What an hour leaves behind.
+    "soak": (measure_soak, "memory while everything comes and goes for an hour"),
     # Where the time goes, for docs/performance.md.
     "growth": (measure_growth, "how cost grows with robots, beams, geoms and cameras"),
     "savings": (measure_savings, "what it brings to turn something down"),
@@ -72,7 +84,9 @@ MEASUREMENTS: Mapping[str, tuple[Measurement, str]] = {
 
 PROFILE = ("growth", "savings", "readings")
 """What has no aims and is no part of `all`: it says where the time goes, not how fast it is."""
-ALL = tuple(name for name in MEASUREMENTS if name not in PROFILE)
+LONG = ("soak",)
+"""What takes an hour."""
+ALL = tuple(name for name in MEASUREMENTS if name not in (*PROFILE, *LONG))
 QUICK = tuple(name for name in ALL if name != "largest")
 """What is measured when it is to be quick: a search for the largest team cannot be."""
 QUICK_SECONDS = 4.0
