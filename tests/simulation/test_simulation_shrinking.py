@@ -7,12 +7,17 @@ import threading
 import time
 import weakref
 
+import mujoco
 import numpy as np
 import pytest
 from sim_fakes import (
+    RADIUS,
     ROBOT,
+    WHEELS,
     Watcher,
+    build_robot,
     engine_with,
+    floor,
     pose_at,
     robot_model,
     simulation,
@@ -24,7 +29,7 @@ from sim_fakes import (
 
 from usarsim_server.simulation import slots
 from usarsim_server.simulation.engine import Engine
-from usarsim_server.simulation.model import VACANT, PhysicsOptions
+from usarsim_server.simulation.model import VACANT, PhysicsOptions, RobotModel
 from usarsim_server.simulation.simulation import Simulation
 
 OTHER = robot_model("other")
@@ -94,6 +99,29 @@ class TestCarryingOver:
         for _ in range(200):
             assert made.advance(2) == []
         assert whole_state(made, 2)[2] == pytest.approx(0.11, abs=0.01)
+
+    def test_who_touched_a_newcomer_at_its_parking_place(self) -> None:
+        """Two large robots would touch there; one of them has long gone elsewhere."""
+
+        def build() -> mujoco.MjSpec:
+            spec = build_robot()
+            base = spec.body("base")
+            box, size = mujoco.mjtGeom.mjGEOM_BOX, [4.0, 0.1, 0.02]
+            base.add_geom(type=box, size=size, pos=[0.0, 0.0, 0.3], mass=1.0)
+            return spec
+
+        wide = RobotModel(key="wide", build=build, driven=WHEELS, rest_height=RADIUS)
+        made = Engine(floor(), PhysicsOptions(), [wide])
+        made.occupy(0, 0, pose_at(0.0, 0.0))
+        made.drive(0, turn(2.0))
+        made.advance(100)
+        made.adopt(made.grow([wide]))
+        assert made.data.tree_asleep.tolist()[1] == 1
+        assert made.data.tree_awake.tolist() == [1, 0]
+        made.advance(10)
+        made.occupy(1, 1, pose_at(0.0, 5.0))
+        assert made.advance(10) == []
+        assert made.data.tree_awake.tolist() == [1, 1]
 
     def test_who_sleeps_on_another_wakes_when_that_is_gone(self) -> None:
         """A slot that is given back leaves nobody asleep beside nothing."""

@@ -108,14 +108,17 @@ def inherit_sleep(old_model: mujoco.MjModel, old: mujoco.MjData, growth: Growth)
     model, data, twins = growth.world.model, growth.data, growth.trees(old_model)
     asleep = np.full(model.ntree, -1, dtype=data.tree_asleep.dtype)
     new = np.setdiff1d(np.arange(model.ntree), twins)
-    asleep[new] = data.tree_asleep[new]
+    # Each by itself: those beside which they were compiled may be elsewhere.
+    asleep[new] = np.where(data.tree_asleep[new] >= 0, new, data.tree_asleep[new])
     for tree in np.flatnonzero(twins >= 0).tolist():
         asleep[twins[tree]] = _asleep(tree, old.tree_asleep, twins)
-    policies = model.tree_sleep_policy.copy()
+    policies, flags = model.tree_sleep_policy.copy(), model.opt.disableflags
     policy = mujoco.mjtSleepPolicy
     model.tree_sleep_policy[:] = np.where(asleep >= 0, policy.mjSLEEP_INIT, policy.mjSLEEP_NEVER)
+    # Where everybody is in a state that was reset, those who touch would keep each other awake.
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
     lists = mujoco.MjData(model)
-    model.tree_sleep_policy[:] = policies
+    model.tree_sleep_policy[:], model.opt.disableflags = policies, flags
     model.opt.enableflags &= ~_SLEEP_FLAG
     mujoco.mj_fwdPosition(model, data)
     mujoco.mj_fwdVelocity(model, data)
