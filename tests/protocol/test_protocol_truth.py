@@ -10,7 +10,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from usarsim_server.protocol.truth import Actor, Query, QueryFramer, listing, read_query
+from usarsim_server.protocol.truth import (
+    MAX_LISTING,
+    Actor,
+    Query,
+    QueryFramer,
+    listing,
+    read_query,
+)
 
 NUMBER = r"-?\d+\.\d\d"
 LINE = re.compile(
@@ -129,3 +136,11 @@ def test_long_lines_are_thrown_away_whole() -> None:
     assert framer.discarded == 1
     assert framer.feed(b"{a}\n") == [b"{a}"]
     assert framer.feed(b"z" * 10 + b"\n") == [b"z" * 10]
+
+
+def test_a_listing_has_a_longest_length() -> None:
+    """Actors for whom there is no room are left out whole; the end is always there."""
+    actor = Actor("x" * 60, "P3AT", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    text = listing([actor] * 10_000, 1.0)
+    assert MAX_LISTING - 500 < len(text) <= MAX_LISTING
+    assert text.endswith("}\r\n{End}\r\n")

@@ -310,3 +310,23 @@ class TestSettings:
             read_radio_file(file)
         with pytest.raises(SettingsError, match=r"gone\.toml: cannot be read"):
             read_radio_file(tmp_path / "gone.toml")
+
+
+def test_names_of_nobody_cost_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Any number of them may be registered: no link of theirs is worked out, nothing is counted."""
+    field = Field(A=0, B=10)
+    made = network(field)
+    for number in range(250):
+        made.register(f"N{number}", 0.0)
+    counted, asked = field.walls.asked, 0
+    strength = made.strength
+
+    def counting(one: str, other: str) -> float:
+        nonlocal asked
+        asked += 1
+        return strength(one, other)
+
+    monkeypatch.setattr(made, "strength", counting)
+    made.observe()
+    assert len(made.review(0.0)) == 0
+    assert (asked, field.walls.asked) == (0, counted)

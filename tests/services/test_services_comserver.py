@@ -11,6 +11,8 @@ from wireless_harness import FAR, NEAR, Line, Running, Talker
 
 from usarsim_server.testing import PATIENCE, eventually
 
+from usarsim_server.services.comserver import ComServerLimits
+
 
 class Team:
     """Two robots that listen for the server, and a control connection."""
@@ -231,3 +233,24 @@ class TestLinks:
             assert team.say(f"OPEN A {team.a} B 7;") == "OK;"
             assert ended(team.accept(0))
             assert team.say("GETSS A B;").startswith("OK:")
+
+
+class TestRegistry:
+    def test_names_of_nobody_give_way(self) -> None:
+        """When there are too many the oldest that is no robot is forgotten; robots stay."""
+        limits = ComServerLimits(poll=0.02, robots=4)
+        with Running(Line(), com_limits=limits, owners={"r": "127.0.0.1"}) as running:
+            talker = running.com_talker()
+            for name in ("R", *(f"N{number}" for number in range(10))):
+                assert talker.message(b"REGISTER %s 127.0.0.1;" % name.encode()) == b"OK;"
+            assert talker.message(b"LISTEN R 1;") == b"OK;"
+            assert talker.message(b"LISTEN N9 1;") == b"OK;"
+            assert talker.message(b"LISTEN N0 1;") == b"Fail: Robot N0 not registered;"
+
+    def test_words_have_a_length(self) -> None:
+        """What is longer than any name is an incorrect message, and is stored nowhere."""
+        with Running(Line()) as running:
+            talker = running.com_talker()
+            assert talker.message(b"REGISTER A 127.0.0.1;") == b"OK;"
+            for text in (b"REGISTER %s 127.0.0.1;", b"LISTEN A %s;"):
+                assert talker.message(text % (b"x" * 65)) == b"Fail: Incorrect Message;"

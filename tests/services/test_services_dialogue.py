@@ -15,9 +15,10 @@ from services_harness import Client, eventually
 
 from usarsim_server.errors import ServiceError, UsarsimError
 from usarsim_server.protocol.framing import LineFramer
-from usarsim_server.services.dialogue import DialogueLimits, DialogueService
+from usarsim_server.services.dialogue import Desk, DialogueLimits, DialogueService, Instant
 from usarsim_server.services.ground_truth import ground_truth_service, responder
 from usarsim_server.services.listener import Endpoint
+from usarsim_server.services.outbox import ReplyBuffer
 from usarsim_server.services.truth import truth_service
 from usarsim_server.testing import PATIENCE
 
@@ -288,3 +289,61 @@ def test_flood_of_requests_is_answered_at_the_rate(start: Start) -> None:
     assert other.line() == b"hello\n"
     assert [client.line() for _ in range(600)] == [b"%d\n" % number for number in range(600)]
     assert time.monotonic() - begun > 1.0
+
+
+# -- answers of one instant ----------------------------------------------------------------------
+
+
+class Town:
+    """Counts what is asked; who is there, and what time it is, a test decides."""
+
+    def __init__(self) -> None:
+        self.asked: list[str] = []
+        self.people = ("A",)
+        self.now = 0.0
+
+    def answers(self, lines: object) -> list[str | None]:
+        """Everybody's name."""
+        assert isinstance(lines, list)
+        self.asked += lines
+        return [f"{line} {self.people} {self.now}" for line in lines]
+
+
+def test_what_is_asked_again_within_an_instant_gets_the_same_text() -> None:
+    """Whoever asks; an instant later, or when somebody has come, it is worked out anew."""
+    town = Town()
+    span = Instant(0.02, lambda: town.people)
+    desk = Desk("test", responder(town.answers), DialogueLimits(), span, lambda: town.now)
+    desk.open()
+
+    async def ask(lines: list[bytes]) -> bytes:
+        ours, theirs = socket.socketpair()
+        with ours, theirs:
+            ours.setblocking(False)
+            await desk.answer(lines, ReplyBuffer(ours), desk.budget.newcomer())
+            return theirs.recv(65536)
+
+    async def play() -> None:
+        positions, _ = (await ask([b"GETPOS", b"GETOBS"])).splitlines(keepends=True)
+        town.now = 0.015
+        assert await ask([b"GETPOS"] * 50) == positions * 50
+        assert town.asked == ["GETPOS", "GETOBS"]
+        town.now = 0.025
+        assert b"0.025" in await ask([b"GETPOS"])
+        town.people = ("A", "B")
+        assert b"B" in await ask([b"GETPOS"])
+        assert town.asked == ["GETPOS", "GETOBS", "GETPOS", "GETPOS"]
+
+    try:
+        asyncio.run(play())
+    finally:
+        desk.close()
+
+
+def test_a_reply_that_nobody_allowed_ends_the_conversation(start: Start) -> None:
+    """The stated length is kept whatever a service makes; others do not notice."""
+    running = start(ground(lambda lines: ["x" * 100_000 for _ in lines]))
+    client, other = running.connect(), running.connect()
+    client.send(b"GETPOS\n")
+    assert client.ended()
+    assert other.silent_for(0.1)

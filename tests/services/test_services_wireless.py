@@ -503,3 +503,121 @@ def test_stopping_ends_everything() -> None:
     assert refuses(road)
     assert refuses(running.port)
     running.stop()
+
+
+class TestWhoMayRegister:
+    """A robot's name belongs to the machine of its control connection."""
+
+    def test_a_name_of_somebody_elses_robot_is_refused(self) -> None:
+        """Whatever its case; another name on the same connection works."""
+        with Running(Line(A=0, B=0), owners={"a": "192.0.2.7"}) as running:
+            talker = running.talker()
+            for name in ("A", "a"):
+                answer = talker.ask(f"INIT {{Robot {name}}} {{Port 1}}")
+                assert answer == "ERROR {Reason Robot.Alread.Exists}"
+            assert talker.ask("INIT {Robot B} {Port 1}") == "INITREPLY {Status OK}"
+
+    def test_the_robot_of_the_same_machine_is_welcome(self) -> None:
+        """Also if one connection came by 127.0.0.1 and the other by 127.0.0.2."""
+        with Running(Line(A=0), owners={"a": "127.0.0.2"}) as running:
+            answer = running.talker().ask("INIT {Robot A} {Port 1}")
+            assert answer == "INITREPLY {Status OK}"
+
+    def test_who_came_before_the_robot_has_to_go(self) -> None:
+        """A name is everybody's until there is a robot of that name; then its owner's."""
+        with Running(Line(), model="none") as running:
+            squatter = running.talker()
+            assert squatter.ask("INIT {Robot A} {Port 1}") == "INITREPLY {Status OK}"
+            running.owners["a"] = "192.0.2.7"
+            assert squatter.ended()
+
+    def test_strict_radio_knows_robots_only(self) -> None:
+        """A name of nobody is refused, and a robot registers once, whatever the case."""
+        owners = {"a": "127.0.0.1"}
+        with Running(Line(A=0), strict=True, owners=owners, model="none") as running:
+            refused = "ERROR {Reason Robot.Alread.Exists}"
+            assert running.talker().ask("INIT {Robot B} {Port 1}") == refused
+            talker = running.talker()
+            assert talker.ask("INIT {Robot A} {Port 1}") == "INITREPLY {Status OK}"
+            assert running.talker().ask("INIT {Robot a} {Port 1}") == refused
+
+    @pytest.mark.parametrize("name", ["x" * 65, "x" * 60_000])
+    def test_a_name_that_is_too_long_is_none(self, name: str) -> None:
+        """Longer than any robot's; the connection lives on."""
+        with Running(Line(A=0)) as running:
+            talker = running.talker()
+            answer = talker.ask(f"INIT {{Robot {name}}} {{Port 1}}")
+            assert answer == "ERROR {Reason Robot.Name.Must.Not.Be.Empty}"
+            assert talker.ask("INIT {Robot A} {Port 1}") == "INITREPLY {Status OK}"
+
+    def test_names_are_cleaned_like_those_of_robots(self) -> None:
+        """Blanks and control characters reach nobody else."""
+        with Running(Line(), model="none") as running:
+            assert running.talker().ask("INIT {Robot Bell\x07 b} {Port 1}").endswith("OK}")
+            assert running.wireless.registered == ("Bell__b",)
+
+    def test_ports_without_number_are_refused(self) -> None:
+        """As many as a list can name."""
+        with Running(Line(A=0)) as running:
+            ports = ",".join(["1"] * 257)
+            answer = running.talker().ask(f"INIT {{Robot A}} {{Port {ports}}}")
+            assert answer == "ERROR {Reason Ports.List.Must.Be.Integer}"
+
+
+class TestQuotas:
+    def test_links_of_one_robot(self) -> None:
+        """Beyond the limit they end as they are made; others have theirs, and ends make room."""
+        limits = WirelessLimits(links_per_robot=2, poll=0.02)
+        with Running(Line(A=0, B=1), limits=limits) as running:
+            a, b = running.robot("A"), running.robot("B")
+            road = a.road_to("B")
+            links = [a.link(b) for _ in range(2)]
+            assert closed(a.call(road))
+            b.link(a)
+            for end in links[0]:
+                end.close()
+
+            def passes() -> bool:
+                mine = a.call(road)
+                mine.settimeout(0.1)
+                try:
+                    return mine.recv(1) != b""
+                except TimeoutError:
+                    return True
+
+            assert eventually(passes)
+
+    def test_few_descriptors(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Ports and links get half of what the process may open, so that others go on."""
+        monkeypatch.setattr("usarsim_server.services.wireless.descriptor_limit", lambda: 16)
+        with Running(Line(A=0, B=1)) as running:
+            a, b = running.robot("A"), running.robot("B", 8)
+            for _ in range(2):
+                a.link(b)
+            assert closed(a.call(a.road_to("B")))
+            answers = [a.control.ask(f"DNS {{Robot B}} {{Port {port}}}") for port in b.ports]
+            assert answers.count("ERROR {Reason Could.Not.Allocate.Port}") >= 4
+
+
+def test_ground_truth_can_be_kept_secret() -> None:
+    """Without it GETPOS is what the original took it for, a request before INIT."""
+    with Running(Line(A=0), tells_truth=False) as running:
+        talker = running.talker()
+        for verb in ("GETPOS", "GETOBS {From A} {To A}"):
+            assert talker.ask(verb) == "ERROR {Reason Must.Use.INIT.Method.First}"
+        assert talker.ask("INIT {Robot A} {Port 1}") == "INITREPLY {Status OK}"
+
+
+def test_a_flood_of_requests_is_answered_and_others_are_too() -> None:
+    """Thirty that ask without reading: somebody who asks now and then has his answer."""
+    with Running(Line(A=0, B=1)) as running:
+        running.robot("A")
+        for number in range(30):
+            one = running.talker()
+            one.socket.setblocking(False)
+            with contextlib.suppress(BlockingIOError):
+                for _ in range(20):
+                    one.socket.send((b"GETPOS %d\r\n" % number) * 200)
+        b = running.robot("B")
+        for _ in range(10):
+            assert b.control.ask("GETSS {Robot A}").startswith("SS {Robot A} {Strength -")

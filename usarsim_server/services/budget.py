@@ -28,6 +28,9 @@ HOP_COST = 150e-6
 """The same for an answer worked out on another thread that looks at the physics."""
 BYTE_COST = 1.5e-9
 """s of processor time for each byte that passes through a socket, in and out of the kernel."""
+CREDIT = 0.005
+"""s of processor time by which a client that asks little may be behind the others: a request of
+its own comes before theirs, but what it did not use yesterday is gone."""
 BURST = 0.05
 """s of processor time that a port saves up while it does nothing."""
 
@@ -38,7 +41,7 @@ class Account:
 
     Attributes:
         used: s of processor time, counted from where the port stood when the client came; one who
-            asks little is brought up to the others, so that nobody saves up for a rush.
+            asks little is brought up to `CREDIT` behind the others.
     """
 
     used: float = 0.0
@@ -92,7 +95,7 @@ class WorkBudget:
 
     async def turn(self, account: Account) -> None:
         """Wait until a client may work; it is charged for the turn as such."""
-        account.used = max(account.used, self._reached)
+        account.used = max(account.used, self._reached - CREDIT)
         if self._queue or self._bucket.tokens < 0.0:
             turn: asyncio.Future[None] = asyncio.get_running_loop().create_future()
             heapq.heappush(self._queue, _Waiting(account.used, next(self._numbers), account, turn))

@@ -80,10 +80,14 @@ class ComServerLimits:
 
     @property
     def held_bytes(self) -> int:
-        """Bytes that a connection can make the server hold, without kernel buffers: half a
-        message, those of one chunk that wait, one answer; and names, which outlive it but are
-        bounded for all connections together."""
-        return comserver.MAX_MESSAGE + CHUNK_BYTES + 2 * PIECE + self.robots * _ROBOT_BYTES
+        """Bytes that a connection can make the server hold, without links and kernel buffers: half
+        a message, those of one chunk that wait, and the answers that are being sent."""
+        return comserver.MAX_MESSAGE + CHUNK_BYTES + 2 * PIECE
+
+    @property
+    def names_bytes(self) -> int:
+        """Bytes of all names and ports, which outlive the connections that registered them."""
+        return self.robots * _ROBOT_BYTES
 
     @property
     def kernel_bytes(self) -> int:

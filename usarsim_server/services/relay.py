@@ -243,11 +243,11 @@ async def _pump_at_once(
     passed: Callable[[int], None],
 ) -> None:
     loop = asyncio.get_running_loop()
-    # A link on which nothing passes holds no buffer.
     while data := await loop.sock_recv(source, BUFFER):
         await budget.turn(account)
         await loop.sock_sendall(target, data)
         passed(len(data))
+        del data  # a link on which nothing passes holds nothing
         # Neither call yields while it has data and room: let the other links have a turn.
         await asyncio.sleep(0)
 

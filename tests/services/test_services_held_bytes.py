@@ -1,0 +1,154 @@
+"""How much a connection can make the server hold, port by port: the worst case is built, the memory
+that Python has taken is counted, and the figure that the code states bounds it."""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import socket
+import time
+import tracemalloc
+from collections.abc import Callable, Iterator
+
+import pytest
+from images_harness import BIG, FakeSource, RunningImages, rectangle
+from test_services_dialogue import Running, ground
+from wireless_harness import Line
+from wireless_harness import Running as Radio
+
+from usarsim_server.protocol import wireless
+from usarsim_server.services.comserver import ComServerLimits
+from usarsim_server.services.dialogue import MAX_REQUEST, DialogueLimits
+from usarsim_server.services.images import ImageLimits
+from usarsim_server.services.relay import Road
+from usarsim_server.services.wireless import WirelessLimits
+
+CLIENTS = 8
+OURS = 300 * 1024
+"""Bytes that a test needs for itself."""
+
+
+class Counting:
+    """Bytes that Python has taken since the beginning."""
+
+    def __init__(self) -> None:
+        self._before = 0
+
+    def begin(self) -> None:
+        """Everything that exists by now does not count."""
+        gc.collect()
+        tracemalloc.start()
+        self._before = tracemalloc.get_traced_memory()[0]
+
+    def peak(self) -> int:
+        """The most that there was at a time."""
+        return tracemalloc.get_traced_memory()[1] - self._before
+
+
+@pytest.fixture
+def memory() -> Iterator[Counting]:
+    """Counts while the test runs."""
+    yield Counting()
+    tracemalloc.stop()
+
+
+def flood(clients: list[socket.socket], data: bytes, quiet: float = 0.3) -> None:
+    """Send, and read nothing, until the server has taken nothing for so many seconds."""
+    for one in clients:
+        one.setblocking(False)
+    last = time.monotonic()
+    while time.monotonic() - last < quiet:
+        for one in clients:
+            with contextlib.suppress(BlockingIOError, ConnectionError):
+                one.send(data)
+                last = time.monotonic()
+        time.sleep(0.002)
+
+
+def many(connect: Callable[[], socket.socket]) -> list[socket.socket]:
+    """Clients of small buffers."""
+    return [connect() for _ in range(CLIENTS)]
+
+
+def test_replies_that_nobody_reads(memory: Counting) -> None:
+    """7435 and 3989: replies of the longest kind, a thousand asked for at once, none read."""
+    limits = DialogueLimits(share=10.0)
+    reply = "x" * (limits.reply_bytes - 2)
+    running = Running(ground(lambda lines: [f"{reply[: -len(one)]}{one}" for one in lines]))
+    try:
+        clients = many(lambda: running.connect(receive_buffer=4096).socket)
+        requests = b"".join(b"Q%d\n" % number for number in range(400))
+        memory.begin()
+        flood(clients, requests)
+        assert memory.peak() < CLIENTS * limits.held_bytes + OURS
+        assert limits.held_bytes < 1024 * 1024
+    finally:
+        running.stop()
+
+
+def test_half_requests(memory: Counting) -> None:
+    """7435 and 3989: lines that never end."""
+    running = Running(ground())
+    try:
+        clients = many(lambda: running.connect().socket)
+        memory.begin()
+        flood(clients, b"x" * (MAX_REQUEST - 1))
+        assert memory.peak() < CLIENTS * DialogueLimits().held_bytes + OURS
+    finally:
+        running.stop()
+
+
+def test_wireless_dialogue(memory: Counting) -> None:
+    """50000: half lines of the longest kind, long names, ports without number, none read."""
+    limits = WirelessLimits(share=10.0, poll=0.02)
+    with Radio(Line(), limits=limits, model="none") as running:
+        clients = many(lambda: running.talker().socket)
+        ports = b",".join(b"%d" % number for number in range(1, wireless.MOST_PORTS + 1))
+        memory.begin()
+        for number, one in enumerate(clients):
+            one.sendall(b"INIT {Robot R%d} {Port %s}\r\n" % (number, ports))
+            one.sendall(b"INIT {Robot %s} {Port 1}\r\n" % (b"x" * 65_000))
+        flood(clients, b"DNS {Robot %s}\r\n" % (b"y" * 64) * 50)
+        flood(clients, b"x" * (wireless.MAX_LINE // 2))
+        assert memory.peak() < CLIENTS * limits.held_bytes + OURS
+
+
+def test_links_full_both_ways(memory: Counting) -> None:
+    """Relay ports: both ends send and neither reads."""
+    with Radio(Line(A=0, B=1)) as running:
+        a, b = running.robot("A"), running.robot("B")
+        links = [a.link(b) for _ in range(CLIENTS)]
+        ends = [end for pair in links for end in pair]
+        memory.begin()
+        flood(ends, b"x" * 65_536, quiet=0.5)
+        assert memory.peak() < CLIENTS * Road().held_bytes + OURS
+
+
+def test_older_wireless(memory: Counting) -> None:
+    """5874: names, ports and messages as long and as many as can be."""
+    with Radio(Line()) as running:
+        limits = ComServerLimits()
+        clients = many(lambda: running.com_talker().socket)
+        names = b"".join(
+            b"REGISTER N%d%s 127.0.0.1;LISTEN N%d%s %d;" % (n, b"x" * 58, n, b"x" * 58, n)
+            for n in range(1000)
+        )
+        memory.begin()
+        flood(clients, names[:40_000], quiet=0.5)
+        flood(clients, b"REGISTER " + b"x" * 9000)
+        assert memory.peak() < CLIENTS * limits.held_bytes + limits.names_bytes + OURS
+
+
+def test_pictures_that_nobody_reads(memory: Counting) -> None:
+    """5003: every client wants a picture of its own, again and again, and reads none."""
+    running = RunningImages(FakeSource(BIG))
+    try:
+        clients = many(lambda: running.connect(receive_buffer=4096).socket)
+        memory.begin()
+        for number, one in enumerate(clients):
+            one.sendall(rectangle(number, 0, BIG.width - CLIENTS, BIG.height) * 20)
+        time.sleep(1.0)
+        kept = 32 * 1024 * 1024  # pictures that all clients share
+        assert memory.peak() < CLIENTS * ImageLimits().held_bytes(BIG.frame) + kept + OURS
+    finally:
+        running.stop()
