@@ -9,9 +9,8 @@ import socket
 import pytest
 from wireless_harness import FAR, NEAR, Line, Running, Talker
 
-from usarsim_server.testing import PATIENCE, eventually
-
 from usarsim_server.services.comserver import ComServerLimits
+from usarsim_server.testing import PATIENCE, eventually
 
 
 class Team:

@@ -7,7 +7,6 @@ import contextlib
 import socket
 
 import pytest
-from services_harness import eventually
 from test_services_dialogue import Running, ground
 from wireless_harness import Line
 from wireless_harness import Running as Radio
@@ -16,6 +15,7 @@ from usarsim_server.services import guests
 from usarsim_server.services.dialogue import DialogueLimits
 from usarsim_server.services.guests import GRACE, Guest, Guests
 from usarsim_server.services.wireless import WirelessLimits
+from usarsim_server.testing import eventually
 
 
 class Party:
