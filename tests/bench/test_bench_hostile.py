@@ -134,6 +134,13 @@ class TestVerdict:
         assert verdict(outcome) == [broken]
         assert outcome_row(outcome)[-1] == f"NO: {broken}"
 
+    def test_a_busy_machine_is_told(self) -> None:
+        """A rate that fell where the quiet spans were no better is in doubt, and says so."""
+        slow = dataclasses.replace(QUIET, rate=900.0)
+        busy = dataclasses.replace(QUIET, factor=0.8)
+        outcome = dataclasses.replace(GOOD, during=slow, after=busy)
+        assert verdict(outcome) == ["rate? without attack the factor was 0.80"]
+
     def test_what_others_saw(self) -> None:
         """A new client that waits, forged answers, and a server that does not end."""
         outcome = dataclasses.replace(

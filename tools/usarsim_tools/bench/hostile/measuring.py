@@ -37,6 +37,8 @@ ENDING = 1.0
 """s of a second wave before the server is told to end."""
 
 LEAST_RATE = 0.95
+QUIET_FACTOR = 0.98
+"""Real-time factor without an attack below which a rate says nothing: the machine was busy."""
 LONGEST_END = 3.0
 
 
@@ -111,7 +113,9 @@ def verdict(outcome: Outcome) -> list[str]:
     """What is not as promised; nothing if the promise is kept."""
     attack, broken = outcome.attack, []
     if not attack.overload and not outcome.rate >= LEAST_RATE:
-        broken.append("rate")
+        quiet = min(outcome.before.factor, outcome.after.factor)
+        doubt = f"? without attack the factor was {quiet:.2f}" if quiet < QUIET_FACTOR else ""
+        broken.append(f"rate{doubt}")
     if outcome.lost:
         broken.append("lines lost")
     if outcome.growth > attack.growth:
