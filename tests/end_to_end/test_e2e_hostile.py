@@ -66,6 +66,7 @@ def dial(port: int) -> socket.socket:
 
 def all_is_well(server: ServerProcess, witness: ScriptedClient) -> None:
     """The witness is told everything at its rate of simulated time, and every port answers."""
+    witness.fence()  # nobody read what it was told meanwhile
     times: list[float] = []
     while len(times) < 5:
         line = witness.wait_for("STA", PATIENCE)

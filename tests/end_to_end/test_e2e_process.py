@@ -109,7 +109,7 @@ def test_it_ends_cleanly_with_busy_robots() -> None:
     """A server full of sensing robots ends with code 0: no thread is left inside native code."""
     for _ in range(3):
         with ServerProcess("--world", "arena", "--max-robots", "32") as server:
-            clients = [server.client() for _ in range(24)]
+            clients = [server.client() for _ in range(16)]
             for index, client in enumerate(clients):
                 client.send(f"INIT {{ClassName P3AT}} {{Start RobotStart{index % 16 + 1}}}")
             for client in clients:
