@@ -83,7 +83,7 @@ def test_a_signal_ends_the_program(case: str, said: str, number: signal.Signals)
     never ends."""
     with _program(case) as process:
         process.send_signal(number)
-        output, errors = process.communicate(timeout=30.0)
+        output, errors = process.communicate(timeout=90.0)
     assert process.returncode == 128 + number
     assert output == said
     assert "Traceback" not in errors
@@ -93,7 +93,7 @@ def test_a_function_is_called_instead() -> None:
     """Within `calling` nothing is raised, and the program decides about its code."""
     with _program("called") as process:
         process.send_signal(signal.SIGINT)
-        output, errors = process.communicate(timeout=30.0)
+        output, errors = process.communicate(timeout=90.0)
     assert (process.returncode, output, errors) == (7, "called\n", "")
 
 

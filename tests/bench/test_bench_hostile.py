@@ -13,6 +13,7 @@ import pytest
 from bench_fakes import FakeServer
 
 from usarsim_server.cli import main
+from usarsim_server.testing import eventually
 from usarsim_tools.bench.errors import BenchError
 from usarsim_tools.bench.hostile import measuring
 from usarsim_tools.bench.hostile.attack import MIB, Attack
@@ -280,9 +281,7 @@ class TestNewcomers:
     def test_are_answered(self) -> None:
         """The wait and the answer are written down."""
         with FakeServer() as server, Newcomers({"control": server.port}, ["control"]) as newcomers:
-            deadline = time.monotonic() + 20.0
-            while not newcomers.answers and time.monotonic() < deadline:
-                time.sleep(0.05)
+            assert eventually(lambda: bool(newcomers.answers))
         assert b"{StartPoses" in newcomers.answers["control"]
         assert newcomers.slowest[1] == "control"
 

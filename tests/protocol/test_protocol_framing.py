@@ -138,9 +138,9 @@ def test_memory_stays_bounded() -> None:
 def test_byte_by_byte_takes_linear_time() -> None:
     """A megabyte in single bytes costs seconds at most; copying the rest each time costs hours."""
     framer = LineFramer(max_line=1 << 21)
-    started = time.perf_counter()
+    started = time.thread_time()
     assert feed_bytewise(framer, b"b" * (1 << 20)) == []
-    assert time.perf_counter() - started < 10.0
+    assert time.thread_time() - started < 10.0
     assert framer.pending == 1 << 20
 
 

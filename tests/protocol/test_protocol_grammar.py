@@ -252,6 +252,6 @@ def test_commands_are_values() -> None:
 )
 def test_the_longest_line_takes_linear_time(line: bytes) -> None:
     """No line of 64 KiB costs more than a fraction of a second, whatever its shape."""
-    started = time.perf_counter()
+    started = time.thread_time()
     parse_line(line)
-    assert time.perf_counter() - started < 1.0
+    assert time.thread_time() - started < 1.0

@@ -9,7 +9,7 @@ import time
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from services_harness import GREETING, Client, Running, eventually, words
+from services_harness import GREETING, Client, LoopClock, Running, eventually, words
 
 from usarsim_server.errors import SpawnError
 from usarsim_server.services import guests as guests_module
@@ -398,14 +398,16 @@ def test_who_only_sits_there_makes_room(control, monkeypatch, caplog) -> None:
 
 def test_client_that_asks_now_and_then_stays(control) -> None:
     """Every command begins the time anew."""
-    server = control(ControlLimits(idle=2.0))
+    server = control(ControlLimits(idle=100.0))
+    clock = LoopClock(server.loop)
     client, agent = server.pair()
-    until = time.monotonic() + 2.6
-    while time.monotonic() < until:
+    for _ in range(4):
         client.send(b"GETCONF {Name x}\r\n")
         assert client.line() == b"CONF {Name x}\r\n"
-        time.sleep(0.1)
+        clock.turn(60.0)
     assert agent.closes == 0
+    clock.turn(60.0)
+    assert eventually(lambda: agent.closes == 1)
 
 
 # Robots
