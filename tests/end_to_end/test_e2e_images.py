@@ -118,7 +118,9 @@ def asker(server: ServerProcess) -> Iterator[Asker]:
 
 def test_images_need_no_robot() -> None:
     """Checks 1 to 3: connect before any robot, hear nothing for a second, get one frame."""
-    with ServerProcess("--world", "empty", "--image-port", "0") as server:
+    with ServerProcess(
+        "--world", "empty", "--image-port", "0", "--image-silent-push", "60"
+    ) as server:
         asker = Asker(server)
         assert asker.silent_for(1.0)
         kind, payload = asker.ask()
