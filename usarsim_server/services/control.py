@@ -33,7 +33,13 @@ from usarsim_server.protocol.grammar import (
 from usarsim_server.services.budget import WorkBudget
 from usarsim_server.services.calls import LoopCalls
 from usarsim_server.services.guests import Guest, Guests
-from usarsim_server.services.limits import REPLY_PART, InputRates, input_cost, work_cost
+from usarsim_server.services.limits import (
+    COMMAND_WORK,
+    REPLY_PART,
+    InputRates,
+    input_cost,
+    work_cost,
+)
 from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits, hung_up
 from usarsim_server.services.outbox import Outbox, OutboxLimits
 
@@ -51,6 +57,10 @@ _FLOOD_CHUNK = 1024
 wait for more than half a millisecond of them."""
 _LINE_TOKENS = 128
 """Commands that a client has to have left if a whole chunk is to be read from it."""
+_MOST_PENDING = 0.02
+"""Processor time of commands that may wait at an agent, s, as far as it can be told."""
+_LEAST_BACKLOG = 64
+"""Weight of commands that may wait there in any case."""
 _REPLY_WORK = 20e-6
 """Processor time of sending a reply, s."""
 LONGEST_REPLY = 256 * 1024
@@ -288,6 +298,7 @@ class _Connection:
         self._endless = False
         self._replied = (0, 0)
         self._worked = 0.0
+        self._submitted = 0
         self.outbox = Outbox(self._wake, limits.outbox)
 
     async def run(self, agent: Agent, heard: Callable[[], None]) -> str:
@@ -348,9 +359,10 @@ class _Connection:
             work = time.thread_time() - begun
             # `sock_recv` does not yield while there is data: let other clients have a turn.
             await asyncio.sleep(0)
-            if not await self._pay(agent, work, input_cost(lines, len(commands))):
+            self._submitted += sum([command.weight for command in commands])
+            if not await self._catch_up(agent):
                 break
-            if agent.backlog > self._limits.backlog_high and not await self._pause(agent):
+            if not await self._pay(agent, work, input_cost(lines, len(commands))):
                 break
         self._end("client closed the connection")
 
@@ -416,8 +428,26 @@ class _Connection:
             self._end(f"connection lost: {error.strerror}")
             return b""
 
-    async def _pause(self, agent: Agent) -> bool:
-        """Read nothing until the agent has caught up; False if the client hangs up meanwhile.
+    async def _catch_up(self, agent: Agent) -> bool:
+        """Read nothing while too much waits at the agent; False if the client hangs up meanwhile.
+
+        Too much is what it will be at for too long, as far as its commands so far tell: they are
+        paid for once they are executed. Somebody who has nothing left to pay with is waited for
+        until all is done.
+        """
+        limits, backlog = self._limits, agent.backlog
+        high = min(limits.backlog_high, _LEAST_BACKLOG)
+        if agent.work:
+            mean = max(COMMAND_WORK, agent.work / max(1, self._submitted - backlog))
+            high = min(limits.backlog_high, max(high, int(_MOST_PENDING / mean)))
+        if self._own.tokens < 0.0 and math.isfinite(self._rates.rate):
+            high = 0
+        if backlog <= high:
+            return True
+        return await self._pause(agent, min(limits.backlog_low, high // 2))
+
+    async def _pause(self, agent: Agent, low: int) -> bool:
+        """Read nothing until the backlog is as low as that; False if the client hangs up meanwhile.
 
         A hang-up shows only once all that the client sent fits the kernel's receive buffer: TCP
         delivers the end of a stream after its data.
@@ -426,7 +456,7 @@ class _Connection:
         self._backlog_shrank.clear()
         self._paused = True
         try:
-            while agent.backlog > self._limits.backlog_low:
+            while agent.backlog > low:
                 try:
                     async with asyncio.timeout(_HANG_UP_POLL):
                         await self._backlog_shrank.wait()

@@ -44,6 +44,8 @@ READ_COST = 0.25
 """Cost of a read call, in commands, so that endless lines and single bytes are not for nothing."""
 COMMAND_BURST = 2.0
 """Seconds' worth of commands that a client saves up while it sends fewer."""
+OWN_BURST = 0.25
+"""Seconds' worth of commands, at the full rate, that a client may send at once of its own."""
 GRANT = 1.0
 """Seconds' worth of commands that a new client may send at once."""
 PURSE = 64.0
@@ -214,10 +216,9 @@ class InputRates:
 
     def own(self, client: TokenBucket) -> TokenBucket:
         """The commands that a new client may send whatever all the others do."""
-        own = OWN_SHARE * self.rate
-        return TokenBucket(
-            own, GRANT * self.rate, start=client.tokens, deepest=2.0 * own, clock=self._clock
-        )
+        own, burst = OWN_SHARE * self.rate, OWN_BURST * self.rate
+        start = min(burst, client.tokens)
+        return TokenBucket(own, burst, start=start, deepest=2.0 * own, clock=self._clock)
 
     def charge(self, client: TokenBucket, cost: float) -> float:
         """Let a client pay for what it sent; returns s until it may go on, 0 for at once."""
