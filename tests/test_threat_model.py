@@ -151,3 +151,4 @@ def test_bytes_that_a_connection_can_hold() -> None:
     assert Road().held_bytes // 1024 == 64
     assert Road().kernel_bytes // 1024 == 512
     assert WirelessLimits().link_bytes(Road()) == 36 << 20
+    assert ComServerLimits().names_bytes == 4 << 20
