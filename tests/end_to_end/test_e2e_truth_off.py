@@ -20,7 +20,7 @@ def heard(client: ScriptedClient) -> tuple[set[str], list[str]]:
     client.wait_for("SEN")
     client.send("GETCONF {Type GroundTruth}")
     client.send("GETGEO {Type GroundTruth}")
-    lines = client.read_for(1.5)
+    lines = client.listen(1.0)
     types = {line.partition("{Type ")[2].partition("}")[0] for line in lines if "SEN" in line}
     return types, [line for line in lines if "GroundTruth" in line and "SEN" not in line]
 
