@@ -27,7 +27,7 @@ from usarsim_server.simulation.frames import Pose, Vector
 from usarsim_server.simulation.growth import Growth
 from usarsim_server.simulation.mailbox import Mailbox
 from usarsim_server.simulation.memory import shortage, trim
-from usarsim_server.simulation.model import VACANT, CompiledWorld, RobotModel
+from usarsim_server.simulation.model import JOINT_WIDTH, VACANT, CompiledWorld, RobotModel
 from usarsim_server.simulation.moving_geometry import DynamicGeometry
 from usarsim_server.simulation.placement import Placement
 from usarsim_server.simulation.snapshot import Snapshot
@@ -43,7 +43,7 @@ GROWTH_LIMIT = 8
 """Most slots added by one compilation."""
 LOOK_INTERVAL = 5.0
 """s of simulated time between two looks whether there are slots to give back."""
-KEPT_FREE = 60.0
+KEPT_FREE = 30.0
 """s of simulated time for which a slot that was left is kept for who comes back."""
 LEAST_BODIES = 24
 WORTH = 0.2
@@ -247,9 +247,9 @@ class Slots:
         Raises:
             SpawnError: if the model that would hold it is too large for the limits of the process.
         """
-        running = self._engine.world.model
-        bodies = count * len(model.build().bodies)
-        missing = shortage(running, (running.nbody + bodies) / running.nbody)
+        joints = model.build().joints
+        dofs = sum(JOINT_WIDTH[int(joint.type)][1] for joint in joints)
+        missing = shortage(self._engine.world.model, count * dofs)
         if missing is not None:
             raise SpawnError(f"there is not enough memory for {model.key}: {missing}")
 
