@@ -15,6 +15,8 @@ from usarsim_tools.conformance.verdicts import Failed, Severity
 _GARBAGE_LINES = 1000
 _LONG_LINE = 65536
 _LONGEST = 1 << 20
+_FLOOD_WITHIN = 60.0
+"""s of simulated time in which two thousand commands are worked off."""
 _SCANS = 700
 """A megabyte of scans: more than sockets hold, less than may cost a client its connection."""
 
@@ -108,15 +110,15 @@ async def endless_line(case: Case) -> None:
 
 @check(
     "control.robust.many-segments",
-    "A command of thousands of segments",
+    "A command of a thousand segments",
     source="protocol reference 6, no. 20",
     dialects=ONCE,
     severity=Severity.SHOULD,
 )
 async def many_segments(case: Case) -> None:
-    """A command with thousands of segments is read: the last of them counts."""
+    """A command with a thousand segments is read: the last of them counts."""
     robot = await case.spawn()
-    await robot.send("GETCONF " + "{A 1}" * 5000 + " {Type Robot}")
+    await robot.send("GETCONF " + "{A 1}" * 1000 + " {Type Robot}")
     await robot.wait("CONF {")
 
 
@@ -127,15 +129,12 @@ async def many_segments(case: Case) -> None:
     dialects=ONCE,
 )
 async def flood(case: Case) -> None:
-    """Two thousand DRIVE commands in a row, more than a client that answers every line, do not
-    delay a later request by more than 2 s of simulated time."""
+    """Two thousand DRIVE commands in a row, more than a client that answers every line, are worked
+    off: a request behind them is answered. Servers may let who sends so much wait for others."""
     robot = await case.spawn()
     for _ in range(20):
         await robot.send(*["DRIVE {Left 0.1} {Right 0.1}"] * 100)
-    begun = case.clock.now
-    case.expect(await robot.client.is_alive(), "the connection no longer answers")
-    took = case.clock.now - begun
-    case.expect(took < 2.0, f"the answer took {took:.1f} s")
+    case.expect(await robot.client.is_alive(_FLOOD_WITHIN), "the connection no longer answers")
 
 
 @check(
