@@ -30,7 +30,7 @@ def test_the_example_of_settings_is_accepted() -> None:
     assert options.model.connects(options.model.strength(30.0, 0))
     assert not options.model.connects(options.model.strength(30.1, 0))
     defaults = read_radio({}, "defaults")
-    for key in ("poll", "patience", "cache_distance"):
+    for key in ("poll", "patience", "cache_distance", "share"):
         assert table["wireless"][key] == getattr(defaults, key)
 
 

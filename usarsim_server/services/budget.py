@@ -24,7 +24,7 @@ __all__ = ["BYTE_COST", "HOP_COST", "TURN_COST", "Account", "WorkBudget"]
 TURN_COST = 60e-6
 """s of processor time that a turn costs beside the work in it: waking the loop, reading, sending.
 Measured with one thread on an EPYC at 2.6 GHz."""
-HOP_COST = 150e-6
+HOP_COST = 100e-6
 """The same for an answer worked out on another thread that looks at the physics."""
 BYTE_COST = 1.5e-9
 """s of processor time for each byte that passes through a socket, in and out of the kernel."""

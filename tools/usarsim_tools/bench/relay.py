@@ -40,8 +40,8 @@ THROUGHPUT_AIM = Aim(">=", 0.5)
 FACTOR_AIM = Aim(">=", 0.999)
 DELIVERED_AIM = Aim(">=", 0.99)
 
-RADIO = 'model = "obstacle"\nwall_attenuation = 0\n'
-"""Obstacles are counted as usual, but nobody gets out of range."""
+RADIO = 'model = "obstacle"\nwall_attenuation = 0\nshare = 64.0\n'
+"""Obstacles are counted as usual, but nobody gets out of range; links may use what there is."""
 
 
 class Radio:
