@@ -451,9 +451,7 @@ def _wireless_services(
                 settings.host,
                 settings.comserver_port,
                 network(),
-                limits=ComServerLimits(
-                    poll=options.poll, link_share=options.share, idle=settings.idle_timeout
-                ),
+                limits=ComServerLimits(poll=options.poll, idle=settings.idle_timeout),
                 required=settings.demands("comserver_port"),
                 owners=owners,
             )

@@ -35,13 +35,13 @@ from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits
 from usarsim_server.services.outbox import PIECE, ReplyBuffer
 from usarsim_server.services.owners import NOBODY, Owners
 from usarsim_server.services.radio_watch import RadioWatch
-from usarsim_server.services.relay import KERNEL_BUFFER, SHARE, Traffic, dial
+from usarsim_server.services.relay import KERNEL_BUFFER, Traffic, dial
 
 __all__ = ["ComServerLimits", "ComServerService"]
 
-_BLOCK = 8 * 1024
-"""Bytes read at a time from a link; the worst of them, messages without payload, take a
-millisecond."""
+_BLOCK = 4 * 1024
+"""Bytes read at a time from a link; the worst of them, messages without payload, take half a
+millisecond, for which nobody else runs."""
 _ROBOT_BYTES = 16 * 1024
 """A registered name with all ports that it may listen on."""
 
@@ -74,7 +74,7 @@ class ComServerLimits:
     poll: float = 0.25
     rate: float = 1000.0
     share: float = 0.05
-    link_share: float = SHARE
+    link_share: float = 0.08
     idle: float = 300.0
     kernel_buffer: int = 64 * 1024
 
