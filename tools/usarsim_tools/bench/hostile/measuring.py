@@ -143,7 +143,9 @@ def measure_hostile(plan: Plan) -> Section:
             failed.append((name, str(error).strip().splitlines()[-1]))
             plan.say(f"  {failed[-1][1]}")
         else:
-            plan.say(f"  {outcomes[-1].rate:.3f}, promise kept: {outcome_row(outcomes[-1])[-1]}")
+            row = dict(zip(HEADS, outcome_row(outcomes[-1]), strict=True))
+            shown = ("rate", "factor", "lost", "cores", "wait s", "end s", "promise kept")
+            plan.say("  " + ", ".join(f"{head} {row[head]}" for head in shown))
     return _section(plan, robots, seconds, outcomes, failed)
 
 
