@@ -11,6 +11,10 @@ from dataclasses import dataclass
 import pytest
 from control_harness import control, controller, near
 
+from usarsim_server.control import walker
+from usarsim_server.control.survey import Survey, survey
+from usarsim_server.simulation.frames import Vector
+from usarsim_server.simulation.simulation import Simulation
 from usarsim_server.testing import Rehearsal, RehearsedClient
 
 STATUS = re.compile(
@@ -271,6 +275,33 @@ def test_new_append_pause_resume(stage: Rehearsal) -> None:
     )
     stage.run(4.0)
     assert now(stage, client).place[:2] == near(2, 1, within=0.02)
+    leave(stage, client)
+
+
+def test_places_that_wait_are_not_looked_at_again(
+    stage: Rehearsal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One more place costs one more way, and that from where one is; the whole is bounded."""
+    asked: list[tuple[float, float]] = []
+
+    def counted(simulation: Simulation, start: Vector, goal: tuple[float, float]) -> Survey:
+        asked.append(goal)
+        return survey(simulation, start, goal)
+
+    monkeypatch.setattr(walker, "survey", counted)
+    client = avatar(stage)
+    stage.run(0.3)
+    for number in range(30):
+        client.send(f"MOVE {{Type Run}} {{Action Append}} {{Location {number % 2},{number % 7}}}")
+        stage.run(0.05)
+    assert len(asked) <= 2 * 30
+    monkeypatch.setattr(walker, "MOST_POINTS", 300)
+    client.send("MOVE {Action Append} {Location 9,9}")
+    stage.run(0.05)
+    before = len(asked)
+    client.send(*["MOVE {Action Append} {Location 0,9}", "MOVE {Action Append} {Location 9,0}"] * 5)
+    stage.run(0.05)
+    assert len(asked) - before <= 2 * 10
     leave(stage, client)
 
 

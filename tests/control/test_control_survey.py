@@ -9,7 +9,7 @@ import mujoco
 import pytest
 
 from usarsim_server.control.ground import drop_below
-from usarsim_server.control.survey import DISTANCE, ground_below, survey
+from usarsim_server.control.survey import DISTANCE, FARTHEST, ground_below, survey
 from usarsim_server.errors import SpawnError
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.simulation import Simulation, SimulationOptions
@@ -48,6 +48,20 @@ def test_ground_below(world: Simulation) -> None:
     assert ground_below(world, [(-3.0, -8.0, 2.0)]) == pytest.approx([0.0], abs=1e-5)
     assert ground_below(world, [(99.0, 0.0, 1.0)]) == [-math.inf]
     assert ground_below(world, []) == []
+
+
+@pytest.mark.parametrize("far", [400.0, 1e9, 1e300])
+def test_the_end_of_the_world_is_not_looked_for(far: float) -> None:
+    """A way goes so far and no farther, and is not even counted out beyond."""
+
+    def plain() -> mujoco.MjSpec:
+        spec = mujoco.MjSpec()
+        spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1])
+        return spec
+
+    seen = survey(Simulation(plain, SimulationOptions(speed=math.inf)), (0.0, 0.0, 0.0), (far, 0.0))
+    assert seen.obstacle == "its length"
+    assert seen.profile[-1][0] == pytest.approx(FARTHEST)
 
 
 def test_a_free_way(world: Simulation) -> None:

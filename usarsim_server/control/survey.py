@@ -33,6 +33,8 @@ DISTANCE = 0.35
 OVERHEAD = 0.6
 """m above the last ground: what is higher is passed under, not climbed."""
 DEEPEST = 100.0
+FARTHEST = 300.0
+"""m that are looked at; a way is walked so far. It takes 0.1 s of processor time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +73,8 @@ def survey(simulation: Simulation, start: Vector, goal: tuple[float, float]) -> 
     if length < 1e-6:
         return Survey((start, start))
     ahead = ((goal[0] - start[0]) / length, (goal[1] - start[1]) / length)
-    marks = [min(length, SPACING * n) for n in range(1, math.ceil(length / SPACING - 1e-9) + 1)]
+    reach = min(length, FARTHEST)
+    marks = [min(reach, SPACING * n) for n in range(1, math.ceil(reach / SPACING - 1e-9) + 1)]
     for first in range(0, len(marks), STRETCH):
         part = marks[first : first + STRETCH]
         here = profile[-1]
@@ -87,7 +90,7 @@ def survey(simulation: Simulation, start: Vector, goal: tuple[float, float]) -> 
             if abs(height - profile[-1][2]) > CLIMB:
                 return Survey(_at_least_two(profile), "a step")
             profile.append((x, y, height))
-    return Survey(_at_least_two(profile))
+    return Survey(_at_least_two(profile), None if reach == length else "its length")
 
 
 def _free_way(

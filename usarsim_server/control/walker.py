@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from usarsim_server.control.avatars import Avatar, Avatars
 from usarsim_server.control.gait import RUNNING, WALKING, Gait, bone_rotation, posture
 from usarsim_server.control.graph import distances_to, find_node, way_to
-from usarsim_server.control.survey import survey
+from usarsim_server.control.survey import Survey, survey
 from usarsim_server.control.walk import Leg, Stance, Walk
 from usarsim_server.logs import Log
 from usarsim_server.protocol import messages
@@ -33,6 +33,8 @@ REPORT_INTERVAL = 0.05
 """s between two STA (4.4)."""
 MOST_ERRANDS = 1000
 """Places that may wait to be walked to."""
+MOST_POINTS = 20_000
+"""Points of the ground on the way to all of them: 2 km. What lies beyond is not walked to."""
 
 _BONES = (
     ("LeftArm", "upper_arm_left"),
@@ -101,6 +103,8 @@ class Walker:
         self._log = log
         self._walk = Walk(0.0, avatar.begin)
         self._errands: tuple[_Errand, ...] = ()
+        self._seen: dict[tuple[Vector, tuple[float, float]], Survey] = {}
+        """Ways of the latest plan by start, to the millimetre, and goal. Scenery never moves."""
         self.schedule = Schedule(
             [REPORT_INTERVAL], lambda now: first_report(now, now, self._quiet_period)
         )
@@ -228,15 +232,21 @@ class Walker:
 
     def _set_out(self, stance: Stance) -> None:
         """Plan the way to all errands from where one stands, and go."""
-        legs, reached = [], stance.ground
+        known, self._seen = self._seen, {}
+        legs, reached, points = [], stance.ground, 0
         for number, errand in enumerate(self._errands):
             if math.dist(reached[:2], errand.place) < 1e-3:
                 continue
-            seen = survey(self._simulation, reached, errand.place)
+            x, y, z = reached
+            way = ((round(x, 3), round(y, 3), round(z, 3)), errand.place)
+            seen = known.get(way) or survey(self._simulation, reached, errand.place)
+            self._seen[way] = seen
             legs.append(_leg(seen.profile, errand, number))
             reached = seen.profile[-1]
-            if seen.obstacle is not None:
-                self._log.info("the way is blocked", by=seen.obstacle, at=reached)
+            points += len(seen.profile)
+            blocked = seen.obstacle or ("the length of all ways" if points > MOST_POINTS else None)
+            if blocked is not None:
+                self._log.info("the way is blocked", by=blocked, at=reached)
                 self._errands = self._errands[: number + 1]
                 break
         try:
