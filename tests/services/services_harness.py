@@ -44,7 +44,8 @@ class FakeAgent:
         self.waiting: deque[Command] = deque()
         self.most_waiting = 0
         self.closes = 0
-        self.work = 0.0
+        self.work = self.cost = 0.0
+        """s of processor time used so far, and by each command."""
         self.has_role = False
         self.submit_thread: int | None = None
 
@@ -78,6 +79,7 @@ class FakeAgent:
     def _execute(self, commands: list[Command]) -> None:
         for command in commands:
             self.commands.append(command)
+            self.work += self.cost
             self.has_role = self.has_role or (command.word == "INIT" and not command.has("Fail"))
             if command.word == "GETCONF":
                 self.outbox.put_reply(f"CONF {{Name {command.get('Name')}}}\r\n".encode())

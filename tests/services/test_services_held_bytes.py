@@ -11,15 +11,20 @@ import tracemalloc
 from collections.abc import Callable, Iterator
 
 import pytest
+import services_harness as control
 from images_harness import BIG, FakeSource, RunningImages, rectangle
 from test_services_dialogue import Running, ground
 from wireless_harness import Line
 from wireless_harness import Running as Radio
 
 from usarsim_server.protocol import wireless
+from usarsim_server.protocol.framing import MAX_LINE
+from usarsim_server.protocol.grammar import MOST_SEGMENTS
 from usarsim_server.services.comserver import ComServerLimits
+from usarsim_server.services.control import ControlLimits
 from usarsim_server.services.dialogue import MAX_REQUEST, DialogueLimits
 from usarsim_server.services.images import ImageLimits
+from usarsim_server.services.outbox import OutboxLimits
 from usarsim_server.services.relay import Road
 from usarsim_server.services.wireless import WirelessLimits
 
@@ -84,6 +89,38 @@ def test_replies_that_nobody_reads(memory: Counting) -> None:
         assert limits.held_bytes < 1024 * 1024
     finally:
         running.stop()
+
+
+def test_commands_that_wait_and_answers_that_nobody_reads(memory: Counting) -> None:
+    """3000: the mailbox full of the heaviest commands, half a line behind it, a full outbox."""
+    limits = ControlLimits()
+    running = control.Running(limits, hold=True)
+    try:
+        pairs = [running.pair(receive_buffer=4096) for _ in range(CLIENTS)]
+        clients = [client.socket for client, _ in pairs]
+        heavy = b"SET " + b"{\xe9\xe9 \xe9}" * MOST_SEGMENTS
+        heavy += b"{Params " + b"y" * (MAX_LINE - len(heavy) - 9) + b"}"
+        memory.begin()
+        flood(clients, heavy + b"\r\n" + b"DRIVE {L 1} {R 1}\r\n" * 20)
+        for _, agent in pairs:
+            _fill(agent)
+        assert memory.peak() < CLIENTS * limits.held_bytes + OURS
+        assert memory.peak() > CLIENTS * limits.held_bytes // 2, "the figure is far too large"
+        assert all(agent.closes == 0 for _, agent in pairs)
+    finally:
+        running.stop()
+
+
+def _fill(agent: control.FakeAgent) -> None:
+    """Have an outbox hold as much as it takes, in as many lines as it takes, and a long reply."""
+    outbox = OutboxLimits()
+    for number in range(2 * outbox.stream_lines):
+        length = outbox.stream_bytes // outbox.stream_lines
+        agent.outbox.put_stream(b"%*d\r\n" % (length - 2, number))
+    agent.outbox.put_reply(b"%*d\r\n" % (128 * 1024, 0))  # waits in the kernel's buffer, in part
+    length = (outbox.reply_bytes - 200 * 1024) // (outbox.reply_lines - 2)
+    for number in range(outbox.reply_lines - 2):
+        agent.outbox.put_reply(b"%*d\r\n" % (length - 2, number))
 
 
 def test_half_requests(memory: Counting) -> None:

@@ -217,6 +217,48 @@ def test_flood_is_read_at_the_rate_and_nothing_is_lost(control, caplog) -> None:
     assert eventually(lambda: server.service._rates.waiting == 0)
 
 
+def test_costly_commands_wait_for_their_turn_and_nobody_else_does(control) -> None:
+    """Who has used up what is its own gets a part of a processor, here next to nothing; others are
+    served at once, and those who take turns with it are not forgotten."""
+    server = control(ControlLimits(share=1e-6))
+    client, agent = server.pair()
+    agent.cost = 2e-3
+    client.send(FLOOD * 3000)
+    assert eventually(lambda: server.service._rates.waiting == 1)
+    executed = len(agent.commands)
+    assert executed < 300, "it has been read on credit"
+    other, _ = server.pair()
+    for number in range(20):
+        other.send(b"GETCONF {Name %d}\r\n" % number)
+        assert other.line() == b"CONF {Name %d}\r\n" % number
+    assert len(agent.commands) == executed
+    assert agent.closes == 0
+
+
+def test_nobody_waits_for_commands_that_wait_already(control) -> None:
+    """What a client sends before its first command is done cannot be told in time: little is read,
+    and all of it is executed."""
+    server = control(ControlLimits(), hold=True)
+    client, agent = server.pair()
+    client.send(FLOOD * 3000)
+    assert eventually(lambda: agent.backlog > 64)
+    time.sleep(0.1)
+    assert agent.backlog <= 64 + 2048 // len(FLOOD) + 1
+    agent.hold = False
+    agent.release()
+    assert eventually(lambda: len(agent.commands) == 3000)
+
+
+def test_without_a_rate_nothing_is_charged(control) -> None:
+    """In lockstep and at the fastest pace wall time must not decide what is read when."""
+    server = control(ControlLimits(command_rate=math.inf, share=1e-6))
+    client, agent = server.pair()
+    agent.cost = 1.0
+    client.send(FLOOD * 5000 + b"GETCONF {Name done}\r\n")
+    assert client.line() == b"CONF {Name done}\r\n"
+    assert len(agent.commands) == 5001
+
+
 def test_requests_with_long_answers_cost_more(control) -> None:
     """A client is charged for what it makes the server say, too."""
     server = control(ControlLimits(command_rate=400.0))

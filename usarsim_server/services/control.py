@@ -133,7 +133,8 @@ class ControlLimits:
         idle: s after which a client that neither had a command nor is anything in the world is
             closed; 0 for never.
         backlog_high: weight of commands waiting at an agent beyond which its client's input is not
-            read. One client of the field sends 180 a second (protocol reference, addendum).
+            read. One client of the field sends 180 a second (protocol reference, addendum). It is
+            read no further than 20 ms of processor time are likely to take, either.
         backlog_low: weight at which reading goes on.
         outbox: see `OutboxLimits`.
         kernel_buffer: bytes per client and direction, before the kernel doubles it. A client that
@@ -148,8 +149,8 @@ class ControlLimits:
     command_rate: float = 1000.0
     share: float = 0.05
     idle: float = 300.0
-    backlog_high: int = 1024
-    backlog_low: int = 256
+    backlog_high: int = 256
+    backlog_low: int = 64
     outbox: OutboxLimits = field(default_factory=OutboxLimits)
     kernel_buffer: int = 64 * 1024
 
@@ -201,7 +202,9 @@ class ControlService:
         self._log = Log(self.name)
         self._rates = InputRates(self._limits.command_rate)
         self._budget = WorkBudget(self._limits.share)
-        self._guests = Guests(self.name, self._limits.idle)
+        self._guests = Guests(
+            self.name, self._limits.idle, clock=lambda: asyncio.get_running_loop().time()
+        )
         self._listener = Listener(
             self.name,
             host,

@@ -56,7 +56,7 @@ class OutboxLimits:
     stream_bytes: int = 256 * 1024
     stream_lines: int = 4096
     reply_bytes: int = 1024 * 1024
-    reply_lines: int = 8192
+    reply_lines: int = 4096
 
     @property
     def held_bytes(self) -> int:
