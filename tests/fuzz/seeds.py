@@ -10,18 +10,20 @@ import functools
 import io
 import json
 import struct
+import zlib
 from pathlib import Path
 
 import numpy as np
 from collada_samples import document as collada_document
 from collada_samples import wedge
+from lzo_fixture import lzo_pack
 from mesh_samples import FACES, WEDGE
 from PIL import Image
 from robot_files import table, write
 from sdf_samples import BOX, PLUGIN, model
 from sdf_samples import world as sdf_world
 from t3d_maps import actor, level, room, start
-from unreal_fixture import Map
+from unreal_fixture import Map, Writer, box_triangles, static_mesh
 
 ROOT = Path(__file__).parents[2]
 
@@ -208,11 +210,14 @@ def ase() -> list[bytes]:
 
 
 def unreal() -> list[bytes]:
-    """A package with a room, plain and compressed."""
+    """A package with a room, plain and compressed, and one with a mesh."""
     made = Map()
     made.box("Room", (-500, -500, 0), (500, 500, 750), "CSG_Subtract")
     made.start("PlayerStart_0", (0, 0, 60))
-    return [made.content()]
+    meshes = Writer(flags=1)
+    static_mesh(meshes, "Table", box_triangles((0, 0, 0), (500, 250, 200)), group="Kitchen")
+    packed = [made.content(1, zlib.compress), made.content(2, lzo_pack)]
+    return [made.content(), meshes.content(), *packed]
 
 
 def sdf() -> list[bytes]:
