@@ -213,7 +213,7 @@ class TestAttacks:
         """No attack hides another."""
         assert len(ATTACKS) == len(CONTROL_ATTACKS) + len(SIDE_ATTACKS)
 
-    @pytest.mark.parametrize("attack", ATTACKS.values(), ids=str)
+    @pytest.mark.parametrize("attack", ATTACKS.values(), ids=lambda one: one.name)
     def test_ask_newcomers_where_they_attack(self, attack: Attack) -> None:
         """Every port named has a question, and a sentence says what is done."""
         assert set(attack.ports) <= set(QUESTIONS)
