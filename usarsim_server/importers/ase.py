@@ -39,8 +39,8 @@ COLLISION = ("mcdcx", "ucx_", "ubx_", "usp_", "mcdbx", "mcdsp")
 """Beginnings of names of collision pieces."""
 
 _NUMBERS = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
-_FACE = re.compile(r"(\d+):\s*A:\s*(\d+)\s*B:\s*(\d+)\s*C:\s*(\d+)")
-_SLOT = re.compile(r"\*MESH_MTLID\s+(\d+)")
+_FACE = re.compile(r"\d+:\s*A:\s*(\d{1,9})\s*B:\s*(\d{1,9})\s*C:\s*(\d{1,9})\b")
+_SLOT = re.compile(r"\*MESH_MTLID\s+(\d{1,9})\b")
 
 
 @dataclass(slots=True)
@@ -138,7 +138,7 @@ def _parse(source: Path, text: str) -> tuple[list[_Geom], list[list[tuple[str, s
                 face = _FACE.match(rest)
                 if face is None:
                     raise _broken(source, number, f"{line[:60]!r} is no face")
-                geoms[-1].faces.append((int(face[2]), int(face[3]), int(face[4])))
+                geoms[-1].faces.append((int(face[1]), int(face[2]), int(face[3])))
                 slot = _SLOT.search(rest)
                 geoms[-1].slots.append(int(slot[1]) if slot else 0)
                 items += 1

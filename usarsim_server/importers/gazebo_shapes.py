@@ -219,9 +219,11 @@ class Shapes:
         points = [document.floats(node)[:2] for node in kind.all("point")]
         if len(points) < 3 or any(len(point) != 2 for point in points):
             return None
-        height = kind.child("height")
-        values = np.ones(1) if height is None else document.floats(height)
-        return prism_mesh(np.array(points) * self.unit, float(values[0]) * self.unit)
+        if not (np.abs(points) < 1e9).all():
+            raise document.error(kind, "a point of a polyline far away", "write metres")
+        high = kind.child("height") is not None
+        (height,) = self._lengths(document, kind, "height", 1) if high else (self.unit,)
+        return prism_mesh(np.array(points) * self.unit, height)
 
     # ---- meshes ----------------------------------------------------------------------------
 
