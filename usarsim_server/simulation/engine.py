@@ -78,7 +78,7 @@ class Engine:
         self._active: dict[int, int] = {}
         self._driven: set[int] = set()
         self._left: dict[int, int] = {}
-        self._resting: set[int] = set()
+        self._settling = self._parked()
         self.after_batch: Callable[[], None] = _nothing
         self.steps = 0
         mujoco.mj_kinematics(self.world.model, self.data)
@@ -177,7 +177,22 @@ class Engine:
         self._moving.follow(robot, ())
         self._release(slot)
         self._put(slot, self.world.parking[slot])
+        self._leave(slot)
+
+    def _leave(self, slot: int) -> None:
+        """Note that a slot is free and parked from now on."""
         self._left[slot] = self.steps
+        if self.world.layouts[slot].dof >= 0:
+            self._settling.add(slot)
+
+    def _parked(self) -> set[int]:
+        """Free slots whose robots are subject to forces."""
+        taken = self._active.values()
+        return {
+            layout.slot
+            for layout in self.world.layouts
+            if layout.dof >= 0 and layout.slot not in taken
+        }
 
     def free_since(self, seconds: float) -> list[int]:
         """Slots that nobody has been in for some simulated time, in order."""
@@ -304,7 +319,7 @@ class Engine:
             put(self.world, data, slot, coordinates)
             return
         self._touch(slot, True)
-        self._resting.discard(slot)
+        self._settling.discard(slot)
         self._limbs.drop(data, int(model.dof_treeid[layout.dof]))
         put(self.world, data, slot, coordinates)
         data.qpos[list(layout.joint_qpos.values())] = model.qpos0[list(layout.joint_qpos.values())]
@@ -327,13 +342,10 @@ class Engine:
 
     def _let_rest(self) -> None:
         """Leave parked slots that have fallen asleep out of the search for contacts."""
-        model, data = self.world.model, self.data
-        taken = set(self._active.values())
-        for slot, layout in enumerate(self.world.layouts):
-            if slot in taken or slot in self._resting or layout.dof < 0:
-                continue
-            if data.tree_asleep[model.dof_treeid[layout.dof]] >= 0:
-                self._resting.add(slot)
+        model, layouts = self.world.model, self.world.layouts
+        for slot in tuple(self._settling):
+            if self.data.tree_asleep[model.dof_treeid[layouts[slot].dof]] >= 0:
+                self._settling.remove(slot)
                 self._touch(slot, False)
 
     def advance(self, steps: int) -> list[int]:
@@ -349,7 +361,7 @@ class Engine:
         self.run(steps)
         lost = [] if is_sound(self.data) else self._take_out(culprits(self, steps))
         self.steps += steps
-        if len(self._resting) + len(self._active) < len(self.world.slots):
+        if self._settling:
             self._let_rest()
         self.after_batch()
         return lost
@@ -428,7 +440,7 @@ class Engine:
         for robot in lost:
             slot = self._active.pop(robot)
             self._release(slot)
-            self._left[slot] = self.steps
+            self._leave(slot)
         return lost
 
     def _robot_of_tree(self) -> dict[int, int]:
@@ -493,7 +505,7 @@ class Engine:
         for slot, kind in enumerate(self.world.slots):
             if kind is not VACANT and slot not in growth.kept:
                 self._left[slot] = self.steps
-        self._resting.clear()
+        self._settling = self._parked()
         self._let_rest()
 
     # -- looking -----------------------------------------------------------------------------

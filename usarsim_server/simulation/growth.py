@@ -138,11 +138,13 @@ def _asleep(tree: int, rings: NDArray[np.int32], twins: NDArray[np.intp]) -> int
     if rings[tree] < 0:
         return int(rings[tree])
     one = tree
-    while twins[one] >= 0:
-        one = rings[one]
+    for _ in rings:
+        one = int(rings[one])
+        if one < 0 or twins[one] < 0:
+            break  # one of them is gone, which wakes the others
         if one == tree:
             return int(twins[rings[tree]])
-    return -1 - int(mujoco.mjMINAWAKE)  # one of them is gone, which wakes the others
+    return -1 - int(mujoco.mjMINAWAKE)
 
 
 def laws_of(world: CompiledWorld) -> Laws:

@@ -230,10 +230,10 @@ class Slots:
         stale = self._mail.ask(lambda: self._engine.free_since(KEPT_FREE))
         vacant = [number for number, slot in enumerate(slots) if slot is VACANT]
         taken = sorted({*vacant, *stale, *self._spare(model, count)})[:count]
-        self._check_memory(model, count)
         started = time.perf_counter()
         changes = dict.fromkeys(stale, VACANT) | dict.fromkeys(taken, model)
         try:
+            self._check_memory(model, count)
             growth, dynamic, judges = self._compile([model] * (count - len(taken)), changes)
         except ValueError as error:
             raise SpawnError(f"{model.key} cannot be built: {error}") from error
