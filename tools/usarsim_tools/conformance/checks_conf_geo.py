@@ -23,8 +23,7 @@ async def geo_robot(case: Case) -> None:
 async def _once(case: Case, command: str, head: str) -> None:
     robot = await case.spawn()
     for request in (f"{command} {{Type Robot}}", f"{command} {{Type Robot}} {{Name any}}"):
-        await robot.send(request)
-        lines = await robot.client.listen(0.7)
+        lines = await robot.client.outcome(request)
         found = [line for line in lines if line.head == head and line.type != "Camera"]
         case.expect(len(found) == 1, f"{request} gave {len(found)} lines")
 
@@ -91,7 +90,7 @@ async def no_match(case: Case) -> None:
     """A request with unknown Type or Name gives no line."""
     robot = await case.spawn()
     await robot.client.listen(0.3)
-    await robot.send(
+    lines = await robot.client.outcome(
         "GETCONF {Type NoSuchType}",
         "GETGEO {Type NoSuchType}",
         "GETCONF {Type RangeScanner} {Name NoSuchName}",
@@ -99,7 +98,6 @@ async def no_match(case: Case) -> None:
         "GETCONF",
         "GETGEO",
     )
-    lines = await robot.client.listen(1.5)
     found = [line for line in lines if line.head in ("CONF", "GEO")]
     case.expect(not found, f"it was answered: {found[:1]}")
 

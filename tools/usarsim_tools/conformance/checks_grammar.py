@@ -149,8 +149,9 @@ async def no_open_brace(case: Case) -> None:
 async def unknown_command(case: Case) -> None:
     """Unknown commands cause no output, and the connection goes on."""
     client = await case.connect()
-    await client.send("FLY {High 1}", "HELLO", "INITIALISE {ClassName x}", "42", "{Type Robot}")
-    lines = await client.listen(0.7)
+    lines = await client.outcome(
+        "FLY {High 1}", "HELLO", "INITIALISE {ClassName x}", "42", "{Type Robot}"
+    )
     case.expect(not lines, f"an unknown command was answered: {lines[:1]}")
     case.expect(await client.is_alive(), "the connection no longer answers")
 
@@ -202,12 +203,11 @@ async def unknown_segment(case: Case) -> None:
 async def before_init(case: Case) -> None:
     """Commands for a robot that come before INIT are ignored silently."""
     client = await case.connect()
-    await client.send(
+    lines = await client.outcome(
         "DRIVE {Left 1} {Right 1}",
         "GETCONF {Type Robot}",
         "GETGEO {Type Robot}",
         "SET {Type Camera} {Opcode Zoom} {Params 1}",
     )
-    lines = await client.listen(0.7)
     case.expect(not lines, f"something was answered: {lines[:1]}")
     await case.spawn(client=client)

@@ -40,11 +40,11 @@ async def unsolicited(case: Case) -> None:
     """Soon after INIT the server sends the CONF of the camera by itself, so that a question that
     came too early is repaired."""
     watcher = await camera_robot(case)
-    lines = await watcher.robot.client.listen(1.5)
-    known = [line.text for line in watcher.robot.client.lines + lines]
-    confs = [text for text in known if text.startswith("CONF {Type Camera}")]
+    client = watcher.robot.client
+    confs = [line for line in client.lines if line.text.startswith("CONF {Type Camera}")]
     # One of them answers the question of `camera_robot`.
-    case.expect(len(confs) > 1, "no CONF {Type Camera} came but the answer to GETCONF")
+    if len(confs) < 2:
+        await client.wait("CONF {Type Camera}", what="CONF {Type Camera} but the answer to GETCONF")
 
 
 @images("conf.form", "The form of CONF", "11.39, 2.10")

@@ -24,8 +24,8 @@ async def _item(case: Case, type: str) -> str:
 
 
 async def _responses(robot: Robot, command: str, seconds: float = 0.7) -> list[Line]:
-    await robot.client.send(command)
-    return [line for line in await robot.client.listen(seconds) if line.head == "RES"]
+    lines = await robot.client.outcome(command, seconds=seconds)
+    return [line for line in lines if line.head == "RES"]
 
 
 async def _reset(case: Case, end: str) -> None:
@@ -131,8 +131,7 @@ async def scan(case: Case) -> None:
 
     usual = scans(await robot.client.listen(1.5))
     command = f"SET {{Type RangeScanner}} {{Name {name}}} {{Opcode SCAN}}"
-    await robot.client.send(*[command] * 8)
-    more = scans(await robot.client.listen(1.5))
+    more = scans(await robot.client.outcome(*[command] * 8, seconds=1.5))
     case.expect(more >= usual + 4, f"{usual} scans in 1.5 s without SCAN, {more} with eight")
 
 

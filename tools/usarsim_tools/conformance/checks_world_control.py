@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 from usarsim_tools.conformance.case import Case
 from usarsim_tools.conformance.control import ControlClient
@@ -32,6 +33,10 @@ async def _status(client: ControlClient, name: str) -> Line:
     return await client.ask(
         f"CONTROL {{Type GetSTA}} {{Name {name}}}", lambda line: line.head == "STA", what="STA"
     )
+
+
+async def _gone(client: ControlClient, name: str) -> bool:
+    return (await _status(client, name)).text == "STA"
 
 
 def _row(case: Case) -> float:
@@ -105,14 +110,14 @@ async def moves(case: Case) -> None:
         f"CONTROL {{Type AbsMove}} {{Name {name}}} {{Location 2,{y},{_HIGH}}} {{Rotation 0,0,0}}",
         f"CONTROL {{Type RelMove}} {{Name {name}}} {{Location 1,0,0}} {{Rotation 0,0,0}}",
     )
-    await client.listen(0.3)
-    line = await _status(client, name)
-    away = math.dist(line.numbers("Location"), (3.0, y, _HIGH))
-    case.expect(away < 0.05, f"it should be at 3,{y},{_HIGH}: {line}")
+
+    async def moved() -> bool:
+        at = (await _status(client, name)).numbers("Location")
+        return len(at) == 3 and math.dist(at, (3.0, y, _HIGH)) < 0.05
+
+    case.expect(await case.soon(moved, 3.0), f"it is not at 3,{y},{_HIGH}")
     await client.send(f"CONTROL {{Type Kill}} {{Name {name}}}")
-    await client.listen(0.3)
-    line = await _status(client, name)
-    case.expect(line.text == "STA", f"it is still there: {line}")
+    case.expect(await case.soon(partial(_gone, client, name), 3.0), "it is still there")
 
 
 @check(
@@ -162,9 +167,8 @@ async def kill_all(case: Case) -> None:
     outside, _ = await _create(case, client, x=5.0)
     corners = f"{{MinPos 1,{y + 1},{_HIGH + 1}}} {{MaxPos -1,{y - 1},{_HIGH - 1}}}"
     await client.send(f"CONTROL {{Type KillAll}} {corners}")
-    await client.listen(0.3)
-    line = await _status(client, inside)
-    case.expect(line.text == "STA", f"the object inside is still there: {line}")
+    inside_gone = await case.soon(partial(_gone, client, inside), 3.0)
+    case.expect(inside_gone, "the object inside is still there")
     line = await _status(client, outside)
     case.expect(line.get("Name") == outside, "the object outside is gone")
 
@@ -181,8 +185,5 @@ async def cleans_up(case: Case) -> None:
     client, name, _ = await _created(case)
     client.close()
     other = await _controller(case)
-
-    async def gone() -> bool:
-        return (await _status(other, name)).text == "STA"
-
-    case.expect(await case.soon(gone, 3.0), "the object is still there 3 s later")
+    gone = await case.soon(partial(_gone, other, name), 3.0)
+    case.expect(gone, "the object is still there 3 s later")

@@ -6,11 +6,10 @@ import asyncio
 import contextlib
 import math
 import re
-import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from typing import Any
 
-from usarsim_tools.conformance.verdicts import Inconclusive
+from usarsim_tools.conformance.verdicts import Failed, Inconclusive
 from usarsim_tools.conformance.wire import Hangup, Wire
 
 __all__ = ["HANGS", "SimulatedClock", "Stalled"]
@@ -26,7 +25,9 @@ _TIME = re.compile(rb"^(?:STA|SEN)\b[^\r\n]*?\{Time (\d+\.?\d*)\}", re.MULTILINE
 _LEAVES = 1.0
 """s in which a robot leaves with its connection."""
 _BEAT = 0.05
-"""s of wall time."""
+"""s of wall time between two questions."""
+_ANSWERS = 1.0
+"""s of wall time after which a question is given up."""
 
 
 class Stalled(Inconclusive):
@@ -38,7 +39,8 @@ class SimulatedClock:
 
     A wait ends when its moment has been told. What the server had sent elsewhere before it told
     the moment reaches its reader first, so "nothing came by then" does not depend on how busy the
-    machine is. While no robot tells the time, seconds are those of the wall.
+    machine is. While no robot tells the time, seconds are those of the wall, or longer: until the
+    server has answered one question more.
 
     Attributes:
         now: s of time that has passed since the kit began, as far as it was told.
@@ -51,7 +53,8 @@ class SimulatedClock:
         self.told = 0.0
         self.hangs = hangs
         self._bells: list[tuple[float, asyncio.Future[None]]] = []
-        self._teller: asyncio.Task[None] = asyncio.create_task(self._by_the_wall())
+        self._teller: asyncio.Task[None] = asyncio.create_task(self._by_answers())
+        self._questions: Wire | None = None
         self._wire: Wire | None = None
         self._again: Callable[[], Awaitable[Wire | None]] | None = None
 
@@ -88,6 +91,10 @@ class SimulatedClock:
             await asyncio.sleep(0)
         return awaited.done()
 
+    def ask_on(self, wire: Wire) -> None:
+        """Ask the server on a connection while no robot tells the time."""
+        self._questions = wire
+
     async def follow(self, spawn: Callable[[], Awaitable[Wire | None]]) -> None:
         """Take the time from a robot from now on.
 
@@ -107,7 +114,7 @@ class SimulatedClock:
         """While inside, the robot that tells the time is not in the world."""
         followed = self.followed
         await self._dismiss()
-        self._teller = asyncio.create_task(self._by_the_wall())
+        self._teller = asyncio.create_task(self._by_answers())
         await self.sleep(_LEAVES if followed else 0.0)
         try:
             yield
@@ -118,6 +125,8 @@ class SimulatedClock:
     async def close(self) -> None:
         """Stop; whoever waits is told that time has ended."""
         await self._dismiss()
+        if self._questions is not None:
+            self._questions.close()
         for _, bell in self._bells:
             bell.cancel()
 
@@ -156,11 +165,23 @@ class SimulatedClock:
                 left.append((until, bell))
         self._bells = left
 
-    async def _by_the_wall(self) -> None:
-        begun, start = time.monotonic(), self.now
+    async def _by_answers(self) -> None:
         while True:
             await asyncio.sleep(_BEAT)
-            self._tell(start + time.monotonic() - begun)
+            try:
+                async with asyncio.timeout(_ANSWERS):
+                    await self._answer()
+            except TimeoutError:
+                pass  # a server that does not answer, which checks will say
+            except Failed:
+                self._questions = None
+            self._tell(self.now + _BEAT)
+
+    async def _answer(self) -> None:
+        if self._questions is not None:
+            await self._questions.send(b"GETSTARTPOSES\r\n")
+            while not (await self._questions.receive()).endswith(b"\n"):
+                pass
 
     async def _by_a_robot(self, wire: Wire) -> None:
         rest, offset = b"", math.nan

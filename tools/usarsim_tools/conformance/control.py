@@ -147,6 +147,18 @@ class ControlClient:
         await self.send(command)
         return await self.wait(wanted, within, what)
 
+    async def outcome(self, *commands: str, seconds: float = 0.5) -> list[Line]:
+        """What is said after commands: until a question behind them is answered, so that they have
+        been worked off, and for some time more; without that answer."""
+        await self.send(*commands, "GETSTARTPOSES")
+        found: list[Line] = []
+        moment = self.clock.after(REPLY)
+        while (line := await self._line_by(moment)) is not None:
+            if line.head == "NFO" and "StartPoses" in line.names:
+                break
+            found.append(line)
+        return [*found, *await self.listen(seconds)]
+
     async def is_alive(self, within: float = REPLY) -> bool:
         """Whether the connection still answers GETSTARTPOSES."""
         try:

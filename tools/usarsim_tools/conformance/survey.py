@@ -32,7 +32,7 @@ GROUND = ("P2AT", "P3AT", "P2DX", "P3DX", "pioneer3at_with_sensors")
 _GUESSES = 10.0
 """s until a class that nobody named is given up."""
 _SPAWNS = 15.0
-"""s until another robot of a class that there is is given up."""
+"""s until a class that there should be is given up."""
 _ANSWERS = 10.0
 """s until an answer is given up."""
 _KEEPER = "KitClock"
@@ -98,7 +98,9 @@ async def survey(target: Target, transcript: Transcript, clock: SimulatedClock) 
         Failed: if its control port cannot be reached.
     """
     visit = _Visit(target, transcript, clock)
-    greeting, starts = await _welcome(await visit.connect())
+    client = await visit.connect()
+    greeting, starts = await _welcome(client)
+    clock.ask_on(client.wire)
     places = spaced(starts) or [Place(None)]
     if target.start is not None:
         places = [_named(place_from(target.start), starts)]
@@ -106,7 +108,7 @@ async def survey(target: Target, transcript: Transcript, clock: SimulatedClock) 
     if len(places) > 1 and aside is not None:
         places = [place for place in places if place != aside]
     for robot in (target.robot,) if target.robot else GROUND:
-        within = clock.hangs if target.robot else _GUESSES
+        within = _SPAWNS if target.robot else _GUESSES
         client, status = await visit.robot(robot, places[0], within=within)
         client.close()
         if status is None:
@@ -182,8 +184,6 @@ async def _welcome(client: ControlClient) -> tuple[Line | None, list[Place]]:
                     break
     except Failed:
         pass  # checks will say so
-    finally:
-        client.close()
     greeting = lines[0] if lines and not _lists_poses(lines[0]) else None
     listed = [line for line in lines if _lists_poses(line)]
     return greeting, read_start_poses(listed[-1]) if listed else []
@@ -201,7 +201,7 @@ def _aside(place: Place, starts: list[Place]) -> Place | None:
 
 async def _keep(visit: _Visit, robot: str, aside: Place) -> Wire | None:
     """A robot that stands aside and tells the time."""
-    client, status = await visit.robot(robot, aside, name=_KEEPER, within=visit.clock.hangs)
+    client, status = await visit.robot(robot, aside, name=_KEEPER)
     if status is not None:
         return client.wire
     client.close()
