@@ -148,6 +148,8 @@ def test_bytes_that_a_connection_can_hold() -> None:
         port: (math.ceil(held / 1024), math.ceil(kernel / 1024))
         for port, (held, kernel) in expected.items()
     }
+    assert max(held for held, _ in expected.values()) < 4 << 20
+    assert max(kernel for _, kernel in expected.values()) < 1 << 20
     assert Road().held_bytes // 1024 == 64
     assert Road().kernel_bytes // 1024 == 512
     assert WirelessLimits().link_bytes(Road()) == 36 << 20
