@@ -12,15 +12,17 @@ import pytest
 from camera_fakes import FakeWorld, Yard, camera, cart, is_red, standing
 
 from usarsim_server.cameras import painter as painting
+from usarsim_server.cameras import studio as studios
 from usarsim_server.cameras.atlas import EMPTY
 from usarsim_server.cameras.backend import Wanted
-from usarsim_server.cameras.painter import PainterOptions
+from usarsim_server.cameras.painter import Painter, PainterOptions
 from usarsim_server.cameras.raytraced import RayBackend
 from usarsim_server.cameras.stage import Stage
 from usarsim_server.cameras.studio import Studio, StudioOptions
 from usarsim_server.cameras.view import CameraView, Frame, Grid, Region
 from usarsim_server.cameras.viewpoint import Eye, View, looking
 from usarsim_server.errors import UsarsimError
+from usarsim_server.simulation.snapshot import Snapshot
 from usarsim_server.testing import PATIENCE, eventually
 
 GRID = Grid(2, 2, 32, 24)
@@ -460,6 +462,28 @@ class TestSinglePictures:
         stage.world.set_time(1.0)
         assert is_red(stage.studio.picture_of(self.VIEW, old)).any()
         assert is_red(stage.studio.picture(self.VIEW)).any()
+
+
+class TestIdle:
+    """While nobody watches."""
+
+    def test_former_models_are_let_go(self, stage: Set, monkeypatch: pytest.MonkeyPatch) -> None:
+        """The studio is ready for the present model, and holds no other."""
+        monkeypatch.setattr(studios, "IDLE_REFRESH", 0.02)
+        painted: list[int] = []
+        real = Painter.picture
+
+        def picture(painter: Painter, view: View, snapshot: Snapshot) -> np.ndarray:
+            painted.append(snapshot.generation)
+            return real(painter, view, snapshot)
+
+        monkeypatch.setattr(Painter, "picture", picture)
+        view = View(looking((0.0, 0.0, 3.0), (0.0, 5.0, 0.0)), 1.0, 48, 36)
+        stage.studio.picture(view)
+        before = stage.world.look().generation
+        stage.yard.park(-8.0, -8.0, model=cart("newcomer"))
+        stage.world.set_time(1.0)
+        assert eventually(lambda: painted[-1] == stage.world.look().generation > before)
 
 
 class TestTrouble:

@@ -78,6 +78,11 @@ class Painter:
         """What draws: `egl`, `osmesa` or `rays`."""
         return self._backend.name
 
+    @property
+    def generation(self) -> int | None:
+        """Of the model that it holds; None if it has painted nothing so far."""
+        return None if self._stage is None else self._stage.generation
+
     def place(self, view: CameraView, snapshot: Snapshot, width: int, height: int) -> Eye | None:
         """The eye of a camera in a snapshot; None if its robot is not there."""
         pose = self._show(snapshot).place(view)

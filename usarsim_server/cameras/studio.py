@@ -38,10 +38,15 @@ ROUND = 0.015
 """s of wall time after which a round is published although other tiles are due, too."""
 IDLE_POLL = 0.05
 """s of wall time between two looks at cameras that may have come or gone."""
+IDLE_REFRESH = 10.0
+"""s of wall time between two looks, while nobody watches, whether there is another model."""
 SHORTEST_WAIT = 0.002
 PICTURE_TIMEOUT = 60.0
 """s of wall time that a single picture may take, a first one on a cold machine included."""
 STOP_TIMEOUT = 3.0
+
+
+_ANYTHING = View(IDENTITY, width=16, height=16)
 
 
 class Views(Protocol):
@@ -198,9 +203,8 @@ class Studio:
         check_renderer(self._options.painter.renderer)
         if self._options.always:
             self.watch(self.grid.frame, _nobody)
-        view = View(IDENTITY, width=16, height=16)
         with self._wake:
-            self._jobs.append(_Job(view, self._simulation.look(), Future()))
+            self._jobs.append(_Job(_ANYTHING, self._simulation.look(), Future()))
         self._start()
 
     def close(self) -> None:
@@ -240,8 +244,11 @@ class Studio:
                 self._take_pictures(painter)
                 wait = self._turn(painter)
                 with self._wake:
-                    if not (self._stopping or self._jobs or wait <= 0.0):
-                        self._wake.wait(None if math.isinf(wait) else wait)
+                    if self._stopping or self._jobs or wait <= 0.0:
+                        continue
+                    called = self._wake.wait(min(wait, IDLE_REFRESH))
+                if math.isinf(wait) and not called:
+                    self._refresh(painter)
         except UsarsimError as error:
             _log.debug("cameras end", reason=error)  # the physics has ended
         except Exception as error:
@@ -249,6 +256,12 @@ class Studio:
         finally:
             self._refuse()
             painter.close()
+
+    def _refresh(self, painter: Painter) -> None:
+        """Let go of a model that is out of use, and be ready for the present one."""
+        snapshot = self._simulation.look()
+        if painter.generation not in (None, snapshot.generation):
+            self._try(painter, lambda: painter.picture(_ANYTHING, snapshot))
 
     def _refuse(self) -> None:
         """Let nobody wait for pictures any more."""
