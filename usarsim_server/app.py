@@ -45,7 +45,7 @@ from usarsim_server.robots.pilot import PilotOptions
 from usarsim_server.robots.role import Casting, RoleFactory
 from usarsim_server.robots.roster import load_roster
 from usarsim_server.robots.schedule import BEAT, UNPACED_BEAT
-from usarsim_server.services.budget import WorkBudget
+from usarsim_server.services.budget import Pace, WorkBudget, whole_share
 from usarsim_server.services.comserver import ComServerLimits, ComServerService
 from usarsim_server.services.control import ControlLimits, ControlService
 from usarsim_server.services.dialogue import Desk, DialogueLimits, Instant
@@ -250,6 +250,7 @@ def assemble(settings: Settings) -> Assembly:
     stations = stations_of(lambda: fleet.vehicles, simulation.look)
     obstacles = SceneryObstacles(simulation)
     ground_truth = responder(GroundTruth(stations, obstacles).answers)
+    pace = _pace(settings, simulation)
     instant = Instant(INSTANT / settings.speed, lambda: fleet.vehicles)
     if tells and settings.groundtruth_port is not None:
         services.append(
@@ -260,6 +261,7 @@ def assemble(settings: Settings) -> Assembly:
                 required=settings.demands("groundtruth_port"),
                 limits=DialogueLimits(idle=settings.idle_timeout),
                 instant=instant,
+                pace=pace,
             )
         )
     if tells and settings.truth_port is not None:
@@ -272,15 +274,16 @@ def assemble(settings: Settings) -> Assembly:
                 required=settings.demands("truth_port"),
                 limits=replace(TRUTH_LIMITS, idle=settings.idle_timeout),
                 instant=instant,
+                pace=pace,
             )
         )
     for key in ("groundtruth_port", "truth_port"):
         if not tells and settings.demands(key) and getattr(settings, key) is not None:
             _log.warning("a port is not opened: ground truth is switched off", setting=key)
     limits = WirelessLimits(idle=settings.idle_timeout)
-    desk = Desk("wireless", ground_truth, limits.dialogue, instant) if tells else None
+    desk = Desk("wireless", ground_truth, limits.dialogue, instant, pace=pace) if tells else None
     radio = RadioWorld(stations, obstacles, lambda: simulation.snapshot.time, settings.speed)
-    services += _wireless_services(settings, radio, limits, desk, assembly.owners)
+    services += _wireless_services(settings, radio, limits, desk, assembly.owners, pace)
     return replace(assembly, services=tuple(services))
 
 
@@ -376,7 +379,15 @@ def _image_service(settings: Settings, port: int, assembly: Assembly) -> ImageSe
         silent_push=settings.image_silent_push,
         bound=assembly.board.bound,
         required=settings.demands("image_port"),
+        pace=_pace(settings, assembly.simulation),
     )
+
+
+def _pace(settings: Settings, simulation: Simulation) -> Callable[[], float]:
+    """Which part of their shares ports may use: a world that goes at no pace falls behind none."""
+    if math.isinf(settings.speed):
+        return whole_share
+    return Pace(lambda: simulation.now, settings.speed)
 
 
 def _studio_options(settings: Settings, world: WorldDescription) -> StudioOptions:
@@ -413,6 +424,7 @@ def _wireless_services(
     limits: WirelessLimits,
     ground_truth: Desk | None,
     owners: Owners,
+    pace: Callable[[], float],
 ) -> list[Service]:
     """The two wireless simulations, as far as they are wanted; each has a network of its own."""
     if settings.wireless_port is None and settings.comserver_port is None:
@@ -438,7 +450,12 @@ def _wireless_services(
                 settings.wireless_port,
                 network(),
                 ground_truth,
-                road=Road(options.shape, settings.speed, settings.seed, WorkBudget(options.share)),
+                road=Road(
+                    options.shape,
+                    settings.speed,
+                    settings.seed,
+                    WorkBudget(options.share, pace=pace),
+                ),
                 limits=replace(limits, poll=options.poll),
                 required=settings.demands("wireless_port"),
                 owners=owners,
@@ -452,6 +469,7 @@ def _wireless_services(
                 settings.comserver_port,
                 network(),
                 limits=ComServerLimits(poll=options.poll, idle=settings.idle_timeout),
+                pace=pace,
                 required=settings.demands("comserver_port"),
                 owners=owners,
             )

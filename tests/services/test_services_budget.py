@@ -8,7 +8,16 @@ from collections.abc import Callable
 
 import pytest
 
-from usarsim_server.services.budget import BURST, TURN_COST, Account, WorkBudget
+from usarsim_server.services.budget import (
+    BURST,
+    LEAST,
+    ON_PACE,
+    TURN_COST,
+    WINDOW,
+    Account,
+    Pace,
+    WorkBudget,
+)
 
 SHARE = 0.05
 
@@ -146,3 +155,40 @@ def test_work_is_charged_by_its_processor_time() -> None:
         return account.used
 
     assert asyncio.run(play()) == 0.25
+
+
+def test_a_world_that_falls_behind_comes_first() -> None:
+    """On pace the whole share, at any speed; 0.05 below it half; far behind the least; and back."""
+    clock, simulated = Clock(), 0.0
+
+    def play(factor: float) -> float:
+        nonlocal simulated
+        clock.now += WINDOW
+        simulated += 2.0 * factor * WINDOW
+        return pace()
+
+    pace = Pace(lambda: simulated, 2.0, clock)
+    assert pace() == 1.0
+    assert play(1.0) == play(ON_PACE + 0.001) == 1.0
+    assert play(ON_PACE - 0.05) == pytest.approx(0.5)
+    assert play(0.5) == play(0.0) == LEAST
+    assert play(1.0) == 1.0
+
+
+def test_a_port_waits_while_the_world_is_behind() -> None:
+    """What thirty who insist get is the part of the share that the pace allows."""
+
+    async def play() -> float:
+        clock = Clock()
+        budget = WorkBudget(
+            SHARE, clock=clock, work_clock=clock, call_later=clock.call_later, pace=lambda: LEAST
+        )
+        turns = list[float]()
+        greedy = [asyncio.create_task(insist(budget, 0.001, turns, clock)) for _ in range(30)]
+        await asyncio.sleep(0)
+        await clock.run_until(10.0)
+        for one in greedy:
+            one.cancel()
+        return len(turns) * (0.001 + TURN_COST)
+
+    assert asyncio.run(play()) <= 10 * SHARE * LEAST + BURST + 0.002

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 
 from usarsim_server.services.limits import Clock, TokenBucket
 
-__all__ = ["BYTE_COST", "HOP_COST", "TURN_COST", "Account", "WorkBudget"]
+__all__ = ["BYTE_COST", "HOP_COST", "TURN_COST", "Account", "Pace", "WorkBudget", "whole_share"]
 
 TURN_COST = 60e-6
 """s of processor time that a turn costs beside the work in it: waking the loop, reading, sending.
@@ -31,8 +31,56 @@ BYTE_COST = 1.5e-9
 CREDIT = 0.005
 """s of processor time by which a client that asks little may be behind the others: a request of
 its own comes before theirs, but what it did not use yesterday is gone."""
-BURST = 0.05
+BURST = 0.02
 """s of processor time that a port saves up while it does nothing."""
+
+
+ON_PACE = 0.97
+"""Part of the speed asked for at which the world counts as on pace."""
+BEHIND = 0.1
+"""How far the world may fall below that before ports get the least there is."""
+LEAST = 0.2
+"""Part of its share that a port has in any case."""
+WINDOW = 0.5
+"""s of wall time over which the pace of the world is taken."""
+
+
+class Pace:
+    """Which part of its share a port may use: less while the world falls behind.
+
+    Physics and reports come first. On a machine that can spare a port its share nobody notices; on
+    one that cannot, the port waits and not the world. Used on one event loop.
+    """
+
+    def __init__(
+        self, simulated: Callable[[], float], speed: float, clock: Clock = time.monotonic
+    ) -> None:
+        """Begin with the whole share.
+
+        Args:
+            simulated: s of simulated time; returns at once.
+            speed: simulated s per s of wall time asked for; finite.
+            clock: wall time.
+        """
+        self._simulated, self._speed, self._clock = simulated, speed, clock
+        self._then = clock(), simulated()
+        self._part = 1.0
+
+    def __call__(self) -> float:
+        """The part at this moment, from `LEAST` to 1."""
+        now = self._clock()
+        passed = now - self._then[0]
+        if passed >= WINDOW:
+            simulated = self._simulated()
+            factor = (simulated - self._then[1]) / (passed * self._speed)
+            self._then = now, simulated
+            self._part = min(1.0, max(LEAST, 1.0 - (ON_PACE - factor) / BEHIND))
+        return self._part
+
+
+def whole_share() -> float:
+    """All of its share, whatever the world does: it goes at no pace, or is none."""
+    return 1.0
 
 
 @dataclass(slots=True, eq=False)
@@ -63,6 +111,7 @@ class WorkBudget:
         share: float,
         *,
         burst: float = BURST,
+        pace: Callable[[], float] = whole_share,
         clock: Clock = time.monotonic,
         work_clock: Clock = time.thread_time,
         call_later: Callable[[float, Callable[[], None]], object] | None = None,
@@ -72,11 +121,13 @@ class WorkBudget:
         Args:
             share: s of processor time per s of wall time; infinity for as much as there is.
             burst: s of processor time that can be saved up.
+            pace: which part of the share may be used now, see `Pace`.
             clock: wall time.
             work_clock: processor time of the calling thread.
             call_later: calls back after so many s; None: that of the running loop.
         """
         self._bucket = TokenBucket(share, burst, clock=clock)
+        self._share, self._pace = share, pace
         self._work_clock = work_clock
         self._call_later = call_later
         self._numbers = itertools.count()
@@ -96,7 +147,7 @@ class WorkBudget:
     async def turn(self, account: Account) -> None:
         """Wait until a client may work; it is charged for the turn as such."""
         account.used = max(account.used, self._reached - CREDIT)
-        if self._queue or self._bucket.tokens < 0.0:
+        if self._queue or self._tokens() < 0.0:
             turn: asyncio.Future[None] = asyncio.get_running_loop().create_future()
             heapq.heappush(self._queue, _Waiting(account.used, next(self._numbers), account, turn))
             self._serve()
@@ -118,13 +169,18 @@ class WorkBudget:
         finally:
             self.charge(account, self._work_clock() - begun)
 
+    def _tokens(self) -> float:
+        tokens = self._bucket.tokens
+        self._bucket.rate = self._share * self._pace()
+        return tokens
+
     def _grant(self, account: Account) -> None:
         self._reached = max(self._reached, account.used)
         self.charge(account, TURN_COST)
 
     def _serve(self) -> None:
         """Give turns as long as there is time; look again when there will be."""
-        while self._queue and self._bucket.tokens >= 0.0:
+        while self._queue and self._tokens() >= 0.0:
             one = heapq.heappop(self._queue)
             if not one.turn.done():  # else its client has gone
                 self._grant(one.account)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import socket
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -26,7 +27,7 @@ from usarsim_server.protocol.comserver import (
 from usarsim_server.protocol.names import name_key
 from usarsim_server.radio.event_log import Event
 from usarsim_server.radio.network import Network
-from usarsim_server.services.budget import BYTE_COST, HOP_COST, Account, WorkBudget
+from usarsim_server.services.budget import BYTE_COST, HOP_COST, Account, WorkBudget, whole_share
 from usarsim_server.services.descriptors import descriptor_limit, raise_descriptor_limit
 from usarsim_server.services.dialogue import CHUNK, CHUNK_BYTES
 from usarsim_server.services.guests import Guest, Guests
@@ -122,6 +123,7 @@ class ComServerService:
         limits: ComServerLimits | None = None,
         required: bool = False,
         owners: Owners = NOBODY,
+        pace: Callable[[], float] = whole_share,
     ) -> None:
         """Describe the service; nothing is opened before `start`.
 
@@ -132,13 +134,14 @@ class ComServerService:
             limits: see there.
             required: whether the server shall not run without it.
             owners: whose the robots are.
+            pace: which part of its shares the service may use now.
         """
         self.required = required
         self._network = network
         self._limits = limits or ComServerLimits()
         self._owners = owners
-        self._budget = WorkBudget(self._limits.share)
-        self._link_budget = WorkBudget(self._limits.link_share)
+        self._budget = WorkBudget(self._limits.share, pace=pace)
+        self._link_budget = WorkBudget(self._limits.link_share, pace=pace)
         self._traffic = Traffic(self._limits.links, self._limits.links_per_robot)
         self._guests = Guests(self.name, self._limits.idle)
         self._rates = InputRates(self._limits.rate)

@@ -19,7 +19,7 @@ from typing import Protocol
 
 from usarsim_server.errors import UsarsimError
 from usarsim_server.logs import Log
-from usarsim_server.services.budget import BYTE_COST, HOP_COST, Account, WorkBudget
+from usarsim_server.services.budget import BYTE_COST, HOP_COST, Account, WorkBudget, whole_share
 from usarsim_server.services.guests import Guest, Guests
 from usarsim_server.services.limits import Clock, InputRates, input_cost
 from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits
@@ -131,6 +131,7 @@ class Desk:
         limits: DialogueLimits,
         instant: Instant | None = None,
         clock: Clock = time.monotonic,
+        pace: Callable[[], float] = whole_share,
     ) -> None:
         """Make a desk; nobody works at it before `open`.
 
@@ -140,8 +141,9 @@ class Desk:
             limits: see `DialogueLimits`.
             instant: for how long an answer holds.
             clock: wall time.
+            pace: which part of the share may be used now.
         """
-        self.budget = WorkBudget(limits.share)
+        self.budget = WorkBudget(limits.share, pace=pace)
         self._name = name
         self._respond = respond
         self._limits = limits
@@ -261,6 +263,7 @@ class DialogueService:
         required: bool = False,
         limits: DialogueLimits | None = None,
         instant: Instant | None = None,
+        pace: Callable[[], float] = whole_share,
     ) -> None:
         """Describe the service; nothing is opened before `start`.
 
@@ -274,6 +277,7 @@ class DialogueService:
             required: see `ready.Service`.
             limits: see `DialogueLimits`.
             instant: for how long an answer holds.
+            pace: which part of the share may be used now.
         """
         self.name = name
         self.required = required
@@ -281,7 +285,7 @@ class DialogueService:
         self._limits = limits or DialogueLimits()
         self._log = Log(name)
         self._rates = InputRates(self._limits.rate)
-        self._desk = Desk(name, respond, self._limits, instant)
+        self._desk = Desk(name, respond, self._limits, instant, pace=pace)
         self._guests = Guests(name, self._limits.idle)
         self._listener = Listener(
             name,

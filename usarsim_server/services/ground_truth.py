@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 from usarsim_server.protocol.framing import LineFramer
+from usarsim_server.services.budget import whole_share
 from usarsim_server.services.dialogue import (
     MAX_REQUEST,
     DialogueLimits,
@@ -33,6 +34,7 @@ def ground_truth_service(
     required: bool = False,
     limits: DialogueLimits | None = None,
     instant: Instant | None = None,
+    pace: Callable[[], float] = whole_share,
 ) -> DialogueService:
     """Describe the service; nothing is opened before it is started.
 
@@ -43,6 +45,7 @@ def ground_truth_service(
         required: see `ready.Service`.
         limits: see `DialogueLimits`.
         instant: for how long an answer holds.
+        pace: which part of the share may be used now.
     """
     return DialogueService(
         "groundtruth",
@@ -54,6 +57,7 @@ def ground_truth_service(
         required=required,
         limits=limits,
         instant=instant,
+        pace=pace,
     )
 
 

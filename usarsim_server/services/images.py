@@ -31,7 +31,7 @@ from usarsim_server.protocol.images import (
     raw_row_length,
 )
 from usarsim_server.services.attention import Attention, Bell, Repeats
-from usarsim_server.services.budget import Account, WorkBudget
+from usarsim_server.services.budget import Account, WorkBudget, whole_share
 from usarsim_server.services.guests import Guest, Guests
 from usarsim_server.services.limits import READ_COST, InputRates
 from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits
@@ -111,6 +111,7 @@ class ImageService:
         bound: Callable[[str], Region | None] | None = None,
         required: bool = False,
         limits: ImageLimits | None = None,
+        pace: Callable[[], float] = whole_share,
     ) -> None:
         """Describe the service; nothing is opened before `start`.
 
@@ -127,6 +128,7 @@ class ImageService:
                 port; None for those who see all (side channels reference 2.11).
             required: whether the server shall not run without this port.
             limits: see `ImageLimits`.
+            pace: which part of its shares the service may use now.
         """
         self.required = required
         self._source = source
@@ -134,6 +136,7 @@ class ImageService:
         self._legacy = legacy
         self._silent_push = silent_push
         self._bound = bound or _sees_all
+        self._pace = pace
         self._limits = limits or ImageLimits()
         self._rates = InputRates(self._limits.rate)
         self._guests = Guests(self.name, self._limits.idle)
@@ -164,7 +167,9 @@ class ImageService:
         Raises:
             ServiceError: if it cannot be opened.
         """
-        self._desk = _Desk(self._source, self._encoder, self._limits, self._guests, self._log)
+        self._desk = _Desk(
+            self._source, self._encoder, self._limits, self._pace, self._guests, self._log
+        )
         return await self._listener.start()
 
     async def stop(self) -> None:
@@ -199,12 +204,18 @@ class _Desk:
     """
 
     def __init__(
-        self, source: FrameSource, encoder: Encoder, limits: ImageLimits, guests: Guests, log: Log
+        self,
+        source: FrameSource,
+        encoder: Encoder,
+        limits: ImageLimits,
+        pace: Callable[[], float],
+        guests: Guests,
+        log: Log,
     ) -> None:
         self.source = source
         self.bell = Bell()
-        self.budget = WorkBudget(limits.share)
-        self.copies = WorkBudget(limits.copies_share)
+        self.budget = WorkBudget(limits.share, pace=pace)
+        self.copies = WorkBudget(limits.copies_share, pace=pace)
         self.heard = guests.heard
         self._encoder = encoder
         self._patience = limits.patience

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from usarsim_server.protocol.truth import MAX_LISTING, QueryFramer
+from usarsim_server.services.budget import whole_share
 from usarsim_server.services.dialogue import (
     MAX_REQUEST,
     DialogueLimits,
@@ -31,6 +32,7 @@ def truth_service(
     required: bool = False,
     limits: DialogueLimits = TRUTH_LIMITS,
     instant: Instant | None = None,
+    pace: Callable[[], float] = whole_share,
 ) -> DialogueService:
     """Describe the service; nothing is opened before it is started.
 
@@ -41,6 +43,7 @@ def truth_service(
         required: see `ready.Service`.
         limits: see `DialogueLimits`.
         instant: for how long a listing holds.
+        pace: which part of the share may be used now.
     """
 
     def respond(lines: list[bytes]) -> list[bytes]:
@@ -56,4 +59,5 @@ def truth_service(
         required=required,
         limits=limits,
         instant=instant,
+        pace=pace,
     )

@@ -103,6 +103,11 @@ class Simulation:
         return self._mail.ask(self._engine.snapshot)
 
     @property
+    def now(self) -> float:
+        """Simulated s that have passed; any thread, at once, without a picture of the world."""
+        return self._engine.time
+
+    @property
     def timestep(self) -> float:
         """Simulated seconds per physics step."""
         return self._options.physics.timestep
