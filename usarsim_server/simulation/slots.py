@@ -43,6 +43,8 @@ GROWTH_LIMIT = 8
 """Most slots added by one compilation."""
 LOOK_INTERVAL = 5.0
 """s of simulated time between two looks whether there are slots to give back."""
+TIDY_LOOKS = 6
+"""Looks after a swap at which free pages are given back: cameras, for one, let go late."""
 KEPT_FREE = 30.0
 """s of simulated time for which a slot that was left is kept for who comes back."""
 LEAST_BODIES = 24
@@ -93,7 +95,7 @@ class Slots:
         self.adopted: Callable[[], None] = _nothing
         """Called by the physics thread when there is another model."""
         self._next_look = 0
-        self._untidy = False
+        self._untidy = 0
         self._shrinking: threading.Thread | None = None
         self._closed = False
         self._lock = threading.Lock()
@@ -266,7 +268,7 @@ class Slots:
         self._dynamic[growth.world] = dynamic
         self._engine.adopt(growth)
         self._judges = judges
-        self._untidy = True
+        self._untidy = TIDY_LOOKS
         self.adopted()
 
     def _spare(self, model: RobotModel, count: int) -> list[int]:
@@ -298,7 +300,7 @@ class Slots:
         if self._shrinking is not None and self._shrinking.is_alive():
             return
         stale = self._engine.free_since(KEPT_FREE)
-        if not (self._untidy or self._worth(stale)):
+        if not (self._untidy > 0 or self._worth(stale)):
             return
         if self._limits.at_once:
             self._tidy_up(stale)
@@ -316,8 +318,8 @@ class Slots:
 
     def _tidy_up(self, stale: Sequence[int]) -> None:
         """Give back memory that former models took, then slots."""
-        if self._untidy:
-            self._untidy = False
+        if self._untidy > 0:
+            self._untidy -= 1
             trim()
         try:
             if self._worth(stale):
