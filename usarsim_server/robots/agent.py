@@ -385,8 +385,12 @@ class RobotAgent:
                 break
             executed += 1
             self._taken += command.weight
+            without_role = self._role is None
             for line in self._execute(command):
                 self._mouth.put_reply(messages.encode(line))
+            if without_role and self._role is not None:
+                # The rate of INITs pays for building a robot: its client does not owe for that.
+                started = time.thread_time()
         if executed:
             self._work += time.thread_time() - started
             self._on_backlog_low()
