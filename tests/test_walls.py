@@ -44,7 +44,7 @@ ROOMS: dict[str, set[str]] = {
     "plugins": {"errors", "logs"},
     "tables": {"errors", "files"},
     "protocol": set(),
-    "options": {"errors", "logs", "protocol"},
+    "options": {"errors", "files", "logs", "protocol"},
     "settings": {"errors", "files", "options", "protocol", "tables"},
     "simulation": {"errors", "logs"},
     "worlds": {"protocol", "simulation"} | VALUES,

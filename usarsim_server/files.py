@@ -15,7 +15,16 @@ from collections.abc import Iterable
 from io import BufferedReader
 from pathlib import Path
 
-__all__ = ["ALLOW", "MAX_TEXT", "Folders", "is_regular", "open_regular", "read_regular", "reason"]
+__all__ = [
+    "ALLOW",
+    "MAX_TEXT",
+    "Folders",
+    "is_folder",
+    "is_regular",
+    "open_regular",
+    "read_regular",
+    "reason",
+]
 
 MAX_TEXT = 16 << 20
 """Bytes of a file that people write: settings, robots, worlds. The largest known, the sheet of an
@@ -77,6 +86,14 @@ def is_regular(path: Path) -> bool:
     """Whether a regular file is there; impossible names are none."""
     try:
         return stat.S_ISREG(os.stat(path).st_mode)
+    except (OSError, ValueError):
+        return False
+
+
+def is_folder(path: Path) -> bool:
+    """Whether a folder is there; impossible names are none."""
+    try:
+        return stat.S_ISDIR(os.stat(path).st_mode)
     except (OSError, ValueError):
         return False
 

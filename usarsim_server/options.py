@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+from usarsim_server.files import is_folder
 from usarsim_server.logs import LEVELS
 from usarsim_server.protocol.dialects import DialectMode
 from usarsim_server.protocol.images import IMAGE_TYPES, ImageType
@@ -261,13 +262,15 @@ def _folders(value: object, folder: Path) -> tuple[Path, ...]:
         if not isinstance(entry, str) or not entry:
             raise ValueError
         path = _path(entry, folder)
-        if not path.is_dir():
+        if not is_folder(path):
             raise ValueError(f"there is no folder {json.dumps(str(path))}")
         found.append(path)
     return tuple(found)
 
 
 def _path(text: str, folder: Path) -> Path:
+    if "\0" in text:
+        raise ValueError("no file can have a NUL in its name")
     # Not `Path.expanduser`, which raises where there is no such user.
     return folder / os.path.expanduser(text)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import secrets
 import shutil
 import time
@@ -12,7 +13,7 @@ from typing import Any
 
 from usarsim_server import __version__, atomic
 from usarsim_server.errors import MapImportError, at
-from usarsim_server.files import ALLOW, Folders
+from usarsim_server.files import ALLOW, Folders, is_folder, is_regular
 from usarsim_server.importers.builder import build
 from usarsim_server.importers.cache import RECORD, ImportCache, default_cache
 from usarsim_server.importers.findings import Findings
@@ -102,7 +103,7 @@ def import_map(request: Request, progress: Callable[[str, float], None] = _quiet
         refusal = None if sidecar is None else folders.refusal(folder, sidecar.path)
         if refusal is not None and sidecar is not None:
             raise MapImportError(at(sidecar.path, refusal, ALLOW, where="assets"))
-        if not folder.is_dir():
+        if not is_folder(folder):
             raise MapImportError(at(folder, "no such folder", "check --assets"))
     cache = ImportCache(request.cache)
     key = cache.key(source, sidecar_path, options, name)
@@ -150,8 +151,8 @@ def _resolved(path: Path) -> Path:
     try:
         return path.expanduser().resolve()
     except (OSError, RuntimeError, ValueError) as error:  # too long, in a circle, of nobody
-        problem = f"no such file ({error})"[:200]
-        raise MapImportError(at(path, problem, "check the path of the map")) from None
+        problem = f"no such file or folder ({error})"[:200]
+        raise MapImportError(at(path, problem, "check the path")) from None
 
 
 def _origin(source: Path, options: ImportOptions, title: str) -> dict[str, object]:
@@ -167,11 +168,11 @@ def _origin(source: Path, options: ImportOptions, title: str) -> dict[str, objec
 
 def _target(source: Path, out: Path, name: str) -> Path:
     """The folder to write; refused if it holds something that no import made."""
-    target = out.expanduser() / name
-    if target.exists() and not (target / RECORD).is_file() and any(_entries(target)):
+    target = _resolved(out) / name
+    if os.path.lexists(target) and not is_regular(target / RECORD) and any(_entries(target)):
         cure = "give another --out or --name; only imported worlds are replaced"
         raise MapImportError(at(target, "there is something here already", cure))
-    if target.resolve() == source.resolve():
+    if target == source:
         raise MapImportError(at(target, "this is the map itself", "give another --out"))
     return target
 

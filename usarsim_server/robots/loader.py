@@ -13,6 +13,7 @@ from pathlib import Path
 
 from usarsim_server.data import data_directory
 from usarsim_server.errors import RobotDescriptionError, at
+from usarsim_server.files import is_folder
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots import camera_parts, limb_parts, model_files, parts
 from usarsim_server.robots.description import RobotDescription
@@ -128,7 +129,7 @@ class Library:
 
 def _files(folder: Path) -> dict[str, Path]:
     """Robot files of a folder by class name in lower case."""
-    if not folder.is_dir():
+    if not is_folder(folder):
         raise RobotDescriptionError(at(folder, "no such folder", "name a folder of robot files"))
     files: dict[str, Path] = {}
     for path in sorted(folder.glob("*.toml")):
