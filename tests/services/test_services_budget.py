@@ -150,11 +150,12 @@ def test_work_is_charged_by_its_processor_time() -> None:
         clock = Clock()
         budget = clock.budget()
         account = budget.newcomer()
+        before = account.used
         with budget.work(account):
             clock.now += 0.25
-        return account.used
+        return account.used - before
 
-    assert asyncio.run(play()) == 0.25
+    assert asyncio.run(play()) == pytest.approx(0.25)
 
 
 def test_a_world_that_falls_behind_comes_first() -> None:
@@ -192,3 +193,22 @@ def test_a_port_waits_while_the_world_is_behind() -> None:
         return len(turns) * (0.001 + TURN_COST)
 
     assert asyncio.run(play()) <= 10 * SHARE * LEAST + BURST + 0.002
+
+
+def test_a_newcomer_does_not_wait_for_a_crowd() -> None:
+    """Who comes while thirty insist has his first answer after one turn of theirs or two."""
+
+    async def play() -> float:
+        clock = Clock()
+        budget, turns, begun = clock.budget(), list[float](), 5.0
+        greedy = [asyncio.create_task(insist(budget, 0.001, turns, clock)) for _ in range(30)]
+        await asyncio.sleep(0)
+        await clock.run_until(begun)
+        greedy.append(asyncio.create_task(insist(budget, 0.0001, came := list[float](), clock)))
+        await asyncio.sleep(0)
+        await clock.run_until(10.0)
+        for one in greedy:
+            one.cancel()
+        return came[0] - begun
+
+    assert asyncio.run(play()) <= 2.5 * (0.001 + TURN_COST) / SHARE

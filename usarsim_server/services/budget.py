@@ -141,8 +141,8 @@ class WorkBudget:
         return sum(not one.turn.done() for one in self._queue)
 
     def newcomer(self) -> Account:
-        """The account of a new client."""
-        return Account(self._reached)
+        """The account of a new client: before those who ask much, behind those who ask little."""
+        return Account(self._reached - CREDIT / 5)
 
     async def turn(self, account: Account) -> None:
         """Wait until a client may work; it is charged for the turn as such."""
