@@ -351,6 +351,7 @@ def _control_service(
         lambda: greeting,
         assembly.make_agent,
         _control_limits(settings),
+        _pace(settings, assembly.simulation),
     )
 
 

@@ -30,7 +30,7 @@ from usarsim_server.protocol.grammar import (
     Command,
     parse_line,
 )
-from usarsim_server.services.budget import WorkBudget
+from usarsim_server.services.budget import WorkBudget, whole_share
 from usarsim_server.services.calls import LoopCalls
 from usarsim_server.services.guests import Guest, Guests
 from usarsim_server.services.limits import (
@@ -129,7 +129,8 @@ class ControlLimits:
         command_rate: commands per s of one client in the long run; it is read no faster. See
             `limits.input_cost` for what counts as a command.
         share: s of processor time per wall s for the commands of all clients together that send
-            more than their own share of the rate (`limits.OWN_SHARE`).
+            more than their own share of the rate (`limits.OWN_SHARE`); less while the world falls
+            behind.
         idle: s after which a client that neither had a command nor is anything in the world is
             closed; 0 for never.
         backlog_high: weight of commands waiting at an agent beyond which its client's input is not
@@ -147,7 +148,7 @@ class ControlLimits:
     arrival_burst: int = 128
     max_line: int = MAX_LINE
     command_rate: float = 1000.0
-    share: float = 0.05
+    share: float = 0.2
     idle: float = 300.0
     backlog_high: int = 256
     backlog_low: int = 64
@@ -185,6 +186,7 @@ class ControlService:
         greeting: Greeting,
         agent_factory: AgentFactory,
         limits: ControlLimits | None = None,
+        pace: Callable[[], float] = whole_share,
     ) -> None:
         """Describe the service; nothing is opened before `start`.
 
@@ -194,6 +196,7 @@ class ControlService:
             greeting: see `Greeting`; called once per connection.
             agent_factory: see `AgentFactory`; called once per connection.
             limits: see `ControlLimits`.
+            pace: which part of its share the service may use now.
         """
         self._greeting = greeting
         self._agent_factory = agent_factory
@@ -201,7 +204,7 @@ class ControlService:
         self._calls: LoopCalls | None = None
         self._log = Log(self.name)
         self._rates = InputRates(self._limits.command_rate)
-        self._budget = WorkBudget(self._limits.share)
+        self._budget = WorkBudget(self._limits.share, pace=pace)
         self._guests = Guests(
             self.name, self._limits.idle, clock=lambda: asyncio.get_running_loop().time()
         )
