@@ -80,13 +80,14 @@ class TestChurn:
     def test_silent_robots_are_counted(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """A newcomer that never says anything is found out, once it has had the time to."""
         monkeypatch.setattr(memory, "PAUSE", 0.05)
-        monkeypatch.setattr(memory, "SPEAKING", 0.2)
+        monkeypatch.setattr(memory, "SPEAKING", 90.0)
         with FakeServer() as server, Crowd(server.port, 0, keep=False) as crowd:
             crowd.join()
             crowd.wait_until_speaking()
             server.mute.add("R2")
             turnover = churn(StandIn(), crowd, 0.1, seed=1)  # type: ignore[arg-type]
             assert turnover.silent == 0
+            monkeypatch.setattr(memory, "SPEAKING", 0.2)
             crowd.run(0.3)
             assert churn(StandIn(), crowd, 0.1, seed=1).silent == 1  # type: ignore[arg-type]
 
