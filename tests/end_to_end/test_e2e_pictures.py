@@ -51,6 +51,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerProcess]:
     (folder / "scene.xml").write_text(SCENE, encoding="utf-8")
     (folder / "world.toml").write_text(SHEET, encoding="utf-8")
     options = ("--world", str(folder), "--image-port", "0", "--image-type", "RAW")
+    options += ("--image-silent-push", "off")  # or who is held up gets a picture unasked
     with ServerProcess(*options, "--spectator", "top") as process:
         yield process
 
