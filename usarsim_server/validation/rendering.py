@@ -47,6 +47,8 @@ ROBOT_CLASS = "P3AT"
 REPETITIONS = 15
 SETTLE = 1.0
 """s of simulated time before pictures are taken, and of wall time before they are counted."""
+LATEST = 60.0
+"""s of wall time after which a run without any frame is given up."""
 MAST = Pose((0.1, 0.0, 0.42))
 """Of cameras that are added where the team has not enough of its own."""
 RANGE_IMAGER = (320, 240, 1.01226, 0.7854, 20.0)
@@ -180,7 +182,7 @@ def _in_turns(works: dict[str, Callable[[], object]]) -> dict[str, float]:
 
 
 def measure_watched(world: str, robots: int, cameras: int, seconds: float) -> Watched:
-    """Watch some cameras of a driving team for so many s of wall time.
+    """Watch some cameras of a driving team for so many s of wall time, longer if no frame comes.
 
     Raises:
         UsarsimError: if the world cannot be used.
@@ -203,6 +205,8 @@ def measure_watched(world: str, robots: int, cameras: int, seconds: float) -> Wa
         started, begun, painted = time.perf_counter(), simulation.look().time, studio.pictures
         told.clear()
         time.sleep(seconds)
+        while not told and time.perf_counter() < started + seconds + LATEST:
+            time.sleep(0.01)
         now, ended = time.perf_counter(), simulation.look().time
         pictures, frames = studio.pictures - painted, list(told)
         for watch in watches:
