@@ -77,7 +77,7 @@ class TestMeasurements:
         assert figures["INIT to the newcomer's first STA line, median"]["value"] > 0.0
 
     def test_memory(self, tmp_path: Path) -> None:
-        """Robots come and go, and it is told what the server gives back of what it took for them."""
+        """Robots come and go, and it is told what the server gives back of what they took."""
         figures = measured(tmp_path, "memory", 2.0)
         assert figures["Robots that came"]["value"] >= 2
         assert figures["Memory with 2 robots"]["value"] > figures["Memory without robots"]["value"]

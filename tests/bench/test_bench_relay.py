@@ -109,7 +109,7 @@ def test_the_whole_measurement(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(relay, "SETTLE", 0.3)
     monkeypatch.setattr(relay, "PINGS", 5)
     file = tmp_path / "relay.json"
-    words = ["--robots", "2", "--seconds", "1.2", "--world", "empty", "--json", str(file)]
+    words = ["--robots", "2", "--seconds", "3", "--world", "empty", "--json", str(file)]
     assert main(["bench", "relay", *words]) == 0
     (section,) = json.loads(file.read_text())["sections"]
     figures = {figure["name"]: figure["value"] for figure in section["figures"]}
