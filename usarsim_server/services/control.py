@@ -148,7 +148,7 @@ class ControlLimits:
     arrival_burst: int = 128
     max_line: int = MAX_LINE
     command_rate: float = 1000.0
-    share: float = 0.2
+    share: float = 0.1
     idle: float = 300.0
     backlog_high: int = 256
     backlog_low: int = 64
