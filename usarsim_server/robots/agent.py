@@ -149,6 +149,7 @@ class RobotAgent:
         self._called = False
         self._begun = False
         self._under_way = 0
+        self._planning = False
         self._closed = False
         self._ended = False
         self._due = math.inf
@@ -196,7 +197,13 @@ class RobotAgent:
 
     @property
     def oldest(self) -> float:
-        """Simulated time of the oldest snapshot that is not reported on; infinity if none is."""
+        """Simulated time of the oldest snapshot that is not reported on; infinity if none is.
+
+        Infinity too while an order is carried out that may take long, such as looking for an
+        avatar's way: its reports come afterwards, all of them, and the others do not wait.
+        """
+        if self._planning:
+            return math.inf
         try:
             return self._reports[0].snapshot.time
         except IndexError:
@@ -374,10 +381,12 @@ class RobotAgent:
 
     def _execute_waiting(self, apart: bool) -> None:
         executed, started = 0, time.thread_time()
-        # Reports do not wait for many commands, and a slow one at most.
-        most = FLOOD if not self._reports else 1 if self._comes_slow() else BESIDE_REPORT
-        while executed < most and self._commands and not (self._closed or self._barred):
-            if self._comes_slow() and not apart:
+        while executed < FLOOD and self._commands and not (self._closed or self._barred):
+            slow = self._comes_slow()
+            if slow and not apart:
+                break
+            # Reports do not wait for many commands, nor for slow ones.
+            if self._reports and (slow or executed >= BESIDE_REPORT):
                 break
             try:
                 command = self._commands.popleft()
@@ -386,7 +395,12 @@ class RobotAgent:
             executed += 1
             self._taken += command.weight
             without_role = self._role is None
-            for line in self._execute(command):
+            self._planning = slow
+            try:
+                replies = self._execute(command)
+            finally:
+                self._planning = False
+            for line in replies:
                 self._mouth.put_reply(messages.encode(line))
             if without_role and self._role is not None:
                 # The rate of INITs pays for building a robot: its client does not owe for that.

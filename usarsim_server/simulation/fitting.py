@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.errors import SpawnError
+from usarsim_server.simulation.courtesy import breathe
 from usarsim_server.simulation.frames import Pose, Vector
 from usarsim_server.simulation.model import CompiledWorld, put, root_qpos
 from usarsim_server.simulation.movers import mocap_bodies
@@ -74,6 +75,7 @@ class Fitting:
             self._show(snapshot, slot, pose)
         self._check_inside(pose)
         for geom in own:
+            breathe()
             for other in self._near(geom, own):
                 if self._distance(geom, other) < -TOLERATED:
                     name = geom_names(self._model)[other] or "something nameless"

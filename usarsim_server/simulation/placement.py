@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 
 from usarsim_server.errors import SpawnError
+from usarsim_server.simulation.courtesy import breathe
 from usarsim_server.simulation.frames import Pose, Vector
 from usarsim_server.simulation.model import SHELF_HEIGHT, CompiledWorld, root_qpos
 from usarsim_server.simulation.movers import mocap_bodies
@@ -163,6 +164,7 @@ class Placement:
         """Deepest overlap (m) of the robot at a pose, and whether anything movable is in it."""
         layout = self._world.layouts[slot]
         data = self._data
+        breathe()
         self._show(snapshot)
         data.qpos[layout.qpos : layout.qpos + 7] = root_qpos(pose)
         mujoco.mj_kinematics(self._model, data)
