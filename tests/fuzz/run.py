@@ -3,13 +3,14 @@
     python tests/fuzz/run.py --seconds 60 [--jobs 2] [--keep DIR] [TARGET ...]
 
 Each target runs in a process of its own. What is found is written to `tests/fuzz/corpus/TARGET`,
-where the test suite tries it from then on; the exit code is 1 then. `--keep` names a folder in
-which inputs that led somewhere new are kept from one run to the next.
+where the test suite tries it from then on, and printed in base64; the exit code is 1 then.
+`--keep` names a folder in which inputs that led somewhere new are kept from one run to the next.
 """
 
 from __future__ import annotations
 
 import argparse
+import base64
 import os
 import re
 import shutil
@@ -21,7 +22,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 HERE = Path(__file__).parent
-PATIENCE = 20
+PATIENCE = 60
 """s of wall time for one input; what takes so long is reported as a hang."""
 MEMORY = 2048
 """MiB that a target may use."""
@@ -66,12 +67,15 @@ def one(name: str, seconds: int, keep: Path) -> tuple[bool, str]:
     said = log.read_text(errors="replace")
     runs = re.findall(r"number_of_executed_units: *(\d+)", said)
     found = [path for path in crashes.iterdir() if not path.name.startswith("slow-unit")]
+    told = ""
     for path in found:
         finds.mkdir(parents=True, exist_ok=True)
-        shutil.move(path, finds / path.name[:20])
+        kept = Path(shutil.move(path, finds / path.name[:20]))
+        told += f"\n  {kept.name}: {base64.b64encode(kept.read_bytes()).decode()}"
     took = time.monotonic() - began
     verdict = "ok" if not code and not found else f"FOUND {len(found)}, code {code}, see {log}"
-    return not code, f"{name:20} {runs[-1] if runs else '?':>10} runs {took:6.0f} s  {verdict}"
+    row = f"{name:20} {runs[-1] if runs else '?':>10} runs {took:6.0f} s  {verdict}{told}"
+    return not code, row
 
 
 def main() -> int:
