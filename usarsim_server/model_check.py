@@ -47,7 +47,7 @@ MAX_SIDE = 16_384
 MAX_MEMORY = 1 << 30
 """Bytes of the working memory that a file may ask for."""
 
-ALLOW_MODEL = "copy it into the folder of the file that asks, or give --allow-outside"
+ALLOW_MODEL = "copy it into the folder of the file that asks, or serve with --allow-outside"
 
 _TOKEN = re.compile(
     r"<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>|<![^>]*>"
