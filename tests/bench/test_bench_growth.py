@@ -166,7 +166,7 @@ class TestMeasuring:
         nobody draws."""
         monkeypatch.setattr(team, "SETTLE", 0.3)
         monkeypatch.setattr(team, "WINDOW", 0.3)
-        found = measure_cost(Team(2, "P3AT", tmp_path, "empty"), Plan(), 1.5)
+        found = measure_cost(Team(2, "P3AT", tmp_path, "empty"), Plan(), 8.0)
         assert set(found.spent) == set(ROLES)
         for role in ("physics", "reports", "sockets"):
             assert found.spent[role] > 0.0
