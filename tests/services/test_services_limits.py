@@ -155,7 +155,7 @@ def test_real_controllers_are_never_held_back() -> None:
     waits = []
     for _ in range(180 * 60):
         clock.now += 1.0 / 180.0
-        waits += [rates.charge(client, 1.0), own.spend(max(1.0, work_cost(90e-6)))]
+        waits += [client.spend(1.0), own.spend(max(1.0, work_cost(90e-6)))]
     assert max(waits) == 0.0
 
 
@@ -165,10 +165,10 @@ def test_a_flooder_gets_its_rate_and_has_nothing_of_its_own() -> None:
     rates = InputRates(1000.0, clock)
     client = rates.newcomer()
     own = rates.own(client)
-    rates.charge(client, 2000.0)  # spends the grant
+    client.spend(2000.0)  # spends the grant
     begun, got = clock.now, 0.0
     while clock.now < begun + 30.0:
-        clock.now += rates.charge(client, 60.0)
+        clock.now += client.spend(60.0)
         own.spend(60.0)
         got += 60.0
     assert got / (clock.now - begun) == pytest.approx(1000.0, rel=0.1)

@@ -218,7 +218,7 @@ class ComServerService:
             if messages:
                 self._guests.heard(guest)
             # Neither call yields while there is data and room.
-            await asyncio.sleep(self._rates.charge(allowance, READ_COST + len(messages)))
+            await asyncio.sleep(allowance.spend(READ_COST + len(messages)))
 
     def _answer(self, request: comserver.Request | bytes, address: str) -> bytes:
         match request:

@@ -391,7 +391,7 @@ class _Connection:
         self._replied, self._worked = (replies, octets), agent.work
         self._budget.charge(self._account, work)
         cost = max(cost, work_cost(work))
-        wait = self._rates.charge(self._allowance, cost)
+        wait = self._allowance.spend(cost)
         if wait and not await self._stays_for(asyncio.sleep(wait)):
             return False
         if not self._own.spend(cost):

@@ -348,4 +348,4 @@ class DialogueService:
             if await self._desk.answer(lines, replies, account):
                 self._guests.heard(guest)
             # `sock_recv` does not yield while there is data: let other clients have a turn.
-            await asyncio.sleep(self._rates.charge(allowance, input_cost(lines, len(lines))))
+            await asyncio.sleep(allowance.spend(input_cost(lines, len(lines))))

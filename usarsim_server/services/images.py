@@ -334,7 +334,7 @@ class _Conversation:
                 self._guest.patient = True
                 self._desk.heard(self._guest)
             # `sock_recv` does not yield while there is data: let other clients have a turn.
-            await asyncio.sleep(self._rates.charge(allowance, READ_COST + len(requests)))
+            await asyncio.sleep(allowance.spend(READ_COST + len(requests)))
             data = await self._receive()
 
     async def _receive(self) -> bytes:

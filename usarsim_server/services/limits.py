@@ -220,10 +220,6 @@ class InputRates:
         start = min(burst, client.tokens)
         return TokenBucket(own, burst, start=start, deepest=2.0 * own, clock=self._clock)
 
-    def charge(self, client: TokenBucket, cost: float) -> float:
-        """Let a client pay for what it sent; returns s until it may go on, 0 for at once."""
-        return client.spend(cost)
-
 
 def address_of(peer: str) -> str:
     """The host of `host:port`."""

@@ -251,7 +251,7 @@ class WirelessService:
                     await self._answer(lines, talk, replies)
                     self._guests.heard(guest)
             # Neither call yields while there is data and room.
-            await asyncio.sleep(self._rates.charge(allowance, input_cost(lines, len(lines))))
+            await asyncio.sleep(allowance.spend(input_cost(lines, len(lines))))
 
     async def _answer(self, lines: list[bytes], talk: _Talk, replies: ReplyBuffer) -> None:
         budget = self._desk.budget
