@@ -17,6 +17,8 @@ from usarsim_tools.conformance.junit import as_junit
 from usarsim_tools.conformance.own_server import OwnServer, StartError
 from usarsim_tools.conformance.page import as_page
 from usarsim_tools.conformance.places import place_from
+from usarsim_tools.conformance.planted import all_faults, select_faults
+from usarsim_tools.conformance.planted.trial import Outcome, as_table, try_faults
 from usarsim_tools.conformance.registry import DIALECTS, Check, all_checks, select
 from usarsim_tools.conformance.report import Report, as_json, from_json
 from usarsim_tools.conformance.runner import judge_all
@@ -78,6 +80,13 @@ def add_parser(subparsers: Subparsers) -> None:
         dest="own",
         help="start our own server on free ports, judge it, and stop it",
     )
+    parser.add_argument(
+        "--planted",
+        metavar="PATTERN",
+        nargs="?",
+        const="*",
+        help="plant faults in our own server, and see whether the checks notice",
+    )
     kinds = parser.add_subparsers(metavar="compare")
     comparison = add_command(
         kinds, "compare", "put reports of several servers side by side", _compare
@@ -92,6 +101,8 @@ def run(arguments: argparse.Namespace) -> int:
     Raises:
         UsarsimError: if the server cannot be reached, or nothing fits the pattern.
     """
+    if arguments.planted is not None:
+        return _plant(arguments.planted, arguments.list)
     checks = select(all_checks(), arguments.only)
     if not checks:
         raise UsarsimError(
@@ -117,6 +128,32 @@ def run(arguments: argparse.Namespace) -> int:
         _write(arguments.report, report)
         teller.say(f"written: {arguments.report}/report.html, report.json, report.xml")
     return 0 if report.conforms else 1
+
+
+def _plant(pattern: str, list_only: bool) -> int:
+    """Plant faults, print what noticed them; 1 if one was not noticed.
+
+    Raises:
+        UsarsimError: if nothing fits the pattern.
+    """
+    faults = select_faults(all_faults(), pattern)
+    if not faults:
+        cure = "see usarsim conformance --planted --list"
+        raise UsarsimError(at("--planted", f"no fault fits {pattern!r}", cure))
+    if list_only:
+        width = max(len(fault.name) for fault in faults)
+        for fault in faults:
+            print(f"{fault.name:{width}}  {fault.robot}  {', '.join(fault.notices)}")
+        print(f"{len(faults)} faults")
+        return 0
+    teller = Teller(sys.stderr)
+
+    def tell(outcome: Outcome) -> None:
+        teller.say(f"{'' if outcome.good else 'WRONG  '}{outcome.name}")
+
+    outcomes = try_faults(faults, tell=tell)
+    print(as_table(outcomes))
+    return 0 if all(outcome.good for outcome in outcomes) else 1
 
 
 def _judge(

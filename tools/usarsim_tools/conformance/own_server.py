@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
 import tempfile
+from pathlib import Path
 
 from usarsim_tools.closing import Closing
 from usarsim_tools.conformance.registry import SERVICES
@@ -29,12 +31,13 @@ class OwnServer(Closing):
         ports: of all services, by the names of `registry.SERVICES`.
     """
 
-    def __init__(self, world: str = "empty", *options: str) -> None:
+    def __init__(self, world: str = "empty", *options: str, folder: Path | None = None) -> None:
         """Start it and wait until it is ready.
 
         Args:
             world: the empty floor by default, on which nothing stands in a robot's way.
             options: further ones of `usarsim serve`.
+            folder: where another copy of the server lies, to be taken instead of this one.
 
         Raises:
             StartError: if it does not become ready.
@@ -45,7 +48,12 @@ class OwnServer(Closing):
         command += ["--max-robots", str(_MOST_ROBOTS)]
         self._errors = tempfile.TemporaryFile("w+")  # noqa: SIM115  (closed by `stop`)
         self._process = subprocess.Popen(
-            [*command, *ports, *options], stdout=subprocess.PIPE, stderr=self._errors, text=True
+            [*command, *ports, *options],
+            stdout=subprocess.PIPE,
+            stderr=self._errors,
+            text=True,
+            cwd=folder,
+            env=None if folder is None else {**os.environ, "PYTHONPATH": str(folder)},
         )
         assert self._process.stdout is not None
         ready = self._process.stdout.readline()
