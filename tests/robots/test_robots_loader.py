@@ -38,7 +38,7 @@ def test_small_file_loads_with_defaults(tmp_path: Path) -> None:
     assert robot.rest_height == pytest.approx(0.15)
     assert robot.battery is None
     assert robot.drive.max_wheel_speed == 5.0
-    assert (robot.drive.wheel_torque, robot.drive.servo_gain) == (8.0, 100.0)
+    assert (robot.drive.wheel_torque, robot.drive.servo_gain) == (8.0, 800.0)
     assert (robot.drive.wheel_acceleration, robot.drive.parking_brake_delay) == (10.0, 0.3)
     assert robot.drive.wheel_deceleration == 40.0
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -23,7 +24,11 @@ MODELS = sorted({one.model for one in WHEELED.values() if PIONEERS.fullmatch(one
 
 
 def on_floor(robot: RobotDescription, height: float, copies: int = 1) -> mujoco.MjModel:
-    """The robot above a floor, with the physics settings of robots reference 4.10."""
+    """The robot above a floor, with the physics settings of robots reference 4.10.
+
+    MuJoCo's own velocity actuators run ahead of their wheels if they are as stiff as the servos.
+    """
+    robot = replace(robot, drive=replace(robot.drive, servo_gain=100.0))
     spec = mujoco.MjSpec()
     spec.option.timestep = 0.004
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST

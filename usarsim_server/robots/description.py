@@ -19,6 +19,7 @@ from usarsim_server.protocol.values import Dialect, Vector
 from usarsim_server.simulation.frames import IDENTITY, Pose
 
 __all__ = [
+    "SERVO_DROOP",
     "ActuatorDescription",
     "BatteryDescription",
     "CameraDescription",
@@ -38,6 +39,11 @@ __all__ = [
 ]
 
 Color = tuple[float, float, float, float]
+
+SERVO_DROOP = 0.01
+"""rad/s that a wheel loses at its full torque unless its robot file says otherwise: next to
+nothing, as with a speed controller that has an integral part. A wheel that gives way under the
+drag of a turn makes slow turns slower still (robots reference 3.3 V7)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,8 +123,8 @@ class DriveDescription:
     Attributes:
         max_wheel_speed: rad/s, announced as MaxSpeed and never exceeded.
         wheel_torque: N m per wheel that the servo can exert.
-        servo_gain: N m s/rad of the velocity servo; torque over gain is the speed that a wheel
-            loses under load.
+        servo_gain: N m s/rad of the velocity servo; load over gain is the speed that a wheel loses
+            under that load.
         wheel_acceleration: rad/s^2, the ramp of wheel speed targets.
         wheel_deceleration: rad/s^2, the ramp towards standstill.
         parking_brake_delay: s of zero command after which the wheels are held in place.
@@ -126,7 +132,7 @@ class DriveDescription:
 
     max_wheel_speed: float
     wheel_torque: float = 8.0
-    servo_gain: float = 100.0
+    servo_gain: float = 8.0 / SERVO_DROOP
     wheel_acceleration: float = 10.0
     wheel_deceleration: float = 40.0
     parking_brake_delay: float = 0.3

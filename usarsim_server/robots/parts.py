@@ -14,6 +14,7 @@ from usarsim_server.data import data_directory
 from usarsim_server.logs import Log
 from usarsim_server.protocol.values import Vector
 from usarsim_server.robots.description import (
+    SERVO_DROOP,
     ActuatorDescription,
     BatteryDescription,
     Caster,
@@ -252,10 +253,12 @@ def read_drive(reader: TableReader, wheels: Sequence[Wheel], parent: Parent) -> 
     table = reader.table("drive")
     base = parent.drive if parent else DriveDescription(max_wheel_speed=math.nan)
     limit = parent.drive.max_wheel_speed if parent else None
+    torque = table.number("wheel_torque", base.wheel_torque, low=1e-3, high=1e6)
+    gain = base.servo_gain if torque == base.wheel_torque else torque / SERVO_DROOP
     drive = DriveDescription(
         max_wheel_speed=table.number("max_wheel_speed", limit, low=1e-3, high=FASTEST),
-        wheel_torque=table.number("wheel_torque", base.wheel_torque, low=1e-3, high=1e6),
-        servo_gain=table.number("servo_gain", base.servo_gain, low=1e-3, high=1e6),
+        wheel_torque=torque,
+        servo_gain=table.number("servo_gain", gain, low=1e-3, high=1e6),
         wheel_acceleration=table.number(
             "wheel_acceleration", base.wheel_acceleration, low=1e-3, high=1e6
         ),

@@ -40,9 +40,20 @@ from usarsim_server.worlds.description import WorldDescription
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.scene import build_scene
 
-__all__ = ["Stepping", "Stopwatch", "halves_timed", "main", "measure", "with_velocity_actuators"]
+__all__ = [
+    "BARE_GAIN",
+    "Stepping",
+    "Stopwatch",
+    "halves_timed",
+    "main",
+    "measure",
+    "with_velocity_actuators",
+]
 
 ROBOT_CLASS = "P3AT"
+BARE_GAIN = 100.0
+"""N m s/rad of the wheels of bare robots: MuJoCo's own velocity actuators let a robot run ahead of
+its wheels if they are much stiffer (see `simulation/servo.py`)."""
 CHUNK_STEPS = 24
 """Steps between two looks at the clock and between two commands: about a tenth of a second."""
 REPETITION_CHUNKS = 5
@@ -190,7 +201,7 @@ class _Scene:
         self._engine = _engine(world, description, robots)
         self._twin = _engine(world, description, robots)
         self._watch = Stopwatch()
-        self._plain = with_velocity_actuators(self._engine, description.drive.servo_gain)
+        self._plain = with_velocity_actuators(self._engine, BARE_GAIN)
         self._bare = mujoco.MjData(self._plain)
         self._turns = 0
         for robot in self._robots:
