@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from usarsim_server.cameras.encoding import Encoder, pillow_jpeg
+from usarsim_server.cameras.encoding import Encoder, encode_jpeg
 from usarsim_server.cameras.view import Frame, Grid, Region
 from usarsim_server.protocol.images import NORMAL, RAW, ImageType
 
@@ -106,7 +106,7 @@ def test_better_types_are_larger() -> None:
 @pytest.mark.parametrize("quality", [100, 50])
 def test_chroma_has_half_the_resolution(quality: int) -> None:
     """Side channels reference 2.3: 4:2:0, the default of the original's library, always."""
-    message = pillow_jpeg(scene(64, 64), quality, b"")
+    message = encode_jpeg(scene(64, 64), quality, b"")
     layers = Image.open(io.BytesIO(message)).layer  # type: ignore[attr-defined]
     assert [layer[1:3] for layer in layers] == [(2, 2), (1, 1), (1, 1)]
 
@@ -114,12 +114,12 @@ def test_chroma_has_half_the_resolution(quality: int) -> None:
 def test_too_large_picture_is_refused_in_words() -> None:
     """A JPEG has at most 65535 pixels per side; the message names the size."""
     with pytest.raises(ValueError, match="65600 x 1"):
-        pillow_jpeg(np.zeros((1, 65600, 3), dtype=np.uint8), 50, b"")
+        encode_jpeg(np.zeros((1, 65600, 3), dtype=np.uint8), 50, b"")
 
 
 def test_head_stands_before_the_file() -> None:
     """A codec leaves room for the header, so that nothing is copied for it."""
-    message = pillow_jpeg(scene(8, 8), 50, b"12345")
+    message = encode_jpeg(scene(8, 8), 50, b"12345")
     assert bytes(message[:5]) == b"12345"
     assert bytes(message[5:7]) == b"\xff\xd8"
 
@@ -160,7 +160,7 @@ class CountingCodec:
 
     def __call__(self, pixels: NDArray[np.uint8], quality: int, head: bytes) -> memoryview:
         self.calls += 1
-        return pillow_jpeg(pixels, quality, head)
+        return encode_jpeg(pixels, quality, head)
 
 
 def test_each_region_of_a_frame_is_encoded_once() -> None:

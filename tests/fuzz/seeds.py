@@ -310,6 +310,40 @@ def ply() -> list[bytes]:
     return [text.encode(), head.format("binary_little_endian").encode() + binary]
 
 
+def x3d() -> list[bytes]:
+    """A transform with a shape, used twice."""
+    points = ", ".join("{:g} {:g} {:g}".format(*point) for point in WEDGE)
+    index = " ".join("{} {} {} -1".format(*face) for face in FACES)
+    return [
+        '<X3D><head><unit category="length" conversionFactor="2"/></head><Scene>'
+        '<Transform DEF="A" translation="1 2 3" rotation="0 1 0 1"><Shape><Appearance>'
+        '<Material diffuseColor="1 0 0"/></Appearance><IndexedFaceSet coordIndex='
+        f'"{index}"><Coordinate point="{points}"/></IndexedFaceSet></Shape></Transform>'
+        '<Switch whichChoice="0"><Transform USE="A"/></Switch><Inline url="no.wrl"/>'
+        '<Shape><ElevationGrid xDimension="2" zDimension="2" height="0 1 2 3"/></Shape>'
+        "</Scene></X3D>".encode()
+    ]
+
+
+def vrml() -> list[bytes]:
+    """The same in the classic syntax."""
+    points = ", ".join("{:g} {:g} {:g}".format(*point) for point in WEDGE)
+    index = " ".join("{} {} {} -1".format(*face) for face in FACES)
+    return [
+        "#VRML V2.0 utf8\nPROTO P [ field SFInt32 n 1 ] { Group {} }\nDEF A Transform {\n"
+        "scale 1 2 1 children [ Shape { geometry IndexedFaceSet { coord Coordinate {"
+        f" point [ {points} ] }} coordIndex [ {index} ] }} }} Shape {{ geometry Sphere {{}} }} ]"
+        " }\nGroup { children USE A } ROUTE A.x TO A.y\n".encode()
+    ]
+
+
+def off() -> list[bytes]:
+    """The wedge."""
+    rows = ["OFF", "4 4 6", *("{:g} {:g} {:g}".format(*point) for point in WEDGE)]
+    rows += ["3 {} {} {}".format(*face) for face in FACES]
+    return ["\n".join(rows).encode()]
+
+
 def _pixels() -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
     pixels = np.full((12, 16), 254, dtype=np.uint8)
     pixels[[0, -1], :] = 0

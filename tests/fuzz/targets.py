@@ -340,8 +340,12 @@ add_reader("glb", "map.glb", seeds.glb)
 add_reader("obj", "map.obj", seeds.obj)
 add_reader("stl", "map.stl", seeds.stl)
 add_reader("ply", "map.ply", seeds.ply)
+add_reader("x3d", "map.x3d", seeds.x3d)
+add_reader("vrml", "map.wrl", seeds.vrml)
 add_reader("ros_map", "map.yaml", seeds.ros_map)
 add_reader("picture", "map.png", seeds.picture)
 add_reader("mresim", "map.txt", seeds.mresim)
 if importlib.util.find_spec("pxr") is not None:
     add_reader("usd", "map.usda", seeds.usd)
+if importlib.util.find_spec("trimesh") is not None:
+    add_reader("off", "map.off", seeds.off)

@@ -310,7 +310,7 @@ class TestBadFiles:
         ("changes", "told"),
         [
             ({"asset": {"version": "1.0"}}, "version 1.0"),
-            ({"extensionsRequired": ["KHR_draco_mesh_compression"]}, "KHR_draco"),
+            ({"extensionsRequired": ["EXT_meshopt_compression"]}, "EXT_meshopt"),
             ({"nodes": [{"mesh": 5}]}, "nodes[0]"),
             ({"nodes": [{"children": [0]}]}, "nodes[0]"),
             ({"nodes": [{"mesh": 0, "matrix": [1, 2]}]}, "16 numbers"),

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from services_harness import eventually
 
-from usarsim_server.cameras.encoding import Encoder, pillow_jpeg
+from usarsim_server.cameras.encoding import Encoder, encode_jpeg
 from usarsim_server.cameras.view import Frame, Grid, Region
 from usarsim_server.errors import ServiceError
 from usarsim_server.protocol.images import NORMAL, RAW, ImageType
@@ -272,7 +272,7 @@ class SlowCodec:
     def __call__(self, pixels: NDArray[np.uint8], quality: int, head: bytes) -> memoryview:
         self.calls += 1
         time.sleep(0.1)
-        return pillow_jpeg(pixels, quality, head)
+        return encode_jpeg(pixels, quality, head)
 
 
 def test_clients_share_one_encoding(images) -> None:
@@ -293,7 +293,7 @@ def test_loop_does_not_wait_for_the_encoder(images) -> None:
 
     def held(pixels: NDArray[np.uint8], quality: int, head: bytes) -> memoryview:
         go_on.wait(PATIENCE)
-        return pillow_jpeg(pixels, quality, head)
+        return encode_jpeg(pixels, quality, head)
 
     running = images(FakeSource(), NORMAL, held)
     waiting, outside = running.connect(), running.connect()
@@ -312,7 +312,7 @@ def test_defect_in_the_encoder_ends_one_client_only(images, caplog) -> None:
     def broken(pixels: NDArray[np.uint8], quality: int, head: bytes) -> memoryview:
         if pixels.shape == (48, 64, 3):
             raise ValueError("cannot encode")
-        return pillow_jpeg(pixels, quality, head)
+        return encode_jpeg(pixels, quality, head)
 
     running = images(FakeSource(), NORMAL, broken)
     victim, other = running.connect(), running.connect()

@@ -6,28 +6,29 @@ run: the physics must not wait for a JPEG.
 
 from __future__ import annotations
 
-import os
 import threading
 from collections.abc import Callable
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from usarsim_server.cameras.view import Frame, Region
 from usarsim_server.protocol.images import ImageType, raw_header, raw_row_length, reply_header
 
-__all__ = ["Encoder", "JpegCodec", "pillow_jpeg"]
+__all__ = ["Encoder", "JpegCodec", "encode_jpeg"]
 
 JpegCodec = Callable[[NDArray[np.uint8], int, bytes], memoryview]
 """Makes a JPEG: pixels (height, width, 3) uint8 red green blue, quality 0 to 100, head.
 
-Returns the head and behind it a complete JPEG file with 4:2:0 chroma. A codec that is faster than
-`pillow_jpeg` can take its place.
+Returns the head and behind it a complete JPEG file with 4:2:0 chroma.
 """
 
 GREY = 128
 """Value of all channels of a picture that stands for one that did not come."""
+
+LONGEST_SIDE = 65500
+"""Pixels along a side of a JPEG that libjpeg makes."""
 
 CACHE_BYTES = 32 * 1024 * 1024
 """Encoded pictures that are kept; eight raw frames of 1280 x 960."""
@@ -46,11 +47,11 @@ class Encoder:
 
         Args:
             image_type: of all pictures.
-            jpeg: see `JpegCodec`; None for that of Pillow.
+            jpeg: see `JpegCodec`; None for `encode_jpeg`.
             cache_bytes: budget of the pictures that are kept.
         """
         self._type = image_type
-        self._jpeg = jpeg or pillow_jpeg
+        self._jpeg = jpeg or encode_jpeg
         self._budget = cache_bytes
         self._lock = threading.Lock()
         # The newest of each region with the number of its frame; the one used last at the end.
@@ -118,26 +119,28 @@ class Encoder:
             self._bytes += len(message)
 
 
-def pillow_jpeg(pixels: NDArray[np.uint8], quality: int, head: bytes) -> memoryview:
-    """A `JpegCodec`: Pillow, which is libjpeg-turbo.
+def encode_jpeg(pixels: NDArray[np.uint8], quality: int, head: bytes) -> memoryview:
+    """A `JpegCodec`: OpenCV, which is libjpeg-turbo, and lets other threads run meanwhile.
 
     Raises:
         ValueError: if a side is longer than a JPEG may have.
     """
-    picture = Image.fromarray(np.ascontiguousarray(pixels))
-    # Pillow holds Python's global lock while it encodes into memory of Python, but lets go of it
-    # while it encodes into a file; so this one lies in memory.
-    with os.fdopen(os.memfd_create("jpeg"), "w+b", buffering=0) as file:
-        file.write(head)
-        try:
-            picture.save(file, "JPEG", quality=quality, subsampling="4:2:0")
-        except OSError as error:
-            size = f"{picture.width} x {picture.height}"
-            raise ValueError(f"cannot encode {size} pixels: {error}") from error
-        message = memoryview(bytearray(os.fstat(file.fileno()).st_size))
-        file.seek(0)
-        file.readinto(message)
-    return message
+    height, width = pixels.shape[:2]
+    if max(height, width) > LONGEST_SIDE:
+        raise ValueError(f"cannot encode {width} x {height} pixels: a side has {LONGEST_SIDE}")
+    _, payload = cv2.imencode(".jpg", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), _settings(quality))
+    message = bytearray(head)
+    message += payload.tobytes()
+    return memoryview(message)
+
+
+def _settings(quality: int) -> list[int]:
+    return [
+        cv2.IMWRITE_JPEG_QUALITY,
+        quality,
+        cv2.IMWRITE_JPEG_SAMPLING_FACTOR,
+        cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420,
+    ]
 
 
 def _cut(pixels: NDArray[np.uint8], region: Region) -> NDArray[np.uint8]:

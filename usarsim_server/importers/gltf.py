@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.errors import MapImportError, at
+from usarsim_server.importers import gltf_draco
 from usarsim_server.importers.gltf_data import GltfFile, Item, load_gltf
 from usarsim_server.importers.gltf_materials import finish_materials
 from usarsim_server.importers.mesh_files import (
@@ -47,6 +48,7 @@ UNDERSTOOD = {
     "KHR_mesh_quantization",
     "KHR_texture_transform",
     "EXT_mesh_gpu_instancing",
+    gltf_draco.EXTENSION,
 }
 """Extensions that a file may require."""
 
@@ -264,15 +266,19 @@ class _Stage:
         if mode not in (4, 5, 6) or place is None:
             self._context.findings.skip("points and lines")
             return None
-        vertices = self._file.accessor(place)
+        packed = None
+        if gltf_draco.EXTENSION in item.item("extensions").value:
+            packed = gltf_draco.DracoPrimitive(self._file, item)
+        vertices = self._values("POSITION", place, packed)
         if vertices.shape[1] != 3:
             raise item.error("positions that are no triples")
         indices = item.index("indices", accessors)
-        chain = (
-            np.arange(len(vertices))
-            if indices is None
-            else self._file.accessor(indices)[:, 0].astype(np.int64)
-        )
+        if packed is not None:
+            chain, mode = packed.chain, 4
+        elif indices is None:
+            chain = np.arange(len(vertices))
+        else:
+            chain = self._file.accessor(indices)[:, 0].astype(np.int64)
         if len(chain) and not 0 <= chain.min() <= chain.max() < len(vertices):
             raise item.error(f"index {chain.max()} of {len(vertices)} vertices")
         name, texture = "", None
@@ -280,12 +286,19 @@ class _Stage:
         if slot is not None:
             material, mapping = self._materials[slot]
             name = material.name
-            uv = attributes.index(f"TEXCOORD_{mapping.channel}", accessors)
+            channel = f"TEXCOORD_{mapping.channel}"
+            uv = attributes.index(channel, accessors)
             if uv is not None and (material.texture or material.image):
-                texture = mapping.apply(self._file.accessor(uv)[:, :2])
+                texture = mapping.apply(self._values(channel, uv, packed)[:, :2])
                 if len(texture) != len(vertices):
                     raise item.error("texture coordinates are not as many as vertices")
         return vertices, _triangles(chain, int(mode)), texture, name
+
+    def _values(self, name: str, accessor: int, packed: gltf_draco.DracoPrimitive | None) -> Array:
+        """An attribute, from its accessor or from the compressed buffer."""
+        if packed is not None:
+            return packed.attribute(name, accessor)
+        return self._file.accessor(accessor)
 
 
 def _triangles(chain: Integers, mode: int) -> Integers:

@@ -225,9 +225,11 @@ class GltfFile:
         sparse = item.item("sparse")
         if sparse.value:
             values = self._sparse(item, sparse, values, dtype, width)
-        if item.value.get("normalized") is True and dtype.kind in "iu":
-            values = np.maximum(values / float(np.iinfo(dtype).max), -1.0)
-        return values
+        return _normalized(item, values, dtype)
+
+    def as_accessor(self, number: int, values: NDArray[Any]) -> Array:
+        """Values that come from elsewhere as those of an accessor, normalized if it says so."""
+        return _normalized(self.items("accessors")[number], values.astype(float), values.dtype)
 
     def _strided(self, item: Item, dtype: np.dtype[Any], count: int, width: int) -> Array:
         number = item.index("bufferView", self.items("bufferViews")) or 0
@@ -295,6 +297,12 @@ class GltfFile:
             raise item.error(f"the file {uri[:80]!r} is missing", cure)
         self.files.append(found)
         return read_bytes(found, MAX_BYTES)
+
+
+def _normalized(item: Item, values: Array, dtype: np.dtype[Any]) -> Array:
+    if item.value.get("normalized") is True and dtype.kind in "iu":
+        return np.maximum(values / float(np.iinfo(dtype).max), -1.0)
+    return values
 
 
 def load_gltf(path: Path, folders: Folders) -> GltfFile:

@@ -37,8 +37,11 @@ __all__ = [
     "without_refused",
 ]
 
-PACKAGES = {"pxr": "pip install usd-core"}
-"""How to get an optional package whose name is not that of its module."""
+_MESHES = 'pip install "usarsim-server[meshes]"'
+PACKAGES = {"pxr": "pip install usd-core"} | dict.fromkeys(
+    ("DracoPy", "lxml", "networkx", "trimesh"), _MESHES
+)
+"""How to get an optional package."""
 
 GROUP = "usarsim_server.importers"
 """Entry point group for readers of other packages."""

@@ -19,7 +19,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from usarsim_server.app import Assembly, assemble
-from usarsim_server.cameras.encoding import pillow_jpeg
+from usarsim_server.cameras.encoding import encode_jpeg
 from usarsim_server.cameras.painter import Painter, PainterOptions
 from usarsim_server.cameras.viewpoint import Eye
 from usarsim_server.errors import UsarsimError
@@ -91,11 +91,11 @@ def _drawn(bare: BareRenderer, renderer: str, eyes: Sequence[Eye], seconds: floa
     quality = NORMAL.quality
     assert quality is not None  # a JPEG
     for eye in eyes:
-        pillow_jpeg(bare.draw(eye), quality, b"")
+        encode_jpeg(bare.draw(eye), quality, b"")
     pictures = octets = 0
     begun, spent = time.perf_counter(), time.process_time()
     while (elapsed := time.perf_counter() - begun) < seconds:
-        octets += len(pillow_jpeg(bare.draw(eyes[pictures % len(eyes)]), quality, b""))
+        octets += len(encode_jpeg(bare.draw(eyes[pictures % len(eyes)]), quality, b""))
         pictures += 1
     cores = (time.process_time() - spent) / elapsed
     return Frames(renderer, len(eyes), pictures / elapsed, cores, octets / pictures)

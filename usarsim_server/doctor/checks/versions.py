@@ -41,14 +41,27 @@ class Package:
     optional: bool = False
 
 
+_MESHES = "maps in 3MF, OFF and XAML cannot be imported"
+
 PACKAGES = (
     Package("mujoco", "mujoco", "mujoco>=3.16,<4", "the physics"),
     Package("numpy", "numpy", "numpy>=1.26", "arrays"),
     Package("embreex", "embreex", "embreex>=4.4.0", "the rays of range sensors"),
-    Package("pillow", "PIL", "pillow>=10.1", "camera pictures"),
+    Package("opencv-python-headless", "cv2", "opencv-python-headless>=4.9", "camera pictures"),
+    Package("pillow", "PIL", "pillow>=10.1", "textures, and pictures in files"),
     Package(
         *("usd-core", "pxr", "usd-core>=24.8"),
         "maps of Unreal 4 and 5 (.usd, .usda, .usdc, .usdz) cannot be imported",
+        optional=True,
+    ),
+    Package("trimesh", "trimesh", "trimesh>=4.5", _MESHES, optional=True),
+    Package("lxml", "lxml.etree", "lxml>=5", _MESHES, optional=True),
+    Package("networkx", "networkx", "networkx>=3", _MESHES, optional=True),
+    Package(
+        "DracoPy",
+        "DracoPy",
+        "DracoPy>=2",
+        "glTF compressed by Draco cannot be imported",
         optional=True,
     ),
 )
