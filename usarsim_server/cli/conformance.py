@@ -37,6 +37,7 @@ _SIDE_PORTS = {
     "images": "image",
     "groundtruth": "groundtruth",
     "wireless": "wireless",
+    "comserver": "comserver",
     "truth": "truth",
 }
 

@@ -236,12 +236,11 @@ async def vector_two(case: Case) -> None:
 async def vector_six(case: Case) -> None:
     """`0,0000, 0,0000, 0,0000` as location does not keep the robot from appearing."""
     place = await case.place()
-    init = (
+    await case.appears(
         f"INIT {{ClassName USARBot.{case.robot_class}}} {{Name {case.new_name()}}} "
         f"{place.segments if place.tag else ''} {{Rotation 0,0000, 0,0000, 0,0000}}"
         f"{case.dialect_segment}"
     )
-    await case.spawn(place=place, init=init)
 
 
 @check(
@@ -253,8 +252,7 @@ async def vector_six(case: Case) -> None:
 async def non_ascii(case: Case) -> None:
     """Bytes beyond ASCII in a name do not break the parsing of later segments."""
     place = await case.place()
-    init = case.init(place, case.new_name() + "\xe9\xff\x80")
-    await case.spawn(place=place, init=init)
+    await case.appears(case.init(place, case.new_name() + "\xe9\xff\x80"))
 
 
 @check(

@@ -14,7 +14,7 @@ from usarsim_tools.conformance.registry import SERVICES
 
 __all__ = ["OwnServer", "StartError"]
 
-_PORTS = ("", "image-", "groundtruth-", "wireless-", "truth-")
+_PORTS = ("", "image-", "groundtruth-", "wireless-", "comserver-", "truth-")
 _MOST_ROBOTS = 32
 _PATIENCE = 10.0
 """s to end after SIGTERM."""

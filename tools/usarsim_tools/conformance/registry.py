@@ -41,7 +41,7 @@ GAZEBO = ("gazebo",)
 ONCE: tuple[str, ...] = ()
 """For rules in which the dialect plays no part: the check runs once."""
 
-SERVICES = ("control", "images", "groundtruth", "wireless", "truth")
+SERVICES = ("control", "images", "groundtruth", "wireless", "comserver", "truth")
 """What a check may talk to; all but the first exist only if the user names their port."""
 
 Function = Callable[["Case"], Awaitable[None]]

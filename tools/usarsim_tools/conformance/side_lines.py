@@ -6,13 +6,14 @@ import asyncio
 import contextlib
 import re
 from dataclasses import dataclass
+from typing import Self
 
 from usarsim_tools.conformance.case import PATIENCE, Case
 from usarsim_tools.conformance.control import Robot
 from usarsim_tools.conformance.verdicts import Failed, Inconclusive, NotApplicable
 from usarsim_tools.conformance.wire import Hangup, Wire
 
-__all__ = ["STATION", "Guest", "LineClient", "Radio", "split_reply", "static_station"]
+__all__ = ["STATION", "Guest", "LineClient", "Peer", "Radio", "split_reply", "static_station"]
 
 STATION = "ComStation"
 """Class of the static communication station (side channels reference 4.4)."""
@@ -147,46 +148,94 @@ class Guest:
         return await self.wire.hung_up(LEAVES)
 
 
-class Radio:
-    """A robot in the simulator that is registered with the wireless simulation.
+class Peer:
+    """A robot in the simulator that listens for connections which the server makes.
 
     Attributes:
-        name: of both.
-        client: its connection to the wireless simulation.
         robot: in the simulator.
+        name: of it.
+        wire: its connection to the service.
         port: that it listens on.
+        guests: connections that the server has made.
     """
 
-    def __init__(
-        self, case: Case, robot: Robot, client: LineClient, server: asyncio.Server
-    ) -> None:
+    def __init__(self, case: Case, robot: Robot, wire: Wire, server: asyncio.Server) -> None:
         self._case = case
         self.robot = robot
         self.name = robot.name
-        self.client = client
+        self.wire = wire
         self._server = server
         self.port = int(server.sockets[0].getsockname()[1])
         self.guests: asyncio.Queue[Guest] = asyncio.Queue()
         self._open: list[asyncio.StreamWriter] = []
+
+    @classmethod
+    async def arrive(cls, case: Case, service: str) -> Self:
+        """Connect to a service, spawn a robot, listen; `close` it, or use it in `async with`."""
+        wire = await case.open(service)
+        robot = await case.spawn()
+        made: list[Self] = []
+
+        async def take(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            made[0]._open.append(writer)
+            guest = Wire(reader, writer, case.transcript, "guest", case.clock)
+            made[0].guests.put_nowait(Guest(guest, writer))
+
+        server = await asyncio.start_server(take, wire.local_address, 0)
+        made.append(cls(case, robot, wire, server))
+        return made[0]
+
+    async def guest(self) -> Guest:
+        """The next connection that the server makes.
+
+        Raises:
+            Failed: if none comes in time.
+        """
+        coming = asyncio.create_task(self.guests.get())
+        clock = self._case.clock
+        if await clock.wait(coming, clock.after(WITHIN)):
+            return coming.result()
+        coming.cancel()
+        raise Failed(f"the server did not connect to port {self.port} of {self.name}")
+
+    def deaf(self) -> None:
+        """Stop listening."""
+        self._server.close()
+
+    def close(self) -> None:
+        """Hang up everything."""
+        self._server.close()
+        for writer in self._open:
+            writer.close()
+        self.wire.close()
+
+    async def __aenter__(self) -> Self:
+        """Use as a context manager."""
+        return self
+
+    async def __aexit__(self, *ignored: object) -> None:
+        self.close()
+
+
+class Radio(Peer):
+    """A robot in the simulator that is registered with the wireless simulation.
+
+    Attributes:
+        client: its connection to the wireless simulation.
+    """
+
+    def __init__(self, case: Case, robot: Robot, wire: Wire, server: asyncio.Server) -> None:
+        super().__init__(case, robot, wire, server)
+        self.client = LineClient(wire)
         self._calls: list[Wire] = []
 
     @classmethod
     async def make(cls, case: Case, *, register: bool = True) -> Radio:
-        """Spawn a robot, listen, and register; `close` it, or use it in `async with`."""
-        client = await LineClient.open(case, "wireless")
-        robot = await case.spawn()
-        made: list[Radio] = []
-
-        async def take(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-            made[0]._open.append(writer)
-            wire = Wire(reader, writer, case.transcript, "guest", case.clock)
-            made[0].guests.put_nowait(Guest(wire, writer))
-
-        server = await asyncio.start_server(take, client.wire.local_address, 0)
-        made.append(cls(case, robot, client, server))
+        """Spawn a robot, listen, and register."""
+        radio = await cls.arrive(case, "wireless")
         if register:
-            await made[0].register()
-        return made[0]
+            await radio.register()
+        return radio
 
     async def register(self) -> None:
         """Send INIT.
@@ -232,34 +281,8 @@ class Radio:
         self._calls.append(wire)
         return wire
 
-    async def guest(self) -> Guest:
-        """The next connection from the wireless simulation.
-
-        Raises:
-            Failed: if none comes in time.
-        """
-        coming = asyncio.create_task(self.guests.get())
-        clock = self._case.clock
-        if await clock.wait(coming, clock.after(WITHIN)):
-            return coming.result()
-        coming.cancel()
-        raise Failed(f"the wireless simulation did not connect to port {self.port} of {self.name}")
-
-    def deaf(self) -> None:
-        """Stop listening."""
-        self._server.close()
-
     def close(self) -> None:
         """Hang up everything."""
-        self._server.close()
-        for writer in self._open:
-            writer.close()
+        super().close()
         for wire in (*self._calls, self.client.wire):
             wire.close()
-
-    async def __aenter__(self) -> Radio:
-        """Use as a context manager."""
-        return self
-
-    async def __aexit__(self, *ignored: object) -> None:
-        self.close()

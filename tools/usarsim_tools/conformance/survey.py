@@ -212,8 +212,9 @@ async def _dialects(visit: _Visit, robot: str, places: list[Place], native: str)
     """Dialects to judge. Legacy servers know no segment Dialect, and pass it over."""
     target = visit.target
     found = {native: ""} if native else {}
-    wanted = DIALECTS if target.dialect is None else (target.dialect,)
-    others = [dialect for dialect in wanted if dialect != native]
+    # Asked for by name even if it is the native one: other robot classes may have another.
+    wanted = (target.dialect,) if target.dialect is not None else DIALECTS
+    others = [dialect for dialect in wanted if dialect != native or target.dialect is not None]
 
     async def speaks(dialect: str, place: Place) -> bool:
         client, status = await visit.robot(robot, place, f" {{Dialect {dialect}}}")
