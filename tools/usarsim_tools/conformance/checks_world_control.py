@@ -7,7 +7,7 @@ from functools import partial
 
 from usarsim_tools.conformance.case import Case
 from usarsim_tools.conformance.control import ControlClient
-from usarsim_tools.conformance.lines import Line
+from usarsim_tools.conformance.objects import controller, status_of
 from usarsim_tools.conformance.registry import ONCE, check
 from usarsim_tools.conformance.verdicts import Severity
 
@@ -15,28 +15,8 @@ _HIGH = -40.0
 """m, wire z of the objects that checks create, out of every robot's way."""
 
 
-async def _controller(case: Case) -> ControlClient:
-    """A connection that is a world controller.
-
-    Raises:
-        NotApplicable: if the server has none.
-    """
-    client = await case.connect()
-    await client.send("INIT {ClassName USARBot.WorldController} {Name WC} {Location 0,0,0}")
-    await client.send("CONTROL {Type GetSTA} {Name NoSuchObject}")
-    if await client.maybe(lambda line: line.head == "STA") is None:
-        case.skip("the server has no world controller")
-    return client
-
-
-async def _status(client: ControlClient, name: str) -> Line:
-    return await client.ask(
-        f"CONTROL {{Type GetSTA}} {{Name {name}}}", lambda line: line.head == "STA", what="STA"
-    )
-
-
 async def _gone(client: ControlClient, name: str) -> bool:
-    return (await _status(client, name)).text == "STA"
+    return (await status_of(client, name)).text == "STA"
 
 
 def _row(case: Case) -> float:
@@ -55,9 +35,9 @@ async def _create(case: Case, client: ControlClient, x: float = 0.0) -> tuple[st
 
 
 async def _created(case: Case) -> tuple[ControlClient, str, float]:
-    client = await _controller(case)
+    client = await controller(case)
     name, y = await _create(case, client)
-    line = await _status(client, name)
+    line = await status_of(client, name)
     if line.get("Name") != name:
         case.skip(f"no object of class Box could be created: {line}")
     return client, name, y
@@ -88,7 +68,7 @@ async def silent(case: Case) -> None:
     source="protocol reference 6, no. 167",
     dialects=ONCE,
 )
-async def no_controller(case: Case) -> None:
+async def nocontroller(case: Case) -> None:
     """CONTROL is ignored on a connection of a robot."""
     robot = await case.spawn()
     await robot.send("CONTROL {Type GetSTA}")
@@ -112,7 +92,7 @@ async def moves(case: Case) -> None:
     )
 
     async def moved() -> bool:
-        at = (await _status(client, name)).numbers("Location")
+        at = (await status_of(client, name)).numbers("Location")
         return len(at) == 3 and math.dist(at, (3.0, y, _HIGH)) < 0.05
 
     case.expect(await case.soon(moved, 3.0), f"it is not at 3,{y},{_HIGH}")
@@ -131,7 +111,7 @@ async def form(case: Case) -> None:
     """GetSTA tells Name, Size, Location, Memory, Rotation, each in braces of its own, sizes above
     zero."""
     client, name, _ = await _created(case)
-    line = await _status(client, name)
+    line = await status_of(client, name)
     case.expect(line.text.count("{") == line.text.count("}"), f"unbalanced: {line}")
     case.expect(line.names == ("Name", "Size", "Location", "Memory", "Rotation"), f"{line}")
     case.expect(all(size > 0.0 for size in line.numbers("Size")), f"{line}")
@@ -150,7 +130,7 @@ async def same_name(case: Case) -> None:
         f"CONTROL {{Type Create}} {{ClassName Box}} {{Name {name}}} {{Location 9,{y},{_HIGH}}}"
     )
     await client.listen(0.3)
-    line = await _status(client, name)
+    line = await status_of(client, name)
     case.expect(abs(line.numbers("Location")[0]) < 0.1, f"it was replaced: {line}")
 
 
@@ -169,7 +149,7 @@ async def kill_all(case: Case) -> None:
     await client.send(f"CONTROL {{Type KillAll}} {corners}")
     inside_gone = await case.soon(partial(_gone, client, inside), 3.0)
     case.expect(inside_gone, "the object inside is still there")
-    line = await _status(client, outside)
+    line = await status_of(client, outside)
     case.expect(line.get("Name") == outside, "the object outside is gone")
 
 
@@ -184,6 +164,6 @@ async def cleans_up(case: Case) -> None:
     """Closing the world controller's connection removes its objects."""
     client, name, _ = await _created(case)
     client.close()
-    other = await _controller(case)
+    other = await controller(case)
     gone = await case.soon(partial(_gone, other, name), 3.0)
     case.expect(gone, "the object is still there 3 s later")

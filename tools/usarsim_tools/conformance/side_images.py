@@ -14,6 +14,7 @@ from PIL import Image
 
 from usarsim_tools.conformance.case import Case
 from usarsim_tools.conformance.control import Robot
+from usarsim_tools.conformance.places import Place
 from usarsim_tools.conformance.verdicts import Failed, Inconclusive, NotApplicable
 from usarsim_tools.conformance.wire import Wire
 
@@ -340,8 +341,13 @@ async def ask_conf(robot: Robot, extra: str = "") -> str:
     return line.text
 
 
-async def camera_robot(case: Case, class_name: str = "") -> CameraRobot:
+async def camera_robot(case: Case, class_name: str = "", place: Place | None = None) -> CameraRobot:
     """A robot whose camera has a tile.
+
+    Args:
+        case: the check.
+        class_name: class; that of most checks by default.
+        place: where; a free one by default.
 
     Raises:
         NotApplicable: if robots have no cameras, or CONF names no tiles.
@@ -349,7 +355,7 @@ async def camera_robot(case: Case, class_name: str = "") -> CameraRobot:
     try:
         # Tiles are told in this dialect only; a legacy server passes the segment over.
         segment = case.survey.dialects.get("udk", "")
-        robot = await case.spawn(class_name=class_name, extra=segment)
+        robot = await case.spawn(class_name=class_name, place=place, extra=segment)
     except Inconclusive:
         if class_name:
             raise NotApplicable(f"no {class_name} can be spawned") from None
