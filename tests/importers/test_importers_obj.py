@@ -200,7 +200,7 @@ class TestBadFiles:
             ("v 0 0 0\nv 1 x 0\n", "line 2"),
             ("v 0 0 0\nv 1 0 0\nv 0 1 0\n\nf 1 2 9\n", "line 5"),
             ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 0\n", "line 4"),
-            ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1/7 2/7 3/7\n", "line 4"),
+            ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1/x 2/1 3/1\n", "line 4"),
             ("v 0 0\n", "line 1"),
         ],
     )

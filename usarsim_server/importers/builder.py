@@ -36,8 +36,9 @@ from usarsim_server.importers.cells import Point
 from usarsim_server.importers.emitter import Emitter
 from usarsim_server.importers.findings import Findings
 from usarsim_server.importers.names import NameBook
+from usarsim_server.importers.placing import matrix_of_pose
 from usarsim_server.importers.probe import Probe
-from usarsim_server.importers.scene import Heightfield, Scene
+from usarsim_server.importers.scene import Heightfield, Plane, Scene
 from usarsim_server.importers.sheet import Entry, smoke_tables, write_sheet
 from usarsim_server.importers.textures import Finish, finish_materials
 from usarsim_server.worlds.description import NamedObject
@@ -49,6 +50,12 @@ Array = NDArray[np.float64]
 SMALLEST, LARGEST = 1.0, 2000.0
 """m: extents of a map that can be true (worlds reference 11)."""
 
+TINIEST = 1e-3
+"""m: extent of a single thing that can be true."""
+
+GEOMETRY = ("file", "mesh", "model", "sublevel")
+"""Kinds of missing things without which there may be no map."""
+
 ROOM_BELOW, ROOM_ABOVE, ROOM_AROUND = 10.0, 100.0, 20.0
 """m around a map that robots may be in: flying ones go high."""
 
@@ -59,7 +66,8 @@ class Built:
 
     Attributes:
         folder: the world folder.
-        lower, upper: corners of the playable part, m.
+        extents: corners of everything that has an end, m; None if there are only endless planes.
+        lower, upper: corners of the playable part, which start poses belong to.
         places: starts, with their height above the floor.
         things: named objects.
         finishes: materials by the map's names.
@@ -67,6 +75,7 @@ class Built:
     """
 
     folder: Path
+    extents: tuple[Array, Array] | None
     lower: Array
     upper: Array
     places: tuple[Place, ...]
@@ -96,10 +105,14 @@ def build(
     Raises:
         MapImportError: the map is empty, or of a size that cannot be true, or cannot be compiled.
     """
-    bounds, giants = _bounds(scene)
+    extents, giants = _extents(scene)
+    if extents is None:
+        bounds = _of_planes(scene, findings)
+    else:
+        _check_size(scene, *extents, findings)
+        bounds = _with_starts(scene, *extents)
     lower, upper = bounds
     extent = float((upper - lower).max())
-    _check_size(scene, lower, upper)
     scene = within_reach(scene, bounds, findings)
     progress("materials", 0.0)
     names = NameBook("world", "daylight", "usarsim:shelf")
@@ -154,6 +167,7 @@ def build(
     solid = (model.geom_contype | model.geom_conaffinity) != 0
     return Built(
         folder=folder,
+        extents=extents,
         lower=lower,
         upper=upper,
         places=tuple(places),
@@ -211,8 +225,8 @@ def _thing(thing: NamedObject) -> Entry:
     }
 
 
-def _bounds(scene: Scene) -> tuple[tuple[Array, Array], int]:
-    """Corners of the playable part, and how many brushes are only backdrops."""
+def _extents(scene: Scene) -> tuple[tuple[Array, Array] | None, int]:
+    """Corners of all that has an end, None if nothing has; and how many brushes are backdrops."""
     brushes: list[tuple[Array, Array]] = []
     for brush in scene.brushes:
         points = [polygon.vertices for polygon in brush.polygons]
@@ -226,19 +240,46 @@ def _bounds(scene: Scene) -> tuple[tuple[Array, Array], int]:
     if small:
         boxes = small
     giants = sum(is_giant(*box) for box in brushes) if small else 0
-    points = [np.array(start.pose.position) for start in scene.starts]
     if not boxes:
-        if any(thing.parts for thing in scene.objects):
-            return (np.full(3, -10.0), np.full(3, 10.0)), 0  # nothing but endless planes
-        cure = "check that the export contains geometry; meshes are found with --assets"
-        raise MapImportError(at(scene.source.path, "there is no geometry in this map", cure))
-    lower = np.min([low for low, _ in boxes], axis=0)
-    upper = np.max([high for _, high in boxes], axis=0)
+        return None, giants
+    return (np.min([low for low, _ in boxes], 0), np.max([high for _, high in boxes], 0)), giants
+
+
+def _with_starts(scene: Scene, lower: Array, upper: Array) -> tuple[Array, Array]:
+    """Corners moved apart so that start poses near the map are inside."""
+    points = [np.array(start.pose.position) for start in scene.starts]
     near = [p for p in points if ((p > lower - 40.0) & (p < upper + 40.0)).all()]
-    if near:
-        lower = np.minimum(lower, np.min(near, axis=0))
-        upper = np.maximum(upper, np.max(near, axis=0))
-    return (lower, upper), giants
+    return np.min([lower, *near], axis=0), np.max([upper, *near], axis=0)
+
+
+def _of_planes(scene: Scene, findings: Findings) -> tuple[Array, Array]:
+    """The playable part of a map of endless planes: what is drawn of them, and the start poses.
+
+    Raises:
+        MapImportError: there are no planes, or they are only what is left of a map whose meshes
+            and models are all missing.
+    """
+    source = scene.source.path
+    told = next(iter(findings.warnings()), None)
+    note = "" if told is None else f"; first note: {told.subject}: {told.text}"
+    lost = [name for kind, name, _ in findings.missing_list() if kind in GEOMETRY]
+    if lost:
+        names = ", ".join(name[:80] for name in lost[:3])
+        more = f" and {len(lost) - 3} more" if len(lost) > 3 else ""
+        problem = f"none of the meshes and models that it names can be had: {names}{more}{note}"
+        cure = "name the folder in which they lie with --assets DIR, or give --placeholders"
+        raise MapImportError(at(source, problem, cure))
+    corners = [np.array(start.pose.position) for start in scene.starts]
+    for thing in scene.objects:
+        for part in thing.parts:
+            if isinstance(part.shape, Plane):
+                matrix = matrix_of_pose(thing.pose) @ part.matrix
+                across = np.abs(matrix[:3, :2]) @ (np.minimum(part.shape.size, LARGEST) / 2.0)
+                corners += [matrix[:3, 3] - across, matrix[:3, 3] + across]
+    if len(corners) == len(scene.starts):
+        cure = "check that the export contains geometry; meshes are found with --assets"
+        raise MapImportError(at(source, f"there is no geometry in this map{note}", cure))
+    return np.min(corners, axis=0), np.max(corners, axis=0)
 
 
 def _field_bounds(field: Heightfield) -> tuple[Array, Array]:
@@ -250,17 +291,22 @@ def _field_bounds(field: Heightfield) -> tuple[Array, Array]:
     return world.min(axis=0), world.max(axis=0)
 
 
-def _check_size(scene: Scene, lower: Array, upper: Array) -> None:
+def _check_size(scene: Scene, lower: Array, upper: Array, findings: Findings) -> None:
+    """Refuse what cannot be true; a single thing may be small, a map may not."""
     extent = float((upper - lower).max())
+    source = scene.source
+    guess = source.units_per_metre * extent / 30.0 if extent > 0.0 else 1.0
+    cure = f"give the true scale, for example --scale {_plain(guess)} for a map of 30 m"
+    size = " x ".join(_plain(value) for value in (upper - lower).tolist())
+    a_map = source.whole_map or bool(scene.starts or scene.brushes)
+    if TINIEST <= extent < SMALLEST and not a_map:
+        findings.warn(source.path.name, f"{size} m are little; if this is a map {cure}")
+        return
     if SMALLEST <= extent <= LARGEST and math.isfinite(extent):
         return
-    source = scene.source
-    size = " x ".join(_plain(value) for value in (upper - lower).tolist())
     problem = (
         f"the map would be {size} m large; absurd at {source.units_per_metre:g} units per metre"
     )
-    guess = source.units_per_metre * extent / 30.0 if extent > 0.0 else 1.0
-    cure = f"give the true scale, for example --scale {_plain(guess)} for a map of 30 m"
     raise MapImportError(at(source.path, problem, cure))
 
 

@@ -26,7 +26,7 @@ from usarsim_server.importers.reader import ImportOptions
 
 __all__ = ["ImportCache", "default_cache"]
 
-FORMAT = 4
+FORMAT = 5
 """Raise it when the same map would give another world."""
 
 KEPT = 32

@@ -19,6 +19,7 @@ from usarsim_server.importers.mesh_files import (
     too_large,
     with_hulls,
 )
+from usarsim_server.importers.numbers import read_number
 from usarsim_server.importers.reader import Context, Reader, register
 from usarsim_server.importers.scene import Light, LightKind, Part, Scene, SceneObject
 from usarsim_server.importers.xml_text import Document, Node, read_xml
@@ -36,6 +37,10 @@ FAR = 1e12
 """Larger numbers in nodes have no meaning."""
 
 
+STEPS = {"matrix": 16, "translate": 3, "scale": 3, "rotate": 4, "lookat": 9}
+"""Transformations of a node, and how many numbers each has."""
+
+
 @register("collada")
 class ColladaReader(Reader):
     """One object for every geometry that a node shows."""
@@ -50,7 +55,7 @@ class ColladaReader(Reader):
 
     def read(self, source: Path, context: Context) -> Scene:
         """See `Reader.read`."""
-        document = read_xml(source, tolerant=True)
+        document = read_xml(source, tolerant=True, findings=context.findings)
         if document.root.tag != "COLLADA":
             raise document.error(document.root, "this is no COLLADA file", "check the extension")
         return _Stage(document, context, _axes(document, context)).scene()
@@ -66,7 +71,7 @@ def _axes(document: Document, context: Context) -> Axes:
         found = asset.child("unit")
         text = "1" if found is None else found.get("meter", "1")
         try:
-            unit = float(text)
+            unit = read_number(text)
         except ValueError:
             unit = 0.0
         if not 1e-9 < unit < 1e9:
@@ -144,8 +149,12 @@ class _Stage:
         if self._shown > MAX_NODES:
             raise self._document.error(node, f"more than {MAX_NODES} nodes", "split the map")
         above = (*above, id(node))
-        matrix = parent @ self._matrix(node)
         name = node.get("name") or node.get("id") or "node"
+        own = self._matrix(node)
+        if own is None:
+            self._document.note(node, f"node {name[:60]!r} has no place; left out with all in it")
+            return
+        matrix = parent @ own
         shown = False
         for child in node.children:
             match child.tag:
@@ -182,8 +191,9 @@ class _Stage:
             if skin is None:
                 return
             shape = skin.child("bind_shape_matrix")
-            if shape is not None:
-                bind = self._floats(shape, 16).reshape(4, 4)
+            values = self._document.vector(shape, 16, far=FAR)
+            if values is not None:
+                bind = values.reshape(4, 4)
             found = self.target(skin.get("source"))
         if found is None or found.tag != "geometry":
             self._context.findings.missing("mesh", instance.get("url")[:200])
@@ -218,32 +228,29 @@ class _Stage:
 
     # ---- numbers ---------------------------------------------------------------------------
 
-    def _floats(self, node: Node, count: int) -> Array:
-        values = self._document.floats(node)
-        if len(values) != count or not (np.abs(values) < FAR).all():
-            raise self._document.error(node, f"{node.tag} needs {count} numbers")
-        return values
-
-    def _matrix(self, node: Node) -> Array:
-        """All transformations of a node, in the order in which they stand."""
+    def _matrix(self, node: Node) -> Array | None:
+        """All transformations of a node, in the order in which they stand; None if one is bad."""
         matrix = np.eye(4)
         for child in node.children:
+            if child.tag == "skew":
+                self._context.findings.warn(self._document.path.name, "skew is not applied")
+            if child.tag not in STEPS:
+                continue
+            values = self._document.vector(child, STEPS[child.tag], far=FAR)
+            if values is None:
+                return None
             step = np.eye(4)
             match child.tag:
                 case "matrix":
-                    step = self._floats(child, 16).reshape(4, 4)
+                    step = values.reshape(4, 4)
                 case "translate":
-                    step[:3, 3] = self._floats(child, 3)
+                    step[:3, 3] = values
                 case "scale":
-                    step[:3, :3] = np.diag(self._floats(child, 3))
+                    step[:3, :3] = np.diag(values)
                 case "rotate":
-                    step[:3, :3] = _rotation(self._floats(child, 4))
+                    step[:3, :3] = _rotation(values)
                 case "lookat":
-                    step = _look_at(self._floats(child, 9).reshape(3, 3))
-                case "skew":
-                    self._context.findings.warn(self._document.path.name, "skew is not applied")
-                case _:
-                    continue
+                    step = _look_at(values.reshape(3, 3))
             matrix = matrix @ step
         return matrix
 
@@ -260,13 +267,13 @@ class _Stage:
             "spot": LightKind.SPOT,
             "ambient": LightKind.AMBIENT,
         }
-        color = lamp.child("color")
-        values = np.ones(3) if color is None else self._document.floats(color)[:3]
-        strength = float(np.nan_to_num(values).max(initial=0.0))
-        if len(values) != 3 or strength <= 0.0:
+        color = self._document.vector(lamp.child("color"), 3, 4)
+        values = np.ones(3) if color is None else color[:3]
+        strength = float(values.max())
+        if strength <= 0.0:
             return
-        r, g, b = (np.nan_to_num(values) / strength).clip(0.0, 1.0).tolist()
-        cone = lamp.child("falloff_angle")
+        r, g, b = (values / strength).clip(0.0, 1.0).tolist()
+        cone = self._document.number(lamp.child("falloff_angle"))
         x, y, z = (self._axes.linear @ matrix[:3, 3]).tolist()
         dx, dy, dz = (self._axes.linear @ -matrix[:3, 2]).tolist()
         self._context.findings.count("light")
@@ -278,7 +285,7 @@ class _Stage:
                 direction=(dx, dy, dz),
                 color=(r, g, b),
                 brightness=min(1.0, strength),
-                cone=45.0 if cone is None else float(self._floats(cone, 1)[0]) / 2.0,
+                cone=45.0 if cone is None else min(90.0, max(1.0, cone / 2.0)),
             )
         )
 

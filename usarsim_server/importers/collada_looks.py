@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from usarsim_server.importers.mesh_files import Pictures
+from usarsim_server.importers.numbers import read_numbers
 from usarsim_server.importers.scene import Color, Material
 from usarsim_server.importers.xml_text import Document, Node
 
@@ -67,10 +68,10 @@ def _color(node: Node) -> Color | None:
 
 def _numbers(node: Node) -> list[float]:
     try:
-        values = np.array(node.text.split(), dtype=float)
+        values = read_numbers(node.text, 1, 3, 4)
     except ValueError:
         return []
-    return [float(value) for value in values] if np.isfinite(values).all() else []
+    return values if np.isfinite(values).all() else []
 
 
 def _opacity(shader: Node) -> float:

@@ -88,7 +88,7 @@ class _Mesh:
             triangles.append(rows[:, :, inputs.vertex] + blocks[id(inputs.points)])
             texture = np.zeros((len(rows), 3, 2))
             if inputs.uvs is not None and inputs.texture is not None:
-                texture = inputs.uvs[rows[:, :, inputs.texture]]
+                texture = self._textured(primitive, inputs.uvs, rows[:, :, inputs.texture])
                 textured = True
             uvs.append(texture)
             symbol = primitive.get("material")
@@ -105,6 +105,15 @@ class _Mesh:
                 materials=tuple(symbols),
             )
         )
+
+    def _textured(self, primitive: Node, uvs: Array, corners: Integers) -> Array:
+        """Texture coordinates (m, 3, 2) of triangles; those that are not there become the first."""
+        wrong = (corners < 0) | (corners >= len(uvs))
+        if wrong.any():
+            text = f"{int(wrong.sum())} corners have texture coordinates that are not there"
+            self._document.note(primitive, text)
+        answer: Array = uvs[np.where(wrong, 0, corners)]
+        return answer
 
     # ---- inputs ----------------------------------------------------------------------------
 
@@ -204,19 +213,15 @@ class _Mesh:
         return found
 
     def _corners(self, indices: Node | None, inputs: _Inputs) -> Integers:
-        """Rows of indices, checked."""
+        """Rows of indices, those of vertices checked."""
         if indices is None:
             return np.zeros((0, inputs.stride), dtype=np.int64)
         values = self._document.integers(indices)
         rows = values[: len(values) // inputs.stride * inputs.stride].reshape(-1, inputs.stride)
-        pairs: list[tuple[int, Array]] = [(inputs.vertex, inputs.points)]
-        if inputs.texture is not None and inputs.uvs is not None:
-            pairs.append((inputs.texture, inputs.uvs))
-        for offset, table in pairs:
-            column = rows[:, offset]
-            if len(column) and not 0 <= column.min() <= column.max() < len(table):
-                worst = int(column.max()) if column.min() >= 0 else int(column.min())
-                raise self._document.error(indices, f"index {worst} of {len(table)} entries")
+        column, count = rows[:, inputs.vertex], len(inputs.points)
+        if len(column) and not 0 <= column.min() <= column.max() < count:
+            worst = int(column.max()) if column.min() >= 0 else int(column.min())
+            raise self._document.error(indices, f"index {worst} of {count} entries")
         return rows
 
     def _polylist(self, primitive: Node, inputs: _Inputs) -> Integers:

@@ -204,8 +204,9 @@ def _report(record: dict[str, Any]) -> Report | None:
     """The report in a record; None if somebody has changed it."""
     try:
         data = dict(record["report"])
-        for key in ("extents", "lower", "upper", "transparent"):
-            data[key] = tuple(data[key])
+        for key in ("extents", "lower", "upper"):
+            data[key] = None if data[key] is None else tuple(data[key])
+        data["transparent"] = tuple(data["transparent"])
         for key in ("starts", "missing", "warnings"):
             data[key] = tuple(tuple(row) for row in data[key])
         return Report(**data)

@@ -12,6 +12,14 @@ from urllib.parse import unquote
 
 from usarsim_server.errors import MapImportError
 from usarsim_server.files import is_regular
+from usarsim_server.importers.gazebo_tree import (
+    FolderTree,
+    Kind,
+    entries,
+    holds_model,
+    newest_version,
+    walk,
+)
 from usarsim_server.importers.reader import Context
 from usarsim_server.importers.xml_text import read_xml
 
@@ -26,10 +34,8 @@ VARIABLES = (
 )
 """Environment variables with lists of folders."""
 
-MAX_FOLDERS = 20_000
-"""Folders that are looked at below --assets."""
-
-MAX_DEPTH = 5
+MAX_BESIDE = 5_000
+"""Folders that are looked at below the world's own, which may be somebody's home."""
 
 _FUEL = re.compile(
     r"^https?://[^/]+/.*?models/([^/]+)(?:/(?:tip|\d+))?(?:/files)?(?:/(.*))?$", re.I
@@ -72,11 +78,11 @@ def gazebo_folders() -> Iterator[Path]:
 
 @dataclass(slots=True)
 class GazeboFiles:
-    """Finds what a world names.
+    """Finds what a world names, whatever the scheme of the URI.
 
-    Models are looked for beside the world, beside the folder that it is in, in the asset folders
-    and whatever is below them, and where Gazebo looks: its environment variables and
-    `~/.gazebo/models`.
+    First where Gazebo looks: beside the file that asks, beside the world, in the asset folders and
+    those that the user gave to Gazebo. Then anywhere below the asset folders, and last below the
+    world's own folder, by as many folders of the URI as there are.
 
     Attributes:
         source: the world.
@@ -87,8 +93,8 @@ class GazeboFiles:
     source: Path
     context: Context
     files: list[Path] = field(default_factory=list)
-    _models: dict[str, Path | None] = field(default_factory=dict)
-    _deep: dict[str, Path] | None = None
+    _found: dict[tuple[str, Path, Kind], Path | None] = field(default_factory=dict)
+    _trees: list[FolderTree] = field(default_factory=list)
 
     def find(self, uri: str, asker: Path) -> Path | None:
         """A file or folder; None if it is not there, or, which is a finding, may not be read.
@@ -97,31 +103,23 @@ class GazeboFiles:
             uri: as written.
             asker: the file in which it is written.
         """
-        name, path = _split(uri)
-        parts = [part for part in path.split("/") if part not in ("", ".")]
-        if name:
-            if ".." in parts:
-                return None
-            folder = self.model(name, asker)
-            return None if folder is None else self.keep(_walk(folder, parts), asker)
-        if path.startswith("/"):
-            found = Path(path) if os.path.lexists(path) else None
-        else:
-            found = _walk(asker.parent, parts) or _walk(self.source.parent, parts)
-        return self.keep(found, asker)
+        return self._known(uri, asker, os.path.lexists)
 
-    def model(self, name: str, asker: Path) -> Path | None:
-        """The folder of a model that a file names."""
-        key = name.lower()
-        if key not in self._models:
-            self._models[key] = self._search(name, asker)
-        return self._models[key]
+    def file(self, uri: str, asker: Path) -> Path | None:
+        """A regular file, as `find`."""
+        return self._known(uri, asker, is_regular)
+
+    def model(self, uri: str, asker: Path) -> Path | None:
+        """The SDF file of the model that an include means, as `find`."""
+        place = self._known(uri, asker, holds_model)
+        return None if place is None else self.sdf(place)
 
     def sdf(self, place: Path) -> Path | None:
         """The SDF file of a model: the newest one of its `model.config`, or any."""
         if is_regular(place):
             return place
-        manifest = self.keep(_walk(place, ["model.config"]), self.source)
+        place = newest_version(place)
+        manifest = self.keep(walk(place, ["model.config"]), self.source)
         if manifest is not None:
             try:
                 root = read_xml(manifest, limit=1 << 20).root
@@ -130,12 +128,12 @@ class GazeboFiles:
             else:
                 named = sorted(root.all("sdf"), key=lambda node: _version(node.get("version")))
                 for node in reversed(named):
-                    found = _walk(place, [node.text])
+                    found = walk(place, [node.text])
                     if found is not None and is_regular(found):
                         return self.keep(found, manifest)
-        found = _walk(place, ["model.sdf"])
+        found = walk(place, ["model.sdf"])
         if found is None:
-            found = next((path for path in _entries(place) if path.suffix == ".sdf"), None)
+            found = next((path for path in entries(place) if path.suffix == ".sdf"), None)
         return self.keep(found, self.source)
 
     def keep(self, found: Path | None, asker: Path) -> Path | None:
@@ -148,73 +146,58 @@ class GazeboFiles:
 
     # ---- searching -------------------------------------------------------------------------
 
-    def _roots(self) -> Iterator[Path]:
-        here = self.source.parent
-        for folder in (here, here.parent, *self.context.options.assets, *gazebo_folders()):
-            yield folder
-            yield folder / "models"
+    def _known(self, uri: str, asker: Path, wanted: Kind) -> Path | None:
+        key = (uri, asker.parent, wanted)
+        if key not in self._found:
+            self._found[key] = self._search(uri, asker, wanted)
+        found = self._found[key]
+        if found is not None and is_regular(found):
+            self.files.append(found)
+        return found
 
-    def _search(self, name: str, asker: Path) -> Path | None:
-        if not name or name in (".", ".."):
+    def _search(self, uri: str, asker: Path, wanted: Kind) -> Path | None:
+        name, path = _split(uri)
+        parts = [part for part in f"{name}/{path}".split("/") if part not in ("", ".")]
+        if not parts or (name and ".." in parts):
             return None
         outside: Path | None = None
-        for root in self._roots():
-            found = _walk(root, [name])
-            if found is not None and found.is_dir():
-                if self.context.confined().admit(found):
-                    return found
-                outside = outside or found
-        if self._deep is None:
-            self._deep = {}
-            for folder in _below(self.context.options.assets):
-                self._deep.setdefault(folder.name.lower(), folder)
-        inside = self._deep.get(name.lower())
-        return inside or self.keep(outside, asker)
+        for found in self._usual(parts, asker, "" if name else path):
+            if not wanted(found):
+                continue
+            if self.context.confined().admit(found):
+                return found
+            outside = outside or found
+        for tree in self._below():
+            found_below = tree.find(parts, asker, wanted, exact=bool(name))
+            if found_below is not None and self.context.confined().admit(found_below):
+                return found_below
+        return self.keep(outside, asker)
+
+    def _usual(self, parts: list[str], asker: Path, path: str) -> Iterator[Path]:
+        """Where Gazebo looks; `path` is that of a URI without the name of a model or package."""
+        here = self.source.parent
+        places: list[tuple[Path, list[str]]] = []
+        if path.startswith("/"):
+            if os.path.lexists(path):
+                yield Path(path)
+            return
+        if path:
+            places += [(asker.parent, parts), (here, parts)]
+        if ".." not in parts:
+            for root in (here, here.parent, *self.context.options.assets, *gazebo_folders()):
+                places += [(root, parts), (root / "models", parts)]
+        for folder, steps in places:
+            found = walk(folder, steps)
+            if found is not None:
+                yield found
+
+    def _below(self) -> Iterator[FolderTree]:
+        """What is below the asset folders, then what is below the world's own folder."""
+        if not self._trees:
+            assets, here = self.context.options.assets, self.source.parent
+            self._trees = [FolderTree(assets), FolderTree((here,), MAX_BESIDE)]
+        yield from self._trees
 
 
 def _version(text: str) -> tuple[int, ...]:
     return tuple(int(part) for part in text.split(".") if part.isdigit() and len(part) < 9)
-
-
-def _walk(folder: Path, parts: list[str]) -> Path | None:
-    """A path below a folder, without regard to case."""
-    place = folder
-    for part in parts:
-        direct = place / part
-        try:
-            if direct.exists():
-                place = direct
-                continue
-        except (OSError, ValueError):
-            return None
-        wanted = part.lower()
-        found = next((path for path in _entries(place) if path.name.lower() == wanted), None)
-        if found is None:
-            return None
-        place = found
-    return place
-
-
-def _entries(folder: Path) -> list[Path]:
-    try:
-        return sorted(folder.iterdir()) if folder.is_dir() else []
-    except OSError:
-        return []
-
-
-def _below(folders: tuple[Path, ...]) -> Iterator[Path]:
-    """Folders with a model, nearest first."""
-    count = 0
-    level = list(folders)
-    for _ in range(MAX_DEPTH):
-        deeper = []
-        for folder in level:
-            for path in _entries(folder):
-                if path.is_dir() and not path.is_symlink():
-                    count += 1
-                    if count > MAX_FOLDERS:
-                        return
-                    deeper.append(path)
-                    if any(is_regular(path / name) for name in ("model.config", "model.sdf")):
-                        yield path
-        level = deeper

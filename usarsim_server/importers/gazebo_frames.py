@@ -11,12 +11,9 @@ from numpy.typing import NDArray
 from usarsim_server.importers.findings import Findings
 from usarsim_server.importers.xml_text import Document, Node
 
-__all__ = ["Scope", "flag", "matrix_from", "rpy_matrix"]
+__all__ = ["Scope", "flag", "matrix_from", "rpy_matrix", "sound_matrix"]
 
 Array = NDArray[np.float64]
-
-FAR = 1e9
-"""m: larger coordinates have no meaning."""
 
 
 def rpy_matrix(position: Array, roll: float, pitch: float, yaw: float) -> Array:
@@ -35,20 +32,27 @@ def rpy_matrix(position: Array, roll: float, pitch: float, yaw: float) -> Array:
 
 
 def matrix_from(document: Document, node: Node | None, unit: float) -> Array:
-    """Matrix (4, 4) of a `pose` element; lengths times `unit`. No element: nothing moves.
+    """Matrix (4, 4) of a `pose` element; lengths times `unit`.
 
-    Raises:
-        MapImportError: it does not hold six numbers (or seven, of a quaternion).
+    Where there is no element, or none that makes sense, nothing moves: that is the default of SDF.
+    """
+    found = sound_matrix(document, node, unit)
+    return np.eye(4) if found is None else found
+
+
+def sound_matrix(document: Document, node: Node | None, unit: float) -> Array | None:
+    """Matrix of a `pose` element; None if it is missing or, which is noted, makes no sense.
+
+    Angles may be left out.
     """
     if node is None or not node.text:
-        return np.eye(4)
-    values = document.floats(node)
-    if not (np.abs(values) < FAR).all():
-        raise document.error(node, f"{node.text[:60]!r} is no pose")
-    if node.get("rotation_format") == "quat_xyzw" and len(values) == 7:
+        return None
+    quaternion = node.get("rotation_format") == "quat_xyzw"
+    values = document.vector(node, *((7,) if quaternion else (3, 6)))
+    if values is None:
+        return None
+    if quaternion:
         return _from_quaternion(values, unit)
-    if len(values) not in (3, 6):
-        raise document.error(node, f"a pose of {len(values)} numbers", "write x y z roll pitch yaw")
     angles = values[3:] if len(values) == 6 else np.zeros(3)
     if flag(node.get("degrees"), False):
         angles = np.radians(angles)

@@ -16,6 +16,8 @@ __all__ = ["dimmed", "light_of", "sun"]
 
 Array = NDArray[np.float64]
 
+DOWN = np.array([0.0, 0.0, -1.0])
+
 BRIGHTEST = 0.6
 """Directional light that a surface gets at most: the server's own light adds to it."""
 
@@ -36,29 +38,27 @@ def light_of(document: Document, node: Node, matrix: Array, unit: float) -> Ligh
     """
     kinds = {"directional": LightKind.DIRECTIONAL, "spot": LightKind.SPOT}
     kind = kinds.get(node.get("type"), LightKind.POINT)
-    diffuse = _numbers(document, node.child("diffuse"), np.ones(3))[:3]
-    if len(diffuse) < 3:
-        diffuse = np.ones(3)
+    diffuse = _numbers(document, node.child("diffuse"), np.ones(3), 3, 4)[:3]
     strength = float(diffuse.max())
     color = diffuse / strength if strength > 0.0 else np.ones(3)
     r, g, b = np.clip(color, 0.0, 1.0).tolist()
-    direction = _numbers(document, node.child("direction"), np.array([0.0, 0.0, -1.0]))
-    if len(direction) != 3:
-        direction = np.array([0.0, 0.0, -1.0])
+    direction = _numbers(document, node.child("direction"), DOWN, 3)
+    if not np.linalg.norm(direction) > 1e-9:
+        direction = DOWN
     dx, dy, dz = (matrix[:3, :3] @ direction).tolist()
     x, y, z = matrix[:3, 3].tolist()
-    reach = _numbers(document, node.child("attenuation", "range"), np.zeros(1))
-    cone = _numbers(document, node.child("spot", "outer_angle"), np.array([np.pi / 2.0]))
-    intensity = _numbers(document, node.child("intensity"), np.ones(1))
+    reach = document.number(node.child("attenuation", "range")) or 0.0
+    cone = document.number(node.child("spot", "outer_angle"))
+    intensity = document.number(node.child("intensity"))
     return Light(
         name=node.get("name") or "light",
         kind=kind,
         position=(x, y, z),
         direction=(dx, dy, dz),
         color=(r, g, b),
-        brightness=min(10.0, max(0.0, strength * float(intensity[0]))),
-        reach=max(0.0, float(reach[0])) * unit if kind is not LightKind.DIRECTIONAL else 0.0,
-        cone=min(90.0, float(np.degrees(cone[0])) / 2.0),
+        brightness=min(10.0, max(0.0, strength * (1.0 if intensity is None else intensity))),
+        reach=max(0.0, reach) * unit if kind is not LightKind.DIRECTIONAL else 0.0,
+        cone=min(90.0, max(1.0, float(np.degrees(cone or np.pi / 2.0)) / 2.0)),
         shadows=kind is LightKind.SPOT and flag(node.word("cast_shadows"), False),
     )
 
@@ -86,8 +86,6 @@ def dimmed(lights: Sequence[Light]) -> list[Light]:
     ]
 
 
-def _numbers(document: Document, node: Node | None, default: Array) -> Array:
-    if node is None:
-        return default
-    values = np.nan_to_num(document.floats(node), posinf=0.0, neginf=0.0)
-    return values if len(values) else default
+def _numbers(document: Document, node: Node | None, default: Array, *counts: int) -> Array:
+    values = document.vector(node, *counts)
+    return default if values is None else values

@@ -6,8 +6,6 @@ import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import numpy as np
-
 from usarsim_server.errors import MapImportError
 from usarsim_server.files import is_regular
 from usarsim_server.importers.assets import PICTURES
@@ -20,6 +18,9 @@ from usarsim_server.importers.xml_text import Document, Node
 __all__ = ["Looks", "read_script"]
 
 MAX_SCRIPT_BYTES = 4 << 20
+
+OWN_SCRIPT = "gazebo.material"
+"""Script with Gazebo's own materials, whose colours are below; no map brings it along."""
 
 RGB = tuple[float, float, float]
 
@@ -79,17 +80,9 @@ class Looks:
     _scripts: dict[Path, dict[str, tuple[Color, str]]] = field(default_factory=dict)
 
     def of_visual(self, document: Document, visual: Node) -> str | None:
-        """Name of the material of a `visual`; None if it has none of its own.
-
-        Raises:
-            MapImportError: a colour is not made of numbers.
-        """
+        """Name of the material of a `visual`; None if it has none of its own."""
         node = visual.child("material")
-        clear = visual.child("transparency")
-        shown = 1.0
-        if clear is not None:
-            values = document.floats(clear)
-            shown = 1.0 - float(np.clip(values[0], 0.0, 1.0)) if len(values) else 1.0
+        shown = 1.0 - min(1.0, max(0.0, document.number(visual.child("transparency")) or 0.0))
         material = None if node is None else self._material(document, node)
         if material is None:
             return None
@@ -140,12 +133,11 @@ class Looks:
         return Material("color_" + "_".join(f"{value:.2f}" for value in color), color)
 
     def _color(self, document: Document, node: Node | None) -> Color | None:
-        if node is None:
+        found = document.vector(node, 3, 4)
+        if found is None:
             return None
-        values = np.nan_to_num(document.floats(node)).clip(0.0, 1.0).tolist()
-        if len(values) < 3:
-            return None
-        return values[0], values[1], values[2], values[3] if len(values) > 3 else 1.0
+        r, g, b, *alpha = found.clip(0.0, 1.0).tolist()
+        return r, g, b, alpha[0] if alpha else 1.0
 
     def _script(self, document: Document, script: Node) -> Material | None:
         name = script.word("name")
@@ -153,6 +145,8 @@ class Looks:
             return None
         folders: list[Path] = []
         for uri in script.all("uri"):
+            if uri.text.endswith(OWN_SCRIPT):
+                continue
             place = self.files.find(uri.text, document.path)
             if place is None:
                 continue

@@ -91,12 +91,14 @@ class Models:
         names: of all models that were used.
         lights: of the world and of models, with file and matrix.
         builtin: names and matrices of Gazebo's own models.
+        missing: names and matrices of models that were not found.
     """
 
     def __init__(self, files: GazeboFiles, unit: float) -> None:
         self.names: list[str] = []
         self.lights: list[tuple[Document, Node, Array]] = []
         self.builtin: list[tuple[str, Array]] = []
+        self.missing: list[tuple[str, Array]] = []
         self._files = files
         self._findings: Findings = files.context.findings
         self._unit = unit
@@ -165,18 +167,18 @@ class Models:
         """The model that an include means; None, and a finding, if it is not there."""
         uri = node.word("uri")
         name = model_name(uri)
-        place = self._files.find(uri, document.path)
-        path = None if place is None else self._files.sdf(place)
+        path = self._files.model(uri, document.path)
         given = node.word("name")
         static = flag(node.word("static"), False) if node.child("static") is not None else None
         if path is None:
             if name.lower() in BUILTIN:
                 self.builtin.append((name.lower(), parent @ scope.place(node)))
             elif person_words(name)[0]:
-                self._findings.missing("model", uri[:200])
+                self._findings.missing("person", uri[:200])
                 self._person(given or name, parent @ scope.place(node), (), name, given)
             else:
                 self._findings.missing("model", uri[:200])
+                self.missing.append((given or name, parent @ scope.place(node)))
             return None
         if path in above or path == document.path:
             problem = f"{path.name} of model {name!r} includes itself"
@@ -199,7 +201,7 @@ class Models:
     def _load(self, path: Path) -> Document | None:
         if path not in self._documents:
             try:
-                self._documents[path] = read_xml(path)
+                self._documents[path] = read_xml(path, findings=self._findings)
             except MapImportError as error:
                 self._findings.warn(path.name, str(error))
                 self._documents[path] = None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -12,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.errors import MapImportError
-from usarsim_server.files import is_regular
 from usarsim_server.importers.assets import merge_meshes
 from usarsim_server.importers.gazebo_files import GazeboFiles
 from usarsim_server.importers.gazebo_frames import Scope, matrix_from
@@ -33,11 +31,22 @@ from usarsim_server.importers.scene import (
 )
 from usarsim_server.importers.xml_text import Document, Node
 
-__all__ = ["Shapes"]
+__all__ = ["PLACEHOLDER", "Shapes"]
 
 Array = NDArray[np.float64]
 
 PLACEHOLDER = Box((0.5, 0.5, 0.5))
+
+SIZES = {
+    "box": {"size": 3},
+    "ellipsoid": {"radii": 3},
+    "sphere": {"radius": 1},
+    "cylinder": {"radius": 1, "length": 1},
+    "capsule": {"radius": 1, "length": 1},
+    "cone": {"radius": 1, "length": 1},
+}
+"""Elements that say how large a shape is, and how many numbers each holds."""
+
 STEEPEST_FRICTION = 2.0
 """Worlds write 100 and more for `it does not slip`."""
 
@@ -99,17 +108,15 @@ class Shapes:
     def friction(self, document: Document, link: Node) -> float | None:
         """Sliding friction of the first collision that has one."""
         for collision in link.all("collision"):
-            node = collision.child("surface", "friction", "ode", "mu")
-            values = np.zeros(0) if node is None else document.floats(node)
-            if len(values) and values[0] >= 0.0:
-                return min(float(values[0]), STEEPEST_FRICTION)
+            value = document.number(collision.child("surface", "friction", "ode", "mu"), far=np.inf)
+            if value is not None and value >= 0.0:
+                return min(value, STEEPEST_FRICTION)
         return None
 
     def mass(self, document: Document, link: Node) -> float | None:
         """kg; None if the link does not say."""
-        node = link.child("inertial", "mass")
-        values = np.zeros(0) if node is None else document.floats(node)
-        return float(values[0]) if len(values) and 0.0 < values[0] < 1e9 else None
+        value = document.number(link.child("inertial", "mass"))
+        return value if value is not None and value > 0.0 else None
 
     # ---- geometries ------------------------------------------------------------------------
 
@@ -135,8 +142,6 @@ class Shapes:
                     "convex_hull": Collision.HULL,
                     "convex_decomposition": Collision.HULLS,
                 }.get(kind.get("optimization"), Collision.AUTO)
-        elif kind.tag == "ellipsoid":
-            shape = ball_mesh(self._lengths(document, kind, "radii", 3))
         else:
             shape = self._primitive(document, kind)
             if isinstance(shape, Plane):
@@ -160,53 +165,52 @@ class Shapes:
         return answer
 
     def _primitive(self, document: Document, kind: Node) -> Shape | None:
-        match kind.tag:
-            case "box":
-                x, y, z = self._lengths(document, kind, "size", 3)
+        """A shape; None, and a finding, if its size makes no sense."""
+        sizes = self._lengths(document, kind)
+        match kind.tag, sizes:
+            case "box", [x, y, z]:
                 return Box((x, y, z))
-            case "sphere":
-                return Sphere(self._lengths(document, kind, "radius", 1)[0])
-            case "cylinder" | "capsule" | "cone":
-                (radius,) = self._lengths(document, kind, "radius", 1)
-                (length,) = self._lengths(document, kind, "length", 1)
-                if kind.tag == "cone":
-                    return cone_mesh(radius, length)
-                return (Cylinder if kind.tag == "cylinder" else Capsule)(radius, length)
-            case "plane":
-                size = kind.child("size")
-                if size is None:
-                    return Plane()
-                x, y = self._lengths(document, kind, "size", 2)
+            case "ellipsoid", [_, _, _]:
+                return ball_mesh(sizes)
+            case "sphere", [radius]:
+                return Sphere(radius)
+            case "cylinder", [radius, length]:
+                return Cylinder(radius, length)
+            case "capsule", [radius, length]:
+                return Capsule(radius, length)
+            case "cone", [radius, length]:
+                return cone_mesh(radius, length)
+            case "plane", _:
+                size = document.vector(kind.child("size"), 2)
+                x, y = (100.0, 100.0) if size is None else np.abs(size * self.unit).tolist()
                 return Plane((x, y))
-            case "polyline":
+            case "polyline", _:
                 return self._polyline(document, kind)
-            case "empty" | "heightmap":
+            case "empty" | "heightmap", _:
                 return None
-        self.files.context.findings.skip(f"geometry {kind.tag}")
+        if kind.tag not in SIZES:
+            self.files.context.findings.skip(f"geometry {kind.tag}")
         return None
 
-    def _lengths(self, document: Document, kind: Node, name: str, count: int) -> list[float]:
-        """So many lengths, in metres.
-
-        Raises:
-            MapImportError: there are others.
-        """
-        node = kind.child(name)
-        if node is None:
-            raise document.error(kind, f"a {kind.tag} without {name}", f"add <{name}>")
-        values = document.floats(node) * self.unit
-        if len(values) != count or not (np.abs(values) < 1e9).all():
-            problem = f"{name} {node.text[:40]!r} of a {kind.tag}"
-            raise document.error(node, problem, f"write {count} lengths")
-        return [float(value) for value in np.maximum(np.abs(values), 1e-6)]
+    def _lengths(self, document: Document, kind: Node) -> list[float]:
+        """The lengths of a shape, m, in the order of `SIZES`; none if one makes no sense."""
+        found: list[float] = []
+        for name, count in SIZES.get(kind.tag, {}).items():
+            node = kind.child(name)
+            if node is None:
+                document.note(kind, f"a {kind.tag} without {name} was left out")
+            values = document.vector(node, count)
+            if values is None:
+                return []
+            found += np.maximum(np.abs(values * self.unit), 1e-6).tolist()
+        return found
 
     def _tilt(self, document: Document, kind: Node) -> Array:
         """Matrix that turns z into the normal of a plane."""
-        node = kind.child("normal")
-        normal = np.array([0.0, 0.0, 1.0]) if node is None else document.floats(node)
-        length = float(np.linalg.norm(normal)) if len(normal) == 3 else 0.0
+        normal = document.vector(kind.child("normal"), 3)
+        length = 0.0 if normal is None else float(np.linalg.norm(normal))
         matrix = np.eye(4)
-        if not 1e-9 < length < math.inf:
+        if normal is None or length < 1e-9:
             return matrix
         z = normal / length
         x = np.cross(z, [0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0])
@@ -216,37 +220,36 @@ class Shapes:
         return matrix
 
     def _polyline(self, document: Document, kind: Node) -> Mesh | None:
-        points = [document.floats(node)[:2] for node in kind.all("point")]
-        if len(points) < 3 or any(len(point) != 2 for point in points):
+        """A prism over the points that make sense."""
+        points = [found for node in kind.all("point")
+                  if (found := document.vector(node, 2)) is not None]  # fmt: skip
+        if len(points) < 3:
             return None
-        if not (np.abs(points) < 1e9).all():
-            raise document.error(kind, "a point of a polyline far away", "write metres")
-        high = kind.child("height") is not None
-        (height,) = self._lengths(document, kind, "height", 1) if high else (self.unit,)
-        return prism_mesh(np.array(points) * self.unit, height)
+        height = document.number(kind.child("height"))
+        high = max(1e-6, abs(1.0 if height is None else height)) * self.unit
+        return prism_mesh(np.array(points) * self.unit, high)
 
     # ---- meshes ----------------------------------------------------------------------------
 
     def _scale(self, document: Document, kind: Node) -> Array:
-        node = kind.child("scale")
-        values = np.ones(3) if node is None else document.floats(node)
-        if len(values) == 1:
-            values = np.repeat(values, 3)
-        if len(values) != 3 or not (np.abs(values) < 1e9).all():
-            raise document.error(node, "a scale without three numbers", "write one per axis")
-        return values
+        values = document.vector(kind.child("scale"), 1, 3)
+        if values is None:
+            return np.ones(3)
+        return np.repeat(values, 3) if len(values) == 1 else values
 
     def _mesh(self, document: Document, kind: Node) -> Mesh | None:
         uri = kind.word("uri") or kind.word("filename") or kind.get("filename")
-        path = self.files.find(uri, document.path)
+        path = self.files.file(uri, document.path)
         findings = self.files.context.findings
-        if path is None or not is_regular(path):
+        if path is None:
             findings.missing("mesh", uri[:200])
             return None
         name, center = kind.word("submesh", "name"), kind.word("submesh", "center")
         key = (path, name, center.lower() in ("true", "1"))
         if key not in self._meshes:
             self._meshes[key] = self._part_of(path, name, key[2])
+        if self._meshes[key] is None:
+            findings.missing("mesh", f"{uri[:200]} {name}".strip())
         return self._meshes[key]
 
     def _part_of(self, path: Path, name: str, center: bool) -> Mesh | None:
@@ -263,12 +266,12 @@ class Shapes:
                 )
             ]
             if not chosen:
-                self.files.context.findings.missing("mesh", f"{name} in {path.name}")
                 return None
             scene = replace(scene, objects=tuple(chosen))
         mesh = merge_meshes(scene, f"{path.stem}.{name}" if name else path.stem)
-        if mesh is not None and center and len(mesh.vertices):
-            middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2.0
+        if mesh is not None and center and len(mesh.triangles):
+            used = mesh.vertices[np.unique(mesh.triangles)]
+            middle = (used.min(axis=0) + used.max(axis=0)) / 2.0
             mesh = replace(mesh, vertices=mesh.vertices - middle)
         return mesh
 

@@ -62,17 +62,18 @@ class Terrain:
     ) -> Heightfield | None:
         findings = self.files.context.findings
         uri = node.word("uri")
-        path = self.files.find(uri, document.path)
+        path = self.files.file(uri, document.path)
         if path is None:
             findings.missing("file", uri[:200])
             return None
         rows = self._rows(path)
         if rows is None:
             return None
-        size = self._numbers(document, node.child("size"), (1.0, 1.0, 1.0))
-        middle = self._numbers(document, node.child("pos"), (0.0, 0.0, 0.0))
+        size = self._numbers(document, node.child("size"), 1.0)
+        middle = self._numbers(document, node.child("pos"), 0.0)
         if not (size[:2] > 0.0).all():
-            raise document.error(node, f"a height map of {size[0]} by {size[1]} m", "correct size")
+            document.note(node, f"a height map of {size[0]:g} by {size[1]:g} m was left out")
+            return None
         corner = np.eye(4)
         corner[:3, 3] = middle - [size[0] / 2.0, size[1] / 2.0, 0.0]
         return Heightfield(
@@ -83,11 +84,9 @@ class Terrain:
             material=self._material(document, node),
         )
 
-    def _numbers(self, document: Document, node: Node | None, default: tuple[float, ...]) -> Array:
-        values = np.array(default) if node is None else document.floats(node)
-        if len(values) != 3 or not (np.abs(values) < 1e9).all():
-            raise document.error(node, "three lengths are needed", "write x y z")
-        answer: Array = values * self.unit
+    def _numbers(self, document: Document, node: Node | None, default: float) -> Array:
+        values = document.vector(node, 3)
+        answer: Array = (np.full(3, default) if values is None else values) * self.unit
         return answer
 
     def _rows(self, path: Path) -> Array | None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +50,13 @@ UNDERSTOOD = {
     gltf_draco.EXTENSION,
 }
 """Extensions that a file may require."""
+
+REST = {
+    "translation": (0.0, 0.0, 0.0),
+    "rotation": (0.0, 0.0, 0.0, 1.0),
+    "scale": (1.0, 1.0, 1.0),
+}
+"""Transformation of a node that says nothing."""
 
 ORDINARY_LAMP = 20.0
 """cd: what counts as brightness 1; Blender writes a 100 W lamp as some 54 cd."""
@@ -140,7 +146,12 @@ class _Stage:
             if number in seen:
                 raise node.error("a node has two parents, or is its own", "export the map again")
             seen.add(number)
-            matrix = parent @ _matrix(node)
+            own = _matrix(node)
+            if own is None:
+                text = f"{node.place} has no place; left out with all in it"
+                self._context.findings.warn(self._file.path.name, text)
+                continue
+            matrix = parent @ own
             yield node, matrix
             children = node.indices("children", nodes)
             todo.extend((child, matrix) for child in reversed(children))
@@ -206,7 +217,7 @@ class _Stage:
         strength = light.number_or("intensity", 1.0)
         if kind is not LightKind.DIRECTIONAL:
             strength /= ORDINARY_LAMP
-        r, g, b = light.vector("color", (1.0, 1.0, 1.0))
+        r, g, b = light.vector("color", (1.0, 1.0, 1.0), self._context.findings)
         x, y, z = (self._axes.linear @ matrix[:3, 3]).tolist()
         dx, dy, dz = (self._axes.linear @ -matrix[:3, 2]).tolist()
         return Light(
@@ -315,17 +326,18 @@ def _triangles(chain: Integers, mode: int) -> Integers:
     return found
 
 
-def _matrix(node: Item) -> Array:
-    """Matrix (4, 4) of a node in its parent."""
-    value: Any = node.value.get("matrix")
-    if value is not None:
+def _matrix(node: Item) -> Array | None:
+    """Matrix (4, 4) of a node in its parent; None if a number makes no sense."""
+    if node.value.get("matrix") is not None:
         found = node.floats("matrix", 16)
-        return found.reshape(4, 4).T
-    return _compose(
-        node.floats("translation", 3, (0.0, 0.0, 0.0)),
-        node.floats("rotation", 4, (0.0, 0.0, 0.0, 1.0)),
-        node.floats("scale", 3, (1.0, 1.0, 1.0)),
-    )
+        return None if found is None else found.reshape(4, 4).T
+    parts = []
+    for key, default in REST.items():
+        part = node.floats(key, len(default)) if key in node.value else np.array(default)
+        if part is None:
+            return None
+        parts.append(part)
+    return _compose(*parts)
 
 
 def _compose(translation: Array, rotation: Array, scale: Array) -> Array:

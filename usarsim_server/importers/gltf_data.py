@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.files import ALLOW, Folders
 from usarsim_server.importers.files import AssetIndex, read_bytes
+from usarsim_server.importers.findings import Findings
 
 __all__ = ["GltfFile", "Item", "load_gltf"]
 
@@ -106,25 +107,23 @@ class Item:
         found = self.number_at(key)
         return found if found is not None and found > 0.0 else None
 
-    def floats(self, key: str, count: int, default: Sequence[float] = ()) -> Array:
-        """So many finite numbers.
-
-        Raises:
-            MapImportError: it is something else.
-        """
-        found = self.value.get(key, default)
+    def floats(self, key: str, count: int) -> Array | None:
+        """So many finite numbers; None if the file has something else."""
         try:
-            values = np.array(found, dtype=float)
+            values = np.array(self.value.get(key), dtype=float)
         except (TypeError, ValueError, OverflowError):
-            values = np.zeros(0)
-        if values.shape != (count,) or not (np.abs(values) < FAR).all():
-            raise self.error(f"{key!r} is not made of {count} numbers")
-        return values
+            return None
+        return values if values.shape == (count,) and (np.abs(values) < FAR).all() else None
 
-    def vector(self, key: str, default: tuple[float, float, float]) -> tuple[float, float, float]:
-        """Three numbers."""
-        x, y, z = self.floats(key, 3, default).tolist()
-        return x, y, z
+    def vector(self, key: str, default: tuple[float, ...], findings: Findings) -> tuple[float, ...]:
+        """As many numbers as the default has, which stands for what makes no sense."""
+        if key not in self.value:
+            return default
+        found = self.floats(key, len(default))
+        if found is None:
+            findings.warn(self.path.name, f"{self.place}: {key!r} makes no sense; left out")
+            return default
+        return tuple(found.tolist())
 
     def index(self, key: str, of: Sequence[object]) -> int | None:
         """The number of an entry of a list; None if it is not given.

@@ -63,11 +63,12 @@ def finish_materials(file: GltfFile, pictures: Pictures) -> list[tuple[Material,
 def _material(
     file: GltfFile, item: Item, name: str, pictures: Pictures
 ) -> tuple[Material, Mapping]:
+    findings = pictures.context.findings
     base, color, picture = item.item("pbrMetallicRoughness"), "baseColorFactor", "baseColorTexture"
     older = item.item("extensions").item("KHR_materials_pbrSpecularGlossiness")
     if older.value:
         base, color, picture = older, "diffuseFactor", "diffuseTexture"
-    r, g, b, a = np.clip(base.floats(color, 4, (1.0, 1.0, 1.0, 1.0)), 0.0, 1.0).tolist()
+    r, g, b, a = np.clip(base.vector(color, (1.0, 1.0, 1.0, 1.0), findings), 0.0, 1.0).tolist()
     if item.text("alphaMode") != "BLEND":
         a = 1.0
     passed = item.item("extensions").item("KHR_materials_transmission")
@@ -105,8 +106,9 @@ def _textured(
     elif view is not None:
         content = file.view(view)
     change = use.item("extensions").item("KHR_texture_transform")
-    u, v = change.floats("offset", 2, (0.0, 0.0)).tolist()
-    su, sv = change.floats("scale", 2, (1.0, 1.0)).tolist()
+    findings = pictures.context.findings
+    u, v = change.vector("offset", (0.0, 0.0), findings)
+    su, sv = change.vector("scale", (1.0, 1.0), findings)
     mapping = Mapping(
         channel=change.number_of("texCoord", use.number_of("texCoord", 0)),
         offset=(u, v),

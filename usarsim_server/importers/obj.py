@@ -25,6 +25,7 @@ from usarsim_server.importers.mesh_files import (
     too_large,
     with_hulls,
 )
+from usarsim_server.importers.numbers import read_number
 from usarsim_server.importers.reader import Context, Reader, register
 from usarsim_server.importers.scene import Material, Part, Scene, SceneObject
 from usarsim_server.importers.triangulate import triangulate
@@ -33,6 +34,9 @@ __all__ = ["ObjReader", "read_mtl"]
 
 MAX_BYTES = 512 << 20
 MAX_MTL_BYTES = 16 << 20
+
+_COMMENT = re.compile(r"(?<!\d\.)#.*")
+"""From a hash on, unless it is that of `-1.#IND`."""
 
 CURE = "the file is damaged or cut off; export it again"
 
@@ -72,6 +76,9 @@ class ObjReader(Reader):
         axes = axes_of(context.options, "Y", stated=False)
         file = _File(source)
         file.parse(read_text(source, MAX_BYTES))
+        if file.lost:
+            text = f"{file.lost} corners have texture coordinates that are not there"
+            context.findings.warn(source.name, text)
         pictures = Pictures(source, context)
         known, libraries = _materials(source, file.libraries, context, pictures)
         objects = [file.build(group, axes) for group in file.groups if group.sizes]
@@ -93,6 +100,7 @@ class _File:
         self.groups: list[_Group] = []
         self.materials: dict[str, int] = {}
         self.libraries: list[str] = []
+        self.lost = 0
         self._source = source
         self._points: list[tuple[float, float, float]] = []
         self._uvs: list[tuple[float, float]] = []
@@ -128,9 +136,24 @@ class _File:
                     case "mtllib":
                         self.libraries.append(" ".join(words[1:]))
             except (ValueError, IndexError):
-                self._refuse(number, f"{' '.join(words)[:60]!r} is no sound line")
+                if not self._again(words):
+                    self._refuse(number, f"{' '.join(words)[:60]!r} is no sound line")
             if corners > 4 * MAX_TRIANGLES:
                 raise too_large(self._source, corners)
+
+    def _again(self, words: list[str]) -> bool:
+        """Try numbers with decimal commas, and what C prints for none; whether that helped."""
+        try:
+            match words[0], [read_number(word) for word in words[1:]]:
+                case "v", [x, y, z, *_]:
+                    self._points.append((x, y, z))
+                case "vt", [u, v, *_]:
+                    self._uvs.append((u, v))
+                case _:
+                    return False
+        except ValueError:
+            return False
+        return True
 
     def _refuse(self, line: int, problem: str) -> NoReturn:
         raise MapImportError(at(self._source, problem, CURE, where=f"line {line}")) from None
@@ -159,13 +182,12 @@ class _File:
             value = int(first)
             # Nearly all are of this kind; files have millions of them.
             plain = 0 < value <= points
-            vertices.append(value - 1 if plain else self._index(line, value, points, "vertex"))
+            vertices.append(value - 1 if plain else self._index(line, value, points))
             if not rest or not rest[0]:
                 textures.append(-1)
                 continue
             value = int(rest[0])
-            plain = 0 < value <= uvs
-            textures.append(value - 1 if plain else self._index(line, value, uvs, "texture vertex"))
+            textures.append(value - 1 if 0 < value <= uvs else self._texture(value, uvs))
         if len(vertices) < 3:
             return
         group.sizes.append(len(vertices))
@@ -174,11 +196,18 @@ class _File:
         group.vertices += vertices
         group.textures += textures
 
-    def _index(self, line: int, value: int, count: int, what: str) -> int:
+    def _index(self, line: int, value: int, count: int) -> int:
         index = value - 1 if value > 0 else count + value
         if value == 0 or not 0 <= index < count:
-            self._refuse(line, f"{what} {value} of {count}")
+            self._refuse(line, f"vertex {value} of {count}")
         return index
+
+    def _texture(self, value: int, count: int) -> int:
+        """Index of texture coordinates counted from the end; -1 if there are none."""
+        if value < 0 <= count + value:
+            return count + value
+        self.lost += 1
+        return -1
 
     def build(self, group: _Group, axes: Axes) -> SceneObject:
         """One object; its vertices are in the world's frame already."""
@@ -211,7 +240,7 @@ def _lines(text: str) -> Iterator[tuple[int, list[str]]]:
     held: list[str] = []
     for number, line in enumerate(text.split("\n"), start=1):
         if "#" in line:
-            line = line.partition("#")[0]
+            line = _COMMENT.sub("", line)
         if line.endswith("\\"):
             held.append(line[:-1])
             if len(held) < 10_000:

@@ -132,6 +132,7 @@ class OccupancyReader(Reader):
                 grid.title,
                 units_per_metre=1.0 / grid.size,
                 assumed=grid.assumed,
+                whole_map=True,
                 files=grid.files,
             ),
             objects=(

@@ -23,6 +23,7 @@ from usarsim_server.importers.mesh_files import (
     make_mesh,
     too_large,
 )
+from usarsim_server.importers.numbers import read_number, read_whole
 from usarsim_server.importers.reader import Context, Reader, register
 from usarsim_server.importers.scene import Material, Part, Scene, SceneObject
 from usarsim_server.importers.triangulate import triangulate
@@ -163,7 +164,7 @@ def _header(source: Path, content: bytes) -> tuple[str, list[_Element], list[str
                 case ["comment", "TextureFile", *name]:
                     pictures.append(" ".join(name))
                 case ["element", name, count]:
-                    elements.append(_Element(name.lower(), int(count)))
+                    elements.append(_Element(name.lower(), read_whole(count)))
                     if elements[-1].count < 0:
                         raise ValueError
                 case ["property", "list", length, kind, name]:
@@ -199,29 +200,29 @@ def _ascii(
     try:
         if not element.has_lists():
             end = place + element.count * width
-            values = np.array(words[place:end], dtype=float).reshape(element.count, width)
+            values = _numbers(words[place:end]).reshape(element.count, width)
             columns = {p.name: values[:, k] for k, p in enumerate(element.properties)}
             return _Table(columns, {}), end
-        plain: dict[str, list[float]] = {p.name: [] for p in element.properties if not p.count}
+        plain: dict[str, list[bytes]] = {p.name: [] for p in element.properties if not p.count}
         lists: dict[str, tuple[list[int], list[bytes]]] = {
             p.name: ([], []) for p in element.properties if p.count
         }
         for _ in range(element.count):
             for item in element.properties:
                 if not item.count:
-                    plain[item.name].append(float(words[place]))
+                    plain[item.name].append(words[place])
                     place += 1
                     continue
-                length = int(words[place])
+                length = read_whole(words[place])
                 if not 0 <= length <= len(words) - place - 1:
                     raise IndexError
                 sizes, values_of = lists[item.name]
                 sizes.append(length)
                 values_of.extend(words[place + 1 : place + 1 + length])
                 place += 1 + length
-        columns = {name: np.array(values) for name, values in plain.items()}
+        columns = {name: _numbers(values) for name, values in plain.items()}
         tables = {
-            name: (np.array(sizes, dtype=np.int64), np.array(values, dtype=float))
+            name: (np.array(sizes, dtype=np.int64), _numbers(values))
             for name, (sizes, values) in lists.items()
         }
     except ValueError as error:
@@ -229,6 +230,14 @@ def _ascii(
     except IndexError:
         raise _short(source, element) from None
     return _Table(columns, tables), place
+
+
+def _numbers(words: Sequence[bytes]) -> Array:
+    """Values of words, also of those with decimal commas."""
+    try:
+        return np.array(words, dtype=float)
+    except ValueError:
+        return np.array([read_number(word.decode("latin-1")) for word in words])
 
 
 def _binary(
@@ -264,8 +273,8 @@ def _first_lengths(element: _Element, content: bytes, start: int, order: str) ->
             continue
         kind = np.dtype(order + item.count)
         piece = content[start : start + kind.itemsize]
-        length = int(np.frombuffer(piece, kind)[0]) if len(piece) == kind.itemsize else 0
-        lengths[number] = length if 0 <= length <= 255 else 0
+        length = float(np.frombuffer(piece, kind)[0]) if len(piece) == kind.itemsize else 0.0
+        lengths[number] = int(length) if 0 <= length <= 255 else 0
         start += kind.itemsize + lengths[number] * np.dtype(item.kind).itemsize
     return lengths
 
@@ -301,10 +310,11 @@ def _irregular(
                     plain[item.name].append(np.frombuffer(content, kind, 1, start))
                     start += kind.itemsize
                     continue
-                length = int(np.frombuffer(content, counter, 1, start)[0])
+                announced = float(np.frombuffer(content, counter, 1, start)[0])
                 start += counter.itemsize
-                if not 0 <= length * kind.itemsize <= len(content) - start:
+                if not 0 <= announced * kind.itemsize <= len(content) - start:
                     raise ValueError
+                length = int(announced)
                 sizes, values = lists[item.name]
                 sizes.append(length)
                 if length:
@@ -337,12 +347,12 @@ def _corners(
         values = _strips(chain)
         sizes = np.full(len(values) // 3, 3)
     if not np.isfinite(values).all() or (
-        len(values) and not 0 <= values.min() <= values.max() < count
+        len(values) and not 0 <= values.min() <= values.max() <= count - 1
     ):
         raise MapImportError(at(source, f"a face refers to none of the {count} vertices", CURE))
     if int(np.maximum(sizes - 2, 0).sum()) > MAX_TRIANGLES:
         raise too_large(source, int(sizes.sum()))
-    corners = values.astype(np.int64)
+    corners = np.rint(values).astype(np.int64)
     wedge = table.get("texcoord")
     if wedge is not None and np.array_equal(wedge[0], 2 * sizes):
         return corners, sizes, wedge[1].reshape(-1, 2)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from usarsim_server.errors import MapImportError
 from usarsim_server.importers.builder import Built
@@ -31,7 +32,8 @@ class Report:
 
     Attributes:
         source: path, format, scale, up, mirrored, assumed of the map.
-        extents: m along x, y, z; `lower` and `upper` are the corners.
+        extents: m along x, y, z, of what has an end; `lower` and `upper` are the corners. None if
+            there are only endless planes.
         classes, skipped: actors or nodes by class.
         starts: name, m above the floor (None: no floor), m of overlap.
         totals: pieces, meshes, memory (MiB), objects, victims and so on.
@@ -43,9 +45,9 @@ class Report:
     """
 
     source: Mapping[str, Any]
-    extents: tuple[float, float, float]
-    lower: tuple[float, float, float]
-    upper: tuple[float, float, float]
+    extents: tuple[float, float, float] | None
+    lower: tuple[float, float, float] | None
+    upper: tuple[float, float, float] | None
     classes: Mapping[str, int]
     skipped: Mapping[str, int]
     starts: tuple[tuple[str, float | None, float], ...]
@@ -72,8 +74,11 @@ class Report:
             f"scale      {source['units_per_metre']:g} units per metre{state}, {source['up']} up"
             + (", mirrored" if source["mirrored"] else "")
         )
-        size = " x ".join(f"{value:.2f}" for value in self.extents)
-        yield f"extents    {size} m, from {_place(self.lower)} to {_place(self.upper)}"
+        if self.extents and self.lower and self.upper:
+            size = " x ".join(f"{value:.2f}" for value in self.extents)
+            yield f"extents    {size} m, from {_place(self.lower)} to {_place(self.upper)}"
+        else:
+            yield "extents    none: there are only endless planes"
         for name, value in self.totals.items():
             number = f"{value:.2f}" if isinstance(value, float) else value
             yield f"{name:<10} {number}"
@@ -119,8 +124,7 @@ def make_report(scene: Scene, built: Built, findings: Findings, seconds: float) 
         "memory MiB": built.memory,
         **findings.facts,
     }
-    low, high = built.lower.tolist(), built.upper.tolist()
-    size = np.subtract(high, low).tolist()
+    lower, upper = built.extents or (None, None)
     return Report(
         source={
             "path": str(source.path),
@@ -130,9 +134,9 @@ def make_report(scene: Scene, built: Built, findings: Findings, seconds: float) 
             "mirrored": source.mirrored,
             "assumed": source.assumed,
         },
-        extents=(size[0], size[1], size[2]),
-        lower=(low[0], low[1], low[2]),
-        upper=(high[0], high[1], high[2]),
+        extents=None if lower is None or upper is None else _triple(upper - lower),
+        lower=None if lower is None else _triple(lower),
+        upper=None if upper is None else _triple(upper),
         classes=dict(sorted(findings.classes.items())),
         skipped=dict(sorted(findings.skipped.items())),
         starts=tuple(
@@ -163,6 +167,11 @@ def licence_note(source: Path) -> str:
             first = next((line.strip() for line in head.splitlines() if line.strip()), "")
             return f"{path.name} beside the map says: {first[:80]}"
     return "none found beside the map; ask its author before passing the result on"
+
+
+def _triple(values: NDArray[np.float64]) -> tuple[float, float, float]:
+    x, y, z = values.tolist()
+    return x, y, z
 
 
 def _place(values: tuple[float, float, float]) -> str:

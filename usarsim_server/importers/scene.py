@@ -384,6 +384,7 @@ class Source:
         up: axis of the file that points up.
         mirrored: a reflection was applied, as Unreal's left-handed frame needs.
         assumed: scale or axis were assumed, not stated by file or user.
+        whole_map: files of this kind hold whole maps; others may be single things, and small.
         files: all files that were read, this one included; the cache watches them.
         licence: what a licence or read-me file beside the map says about copying, in one line.
     """
@@ -394,6 +395,7 @@ class Source:
     up: str = "Z"
     mirrored: bool = False
     assumed: bool = False
+    whole_map: bool = False
     files: tuple[Path, ...] = ()
     licence: str = ""
 

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from usarsim_server.importers.findings import Findings
 from usarsim_server.importers.gazebo_files import GazeboFiles, gazebo_folders
-from usarsim_server.importers.gazebo_frames import matrix_from
+from usarsim_server.importers.gazebo_frames import sound_matrix
 from usarsim_server.importers.gazebo_light import dimmed, light_of, sun
 from usarsim_server.importers.gazebo_looks import Looks
 from usarsim_server.importers.gazebo_models import Body, Models
 from usarsim_server.importers.gazebo_people import victim_of
 from usarsim_server.importers.gazebo_places import commented_starts, find_placement, starts_of
-from usarsim_server.importers.gazebo_shapes import Shapes
+from usarsim_server.importers.gazebo_shapes import PLACEHOLDER, Shapes
 from usarsim_server.importers.gazebo_terrain import Terrain
 from usarsim_server.importers.placing import matrix_of_pose
 from usarsim_server.importers.reader import Context, Reader, register
@@ -65,7 +65,7 @@ class SdfReader(Reader):
 
     def read(self, source: Path, context: Context) -> Scene:
         """See `Reader.read`; an error names the line (item 73)."""
-        document = read_xml(source, limit=MAX_BYTES)
+        document = read_xml(source, limit=MAX_BYTES, findings=context.findings)
         folders = context.confined().with_more(gazebo_folders())
         context = replace(context, folders=folders)
         files = GazeboFiles(source, context)
@@ -74,7 +74,7 @@ class SdfReader(Reader):
             if found is None or found == source:
                 problem = "the model's SDF file is missing"
                 raise document.error(document.root, problem, "keep the files of a model together")
-            document = read_xml(found, limit=MAX_BYTES)
+            document = read_xml(found, limit=MAX_BYTES, findings=context.findings)
         if document.root.tag not in ("sdf", "gazebo"):
             problem = f"a file of <{document.root.tag}> is no Gazebo world"
             raise document.error(document.root, problem, "give a .world or .sdf file")
@@ -127,6 +127,7 @@ class _World:
                 "Gazebo SDF",
                 units_per_metre=self._scale,
                 up=self._context.options.up or "Z",
+                whole_map=world is not None,
                 files=tuple(dict.fromkeys([self._source, self._document.path, *self._files.files])),
             ),
             objects=tuple(self._objects),
@@ -142,9 +143,9 @@ class _World:
         poses: dict[str, Array] = {}
         for state in world.all("state"):
             for model in state.all("model"):
-                pose = model.child("pose")
+                pose = sound_matrix(self._document, model.child("pose"), self._unit)
                 if pose is not None and model.get("name"):
-                    poses[model.get("name")] = matrix_from(self._document, pose, self._unit)
+                    poses[model.get("name")] = pose
         return poses
 
     # ---- models ----------------------------------------------------------------------------
@@ -205,7 +206,7 @@ class _World:
     # ---- the rest --------------------------------------------------------------------------
 
     def _builtin(self) -> None:
-        """Models that are never on disk (item 49)."""
+        """Models that are never on disk (item 49), and what stands in for missing ones."""
         for name, matrix in self._models.builtin:
             self._findings.count(name)
             if name == "sun":
@@ -213,15 +214,17 @@ class _World:
                 continue
             pose = pose_of_matrix(self._root @ matrix)
             self._objects.append(SceneObject("ground_plane", (Part(Plane()),), pose, kind="model"))
+        for name, matrix in self._models.missing if self._context.options.placeholders else ():
+            pose = pose_of_matrix(self._root @ matrix)
+            self._objects.append(SceneObject(name, (Part(PLACEHOLDER),), pose, kind="model"))
 
     def _rest(self, owner: Node) -> None:
         gravity = owner.child("gravity") or owner.child("physics", "gravity")
-        if gravity is not None:
-            values = self._document.floats(gravity)
-            if len(values) == 3 and abs(float(values[2]) + EARTH) > 0.1:
-                self._findings.warn(
-                    "gravity", f"{gravity.text} m/s^2 is not kept; the server's is 9.81 downwards"
-                )
+        values = self._document.vector(gravity, 3)
+        if gravity is not None and values is not None and abs(float(values[2]) + EARTH) > 0.1:
+            self._findings.warn(
+                "gravity", f"{gravity.text} m/s^2 is not kept; the server's is 9.81 downwards"
+            )
         if owner is not self._document.root:
             for child in owner.children:
                 if child.tag not in IGNORED:

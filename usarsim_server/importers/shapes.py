@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from usarsim_server.importers.pieces import Piece, bounding_box_piece, hull_piece
 from usarsim_server.importers.scene import Box, Capsule, Cylinder, Mesh, Part, Plane, Sphere
+from usarsim_server.importers.soup import LEAST_AREA, normals_areas
 
 __all__ = ["outline_of", "piece_of", "points_of", "size_of"]
 
@@ -70,12 +71,21 @@ def piece_of(shape: object, points: Array) -> Piece:
 
 
 def points_of(part: Part) -> Array:
-    """Points of a part in the frame of its object."""
+    """Points of a part in the frame of its object; of meshes those that triangles with area use."""
     if isinstance(part.shape, Plane):
         return np.zeros((0, 3))
-    if isinstance(part.shape, Mesh):
-        local = part.shape.vertices[np.isfinite(part.shape.vertices).all(axis=1)]
-    else:
-        local = outline_of(part.shape, np.eye(3))
-    answer: Array = local @ part.matrix[:3, :3].T + part.matrix[:3, 3]
+    if not isinstance(part.shape, Mesh):
+        return _placed(outline_of(part.shape, np.eye(3)), part.matrix)
+    mesh = part.shape
+    with np.errstate(all="ignore"):
+        points = _placed(mesh.vertices, part.matrix)
+        sound = np.asarray(np.isfinite(points).all(axis=1))
+        triangles = mesh.triangles[sound[mesh.triangles].all(axis=1)]
+        _, areas = normals_areas(points, triangles)
+    large = triangles[areas > LEAST_AREA]
+    return points[np.unique(large if len(large) else triangles)]
+
+
+def _placed(points: Array, matrix: Array) -> Array:
+    answer: Array = points @ matrix[:3, :3].T + matrix[:3, 3]
     return answer

@@ -20,6 +20,7 @@ from usarsim_server.importers.mesh_files import (
     too_large,
     with_hulls,
 )
+from usarsim_server.importers.numbers import read_number
 from usarsim_server.importers.reader import Context, Reader, register
 from usarsim_server.importers.scene import Part, Scene, SceneObject
 
@@ -98,7 +99,7 @@ def _text(source: Path, content: bytes) -> list[tuple[str, Array]]:
         match words[0].lower():
             case b"vertex":
                 try:
-                    values = [float(word) for word in words[1:4]]
+                    values = [read_number(word.decode("latin-1")) for word in words[1:4]]
                 except ValueError:
                     values = []
                 if len(values) != 3 or not solids:

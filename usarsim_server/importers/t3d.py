@@ -110,6 +110,7 @@ class _Level:
                 self._add_static_mesh(block)
             elif block.kind not in ("surface",):
                 self._findings.skip(f"block {block.kind}")
+        self._level.whole_map = bool(actors)
         for number, block in enumerate(actors):
             if number % 200 == 0:
                 self._context.progress("actors", number / len(actors))

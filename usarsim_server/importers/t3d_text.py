@@ -32,6 +32,8 @@ Value = str | Mapping[str, "Value"]
 _ATTRIBUTE = re.compile(r'([\w()]+)\s*=\s*("[^"]*"|\S+)')
 _REFERENCE = re.compile(r"^\s*(?:[\w.]+)?'([^']*)'\s*$")
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+_NOTHING = re.compile(r"[-+]?\d\.#\w+")
+_DECIMAL = re.compile(r"[-+]?\d+,\d+")
 
 
 class T3dError(ValueError):
@@ -72,8 +74,7 @@ class Block:
 
     def number(self, key: str, default: float) -> float:
         """A numeric property; the default where it is missing or no number."""
-        found = _NUMBER.match(self.properties.get(key, "").strip())
-        return finite(found[0]) if found else default
+        return _leading(self.properties.get(key, "").strip(), default)
 
     def flag(self, key: str, default: bool) -> bool:
         """A boolean property."""
@@ -158,8 +159,8 @@ def _content(block: Block, line: str, number: int) -> None:
 
 
 def numbers(text: str) -> list[float]:
-    """All numbers in a text, such as `+00375.000000,-1,2e3`."""
-    return [finite(found) for found in _NUMBER.findall(text)]
+    """All numbers in a text, such as `+00375.000000,-1,2e3`; `1.#IND` is a huge one."""
+    return [finite(found) for found in _NUMBER.findall(_NOTHING.sub(str(HUGE), text))]
 
 
 def finite(text: str) -> float:
@@ -167,19 +168,32 @@ def finite(text: str) -> float:
     return min(max(float(text), -HUGE), HUGE)
 
 
+def _leading(text: str, default: float) -> float:
+    """The number that a text begins with, as Unreal reads it; the default for `1.#IND`."""
+    if _DECIMAL.fullmatch(text):
+        text = text.replace(",", ".")
+    found = _NUMBER.match(text)
+    return default if found is None or _NOTHING.match(text) else finite(found[0])
+
+
 def value_of(text: str) -> Value:
-    """A property's value: `(X=1,Y=(A=2))` becomes a mapping with lower-case keys."""
+    """A property's value: `(X=1,Y=(A=2))` becomes a mapping with lower-case keys.
+
+    In `(X=1,5,Y=2)` the first comma is that of a decimal number.
+    """
     text = text.strip()
     if not text.startswith("("):
         return unquote(text)
     result: dict[str, Value] = {}
+    last = ""
     for item in _items(text[1:-1] if text.endswith(")") else text[1:]):
         key, equals, inner = item.partition("=")
         if equals:
             nested = inner.strip()
-            result[key.strip().lower()] = (
-                value_of(nested) if nested.count("(") < MAX_DEPTH else nested
-            )
+            last = key.strip().lower()
+            result[last] = value_of(nested) if nested.count("(") < MAX_DEPTH else nested
+        elif _DECIMAL.fullmatch(f"{result.get(last, '')},{item.strip()}"):
+            result[last] = f"{result[last]},{item.strip()}"
     return result
 
 
@@ -216,8 +230,7 @@ def _members(text: str, keys: tuple[str, str, str], default: float) -> list[floa
     found = []
     for key in keys:
         member = value.get(key, "")
-        match = _NUMBER.match(member.strip()) if isinstance(member, str) else None
-        found.append(finite(match[0]) if match else default)
+        found.append(_leading(member.strip(), default) if isinstance(member, str) else default)
     return found
 
 

@@ -72,6 +72,7 @@ class UdkReader(Reader):
     def _level(
         self, package: Package, main: Export, source: Path, level: UnrealLevel, context: Context
     ) -> Scene:
+        level.whole_map = True
         reader = LevelReader(package, source, level, context)
         reader.add_all(main)
         own = len(level.brushes)

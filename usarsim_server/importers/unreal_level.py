@@ -131,6 +131,7 @@ class UnrealLevel:
         library: of meshes and pictures in other files.
         files: everything that was read beside the map and the library's files.
         kill_z: m. title: of the map.
+        whole_map: it is a level, not a package of meshes.
     """
 
     def __init__(self, source: Path, context: Context, title: str) -> None:
@@ -140,6 +141,7 @@ class UnrealLevel:
         self.files: list[Path] = []
         self.kill_z: float | None = None
         self.title = ""
+        self.whole_map = False
         self._source = source
         self._format = title
         self._context = context
@@ -247,6 +249,7 @@ class UnrealLevel:
                 format=self._format,
                 units_per_metre=self.scale,
                 mirrored=True,
+                whole_map=self.whole_map,
                 files=tuple(dict.fromkeys([self._source, *self.files, *self.library.files])),
             ),
             objects=tuple(self._objects),

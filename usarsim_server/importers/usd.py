@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.importers.mesh_files import Pictures, axes_of
 from usarsim_server.importers.reader import Context, Reader, need, register
@@ -39,6 +41,7 @@ class UsdReader(Reader):
             broken,
             files_of,
             finest_variants,
+            listening,
             open_stage,
         )
         from usarsim_server.importers.openusd.walker import StageReader
@@ -46,26 +49,33 @@ class UsdReader(Reader):
         context.progress("reading", 0.0)
         stage = open_stage(source, context)
         try:
-            finest_variants(stage, context.findings)
-            axes = axes_of(
-                context.options,
-                _up(str(UsdGeom.GetStageUpAxis(stage)), source, context),
-                _unit(float(UsdGeom.GetStageMetersPerUnit(stage)), source, context),
-                stated=bool(UsdGeom.StageHasAuthoredMetersPerUnit(stage)),
-            )
-            reader = StageReader(stage, context, axes, Pictures(source, context))
-            return reader.scene(self.title, files_of(stage))
+            with listening(context.findings):
+                finest_variants(stage, context.findings)
+                axes = axes_of(
+                    context.options,
+                    _up(str(UsdGeom.GetStageUpAxis(stage)), source, context),
+                    _unit(stage.GetMetadata("metersPerUnit"), source, context),
+                    stated=bool(UsdGeom.StageHasAuthoredMetersPerUnit(stage)),
+                )
+                reader = StageReader(stage, context, axes, Pictures(source, context))
+                return reader.scene(self.title, files_of(stage))
         except (Tf.ErrorException, UnicodeDecodeError) as error:
             raise broken(source, error) from None
 
 
-def _unit(unit: float, source: Path, context: Context) -> float:
-    """Metres per unit, if they make sense or the user knows better."""
+def _unit(stated: object, source: Path, context: Context) -> float:
+    """Metres per unit, if they make sense or the user knows better.
+
+    Some exporters store a number of single precision, as which 0.01 has seven digits.
+    """
+    unit = float(stated) if isinstance(stated, int | float) else 0.0
+    if unit == np.float32(unit):
+        unit = float(str(np.float32(unit)))
     if SMALLEST <= unit <= LARGEST:
         return unit
     if context.options.scale is None:
         cure = "give the true scale with --scale"
-        raise MapImportError(at(source, f"metersPerUnit is {unit:g}", cure))
+        raise MapImportError(at(source, f"metersPerUnit is {stated!r:.40}", cure))
     return 1.0
 
 

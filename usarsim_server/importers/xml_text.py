@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from xml.parsers import expat
 
@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.importers.files import decode, read_bytes
+from usarsim_server.importers.findings import Findings
+from usarsim_server.importers.numbers import read_numbers, read_whole
 
 __all__ = ["Document", "Node", "read_xml"]
 
@@ -26,6 +28,9 @@ Integers = NDArray[np.int64]
 MAX_BYTES = 512 << 20
 MAX_DEPTH = 300
 MAX_ELEMENTS = 3_000_000
+
+FAR = 1e9
+"""Larger numbers in a pose, a size or a colour have no meaning."""
 
 CURE = "the file is damaged or cut off; export it again"
 
@@ -92,60 +97,120 @@ class Document:
         path: of the file.
         root: its outermost element.
         comments: texts of all comments, with their lines.
+        findings: told of numbers that make no sense.
     """
 
     path: Path
     root: Node
     comments: tuple[tuple[int, str], ...] = ()
+    findings: Findings = field(default_factory=Findings, compare=False)
 
     def error(self, node: Node | None, problem: str, cure: str = CURE) -> MapImportError:
         """An error that names file and line."""
         where = None if node is None else f"line {node.line}"
         return MapImportError(at(self.path, problem, cure, where=where))
 
+    def note(self, node: Node, text: str) -> None:
+        """Tell in the report what is wrong with an element, and what was done about it."""
+        self.findings.warn(self.path.name, f"line {node.line}: {text}")
+
+    def vector(self, node: Node | None, *counts: int, far: float = FAR) -> Array | None:
+        """The few numbers of an element; None, and a note unless it is missing, if they are bad.
+
+        Of more numbers than there should be the first ones count, as for programs that stop reading
+        when they have enough.
+
+        Args:
+            node: the element.
+            counts: how many numbers there may be, ascending.
+            far: larger ones have no meaning.
+        """
+        if node is None:
+            return None
+        try:
+            values = read_numbers(node.text, *counts)
+        except ValueError as error:
+            self.note(node, f"{error}; this <{node.tag}> was left out")
+            return None
+        shown = f"<{node.tag}> of {node.text[:60]!r}"
+        count = max((count for count in counts if count <= len(values)), default=0)
+        if not count:
+            self.note(node, f"{shown} has too few numbers; left out")
+            return None
+        if len(values) > count:
+            self.note(node, f"of the {len(values)} numbers of {shown} the first {count} count")
+        answer = np.array(values[:count])
+        if not (np.abs(answer) < far).all():
+            self.note(node, f"{shown} has a number without meaning; left out")
+            return None
+        return answer
+
+    def number(self, node: Node | None, far: float = FAR) -> float | None:
+        """The number of an element, as `vector`."""
+        found = self.vector(node, 1, far=far)
+        return None if found is None else float(found[0])
+
     def floats(self, node: Node) -> Array:
-        """All numbers in the text of an element.
+        """All numbers of a long list, those that are none as NaN.
 
         Raises:
             MapImportError: a word is no number.
         """
         try:
             return np.array(node.text.split(), dtype=float)
+        except ValueError:
+            pass
+        try:
+            count = node.get("count")
+            return np.array(read_numbers(node.text, *([int(count)] if count.isdigit() else [])))
         except ValueError as error:
             raise self.error(node, f"{error}"[:120]) from None
 
     def integers(self, node: Node) -> Integers:
-        """All whole numbers in the text of an element.
+        """All whole numbers in the text of an element; `3.0` is one, too.
 
         Raises:
             MapImportError: a word is no whole number, or absurdly large.
         """
+        words = node.text.split()
         try:
-            return np.array(node.text.split(), dtype=np.int64)
+            return np.array(words, dtype=np.int64)
+        except (ValueError, OverflowError):
+            pass
+        try:
+            return np.array([read_whole(word) for word in words], dtype=np.int64)
         except (ValueError, OverflowError) as error:
             raise self.error(node, f"{error}"[:120]) from None
 
 
-def read_xml(path: Path, *, tolerant: bool = False, limit: int = MAX_BYTES) -> Document:
+def read_xml(
+    path: Path,
+    *,
+    tolerant: bool = False,
+    limit: int = MAX_BYTES,
+    findings: Findings | None = None,
+) -> Document:
     """Read a file.
 
     Args:
         path: of the file.
         tolerant: mend common faults instead of refusing them.
         limit: largest size, bytes.
+        findings: told later on of numbers that make no sense.
 
     Raises:
         MapImportError: naming the line.
     """
     text = _text(read_bytes(path, limit))
+    findings = findings or Findings()
     try:
-        return _parse(path, text)
+        return _parse(path, text, findings)
     except expat.ExpatError as error:
         problem = f"not sound XML: {expat.ErrorString(error.code)}"
         where = f"line {error.lineno}"
         if tolerant:
             try:
-                return _parse(path, _mended(text))
+                return _parse(path, _mended(text), findings)
             except expat.ExpatError:
                 pass
         raise MapImportError(at(path, problem, CURE, where=where)) from None
@@ -167,14 +232,14 @@ def _mended(text: str) -> str:
     return _ATTRIBUTE.sub(lambda found: found[1] + found[2].replace("<", "&lt;"), text)
 
 
-def _parse(path: Path, text: str) -> Document:
+def _parse(path: Path, text: str, findings: Findings) -> Document:
     # The text is Unicode already, whatever the declaration says.
     parser = expat.ParserCreate("utf-8")
     parser.buffer_text = True
     builder = _Builder(path, parser)
     parser.Parse(text.lstrip("\ufeff \t\r\n").encode("utf-8", "replace"), True)
     assert builder.root is not None  # expat refuses files without an element
-    return Document(path, builder.root, tuple(builder.comments))
+    return Document(path, builder.root, tuple(builder.comments), findings)
 
 
 class _Builder:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
 import signal
 import subprocess
 import sys
 import zipfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,15 @@ from usarsim_server.importers.files import MAX_BYTES, check_size, read_bytes, re
 from usarsim_server.importers.findings import Findings
 from usarsim_server.importers.reader import Context
 
-__all__ = ["broken", "check_archive", "files_of", "finest_variants", "open_stage", "read_resource"]
+__all__ = [
+    "broken",
+    "check_archive",
+    "files_of",
+    "finest_variants",
+    "listening",
+    "open_stage",
+    "read_resource",
+]
 
 MAX_ENTRIES = 20_000
 """Files in one USDZ archive."""
@@ -144,6 +153,18 @@ def open_stage(source: Path, context: Context) -> Any:
         check_layer(context, source, path)
     _tell(stage, messages, context.findings)
     return stage
+
+
+@contextlib.contextmanager
+def listening(findings: Findings) -> Iterator[None]:
+    """What the library would print meanwhile goes into the report."""
+    delegate = UsdUtils.CoalescingDiagnosticDelegate()
+    try:
+        yield
+    finally:
+        for text in _messages(delegate):
+            findings.warn("USD", _plain(text))
+        del delegate
 
 
 def _messages(delegate: Any) -> list[str]:

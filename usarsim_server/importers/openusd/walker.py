@@ -153,8 +153,12 @@ class StageReader:
             self._shape(prim, place)
             return True
         if kind in LIGHTS:
+            here = self._matrix(prim, place)
+            if not (np.abs(here) < FARTHEST).all():
+                self._findings.warn(prim.GetName(), "a light at no place was left out")
+                return False
             self._findings.count(kind)
-            self._lights.append(light_of(prim, self._matrix(prim, place), self._axes))
+            self._lights.append(light_of(prim, here, self._axes))
             return False
         return not self._marker(prim, place)
 
