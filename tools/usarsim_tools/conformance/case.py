@@ -298,6 +298,7 @@ class Case:
             dialect: made once for each; that of this case by default, empty for the native one.
 
         Raises:
+            NotApplicable: if what is wanted does not exist.
             Inconclusive: if it could not be made.
         """
         dialect = self.dialect if dialect is None else dialect
@@ -309,6 +310,8 @@ class Case:
             self.leave_slot()
         made, transcript, error = await asyncio.shield(task)
         self._borrowed.append(transcript)
+        if isinstance(error, NotApplicable):
+            raise NotApplicable(str(error))
         if error is not None:
             raise Inconclusive(f"{key} could not be had: {error}")
         return made  # type: ignore[no-any-return]

@@ -12,7 +12,10 @@ from pathlib import Path
 from usarsim_tools.closing import Closing
 from usarsim_tools.conformance.registry import SERVICES
 
-__all__ = ["OwnServer", "StartError"]
+__all__ = ["STAGE", "OwnServer", "StartError"]
+
+STAGE = Path(__file__).with_name("stage")
+"""A world like the empty one with a few people far off, and robots with sensors of every type."""
 
 _PORTS = ("", "image-", "groundtruth-", "wireless-", "comserver-", "truth-")
 _MOST_ROBOTS = 32
@@ -31,11 +34,10 @@ class OwnServer(Closing):
         ports: of all services, by the names of `registry.SERVICES`.
     """
 
-    def __init__(self, world: str = "empty", *options: str, folder: Path | None = None) -> None:
+    def __init__(self, *options: str, folder: Path | None = None) -> None:
         """Start it and wait until it is ready.
 
         Args:
-            world: the empty floor by default, on which nothing stands in a robot's way.
             options: further ones of `usarsim serve`.
             folder: where another copy of the server lies, to be taken instead of this one.
 
@@ -43,7 +45,8 @@ class OwnServer(Closing):
             StartError: if it does not become ready.
         """
         ports = [f"--{name}port=0" for name in _PORTS]
-        command = [sys.executable, "-m", "usarsim_server.cli", "serve", "--world", world]
+        command = [sys.executable, "-m", "usarsim_server.cli", "serve"]
+        command += ["--world", str(STAGE / "world"), "--robots", str(STAGE / "robots")]
         # On a busy machine robots that have left may be counted a little longer.
         command += ["--max-robots", str(_MOST_ROBOTS)]
         self._errors = tempfile.TemporaryFile("w+")  # noqa: SIM115  (closed by `stop`)

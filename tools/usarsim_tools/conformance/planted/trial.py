@@ -150,7 +150,7 @@ def _judge(edits: Sequence[Edit], bench: _Bench, ids: Sequence[str]) -> tuple[li
         try:
             if folder is not None:
                 edited_copy(edits, folder)
-            with OwnServer("empty", *options, folder=folder) as server:
+            with OwnServer(*options, folder=folder) as server:
                 target = Target(ports=dict(server.ports), robot=bench.robot, dialect=bench.dialect)
                 report = asyncio.run(judge_all(target, checks, hangs=_HANGS, gives_up=_GIVES_UP))
                 if server.died:
