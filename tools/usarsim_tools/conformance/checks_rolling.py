@@ -160,12 +160,13 @@ async def encoder_ticks(case: Case) -> None:
     for name in _NAMES:
         for stretch in drive.of(name):
             for item, ticks in stretch.steady.items("Encoder", "Tick").items():
-                case.need(item in mounts and item in resolutions, f"no CONF and GEO of {item}")
+                if item not in mounts or "Resolution" not in resolutions.get(item, {}):
+                    case.skip(f"neither CONF nor GEO tells Resolution and place of {item}")
                 step = float(resolutions[item]["Resolution"])
                 mount = mounts[item]
                 side = _side(item, mount.carrier, mount.location[1])
                 values = [(time, float(tick)) for time, tick in ticks]
-                if case.dialect == "udk":  # a turn has 360 ticks there, and begins anew
+                if case.dialect == "udk":  # ticks begin anew with every turn there
                     values = unwrapped(values, round(math.tau / step))
                 found = rate(values) * step
                 sides = [stretch.command[0 if side < 0 else 1]] if side else stretch.command

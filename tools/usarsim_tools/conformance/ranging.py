@@ -9,6 +9,7 @@ from statistics import median
 
 from usarsim_tools.conformance.case import Case
 from usarsim_tools.conformance.excursions import Mount, bearer
+from usarsim_tools.conformance.verdicts import NotApplicable
 from usarsim_tools.conformance.walls import Scene, Surrounded, Vector, among_walls, turned_by
 
 __all__ = [
@@ -57,7 +58,15 @@ def ray(mount: Mount, yaw: float = 0.0, pitch: float = 0.0) -> tuple[Vector, Vec
 
 
 def limit(found: Surrounded, type: str, item: str, key: str) -> float:
-    return float(found.equipment.configured(type)[item][key])
+    """A number of CONF.
+
+    Raises:
+        NotApplicable: if it is not told.
+    """
+    told = found.equipment.configured(type).get(item, {}).get(key)
+    if told is None:
+        raise NotApplicable(f"CONF tells no {key} of {item}")
+    return float(told)
 
 
 def floor_below(beams: Sequence[Beam], high: float) -> float:

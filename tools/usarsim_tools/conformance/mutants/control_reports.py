@@ -114,6 +114,9 @@ class Reports:
         if head == "CONF":
             return [("Name", name), *self.item_conf(type)]
         mount = self.mount()
+        if type == "Encoder":
+            side = -0.5 if name == self.items(type)[0] else 0.5
+            mount = (mount[0], side * SEPARATION, mount[2])
         if self.dialect == "ut2004":
             place, turn = vector(mount, 4), vector((0, 0, 0), 4)
             return [("Name", f"{name} Location {place} Orientation {turn} Mount HARD")]
@@ -133,6 +136,8 @@ class Reports:
         limits = [("MaxRange", "5.0000"), ("MinRange", "0.1000")]
         if type == "Sonar":
             return limits
+        if type == "Encoder":
+            return [("Resolution", "0.0175")]
         if type != "RangeScanner":
             return []
         flag = "Paning" if self.dialect == "ut2004" else "Panning"
@@ -202,6 +207,8 @@ class Reports:
                 ]
             case "Touch":
                 return [("Touch", "False")]
+        if type == "INS":
+            body.stray()
         digits = 3 if type == "GroundTruth" and self.dialect == "udk" else 2
         location, angles = self.told_pose(type, body)
         return [("Location", vector(location, digits)), ("Orientation", vector(angles, digits))]
@@ -210,9 +217,13 @@ class Reports:
         """Location and angles as GroundTruth or INS tell them."""
         if type == "GroundTruth" and self.dialect == "udk":
             return body.location, [math.remainder(angle, math.tau) for angle in body.angles]
-        offset = self.believed if type == "INS" else (0.0, 0.0, 0.0)
-        location = [a + b for a, b in zip(body.location, offset, strict=True)]
-        return location, [angle % math.tau for angle in body.angles]
+        if type != "INS":
+            return body.location, [angle % math.tau for angle in body.angles]
+        location = [
+            sum(parts) for parts in zip(body.location, self.believed, body.strayed[:3], strict=True)
+        ]
+        roll, pitch, yaw = body.angles
+        return location, [angle % math.tau for angle in (roll, pitch, yaw + body.strayed[3])]
 
     def scan(self, body: MiniBody) -> list[tuple[str, str]]:
         """A scan, from the right to the left."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import random
 from dataclasses import dataclass, field
 
 from usarsim_tools.conformance.mutants.ticks import Ticks
@@ -17,6 +18,8 @@ _STEP = 0.025
 _GIRTH = 0.3
 """m; robots are seen by scanners as round."""
 _ON_ITS_BACK = 2.0
+_INEXACT = 0.05
+"""Of the INS, as a part of every step."""
 
 
 @dataclass(eq=False)
@@ -33,6 +36,19 @@ class MiniBody:
     age: float = 0.0
     rolled: list[float] = field(default_factory=lambda: [0.0, 0.0])
     reckoned: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    strayed: list[float] = field(default_factory=lambda: [0.0] * 4)
+    """Error of the INS in x, y, z and yaw."""
+    _told: tuple[float, ...] = ()
+    _chance: random.Random = field(default_factory=lambda: random.Random(1))
+
+    def stray(self) -> None:
+        """Let the INS go astray by a part of what was moved since its last report."""
+        here = (*self.location, self.angles[2])
+        before, self._told = self._told or here, here
+        step = math.dist(here[:3], before[:3])
+        turn = math.remainder(here[3] - before[3], math.tau)
+        for axis, size in enumerate((step, step, step, turn)):
+            self.strayed[axis] += size * self._chance.gauss(0.0, _INEXACT)
 
     @property
     def upright(self) -> bool:
