@@ -7,6 +7,7 @@ import asyncio
 import contextlib
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from usarsim_server import __version__, atomic
@@ -23,6 +24,8 @@ from usarsim_tools.conformance.registry import DIALECTS, Check, all_checks, sele
 from usarsim_tools.conformance.report import Report, as_json, from_json
 from usarsim_tools.conformance.runner import judge_all
 from usarsim_tools.conformance.survey import GROUND, Target
+from usarsim_tools.conformance.sweep import as_table as as_class_table
+from usarsim_tools.conformance.sweep import judge_classes
 from usarsim_tools.conformance.terminal import Teller, as_list, as_text
 from usarsim_tools.conformance.verdicts import Failed
 
@@ -57,7 +60,11 @@ def add_parser(subparsers: Subparsers) -> None:
         parser.add_argument(
             f"--{option}-port", metavar="N", type=_port, dest=service, help="judge it, too"
         )
-    parser.add_argument("--robot", metavar="CLASS", help="robot class for most checks")
+    parser.add_argument(
+        "--robot",
+        metavar="CLASS",
+        help="robot class for most checks; with --self several with commas between, or all",
+    )
     parser.add_argument(
         "--start", metavar="NAME|x,y,z", type=_start, help="put robots there, one at a time"
     )
@@ -80,6 +87,12 @@ def add_parser(subparsers: Subparsers) -> None:
         action="store_true",
         dest="own",
         help="start our own server on free ports, judge it, and stop it",
+    )
+    parser.add_argument(
+        "--speed",
+        metavar="FACTOR|max",
+        default="1",
+        help="simulated seconds per second of our own server (default 1)",
     )
     parser.add_argument(
         "--planted",
@@ -115,15 +128,16 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.report is not None:
         _make_folder(arguments.report)
     teller = Teller(sys.stderr)
+    target = Target(
+        host=arguments.host if not arguments.own else "127.0.0.1",
+        robot=arguments.robot or (GROUND[0] if arguments.own else None),
+        start=arguments.start,
+        dialect=None if arguments.dialect == "auto" else arguments.dialect,
+    )
+    if arguments.own and len(classes := _classes(target.robot or "")) > 1:
+        return _judge_classes(classes, target, checks, arguments, teller)
     with _ports(arguments) as ports:
-        target = Target(
-            host=arguments.host if not arguments.own else "127.0.0.1",
-            ports=ports,
-            robot=arguments.robot or (GROUND[0] if arguments.own else None),
-            start=arguments.start,
-            dialect=None if arguments.dialect == "auto" else arguments.dialect,
-        )
-        report = _judge(target, checks, arguments, teller)
+        report = _judge(replace(target, ports=ports), checks, arguments, teller)
     print(as_text(report))
     if arguments.report is not None:
         _write(arguments.report, report)
@@ -157,6 +171,40 @@ def _plant(pattern: str, list_only: bool) -> int:
     return 0 if all(outcome.good for outcome in outcomes) else 1
 
 
+def _classes(text: str) -> list[str]:
+    """Names between commas; every class of the roster for `all`."""
+    if text.lower() == "all":
+        from usarsim_server.robots.roster import load_roster
+
+        return list(load_roster().names())
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def _judge_classes(
+    classes: list[str],
+    target: Target,
+    checks: tuple[Check, ...],
+    arguments: argparse.Namespace,
+    teller: Teller,
+) -> int:
+    """Judge, print, write a folder for each class; 1 if a rule that must be kept is broken."""
+
+    def tell(robot: str, report: Report) -> None:
+        teller.say(f"{robot}: {'conforms' if report.conforms else 'does NOT conform'}")
+        if arguments.report is not None:
+            _make_folder(arguments.report / robot)
+            _write(arguments.report / robot, report)
+
+    name = arguments.name or f"usarsim-server {__version__}"
+    options = ("--speed", arguments.speed)
+    try:
+        reports = judge_classes(classes, checks, target, options=options, name=name, tell=tell)
+    except (StartError, Failed) as error:
+        raise UsarsimError(str(error)) from None
+    print(as_class_table(reports))
+    return 0 if all(report.conforms for report in reports.values()) else 1
+
+
 def _judge(
     target: Target, checks: tuple[Check, ...], arguments: argparse.Namespace, teller: Teller
 ) -> Report:
@@ -178,7 +226,7 @@ def _ports(arguments: argparse.Namespace) -> Iterator[dict[str, int]]:
         yield {"control": arguments.port, **{k: v for k, v in named.items() if v is not None}}
         return
     try:
-        with OwnServer() as server:
+        with OwnServer("empty", "--speed", arguments.speed) as server:
             yield dict(server.ports)
             if server.died:
                 raise UsarsimError(f"the server died while it was judged: {server.said}")

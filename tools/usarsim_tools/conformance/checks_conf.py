@@ -74,9 +74,9 @@ async def steering(case: Case) -> None:
     severity=Severity.SHOULD,
 )
 async def plausible(case: Case) -> None:
-    """Mass, MaxSpeed and MaxTorque are above zero, and MaxSpeed is at most 100 rad/s."""
+    """Mass, MaxSpeed and MaxTorque are above zero, and MaxSpeed is at most 200 rad/s."""
     line = await ground_told(case, "GETCONF")
-    for name, most in (("Mass", 1e5), ("MaxSpeed", 100.0), ("MaxTorque", 50000.0)):
+    for name, most in (("Mass", 1e5), ("MaxSpeed", 200.0), ("MaxTorque", 50000.0)):
         value = line.number(name)
         case.expect(0.0 < value <= most, f"{name} is {line.get(name)}")
 

@@ -57,13 +57,14 @@ async def geo_pairs(case: Case) -> None:
     """In ut2004 the GEO of sensors has one segment per item: `{Name n Location v Orientation v
     Mount m}`; one client crashes on any other form."""
     recording = await standing(case)
+    sensors = recording.types() | {"Camera"}
     form = re.compile(
         rf"GEO \{{Type \w+\}}"
         rf"( \{{Name [^ {{}}]+ Location {_V4} Orientation {_V4} Mount [^{{}}]+\}})+"
     )
     asked = 0
     for (command, type, _), line in recording.replies.items():
-        if command != "GETGEO" or line is None or type in ("Robot", "MisPkg", "Actuator"):
+        if command != "GETGEO" or line is None or type not in sensors:
             continue
         asked += 1
         case.expect(form.fullmatch(line.text), f"another form: {line}")
@@ -80,9 +81,10 @@ async def geo_segments(case: Case) -> None:
     """In udk the GEO of sensors has separate segments in the order Name, Location, Orientation,
     Mount."""
     recording = await standing(case)
+    sensors = recording.types() | {"Camera"}
     asked = 0
     for (command, type, _), line in recording.replies.items():
-        if command != "GETGEO" or line is None or type in ("Robot", "MisPkg", "Actuator"):
+        if command != "GETGEO" or line is None or type not in sensors:
             continue
         asked += 1
         names = tuple(name for name in line.names[1:] if name != "MountLink")

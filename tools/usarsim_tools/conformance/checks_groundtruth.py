@@ -9,6 +9,7 @@ import re
 from usarsim_tools.conformance.case import Case
 from usarsim_tools.conformance.control import Robot
 from usarsim_tools.conformance.lines import numbers
+from usarsim_tools.conformance.recordings import wheels_of
 from usarsim_tools.conformance.side_checks import checks_of
 from usarsim_tools.conformance.side_lines import LineClient, split_reply, static_station
 from usarsim_tools.conformance.verdicts import Severity
@@ -157,6 +158,7 @@ async def place(case: Case) -> None:
 async def follows(case: Case) -> None:
     """A robot that drives is listed where it is, not where it was."""
     robot = await case.spawn()
+    await wheels_of(robot)
     client = await _client(case)
     start = await _listed(case, client, robot)
     before, after = await case.drive(robot, "DRIVE {Left 2.0} {Right 2.0}", 2.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 
 from usarsim_tools.conformance.case import Case
+from usarsim_tools.conformance.checks_values import lit
 from usarsim_tools.conformance.control import ControlClient
 from usarsim_tools.conformance.lines import Line
 from usarsim_tools.conformance.registry import ONCE, UNREAL, check
@@ -195,7 +196,7 @@ async def blank_lines(case: Case) -> None:
 async def glued(case: Case) -> None:
     """A command that follows a closing brace without a line end is executed too:
     `SET {..} {..}DRIVE {..}`."""
-    robot = await case.spawn()
+    robot = await lit(case)
     await robot.send(
         "SET {Type RFIDReleaser} {Name Gun} {Opcode Release}DRIVE {Light true} {Left 0} {Right 0}"
     )

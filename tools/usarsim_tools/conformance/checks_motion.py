@@ -13,6 +13,10 @@ from usarsim_tools.conformance.verdicts import Severity
 
 _STILL = 0.02
 """m/s below which a robot stands; sensors print centimetres."""
+_STEADY = 0.04
+"""Share by which the speed of a robot that has reached it may still change in 0.7 s."""
+_RAMP = 10
+"""Times that a speed is measured, 0.7 s each, until heavy robots must have reached it."""
 
 
 async def _rolling(robot: Robot, *commands: str, seconds: float = 1.0) -> tuple[float, float]:
@@ -68,7 +72,7 @@ async def clockwise(case: Case) -> None:
 async def anticlockwise(case: Case) -> None:
     """`DRIVE {Left -v} {Right v}` turns anticlockwise seen from above."""
     _, _, turn = (await driven(case)).phases["anticlockwise"].moved
-    case.expect(turn < -0.1, f"it turned by {turn:.2f} rad, clockwise positive")
+    case.expect(turn < -0.05, f"it turned by {turn:.2f} rad, clockwise positive")
 
 
 @check(
@@ -160,6 +164,22 @@ async def persists(case: Case) -> None:
     case.expect(abs(rate) > 0.05, f"after 5 s it turns at {rate:.3f} rad/s")
 
 
+async def _cruising(case: Case, command: str) -> tuple[float, float, float]:
+    """Speed under a command when it has stopped growing, m/s; radius and largest speed of the
+    wheels. Nobody stands in the way meanwhile, who tells the time included."""
+    async with case.clock.alone():
+        robot = await case.spawn()
+        radius, _, limit = await wheels_of(robot)
+        found, before = 0.0, math.nan
+        for _ in range(_RAMP):
+            found, _ = await _rolling(robot, command, seconds=0.3)
+            if abs(found - before) < _STEADY * abs(found):
+                break
+            before = found
+        await robot.send("DRIVE {Left 0} {Right 0}")
+        return found, radius, limit
+
+
 @check(
     "control.motion.clamped",
     "Speeds are clamped",
@@ -169,9 +189,7 @@ async def persists(case: Case) -> None:
 )
 async def clamped(case: Case) -> None:
     """Commanding more than MaxSpeed of CONF gives MaxSpeed."""
-    robot = await case.spawn()
-    radius, _, limit = await wheels_of(robot)
-    found, _ = await _rolling(robot, "DRIVE {Left 1000} {Right 1000}", seconds=0.6)
+    found, radius, limit = await _cruising(case, "DRIVE {Left 1000} {Right 1000}")
     wanted = limit * radius
     case.expect(abs(found - wanted) < 0.2 * wanted, f"{found:.3f} m/s, not {wanted:.3f}")
 
@@ -185,9 +203,7 @@ async def clamped(case: Case) -> None:
 )
 async def normalized(case: Case) -> None:
     """`DRIVE {Left 50} {Right 50} {Normalized true}` runs at half of MaxSpeed."""
-    robot = await case.spawn()
-    radius, _, limit = await wheels_of(robot)
-    found, _ = await _rolling(robot, "DRIVE {Left 50} {Right 50} {Normalized true}", seconds=0.6)
+    found, radius, limit = await _cruising(case, "DRIVE {Left 50} {Right 50} {Normalized true}")
     wanted = 0.5 * limit * radius
     case.expect(abs(found - wanted) < 0.2 * wanted, f"{found:.3f} m/s, not {wanted:.3f}")
 

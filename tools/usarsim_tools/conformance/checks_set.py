@@ -7,7 +7,7 @@ import math
 from usarsim_tools.conformance.case import PATIENCE, Case
 from usarsim_tools.conformance.control import Robot
 from usarsim_tools.conformance.lines import Line
-from usarsim_tools.conformance.recordings import items_of, standing
+from usarsim_tools.conformance.recordings import items_of, standing, wheels_of
 from usarsim_tools.conformance.registry import ONCE, UDK, UNREAL, UT2004, check
 from usarsim_tools.conformance.verdicts import NotApplicable, Severity
 
@@ -31,6 +31,7 @@ async def _responses(robot: Robot, command: str, seconds: float = 0.7) -> list[L
 async def _reset(case: Case, end: str) -> None:
     name = await _item(case, "Odometry")
     robot = await case.spawn()
+    await wheels_of(robot)
     await case.drive(robot, "DRIVE {Left 3} {Right 3}", 1.0)
     moved = await robot.odometry()
     case.need(moved[0] > 0.03, f"odometry shows {moved} after driving forward")

@@ -52,13 +52,12 @@ async def _created(case: Case) -> tuple[ControlClient, str, float]:
 async def silent(case: Case) -> None:
     """Create, AbsMove and Kill have no reply."""
     client, name, y = await _created(case)
-    await client.send(
+    lines = await client.outcome(
         f"CONTROL {{Type AbsMove}} {{Name {name}}} {{Location 1,{y},{_HIGH}}} {{Rotation 0,0,0}}",
         f"CONTROL {{Type Kill}} {{Name {name}}}",
         "CONTROL {Type NoSuchType}",
         "CONTROL",
     )
-    lines = await client.listen(0.6)
     case.expect(not lines, f"something was answered: {lines[:1]}")
 
 
@@ -71,8 +70,7 @@ async def silent(case: Case) -> None:
 async def nocontroller(case: Case) -> None:
     """CONTROL is ignored on a connection of a robot."""
     robot = await case.spawn()
-    await robot.send("CONTROL {Type GetSTA}")
-    lines = await robot.client.listen(0.8)
+    lines = await robot.client.outcome("CONTROL {Type GetSTA}")
     found = [line for line in lines if line.head == "STA" and "Size" in line.text]
     case.expect(not found, f"it was answered: {found[:1]}")
 

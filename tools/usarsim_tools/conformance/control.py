@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from usarsim_tools.conformance.lines import Line, Lines
 from usarsim_tools.conformance.places import Place
-from usarsim_tools.conformance.verdicts import Failed, Inconclusive
+from usarsim_tools.conformance.verdicts import Failed, Inconclusive, NotApplicable
 from usarsim_tools.conformance.wire import Hangup, Wire
 
 __all__ = ["REPLY", "ControlClient", "Pose", "Robot", "Wanted", "pose_of", "turned"]
@@ -268,13 +268,13 @@ class Robot:
         """Where it is, from its next GroundTruth line, or INS without that.
 
         Raises:
-            Inconclusive: if it has no such sensor.
+            NotApplicable: if it has no such sensor.
         """
         for type in ("GroundTruth", "INS"):
             line = await self.client.maybe(_report_of(type), 2.0)
             if line is not None:
                 return pose_of(line)
-        raise Inconclusive("the robot has no GroundTruth and no INS to tell where it is")
+        raise NotApplicable("the robot has no GroundTruth and no INS to tell where it is")
 
     async def odometry(self) -> tuple[float, ...]:
         """x, y, theta of its next Odometry line."""

@@ -231,7 +231,7 @@ class Phase:
     def moved(self) -> tuple[float, float, float]:
         """How far forward and right, m, and how far turned clockwise, rad."""
         if self.start is None or self.end is None:
-            raise Inconclusive("the robot has no GroundTruth and no INS to tell where it is")
+            raise NotApplicable("the robot has no GroundTruth and no INS to tell where it is")
         forward, right = self.start.ahead(self.end)
         return forward, right, math.remainder(self.end.yaw - self.start.yaw, math.tau)
 
@@ -264,7 +264,8 @@ async def wheels_of(robot: Robot) -> tuple[float, float, float]:
     """Radius and separation of the wheels, m, and their largest speed, rad/s.
 
     Raises:
-        Inconclusive: if the robot does not tell, or is not skid steered.
+        NotApplicable: if the robot is not skid steered.
+        Inconclusive: if it does not tell.
     """
     try:
         conf = await robot.client.ask("GETCONF {Type Robot}", "CONF {")
@@ -272,7 +273,7 @@ async def wheels_of(robot: Robot) -> tuple[float, float, float]:
     except Failed as error:
         raise Inconclusive(f"how the robot is driven cannot be found out: {error}") from None
     if conf.get("SteeringType") != "SkidSteered":
-        raise Inconclusive(f"the robot is not skid steered but {conf.get('SteeringType')}")
+        raise NotApplicable(f"the robot is not skid steered but {conf.get('SteeringType')}")
     found = geo.number("WheelRadius"), geo.number("WheelSeparation"), conf.number("MaxSpeed")
     if not all(value > 0.0 for value in found):
         raise Inconclusive(f"wheels that are no wheels: {found}")

@@ -330,15 +330,24 @@ class CameraRobot:
 
 
 async def ask_conf(robot: Robot, extra: str = "") -> str:
-    """The answer to GETCONF of cameras; empty if the robot has none."""
+    """The answer to GETCONF of cameras; empty if the robot has none.
 
-    def answers(line: object) -> bool:
-        text = str(getattr(line, "text", ""))
-        return not text or text.startswith("CONF {Type Camera}")
-
-    await robot.send(f"GETCONF {{Type Camera}}{extra}")
-    line = await robot.wait(answers, what="answer to GETCONF {Type Camera}")
-    return line.text
+    Raises:
+        Failed: if it has one, by what it has said unasked, and does not answer.
+    """
+    client, camera = robot.client, "CONF {Type Camera}"
+    command = f"GETCONF {{Type Camera}}{extra}"
+    known = any(line.text.startswith(camera) for line in client.lines)
+    # Nothing is said of what is not there: the question behind it tells that it is not.
+    await robot.send(command, "GETSTARTPOSES")
+    line = await client.wait(
+        lambda line: line.text.startswith((camera, "NFO {StartPoses")), what=f"answer to {command}"
+    )
+    if line.text.startswith(camera):
+        return line.text
+    if known:
+        raise Failed(f"{command} was not answered, although there is a camera")
+    return ""
 
 
 async def camera_robot(case: Case, class_name: str = "", place: Place | None = None) -> CameraRobot:

@@ -35,6 +35,10 @@ _SPAWNS = 15.0
 """s until a class that there should be is given up."""
 _ANSWERS = 10.0
 """s until an answer is given up."""
+_CLEAR = 0.5
+"""m of room for a robot to move in beside its own size."""
+_REACH = 3.5
+"""m between arms on fixed bases, which tell no size."""
 _KEEPER = "KitClock"
 """Name of the robot that tells the time."""
 
@@ -110,9 +114,14 @@ async def survey(target: Target, transcript: Transcript, clock: SimulatedClock) 
     for robot in (target.robot,) if target.robot else GROUND:
         within = _SPAWNS if target.robot else _GUESSES
         client, status = await visit.robot(robot, places[0], within=within)
+        apart = await _room(client) if status is not None else APART
         client.close()
         if status is None:
             continue
+        if apart > APART and target.start is None:
+            places = spaced(starts, apart) or places
+            aside = _aside(places[0], places)
+            places = [place for place in places if place != aside]
         if aside is not None:
             await clock.follow(partial(_keep, visit, robot, aside))
         native = dialect_of(status)
@@ -197,6 +206,21 @@ def _aside(place: Place, starts: list[Place]) -> Place | None:
     """The start pose farthest from a place; None if there is no other."""
     others = [one for one in spaced(starts) if math.dist(one.location, place.location) > APART]
     return max(others, key=lambda one: math.dist(one.location, place.location), default=None)
+
+
+async def _room(client: ControlClient) -> float:
+    """How far apart robots of this class have to be put, m, for none to be in another's way."""
+    try:
+        await client.send("GETGEO {Type Robot}")
+        geo = await client.maybe("GEO", _ANSWERS)
+    except Failed:
+        return APART
+    if geo is None:
+        return APART
+    if "StaticPlatform" in geo.text:
+        return _REACH
+    size = [value for value in geo.numbers("Dimensions")[:2] if math.isfinite(value)]
+    return max(APART, math.hypot(*size) + _CLEAR)
 
 
 async def _keep(visit: _Visit, robot: str, aside: Place) -> Wire | None:

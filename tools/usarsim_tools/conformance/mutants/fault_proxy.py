@@ -76,7 +76,7 @@ class Link:
             data: what is said.
             after: s of wall time; nothing is said to who has asked for something by then.
         """
-        self._later(after, lambda kit, server: None if self.asked else kit.write(data))
+        self._later(after, lambda kit, _: None if after and self.asked else kit.write(data))
 
     def ask(self, data: bytes) -> None:
         """Ask the server something that the kit has not said."""
