@@ -141,3 +141,20 @@ def test_our_own_server(capsys: pytest.CaptureFixture[str]) -> None:
     assert "dialects judged       ut2004, udk" in out
     assert "\nFAIL" not in out
     assert " 0 inconclusive" in out
+
+
+def test_our_own_server_with_several_classes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each class is judged and reported; what a class lacks does not apply to it."""
+    only = "control.init.spawns,control.motion.forward"
+    options = ("--speed", "max", "--robot", "P2AT,KR6,NoSuchRobot", "--report", str(tmp_path))
+    assert main(["conformance", "--self", "--only", only, *options]) == 1
+    told = capsys.readouterr().out
+    table = {line.split()[0]: line.split()[1:] for line in told.splitlines() if line[:1].isalpha()}
+    assert table["P2AT"] == ["4"]
+    assert table["KR6"] == ["2", "2"]
+    assert table["NoSuchRobot"][-3:] == ["does", "NOT", "conform"]
+    assert "FAIL  control.init.spawns [ut2004]  no STA" in told
+    assert told.endswith("conforms with 2 of 3 classes; not with NoSuchRobot\n")
+    assert (tmp_path / "KR6" / "report.json").exists()

@@ -41,7 +41,7 @@ def _try(*shares: Sequence[WireFault]) -> dict[str, Result]:
 
     with ExitStack() as stack:
         servers = [
-            stack.enter_context(OwnServer("empty", "--speed", "max", *_OPTIONS[share[0].server]))
+            stack.enter_context(OwnServer("--speed", "max", *_OPTIONS[share[0].server]))
             for share in shares
         ]
         found = asyncio.run(attempt(servers))

@@ -226,7 +226,7 @@ def _ports(arguments: argparse.Namespace) -> Iterator[dict[str, int]]:
         yield {"control": arguments.port, **{k: v for k, v in named.items() if v is not None}}
         return
     try:
-        with OwnServer("empty", "--speed", arguments.speed) as server:
+        with OwnServer("--speed", arguments.speed) as server:
             yield dict(server.ports)
             if server.died:
                 raise UsarsimError(f"the server died while it was judged: {server.said}")

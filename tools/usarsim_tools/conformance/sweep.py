@@ -45,7 +45,7 @@ def judge_classes(
 
     async def judge(robot: str) -> Report:
         async with slots:
-            server = await asyncio.to_thread(OwnServer, "empty", *options)
+            server = await asyncio.to_thread(OwnServer, *options)
             try:
                 asked = replace(target, ports=dict(server.ports), robot=robot)
                 report = await judge_all(asked, checks, name=f"{name} {robot}".strip())
