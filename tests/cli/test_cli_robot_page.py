@@ -70,8 +70,8 @@ ROVER = """# A rover for tests.
 # Frame of this file: x forward, y right, z down; metres, radians, kilograms. The rest is
 # a starting value.
 
-description = "the P3AT, but slower"
-extends = "P3AT"
+description = "the P3AT_real, but slower"
+extends = "P3AT_real"
 aliases = ["Slowpoke"]
 
 [drive]
@@ -82,7 +82,7 @@ max_wheel_speed = 1.0
 def test_a_page_is_written_with_robots_of_further_folders(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A section with picture, head comment, aliases, and figures as measured (1 rad/s, 0.098 m)."""
+    """A section with picture, head comment, aliases, and figures as measured (1 rad/s, 0.11 m)."""
     folder = tmp_path / "robots"
     folder.mkdir()
     (folder / "Rover.toml").write_text(ROVER)
@@ -103,8 +103,8 @@ def test_a_page_is_written_with_robots_of_further_folders(
     assert "The rest is a starting value." in text
     assert "Frame" not in text
     assert "| Also called | `Slowpoke` |" in text
-    assert "| Top speed | 0.1 m/s |" in text
-    assert "| Mass | 11.9 kg |" in text
+    assert "| Top speed | 0.11 m/s |" in text
+    assert "| Mass | 12 kg |" in text
     assert "`F1` ... `R8` (16)" in text
     assert Image.open(page.parent / "images" / "robots" / "Rover.png").size == (240, 180)
     assert "![" not in found["MultiView"], "there is nothing to be seen of it"

@@ -19,8 +19,7 @@ PAUSE = 1.0
 
 SCOUT = """
 extends = "P3AT"
-without = ["TachTest", "W2", "battery", "F2", "F3", "F4", "F5", "F6", "F7", "F8",
-           "R1", "R2", "R3", "R4", "R5", "R6", "R7", "R8"]
+without = ["TachTest", "W2", "battery"]
 sensor = [
     { type = "GroundTruth", name = "GndTruth", interval = 0.5 },
     { type = "INS", name = "InsTest", interval = 0.5 },

@@ -33,7 +33,7 @@ def test_the_default_port() -> None:
 def test_bytes_of_a_stream(connect: Connect, dialect: str) -> None:
     """Lines end in CR LF and nothing else looks like an end, blank or tab (checks 6, 7, 8, 9)."""
     client = connect()
-    client.send(f"INIT {{ClassName P3AT}} {{Location -60,0,-0.3}} {{Dialect {dialect}}}")
+    client.send(f"INIT {{ClassName P3AT_real}} {{Location -60,0,-0.3}} {{Dialect {dialect}}}")
     for wire_type in ("Robot", "Sonar", "RangeScanner", "Encoder"):
         client.send(f"GETGEO {{Type {wire_type}}}")
         client.send(f"GETCONF {{Type {wire_type}}}")
@@ -141,8 +141,8 @@ UDK_TIME = r"\{Time \d+\.\d{4}\}"
         ("INIT {Classname USARBot.P2AT}", True),
         ("INIT {ClassName USARBot.P2AT}", False),
         ("INIT {ClassName USARBot.P2AT} {Dialect udk}", True),
-        ("INIT {ClassName USARBot.P3AT}", True),
-        ("INIT {ClassName USARBot.P3AT} {Dialect ut2004}", False),
+        ("INIT {ClassName USARBot.P3AT_real}", True),
+        ("INIT {ClassName USARBot.P3AT_real} {Dialect ut2004}", False),
         ("INIT {ClassName USARBot.P2AT}\r\nGETCONF {Type Actuator}", True),
         ("INIT {ClassName USARBot.P2AT} {Dialect ut2004}\r\nGETCONF {Type Actuator}", False),
         ("INIT {ClassName USARBot.P2AT}\r\nACT {Name x} {Link 0} {Value 0}", True),

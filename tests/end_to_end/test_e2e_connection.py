@@ -72,10 +72,10 @@ def test_replies_come_in_order_and_before_streams(client: ScriptedClient) -> Non
 def test_a_robot_leaves_with_its_connection(connect: Connect, how: str) -> None:
     """After any kind of goodbye the place is free again (checks 13, 14, 15)."""
     first = connect()
-    first.send("INIT {ClassName P3AT} {Location -5,-5,-0.3}")
+    first.send("INIT {ClassName P3AT_real} {Location -5,-5,-0.3}")
     first.wait_for("STA")
     second = connect()
-    second.send("INIT {ClassName P3AT} {Location -3.5,-5,-0.3} {Dialect udk}")
+    second.send("INIT {ClassName P3AT_real} {Location -3.5,-5,-0.3} {Dialect udk}")
     ahead = second.wait_for(lambda line: "{Name R4}" in line)
     assert _range(ahead) < 1.6, "the sonar at the back sees the first robot"
     if how == "half-close":

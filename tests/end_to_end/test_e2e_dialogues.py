@@ -125,8 +125,8 @@ def test_scan_lines_suit_index_based_readers(connect: Callable[[], ScriptedClien
 def test_two_dialects_side_by_side(connect: Callable[[], ScriptedClient]) -> None:
     """Robots of one class speak different dialects at the same time (checks 98, 176, 178)."""
     first, second = connect(), connect()
-    first.send("INIT {ClassName P3AT} {Dialect ut2004} {Location 10,10,-0.3}")
-    second.send("INIT {ClassName P3AT} {Dialect udk} {Location 12,10,-0.3}")
+    first.send("INIT {ClassName P3AT_real} {Dialect ut2004} {Location 10,10,-0.3}")
+    second.send("INIT {ClassName P3AT_real} {Dialect udk} {Location 12,10,-0.3}")
     batched = first.wait_for(lambda line: "{Type Sonar}" in line)
     single = second.wait_for(lambda line: "{Type Sonar}" in line)
     assert batched.count("Range") == 16

@@ -9,7 +9,7 @@ from usarsim_server.testing import ScriptedClient, ServerProcess
 
 SCOUT = """
 name = "SmokeScout"
-extends = "P3AT"
+extends = "P3AT_real"
 dialect = "udk"
 sensor = [
     { type = "Hokuyo", name = "urg", position = [0.2, 0, -0.3] },

@@ -382,7 +382,7 @@ def test_it_leaves_a_wall_when_told_to(tmp_path: Path) -> None:
 def test_flight_goes_on_when_others_come(hire: Hire) -> None:
     """Another class appears while it climbs: the world grows, the climb goes on."""
     pilot = hire("AirRobot")
-    pilot.fly("{AltitudeVelocity 1} {RotationalVelocity 0.5}", 1.0)
+    pilot.fly("{AltitudeVelocity 1} {RotationalVelocity 28.6479}", 1.0)
     other = pilot.stage.connect()
     other.send("INIT {ClassName Zerg} {Location 5,5,-0.2}")
     pilot.stage.run(1.0)

@@ -31,7 +31,7 @@ OTHERS = tuple(
     if robot.kind != "static" and robot.name.lower() not in LISTED
 )
 """Shipped classes that the demo did not know."""
-FLOATING = {"Submarine", "AirRobot", "Passarola", "quadrotor"}
+FLOATING = {"Submarine", "AirRobot", "ARDrone", "Passarola", "quadrotor"}
 """They stay where they are put."""
 HEIGHTS = (1.4, 1.75, 2.1)
 """m above the floor; the demo used heights from 1.4 to 2.1."""

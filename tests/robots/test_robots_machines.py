@@ -37,7 +37,7 @@ GROUND = sorted(
 NAMES = """P2AT StereoP2AT P2AT_ATLANTA P2DX OmniP2AT OmniP2DX P3AT P3DX ATRVJr ATRV ATRV2 Zerg
 Tarantula TarantulaSIED Talon TeleMax Kenaf kenaf Soryu Rugbot Kurt2D KURT2D Kurt3D Kurt Element
 Matilda SegwayRMPFifty UnitLoader MDS Nomad Lisa Hummer HMMWV SnowStorm Sedan Cooper ForkLift
-Submarine Passarola AirRobot ERS QRIO Nao BasicSkidRobot CasterSkidRobot Kiva4Wheel
+Submarine Passarola AirRobot AIRRobot ARDrone ERS QRIO Nao BasicSkidRobot CasterSkidRobot Kiva4Wheel
 BasicAckermanRobot FrontAckerman KR60 KR3 KR5 KR6 FanucM16 Fanuc_M16iB20 Fanuc_Robot_And_Rail
 KUKA_LWR_BOT TwoLink Forklift GripperBase HandBot KinectBot KRobot crawler_robot quadrotor
 turtlebot pioneer2dx_with_sensors pioneer3at_with_sensors"""
@@ -45,7 +45,7 @@ turtlebot pioneer2dx_with_sensors pioneer3at_with_sensors"""
 
 KINDS = {
     "ackerman": "BasicAckermanRobot Cooper ForkLift FrontAckerman Hummer Sedan SnowStorm",
-    "aerial": "AirRobot Passarola quadrotor",
+    "aerial": "AirRobot ARDrone Passarola quadrotor",
     "underwater": "Submarine",
     "legged": "ERS Nao QRIO",
     "omni": "Lisa",
@@ -271,10 +271,12 @@ def test_captured_figures() -> None:
     yaws = [math.degrees(rotation[2]) for _, rotation in front]
     assert yaws == pytest.approx([-30, -15, 0, 15, 30], abs=1e-3)
     assert len(sonars) == 17
-    ring = [wire_from_pose(item.pose)[0] for item in ROBOTS["Nomad"].items if item.type == "Sonar"]
+    ring = [wire_from_pose(item.pose) for item in ROBOTS["Nomad"].items if item.type == "Sonar"]
     assert len(ring) == 16
-    for x, y, z in ring:
+    for number, ((x, y, z), (_, _, yaw)) in enumerate(ring):
         assert (math.hypot(x, y), z) == pytest.approx((0.19, -0.26), abs=1e-3)
+        # From the front to the left and round.
+        assert math.remainder(yaw + number * math.tau / 16, math.tau) == pytest.approx(0, abs=1e-5)
 
 
 # -- in the physics --------------------------------------------------------------------------------

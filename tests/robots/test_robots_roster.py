@@ -16,7 +16,7 @@ SHIPPED = tuple(
     sorted((path.stem for path in data_directory("robots").glob("*.toml")), key=str.lower)
 )
 ROSTER = (
-    *("AirRobot", "ATRV", "ATRV2", "ATRVJr", "BasicAckermanRobot", "BasicSkidRobot"),
+    *("AirRobot", "ARDrone", "ATRV", "ATRV2", "ATRVJr", "BasicAckermanRobot", "BasicSkidRobot"),
     *("CasterSkidRobot", "ComStation", "Cooper", "crawler_robot", "Element", "ERS"),
     *("Fanuc_M16iB20", "Fanuc_Robot_And_Rail", "FanucM16", "Forklift", "ForkLift"),
     *("FrontAckerman", "GripperBase", "HandBot", "HMMWV", "Hummer", "Kenaf", "KinectBot"),

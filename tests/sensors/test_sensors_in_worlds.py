@@ -16,7 +16,7 @@ from usarsim_server.testing import Rehearsal, RehearsedClient
 PROBE = """
 extends = "P3AT"
 description = "a P3AT with everything that measures geometry"
-without = ["lms200", "F1", "F2", "F3", "F4", "F5", "F6", "F7", "F8"]
+without = ["lms200"]
 
 [[sensor]]
 type = "KinectDepth"

@@ -60,6 +60,14 @@ STEERING_TYPES = ("SkidSteered", "AckermanSteered", "OmniDrive", "Unknown", "Non
 REST_TOLERANCE = 0.01
 """m between the rest height of a file and the height that follows from its wheels (5.1 #17)."""
 
+GONE = frozenset(
+    [
+        *("Touch", "INS", "Odometer", "Odometry"),
+        *(f"{side}{number}" for side in "FR" for number in range(1, 9)),
+    ]
+)
+"""Sensors that shipped classes had in earlier versions: files that drop them stay good."""
+
 DEFAULT_TORQUE = 50000.0
 """MaxTorque of a joint that says nothing else, N m (robots reference 1.2); announced only."""
 
@@ -428,7 +436,11 @@ def _check_without(reader: TableReader, parent: Parent) -> None:
     if parent is not None and reader.path.parent == shipped != parent.source.parent:
         return  # somebody's own class took the place of the shipped one that was meant
     for name in reader.texts("without"):
-        if name not in inherited:
+        if name in inherited:
+            continue
+        if parent is not None and name in GONE:
+            _log.info("a sensor that is dropped is not inherited any longer", item=name)
+        else:
             names = list(dict.fromkeys(inherited))
             reader.fail(f"no inherited sensor {name!r}", nearest(name, names), "without")
 

@@ -1,4 +1,4 @@
-"""Wheel encoders (robots reference 2.4, protocol reference 4.6)."""
+"""Encoders of wheels and of joints (robots reference 2.4, protocol reference 4.6)."""
 
 from __future__ import annotations
 
@@ -26,8 +26,11 @@ _NUMBERED = re.compile(r"W([0-9]+)", re.IGNORECASE)
 class Encoder(Sensor):
     """Ticks of one driven wheel since the start or RESET, positive when rolling forward.
 
+    On the link of a mission package it counts the angle of the joint that moves the link: ECPan and
+    ECTilt of a pan-tilt.
+
     In `ut2004` the count accumulates under the item's name; in `udk` the name is `Wk`, k the index
-    of the driven wheel, and the angle is taken modulo one turn.
+    of the driven wheel (on a link it keeps its name), and the angle is taken modulo one turn.
 
     Parameters: `wheel` (index among the driven wheels, or a wheel's name; by default it follows
     from the item's link, from `W2` or from `left`/`right` in the item's name), `resolution` (rad),
@@ -51,8 +54,9 @@ class Encoder(Sensor):
         self.noise = read.number("noise", 0.005, minimum=0.0, maximum=1.0)
         self.udk_literal = read.flag("udk_literal", False)
         self.cumulative = read.flag("cumulative", False)
-        self.wheel = self._find_wheel(context.robot)
-        self._works = has_wheel_sensors(context.robot)
+        self._joint = self._find_joint(context.robot)
+        self.wheel = None if self._joint else self._find_wheel(context.robot)
+        self._works = self._joint is not None or has_wheel_sensors(context.robot)
         self._rng = context.rng
         self._last: float | None = None
         self._turned = 0.0
@@ -60,13 +64,14 @@ class Encoder(Sensor):
 
     def wire_name(self, dialect: Dialect) -> str:
         """The item's name, or `Wk` in `udk`."""
-        return f"W{self.wheel}" if FACETS[dialect].encoder_wraps else self.name
+        numbered = FACETS[dialect].encoder_wraps and self.wheel is not None
+        return f"W{self.wheel}" if numbered else self.name
 
     def measure(self, robot: RobotState, hits: Sequence[RayHits]) -> bool:
         """Add the angle turned since the last call."""
         if not self._works:
             return False
-        angle = float(robot.wheel_angles[self.wheel])
+        angle = self._angle(robot)
         turned = angle - (angle if self._last is None else self._last)
         self._last = angle
         factor = 1.0 + (self._rng.uniform(-self.noise, self.noise) if self.noise > 0.0 else 0.0)
@@ -93,9 +98,24 @@ class Encoder(Sensor):
         """RESET starts counting from zero."""
         if opcode != "RESET":
             return SetResult.UNKNOWN
-        self._last = float(robot.wheel_angles[self.wheel]) if self._works else None
+        self._last = self._angle(robot) if self._works else None
         self._turned = self._reading = 0.0
         return SetResult.OK
+
+    def _angle(self, robot: RobotState) -> float:
+        if self._joint is not None:
+            return robot.joint_position(self._joint)
+        return float(robot.wheel_angles[self.wheel])
+
+    def _find_joint(self, robot: RobotDescription) -> str | None:
+        """The joint of the link that carries it, if that is not the link of a wheel."""
+        if self.link is None or self.parameters.raw("wheel") is not None:
+            return None
+        found = robot.find_link(self.link)
+        if found is None:
+            return None
+        actuator, number = found
+        return actuator.links[number - 1].joint
 
     def _find_wheel(self, robot: RobotDescription) -> int:
         names = [wheel.name.lower() for wheel in robot.driven_wheels]

@@ -239,7 +239,6 @@ def write_robots(folder: Path) -> Path:
 
 def _rover() -> str:
     names = ["GndTruth", "InsTest", "TachTest", "W1", "W2", "battery", "Odometer", "Camera"]
-    names += [f"{end}{number}" for end in "FR" for number in range(1, 9)]
     return (
         f'name = "{ROVER}"\nextends = "P3AT"\nwithout = {json.dumps(names)}\nsensor = [\n'
         f'  {{ type = "SICK", name = "lms200", position = [{LASER[0]}, 0, -0.2], '

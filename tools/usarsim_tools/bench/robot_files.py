@@ -23,6 +23,7 @@ __all__ = [
     "SURVEYOR",
     "SURVEYOR_CAMERAS",
     "scouts",
+    "sonars",
     "write_class",
     "write_scouts",
 ]
@@ -41,15 +42,33 @@ SCOUT_SENSORS = (
     f"a SICK of {BEAMS} beams at {1.0 / LASER_PERIOD:g} Hz, 8 sonars, odometry, INS, ground truth"
 )
 
-_DROPPED = ("TachTest", "W1", "W2", "battery", *(f"R{number}" for number in range(1, 9)))
+_DROPPED = ("TachTest", "W1", "W2", "battery")
 """What the shipped class carries besides."""
-_KEPT = ("GndTruth", "InsTest", LASER_NAME, "Odometer", *(f"F{number}" for number in range(1, 9)))
+_KEPT = ("GndTruth", "InsTest", LASER_NAME, "Odometer")
 _CAMERA = "Camera"
 _LASER = (
     f'{{ type = "SICK", name = "{LASER_NAME}", position = [0.2085, 0, -0.2], '
     f"interval = {LASER_PERIOD:g} }}"
 )
 _PLACE = "position = [0.1005, 0, -0.42]"
+_HALF_RING = (
+    (0.147, 0.136, 90.0),
+    (0.193, 0.119, 50.0),
+    (0.227, 0.079, 30.0),
+    (0.245, 0.027, 10.0),
+)
+"""Sonars of one side of the front ring of the real machine: x, |y|, m; |heading|, degrees."""
+
+
+def sonars(keys: str = "") -> list[str]:
+    """Tables of the front ring, F1 to F8, with further keys."""
+    left = [(x, -y, -heading) for x, y, heading in _HALF_RING]
+    ring = [*left, *((x, -y, -heading) for x, y, heading in reversed(left))]
+    return [
+        f'{{ type = "Sonar", name = "F{number}", position = [{x}, {y}, -0.06], '
+        f"rotation = [0, 0, {math.radians(heading):.6f}]{keys and ', '}{keys} }}"
+        for number, (x, y, heading) in enumerate(ring, start=1)
+    ]
 
 
 def write_class(
@@ -82,9 +101,11 @@ def write_class(
 
 def write_scouts(folder: Path) -> None:
     """Write the files of `SCOUT`, `CAMERA_SCOUT` and `SURVEYOR` into a folder."""
-    write_class(folder, SCOUT, without=(*_DROPPED, _CAMERA), sensors=[_LASER])
+    write_class(folder, SCOUT, without=(*_DROPPED, _CAMERA), sensors=[_LASER, *sonars()])
     camera = f'{{ name = "{_CAMERA}", {_PLACE}, rate = {CAMERA_RATE:g} }}'
-    write_class(folder, CAMERA_SCOUT, without=_DROPPED, sensors=[_LASER], cameras=[camera])
+    write_class(
+        folder, CAMERA_SCOUT, without=_DROPPED, sensors=[_LASER, *sonars()], cameras=[camera]
+    )
     around = [
         f'{{ name = "View{number}", {_PLACE}, rotation = [0, 0, {turn:.4f}] }}'
         for number in range(SURVEYOR_CAMERAS)

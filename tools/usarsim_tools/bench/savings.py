@@ -23,6 +23,7 @@ from usarsim_tools.bench.robot_files import (
     SURVEYOR,
     SURVEYOR_CAMERAS,
     scouts,
+    sonars,
     write_class,
 )
 from usarsim_tools.bench.thread_cost import ROLES, Cost, Team, Watching, measure_cost
@@ -41,14 +42,8 @@ FIXED, MOVABLE = 100, 50
 USUAL, SURVEYED, BOXED = "as it is", "cameras as they are", "boxes as they are"
 """What changes are compared with."""
 
-_SONARS = (
-    *(("F1", (0.147, -0.136), -1.570796), ("F2", (0.193, -0.119), -0.872665)),
-    *(("F3", (0.227, -0.079), -0.523599), ("F4", (0.245, -0.027), -0.174533)),
-    *(("F5", (0.245, 0.027), 0.174533), ("F6", (0.227, 0.079), 0.523599)),
-    *(("F7", (0.193, 0.119), 0.872665), ("F8", (0.147, 0.136), 1.570796)),
-)
-"""Those of the shipped class: name, place in the plane, heading (wire frame)."""
-_NAMES = tuple(name for name, _, _ in _SONARS)
+_NAMES = tuple(f"F{number}" for number in range(1, 9))
+"""Sonars of a scout."""
 _OTHERS = (("GroundTruth", "GndTruth"), ("INS", "InsTest"), ("Odometry", "Odometer"))
 _INSTRUMENT = "usarsim_server.validation.teams"
 _SHOWN_ERRORS = 2000
@@ -128,10 +123,10 @@ def write_variants(folder: Path) -> None:
     write_class(folder, "SlowLaser", parent=SCOUT, sensors=[_laser("interval = 0.2")])
     few = _laser(f"interval = 0.1, {beam_keys(91)}")
     write_class(folder, "FewBeams", parent=SCOUT, sensors=[few])
-    write_class(folder, "SlowSonars", parent=SCOUT, sensors=_sonars("interval = 0.5"))
-    write_class(folder, "ThinSonars", parent=SCOUT, sensors=_sonars("cones = 0"))
+    write_class(folder, "SlowSonars", parent=SCOUT, sensors=sonars("interval = 0.5"))
+    write_class(folder, "ThinSonars", parent=SCOUT, sensors=sonars("cones = 0"))
     write_class(
-        folder, "FineSonars", parent=SCOUT, sensors=_sonars("cones = 10, rays_per_cone = 16")
+        folder, "FineSonars", parent=SCOUT, sensors=sonars("cones = 10, rays_per_cone = 16")
     )
     write_class(folder, "NoSonars", parent=SCOUT, without=_NAMES)
     slow = [f'{{ type = "{kind}", name = "{name}", interval = 1.0 }}' for kind, name in _OTHERS]
@@ -142,14 +137,6 @@ def write_variants(folder: Path) -> None:
 
 def _laser(keys: str) -> str:
     return f'{{ type = "SICK", name = "{LASER_NAME}", {_BASE}, {keys} }}'
-
-
-def _sonars(keys: str) -> list[str]:
-    return [
-        f'{{ type = "Sonar", name = "{name}", position = [{x}, {y}, -0.06], '
-        f"rotation = [0, 0, {heading}], {keys} }}"
-        for name, (x, y), heading in _SONARS
-    ]
 
 
 def teams(robots: int, classes: Path, world: str, folder: Path) -> list[Change]:
