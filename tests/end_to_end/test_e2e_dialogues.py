@@ -65,7 +65,7 @@ def test_a_ros_like_client_configures_itself(connect: Callable[[], ScriptedClien
     poses = client.read_line()
     assert poses.startswith("NFO {StartPoses ")
     streamed: dict[str, str] = {}
-    while len(streamed) < 7:
+    while len(streamed) < 6:
         line = client.read_line()
         if line.startswith("CONF {Type Camera}"):
             assert not streamed, "or it would look like the answer to a question"

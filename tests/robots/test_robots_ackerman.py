@@ -201,9 +201,9 @@ def test_the_percent_flag_sticks_in_udk_only() -> None:
     driver = Driver(FRONT, UDK)
     driver.send(speed=50.0, normalized=True, **whole)
     assert driver.machine.wheels is not None
-    assert driver.machine.wheels[0] == pytest.approx(0.4)
+    assert driver.machine.wheels[0] == pytest.approx(0.28)
     driver.send(speed=25.0, **whole)
-    assert driver.machine.wheels[0] == pytest.approx(0.2)
+    assert driver.machine.wheels[0] == pytest.approx(0.14)
     driver.send(speed=0.3, normalized=False, **whole)
     assert driver.machine.wheels[0] == pytest.approx(0.3)
     driver = Driver(FRONT)

@@ -1,9 +1,9 @@
 """What GEO and CONF announce is what the body does: all driven classes at once, on one floor.
 
-Clients reckon with WheelRadius times MaxSpeed, and believe odometry (protocol reference 3.4.1, checks
-131 and 132; robots reference 5.1 #19, 5.4 #79). Every class is driven straight at its announced
-limit, or at 3 m/s if that is less, by a client that commands more than the limit where it is driven
-at it. Turns are compared where wheels do not slip sideways: with two driven wheels.
+Clients reckon with WheelRadius times MaxSpeed, and believe odometry (protocol reference 3.4.1,
+checks 131 and 132; robots reference 5.1 #19, 5.4 #79). Every class is driven straight at its
+announced limit, or at 3 m/s if that is less, by a client that commands twice the limit where it is
+driven at it. Turns are compared where wheels do not slip sideways: with two driven wheels.
 """
 
 from __future__ import annotations
@@ -19,9 +19,7 @@ from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.roster import load_roster
 from usarsim_server.testing import Rehearsal, RehearsedClient
 
-DRIVEN = {
-    robot.name: robot for robot in load_roster().descriptions() if robot.wheels
-}
+DRIVEN = {robot.name: robot for robot in load_roster().descriptions() if robot.wheels}
 STRAIGHT, TURNING = sorted(DRIVEN), sorted(n for n, r in DRIVEN.items() if r.kind == "differential")
 FASTEST = 3.0
 """m/s; beyond it only a part of the limit is tried."""
@@ -106,8 +104,8 @@ class Driver:
         """Note place, heading and odometry as the newest lines tell them."""
         said = self.client.take("SEN")
         truth = [line for line in said if "{Type GroundTruth}" in line]
-        place = vector(truth[-1], "Location") + [vector(truth[-1], "Orientation")[2]]
-        place.append(number(truth[-1], "Time"))
+        location, heading = vector(truth[-1], "Location"), vector(truth[-1], "Orientation")[2]
+        place = [*location, heading, number(truth[-1], "Time")]
         odometry = [line for line in said if "{Type Odometry}" in line]
         pose = vector(odometry[-1], "Pose") if odometry else []
         self.told = {"now": (place, pose), "before": self.told.get("now", (place, pose))}

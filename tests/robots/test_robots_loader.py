@@ -84,8 +84,9 @@ def test_report_follows_from_wheels_and_masses(tmp_path: Path) -> None:
     report = load(tmp_path).report
     assert report.wheel_radius == 0.1
     assert report.track_width == 0.3
-    assert report.wheel_base == 0.0
-    assert report.dimensions == (0.0, 0.3, 0.0)
+    # From the axle of the wheels to that of the caster.
+    assert report.wheel_base == 0.15
+    assert report.dimensions == (0.15, 0.3, 0.0)
     assert report.mass == 6.2
     assert report.max_speed == 5.0
     assert report.max_torque == 50000.0
@@ -328,7 +329,7 @@ def test_variant_with_other_wheels_announces_them(tmp_path: Path) -> None:
     variant = load_variant(tmp_path, {"wheel": wheels}, report={"dimensions": [1, 1, 1]})
     assert variant.report.wheel_radius == 0.2
     assert variant.report.track_width == 0.5
-    assert variant.report.dimensions == (0.0, 0.5, 0.0)
+    assert variant.report.dimensions == (0.15, 0.5, 0.0)
     assert variant.rest_height == 0.25
 
 

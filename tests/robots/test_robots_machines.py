@@ -113,12 +113,13 @@ def test_exact_aliases(tmp_path: Path) -> None:
 
 UDK_WHEELED = {
     "BasicSkidRobot": (1.152, 0.6, 0.128, 1.4),
-    "CasterSkidRobot": (1.152, 0.0, 0.128, 1.5),
-    "Kiva4Wheel": (0.648, 0.0, 0.098, 1.8),
+    "CasterSkidRobot": (1.152, 0.684, 0.128, 1.5),
+    "Kiva4Wheel": (0.648, 0.864, 0.098, 1.8),
     "BasicAckermanRobot": (1.152, 0.6, 0.128, 1.4),
     "FrontAckerman": (0.452, 0.956, 0.128, 0.56),
 }
-"""Track, base, declared radius, announced wheel limit (robots reference 1.2, 1.4)."""
+"""Track, base, declared radius, announced wheel limit (robots reference 1.2, 1.4); where there are
+two driven wheels, the base is that to the casters."""
 
 
 @pytest.mark.parametrize("name", UDK_WHEELED)

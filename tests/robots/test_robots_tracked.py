@@ -182,6 +182,7 @@ def test_tracks_are_read(tmp_path: Path) -> None:
         ({"rest_height": 0.5}, "the tracks touch the floor at 0.1"),
         ({"wheel": None}, "no driven wheel on the left"),
         ({"report": {"wheel_base": 1.0}}, "leave it out"),
+        ({"report": {"wheel_radius": 0.2}}, "leave it out"),
     ],
 )
 def test_bad_tracks(tmp_path: Path, changes: dict[str, Any], words: str) -> None:
@@ -197,14 +198,14 @@ def test_other_kinds_have_no_tracks(tmp_path: Path) -> None:
 
 
 def test_variants_inherit_belts(tmp_path: Path) -> None:
-    """A faster Kenaf is a Kenaf to the physics, with its declared radius; one with other belts
-    is not."""
+    """A faster Kenaf is a Kenaf to the physics, with the radius of its sprockets; one with
+    other belts is not."""
     fast = load_robot(
         write(tmp_path, "Fast", {"extends": "Kenaf", "drive": {"max_wheel_speed": 12.0}})
     )
     assert fast.model == "Kenaf"
     assert fast.gear == shipped("Kenaf").gear
-    assert fast.report.wheel_radius == 0.2
+    assert fast.report.wheel_radius == 0.09
     other = load_robot(write(tmp_path, "Other", {"extends": "Kenaf", "track": [LEFT, RIGHT]}))
     assert other.model == "Other"
     assert len(gear(other).tracks) == 2
@@ -371,14 +372,15 @@ def test_aliases() -> None:
     assert shipped("crawler_robot_b").model == "crawler_robot"
 
 
-def test_kenaf_says_what_the_original_said() -> None:
-    """Robots reference 1.3: radius 0.2 as declared, mass 24, MaxTorque 0.15, base and separation
-    of the main wheels, in both dialects."""
+def test_kenaf_says_what_its_body_does() -> None:
+    """Robots reference 1.3: mass 24, MaxTorque 0.15, base and separation of the main wheels, in
+    both dialects; the radius of its belts, not the inherited 0.2, since clients reckon with it
+    (protocol check 132)."""
     robot = shipped("Kenaf")
     family = family_of(robot)
     for dialect in Dialect:
         geo, conf = family.geometry(robot, dialect), family.configuration(robot, dialect)
-        for words in ("{Dimensions 0.4000,0.2200,0", "{WheelRadius 0.2000}"):
+        for words in ("{Dimensions 0.4000,0.2200,0", "{WheelRadius 0.0900}"):
             assert words in geo
         assert "{WheelSeparation 0.2200} {WheelBase 0.4000}" in geo
         for words in ("{SteeringType SkidSteered}", "{Mass 24.0000}", "{MaxTorque 0.1500}"):
@@ -577,7 +579,7 @@ def test_crawler_appears_with_raised_flippers() -> None:
 
 def test_drive_and_odometry() -> None:
     """#22, #34: Kenaf goes at its belts' speed and turns clockwise with the left side faster; its
-    odometry reckons with the announced radius, as the original's did."""
+    odometry tells the way that it has gone."""
     with Rehearsal(world="empty") as stage:
         client = stage.connect()
         client.send("INIT {ClassName Kenaf} {Location 0,0,-0.09}")
@@ -590,7 +592,7 @@ def test_drive_and_odometry() -> None:
         x = location(truth)[0]
         assert x == pytest.approx(4.0 * 3 * 0.09, rel=0.03)
         odometry = re.findall(r"\{Type Odometry\}.*?\{Pose ([-\d.]+),", "\n".join(truth))
-        assert float(odometry[-1]) == pytest.approx(x * 0.2 / 0.09, rel=0.01)
+        assert float(odometry[-1]) == pytest.approx(x, rel=0.05)
         client.send("DRIVE {Left 100} {Right -100} {Normalized True}")
         stage.run(1.0)
         yaw = orientation(client.take("SEN"))[2]

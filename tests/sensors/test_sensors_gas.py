@@ -22,15 +22,19 @@ def density(stage: Stage, x: float = 0.0, **rest: Any) -> float:
 
 
 def test_density_rises_on_the_way_to_a_victim() -> None:
-    """Checklist 109: monotonically, and to zero digits far away."""
+    """Checklist 109: monotonically, on the wire, too, and zero far away."""
     stage = Stage(person("Ann", 0.0, co2=0.05))
     found = [density(stage, -x) for x in (30.0, 8.0, 4.0, 2.0, 1.0, 0.5, 0.3)]
     assert found == sorted(found)
     assert len(set(found)) == len(found)
     sensor, robot = stage.make("CO2Sensor"), FakeRobot()
-    robot.place((-4.0, 0.0, 0.0))
-    stage.read(sensor, robot)
-    assert dict(sensor.data(UT2004))["Density"] == "0.00"
+    told = []
+    for distance in (40.0, 10.0, 8.0, 6.0, 4.0, 2.75, 2.0):
+        robot.place((-distance, 0.0, 0.0))
+        stage.read(sensor, robot)
+        told.append(dict(sensor.data(UT2004))["Density"])
+    assert told[0] == "0.0000"
+    assert sorted(set(map(float, told))) == list(map(float, told))
 
 
 def test_density_falls_with_the_square_of_the_distance() -> None:
@@ -83,10 +87,10 @@ def test_noise_and_ambient_air() -> None:
 
 
 def test_the_form_of_the_line() -> None:
-    """Protocol reference 4.6 and checklist 96: Gas, Density with two digits, no Time in ut2004."""
+    """Protocol reference 4.6 and checklist 96: Gas, Density with four digits, no Time in ut2004."""
     stage = Stage()
     sensor = stage.make("CO2Sensor", "CO2", ambient=0.04)
     stage.read(sensor)
-    data = "{Type CO2Sensor} {Name CO2} {Gas CO2} {Density 0.04}"
+    data = "{Type CO2Sensor} {Name CO2} {Gas CO2} {Density 0.0400}"
     assert sen_lines([sensor], 5.0, UT2004) == [f"SEN {data}"]
     assert sen_lines([sensor], 5.0, UDK) == [f"SEN {{Time 5.0000}} {data}"]

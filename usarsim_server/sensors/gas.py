@@ -56,5 +56,5 @@ class Co2Sensor(Sensor):
         return True
 
     def data(self, dialect: Dialect) -> tuple[Segment, ...]:
-        """Gas and Density, two digits."""
-        return (("Gas", "CO2"), ("Density", fixed(self.density, 2)))
+        """Gas and Density, four digits: with two a person would be nothing beyond 2.75 m."""
+        return (("Gas", "CO2"), ("Density", fixed(self.density, 4)))

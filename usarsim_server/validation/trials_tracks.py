@@ -99,13 +99,9 @@ def ground_speed(stage: Stage, seconds: float = 3.0) -> float:
 
 
 def belt_ratio(stage: Stage, seconds: float) -> tuple[float, float]:
-    """Turn in place with the belts at `RUN`: yaw rate over the differential one, and hop (m).
-
-    The announced wheel radius may be another one than that of the sprockets.
-    """
+    """Turn in place with the belts at `RUN`: yaw rate over the differential one, and hop (m)."""
     turn = turn_in_place(stage, spin(stage), seconds)
-    announced = stage.robot.report.wheel_radius
-    return turn.ratio * announced / stage.robot.driven_wheels[0].radius, turn.hop
+    return turn.ratio, turn.hop
 
 
 def speed(shop: Workshop, steps: Steps) -> Results:

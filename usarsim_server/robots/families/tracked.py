@@ -22,9 +22,7 @@ from numpy.typing import NDArray
 
 from usarsim_server.robots.description import (
     ActuatorDescription,
-    DriveDescription,
     RobotDescription,
-    RobotReport,
     Wheel,
 )
 from usarsim_server.robots.families.registry import register_family
@@ -77,23 +75,6 @@ class Tracked(WheeledFamily):
     def support(self, gear: object | None, actuators: Sequence[ActuatorDescription]) -> float:
         """Tracks are what it stands on."""
         return -min(lowest(track, actuators) for track in _tracks(gear))
-
-    def report(
-        self,
-        table: TableReader,
-        wheels: Sequence[Wheel],
-        actuators: Sequence[ActuatorDescription],
-        mass: float,
-        drive: DriveDescription,
-        parent: RobotDescription | None,
-    ) -> RobotReport:
-        """As of wheels, but WheelRadius may be announced otherwise than the belts move."""
-        old = parent.report.wheel_radius if parent is not None else None
-        if parent is not None and parent.wheels != tuple(wheels):
-            old = None
-        radius = table.number("wheel_radius", old or wheels[0].radius, low=1e-4, high=100.0)
-        report = super().report(table, wheels, actuators, mass, drive, parent)
-        return replace(report, wheel_radius=radius)
 
     def finish(self, robot: RobotDescription) -> RobotDescription:
         """Wheel separation and base are those of the tracks."""

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import ClassVar
 
 from usarsim_server.protocol import messages
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
+from usarsim_server.robots import parts
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.drive import WheelDrive
 from usarsim_server.robots.families.base import Conduct, Family, Machine, StatusFacts
@@ -93,3 +95,17 @@ class WheeledFamily(Family):
 @register_family("skid_steer", "differential")
 class SkidSteer(WheeledFamily):
     """All wheels of a side turn alike; two driven wheels and casters are a special case."""
+
+    def finish(self, robot: RobotDescription) -> RobotDescription:
+        """The wheel base is that of all it stands on: casters count."""
+        old = robot.report
+        places = [parts.wheel_place(wheel, robot.actuators)[0] for wheel in robot.driven_wheels]
+        places += [caster.position[0] for caster in robot.casters]
+        base = round(max(places) - min(places), 9)
+        derived = old.dimensions == (old.wheel_base, old.track_width, 0.0)
+        report = replace(
+            old,
+            wheel_base=base,
+            dimensions=(base, old.track_width, 0.0) if derived else old.dimensions,
+        )
+        return replace(robot, report=report)
