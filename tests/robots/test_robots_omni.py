@@ -18,6 +18,8 @@ from usarsim_server.testing import Rehearsal
 
 LISA = next(robot for robot in load_roster().descriptions() if robot.name == "Lisa")
 LIMIT = 8.33
+ROLLS = math.nan
+"""Speed of a wheel that has not been named yet."""
 
 
 def wheels(*groups: tuple[int, float | None, float | None]) -> dict[str, object]:
@@ -30,13 +32,13 @@ def test_named_wheels_only(dialect: Dialect) -> None:
     """A group drives and steers the wheel that it names, the others keep what they had (150)."""
     driver = Driver(LISA, dialect)
     assert driver.send(**wheels((0, 1.0, 0.5), (2, 2.0, None)))
-    assert driver.machine.wheels == pytest.approx([1.0, 0.0, 2.0, 0.0])
+    assert driver.machine.wheels == pytest.approx([1.0, ROLLS, 2.0, ROLLS], nan_ok=True)
     assert driver.machine.positions == pytest.approx({"LeftFSteer": 0.5})
     assert driver.send(**wheels((2, None, -0.3)))
-    assert driver.machine.wheels == pytest.approx([1.0, 0.0, 2.0, 0.0])
+    assert driver.machine.wheels == pytest.approx([1.0, ROLLS, 2.0, ROLLS], nan_ok=True)
     assert driver.machine.positions == pytest.approx({"LeftFSteer": 0.5, "LeftRSteer": -0.3})
     assert driver.send(**wheels((3, -1.0, None)))
-    assert driver.machine.wheels == pytest.approx([1.0, 0.0, 2.0, -1.0])
+    assert driver.machine.wheels == pytest.approx([1.0, ROLLS, 2.0, -1.0], nan_ok=True)
 
 
 def test_numbers_out_of_range_are_ignored() -> None:
@@ -44,7 +46,7 @@ def test_numbers_out_of_range_are_ignored() -> None:
     driver = Driver(LISA)
     assert not driver.send(**wheels((4, 1.0, 1.0), (-1, 1.0, 1.0), (10**9, 1.0, 1.0)))
     assert driver.send(**wheels((99, 1.0, 1.0), (1, 1.5, None)))
-    assert driver.machine.wheels == pytest.approx([0.0, 1.5, 0.0, 0.0])
+    assert driver.machine.wheels == pytest.approx([ROLLS, 1.5, ROLLS, ROLLS], nan_ok=True)
 
 
 def test_percent_and_limits() -> None:
@@ -53,7 +55,8 @@ def test_percent_and_limits() -> None:
     driver.send(
         **wheels((0, 50.0, 0.5), (1, 1e9, 99.0), (2, -math.inf, -math.inf)), normalized=True
     )
-    assert driver.machine.wheels == pytest.approx([LIMIT / 2, LIMIT, -LIMIT, 0.0])
+    expected = [LIMIT / 2, LIMIT, -LIMIT, ROLLS]
+    assert driver.machine.wheels == pytest.approx(expected, nan_ok=True)
     assert driver.machine.positions["LeftFSteer"] == pytest.approx(0.5)
     assert driver.machine.positions["RightFSteer"] == pytest.approx(3.1416)
     assert driver.machine.positions["LeftRSteer"] == pytest.approx(-3.1416)
@@ -116,6 +119,29 @@ def test_reports() -> None:
     line = Driver(LISA).status({"LeftFSteer": 0.5})
     assert "{FrontSteer 0.0000} {RearSteer 0.0000}" in line
     assert "LeftFSteer" not in line
+
+
+@pytest.mark.parametrize("driven", [(0, 1), (2, 3), (0, 3), (0,)])
+def test_some_wheels_are_enough(driven: tuple[int, ...]) -> None:
+    """150: clients drive wheels 0 and 1 only; the others roll along instead of holding it back.
+
+    A stop, and a speed of zero, brake the wheels that are told so.
+    """
+    with Rehearsal(world="empty") as stage:
+        client = stage.connect()
+        client.send("INIT {ClassName USARBot.Lisa} {Location 0,0,-0.1}")
+        client.send("DRIVE " + "".join(f"{{WheelNumber {n}}} {{WheelSpeed 4}} " for n in driven))
+        vehicle = stage.assembly.fleet.vehicles[0]
+        stage.run(2.0)
+        state = vehicle.look()
+        assert state is not None
+        assert state.linear_velocity[0] == pytest.approx(4.0 * 0.06, rel=0.01)
+        assert state.wheel_speeds == pytest.approx([4.0] * 4, rel=0.01)
+        client.send("DRIVE " + "".join(f"{{WheelNumber {n}}} {{WheelSpeed 0}} " for n in range(4)))
+        stage.run(1.0)
+        state = vehicle.look()
+        assert state is not None
+        assert abs(state.linear_velocity[0]) < 1e-3
 
 
 def test_it_goes_sideways() -> None:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 
+import mujoco
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from law_fakes import axes, command, engine_of, place, spin, submarine, velocity
-from sim_fakes import run
+from sim_fakes import floor, run
 
+from usarsim_server.simulation.bounds import add_bounds
 from usarsim_server.simulation.diving import SLOW, WATER, Hull
 
 STEPS = (0.001, 0.002, 0.004, 0.005)
@@ -39,6 +41,22 @@ def test_its_speed_is_where_thrust_and_drag_are_equal(timestep: float) -> None:
     turns = 40.0 / (2.0 * math.pi)
     thrust = hull.thrust * WATER * turns**2 * hull.diameter**4
     assert 0.5 * WATER * hull.drag[0] * speed * (speed + SLOW) == pytest.approx(thrust, rel=0.02)
+
+
+def test_it_stays_in_the_world() -> None:
+    """At full speed against the edge of the world's box it stops there, and can turn back."""
+
+    def boxed() -> mujoco.MjSpec:
+        spec = floor()()
+        add_bounds(spec, (-8.0, -8.0, -1.0), (8.0, 8.0, 5.0))
+        return spec
+
+    engine = engine_of(submarine(), scenery=boxed)
+    command(engine, 40.0, 0.0, 0.0, seconds=40.0)
+    assert place(engine)[0] == pytest.approx(8.0, abs=0.4)
+    assert abs(velocity(engine)[0]) < 0.01
+    command(engine, -40.0, 0.0, 0.0, seconds=8.0)
+    assert place(engine)[0] < 6.0
 
 
 def test_it_coasts_to_a_halt() -> None:

@@ -10,8 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from law_fakes import aircraft, axes, command, engine_of, place, spin, velocity
-from sim_fakes import add_box, floor, run
+from sim_fakes import add_box, floor, pose_at, run
 
+from usarsim_server.simulation.bounds import add_bounds
 from usarsim_server.simulation.flight import FlightLimits
 
 STEPS = (0.001, 0.002, 0.004, 0.005)
@@ -37,6 +38,42 @@ def test_it_reaches_what_it_is_told(timestep: float) -> None:
     assert velocity(engine) == pytest.approx((2.0, 0.0, 0.0), abs=0.02)
     command(engine, 0.0, 0.0, 0.0, math.radians(100.0), *LEVEL, seconds=2.5)
     assert math.degrees(spin(engine)[2]) == pytest.approx(100.0, rel=0.01)
+
+
+def boxed() -> mujoco.MjSpec:
+    """A world of 5 m to every side, from 1 m below to 4 m above, without a floor."""
+    spec = mujoco.MjSpec()
+    add_bounds(spec, (-5.0, -5.0, -1.0), (5.0, 5.0, 4.0))
+    return spec
+
+
+@pytest.mark.parametrize(
+    ("values", "aim"),
+    [
+        ((2.0, 0.0, 0.0), (5.0, 0.0, 2.0)),
+        ((-100.0, 0.0, 0.0), (-5.0, 0.0, 2.0)),
+        ((1.0, -1.0, 0.0), (5.0, -5.0, 2.0)),
+        ((0.0, 0.0, 100.0), (0.0, 0.0, 4.0)),
+        ((0.0, 0.0, -100.0), (0.0, 0.0, -0.5)),
+    ],
+)
+def test_it_stays_in_the_world(
+    values: tuple[float, float, float], aim: tuple[float, float, float]
+) -> None:
+    """However fast it is told to leave the box of the world, it stops at the edge and obeys."""
+    engine = engine_of(aircraft(), scenery=boxed)
+    command(engine, *values, *LEVEL, 0.0, seconds=12.0)
+    np.testing.assert_allclose(place(engine), aim, atol=0.05)
+    command(engine, *(-0.5 * np.sign(values)), *LEVEL, 0.0, seconds=2.0)
+    assert np.linalg.norm(place(engine) - aim) > 0.5
+
+
+def test_it_comes_back_into_the_world() -> None:
+    """One that was pushed out of the box returns by itself."""
+    engine = engine_of(aircraft(), scenery=boxed)
+    engine.teleport(0, pose_at(9.0, 0.0, 2.0))
+    run(engine, 8.0)
+    np.testing.assert_allclose(place(engine), (5.0, 0.0, 2.0), atol=0.05)
 
 
 @pytest.mark.parametrize(

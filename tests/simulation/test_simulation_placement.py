@@ -126,17 +126,6 @@ class TestRefused:
         with pytest.raises(SpawnError, match="finite"):
             find(fresh(), 0, pose)
 
-    @pytest.mark.parametrize("place", [(20.1, 0.0), (0.0, -20.1), (1e9, 1e9), (0.0, 0.0, 20.1)])
-    def test_outside_the_world(self, place: tuple[float, ...]) -> None:
-        """A pose outside the box of the world is refused, and the message says where it was."""
-        with pytest.raises(SpawnError, match=r"outside the world"):
-            find(fresh(), 0, pose_at(*place))
-
-    def test_below_a_world_without_floor(self) -> None:
-        """Below the lowest allowed height there is nothing to be lifted to."""
-        with pytest.raises(SpawnError, match="outside"):
-            find(fresh(slab(0.2)), 0, pose_at(0.0, 0.0, -11.0))
-
     def test_no_room_anywhere(self) -> None:
         """Deep inside a massive block there is no free place; the search ends with an error."""
 
@@ -147,6 +136,45 @@ class TestRefused:
 
         with pytest.raises(SpawnError, match="no free place"):
             find(fresh(rock), 0, pose_at(0.0, 0.0, 0.0))
+
+
+class TestOutside:
+    """Poses outside the box of the world: the nearest place inside is taken, and the log says so."""
+
+    @pytest.mark.parametrize(
+        ("place", "expected"),
+        [
+            ((20.1, 0.0, RADIUS), (20.0, 0.0, RADIUS)),
+            ((3.0, -1e9, RADIUS), (3.0, -20.0, RADIUS)),
+            ((1e9, -1e9, RADIUS), (20.0, -20.0, RADIUS)),
+            ((0.0, 0.0, 500.0), (0.0, 0.0, 20.0)),
+        ],
+    )
+    def test_nearest_place_inside(
+        self,
+        place: tuple[float, float, float],
+        expected: tuple[float, float, float],
+        caplog: pytest.LogCaptureFixture,
+    ) -> None:
+        """Every coordinate is taken to the edge of the box, and one line tells of it."""
+        assert find(fresh(), 0, pose_at(*place)).position == expected
+        assert [record.getMessage().count("outside the world") for record in caplog.records] == [1]
+
+    def test_ground_below(self) -> None:
+        """The box is larger than the floor: it starts where the floor begins, not over the void."""
+        x, y, z = find(fresh(slab(0.2)), 0, pose_at(1e4, 0.0, 0.5)).position
+        assert 14.5 < x <= 15.0
+        assert (y, z) == (0.0, 0.5)
+
+    def test_below_a_floor_of_finite_thickness(self) -> None:
+        """From below the box it is lifted onto the floor above."""
+        assert find(fresh(slab(0.2)), 0, pose_at(0.0, 0.0, -11.0)).position[2] > RADIUS
+
+    def test_inside_nothing_is_said(self, caplog: pytest.LogCaptureFixture) -> None:
+        """Below an endless floor is not outside; a robot in the box is left alone."""
+        find(fresh(), 0, pose_at(0.0, 0.0, -60.0))
+        find(fresh(), 0, pose_at(19.9, 0.0))
+        assert not caplog.records
 
 
 class TestBlocked:

@@ -5,7 +5,8 @@ flooded maps. Forces: thrust that grows with the square of the propeller's speed
 propeller theory with a constant coefficient), drag that grows with the square of the speed along
 each axis of the hull, lift of rudder and stern planes proportional to their angle and the square
 of the speed ahead, and a righting moment, because the weight hangs below the buoyancy.
-The hull is trimmed: thrust and drag act in the mass centre.
+The hull is trimmed: thrust and drag act in the mass centre. The edges of the world's box hold it
+back.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.simulation.bounds import Bounds
 from usarsim_server.simulation.frames import Vector
 from usarsim_server.simulation.free_body import FreeBody, dot
 from usarsim_server.simulation.laws import Law
@@ -31,6 +33,10 @@ of the stern planes that turn the nose down (rad)."""
 
 WATER = 1000.0
 """kg/m^3."""
+EDGE_RESPONSE = 0.2
+"""s: time constant with which the edge of the world takes away speed."""
+EDGE_BRAKING = 2.0
+"""m/s^2: so hard is it braked before the edge of the world."""
 SLOW = 0.05
 """m/s and rad/s added to the speed in the drag: without it nothing would ever come to rest."""
 
@@ -72,6 +78,7 @@ class Diving(Law):
             hull: see there.
         """
         self._body = FreeBody(model, base)
+        self._bounds = Bounds(model)
         self._hull = hull
         step = float(model.opt.timestep)
         # A step of drag can stop a body, but not throw it back.
@@ -92,10 +99,15 @@ class Diving(Law):
             for area, one in zip(self._hull.drag, speed, strict=True)
         ]
         along[0] += self._thrust()
+        held = self._bounds.hold(velocity, self._body.place(data), EDGE_RESPONSE, EDGE_BRAKING)
+        hold = self._body.mass / EDGE_RESPONSE
+        x, y, z = (
+            along[0] * axes[0][i] + along[1] * axes[1][i] + along[2] * axes[2][i] for i in range(3)
+        )
         force = (
-            along[0] * axes[0][0] + along[1] * axes[1][0] + along[2] * axes[2][0],
-            along[0] * axes[0][1] + along[1] * axes[1][1] + along[2] * axes[2][1],
-            along[0] * axes[0][2] + along[1] * axes[1][2] + along[2] * axes[2][2],
+            x + hold * (held[0] - velocity[0]),
+            y + hold * (held[1] - velocity[1]),
+            z + hold * (held[2] - velocity[2]),
         )
         # Astern the water meets the planes from behind, and they turn the hull the other way.
         steering = 0.5 * WATER * speed[0] * abs(speed[0]) * self._hull.plane * self._hull.arm

@@ -236,15 +236,15 @@ class Engine:
         return True
 
     def drive(self, robot: int, targets: Array) -> None:
-        """Set wheel speed targets (rad/s, part order) and wake the robot.
+        """Set wheel speed targets (rad/s, part order; NaN: rolls freely) and wake the robot.
 
         Raises:
-            ValueError: if a target is not a sane number or their count is wrong.
+            ValueError: if a target is beyond all sense or their count is wrong.
         """
         slot = self._active.get(robot)
         if slot is None:
             return
-        if not (np.abs(targets) < SPEED_LIMIT).all():
+        if (np.abs(targets) >= SPEED_LIMIT).any():
             raise ValueError(f"wheel speed targets out of bounds: {targets}")
         self._servos.command(slot, targets)
         self._note_driven(slot)

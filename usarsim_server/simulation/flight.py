@@ -3,7 +3,8 @@
 The original imposed velocity and orientation on its aircraft and had no gravity for them (robots
 reference 1.5, 4.8). Here a force and a torque of limited size do the same, so that an aircraft
 meets walls and other robots as a body, leaves a wall as soon as it is told to, and carries no
-integrator that could wind up. The model balances the weight (`gravcomp`).
+integrator that could wind up. The model balances the weight (`gravcomp`). It stays in the box of
+the world.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.simulation.bounds import Bounds
 from usarsim_server.simulation.frames import Vector
 from usarsim_server.simulation.free_body import FreeBody, Motion, cross, dot
 from usarsim_server.simulation.laws import Law
@@ -62,6 +64,7 @@ class VelocityHold(Law):
             limits: see there.
         """
         self._body = FreeBody(model, base)
+        self._bounds = Bounds(model)
         self._limits = limits
         self._most = limits.tilt_rate * float(model.opt.timestep)
         self._roll = self._pitch = 0.0
@@ -79,10 +82,17 @@ class VelocityHold(Law):
         (nose, _, _), velocity, _ = motion
         yaw = math.atan2(nose[1], nose[0])
         cosine, sine = math.cos(yaw), math.sin(yaw)
+        limits = self._limits
+        wanted = self._bounds.hold(
+            (forward * cosine - sideways * sine, forward * sine + sideways * cosine, up),
+            body.place(data),
+            limits.response,
+            limits.max_acceleration,
+        )
         missing = (
-            forward * cosine - sideways * sine - velocity[0],
-            forward * sine + sideways * cosine - velocity[1],
-            up - velocity[2],
+            wanted[0] - velocity[0],
+            wanted[1] - velocity[1],
+            wanted[2] - velocity[2],
         )
         self._roll += _within(roll - self._roll, self._most)
         self._pitch += _within(pitch - self._pitch, self._most)

@@ -36,6 +36,7 @@ class FreeBody:
         dof = int(model.body_dofadr[body])
         coordinates = int(model.jnt_qposadr[model.body_jntadr[body]])
         self._dofs = slice(dof, dof + 6)
+        self._place = slice(coordinates, coordinates + 3)
         self._quaternion = slice(coordinates + 3, coordinates + 7)
         self.mass = float(model.body_subtreemass[body])
         a, b, c = model.dof_M0[dof + 3 : dof + 6].tolist()
@@ -51,6 +52,11 @@ class FreeBody:
             (2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)),
         )
         return axes, (vx, vy, vz), (p, q, r)
+
+    def place(self, data: mujoco.MjData) -> Vector:
+        """Where its origin is, m."""
+        x, y, z = data.qpos[self._place].tolist()
+        return x, y, z
 
     def push(self, data: mujoco.MjData, motion: Motion, force: Vector, torque: Vector) -> None:
         """Push it until told otherwise.

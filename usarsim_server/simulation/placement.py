@@ -1,8 +1,9 @@
-"""Where a new robot may stand: silly poses are refused, blocked ones are moved a little.
+"""Where a new robot may stand: blocked places are moved a little, those outside the world to it.
 
 The original put robots exactly where they were told, inside walls too, and left the rest to
 physics. Here a robot that would start deeper than `TOLERATED` inside something is moved to the
-nearest free place, so that it can neither be shot out of a wall nor shove other robots aside.
+nearest free place, so that it can neither be shot out of a wall nor shove other robots aside. One
+that would start outside the box of the world starts at the nearest place inside, over ground.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import mujoco
 import numpy as np
 
 from usarsim_server.errors import SpawnError
+from usarsim_server.logs import Log
 from usarsim_server.simulation.courtesy import breathe
 from usarsim_server.simulation.frames import Pose, Vector
 from usarsim_server.simulation.model import SHELF_HEIGHT, CompiledWorld, root_qpos
@@ -30,7 +32,12 @@ RINGS = (0.0, 0.15, 0.3, 0.45, 0.6, 0.8, 1.0, 1.3, 1.6, 2.0, 2.5, 3.0)
 LIFTS = (0.05, 0.1, 0.25)
 """m: heights tried at every place of a ring that is blocked by scenery, such as a slope."""
 HIGH_LIFTS = (0.5, 1.0, 2.0, 3.0, 5.0)
+INWARD_STEP = 0.25
+"""m between two looks for ground on the way from the edge of the world to its middle."""
+MOST_LOOKS = 2000
 DIRECTIONS = 12
+
+_log = Log("simulation")
 
 
 class Placement:
@@ -57,18 +64,16 @@ class Placement:
         mujoco.mj_kinematics(self._model, self._data)
 
     def admit(self, pose: Pose, rest_height: float) -> Pose:
-        """A wanted pose, lifted above endless floors; needs no slot, so it comes before making one.
+        """A wanted pose, moved into the box of the world and lifted above endless floors.
+
+        It needs no slot, so it comes before making one.
 
         Raises:
-            SpawnError: if the pose is not finite or outside the world.
+            SpawnError: if the pose is not finite.
         """
         if not all(math.isfinite(value) for value in (*pose.position, *pose.quaternion)):
             raise SpawnError("the spawn pose is not finite")
-        grounded = self._above_floor(pose, rest_height)
-        if not self._inside(grounded):
-            x, y, z = grounded.position
-            raise SpawnError(f"the spawn position ({x:g}, {y:g}, {z:g}) is outside the world")
-        return grounded
+        return self._above_floor(self._moved_inside(pose), rest_height)
 
     def find(self, snapshot: Snapshot, slot: int, pose: Pose) -> Pose:
         """The wanted pose if it is free, else the nearest free one.
@@ -79,10 +84,17 @@ class Placement:
             pose: wanted pose of the reference point.
 
         Raises:
-            SpawnError: if the pose is not finite, outside the world, or everything near is full.
+            SpawnError: if the pose is not finite or everything near is full.
         """
         rest_height = self._world.slots[slot].rest_height
         grounded = self.admit(pose, rest_height)
+        if not self._inside(self._above_floor(pose, rest_height)):
+            grounded = self._over_ground(snapshot, grounded)
+            _log.warning(
+                "a place outside the world was asked for, taking the nearest inside",
+                wanted=pose.position,
+                to=grounded.position,
+            )
         grounded = self._above_slab(snapshot, grounded, rest_height)
         for place in filter(self._inside, _rings(grounded)):
             blocked, by_moving = self._overlap(snapshot, slot, place)
@@ -103,6 +115,33 @@ class Placement:
             low <= value <= high
             for low, value, high in zip(self._lower, pose.position, self._upper, strict=True)
         )
+
+    def _moved_inside(self, pose: Pose) -> Pose:
+        """The nearest pose in the box of the world."""
+        x, y, z = (
+            min(max(value, low), high)
+            for low, value, high in zip(self._lower, pose.position, self._upper, strict=True)
+        )
+        return Pose((x, y, z), pose.quaternion)
+
+    def _over_ground(self, snapshot: Snapshot, pose: Pose) -> Pose:
+        """The first pose on the way to the middle of the world that has ground below or above.
+
+        The box of a world is larger than its ground.
+        """
+        x, y, z = pose.position
+        ahead = [
+            (low + high) / 2.0 - value
+            for low, value, high in zip(self._lower, (x, y), self._upper, strict=False)
+        ]
+        looks = min(MOST_LOOKS, math.ceil(math.hypot(*ahead) / INWARD_STEP)) + 1
+        self._show(snapshot)
+        mujoco.mj_kinematics(self._model, self._data)
+        for share in np.linspace(0.0, 1.0, looks).tolist():
+            place = (x + share * ahead[0], y + share * ahead[1], z)
+            if math.isfinite(self._way(place, -1.0)) or math.isfinite(self._way(place, 1.0)):
+                return Pose(place, pose.quaternion)
+        return pose
 
     def _above_floor(self, pose: Pose, rest_height: float) -> Pose:
         """Lift a pose below an endless floor to its surface; no way leads there otherwise."""

@@ -43,6 +43,9 @@ class WheelServos:
         first = np.cumsum([0, *counts])
         self._span = [slice(int(a), int(b)) for a, b in pairwise(first)]
         self._dofs = _join([layout.wheel_dof for layout in world.layouts])
+        self._losses = world.model.dof_frictionloss
+        """Of the running model: 0 for a wheel that rolls freely."""
+        self._torques: Array = self._losses[self._dofs]
         self._angles = _join([layout.wheel_qpos for layout in world.layouts])
         self._timestep = float(world.model.opt.timestep)
         self._increment = np.repeat(_accelerations(world.slots), counts) * self._timestep
@@ -54,15 +57,19 @@ class WheelServos:
         self._idle = np.zeros(count)
         self._hold = np.full(count, np.nan)
         self._engaged = np.zeros(count, dtype=bool)
+        self._free = np.zeros(count, dtype=bool)
         self._steady = True
         self._speed = np.zeros(max(world.model.nv, world.model.ntendon))
         self._moving = False
         self._tendons = world.model.ntendon > 0
 
     def command(self, slot: int, targets: Array) -> None:
-        """Set the wheel speed targets (rad/s) of a slot, in part order."""
-        self._target[self._span[slot]] = targets
-        self._engaged[self._span[slot]] = True
+        """Set the wheel speed targets (rad/s; NaN: rolls freely) of a slot, in part order."""
+        span = self._span[slot]
+        self._target[span] = np.nan_to_num(targets, nan=0.0)
+        self._free[span] = np.isnan(targets)
+        self._engaged[span] = True
+        self._couple()
         self._steady = False
 
     def release(self, slot: int) -> None:
@@ -71,8 +78,13 @@ class WheelServos:
         for array in (self._target, self._setpoint, self._idle):
             array[span] = 0.0
         self._hold[span] = np.nan
-        self._engaged[span] = False
+        self._engaged[span] = self._free[span] = False
+        self._couple()
         self._steady = False
+
+    def _couple(self) -> None:
+        """Give every wheel its drive, or none."""
+        self._losses[self._dofs] = np.where(self._free, 0.0, self._torques)
 
     def targets(self, slot: int) -> Array:
         """Commanded wheel speeds of a slot (rad/s)."""
@@ -92,6 +104,7 @@ class WheelServos:
         """Go back to a copied state of this generation."""
         for array, kept in zip(self._arrays(), state, strict=True):
             array[:] = kept
+        self._couple()
         self._steady = False
 
     def inherit(self, older: WheelServos, slots: Sequence[int]) -> None:
@@ -103,10 +116,18 @@ class WheelServos:
             speed = older._speed[older._dofs[older._span[slot]]]
             self._speed[self._dofs[self._span[slot]]] = speed
         self._moving = bool(self._speed.any())
+        self._couple()
         self._steady = False
 
     def _arrays(self) -> tuple[NDArray[Any], ...]:
-        return self._target, self._setpoint, self._idle, self._hold, self._engaged
+        return (
+            self._target,
+            self._setpoint,
+            self._idle,
+            self._hold,
+            self._engaged,
+            self._free,
+        )
 
     def update(self, qpos: Array) -> None:
         """Advance all set points by one time step."""

@@ -193,10 +193,12 @@ class Simulation:
     def drive(self, robot: int, targets: NDArray[np.float64]) -> None:
         """Set wheel speed targets (rad/s, driven wheels in part order) at the next step.
 
+        A wheel whose target is not a number rolls freely.
+
         Raises:
-            ValueError: if a target is not finite.
+            ValueError: if a target is infinite.
         """
-        if not np.isfinite(targets).all():
+        if np.isinf(targets).any():
             raise ValueError(f"wheel speed targets must be finite: {targets}")
         self._mail.post(lambda: self._engine.drive(robot, targets))
 

@@ -259,7 +259,7 @@ class WorldDescription:
         origin: geographic origin.
         north: wire-frame yaw of map north, rad (0: the x axis points north).
         time_limit: minutes, told in the greeting; 0 means none.
-        lower, upper: corners of the box that robots may be in, m; outside it they are refused.
+        lower, upper: corners of the box that robots start in, and aircraft stay in, m.
         extra: remaining top-level tables, for rooms that come later.
     """
 

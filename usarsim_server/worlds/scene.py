@@ -11,6 +11,7 @@ from usarsim_server.data import data_directory
 from usarsim_server.errors import WorldError
 from usarsim_server.files import Folders, read_regular
 from usarsim_server.model_check import check_model
+from usarsim_server.simulation.bounds import add_bounds
 from usarsim_server.worlds.description import Surface, WorldDescription
 from usarsim_server.worlds.machine_bodies import add_machinery
 from usarsim_server.worlds.victims import add_victim
@@ -36,9 +37,9 @@ _LINE = re.compile(r"\bline (?:number=)?(\d+)", re.IGNORECASE)
 def build_scene(world: WorldDescription, *, allow_outside: bool = False) -> mujoco.MjSpec:
     """Read the scene of a world and put its victims and its machinery in.
 
-    The result compiles. Its extent and centre are fixed, so that parking robots far away does
-    not change clip planes and shadows of cameras; a scene without light is given some, one
-    without a sky a blue one.
+    The result compiles and knows the box of the world. Its extent and centre are fixed, so that
+    parking robots far away does not change clip planes and shadows of cameras; a scene without
+    light is given some, one without a sky a blue one.
 
     Args:
         world: whose scene it is.
@@ -62,6 +63,7 @@ def build_scene(world: WorldDescription, *, allow_outside: bool = False) -> mujo
         _add_light(spec)
     if all(texture.type != mujoco.mjtTexture.mjTEXTURE_SKYBOX for texture in spec.textures):
         _add_sky(spec)
+    add_bounds(spec, world.lower, world.upper)
     try:
         for victim in world.victims:
             add_victim(spec, victim)

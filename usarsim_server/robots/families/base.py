@@ -70,7 +70,10 @@ class Machine(Protocol):
         """Its class."""
 
     def drive(self, targets: Array) -> None:
-        """Set the wheel speed targets (rad/s) of the driven wheels in part order."""
+        """Set the wheel speed targets (rad/s) of the driven wheels in part order.
+
+        A wheel whose target is not a number rolls freely.
+        """
 
     def command_joints(self, orders: dict[str, JointOrder]) -> None:
         """Give orders to joints that are no wheels, by name."""

@@ -33,13 +33,16 @@ __all__ = ["Omni"]
 
 
 class OmniConduct(SteeredConduct):
-    """Wheels that are not named, or members that are absent, keep what they had."""
+    """Wheels that are not named, or members that are absent, keep what they had.
+
+    A wheel that has not been named yet rolls along: clients of Player drive wheels 0 and 1 only.
+    """
 
     def __init__(self, machine: Machine) -> None:
         super().__init__(machine)
         self._wheels = [wheel for wheel in self._gear.wheels if wheel.driven]
         self._names = [wheel.name.lower() for wheel in machine.description.driven_wheels]
-        self._speeds = np.zeros(len(self._wheels))
+        self._speeds = np.full(len(self._wheels), np.nan)
 
     def steer(self, drive: Drive, dialect: Dialect) -> None:
         """Obey the groups of a command, then its single wheel if it names one."""
