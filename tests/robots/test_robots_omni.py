@@ -79,7 +79,7 @@ def test_single_joint_form() -> None:
     assert driver.send(name="rightfwheel", value=0.4, steer=1)
     assert driver.machine.positions == pytest.approx({"RightFSteer": 0.4})
     assert driver.send(name="RightFWheel", value=2.0, order=1)
-    assert driver.machine.wheels == pytest.approx([0.0, 2.0, 0.0, 0.0])
+    assert driver.machine.wheels == pytest.approx([ROLLS, 2.0, ROLLS, ROLLS], nan_ok=True)
     assert not driver.send(name="RightFWheel", value=2.0)  # a wheel takes no angle
     assert not driver.send(name="Nobody", value=2.0, order=1)
 
@@ -104,12 +104,12 @@ def test_stop() -> None:
 @settings(max_examples=100)
 @given(st.lists(wild_drives, max_size=5), st.sampled_from(Dialect))
 def test_no_command_leaves_the_limits(drives: list[Drive], dialect: Dialect) -> None:
-    """Whatever is sent, speeds and angles are finite and within the limits."""
+    """Whatever is sent, speeds and angles are within the limits."""
     driver = Driver(LISA, dialect)
     for drive in drives:
         driver.obey(drive)
     if driver.machine.wheels is not None:
-        assert np.all(np.abs(driver.machine.wheels) <= LIMIT)
+        assert not np.any(np.abs(driver.machine.wheels) > LIMIT)
     assert all(abs(position) <= 3.1416 for position in driver.machine.positions.values())
 
 

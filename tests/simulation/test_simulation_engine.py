@@ -96,7 +96,7 @@ class TestSlots:
         engine.drive(5, straight(1.0))
         assert not engine.wheel_targets(0).any()
 
-    @pytest.mark.parametrize("targets", [np.full(4, np.nan), np.full(4, 1e12), np.ones(3)])
+    @pytest.mark.parametrize("targets", [np.full(4, -np.inf), np.full(4, 1e12), np.ones(3)])
     def test_senseless_commands_are_refused(self, targets: np.ndarray) -> None:
         """Targets that are no sane numbers, or too few, are refused and change nothing."""
         engine = engine_with((0.0, 0.0), (2.0, 0.0))

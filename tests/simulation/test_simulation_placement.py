@@ -139,7 +139,7 @@ class TestRefused:
 
 
 class TestOutside:
-    """Poses outside the box of the world: the nearest place inside is taken, and the log says so."""
+    """Poses outside the box of the world: the nearest place inside is taken, and logged."""
 
     @pytest.mark.parametrize(
         ("place", "expected"),

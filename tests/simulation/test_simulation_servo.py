@@ -234,6 +234,38 @@ class TestShortcut:
         assert engine._servos._steady
 
 
+class TestFree:
+    """Wheels whose target is not a number roll along."""
+
+    def test_the_other_wheels_move_the_robot(self) -> None:
+        """Driven in front only, the robot runs as fast as those wheels, and none drags."""
+        engine = engine_with((0.0, 0.0))
+        engine.drive(0, np.array([2.0, 2.0, np.nan, np.nan]))
+        run(engine, 1.5)
+        assert base_qvel(engine, 0)[0] == pytest.approx(2.0 * RADIUS, rel=0.005)
+
+    def test_braked_where_it_is(self) -> None:
+        """A free wheel that is told to stop stays where it then is; so does the whole robot."""
+        engine = engine_with((0.0, 0.0))
+        engine.drive(0, np.array([2.0, 2.0, np.nan, np.nan]))
+        run(engine, 1.5)
+        engine.drive(0, straight(0.0))
+        run(engine, 0.5)
+        there = base_qpos(engine, 0)[0]
+        run(engine, 1.0)
+        assert base_qpos(engine, 0)[0] == pytest.approx(there, abs=1e-3)
+
+    def test_they_are_free_in_a_larger_generation_too(self) -> None:
+        """Growing carries it over, leaving ends it."""
+        engine = engine_with((0.0, 0.0))
+        engine.drive(0, np.array([2.0, 2.0, np.nan, np.nan]))
+        engine.adopt(engine.grow([ROBOT]))
+        wheels = engine.world.layouts[0].wheel_dof
+        assert (engine.world.model.dof_frictionloss[wheels] > 0.0).tolist() == [True, True, 0, 0]
+        engine.vacate(0)
+        assert (engine.world.model.dof_frictionloss[wheels] > 0.0).all()
+
+
 class TestState:
     """Copies of everything that changes."""
 

@@ -68,7 +68,7 @@ class WheelServos:
         span = self._span[slot]
         self._target[span] = np.nan_to_num(targets, nan=0.0)
         self._free[span] = np.isnan(targets)
-        self._engaged[span] = True
+        self._engaged[span] = ~self._free[span]
         self._couple()
         self._steady = False
 
