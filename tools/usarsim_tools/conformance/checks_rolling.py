@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import pairwise
-from statistics import linear_regression
+from statistics import fmean, linear_regression
 
 from usarsim_tools.conformance.case import Case
 from usarsim_tools.conformance.control import turned
@@ -115,25 +115,27 @@ async def odometry_heading(case: Case) -> None:
     dialects=UNREAL,
 )
 async def odometry_path(case: Case) -> None:
-    """x and y of Odometry follow from the way along theta: x grows with the cosine, y, which is to
-    the right, with the sine."""
+    """x and y of Odometry follow from the speed of the wheels along theta: x grows with the cosine,
+    y, which is to the right, with the sine."""
     drive = await _drive(case, "Odometry")
-    poses = [line.numbers("Pose") for _, line in drive.track.of("Odometry")]
-    case.need(len(poses) > 20, "too few Odometry lines")
-    x, y = poses[0][:2]
-    gone = 0.0
-    for one, two in pairwise(poses):
-        # The heading of either end may be used; the way lies between.
-        middle = (one[2] + two[2]) / 2.0
-        step = math.dist(one[:2], two[:2])
-        ahead = math.cos(middle) * (two[0] - one[0]) + math.sin(middle) * (two[1] - one[1])
-        step = math.copysign(step, ahead)
-        x, y, gone = x + step * math.cos(middle), y + step * math.sin(middle), gone + abs(step)
-    for axis, wanted, found in (("x", x, poses[-1][0]), ("y", y, poses[-1][1])):
-        case.expect(
-            abs(wanted - found) < 0.04 * gone + 0.05,
-            f"{axis} of Pose is {found:.3f} m, by theta and way {wanted:.3f} m",
-        )
+    for name in _NAMES:
+        for stretch in drive.of(name):
+            poses = _poses(stretch)
+            case.need(len(poses) > 5, "too few Odometry lines")
+            speed = drive.radius * sum(stretch.command) / 2.0
+            due = [0.0, 0.0]
+            for (before, one), (time, two) in pairwise(poses):
+                middle = (one[2] + two[2]) / 2.0
+                for axis, part in enumerate((math.cos(middle), math.sin(middle))):
+                    due[axis] += speed * (time - before) * part
+            gone = abs(speed) * (poses[-1][0] - poses[0][0])
+            for axis, what in ((1, "y"), (0, "x")):
+                found = poses[-1][1][axis] - poses[0][1][axis]
+                case.expect(
+                    abs(found - due[axis]) < 0.05 * gone + 0.05,
+                    f"{what} of Pose changed by {found:.3f} m driving {name}, by theta and the "
+                    f"wheels {due[axis]:.3f} m",
+                )
 
 
 def _side(name: str, carrier: str, across: float) -> int:
@@ -143,6 +145,16 @@ def _side(name: str, carrier: str, across: float) -> int:
             if word in text:
                 return side
     return 0 if abs(across) < 0.01 else int(math.copysign(1, across))
+
+
+def _by_tachometer(stretch: Stretch, name: str) -> list[float]:
+    """What a Tachometer says of the wheel of an encoder Wk: both count in the order of parts."""
+    for texts in stretch.steady.items("Tachometer", "Vel").values():
+        speeds = [[float(one) for one in text.split(",")] for _, text in texts]
+        number = name[1:]
+        if name[:1] == "W" and number.isdigit() and int(number) < len(speeds[0]):
+            return [fmean(one[int(number)] for one in speeds)]
+    return []
 
 
 @check(
@@ -170,6 +182,7 @@ async def encoder_ticks(case: Case) -> None:
                     values = unwrapped(values, round(math.tau / step))
                 found = rate(values) * step
                 sides = [stretch.command[0 if side < 0 else 1]] if side else stretch.command
+                sides = _by_tachometer(stretch, item) or sides
                 slack = _WHEELS * max(map(abs, stretch.command)) + 0.06
                 case.expect(
                     min(abs(found - wanted) for wanted in sides) < slack,

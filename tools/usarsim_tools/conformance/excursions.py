@@ -45,7 +45,7 @@ BEARERS = ("KitBench", "KitFlyer", "RescueP2AT", "AirRobot", "P3AT", "Kenaf", "N
 """Classes that carry what the robot of most checks may lack. The first two are brought along by
 `--self`; other servers do not have them."""
 
-_FAR = 60.0
+_FAR = 120.0
 """m from the origin of the world to the nearest open floor; beyond every sensor's range of the
 start poses, and of each other."""
 _LANES = 18

@@ -24,7 +24,16 @@ from usarsim_tools.conformance.excursions import (
 from usarsim_tools.conformance.lines import Line
 from usarsim_tools.conformance.places import Place
 
-__all__ = ["Scene", "Surrounded", "Vector", "Wall", "among_walls", "controller", "turned_by"]
+__all__ = [
+    "Builder",
+    "Scene",
+    "Surrounded",
+    "Vector",
+    "Wall",
+    "among_walls",
+    "controller",
+    "turned_by",
+]
 
 Vector = tuple[float, float, float]
 
@@ -209,7 +218,7 @@ class Builder:
         spot = (
             f"{place.location[0]:.4f},{place.location[1]:.4f},{self._height + top + high / 2:.4f}"
         )
-        pose = f"{{Location {spot}}} {{Rotation 0,0,{_YAW + bearing:.4f}}}"
+        pose = f"{{Location {spot}}} {{Rotation 0,0,{self._base.rotation[2] + bearing:.4f}}}"
         size = (_THICK, width, high)
         if self.name and size == self._size:
             await self._client.send(f"CONTROL {{Type AbsMove}} {{Name {self.name}}} {pose}")
@@ -240,7 +249,7 @@ class Builder:
         x, y, z = line.numbers("Location")
         deep, wide, high = line.numbers("Size")
         yaw = line.numbers("Rotation")[2]
-        bearing = math.remainder(yaw - _YAW, math.tau)
+        bearing = math.remainder(yaw - self._base.rotation[2], math.tau)
         dx, dy = x - self._base.location[0], y - self._base.location[1]
         distance = math.cos(yaw) * dx + math.sin(yaw) * dy - deep / 2.0
         across = math.cos(yaw) * dy - math.sin(yaw) * dx
