@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -11,14 +10,14 @@ from numpy.typing import NDArray
 
 from usarsim_server.importers.cells import Cell, Point
 from usarsim_server.importers.csg import Solid, clip_to_box, evaluate
-from usarsim_server.importers.emitter import Emitter, attributes, place
+from usarsim_server.importers.emitter import Emitter
 from usarsim_server.importers.findings import Findings
 from usarsim_server.importers.lit_faces import Glow
 from usarsim_server.importers.looks import looks_of_grid, looks_of_level
 from usarsim_server.importers.names import NameBook
-from usarsim_server.importers.pieces import BoxPiece, piece_of_cell
+from usarsim_server.importers.pieces import BoxPiece, FieldPiece, piece_of_cell
 from usarsim_server.importers.scene import Brush, Heightfield
-from usarsim_server.simulation.frames import IDENTITY, Pose
+from usarsim_server.simulation.frames import IDENTITY
 
 __all__ = ["GIANT", "GRIP", "SMOOTH", "add_brushes", "add_heightfield"]
 
@@ -38,9 +37,6 @@ SMOOTH = 0.5
 
 WALL = 0.35
 """m: a cell that is higher and thinner than this is a wall."""
-
-BASE = 1.0
-"""m of solid ground below the lowest point of terrain."""
 
 
 def add_brushes(
@@ -107,35 +103,11 @@ def add_heightfield(
         findings.warn(field.name, "terrain without a sound grid of heights was left out")
         return None
     name = names.take(field.name)
-    hfield(emitter, name, heights, field.spacing, field.pose)
+    piece = FieldPiece(heights, field.spacing, IDENTITY)
+    emitter.add_solid(piece, field.pose, GRIP, f"{name}.solid")
     look = replace(
         looks_of_grid(heights, field.spacing, field.texture_size), material=field.material
     )
     emitter.mesh_files(field, field.name, [look])
     emitter.add_world(emitter.show(field, field.pose, [name]))
     return name
-
-
-def hfield(
-    emitter: Emitter, name: str, heights: Array, spacing: tuple[float, float], pose: Pose
-) -> None:
-    """A height field that only collides; the pose is that of its corner [0, 0]."""
-    rows, columns = heights.shape
-    low, high = float(heights.min()), float(heights.max())
-    span = max(high - low, 1e-3)
-    half = ((columns - 1) * spacing[0] / 2.0, (rows - 1) * spacing[1] / 2.0)
-    (emitter.folder / "meshes").mkdir(exist_ok=True)
-    file = f"meshes/{name}.hfield"
-    data = ((heights - low) / span).astype("<f4")
-    (emitter.folder / file).write_bytes(struct.pack("<2i", rows, columns) + data.tobytes())
-    size = (*half, span, BASE)
-    emitter.add_asset(f"<hfield{attributes({'name': name, 'file': file, 'size': size})}/>")
-    values = {
-        "name": f"{name}.solid",
-        "type": "hfield",
-        "hfield": name,
-        **place(pose @ Pose((half[0], half[1], low))),
-        "group": 3,
-        "friction": GRIP,
-    }
-    emitter.add_world([f"<geom{attributes(values)}/>"])

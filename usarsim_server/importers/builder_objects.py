@@ -9,13 +9,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.errors import MapImportError, at
-from usarsim_server.importers.builder_level import GIANT, GRIP, SMOOTH, hfield
+from usarsim_server.importers.builder_level import GIANT, GRIP, SMOOTH
 from usarsim_server.importers.contact import collide
 from usarsim_server.importers.emitter import FELT, SEEN, Emitter, attributes, place
 from usarsim_server.importers.findings import Findings
 from usarsim_server.importers.looks import Look, looks_of_mesh
 from usarsim_server.importers.names import NameBook
-from usarsim_server.importers.pieces import BoxPiece, Piece, bounding_box_piece, moved, volumes
+from usarsim_server.importers.pieces import (
+    BoxPiece,
+    Convex,
+    FieldPiece,
+    Piece,
+    bounding_box_piece,
+    moved,
+    volumes,
+)
 from usarsim_server.importers.placing import matrix_of_pose, take_apart
 from usarsim_server.importers.scene import (
     Box,
@@ -28,7 +36,6 @@ from usarsim_server.importers.scene import (
 )
 from usarsim_server.importers.shapes import outline_of, piece_of, points_of, size_of
 from usarsim_server.importers.soup import Soup, clean
-from usarsim_server.importers.terrain import as_terrain
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.worlds.description import NamedObject
 
@@ -71,7 +78,7 @@ class ObjectBuilder:
         self._names = names
         self._findings = findings
         self._baked: dict[tuple[int, bytes], _Baked] = {}
-        self._boxes = self._pieces = self._dropped = 0
+        self._boxes = self._fields = self._pieces = self._dropped = 0
 
     def add(self, thing: SceneObject) -> None:
         """One object.
@@ -96,6 +103,7 @@ class ObjectBuilder:
         facts = {
             "object pieces": self._pieces,
             "object pieces that are boxes": self._boxes,
+            "object pieces that are height fields": self._fields,
             "triangles dropped": self._dropped,
         }
         for fact, value in facts.items():
@@ -115,8 +123,6 @@ class ObjectBuilder:
             baked = self._bake(part.shape, linear)
             if part.visible:
                 yield from self._show(baked, part, pose, labels)
-            if self._terrain(baked, part, pose, name):
-                continue
             up = pose.inverse().rotate((0.0, 0.0, 1.0))
             for piece in self._solid(baked, part, np.array(up), thing):
                 self._count(piece)
@@ -127,23 +133,11 @@ class ObjectBuilder:
                     piece, pose, friction, self._names.take(f"{thing.name}.solid")
                 )
 
-    def _terrain(self, baked: _Baked, part: Part, pose: Pose, name: str) -> bool:
-        """Whether a mesh was recognised as terrain and collides as a height field (item 63)."""
-        if part.collision is not Collision.AUTO or baked.mesh.hulls:
-            return False
-        grid = as_terrain(baked.soup, pose)
-        if grid is None:
-            return False
-        heights, spacing, corner = grid
-        hfield(self._emitter, self._names.take(f"{name}.terrain"), heights, spacing, corner)
-        self._findings.fact("meshes that became height fields", name)
-        return True
-
     # ---- movable things --------------------------------------------------------------------
 
     def _movable(self, thing: SceneObject, name: str) -> list[str]:
         seen: list[str] = []
-        felt: list[Piece] = []
+        felt: list[Convex] = []
         for part in thing.parts:
             pose, linear = take_apart(part.matrix)
             if isinstance(part.shape, Mesh):
@@ -151,7 +145,7 @@ class ObjectBuilder:
                 if part.visible:
                     seen += self._show(baked, part, pose, None)
                 pieces = self._solid(baked, part, np.array([0.0, 0.0, 1.0]), thing)
-                felt += [moved(piece, pose) for piece in pieces]
+                felt += [moved(p, pose) for p in pieces if not isinstance(p, FieldPiece)]
             elif isinstance(part.shape, Plane):
                 self._findings.warn(thing.name, "an endless plane cannot move; it was left out")
             else:
@@ -180,7 +174,7 @@ class ObjectBuilder:
             "</body>",
         ]
 
-    def _stand_in(self, thing: SceneObject) -> Piece:
+    def _stand_in(self, thing: SceneObject) -> Convex:
         self._findings.warn(thing.name, "a movable thing without solid parts got a box")
         points = [p for part in thing.parts for p in [points_of(part)] if len(p)]
         return bounding_box_piece(np.concatenate(points) if points else np.eye(3) * 0.1)
@@ -244,6 +238,7 @@ class ObjectBuilder:
     def _count(self, piece: Piece) -> None:
         self._pieces += 1
         self._boxes += isinstance(piece, BoxPiece)
+        self._fields += isinstance(piece, FieldPiece)
 
     def _primitive(
         self, part: Part, pose: Pose, linear: Array, labels: Iterator[str], thing: SceneObject

@@ -2,21 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.importers.findings import Findings
+from usarsim_server.importers.orientation import Oriented, orient
 from usarsim_server.importers.pieces import (
     FLAT,
     BoxPiece,
+    Convex,
     Piece,
     bounding_box_piece,
+    depths_inside,
     hull_piece,
+    triangles_of,
     volumes,
 )
 from usarsim_server.importers.scene import Collision
 from usarsim_server.importers.slabs import slabs
 from usarsim_server.importers.soup import Soup, components, normals_areas
+from usarsim_server.importers.surface_error import (
+    MEDIAN,
+    SurfaceError,
+    drivable_points,
+    surface_error,
+)
+from usarsim_server.importers.terrain import as_terrain, is_rolling
 
 __all__ = ["SMALL", "collide"]
 
@@ -26,18 +39,25 @@ SMALL = 0.35
 """m: a component without a larger extent becomes a hull."""
 
 FULL = 0.9
-"""A closed component that fills this part of its hull becomes a hull."""
+"""A closed component that fills this part of its hull may become a hull."""
 
 PROP = 3.0
-"""m: what is smaller is a prop and has a small budget of pieces."""
+"""m: what is smaller is a prop."""
 
 PROP_PIECES = 64
 ROOM_PIECES = 4_000
 MAP_PIECES = 50_000
-"""Most pieces of a prop, of something below 12 m, and of a whole building."""
+"""Pieces of a prop, of something below 12 m, and of a whole building that are not yet many: beyond
+them something coarser stands for the surface, if it is true to it. Beyond `MAP_PIECES`, always."""
 
 MOVABLE_PIECES = 16
 """Most hulls of a thing that is pushed."""
+
+GRID = 60
+"""Rays along each side of a thing with which what is coarser is compared with it."""
+
+LEAST_DRIVABLE = 0.25
+"""m^2: on less than this nothing drives."""
 
 
 def collide(
@@ -75,78 +95,113 @@ def collide(
         case Collision.HULL:
             return [hull_piece(points)]
         case Collision.HULLS:
-            return _within(_component_hulls(soup), points, MOVABLE_PIECES * 4, name, findings)
+            return _fewer(soup, points, 4 * MOVABLE_PIECES, name, findings)
         case Collision.SURFACE:
-            return slabs(soup, up)
+            return slabs(orient(soup, up), up)
     if movable:
-        return _within(_component_hulls(soup), points, MOVABLE_PIECES, name, findings)
-    return _automatic(soup, points, up, name, findings)
+        return _fewer(soup, points, MOVABLE_PIECES, name, findings)
+    return _automatic(soup, up, name, findings)
 
 
-def _automatic(soup: Soup, points: Array, up: Array, name: str, findings: Findings) -> list[Piece]:
+def _fewer(soup: Soup, points: Array, most: int, name: str, findings: Findings) -> list[Piece]:
+    """Hulls of the components, or one of all."""
+    pieces = _component_hulls(soup)
+    if len(pieces) <= most:
+        return list(pieces)
+    findings.warn(name, f"{len(pieces)} hulls are more than {most}; one hull stands for all")
+    return [hull_piece(points)]
+
+
+def _automatic(soup: Soup, up: Array, name: str, findings: Findings) -> list[Piece]:
+    surface = orient(soup, up)
+    soup = surface.soup
+    points = soup.vertices[np.unique(soup.triangles)]
     size = float(np.ptp(points, axis=0).max())
+    if is_rolling(soup):
+        terrain = as_terrain(surface, up)
+        if terrain is not None:
+            return [terrain]
     parts = components(soup)
-    hulls: list[Piece] = []
+    hulls: list[Convex] = []
     rest: list[NDArray[np.intp]] = []
-    doubtful: list[tuple[NDArray[np.intp], Piece, float]] = []
+    doubtful: list[tuple[NDArray[np.intp], Convex]] = []
     for part in parts:
         corners = soup.vertices[np.unique(soup.triangles[part])]
         if _is_flat(corners):
             rest.append(part)
         elif np.ptp(corners, axis=0).max() < SMALL:
             hulls.append(hull_piece(corners))
-        elif _is_closed(soup, part):
-            doubtful.append((part, hull_piece(corners), _enclosed(soup, part)))
+        elif surface.closed[part].all():
+            doubtful.append((part, hull_piece(corners)))
         else:
             rest.append(part)
     if doubtful:
-        filled = volumes([piece for _, piece, _ in doubtful])
-        for (part, piece, volume), hull in zip(doubtful, filled, strict=True):
-            if volume > FULL * hull:
+        filled = volumes([piece for _, piece in doubtful])
+        depths = depths_inside(
+            [piece for _, piece in doubtful], [_samples(soup, part) for part, _ in doubtful]
+        )
+        for (part, piece), volume, depth in zip(doubtful, filled, depths, strict=True):
+            if _enclosed(soup, part) > FULL * volume and depth < MEDIAN:
                 hulls.append(piece)
             else:
                 rest.append(part)
-    pieces = hulls
+    pieces: list[Piece] = list(hulls)
     if rest:
-        chosen = np.sort(np.concatenate(rest))
-        pieces = hulls + slabs(
-            Soup(soup.vertices, soup.triangles[chosen], soup.origin[chosen], 0), up
-        )
+        pieces += slabs(surface.only(np.sort(np.concatenate(rest))), up)
     budget = PROP_PIECES if size < PROP else ROOM_PIECES if size < 4 * PROP else MAP_PIECES
     if len(pieces) <= budget:
         return pieces
+    coarse = _within(_component_hulls(soup), points, budget)
+    error = _error(surface, coarse, up)
+    if error.is_small:
+        return list(coarse)
+    if len(pieces) > ROOM_PIECES:
+        terrain = as_terrain(surface, up)
+        if terrain is not None:
+            return [terrain]
+    if len(pieces) <= MAP_PIECES:
+        return pieces
     findings.warn(
         name,
-        f"{len(pieces)} pieces of its surface are more than the {budget} for its size; hulls of "
-        "its parts stand for them",
+        f"{len(pieces)} pieces of its surface are too many; {len(coarse)} hulls of its parts stand "
+        f"for them, {100.0 * error.median:.0f} cm off in the median",
     )
-    return _within(_component_hulls(soup), points, budget, name, findings)
+    return list(coarse)
 
 
-def _component_hulls(soup: Soup) -> list[Piece]:
+def _error(surface: Oriented, pieces: Sequence[Convex], up: Array) -> SurfaceError:
+    """How far pieces are from a surface where it may be driven on; none if that is nowhere."""
+    x = np.eye(3)[int(np.argmin(np.abs(up)))]
+    x = np.cross(up, x) / np.linalg.norm(np.cross(up, x))
+    turn = np.column_stack([x, np.cross(up, x), up])
+    soup = surface.soup
+    seen = soup.vertices[soup.triangles] @ turn
+    low, high = seen.min(axis=(0, 1)), seen.max(axis=(0, 1))
+    x, y = np.meshgrid((np.arange(GRID) + 0.37) / GRID, (np.arange(GRID) + 0.53) / GRID)
+    places = low[:2] + np.column_stack([x.ravel(), y.ravel()]) * (high - low)[:2]
+    found, rooms, _ = drivable_points(seen, places)
+    if len(found) * float((high - low)[:2].prod()) / len(places) < LEAST_DRIVABLE:
+        return SurfaceError(0, 0.0, 0.0, 0.0)
+    return SurfaceError.of(surface_error(found, rooms, triangles_of(pieces) @ turn))
+
+
+def _samples(soup: Soup, part: NDArray[np.intp]) -> Array:
+    """Corners, middles and middles of edges of some triangles."""
+    a, b, c = (soup.vertices[soup.triangles[part, k]] for k in range(3))
+    return np.concatenate([a, b, c, (a + b + c) / 3.0, (a + b) / 2.0, (b + c) / 2.0, (c + a) / 2.0])
+
+
+def _component_hulls(soup: Soup) -> list[Convex]:
     return [hull_piece(soup.vertices[np.unique(soup.triangles[part])]) for part in components(soup)]
 
 
-def _within(
-    pieces: list[Piece], points: Array, budget: int, name: str, findings: Findings
-) -> list[Piece]:
-    if len(pieces) <= budget:
-        return pieces
-    findings.warn(name, f"{len(pieces)} hulls are more than {budget}; one hull stands for all")
-    return [hull_piece(points)]
+def _within(pieces: list[Convex], points: Array, budget: int) -> list[Convex]:
+    return pieces if len(pieces) <= budget else [hull_piece(points)]
 
 
 def _is_flat(points: Array) -> bool:
     piece = hull_piece(points)
     return isinstance(piece, BoxPiece) and 2.0 * min(piece.half) < 1.01 * FLAT
-
-
-def _is_closed(soup: Soup, part: NDArray[np.intp]) -> bool:
-    """Every edge belongs to exactly two triangles."""
-    tri = soup.triangles[part]
-    edges = np.sort(np.concatenate([tri[:, [0, 1]], tri[:, [1, 2]], tri[:, [2, 0]]]), axis=1)
-    _, counts = np.unique(edges, axis=0, return_counts=True)
-    return bool((counts == 2).all())
 
 
 def _enclosed(soup: Soup, part: NDArray[np.intp]) -> float:

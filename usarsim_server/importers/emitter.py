@@ -6,6 +6,7 @@ into files of a few hundred that the scene attaches to the world body (worlds re
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,7 +17,13 @@ from numpy.typing import NDArray
 
 from usarsim_server.importers.looks import Look, msh
 from usarsim_server.importers.names import safe
-from usarsim_server.importers.pieces import BoxPiece, HullPiece, Piece
+from usarsim_server.importers.pieces import (
+    BoxPiece,
+    Convex,
+    FieldPiece,
+    HullPiece,
+    Piece,
+)
 from usarsim_server.importers.textures import Finish
 from usarsim_server.simulation.frames import IDENTITY, Pose
 
@@ -32,6 +39,9 @@ SEEN = {"group": 2, "contype": 0, "conaffinity": 0}
 
 FELT = {"group": 3, "rgba": "0.5 0.6 0.7 1"}
 """Of geoms that only collide."""
+
+BASE = 1.0
+"""m of solid ground below the lowest point of a height field."""
 
 NEAR = 0.02
 """m before a camera where nothing is drawn."""
@@ -89,9 +99,10 @@ class Emitter:
     finishes: Mapping[str, Finish]
     _assets: list[str] = field(default_factory=list)
     _world: list[str] = field(default_factory=list)
-    _solids: list[tuple[Piece, Pose, dict[str, object]]] = field(default_factory=list)
+    _solids: list[tuple[Convex, Pose, dict[str, object]]] = field(default_factory=list)
     _meshes: dict[int, list[tuple[str, Array, str]]] = field(default_factory=dict)
     _keep: list[object] = field(default_factory=list)
+    _fields: dict[int, str] = field(default_factory=dict)
     _files: int = 0
     _hulls: int = 0
 
@@ -160,13 +171,33 @@ class Emitter:
 
     def add_solid(self, piece: Piece, pose: Pose, friction: float, name: str | None) -> None:
         """A fixed piece; `pose` is that of its frame in the world."""
-        self._solids.append((piece, pose, {"name": name, "friction": friction, **FELT}))
+        values = {"name": name, "friction": friction, **FELT}
+        if isinstance(piece, FieldPiece):
+            self.add_world([self._field_geom(piece, pose, values)])
+        else:
+            self._solids.append((piece, pose, values))
 
-    def solid_count(self) -> int:
-        """Fixed pieces so far."""
-        return len(self._solids)
+    def _field_geom(self, piece: FieldPiece, pose: Pose, values: Mapping[str, object]) -> str:
+        """A height field; copies share its heights."""
+        rows, columns = piece.heights.shape
+        low, high = float(piece.heights.min()), float(piece.heights.max())
+        span = max(high - low, 1e-3)
+        x, y = (columns - 1) * piece.spacing[0] / 2.0, (rows - 1) * piece.spacing[1] / 2.0
+        name = self._fields.get(id(piece))
+        if name is None:
+            name = self._fields[id(piece)] = f"field{len(self._fields) + 1}"
+            self._keep.append(piece)
+            (self.folder / "meshes").mkdir(exist_ok=True)
+            file = f"meshes/{name}.hfield"
+            data = ((piece.heights - low) / span).astype("<f4")
+            head = struct.pack("<2i", rows, columns)
+            (self.folder / file).write_bytes(head + data.tobytes())
+            size = (x, y, span, BASE)
+            self.add_asset(f"<hfield{attributes({'name': name, 'file': file, 'size': size})}/>")
+        middle = pose @ piece.pose @ Pose((x, y, low))
+        return f"<geom{attributes({'type': 'hfield', 'hfield': name, **place(middle), **values})}/>"
 
-    def body_piece(self, piece: Piece, friction: float, mass: float) -> str:
+    def body_piece(self, piece: Convex, friction: float, mass: float) -> str:
         """A geom of a movable body, in the frame of the body."""
         values: dict[str, object] = {"friction": friction, "mass": mass, **FELT}
         if isinstance(piece, HullPiece):

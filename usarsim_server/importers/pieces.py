@@ -1,9 +1,9 @@
-"""Convex pieces that MuJoCo collides: boxes, and hulls of points; how shapes become them."""
+"""Pieces that MuJoCo collides: boxes, hulls of points, height fields; how shapes become them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -18,12 +18,17 @@ from usarsim_server.simulation.frames import Pose
 __all__ = [
     "FLAT",
     "BoxPiece",
+    "Convex",
+    "FieldPiece",
     "HullPiece",
     "Piece",
     "bounding_box_piece",
     "box_from_axes",
+    "depths_inside",
     "hull_piece",
+    "moved",
     "piece_of_cell",
+    "triangles_of",
     "volumes",
 ]
 
@@ -37,6 +42,10 @@ FLAT = 1e-3
 
 SQUARE = 1e-3
 """Cosine between the edges of what counts as a box."""
+
+_QUADS = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+_FACES = np.array([t for a, b, c, d in _QUADS for t in ((a, b, c), (a, c, d))])
+"""Triangles of a box whose corners are numbered by the signs of x, y, z (z fastest)."""
 
 TRUE_CORNER = 1e-4
 """m: how far corners may be from those of the box that stands for them."""
@@ -57,10 +66,36 @@ class HullPiece:
     points: Array
 
 
-Piece: TypeAlias = BoxPiece | HullPiece
+@dataclass(frozen=True, slots=True, eq=False)
+class FieldPiece:
+    """A height field, solid below.
+
+    Attributes:
+        heights: (rows, columns), m; rows run along y, columns along x.
+        spacing: m between columns and between rows.
+        pose: of the corner [0, 0]; z is up.
+    """
+
+    heights: Array
+    spacing: tuple[float, float]
+    pose: Pose
+
+    def triangles(self) -> Array:
+        """(n, 3, 3) of its top as MuJoCo collides it: cells are cut from b to d."""
+        rows, columns = self.heights.shape
+        x, y = np.meshgrid(np.arange(columns) * self.spacing[0], np.arange(rows) * self.spacing[1])
+        grid = np.stack([x, y, self.heights], axis=-1)
+        a, b, c, d = grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]
+        found = np.concatenate([np.stack([a, b, d], 2), np.stack([b, c, d], 2)]).reshape(-1, 3, 3)
+        answer: Array = found @ self.pose.matrix().T + np.array(self.pose.position)
+        return answer
 
 
-def piece_of_cell(cell: Cell) -> Piece:
+Convex: TypeAlias = BoxPiece | HullPiece
+Piece: TypeAlias = Convex | FieldPiece
+
+
+def piece_of_cell(cell: Cell) -> Convex:
     """A box where six faces are three perpendicular pairs (item 24), else a hull."""
     corners = np.array(cell.corners)
     if len(cell.faces) == 6 and len(corners) == 8:
@@ -105,7 +140,7 @@ def bounding_box_piece(points: Array) -> BoxPiece:
     return box_from_axes(points, np.eye(3))
 
 
-def hull_piece(points: Array) -> Piece:
+def hull_piece(points: Array) -> Convex:
     """The hull of points with at most `MAX_HULL_POINTS` corners; a plate if they are flat."""
     if len(points) == 8:
         if _is_upright_box(points):
@@ -180,36 +215,92 @@ def _extremes(points: Array) -> Array:
     return answer
 
 
-def volumes(pieces: Sequence[Piece]) -> Array:
+def volumes(pieces: Sequence[Convex]) -> Array:
     """m^3 of every piece; MuJoCo computes those of hulls.
 
     Raises:
         ValueError: a hull has no volume.
     """
     found = np.zeros(len(pieces))
-    spec = mujoco.MjSpec()
-    hulls = []
     for number, piece in enumerate(pieces):
         if isinstance(piece, BoxPiece):
             found[number] = 8.0 * piece.half[0] * piece.half[1] * piece.half[2]
+    hulls = {n: piece for n, piece in enumerate(pieces) if isinstance(piece, HullPiece)}
+    if hulls:
+        model = _compiled(hulls)
+        found[list(hulls)] = [model.body(f"b{number}").mass[0] for number in hulls]
+    return found
+
+
+def depths_inside(pieces: Sequence[Convex], samples: Sequence[Array]) -> Array:
+    """m by which the deepest sample (k, 3) of every piece lies within it; MuJoCo makes the hulls.
+
+    Raises:
+        ValueError: a hull has no volume.
+    """
+    hulls = {n: piece for n, piece in enumerate(pieces) if isinstance(piece, HullPiece)}
+    model = _compiled(hulls) if hulls else None
+    found = np.zeros(len(pieces))
+    for number, (piece, points) in enumerate(zip(pieces, samples, strict=True)):
+        if isinstance(piece, BoxPiece):
+            inside = (points - np.array(piece.pose.position)) @ piece.pose.matrix()
+            found[number] = (piece.half - np.abs(inside)).min(axis=1).max()
             continue
-        middle = piece.points.mean(axis=0)
+        assert model is not None
+        corners = _hull_triangles(model, model.mesh(f"h{number}").id) + piece.points.mean(axis=0)
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        lengths = np.linalg.norm(normals, axis=1)
+        normals = normals[lengths > 0.0] / lengths[lengths > 0.0, None]
+        offsets = np.einsum("ij,ij->i", normals, corners[lengths > 0.0, 0])
+        found[number] = (offsets - points @ normals.T).min(axis=1).max()
+    return found
+
+
+def triangles_of(pieces: Sequence[Convex]) -> Array:
+    """(n, 3, 3) of boxes and hulls together."""
+    hulls = {n: piece for n, piece in enumerate(pieces) if isinstance(piece, HullPiece)}
+    model = _compiled(hulls) if hulls else None
+    found = [np.zeros((0, 3, 3))]
+    for number, piece in enumerate(pieces):
+        if isinstance(piece, BoxPiece):
+            corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+            corners = corners * piece.half @ piece.pose.matrix().T + np.array(piece.pose.position)
+            found.append(corners[_FACES])
+        else:
+            assert model is not None
+            middle = piece.points.mean(axis=0)
+            found.append(_hull_triangles(model, model.mesh(f"h{number}").id) + middle)
+    return np.concatenate(found)
+
+
+def _hull_triangles(model: mujoco.MjModel, mesh: int) -> Array:
+    """Triangles (n, 3, 3) of a mesh, in the frame in which it was given."""
+    start, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+    vertices = model.mesh_vert[start : start + count].astype(float)
+    turn = np.zeros(9)
+    mujoco.mju_quat2Mat(turn, model.mesh_quat[mesh])
+    vertices = vertices @ turn.reshape(3, 3).T + model.mesh_pos[mesh]
+    start, count = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
+    answer: Array = vertices[model.mesh_face[start : start + count]]
+    return answer
+
+
+def _compiled(hulls: Mapping[int, HullPiece]) -> mujoco.MjModel:
+    """A model with a body `b` and a mesh `h` for each hull, around the mean of its points."""
+    spec = mujoco.MjSpec()
+    for number, piece in hulls.items():
         spec.add_mesh(
             name=f"h{number}",
-            uservert=(piece.points - middle).ravel(),
+            uservert=(piece.points - piece.points.mean(axis=0)).ravel(),
             inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX,
         )
         body = spec.worldbody.add_body(name=f"b{number}")
         body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=f"h{number}", density=1.0)
-        hulls.append(number)
-    if hulls:
-        spec.compiler.boundmass = 0.0
-        model = spec.compile()
-        found[hulls] = [model.body(f"b{number}").mass[0] for number in hulls]
-    return found
+    spec.compiler.boundmass = 0.0
+    return spec.compile()
 
 
-def moved(piece: Piece, pose: Pose) -> Piece:
+def moved(piece: Convex, pose: Pose) -> Convex:
     """The piece as seen from the frame in which its own has this pose."""
     if isinstance(piece, BoxPiece):
         return BoxPiece(pose @ piece.pose, piece.half)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.importers.pieces import Piece, bounding_box_piece, hull_piece
+from usarsim_server.importers.pieces import Convex, bounding_box_piece, hull_piece
 from usarsim_server.importers.scene import Box, Capsule, Cylinder, Mesh, Part, Plane, Sphere
 from usarsim_server.importers.soup import LEAST_AREA, normals_areas
 
@@ -65,7 +65,7 @@ def outline_of(shape: object, linear: Array) -> Array:
     )
 
 
-def piece_of(shape: object, points: Array) -> Piece:
+def piece_of(shape: object, points: Array) -> Convex:
     """The convex piece around the outline of a shape."""
     return bounding_box_piece(points) if isinstance(shape, Box) else hull_piece(points)
 

@@ -2,7 +2,8 @@
 
 MuJoCo collides a mesh as its convex hull, which would fill every room. Coplanar triangles merged
 into convex polygons, each with a thin slab behind it, keep the surface exact (worlds reference
-9.2 and 9.3).
+9.2 and 9.3). What may be driven on is exact from above even where nobody can tell which side of it
+is outside: there the slab lies below.
 """
 
 from __future__ import annotations
@@ -14,10 +15,11 @@ from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
 
+from usarsim_server.importers.orientation import Oriented
 from usarsim_server.importers.pieces import HullPiece, Piece, box_from_axes
-from usarsim_server.importers.soup import Soup, convex_polygons, is_consistent
+from usarsim_server.importers.soup import convex_polygons
 
-__all__ = ["FLOOR", "THICKNESS", "slabs"]
+__all__ = ["FLOOR", "THICKNESS", "UNDER", "slabs"]
 
 Array = NDArray[np.float64]
 
@@ -27,48 +29,74 @@ THICKNESS = 0.05
 FLOOR = 0.1
 """m of slab below a floor."""
 
+UNDER = 0.02
+"""m of slab below what looks down and may be a floor as well as a ceiling."""
+
 LEAST = 0.004
 """m: thickness where another surface lies closely behind."""
 
 STEEP = 0.7
 """Upward part of the normal of what counts as a floor."""
 
+WALL = 0.35
+"""Upward part of the normal of what nothing can stand on."""
+
+PLATE = 0.3
+"""m: what looks down with a surface so near above it is the underside of something."""
+
 RIGHT_ANGLE = 1e-3
 """Cosine of the angles of what counts as a rectangle."""
 
 
-def slabs(soup: Soup, up: Array) -> list[Piece]:
+def slabs(surface: Oriented, up: Array) -> list[Piece]:
     """Slabs of all polygons of a soup.
 
     Args:
-        soup: clean triangles.
+        surface: clean triangles that face outside.
         up: (3,) the vertical in the soup's frame: floors get thicker slabs.
     """
-    consistent = is_consistent(soup)
-    rings = convex_polygons(soup, oriented=consistent)
-    polygons = [soup.vertices[list(ring)] for ring in rings]
-    normals = np.array([_normal(points) for points in polygons]).reshape(-1, 3)
-    wanted = np.where(normals @ up > STEEP, FLOOR, THICKNESS)
-    room = _room_behind(soup, polygons, normals)
-    if not consistent:
-        room = np.minimum(room, _room_behind(soup, polygons, -normals)) * 2.0
+    found = convex_polygons(surface.soup)
+    if not found:
+        return []
+    first = np.array([index for index, _ in found])
+    closed, known = surface.closed[first], surface.known[first]
+    polygons = [surface.soup.vertices[list(ring)] for _, ring in found]
+    normals = np.array([_normal(points) for points in polygons])
+    rise = normals @ up
+    behind, tightest = _room_behind(surface, polygons, normals)
+    before, _ = _room_behind(surface, polygons, -normals)
+    # A slab of what looks down lies in the solid above it, if there is one, else below it.
+    below = (rise < -WALL) & ~closed & (behind > PLATE)
+    ways = np.where(below[:, None], normals, -normals)
+    # The underside of a wedge must not come out at its thin end.
+    room = np.where(below, before, np.where(rise < -WALL, tightest, behind))
+    centred = ~known & (np.abs(rise) <= WALL)
+    room = np.where(centred, 2.0 * np.minimum(before, behind), room)
+    wanted = np.where(below, UNDER, np.where(rise > STEEP, FLOOR, THICKNESS))
     depths = np.maximum(LEAST, np.minimum(wanted, room))
     pieces = []
-    for points, normal, depth in zip(polygons, normals, depths.tolist(), strict=True):
-        front = points if consistent else points + normal * (depth / 2.0)
-        pieces.append(_slab(front, normal, depth))
+    for number, points in enumerate(polygons):
+        way = ways[number] * depths[number]
+        front = points - way / 2.0 if centred[number] else points
+        pieces.append(_slab(front, way, up))
     return pieces
 
 
-def _slab(points: Array, normal: Array, depth: float) -> Piece:
-    """A polygon extruded backwards: a box if it is a rectangle (item 62)."""
-    solid = np.concatenate([points, points - normal * depth])
+def _slab(points: Array, way: Array, up: Array) -> Piece:
+    """A polygon extruded: a box if it is a rectangle (item 62).
+
+    Others that may be stood on are extruded downwards, so that they stay below their neighbours.
+    """
+    solid = np.concatenate([points, points + way])
+    depth = float(np.linalg.norm(way))
     if len(points) == 4:
         edges = np.roll(points, -1, axis=0) - points
         lengths = np.linalg.norm(edges, axis=1)
         edges = edges / np.maximum(lengths, 1e-12)[:, None]
         if (np.abs(np.einsum("ij,ij->i", edges, np.roll(edges, -1, axis=0))) < RIGHT_ANGLE).all():
-            return box_from_axes(solid, np.array([edges[0], edges[1], normal]))
+            return box_from_axes(solid, np.array([edges[0], edges[1], way / depth]))
+    if float(way @ up) < -WALL * depth:
+        solid = np.concatenate([points, points - up * depth])
     return HullPiece(solid)
 
 
@@ -79,12 +107,10 @@ def _normal(points: Array) -> Array:
     return answer
 
 
-def _room_behind(soup: Soup, polygons: list[Array], normals: Array) -> Array:
-    """Distance (m) behind each polygon to the next surface: the median over points of it."""
-    if not polygons:
-        return np.zeros(0)
+def _room_behind(surface: Oriented, polygons: list[Array], normals: Array) -> tuple[Array, Array]:
+    """Distance (m) behind each polygon to the next surface: median and least over points of it."""
     scene = rtcore_scene.EmbreeScene()
-    TriangleMesh(scene, soup.vertices[soup.triangles].astype(np.float32))
+    TriangleMesh(scene, surface.soup.vertices[surface.soup.triangles].astype(np.float32))
     starts, owners = [], []
     for number, points in enumerate(polygons):
         middle = points.mean(axis=0)
@@ -96,4 +122,5 @@ def _room_behind(soup: Soup, polygons: list[Array], normals: Array) -> Array:
     answer = scene.run(origin.astype(np.float32), (-normals[owner]).astype(np.float32), output=1)
     ways = np.where(answer["primID"] >= 0, answer["tfar"] + 1e-3, np.inf)
     ends = np.searchsorted(owner, np.arange(len(polygons) + 1))
-    return np.array([float(np.median(ways[a:b])) for a, b in itertools.pairwise(ends)])
+    each = [ways[a:b] for a, b in itertools.pairwise(ends)]
+    return np.array([np.median(some) for some in each]), np.minimum.reduceat(ways, ends[:-1])

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Soup", "clean", "components", "convex_polygons", "is_consistent", "normals_areas"]
+__all__ = ["Soup", "clean", "components", "convex_polygons", "normals_areas"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int32]
@@ -111,37 +111,18 @@ def components(soup: Soup) -> list[NDArray[np.intp]]:
     return list(np.split(order, cuts)) if len(order) else []
 
 
-def is_consistent(soup: Soup) -> bool:
-    """Whether neighbours agree on which side is outside (up to 2 % of the edges do not)."""
-    tri = soup.triangles.astype(np.int64)
-    edges = np.concatenate([tri[:, [0, 1]], tri[:, [1, 2]], tri[:, [2, 0]]])
-    _, inverse, counts = np.unique(
-        np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True
-    )
-    shared = counts[inverse.reshape(-1)] == 2
-    if not shared.any():
-        return True
-    _, directed = np.unique(edges[shared], axis=0, return_counts=True)
-    return bool((directed > 1).sum() * 2 <= 0.02 * shared.sum() + 1)
-
-
-def convex_polygons(soup: Soup, *, oriented: bool = True) -> list[tuple[int, ...]]:
+def convex_polygons(soup: Soup) -> list[tuple[int, tuple[int, ...]]]:
     """Merge coplanar neighbours greedily, longest shared edge first, while the result is convex.
 
     Args:
-        soup: what to merge.
-        oriented: windings are consistent. If not, every triangle is turned so that its normal
-            lies in one half of space, and sides mean nothing.
+        soup: what to merge; neighbours agree on which side is outside.
 
     Returns:
-        Vertex numbers of each polygon in order around it, collinear corners dropped.
+        One of its triangles, and the vertex numbers of each polygon in order around it, collinear
+        corners dropped.
     """
     normals, _ = normals_areas(soup.vertices, soup.triangles)
     triangles = soup.triangles
-    if not oriented:
-        turned = _lower_half(normals)
-        triangles = np.where(turned[:, None], triangles[:, ::-1], triangles)
-        normals = np.where(turned[:, None], -normals, normals)
     points = [tuple(p) for p in soup.vertices.tolist()]
     rings: list[list[int] | None] = [list(t) for t in triangles.tolist()]
     owner = list(range(len(rings)))
@@ -169,14 +150,8 @@ def convex_polygons(soup: Soup, *, oriented: bool = True) -> list[tuple[int, ...
         if left is not None:
             corners = _corners(left, points, facing[index])
             if len(corners) >= 3:
-                final.append(tuple(corners))
+                final.append((index, tuple(corners)))
     return final
-
-
-def _lower_half(normals: Array) -> NDArray[np.bool_]:
-    x, y, z = np.where(np.abs(normals) < 1e-6, 0.0, normals).T
-    answer: NDArray[np.bool_] = (z < 0) | ((z == 0) & ((y < 0) | ((y == 0) & (x < 0))))
-    return answer
 
 
 def _joints(vertices: Array, triangles: Indices, normals: Array) -> list[tuple[int, int, int, int]]:
