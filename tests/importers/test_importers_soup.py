@@ -12,7 +12,7 @@ from usarsim_server.importers.contact import collide
 from usarsim_server.importers.orientation import orient
 from usarsim_server.importers.pieces import BoxPiece, HullPiece, Piece, hull_piece, volumes
 from usarsim_server.importers.scene import Collision, Mesh
-from usarsim_server.importers.slabs import FLOOR, LEAST, THICKNESS, slabs
+from usarsim_server.importers.slabs import FLOOR, LEAST, THICKNESS, UNDER, slabs
 from usarsim_server.importers.soup import (
     Soup,
     clean,
@@ -118,11 +118,11 @@ class TestSlabs:
     """Polygons become thin solids behind the surface."""
 
     def test_floors_are_thicker_than_walls(self) -> None:
-        """A room's floor gets 10 cm, its walls 5 cm, all outside the room."""
+        """A room's floor gets 10 cm, its walls 5 cm, its ceiling 8 mm, all outside the room."""
         pieces = slabs(orient(soup_of(cuboid_mesh((0, 0, 0), (4, 4, 3), inward=True)), UP), UP)
         assert all(isinstance(piece, BoxPiece) for piece in pieces)
         thin = sorted(2 * min(p.half) for p in pieces if isinstance(p, BoxPiece))
-        assert thin == pytest.approx([THICKNESS] * 5 + [FLOOR])
+        assert thin == pytest.approx([UNDER, *[THICKNESS] * 4, FLOOR])
         for piece in pieces:
             assert isinstance(piece, BoxPiece)
             inside = np.abs(np.array(piece.pose.position) - [2, 2, 1.5]) < [2, 2, 1.5]

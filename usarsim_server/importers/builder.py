@@ -35,9 +35,10 @@ from usarsim_server.importers.builder_objects import (
 from usarsim_server.importers.cells import Point
 from usarsim_server.importers.emitter import Emitter
 from usarsim_server.importers.findings import Findings
+from usarsim_server.importers.model_error import note_error
 from usarsim_server.importers.names import NameBook
 from usarsim_server.importers.placing import matrix_of_pose
-from usarsim_server.importers.probe import Probe
+from usarsim_server.importers.probe import BALL, Probe
 from usarsim_server.importers.scene import Heightfield, Plane, Scene
 from usarsim_server.importers.sheet import Entry, smoke_tables, write_sheet
 from usarsim_server.importers.textures import Finish, finish_materials
@@ -160,6 +161,7 @@ def build(
         cure = "give the folder of its meshes with --assets, or --placeholders"
         raise MapImportError(at(scene.source.path, "nothing solid in this map", cure))
     note_floor(probe, bounds, findings)
+    note_error(probe.model, findings, (BALL,))
     starts, places = start_entries(scene, probe, bounds, findings)
     sheet = _sheet(scene, probe, bounds, starts, [*objects.things, *brushes], findings, origin)
     (folder / "world.toml").write_text(sheet, encoding="utf-8")

@@ -11,10 +11,11 @@ import numpy as np
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.simulation.frames import Vector
 
-__all__ = ["Probe"]
+__all__ = ["BALL", "Probe"]
 
 _MEBI = 1 << 20
 BALL = "probe:ball"
+"""Geom and body of the ball with which free space is looked for."""
 NUDGE = np.array([1e-3, 0.7e-3, 0.4e-3])
 """m: a ball whose centre is exactly that of a box counts as not touching it (MuJoCo 3.17)."""
 

@@ -29,8 +29,8 @@ THICKNESS = 0.05
 FLOOR = 0.1
 """m of slab below a floor."""
 
-UNDER = 0.02
-"""m of slab below what looks down and may be a floor as well as a ceiling."""
+UNDER = 0.008
+"""m of slab of what looks down: it may be an underside, a ceiling, or a floor that is reversed."""
 
 LEAST = 0.004
 """m: thickness where another surface lies closely behind."""
@@ -72,7 +72,7 @@ def slabs(surface: Oriented, up: Array) -> list[Piece]:
     room = np.where(below, before, np.where(rise < -WALL, tightest, behind))
     centred = ~known & (np.abs(rise) <= WALL)
     room = np.where(centred, 2.0 * np.minimum(before, behind), room)
-    wanted = np.where(below, UNDER, np.where(rise > STEEP, FLOOR, THICKNESS))
+    wanted = np.where(rise < -WALL, UNDER, np.where(rise > STEEP, FLOOR, THICKNESS))
     depths = np.maximum(LEAST, np.minimum(wanted, room))
     pieces = []
     for number, points in enumerate(polygons):

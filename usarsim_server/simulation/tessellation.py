@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["TOLERANCE", "shape_key", "triangles"]
+__all__ = ["TOLERANCE", "shape_key", "triangles", "triangles_of_all"]
 
 TOLERANCE = 5e-4
 """m between a tessellated and the true surface."""
@@ -43,6 +43,38 @@ def triangles(
     """
     local = _local_triangles(model, geom, tolerance)
     return local @ mat.T + pos if len(local) else np.zeros((0, 3, 3))
+
+
+def triangles_of_all(
+    model: mujoco.MjModel, geoms: Sequence[int], positions: Array, turns: Array
+) -> tuple[Array, NDArray[np.intp]]:
+    """Triangles (n, 3, 3) of many geoms in the world frame, and which geom each belongs to.
+
+    Args:
+        model: the compiled model.
+        geoms: geom ids. positions, turns: (ngeom, 3) and (ngeom, 9 or 3, 3) of all geoms.
+    """
+    chosen = np.asarray(geoms, dtype=np.intp)
+    turns = turns.reshape(-1, 3, 3)
+    boxes = chosen[model.geom_type[chosen] == mujoco.mjtGeom.mjGEOM_BOX]
+    unit = _box(np.ones(3)).reshape(-1, 3)
+    corners = np.einsum("gij,gkj->gki", turns[boxes], unit * model.geom_size[boxes][:, None])
+    corners += positions[boxes][:, None]
+    found = [corners.reshape(-1, 3, 3)]
+    owners = [np.repeat(boxes, len(unit) // 3)]
+    local: dict[int, Array] = {}
+    for geom in chosen[model.geom_type[chosen] != mujoco.mjtGeom.mjGEOM_BOX].tolist():
+        data = int(model.geom_dataid[geom])
+        if data >= 0 and model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
+            if data not in local:
+                local[data] = _mesh(model, data)
+            part = local[data] @ turns[geom].T + positions[geom]
+        else:
+            part = triangles(model, geom, positions[geom], turns[geom])
+        if len(part):
+            found.append(part)
+            owners.append(np.full(len(part), geom, dtype=np.intp))
+    return np.concatenate(found), np.concatenate(owners)
 
 
 def shape_key(
