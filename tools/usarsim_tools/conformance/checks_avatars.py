@@ -59,13 +59,13 @@ async def _order(case: Case, lot: Place) -> _Walk:
 
     here = (0.0, 0.0)
     await order("stands", "MOVE {Action Pause}", here, 0.5)
-    await order("walks", "MOVE {Type Walk_Forward} {Action New} <goal>", (6.0, 3.0), 1.6)
+    await order("walks", "MOVE {Type Walk_Forward} {Action New} <goal>", (7.0, 3.5), 2.2)
     await order("pauses", "MOVE {Action Pause}", here, 1.0)
-    await order("resumes", "MOVE {Action Resume}", (6.0, 3.0), 0.8)
-    await order("runs", "MOVE {Type Run} {Action New} <goal>", (-1.0, -4.0), 1.6)
-    await order("backs", "MOVE {Type Walk_Backward} {Action New} <goal>", (3.0, -4.0), 1.2)
-    await order("goes", "MOVE {Type Run} {Action New} <goal>", (1.0, -1.0), 0.2)
-    await order("appends", "MOVE {Type Run} {Action Append} <goal>", (1.0, 1.5), 6.0)
+    await order("resumes", "MOVE {Action Resume}", (7.0, 3.5), 1.0)
+    await order("runs", "MOVE {Type Run} {Action New} <goal>", (-5.0, -6.0), 2.4)
+    await order("backs", "MOVE {Type Walk_Backward} {Action New} <goal>", (4.0, -6.0), 2.4)
+    await order("goes", "MOVE {Type Run} {Action New} <goal>", (1.0, -3.0), 0.2)
+    await order("appends", "MOVE {Type Run} {Action Append} <goal>", (1.0, 1.0), 9.0)
     return walk
 
 

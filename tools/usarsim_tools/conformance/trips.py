@@ -61,7 +61,11 @@ class Leg:
     @property
     def velocity(self) -> tuple[float, float, float]:
         """Speed ahead, to the right and down, m/s, in the directions of its middle yaw."""
-        first, last = self._steady()
+        return self.velocity_at_last(0.6)
+
+    def velocity_at_last(self, share: float) -> tuple[float, float, float]:
+        """The same, in the last share of the time only."""
+        first, last = self._steady(share)
         passed = last.time - first.time
         x, y, z = ((b - a) / passed for a, b in zip(first.location, last.location, strict=True))
         middle = (first.yaw + last.yaw) / 2.0

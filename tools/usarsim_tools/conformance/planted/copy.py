@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import shutil
 import tomllib
 from collections.abc import Iterable
 from pathlib import Path
@@ -80,6 +81,10 @@ def _lay_out(path: str, folder: Path, texts: dict[str, str]) -> None:
         for entry in origin.iterdir():
             if entry.name not in ("__pycache__", "_data"):
                 _lay_out(f"{path}/{entry.name}", folder, texts)
+        return
+    if origin.is_file() and path.startswith("robots/") and origin.suffix != ".toml":
+        # A robot file may name a body only beside it, and links do not count.
+        shutil.copyfile(origin, target)
         return
     target.symlink_to(origin)
 
