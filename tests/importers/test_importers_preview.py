@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from built_worlds import AXES, import_text
+from built_worlds import AXES, build_world, import_text
 from numpy.typing import NDArray
+from sdf_samples import PLUGIN, load, model, shape
 from t3d_maps import brush, level, room, start
 
 from usarsim_server.importers.preview import CUT, SKY, Preview
@@ -88,3 +89,36 @@ def test_cuts_leave_sight_alone(tmp_path: Path) -> None:
     world = import_text(tmp_path, level(room(), start("S", (0, 0, 60))))
     Preview(load_world(world.built.folder)).view(1)
     assert world.rays((0.0, 0.0, 1.0), AXES) == pytest.approx([2, 2, 2, 2, 2, 1], abs=1e-5)
+
+
+FLOOR = "<material><diffuse>1 0 0 1</diffuse></material>"
+CEILING = "<material><diffuse>0 0 1 1</diffuse></material>"
+
+
+def slab(name: str, size: str, height: float, look: str) -> str:
+    """A level box of a colour; the height is that of its lower side."""
+    thick = float(size.split()[2])
+    geometry = f"<box><size>{size}</size></box>"
+    return model(name, shape(geometry, f"0 0 {height + thick / 2.0} 0 0 0", look))
+
+
+@pytest.mark.parametrize("height", [0.6, 1.2, 1.9, 2.5])
+def test_low_ceilings_hide_nothing(tmp_path: Path, height: float) -> None:
+    """However low the ceiling over a floor, plan and views show the floor and not the ceiling."""
+    text = slab("floor", "10 8 0.2", -0.2, FLOOR) + slab("ceiling", "10 8 0.2", height, CEILING)
+    world = build_world(tmp_path, load(tmp_path, text + PLUGIN.replace("1.5,-2", "1,1")))
+    preview = Preview(load_world(world.built.folder))
+    for image in (preview.top(), *(preview.view(corner) for corner in range(4))):
+        red, _, blue = (image[:, :, k].astype(int) for k in range(3))
+        assert (red > blue + 60).mean() > 0.1
+        assert (blue > red + 100).mean() < 0.001
+
+
+def test_tables_are_no_ceilings(tmp_path: Path) -> None:
+    """What lies above less than half of the floor is seen from above, as it was."""
+    table = slab("table", "4 4 0.1", 0.8, CEILING)
+    world = build_world(
+        tmp_path, load(tmp_path, slab("floor", "10 8 0.2", -0.2, FLOOR) + table + PLUGIN)
+    )
+    image = Preview(load_world(world.built.folder)).top().astype(int)
+    assert (image[:, :, 2] > image[:, :, 0] + 60).mean() > 0.05

@@ -16,6 +16,7 @@ from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
 
 from usarsim_server import atomic
+from usarsim_server.importers.preview_ceiling import ceiling
 from usarsim_server.importers.preview_cut import covered, cut_line, sections
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.tessellation import triangles
@@ -41,6 +42,9 @@ CUT = np.array([0.20, 0.23, 0.27])
 
 PLAN_CUT, VIEW_CUT = 2.0, 2.2
 """m above the floor: what is higher is left out of plans and views."""
+
+BELOW_CEILING = 0.02
+"""m below a ceiling that is lower than that."""
 
 DOT = 5.0
 """Pixels: radius of a mark, where 0.15 m are less."""
@@ -91,7 +95,7 @@ class Preview:
     def top(self, width: int = WIDTH, height: int = HEIGHT) -> Image:
         """From above, without roofs: what is more than 2 m above the floor is cut off."""
         x, y, scale = self._grid(width, height)
-        level = self._floor() + PLAN_CUT
+        level = self._floor() + self._cut(PLAN_CUT)
         start = np.stack([x, y, np.full(x.shape, level)], axis=-1).reshape(-1, 3)
         down = np.tile([0.0, 0.0, -1.0], (len(start), 1))
         colors, depths = self._shade(start, down)
@@ -145,7 +149,7 @@ class Preview:
         right = np.cross(ahead, [0.0, 0.0, 1.0])
         right /= np.linalg.norm(right)
         up = np.cross(right, ahead)
-        level = floor + VIEW_CUT
+        level = floor + self._cut(VIEW_CUT)
         eye = middle - ahead * self._distance(middle, (ahead, right, up), level, height / width)
         u, v = np.meshgrid(np.linspace(-1, 1, width), np.linspace(1, -1, height) * height / width)
         ways = ahead + SPREAD * (u[..., None] * right + v[..., None] * up)
@@ -188,6 +192,11 @@ class Preview:
         answer = self._scene.run(np.array([start], np.float32), down, output=1)
         way = float(answer["tfar"][0]) if answer["primID"][0] >= 0 else 0.25
         return start[2] - (way if way < 5.0 else 0.25)
+
+    def _cut(self, usual: float) -> float:
+        """m above the floor at which a picture is cut, so that one looks below low ceilings."""
+        low = ceiling(self._scene, self._floor(), self.lower, self.upper) - BELOW_CEILING
+        return min(usual, max(LASER, low))
 
     def _grid(self, width: int, height: int) -> tuple[Array, Array, float]:
         """Places (m) of all pixels of a plan, and pixels per metre; +x is to the right, +y up."""
