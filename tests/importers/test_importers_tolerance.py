@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import base64
 import json
+import logging
 import struct
 import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 from collada_samples import TRIANGLES, document, geometry, source, wedge
@@ -17,8 +19,10 @@ from mesh_samples import FACES, WEDGE, read, refusal, refused, whole
 from sdf_samples import BOX, load, model, only, shape, world, write
 from t3d_maps import actor, level, room, start
 
+from usarsim_server.importers import convert
 from usarsim_server.importers.convert import Request, import_map
 from usarsim_server.importers.findings import Findings
+from usarsim_server.importers.reader import Context
 from usarsim_server.importers.scene import Box, Light, Scene, Sphere
 from usarsim_server.simulation.frames import rpy_from_quaternion
 
@@ -459,9 +463,53 @@ class TestUsd:
 
     def test_a_hundredth_of_single_precision(self) -> None:
         """Seven digits of 0.01 are 0.01."""
-        from usarsim_server.importers.reader import Context
         from usarsim_server.importers.usd import _unit
 
         assert _unit(float(np.float32(0.01)), Path("a"), Context()) == 0.01
         assert _unit(0.0254, Path("a"), Context()) == 0.0254
         assert _unit(1, Path("a"), Context()) == 1.0
+
+
+def test_places_in_x3d(tmp_path: Path) -> None:
+    """A field of a Transform or a colour that makes no sense has its default."""
+    text = (
+        '<X3D><Scene>\n<Transform translation="0 nan 0" scale="2 3-2 2"><Shape><Appearance>'
+        '<Material diffuseColor="1 x 0"/></Appearance><Box size="1 1 1"/></Shape></Transform>'
+        "</Scene></X3D>"
+    )
+    findings = Findings()
+    mesh = whole(read(write(tmp_path, text, "map.x3d"), findings))
+    assert np.ptp(mesh.vertices, axis=0).tolist() == [2.0, 2.0, 1.0]
+    assert "map.x3d: line 2: translation '0 nan 0' makes no sense; left out" in told(findings)
+    assert "diffuseColor '1 x 0'" in told(findings)
+
+
+FALLING = "<mujoco><worldbody><body><freejoint/><geom size='1'/></body></worldbody></mujoco>"
+
+
+def test_libraries_are_not_heard(
+    tmp_path: Path,
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What libraries warn of, log and print goes to the log at `debug`, not to the terminal."""
+    real = convert.read_scene
+
+    def noisy(source: Path, context: Context) -> Scene:
+        warnings.warn("invalid value encountered in matmul", RuntimeWarning, stacklevel=1)
+        logging.getLogger("trimesh").warning("unable to load materials")
+        model = mujoco.MjModel.from_xml_string(FALLING)
+        data = mujoco.MjData(model)
+        data.qpos[0] = np.nan
+        mujoco.mj_step(model, data)
+        logging.getLogger("usarsim.plugins").warning("one of our own")
+        return real(source, context)
+
+    monkeypatch.setattr(convert, "read_scene", noisy)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(logging.getLogger(), "handlers", [])  # as without pytest
+    with warnings.catch_warnings():
+        warnings.simplefilter("default")
+        import_map(Request(write(tmp_path, OBJ, "map.obj")))
+    assert capfd.readouterr() == ("", "one of our own\n")
+    assert not (tmp_path / "MUJOCO_LOG.TXT").exists()

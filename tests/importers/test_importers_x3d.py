@@ -263,7 +263,6 @@ def test_a_file_that_shows_itself(tmp_path: Path) -> None:
     [
         (XML_WEDGE.replace("0 2 1 -1", "0 2 9 -1"), "map.x3d", "line 4: IndexedFaceSet: index 9"),
         (XML_WEDGE.replace("0 2 1 -1", "0 x 1 -1"), "map.x3d", "line 4"),
-        (x3d('<Transform scale="1 2"/>'), "map.x3d", "scale is '1 2'"),
         (x3d(shape('<Box size="1 2"/>')), "map.x3d", "rows of 3"),
         (VRML_WEDGE[:300], "map.wrl", "line"),
         ("#VRML V1.0 ascii\nSeparator {}", "map.wrl", "VRML 1"),

@@ -18,6 +18,7 @@ from usarsim_server.importers.builder import build
 from usarsim_server.importers.cache import RECORD, ImportCache, default_cache
 from usarsim_server.importers.findings import Findings
 from usarsim_server.importers.names import safe
+from usarsim_server.importers.quiet import quiet
 from usarsim_server.importers.reader import (
     Context,
     ImportOptions,
@@ -76,8 +77,9 @@ class Imported:
     cached: bool
 
 
+@quiet()
 def import_map(request: Request, progress: Callable[[str, float], None] = _quiet) -> Imported:
-    """Turn a map into a world folder.
+    """Turn a map into a world folder; what libraries warn of meanwhile is only logged.
 
     Args:
         request: what and how.

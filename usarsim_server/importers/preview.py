@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from usarsim_server import atomic
 from usarsim_server.importers.preview_ceiling import ceiling
 from usarsim_server.importers.preview_cut import covered, cut_line, sections
+from usarsim_server.importers.quiet import quiet
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.tessellation import triangles
 from usarsim_server.worlds.description import WorldDescription
@@ -196,7 +197,7 @@ class Preview:
     def _cut(self, usual: float) -> float:
         """m above the floor at which a picture is cut, so that one looks below low ceilings."""
         low = ceiling(self._scene, self._floor(), self.lower, self.upper) - BELOW_CEILING
-        return min(usual, max(LASER, low))
+        return min(usual, max(BELOW_CEILING, low))
 
     def _grid(self, width: int, height: int) -> tuple[Array, Array, float]:
         """Places (m) of all pixels of a plan, and pixels per metre; +x is to the right, +y up."""
@@ -227,6 +228,7 @@ class Preview:
         return colors, distances
 
 
+@quiet()
 def write_previews(world: WorldDescription, folder: Path) -> list[Path]:
     """Draw all six pictures into a folder; returns their paths.
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.importers.files import AssetIndex, read_head
+from usarsim_server.importers.findings import Findings
 from usarsim_server.importers.mesh_files import (
     MAX_TRIANGLES,
     Axes,
@@ -25,6 +27,7 @@ from usarsim_server.importers.mesh_files import (
     too_large,
     with_hulls,
 )
+from usarsim_server.importers.numbers import read_number, read_numbers
 from usarsim_server.importers.reader import Context, Reader, register
 from usarsim_server.importers.scene import Material, Mesh, Part, Scene, SceneObject
 from usarsim_server.importers.vrml_text import read_vrml
@@ -78,13 +81,15 @@ class X3dReader(Reader):
 
     def read(self, source: Path, context: Context) -> Scene:
         """See `Reader.read`."""
-        document = _load(source)
+        document = _load(source, context.findings)
         return _Stage(document, context, axes_of(context.options, "Y", _unit(document))).scene()
 
 
-def _load(path: Path) -> Document:
+def _load(path: Path, findings: Findings) -> Document:
     classic = not read_head(path).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<")
-    return read_vrml(path) if classic else read_xml(path, tolerant=True)
+    if classic:
+        return replace(read_vrml(path), findings=findings)
+    return read_xml(path, tolerant=True, findings=findings)
 
 
 def _unit(document: Document) -> float:
@@ -92,7 +97,7 @@ def _unit(document: Document) -> float:
     for node in document.root.walk():
         if node.tag == "unit" and node.get("category") == "length":
             try:
-                factor = float(node.get("conversionFactor", "1"))
+                factor = read_number(node.get("conversionFactor", "1"))
             except ValueError:
                 factor = 0.0
             if not 1e-9 < factor < 1e9:
@@ -211,7 +216,7 @@ class _Stage:
         if len(self._documents) >= MAX_FILES:
             raise self._document.error(node, f"more than {MAX_FILES} files", "split the map")
         outer = self._document, self._names
-        self._document = _load(found)
+        self._document = _load(found, self._context.findings)
         self._documents.append(self._document)
         self._names = _defined(self._document)
         self._node(self._document.root, matrix, name, depth + 1)
@@ -291,16 +296,17 @@ class _Stage:
         return answer
 
     def _numbers(self, node: Node, field: str, default: tuple[float, ...]) -> list[float]:
-        """So many numbers of a field as its default has."""
+        """So many numbers of a field as its default has, which stands for what makes no sense."""
         text = node.get(field)
         if not text:
             return list(default)
         try:
-            values = [float(word) for word in text.replace(",", " ").split()]
+            values = read_numbers(text, len(default))[: len(default)]
         except ValueError:
             values = []
         if len(values) != len(default) or not all(abs(value) < 1e12 for value in values):
-            raise self._document.error(node, f"{field} is {text[:40]!r}", CURE)
+            self._document.note(node, f"{field} {text[:60]!r} makes no sense; left out")
+            return list(default)
         return values
 
 
