@@ -184,7 +184,7 @@ class TestNothingFound:
         """The first reason is told."""
         write(tmp_path, "no mesh", "a.dae")
         source = write(tmp_path, world(GROUND + model("m", mesh("a.dae"))))
-        with pytest.raises(MapImportError, match=r"can be had: a\.dae; first note: a\.dae: .*XML"):
+        with pytest.raises(MapImportError, match=r"can be had: a\.dae; a\.dae: .*XML"):
             import_map(Request(source))
 
     def test_unreal(self, tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from t3d_maps import actor, level, room, start
 from usarsim_server.importers import convert
 from usarsim_server.importers.convert import Request, import_map
 from usarsim_server.importers.findings import Findings
-from usarsim_server.importers.reader import Context
+from usarsim_server.importers.reader import Context, read_scene
 from usarsim_server.importers.scene import Box, Light, Scene, Sphere
 from usarsim_server.simulation.frames import rpy_from_quaternion
 
@@ -156,7 +156,7 @@ class TestSdf:
         """Where nothing is left the error tells the first reason."""
         path = write(tmp_path, world(model("m", shape("<box><size>x</size></box>"))))
         message = refusal(lambda: import_map(Request(path)))
-        assert "first note: map.world: line 4: 'x' is no number" in message
+        assert "; map.world: line 4: 'x' is no number" in message
 
 
 LIGHT = (
@@ -493,7 +493,7 @@ def test_libraries_are_not_heard(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """What libraries warn of, log and print goes to the log at `debug`, not to the terminal."""
-    real = convert.read_scene
+    real = read_scene
 
     def noisy(source: Path, context: Context) -> Scene:
         warnings.warn("invalid value encountered in matmul", RuntimeWarning, stacklevel=1)

@@ -262,13 +262,14 @@ def _of_planes(scene: Scene, findings: Findings) -> tuple[Array, Array]:
             and models are all missing.
     """
     source = scene.source.path
-    told = next(iter(findings.warnings()), None)
-    note = "" if told is None else f"; first note: {told.subject}: {told.text}"
     lost = [name for kind, name, _ in findings.missing_list() if kind in GEOMETRY]
+    files = [Path(name).name for name in lost]
+    notes = (f"; {note.subject}: {note.text}" for note in findings.warnings())
     if lost:
         names = ", ".join(name[:80] for name in lost[:3])
         more = f" and {len(lost) - 3} more" if len(lost) > 3 else ""
-        problem = f"none of the meshes and models that it names can be had: {names}{more}{note}"
+        why = next((note for note in notes if any(file in note for file in files)), "")
+        problem = f"none of the meshes and models that it names can be had: {names}{more}{why}"
         cure = "name the folder in which they lie with --assets DIR, or give --placeholders"
         raise MapImportError(at(source, problem, cure))
     corners = [np.array(start.pose.position) for start in scene.starts]
@@ -280,7 +281,8 @@ def _of_planes(scene: Scene, findings: Findings) -> tuple[Array, Array]:
                 corners += [matrix[:3, 3] - across, matrix[:3, 3] + across]
     if len(corners) == len(scene.starts):
         cure = "check that the export contains geometry; meshes are found with --assets"
-        raise MapImportError(at(source, f"there is no geometry in this map{note}", cure))
+        problem = f"there is no geometry in this map{next(notes, '')}"
+        raise MapImportError(at(source, problem, cure))
     return np.min(corners, axis=0), np.max(corners, axis=0)
 
 
