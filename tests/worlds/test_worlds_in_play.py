@@ -207,3 +207,34 @@ def test_a_world_of_patches_runs_the_same_twice(tmp_path: Path) -> None:
             heard.append(client.take())
     assert heard[0] == heard[1]
     assert len(heard[0]) > 20
+
+
+def test_a_robot_that_asks_for_a_place_outside_starts_inside() -> None:
+    """INIT far outside the world, in metres or by mistake in engine units, gives a robot that
+    stands on the floor."""
+    with Rehearsal(world="smoke_corridor") as stage:
+        client = stage.connect()
+        client.send("INIT {ClassName USARBot.P2AT} {Location 1e6,120,-2.5}")
+        stage.run(3.0)
+        state = stage.assembly.fleet.vehicles[0].look()
+        assert state is not None
+        x, y, z = state.pose.position
+        corner = stage.assembly.world.upper[0], stage.assembly.world.lower[1]
+        assert (x, y) == pytest.approx(corner, abs=0.01)
+        assert 0.0 < z < 1.0
+        assert client.take("STA")
+
+
+@pytest.mark.parametrize("robot", ["AirRobot", "quadrotor", "Passarola"])
+def test_aircraft_stay_in_the_world(robot: str) -> None:
+    """Whatever direction it is sent, an aircraft ends at the edge of the world's box."""
+    with Rehearsal(world="smoke_corridor") as stage:
+        client = stage.connect()
+        client.send(f"INIT {{ClassName USARBot.{robot}}} {{Location 0,0,-6}}")
+        client.send("DRIVE {AltitudeVelocity 2} {LinearVelocity -2} {LateralVelocity 0}")
+        stage.run(30.0)
+        state = stage.assembly.fleet.vehicles[0].look()
+        assert state is not None
+        x, _, z = state.pose.position
+        assert x == pytest.approx(stage.assembly.world.lower[0], abs=0.1)
+        assert z == pytest.approx(stage.assembly.world.upper[2], abs=0.3)

@@ -89,7 +89,7 @@ class Placement:
         rest_height = self._world.slots[slot].rest_height
         grounded = self.admit(pose, rest_height)
         if not self._inside(self._above_floor(pose, rest_height)):
-            grounded = self._over_ground(snapshot, grounded)
+            grounded = self._over_ground(snapshot, slot, grounded)
             _log.warning(
                 "a place outside the world was asked for, taking the nearest inside",
                 wanted=pose.position,
@@ -124,10 +124,11 @@ class Placement:
         )
         return Pose((x, y, z), pose.quaternion)
 
-    def _over_ground(self, snapshot: Snapshot, pose: Pose) -> Pose:
-        """The first pose on the way to the middle of the world that has ground below or above.
+    def _over_ground(self, snapshot: Snapshot, slot: int, pose: Pose) -> Pose:
+        """The first pose on the way to the middle of the world that has ground below or above it.
 
-        The box of a world is larger than its ground.
+        The box of a world is larger than its ground. There has to be ground as far back as the
+        robot reaches, so that it does not start with its rear wheels over the void.
         """
         x, y, z = pose.position
         ahead = [
@@ -137,11 +138,25 @@ class Placement:
         looks = min(MOST_LOOKS, math.ceil(math.hypot(*ahead) / INWARD_STEP)) + 1
         self._show(snapshot)
         mujoco.mj_kinematics(self._model, self._data)
+        reach = self._reach(slot) / max(math.hypot(*ahead), 1e-6)
+
+        def at(share: float) -> Vector:
+            return x + share * ahead[0], y + share * ahead[1], z
+
         for share in np.linspace(0.0, 1.0, looks).tolist():
-            place = (x + share * ahead[0], y + share * ahead[1], z)
-            if math.isfinite(self._way(place, -1.0)) or math.isfinite(self._way(place, 1.0)):
-                return Pose(place, pose.quaternion)
+            if self._has_ground(at(share)) and self._has_ground(at(share - reach)):
+                return Pose(at(share), pose.quaternion)
         return pose
+
+    def _reach(self, slot: int) -> float:
+        """How far a robot's shapes reach from its reference point, m."""
+        layout = self._world.layouts[slot]
+        away = self._data.geom_xpos[layout.geoms] - self._data.xpos[layout.base]
+        reaches = np.linalg.norm(away, axis=1) + self._model.geom_rbound[layout.geoms]
+        return float(reaches.max(initial=0.0))
+
+    def _has_ground(self, place: Vector) -> bool:
+        return math.isfinite(self._way(place, -1.0)) or math.isfinite(self._way(place, 1.0))
 
     def _above_floor(self, pose: Pose, rest_height: float) -> Pose:
         """Lift a pose below an endless floor to its surface; no way leads there otherwise."""

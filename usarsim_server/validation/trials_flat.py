@@ -45,6 +45,8 @@ Steps = Sequence[float]
 
 SKID = ("P3AT_real", "P3AT_fast", "P2AT")
 """Skid-steered robots that can be driven at several rad/s."""
+HEAVY = ("ATRVJr", "ATRV", "BasicSkidRobot")
+"""Those whose servos have most to do in a turn."""
 WHEELED = (*SKID, "P2DX")
 GAZEBO = ("pioneer3at_with_sensors", "pioneer2dx_with_sensors")
 FRICTIONS = (0.3, 0.5, 1.0)
@@ -135,7 +137,7 @@ def effective_track(shop: Workshop, steps: Steps) -> Results:
 
 def speed_independence(shop: Workshop, steps: Steps) -> Results:
     """V7: the turn ratio does not depend on the wheel speed."""
-    for robot in SKID:
+    for robot in (*SKID, *HEAVY):
         for timestep in steps:
             ratios = [shop.turn(robot, timestep, speed).ratio for speed in SPEEDS]
             yield Case("V7", robot, timestep).result(
