@@ -68,7 +68,8 @@ async def geo_pairs(case: Case) -> None:
             continue
         asked += 1
         case.expect(form.fullmatch(line.text), f"another form: {line}")
-    case.need(asked, "no sensor answered GETGEO")
+    if not asked:
+        case.skip("no sensor answered GETGEO")
 
 
 @check(
@@ -94,7 +95,8 @@ async def geo_segments(case: Case) -> None:
             f"other segments: {line}",
         )
         case.expect(all(" " not in v for n, v in line.segments if n == "Name"), f"pairs: {line}")
-    case.need(asked, "no sensor answered GETGEO")
+    if not asked:
+        case.skip("no sensor answered GETGEO")
 
 
 @check(
@@ -107,7 +109,8 @@ async def body_frame(case: Case) -> None:
     """Mount poses are in the body frame whatever the yaw of the robot."""
     recording = await standing(case)
     types = sorted(recording.types() - {"Camera"})
-    case.need(types, "the robot streams no items")
+    if not types:
+        case.skip("the robot streams no items")
     type = "RangeScanner" if "RangeScanner" in types else types[0]
     place = await case.place()
     case.need(place.tag is None or any(place.location), "the server lists no start poses")

@@ -172,11 +172,12 @@ async def upright(case: Case) -> None:
 
     def tint(rows: Floats) -> float:
         red, _, blue = rows.reshape(-1, 3).mean(axis=0)
-        return abs(float(blue - red))
+        return float(blue - red)
 
     top, bottom = tint(pixels[:eighth]), tint(pixels[-eighth:])
-    case.need(abs(top - bottom) > 6.0, "sky and ground cannot be told apart")
-    case.expect(top > bottom, "the sky is at the bottom")
+    case.need(abs(abs(top) - abs(bottom)) > 6.0, "sky and ground cannot be told apart")
+    case.need(top * bottom >= 0.0 or abs(top) > abs(bottom), "there is more than sky and ground")
+    case.expect(abs(top) > abs(bottom), "the sky is at the bottom")
 
 
 @images("content.tile-of-frame", "Rectangles are cut from the frame", "11.21")

@@ -13,6 +13,8 @@ from usarsim_tools.conformance.verdicts import Severity
 
 _STILL = 0.02
 """m/s below which a robot stands; sensors print centimetres."""
+_TURNS = 0.02
+"""rad that even a long robot on tracks turns in a second; sensors print hundredths."""
 _STEADY = 0.04
 """Share by which the speed of a robot that has reached it may still change in 0.7 s."""
 _RAMP = 10
@@ -60,7 +62,7 @@ async def clockwise(case: Case) -> None:
     """`DRIVE {Left v} {Right -v}` turns clockwise seen from above: left and right are not
     swapped. Clockwise is what increases odometry theta and, with z down, yaw."""
     _, _, turn = (await driven(case)).phases["clockwise"].moved
-    case.expect(turn > 0.1, f"it turned by {turn:.2f} rad, clockwise positive")
+    case.expect(turn > _TURNS, f"it turned by {turn:.2f} rad, clockwise positive")
 
 
 @check(
@@ -72,7 +74,7 @@ async def clockwise(case: Case) -> None:
 async def anticlockwise(case: Case) -> None:
     """`DRIVE {Left -v} {Right v}` turns anticlockwise seen from above."""
     _, _, turn = (await driven(case)).phases["anticlockwise"].moved
-    case.expect(turn < -0.05, f"it turned by {turn:.2f} rad, clockwise positive")
+    case.expect(turn < -_TURNS, f"it turned by {turn:.2f} rad, clockwise positive")
 
 
 @check(
@@ -161,7 +163,7 @@ async def persists(case: Case) -> None:
     await _rolling(robot, f"DRIVE {{Left {turn}}} {{Right {-turn}}}")
     await robot.run(4.0)
     _, rate = await _rolling(robot)
-    case.expect(abs(rate) > 0.05, f"after 5 s it turns at {rate:.3f} rad/s")
+    case.expect(abs(rate) > 0.012, f"after 5 s it turns at {rate:.3f} rad/s")
 
 
 async def _cruising(case: Case, command: str) -> tuple[float, float, float]:
@@ -259,7 +261,7 @@ async def _one_side(case: Case) -> tuple[float, float]:
 async def one_side(case: Case) -> None:
     """In ut2004 `DRIVE {Left v}` alone keeps the right side: the robot turns clockwise."""
     _, rate = await _one_side(case)
-    case.expect(rate > 0.05, f"it turns at {rate:.3f} rad/s, clockwise positive")
+    case.expect(rate > 0.012, f"it turns at {rate:.3f} rad/s, clockwise positive")
 
 
 @check(
@@ -343,6 +345,8 @@ async def flip_over(case: Case) -> None:
     robot = await case.spawn(place=over)
     await robot.run(1.2)
     before = await robot.pose()
+    if "AerialVehicle" in robot.first.text:
+        case.skip("a robot that flies rights itself")
     case.need(abs(turned(0.0, before.orientation[0])) > 2.0, "the robot does not lie on its back")
     await robot.send("DRIVE {Flip True}")
     await robot.run(2.0)
