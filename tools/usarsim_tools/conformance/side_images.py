@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import re
 import struct
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,6 +15,7 @@ from PIL import Image
 
 from usarsim_tools.conformance.case import Case
 from usarsim_tools.conformance.control import Robot
+from usarsim_tools.conformance.lines import Line
 from usarsim_tools.conformance.places import Place
 from usarsim_tools.conformance.verdicts import Failed, Inconclusive, NotApplicable
 from usarsim_tools.conformance.wire import Wire
@@ -340,14 +342,16 @@ async def ask_conf(robot: Robot, extra: str = "") -> str:
     known = any(line.text.startswith(camera) for line in client.lines)
     # Nothing is said of what is not there: the question behind it tells that it is not.
     await robot.send(command, "GETSTARTPOSES")
-    line = await client.wait(
-        lambda line: line.text.startswith((camera, "NFO {StartPoses")), what=f"answer to {command}"
-    )
-    if line.text.startswith(camera):
-        return line.text
-    if known:
+    found = ""
+    while not (line := await client.wait(_told(camera), what=command)).text.startswith("NFO"):
+        found = found or line.text
+    if known and not found:
         raise Failed(f"{command} was not answered, although there is a camera")
-    return ""
+    return found
+
+
+def _told(camera: str) -> Callable[[Line], bool]:
+    return lambda line: line.text.startswith((camera, "NFO {StartPoses"))
 
 
 async def camera_robot(case: Case, class_name: str = "", place: Place | None = None) -> CameraRobot:

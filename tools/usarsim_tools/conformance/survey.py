@@ -37,7 +37,7 @@ _ANSWERS = 10.0
 """s until an answer is given up."""
 _CLEAR = 0.5
 """m of room for a robot to move in beside its own size."""
-_REACH = 3.5
+_REACH = 5.5
 """m between arms on fixed bases, which tell no size."""
 _KEEPER = "KitClock"
 """Name of the robot that tells the time."""
