@@ -226,3 +226,16 @@ async def limits(case: Case) -> None:
                 f"{trip.class_name} steers from {least:.3f} to {most:.3f} rad, but "
                 f"Max{axle}Steer of CONF is {told}: {axle}Steer",
             )
+
+
+@check(
+    "control.ackerman.steering-type",
+    "SteeringType of cars",
+    source="protocol reference 4.8",
+    dialects=ONCE,
+)
+async def steering_type(case: Case) -> None:
+    """SteeringType of CONF is AckermanSteered for cars."""
+    for trip in await _cars(case):
+        found = trip.conf.get("SteeringType")
+        case.expect(found == "AckermanSteered", f"SteeringType of {trip.class_name} is {found}")

@@ -231,3 +231,39 @@ async def wheel_steer(case: Case) -> None:
                 f"{trip.class_name} with its front wheels at {sign * 0.25:g} rad: yaw changes by "
                 f"{turning:.3f} rad/s: WheelSteer, or WheelNumber",
             )
+
+
+@check(
+    "control.omni.steering-type",
+    "SteeringType of robots driven wheel by wheel",
+    source="protocol reference 4.8",
+    dialects=UT2004,
+    severity=Severity.SHOULD,
+)
+async def steering_type(case: Case) -> None:
+    """SteeringType of CONF is OmniDrive for a robot whose wheels are steered one by one."""
+    for trip in await _steps(case, _WHEELERS):
+        found = trip.conf.get("SteeringType")
+        case.expect(found == "OmniDrive", f"SteeringType of {trip.class_name} is {found}")
+
+
+# Lamps.
+
+
+@check(
+    "control.status.light-intensity",
+    "LightIntensity follows the lamp",
+    source="protocol reference 4.3",
+    dialects=UT2004,
+    severity=Severity.SHOULD,
+)
+async def light_intensity(case: Case) -> None:
+    """In ut2004 LightIntensity of STA is 0 while the headlight is off, above 0 while it is on."""
+    robot = await case.spawn()
+    if robot.first.get("LightIntensity") is None:
+        case.skip("STA has no LightIntensity")
+    for word, lit in (("true", True), ("false", False)):
+        await robot.send(f"DRIVE {{Light {word}}}")
+        status = [line for line in await robot.run(0.6) if line.head == "STA"][-1]
+        found = status.number("LightIntensity")
+        case.expect((found > 0.0) == lit, f"LightIntensity is {found:g} with Light {word}")

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 from usarsim_tools.conformance.case import Case
 from usarsim_tools.conformance.control import Robot
+from usarsim_tools.conformance.lines import Line
 from usarsim_tools.conformance.registry import ONCE, check
 from usarsim_tools.conformance.trips import Trip, near, of_classes, on_open_floor, ride
 from usarsim_tools.conformance.verdicts import Severity
@@ -23,6 +25,8 @@ _FAST = 0.75
 _SCRUBS = 2.6
 """How many times farther apart than they are wheels that scrub, or tracks, seem to be when it
 turns; robots reference 3.3: 1.42 to 1.57 for a Pioneer 3-AT."""
+_TORQUES = {"P2AT": 60.0, "P2DX": 50.0, "P3AT": 50000.0, "BasicSkidRobot": 50000.0}
+"""N m; the largest number stands for none."""
 _MASSES = {
     "P3AT": 11.9, "BasicSkidRobot": 14.0, "CasterSkidRobot": 13.0, "BasicAckermanRobot": 16.4,
     "FrontAckerman": 147.0, "P2AT": 14.0, "P2DX": 9.0, "ATRVJr": 50.0, "Talon": 52.0,
@@ -63,7 +67,15 @@ async def _tours(case: Case) -> list[Trip]:
         return await on_open_floor(case, "a tour", class_name, _tour)
 
     trips = await of_classes(case, tuple(classes), tour)
-    return [trip for trip in trips if trip.conf.get("SteeringType") == "SkidSteered"]
+    driven = [trip for trip in trips if trip.geo.number("WheelRadius") > 0.0 and _sides(trip)]
+    if not driven:
+        case.skip(f"none of {', '.join(classes)} is driven by its sides")
+    return driven
+
+
+def _sides(trip: Trip) -> bool:
+    """Whether it is driven by its sides: by what it says, and if in doubt by its class."""
+    return trip.conf.get("SteeringType") == "SkidSteered" or trip.class_name in ROVERS
 
 
 def _side(trip: Trip, leg: str, side: str) -> float:
@@ -217,6 +229,73 @@ async def mass(case: Case) -> None:
         )
     if not judged:
         case.skip("the mass of none of the classes is known")
+
+
+@check(
+    "control.conf.torque",
+    "MaxTorque is that of the class",
+    source="protocol reference 4.8; robots reference 1.2 and 1.6",
+    dialects=ONCE,
+    severity=Severity.SHOULD,
+)
+async def max_torque(case: Case) -> None:
+    """MaxTorque of CONF is that of the original's class, as it was captured."""
+    for trip in await _tours(case):
+        wanted = _TORQUES.get(trip.class_name)
+        found = trip.conf.number("MaxTorque")
+        case.expect(
+            wanted is None or near(found, wanted, 0.01),
+            f"MaxTorque of {trip.class_name} is {found}, not {wanted}",
+        )
+
+
+@check(
+    "control.conf.steering-type",
+    "SteeringType tells how it is driven",
+    source="protocol reference 4.8",
+    dialects=ONCE,
+)
+async def steering_type(case: Case) -> None:
+    """SteeringType of CONF is SkidSteered for robots that Left and Right drive."""
+    for trip in await _tours(case):
+        found = trip.conf.get("SteeringType")
+        case.expect(found == "SkidSteered", f"SteeringType of {trip.class_name} is {found}")
+
+
+@check(
+    "control.conf.dialects-agree",
+    "Dialects tell the same numbers",
+    source="protocol reference 4.7 and 4.8",
+    dialects=ONCE,
+    severity=Severity.SHOULD,
+)
+async def dialects_agree(case: Case) -> None:
+    """What CONF and GEO of a robot tell is the same in every dialect that the server speaks."""
+    if len(case.survey.dialects) < 2:
+        case.skip("the server speaks one dialect only")
+    for command in ("GETCONF", "GETGEO"):
+        told = [
+            await case.shared(f"{command} of the robot", partial(_ask, command), dialect)
+            for dialect in case.survey.dialects
+        ]
+        for other in told[1:]:
+            for name in told[0].names:
+                values = told[0].numbers(name), other.numbers(name)
+                if other.get(name) is None or not all(map(math.isfinite, values[0])):
+                    continue
+                case.expect(
+                    len(values[0]) == len(values[1])
+                    and all(near(b, a, 0.01, 0.001) for a, b in zip(*values, strict=True)),
+                    f"{name} is {told[0].get(name)} and {other.get(name)} by dialect",
+                )
+
+
+async def _ask(command: str, case: Case) -> Line:
+    robot = await case.spawn()
+    head = command.removeprefix("GET")
+    return await robot.client.ask(
+        f"{command} {{Type Robot}}", lambda line: line.head == head and line.type != "Camera"
+    )
 
 
 @check(

@@ -130,6 +130,52 @@ plant(
     field="COG",
 )
 
+plant(
+    "driving.conf.torque",
+    _TOLD,
+    'number("MaxTorque", max_torque, _DIGITS)',
+    'number("MaxTorque", max_torque / 2.0, _DIGITS)',
+    notices="control.conf.torque",
+    field="MaxTorque",
+)
+plant(
+    "driving.conf.steering-type",
+    _TOLD,
+    'segment("SteeringType", steering_type)',
+    'segment("SteeringType", "Unknown")',
+    notices=(
+        "control.conf.steering-type",
+        "control.ackerman.steering-type",
+        "control.omni.steering-type",
+    ),
+    field="SteeringType",
+)
+plant(
+    "driving.conf.one-dialect",
+    _TOLD,
+    'number("Mass", mass, _DIGITS)',
+    'number("Mass", mass if dialect is Dialect.UT2004 else 2.0 * mass, _DIGITS)',
+    notices="control.conf.dialects-agree",
+    field="Mass",
+    dialect=None,
+)
+plant(
+    "driving.status.light",
+    _TOLD,
+    'flag("LightToggle", status.light),\n        count(',
+    'flag("LightToggle", not status.light),\n        count(',
+    notices="control.status.light",
+    field="LightToggle",
+)
+plant(
+    "driving.status.light-intensity",
+    "usarsim_server/robots/families/base.py",
+    "return LIGHT_INTENSITY if self.light or",
+    "return LIGHT_INTENSITY if not self.light or",
+    notices="control.status.light-intensity",
+    field="LightIntensity",
+)
+
 # Cars.
 
 plant(

@@ -123,3 +123,12 @@ plant(
     notices="control.legged.each-joint",
     field="of STA",
 )
+plant(
+    "limbs.gripper-status",
+    _TOLD,
+    'segment("Status", "CLOSED" if closed else "OPEN")',
+    'segment("Status", "OPEN" if closed else "CLOSED")',
+    notices="control.arm.gripper",
+    field="Status",
+    dialect="udk",
+)
