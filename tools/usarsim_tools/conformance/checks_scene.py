@@ -33,6 +33,8 @@ _SIDE = 1.0
 """m, of a cube."""
 _EYE = 0.15
 """m; how far ahead of the reference point cameras are, roughly: 7 m make up for that."""
+_NEAR, _STRAIGHT = 0.3, 0.1
+"""m and rad; cameras beyond look past the cubes, or over an engine hood."""
 _ZOOMED = 0.8
 """rad."""
 _TURNED = 0.25
@@ -76,6 +78,7 @@ async def _look(case: Case, lot: Place) -> _Scene:
     world = await controller(case)
     watcher = await camera_robot(case, place=lot)
     robot, tile = watcher.robot, watcher.tile
+    await _looks_ahead(case, robot, tile.name)
     await robot.run(1.5)
     pose = await robot.pose()
     here = Place(None, pose.location, (0.0, 0.0, pose.yaw))
@@ -108,6 +111,22 @@ async def _look(case: Case, lot: Place) -> _Scene:
         await robot.run(2.0)
         await shoot(f"link {number}")
     return scene
+
+
+async def _looks_ahead(case: Case, robot: Robot, camera: str) -> None:
+    """The cubes are where a camera near the reference point sees them that looks straight ahead.
+
+    Raises:
+        NotApplicable: for any other camera.
+    """
+    if robot.first.type.startswith("Legged"):
+        case.skip("a camera in a head that moves")
+    geo = await robot.client.ask(f"GETGEO {{Type Camera}} {{Name {camera}}}", "GEO {Type Camera")
+    item = geo.items()[0]
+    away = math.hypot(*numbers(item.get("Location"))[:2])
+    turned = max(abs(math.remainder(angle, math.tau)) for angle in numbers(item["Orientation"]))
+    if away > _NEAR or turned > _STRAIGHT:
+        case.skip(f"{camera} is {away:.2f} m from the middle, turned by {turned:.2f} rad")
 
 
 async def _mount(robot: Robot, camera: str) -> tuple[str, list[tuple[float, float]]]:
