@@ -186,8 +186,9 @@ async def tile_of_frame(case: Case) -> None:
     watcher = await camera_robot(case)
     await watcher.robot.run(1.0)
     client = await ImageClient.open(case)
-    part = (await client.ask(watcher.tile.request)).pixels.astype(float)
-    frame = (await client.ask()).pixels
+    await client.send(watcher.tile.request + OK)  # together: what moves is in neither, or in both
+    part = (await client.frame()).pixels.astype(float)
+    frame = (await client.frame()).pixels
     again = watcher.tile.cut(frame)
     case.expect(part.shape == again.shape, f"shapes {part.shape} and {again.shape} differ")
     off = float(np.abs(part - again).mean())

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 from usarsim_tools.conformance.case import Case
 from usarsim_tools.conformance.control import Robot, turned
-from usarsim_tools.conformance.recordings import driven, wheels_of
+from usarsim_tools.conformance.recordings import driven, ground_told, wheels_of
 from usarsim_tools.conformance.registry import ONCE, UDK, UNREAL, UT2004, check
 from usarsim_tools.conformance.verdicts import Severity
 
@@ -338,15 +338,14 @@ async def flip(case: Case) -> None:
     dialects=UT2004,
 )
 async def flip_over(case: Case) -> None:
-    """In ut2004 `DRIVE {Flip True}` puts an overturned robot upright."""
+    """In ut2004 `DRIVE {Flip True}` puts an overturned ground vehicle upright."""
+    await ground_told(case, "GETCONF")
     base = await case.place()
     case.need(base.tag is None or any(base.location), "the server lists no start poses")
     over = type(base)(None, base.moved(down=-0.3).location, (math.pi, 0.0, base.rotation[2]))
     robot = await case.spawn(place=over)
     await robot.run(1.2)
     before = await robot.pose()
-    if "AerialVehicle" in robot.first.text:
-        case.skip("a robot that flies rights itself")
     case.need(abs(turned(0.0, before.orientation[0])) > 2.0, "the robot does not lie on its back")
     await robot.send("DRIVE {Flip True}")
     await robot.run(2.0)
