@@ -10,7 +10,7 @@ import pytest
 
 from usarsim_server.cameras.board import CameraBoard
 from usarsim_server.cameras.mount import CameraMount, bind_view
-from usarsim_server.cameras.view import Grid
+from usarsim_server.cameras.view import Grid, Region
 from usarsim_server.protocol.commands import interpret
 from usarsim_server.protocol.grammar import parse_line
 from usarsim_server.protocol.requests import Set
@@ -33,6 +33,21 @@ def robot(name: str, *cameras: str) -> RobotDescription:
     return replace(found, cameras=others) if cameras else found
 
 
+def test_a_camera_with_a_size_of_its_own() -> None:
+    """ARDrone's Camera2 tells 176 x 144 in the corner of its tile; who is bound to it gets that."""
+    stage = Stage(robot("ARDrone"))
+    told = stage.mount.configuration("Camera", "Camera2", UDK)
+    place = "{TextureOffsetX 320}{TextureOffsetY 0}"
+    assert f"{place}{{TextureResolutionX 176}}{{TextureResolutionY 144}}" in told
+    stage.board.bind("10.0.0.7", stage.keys[1])
+    assert stage.board.bound("10.0.0.7") == Region(320, 0, 176, 144)
+    # A tile that is smaller cuts it down.
+    small = Stage(robot("ARDrone"), Grid(1, 1, 160, 120))
+    small.set("SET {Type Viewports} {Config SingleView} {Viewport1 Camera2}", UT2004)
+    told = small.mount.configuration("Camera", "Camera2", UDK)
+    assert "{TextureResolutionX 160}{TextureResolutionY 120}" in told
+
+
 class Stage:
     """A board with one robot on it, and what its client would say to it."""
 
@@ -41,7 +56,7 @@ class Stage:
         for number in range(before):
             self.board.add("Camera", f"other{number}", 100 + number, None, Pose(), 1.0)
         self.keys = [
-            self.board.add(one.name, "me", 7, one.link, one.pose, one.fov, one.rate).key
+            self.board.add(one.name, "me", 7, one.link, one.pose, one.fov, one.rate, one.size).key
             for one in kind.cameras
         ]
         self.mount = CameraMount(

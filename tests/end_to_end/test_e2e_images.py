@@ -54,6 +54,13 @@ class Asker:
         assert kind == 3
         return decoded(payload)
 
+    def raw(self, request: bytes = b"OK") -> Pixels:
+        """A picture of a server that sends no JPEG."""
+        kind, payload = self.ask(request)
+        assert kind == 0
+        width, height = struct.unpack(">2H", payload[:4])
+        return np.frombuffer(payload, np.uint8, offset=4).reshape(height, width, 3)[:, :, ::-1]
+
     def silent_for(self, seconds: float) -> bool:
         """Whether nothing comes."""
         self.socket.settimeout(seconds)
@@ -82,6 +89,15 @@ def robot(server: ServerProcess, start: str) -> ScriptedClient:
     client = server.client()
     client.send(f"INIT {{ClassName P3AT}} {{Start {start}}}")
     client.wait_for("STA")
+    return client
+
+
+def drone(server: ServerProcess) -> ScriptedClient:
+    """An ARDrone as its client starts it: the camera that looks down is in its first tile."""
+    client = server.client()
+    client.send(f"INIT {{ClassName USARBot.ARDrone}} {{Name ARDrone}} {{Start {STARTS[0]}}}")
+    client.send("SET {Type Viewports} {Config SingleView} {Viewport1 Camera2}")
+    assert "{Viewport1 Camera2} {Status OK}" in client.wait_for("RES")
     return client
 
 
@@ -260,15 +276,37 @@ class TestOldClients:
     SMALL = ("--tiles", "1x1", "--tile-size", "176x144")
 
     def test_ar_drone_in_legacy_mode(self) -> None:
-        """Checks 11, 13, 14 and 27: raw, legacy, a single small tile, all that client can do."""
+        """Checks 11, 13, 14 and 27: raw, legacy, a single small tile, all that client can do; the
+        class that it asks for, showing the camera that looks down."""
         options = ("--image-type", "RAW", "--image-legacy", *self.SMALL)
         with (
             ServerProcess("--world", WORLD, "--image-port", "0", *options) as server,
-            robot(server, STARTS[0]),
+            drone(server),
             ArDrone(server.ports["images"]) as client,
         ):
             views = [client.view() for _ in range(4)]
         assert not empty(views[-1])
+
+    def test_the_drone_has_small_pictures_in_any_tile(self) -> None:
+        """Camera2 of an ARDrone makes pictures of 176 x 144 (addendum of the protocol reference):
+        they stand in the corner of its tile, and are all that a client bound to it gets."""
+        with (
+            ServerProcess("--world", WORLD, "--image-port", "0", "--image-type", "RAW") as server,
+            drone(server) as controller,
+        ):
+            asker = Asker(server)
+
+            def drawn() -> bool:
+                # All grey until the first picture is there.
+                tile = asker.raw(b"U" + struct.pack(">4I", 0, 0, 320, 240))
+                rest = bool(tile[144:].any() or tile[:, 176:].any())
+                return not rest and not empty(tile[:144, :176])
+
+            assert eventually(drawn)
+            controller.send("SET {Type Camera} {Robot ARDrone} {Name Camera2} {Client 127.0.0.1}")
+            controller.wait_for("RES")
+            assert asker.raw().shape == (144, 176, 3)
+            asker.close()
 
     def test_ar_drone_without_legacy_mode(self) -> None:
         """Side channels 2.12: a client that waits silently is sent its first picture at last."""

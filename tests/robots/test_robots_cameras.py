@@ -63,6 +63,15 @@ def test_everything_can_be_said(tmp_path: Path) -> None:
     assert camera.pose.rotate((1.0, 0.0, 0.0))[2] == pytest.approx(math.sin(0.5))
 
 
+def test_a_picture_may_have_a_size_of_its_own(tmp_path: Path) -> None:
+    """Two whole numbers of pixels; without them the tile's."""
+    (camera,) = load(tmp_path, {**CAMERA, "size": [176, 144]}).cameras
+    assert camera.size == (176, 144)
+    for size in ([176], [176.5, 144], [0, 144], "small"):
+        with pytest.raises(RobotDescriptionError, match="size"):
+            load(tmp_path, {**CAMERA, "size": size})
+
+
 def test_default_view_stays_within_the_zoom(tmp_path: Path) -> None:
     """A zoom range that leaves out the usual field of view makes its nearest end the default."""
     narrow, wide = {"name": "N", "max_fov": 0.5}, {"name": "W", "min_fov": 2.5}

@@ -40,10 +40,12 @@ class Atlas:
         Args:
             tile: its number.
             key: of the camera that saw it.
-            picture: (tile height, tile width, 3).
+            picture: (height, width, 3); what the tile has beyond it is empty.
             time: simulated s at which it was seen.
         """
-        self._part(tile)[:] = picture
+        part, (height, width, _) = self._part(tile), picture.shape
+        part[height:], part[:height, width:] = EMPTY, EMPTY
+        part[:height, :width] = picture
         self._shows[tile] = key
         self._time = max(self._time, time)
         self._changed.add(tile)

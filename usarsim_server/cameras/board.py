@@ -76,6 +76,7 @@ class CameraBoard:
         pose: Pose,
         fov: float,
         rate: float | None = None,
+        size: tuple[int, int] | None = None,
     ) -> CameraView:
         """A camera appears and takes the lowest free tile, if there is one.
 
@@ -83,7 +84,9 @@ class CameraBoard:
         """
         with self._lock:
             key = next(self._keys)
-            self._cameras[key] = CameraView(key, name, owner, robot, link, pose, fov, None, rate)
+            self._cameras[key] = CameraView(
+                key, name, owner, robot, link, pose, fov, None, rate, size
+            )
             every = range(self._grid.tiles)
             tile = next((one for one in every if one not in self._places), None)
             if tile is not None:
@@ -172,13 +175,15 @@ class CameraBoard:
                 self._bound[client] = key
 
     def bound(self, client: str) -> Region | None:
-        """The tile of the camera that a client's address is bound to; None if it sees all."""
+        """Where the picture of the camera lies that an address is bound to; None: it sees all."""
         if not self._bound:
             return None
         with self._lock:
             key = self._bound.get(client)
-            tile = None if key is None else self._view(key).tile
-        return None if tile is None else self._grid.region(tile)
+            view = None if key is None else self._view(key)
+        if view is None or view.tile is None:
+            return None
+        return self._grid.region(view.tile, view.size)
 
     # -- inside, with the lock held ----------------------------------------------------------
 

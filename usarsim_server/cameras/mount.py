@@ -121,13 +121,13 @@ class CameraMount:
     def _item(self, key: int, dialect: Dialect) -> CameraItem:
         camera, view, grid = self._lenses[key], self._board.get(key), self._board.grid
         tile = None if view is None else view.tile
-        place = grid.region(tile or 0)
+        place = grid.region(tile or 0, camera.size)
         fov = camera.fov if view is None else view.fov
         angle = _in_whole_degrees if FACETS[dialect].camera_in_degrees else float
         return CameraItem(
             name=camera.name,
             offset=(place.x, place.y),
-            resolution=(grid.tile_width, grid.tile_height),
+            resolution=(place.width, place.height),
             default_fov=angle(camera.fov),
             min_fov=angle(camera.min_fov),
             max_fov=angle(camera.max_fov),

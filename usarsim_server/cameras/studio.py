@@ -387,7 +387,8 @@ class Studio:
         following = turn + period if turn + period > now else now + period
         self._painted[tile] = _Painted(view, following)
         try:
-            eye = painter.place(view, snapshot, grid.tile_width, grid.tile_height)
+            place = grid.region(tile, view.size)
+            eye = painter.place(view, snapshot, place.width, place.height)
             if eye is None:
                 self._atlas.wipe(tile, view.key)
                 return

@@ -77,11 +77,17 @@ class Grid:
         """The full frame."""
         return Region(0, 0, self.width, self.height)
 
-    def region(self, tile: int) -> Region:
-        """Where a tile lies."""
+    def region(self, tile: int, size: tuple[int, int] | None = None) -> Region:
+        """Where a tile lies, or the picture of a camera in its upper left corner.
+
+        Args:
+            tile: its number.
+            size: of the camera's pictures, pixels; what is larger than the tile is cut down.
+        """
         row, column = divmod(tile, self.columns)
         x, y = column * self.tile_width, row * self.tile_height
-        return Region(x, y, self.tile_width, self.tile_height)
+        width, height = size or (self.tile_width, self.tile_height)
+        return Region(x, y, min(width, self.tile_width), min(height, self.tile_height))
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +104,7 @@ class CameraView:
         fov: horizontal field of view, rad.
         tile: number of its tile; None if there was none left.
         rate: pictures per second of simulated time; None: as the server is set.
+        size: width and height of its pictures, pixels; None: those of the tile.
     """
 
     key: int
@@ -109,6 +116,7 @@ class CameraView:
     fov: float
     tile: int | None
     rate: float | None = None
+    size: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,6 +13,7 @@ __all__ = ["read_cameras"]
 NARROWEST = 0.01  # rad
 WIDEST = 3.0  # rad; a flat picture of half a turn would have no end
 RATES = (0.1, 60.0)  # Hz, as the server's own
+SIZES = (16, 8192)  # pixels a side, as a tile's
 
 _HINTS = {"interval": "write rate = pictures per second", "type": "leave it out"}
 
@@ -71,6 +72,16 @@ def _camera(table: TableReader, links: Sequence[str]) -> CameraDescription:
         max_fov=high,
         rate=table.number("rate", low=RATES[0], high=RATES[1]) if table.has("rate") else None,
         where=table.place,
+        size=_size(table),
     )
     table.finish(_HINTS)
     return camera
+
+
+def _size(table: TableReader) -> tuple[int, int] | None:
+    if not table.has("size"):
+        return None
+    width, height = table.numbers("size", (2,), low=SIZES[0], high=SIZES[1])
+    if width != int(width) or height != int(height):
+        table.fail(f"is {width:g} x {height:g}", "write whole numbers of pixels", "size")
+    return int(width), int(height)

@@ -313,7 +313,7 @@ class EffectorDescription:
 
 @dataclass(frozen=True, slots=True)
 class CameraDescription:
-    """A camera with a zoom lens (robots reference 2.7); its resolution is that of a tile.
+    """A camera with a zoom lens (robots reference 2.7).
 
     Attributes:
         name: item name on the wire.
@@ -323,6 +323,7 @@ class CameraDescription:
         min_fov, max_fov: ends of the zoom, rad.
         rate: pictures per second of simulated time; None: as the server is set.
         where: `file: [[camera]] number n (name)` for error messages.
+        size: width and height of its pictures, pixels; None: those of a tile.
     """
 
     name: str
@@ -333,6 +334,7 @@ class CameraDescription:
     max_fov: float = 2.0944
     rate: float | None = None
     where: str = ""
+    size: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True, slots=True)

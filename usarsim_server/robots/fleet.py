@@ -284,7 +284,14 @@ class Fleet:
         """Put the cameras of a new robot on the board."""
         return tuple(
             self.board.add(
-                camera.name, label, robot, camera.link, camera.pose, camera.fov, camera.rate
+                camera.name,
+                label,
+                robot,
+                camera.link,
+                camera.pose,
+                camera.fov,
+                camera.rate,
+                camera.size,
             ).key
             for camera in description.cameras
         )
