@@ -12,6 +12,10 @@ from usarsim_tools.conformance.registry import DIALECTS, ONCE, UDK, UNREAL, UT20
 from usarsim_tools.conformance.verdicts import Severity
 
 
+_OF_MOUNTS = ("ECTilt", "ECPan")
+"""Encoders that count turns of a camera's mount (robots reference 2)."""
+
+
 @check(
     "control.sensors.sonar-range",
     "Sonars stay in their range",
@@ -101,6 +105,8 @@ async def encoder_forward(case: Case) -> None:
             for item in line.items():
                 ticks.setdefault(item["Name"], []).append(float(item["Tick"]))
         for item_name, values in ticks.items():
+            if item_name in _OF_MOUNTS:
+                continue
             # Encoders of udk wrap at a turn of 360 ticks.
             change = sum(math.remainder(b - a, 360.0) for a, b in pairwise(values))
             case.expect(change * sign > 0, f"{item_name} changed by {change:g} driving {name}")
@@ -122,8 +128,10 @@ async def encoder_integers(case: Case) -> None:
     severity=Severity.SHOULD,
 )
 async def encoder_names_udk(case: Case) -> None:
-    """In udk encoders report under the names W0, W1, ..."""
+    """In udk encoders of wheels report under the names W0, W1, ..."""
     for line in (await senses(case, "Encoder"))[1]:
+        if line.get("Name") in _OF_MOUNTS:
+            continue
         case.expect(re.fullmatch(r"W\d+", line.get("Name") or ""), f"{line}")
 
 
