@@ -11,7 +11,6 @@ from usarsim_tools.conformance.recordings import driven, senses, standing
 from usarsim_tools.conformance.registry import DIALECTS, ONCE, UDK, UNREAL, UT2004, check
 from usarsim_tools.conformance.verdicts import Severity
 
-
 _OF_MOUNTS = ("ECTilt", "ECPan")
 """Encoders that count turns of a camera's mount (robots reference 2)."""
 
