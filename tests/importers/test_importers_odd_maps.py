@@ -219,3 +219,21 @@ def test_planes_have_no_extents(tmp_path: Path) -> None:
         assert result.report.extents is None
         assert "endless planes" in result.report.text()
     assert load_world(result.folder).lower[:2] == pytest.approx((-70.0, -70.0))
+
+
+@pytest.mark.parametrize("place", ["5000 0 0 0 0 0", "1e8 1e8 0 0 0 0", "0 0 -99999 0 0 0"])
+def test_misplaced_objects(tmp_path: Path, place: str) -> None:
+    """One object of many that lies kilometres away is left out; if half do the scale is wrong."""
+
+    def text(near: int, far: int) -> str:
+        cube = shape("<box><size>1 1 1</size></box>")
+        poses = [f"{k} 0 0 0 0 0" for k in range(near)] + [place] * far
+        boxes = [model(f"m{k}", cube).replace("<link", f"<pose>{pose}</pose><link")
+                 for k, pose in enumerate(poses)]  # fmt: skip
+        return world("".join(boxes))
+
+    report = import_map(Request(write(tmp_path, text(9, 1)))).report
+    assert report.extents == pytest.approx((9.0, 1.0, 1.0))
+    assert ("m9", "an object far outside the map was left out", 1) in report.warnings
+    with pytest.raises(MapImportError, match="absurd"):
+        import_map(Request(write(tmp_path, text(5, 5))))

@@ -470,6 +470,18 @@ class TestUsd:
         assert _unit(1, Path("a"), Context()) == 1.0
 
 
+@pytest.mark.parametrize("bad", ["1e8", "1e30", "1e300", "1e308", "-1e308", "inf"])
+def test_a_corner_at_no_place(tmp_path: Path, bad: str) -> None:
+    """A vertex farther away than any map is as one that is not finite: its triangles go."""
+    write(tmp_path, f"{OBJ}v {bad} 1 {bad}\nf 1 2 5\n", "far.obj")
+    mesh = model("m", shape("<mesh><uri>far.obj</uri><scale>1 1 2</scale></mesh>"))
+    for path in (tmp_path / "far.obj", write(tmp_path, world(mesh + model("k", BOX)))):
+        report = import_map(Request(path)).report
+        assert report.extents is not None
+        assert max(report.extents) < 10.0
+        assert report.totals["triangles dropped"] == 1
+
+
 def test_places_in_x3d(tmp_path: Path) -> None:
     """A field of a Transform or a colour that makes no sense has its default."""
     text = (

@@ -18,6 +18,7 @@ from usarsim_server.importers.builder_facts import (
     start_entries,
     victim_entries,
     within_reach,
+    without_strays,
 )
 from usarsim_server.importers.builder_lamps import chosen_lights, glows, lamps
 from usarsim_server.importers.builder_level import (
@@ -107,6 +108,9 @@ def build(
         MapImportError: the map is empty, or of a size that cannot be true, or cannot be compiled.
     """
     extents, giants = _extents(scene)
+    if extents is not None and not float((extents[1] - extents[0]).max()) <= LARGEST:
+        scene = without_strays(scene, LARGEST, findings)
+        extents, giants = _extents(scene)
     if extents is None:
         bounds = _of_planes(scene, findings)
     else:
@@ -315,5 +319,7 @@ def _check_size(scene: Scene, lower: Array, upper: Array, findings: Findings) ->
 
 
 def _plain(value: float) -> str:
-    """Three digits and no exponent, as `--scale` is written by people."""
+    """Three digits and, unless it is absurd, no exponent, as people write `--scale`."""
+    if value and not 1e-9 < abs(value) < 1e9:
+        return f"{value:.3g}"
     return np.format_float_positional(float(f"{value:.3g}"), trim="-")

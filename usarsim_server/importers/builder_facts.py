@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.importers.builder_objects import bounds_of_object
 from usarsim_server.importers.findings import Findings
 from usarsim_server.importers.names import NameBook, safe
 from usarsim_server.importers.probe import Probe
@@ -23,12 +24,16 @@ __all__ = [
     "start_entries",
     "victim_entries",
     "within_reach",
+    "without_strays",
 ]
 
 Array = NDArray[np.float64]
 
 OUTSIDE, FAR_LIGHT = 40.0, 1000.0
 """m outside the map at which things, and lights, are still believed."""
+
+STRAYS = 0.1
+"""Part of the objects that may be taken for misplaced; if more are far away the scale is wrong."""
 
 FLOOR_BELOW = 2.0
 """m within which a start has to have a floor (worlds reference 11)."""
@@ -81,6 +86,30 @@ def within_reach(scene: Scene, bounds: tuple[Array, Array], findings: Findings) 
             puffs=tuple(p for p in scene.smoke.puffs if near("smoke", p.name, p.position)),
         ),
     )
+
+
+def without_strays(scene: Scene, limit: float, findings: Findings) -> Scene:
+    """The scene without the few objects that lie farther from the middle of all than a map is wide.
+
+    Args:
+        scene: too large for a map.
+        limit: m, the largest extent of a map.
+        findings: told what was left out.
+    """
+    boxes = [bounds_of_object(thing) for thing in scene.objects]
+    places = [None if box is None else (box[0] + box[1]) / 2.0 for box in boxes]
+    known = [place for place in places if place is not None]
+    if len(known) < 3:
+        return scene
+    middle = np.median(known, axis=0)
+    away = [place is not None and bool(np.abs(place - middle).max() > limit) for place in places]
+    if sum(away) > max(1.0, STRAYS * len(known)):
+        return scene
+    for thing, far in zip(scene.objects, away, strict=True):
+        if far:
+            findings.warn(thing.name, "an object far outside the map was left out")
+    kept = (thing for thing, far in zip(scene.objects, away, strict=True) if not far)
+    return replace(scene, objects=tuple(kept))
 
 
 def note_floor(probe: Probe, bounds: tuple[Array, Array], findings: Findings) -> None:

@@ -187,9 +187,11 @@ class ObjectBuilder:
         if baked is not None:
             return baked
         triangles = mesh.triangles
+        with np.errstate(all="ignore"):
+            vertices = mesh.vertices @ linear.T
         try:
             soup = clean(
-                mesh.vertices @ linear.T,
+                vertices,
                 triangles[:, ::-1] if np.linalg.det(linear) < 0.0 else triangles,
             )
         except ValueError as error:

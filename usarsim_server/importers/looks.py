@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from usarsim_server.importers.csg import Solid, Surface
 from usarsim_server.importers.lit_faces import Glow, cut_for_light
 from usarsim_server.importers.scene import Mesh, Polygon
-from usarsim_server.importers.soup import LEAST_AREA, normals_areas
+from usarsim_server.importers.soup import FARTHEST, LEAST_AREA, normals_areas
 
 __all__ = ["Look", "looks_of_level", "looks_of_mesh", "msh"]
 
@@ -51,14 +51,16 @@ def looks_of_mesh(mesh: Mesh, linear: Array) -> Iterator[tuple[int, Look]]:
         mesh: as read.
         linear: (3, 3) applied to its vertices; where it mirrors, triangles are turned round.
     """
-    corners = (mesh.vertices @ linear.T)[mesh.triangles]
+    with np.errstate(all="ignore"):
+        corners = (mesh.vertices @ linear.T)[mesh.triangles]
     uvs = mesh.uvs
     if np.linalg.det(linear) < 0.0:
         corners = corners[:, ::-1]
         uvs = None if uvs is None else uvs[:, ::-1]
-    flat = corners.reshape(-1, 3)
+    sound = np.asarray((np.abs(corners) < FARTHEST).all(axis=(1, 2)))
+    flat = np.where(sound[:, None, None], corners, 0.0).reshape(-1, 3)
     _, areas = normals_areas(flat, np.arange(len(flat)).reshape(-1, 3))
-    sound = np.isfinite(corners).all(axis=(1, 2)) & (areas > LEAST_AREA)
+    sound &= areas > LEAST_AREA
     slots = np.zeros(len(corners), dtype=np.int32) if mesh.slots is None else mesh.slots
     for slot in np.unique(slots[sound]).tolist():
         chosen = sound & (slots == slot)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from usarsim_server.importers.pieces import Convex, bounding_box_piece, hull_piece
 from usarsim_server.importers.scene import Box, Capsule, Cylinder, Mesh, Part, Plane, Sphere
-from usarsim_server.importers.soup import LEAST_AREA, normals_areas
+from usarsim_server.importers.soup import FARTHEST, LEAST_AREA, normals_areas
 
 __all__ = ["outline_of", "piece_of", "points_of", "size_of"]
 
@@ -79,7 +79,7 @@ def points_of(part: Part) -> Array:
     mesh = part.shape
     with np.errstate(all="ignore"):
         points = _placed(mesh.vertices, part.matrix)
-        sound = np.asarray(np.isfinite(points).all(axis=1))
+        sound = np.asarray((np.abs(points) < FARTHEST).all(axis=1))
         triangles = mesh.triangles[sound[mesh.triangles].all(axis=1)]
         _, areas = normals_areas(points, triangles)
     large = triangles[areas > LEAST_AREA]

@@ -22,6 +22,9 @@ Indices = NDArray[np.int32]
 WELD = 1e-5
 """m: vertices nearer than this are one."""
 
+FARTHEST = 1e7
+"""m: a vertex beyond is a bad number, as one that is not finite is; MuJoCo refuses such meshes."""
+
 LEAST_AREA = 1e-8
 """m^2: smaller triangles are dropped."""
 
@@ -53,7 +56,7 @@ class Soup:
 
 
 def clean(vertices: Array, triangles: Indices) -> Soup:
-    """Weld vertices and drop triangles without area, doubles and those that are not finite.
+    """Weld vertices; drop triangles without area, doubles, and those not finite or at no place.
 
     A double that faces the other way is dropped, too: the rest is a sheet seen from both sides.
 
@@ -63,10 +66,10 @@ def clean(vertices: Array, triangles: Indices) -> Soup:
     count = len(triangles)
     if count and (triangles.min() < 0 or triangles.max() >= len(vertices)):
         raise ValueError(f"a triangle refers to vertex {triangles.max()} of {len(vertices)}")
-    sound = np.asarray(np.isfinite(vertices).all(axis=1))
+    sound = np.asarray((np.abs(vertices) < FARTHEST).all(axis=1))
     alive = sound[triangles].all(axis=1)
     origin = np.flatnonzero(alive)
-    safe = np.where(np.isfinite(vertices), vertices, 0.0)
+    safe = np.where(sound[:, None], vertices, 0.0)
     keys = np.round(safe / WELD).astype(np.int64)
     _, first, inverse = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     welded = inverse.reshape(-1)[triangles[origin]]
