@@ -220,6 +220,17 @@ def unreal() -> list[bytes]:
     return [made.content(), meshes.content(), *packed]
 
 
+def map_numbers() -> list[bytes]:
+    """Lists of numbers in the ways of people and of C libraries."""
+    return [
+        b"1 2 3 0 0 -3.14/2",
+        b"1,5 2 0 0 0 pi",
+        b"2*(1+0.5f) -1.#IND00 nan(ind)",
+        b"1, 2, 3",
+        b"((1",
+    ]
+
+
 def sdf() -> list[bytes]:
     """A world with models, a light, people and starts."""
     heap = (
@@ -229,7 +240,10 @@ def sdf() -> list[bytes]:
         '<light name="sun" type="directional"><direction>0 0 -1</direction></light>'
         "<include><uri>model://ground_plane</uri><pose>0 0 0 0 0 0</pose></include>"
     )
-    return [sdf_world(model("box", BOX) + heap + PLUGIN).encode()]
+    odd = model("box", BOX.replace("1 2 3", "1,5 2/2 nan")).replace(
+        "<link", "<pose>1 2 3 0 0 -3.14/2 7</pose><link"
+    )
+    return [sdf_world(text + heap + PLUGIN).encode() for text in (model("box", BOX), odd)]
 
 
 def collada() -> list[bytes]:
@@ -283,7 +297,7 @@ def obj() -> list[bytes]:
     lines += ["v {:g} {:g} {:g}".format(*point) for point in WEDGE]
     lines += ["vt 0 0", "vn 0 0 1", "g a b"]
     lines += ["f {}/1/1 {}/1 {}//1".format(*(face + 1)) for face in FACES]
-    lines += ["f -1 -2 -3 -4", "l 1 2", "s off"]
+    lines += ["f -1 -2 -3 -4", "l 1 2", "s off", "v 1,5 -1.#IND 2", "f 1/9 2/-7 5/0"]
     return ["\n".join(lines).encode()]
 
 
@@ -307,7 +321,11 @@ def ply() -> list[bytes]:
     binary = b"".join(struct.pack("<3fB", *point, 9) for point in WEDGE.tolist())
     binary += b"".join(struct.pack("<B3i", 3, *face) for face in FACES.tolist())
     text = head.format("ascii") + "\n".join(rows) + "\n"
-    return [text.encode(), head.format("binary_little_endian").encode() + binary]
+    floats = head.replace("uchar int", "float float").format("binary_big_endian").encode()
+    floats += b"".join(struct.pack(">3fB", *point, 9) for point in WEDGE.tolist())
+    floats += b"".join(struct.pack(">4f", 3, *face) for face in FACES.tolist())
+    plain = head.format("binary_little_endian").encode() + binary
+    return [text.encode(), text.replace("2 0 0 9", "2,5 0 1.#IND 9").encode(), plain, floats]
 
 
 def x3d() -> list[bytes]:

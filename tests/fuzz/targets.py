@@ -29,6 +29,7 @@ for _folder in (HERE, HERE.parent / "importers", HERE.parent / "robots"):
 import seeds  # noqa: E402
 
 from usarsim_server.errors import MapImportError, UsarsimError, WorldError  # noqa: E402
+from usarsim_server.importers.numbers import read_numbers  # noqa: E402
 from usarsim_server.importers.reader import Context, ImportOptions, find_reader  # noqa: E402
 from usarsim_server.importers.reader import read_scene as read_map  # noqa: E402
 from usarsim_server.importers.sidecar import load_sidecar  # noqa: E402
@@ -309,6 +310,19 @@ def recording(data: bytes) -> None:
 
 
 # Maps
+
+
+@target(seeds.map_numbers, linear=True)
+def map_numbers(data: bytes) -> None:
+    """Numbers of maps, read tolerantly."""
+    text = data.decode("latin-1")
+    for counts in ((), (1,), (3, 6)):
+        try:
+            values = read_numbers(text, *counts)
+        except ValueError as error:
+            told(error)
+            continue
+        assert all(isinstance(value, float) for value in values)
 
 
 def reads(data: bytes, name: str) -> None:

@@ -113,7 +113,7 @@ def test_collision_pieces_are_recognised(tmp_path: Path) -> None:
     ("old", "new", "told"),
     [
         ("*MESH_VERTEX 1 250.0 0.0 0.0", "*MESH_VERTEX 1 250.0", "fewer than 4 numbers"),
-        ("*MESH_VERTEX 1 250.0", "*MESH_VERTEX 1 2e99", "number without meaning"),
+        ("*MESH_VERTEX 1 250.0", "*MESH_VERTEX 2e99 250.0", "number without meaning"),
         ("A: 0 B: 2 C: 1", "A: 0 B: x C: 1", "is no face"),
         ("A: 0 B: 2 C: 1", "A: 0 B: 2 C: 9", "vertex 9, which is not there"),
     ],

@@ -402,6 +402,19 @@ class TestUnreal:
         assert scene.starts[0].pose.position == pytest.approx((1.002, -0.081, 0.24))
         assert scene.victims[0].scale == (1.5, 1.5, 1.5)
 
+    def test_ase(self, tmp_path: Path) -> None:
+        """Modellers write `-1.#IND` for places and texture places that they do not know."""
+        text = (
+            "*3DSMAX_ASCIIEXPORT 200\n*GEOMOBJECT {\n*MESH {\n*MESH_VERTEX_LIST {\n"
+            "*MESH_VERTEX 0 0 0 0\n*MESH_VERTEX 1 500 0 0\n*MESH_VERTEX 2 0 500 0\n"
+            "*MESH_VERTEX 3 -1.#IND00 1.#QNAN 0\n}\n*MESH_TVERTLIST {\n"
+            "*MESH_TVERT 0 -1.#IND00 0 0\n}\n*MESH_FACE_LIST {\n*MESH_FACE 0: A: 0 B: 1 C: 2\n"
+            "*MESH_FACE 1: A: 0 B: 1 C: 3\n}\n}\n}\n"
+        )
+        report = import_map(Request(write(tmp_path, text, "map.ase"))).report
+        assert report.extents == pytest.approx((2.0, 2.0, 0.0))
+        assert report.totals["triangles dropped"] == 1
+
     def test_a_corner_that_is_none(self, tmp_path: Path) -> None:
         """A polygon with such a corner is left out, its brush is there."""
         findings = Findings()
@@ -444,6 +457,16 @@ class TestUsd:
         assert {thing.name: thing.mass for thing in scene.objects} == {"Box": None, "B": None}
         assert "Lost: a light at no place was left out" in told(findings)
         assert capfd.readouterr() == ("", "")
+
+    def test_an_operation_of_another_type(self, tmp_path: Path) -> None:
+        """A thing that is moved by what is no place is left out; the others are there."""
+        pytest.importorskip("pxr", reason="usd-core is not installed: pip install usd-core")
+        more = (
+            'def Cube "Odd" {\nstring xformOp:translate = "far"\n'
+            'uniform token[] xformOpOrder = ["xformOp:translate"]\n}\n'
+        )
+        scene = read(write(tmp_path, STAGE.format(1, more), "map.usda"))
+        assert [thing.name for thing in scene.objects] == ["Box"]
 
     def test_units_of_single_precision(self, tmp_path: Path) -> None:
         """`metersPerUnit` stored as a float, which the library itself refuses."""

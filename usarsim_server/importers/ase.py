@@ -6,6 +6,7 @@ meshes get the scale of the map that names them.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -38,6 +39,11 @@ PICTURES = (".png", ".tga", ".dds", ".bmp", ".jpg", ".jpeg")
 COLLISION = ("mcdcx", "ucx_", "ubx_", "usp_", "mcdbx", "mcdsp")
 """Beginnings of names of collision pieces."""
 
+FAR = 1e12
+SENSELESS = "1e30"
+"""Stands for `-1.#IND` and the like."""
+
+_NOTHING = re.compile(r"[-+]?\d\.#\w+")
 _NUMBERS = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _FACE = re.compile(r"\d+:\s*A:\s*(\d{1,9})\s*B:\s*(\d{1,9})\s*C:\s*(\d{1,9})\b")
 _SLOT = re.compile(r"\*MESH_MTLID\s+(\d{1,9})\b")
@@ -123,11 +129,11 @@ def _parse(source: Path, text: str) -> tuple[list[_Geom], list[list[tuple[str, s
             case "*MATERIAL_REF" if geoms:
                 geoms[-1].material = int(_numbers(rest, 1, source, number)[0])
             case "*MESH_VERTEX" if geoms:
-                values = _numbers(rest, 4, source, number)
+                values = _numbers(rest, 4, source, number, whole=1)
                 geoms[-1].vertices[int(values[0])] = values[1:4]
                 items += 1
             case "*MESH_TVERT" if geoms:
-                values = _numbers(rest, 3, source, number)
+                values = _numbers(rest, 3, source, number, whole=1)
                 geoms[-1].texture[int(values[0])] = values[1:3]
                 items += 1
             case "*MESH_TFACE" if geoms:
@@ -157,12 +163,15 @@ def _lines(text: str) -> Iterator[tuple[int, str]]:
             yield number, line
 
 
-def _numbers(text: str, count: int, source: Path, line: int) -> list[float]:
-    found = _NUMBERS.findall(text)
+def _numbers(
+    text: str, count: int, source: Path, line: int, whole: int | None = None
+) -> list[float]:
+    """So many numbers; those behind the first `whole` ones may be senseless, and are NaN then."""
+    found = _NUMBERS.findall(_NOTHING.sub(SENSELESS, text))
     if len(found) < count:
         raise _broken(source, line, f"{text[:60]!r} has fewer than {count} numbers")
-    values = [float(value) for value in found]
-    if not all(abs(value) < 1e12 for value in values[:count]):
+    values = [value if abs(value := float(word)) < FAR else math.nan for word in found]
+    if any(map(math.isnan, values[:count][:whole])):
         raise _broken(source, line, f"{text[:60]!r} has a number without meaning")
     return values
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import Kind, Usd, UsdGeom
+from pxr import Kind, Tf, Usd, UsdGeom
 
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.importers.mesh_files import (
@@ -163,7 +163,13 @@ class StageReader:
         return not self._marker(prim, place)
 
     def _matrix(self, prim: Any, place: _Place) -> Array:
-        answer: Array = place.prefix @ matrix(self._transforms.GetLocalToWorldTransform(prim))
+        """Whoever asks looks whether it is a place."""
+        try:
+            local = matrix(self._transforms.GetLocalToWorldTransform(prim))
+        except Tf.ErrorException:  # an operation with a value of another type
+            local = np.full((4, 4), np.nan)
+        with np.errstate(invalid="ignore"):
+            answer: Array = place.prefix @ local
         return answer
 
     def _instancer(self, prim: Any, place: _Place) -> None:
