@@ -379,4 +379,7 @@ async def camera_robot(case: Case, class_name: str = "", place: Place | None = N
     tiles = tiles_of(conf)
     if not tiles:
         raise NotApplicable(f"CONF names no tiles: {conf[:120]}")
+    if not class_name and case.clock.followed and (tiles[0].x, tiles[0].y) == (0, 0):
+        # That is the tile of the robot that tells the time, which has a camera as well.
+        raise Inconclusive("the robot has no tile of its own: they may have run out")
     return CameraRobot(robot, tiles, conf)

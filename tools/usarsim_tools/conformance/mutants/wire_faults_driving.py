@@ -56,6 +56,31 @@ deaf("control.flippers.multidrive", "FLflipper")
 deaf("control.legged.joints", r"\{Type Joint\}")
 
 
+# Trips and walks.
+
+heard("control.avatar.appends", ("Action Append", "Action New"))
+said(
+    "control.motion.upright",
+    (r"(\{Type GroundTruth\}.*\{Orientation )[-\d.]+,", r"\g<1>0.20,"),
+)
+
+
+@wire_fault("control.underwater.depth")
+class Sinks(Link):
+    """Every GroundTruth is a little deeper than the one before."""
+
+    told = 0
+
+    def said(self, unit: bytes) -> bytes:
+        return re.sub(
+            rb"(\{Type GroundTruth\}.*\{Location [-\d.]+,[-\d.]+,)([-\d.]+)", self._deeper, unit
+        )
+
+    def _deeper(self, found: re.Match[bytes]) -> bytes:
+        self.told += 1
+        return found[1] + b"%.2f" % (float(found[2]) + 0.05 * self.told)
+
+
 class Slides(Link):
     """A robot that should stay is somewhere else after a DRIVE."""
 

@@ -62,6 +62,18 @@ heard("groundtruth.request.split", (r"^GET$", "GETPOS\r\nGET"))
 wire_fault("groundtruth.connect.several")(FewClients)
 
 
+@wire_fault("groundtruth.getobs.floor")
+class FloorTooLow(Link):
+    """What stands between two points is looked for 6 cm above them."""
+
+    def heard(self, data: bytes) -> bytes:
+        return re.sub(rb"(\{(?:Start|End) [-\d.]+,[-\d.]+,)([-\d.]+)", self._lifted, data)
+
+    @staticmethod
+    def _lifted(found: re.Match[bytes]) -> bytes:
+        return found[1] + b"%.4f" % (float(found[2]) - 0.06)
+
+
 @wire_fault("groundtruth.connect.stays-open")
 class ShortPatience(Link):
     """Who says nothing is hung up."""
