@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from usarsim_tools.conformance.case import Case
 from usarsim_tools.conformance.control import Robot
 from usarsim_tools.conformance.excursions import (
     Equipment,
+    Track,
     bearer,
     equipment,
     open_floor,
     spawn_far,
 )
 from usarsim_tools.conformance.registry import UNREAL, check
-from usarsim_tools.conformance.walls import Builder, controller
+from usarsim_tools.conformance.walls import Builder, controller, settled
 
 _GAPS = (50, 35, 27, 22, 17, 12, 9, 7, 5, 3, 2, 1, 0, -2)
 """mm between a pad and the wall."""
@@ -80,10 +82,10 @@ async def _approach(case: Case, type: str) -> tuple[Equipment, _Approach]:
 
 
 async def _touched(robot: Robot, type: str, name: str) -> bool:
-    await robot.catch_up()
+    begun = await settled(robot)
     found = False
-    for line in await robot.run(0.25):
-        if line.head == "SEN" and line.type == type:
+    for _, line in Track(await robot.run(0.5)).between(begun, math.inf).of(type):
+        if line.head == "SEN":
             for item in line.items():
                 if item.get("Name") == name:
                     found = item.get("Touch") == "True"

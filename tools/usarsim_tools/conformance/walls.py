@@ -32,6 +32,7 @@ __all__ = [
     "Wall",
     "among_walls",
     "controller",
+    "settled",
     "turned_by",
 ]
 
@@ -43,9 +44,13 @@ _THICK = 0.1
 _HIGH = 1.0
 """m, size of walls."""
 _SETTLE = 0.45
-"""s after a wall has moved: each sensor has looked again."""
+"""s of reports after a wall has moved: each sensor has looked again."""
+_LATE = 0.25
+"""s of simulated time by which reports may be late."""
+_BUILT = 60.0
+"""s of simulated time in which a world controller's wall stands, or never does."""
 _NARROW = 0.25
-_STEP = math.radians(5.0)
+_STEP = math.radians(7.5)
 _CIRCLE = 2.0
 """m from the robot to the wall that goes round it."""
 _FAR = 45.0
@@ -231,7 +236,9 @@ class Builder:
                 " {Permanent true}"
             )
         line = await self._client.ask(
-            f"CONTROL {{Type GetSTA}} {{Name {self.name}}}", lambda line: line.head == "STA"
+            f"CONTROL {{Type GetSTA}} {{Name {self.name}}}",
+            lambda line: line.head == "STA",
+            _BUILT,
         )
         if line.get("Name") != self.name:
             self._case.skip(f"no wall could be built: {line}")
@@ -242,7 +249,7 @@ class Builder:
         if self.name:
             await self._client.send(f"CONTROL {{Type Kill}} {{Name {self.name}}}")
             await self._client.send("CONTROL {Type GetSTA} {Name NoSuchObject}")
-            await self._client.maybe(lambda line: line.head == "STA")
+            await self._client.maybe(lambda line: line.head == "STA", _BUILT)
         self.name = ""
 
     def _face(self, line: Line) -> tuple[Wall, tuple[float, ...]]:
@@ -335,8 +342,17 @@ async def _scene(
     imagers: Sequence[str] = (),
 ) -> Scene:
     """What a robot says now that the wall stands."""
-    await robot.catch_up()
+    begun = await settled(robot)
     if seconds >= 1.0:
         for one in imagers:
             await robot.client.send(f"SET {{Type RangeImager}} {{Name {one}}} {{Opcode SCAN}}")
-    return Scene(name, wall, place, Track(await robot.run(seconds)))
+    lines = await robot.run(_LATE + seconds)
+    return Scene(name, wall, place, Track(lines).between(begun, math.inf))
+
+
+async def settled(robot: Robot) -> float:
+    """From which time on reports are of the world as it is now: others may still be on their
+    way, for a server measures first and writes a little later."""
+    await robot.catch_up()
+    told = [line.time for line in robot.client.lines[-60:] if not math.isnan(line.time)]
+    return max(told, default=robot.now) + _LATE
