@@ -178,6 +178,11 @@ class Case:
         self._taken.append(place)
         return place
 
+    @property
+    def has_place(self) -> bool:
+        """Whether the check has taken a place."""
+        return bool(self._taken)
+
     def new_name(self) -> str:
         """A robot name that nobody else has."""
         return f"Kit{next(self.run.numbers)}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import math
 from dataclasses import dataclass
 from statistics import fmean, median
@@ -53,6 +52,7 @@ async def _stations(case: Case) -> list[_Station]:
             place = Place(None, (x + ahead, y + right, z), base.rotation)
             robot = await spawn_far(case, class_name, place)
             track = Track(await robot.run(_WATCHED))
+            robot.close()
             fixes = [
                 (
                     _degrees(line, "Latitude", "S"),
@@ -65,7 +65,7 @@ async def _stations(case: Case) -> list[_Station]:
             case.need(len(fixes) >= 20, "too few GPS lines with a fix")
             return _Station(track.true_poses[-1][1], fixes)
 
-        return list(await asyncio.gather(stand(0.0, 0.0), stand(_AWAY, 0.0), stand(0.0, _AWAY)))
+        return [await stand(0.0, 0.0), await stand(_AWAY, 0.0), await stand(0.0, _AWAY)]
 
     return await case.shared(f"{class_name} with GPS at three places", watch)
 

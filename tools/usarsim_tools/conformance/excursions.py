@@ -273,7 +273,8 @@ async def spawn_far(case: Case, class_name: str, place: Place | None = None) -> 
     Raises:
         NotApplicable: if it does not stand where it should: there is no floor.
     """
-    await case.place()  # so many robots at a time and no more
+    if not case.has_place:
+        await case.place()  # so many robots at a time and no more
     place = place or open_floor(case)
     robot = await case.spawn(place=place, class_name=class_name)
     lines = await robot.run(1.2)
