@@ -231,8 +231,14 @@ async def equipment(case: Case, class_name: str) -> Equipment:
         found = Equipment(class_name)
         place = await case.place()
         client = await case.connect()
-        await client.send(case.init(place, case.new_name(), class_name))
-        within = PATIENCE if class_name == case.survey.robot else 5.0
+        # Whoever knows the class tells of it before the answer to the question behind.
+        init = case.init(place, case.new_name(), class_name)
+        await client.send(init, "GETCONF {Type Robot}", "GETSTARTPOSES")
+        first = await client.maybe(
+            lambda line: line.head in ("STA", "CONF") or "StartPoses" in line.names, PATIENCE
+        )
+        known = first is not None and first.head != "NFO"
+        within = PATIENCE if known or class_name == case.survey.robot else 3.0
         if await client.maybe(lambda line: line.head == "STA", within) is None:
             return found
         asked = [f"{word} {{Type {type}}}" for type in TYPES for word in ("GETCONF", "GETGEO")]

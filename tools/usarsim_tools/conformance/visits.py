@@ -14,7 +14,7 @@ from usarsim_tools.conformance.case import Case
 from usarsim_tools.conformance.control import Pose
 from usarsim_tools.conformance.excursions import Equipment, Mount, Track, equipment, spawn_far
 from usarsim_tools.conformance.lines import numbers
-from usarsim_tools.conformance.places import Place
+from usarsim_tools.conformance.places import LEAVES, Place
 from usarsim_tools.conformance.registry import DIALECTS
 from usarsim_tools.conformance.side_lines import LineClient
 from usarsim_tools.conformance.verdicts import NotApplicable
@@ -150,15 +150,19 @@ async def visit(case: Case, class_name: str) -> Visit:
         high = case.survey.places[0].location[2]
         views = {}
         for number, (name, distance, bearing, seconds) in enumerate(_VIEWS):
-            # Robots of other dialects may look at the same person: from the other side.
-            yaw = 0.4 + 0.3 * number + DIALECTS.index(case.dialect) * math.pi
-            x = person.location[0] - distance * math.cos(yaw + bearing)
-            y = person.location[1] - distance * math.sin(yaw + bearing)
+            # Others may look at the same person, in another dialect or class: from their side.
+            side = DIALECTS.index(case.dialect) * math.pi
+            side += 0.0 if class_name == case.survey.robot else math.pi / 2.0
+            towards = 0.2 + 0.2 * number + side
+            yaw = towards - bearing
+            x = person.location[0] - distance * math.cos(towards)
+            y = person.location[1] - distance * math.sin(towards)
             robot = await spawn_far(case, class_name, Place(None, (x, y, high), (0.0, 0.0, yaw)))
             track = Track(await robot.run(seconds))
             pose = track.true_poses[-1][1]
             views[name] = View(name, distance, bearing, pose, track)
             robot.close()
+            await case.clock.sleep(LEAVES)
         return Visit(worn, person, views)
 
     return await case.shared(f"{class_name} visits somebody", look)

@@ -45,6 +45,8 @@ _HIGH = 1.0
 """m, size of walls."""
 _SETTLE = 0.45
 """s of reports after a wall has moved: each sensor has looked again."""
+_LONG = 2.2
+"""s of reports in scenes for sensors that look about for a while, or on demand."""
 _LATE = 0.25
 """s of simulated time by which reports may be late."""
 _BUILT = 60.0
@@ -315,10 +317,10 @@ async def _about(robot: Robot, builder: Builder, worn: Equipment) -> list[Scene]
 
     for name, bearing in (("right", 0.25), ("behind", 0.5), ("left", -0.25), ("ahead", 0.0)):
         found = await builder.put(bearing * math.tau, 1.5)
-        await look(name, found, 1.0 if name == "ahead" else _SETTLE)
+        await look(name, found, _LONG if name == "ahead" else _SETTLE)
     await look("near", await builder.put(0.0, 0.40), _SETTLE)
-    await look("half", await builder.put(0.0, 1.5, 3.0, aside=-1.4), 1.0)
-    await look("low", await builder.put(0.0, 1.5, 3.0, top=-0.47, high=0.57), 1.0)
+    await look("half", await builder.put(0.0, 1.5, 3.0, aside=-1.4), _LONG)
+    await look("low", await builder.put(0.0, 1.5, 3.0, top=-0.47, high=0.57), _LONG)
     limits = {
         float(item["MaxRange"])
         for line in worn.conf.values()
@@ -343,10 +345,11 @@ async def _scene(
 ) -> Scene:
     """What a robot says now that the wall stands."""
     begun = await settled(robot)
-    if seconds >= 1.0:
+    lines = await robot.run(_LATE)
+    if seconds > 1.0:
         for one in imagers:
             await robot.client.send(f"SET {{Type RangeImager}} {{Name {one}}} {{Opcode SCAN}}")
-    lines = await robot.run(_LATE + seconds)
+    lines += await robot.run(seconds)
     return Scene(name, wall, place, Track(lines).between(begun, math.inf))
 
 
