@@ -53,10 +53,8 @@ async def _approach(case: Case, type: str) -> tuple[Equipment, _Approach]:
         builder = Builder(case, client, base, height)
         fronts = [
             (name, mount)
-            for name, mount in worn.mounts(type).items()
-            if mount.location[0] > 0.0
-            and max(map(abs, mount.orientation)) < 0.1
-            and mount.carrier in ("HARD", class_name)
+            for name, mount in worn.on_body(type).items()
+            if mount.location[0] > 0.0 and max(map(abs, mount.orientation)) < 0.1
         ]
         if not fronts:
             case.skip(f"no {type} looks ahead")

@@ -18,7 +18,7 @@ _NOISE = 0.05
 
 
 async def _visit(case: Case, type: str) -> Visit:
-    return await visit(case, await bearer(case, type, "GroundTruth"))
+    return await visit(case, await bearer(case, type, "GroundTruth", fixed=type))
 
 
 def _parts(line: Line) -> list[tuple[str, tuple[float, ...]]]:
@@ -328,7 +328,7 @@ async def rfid_tag_location(case: Case) -> None:
 
 
 async def _judge_tag(case: Case, type: str) -> None:
-    class_name = await bearer(case, type, "RFIDReleaser", "GroundTruth")
+    class_name = await bearer(case, type, "RFIDReleaser", "GroundTruth", fixed=type)
     worn = await equipment(case, class_name)
 
     async def drop(case: Case) -> tuple[View, Track]:

@@ -117,7 +117,9 @@ def _beam_angle(found: Surrounded, item: str) -> float:
 async def sonar_cone(case: Case) -> None:
     """A narrow wall that goes round the robot and faces it is seen by a sonar while it covers part
     of the cone of BeamAngle about the mount's axis, and not beyond."""
-    found = await among_walls(case, await bearer(case, "Sonar", "GroundTruth"), round_about=True)
+    found = await among_walls(
+        case, await bearer(case, "Sonar", "GroundTruth", fixed="Sonar"), round_about=True
+    )
     mounts = found.mounts("Sonar")
     seen = 0
     for scene in found.of("narrow"):

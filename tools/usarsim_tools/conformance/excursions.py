@@ -101,6 +101,11 @@ class Equipment:
             found[item["Name"]] = Mount(location, orientation, item.get("Mount", ""))
         return found
 
+    def on_body(self, type: str) -> dict[str, Mount]:
+        """Sensors of a type that sit on the body."""
+        own = ("HARD", self.class_name)
+        return {name: mount for name, mount in self.mounts(type).items() if mount.carrier in own}
+
 
 class Track:
     """Lines with their times, and where the robot was.
@@ -254,14 +259,20 @@ async def equipment(case: Case, class_name: str) -> Equipment:
     return await case.shared(f"equipment of {class_name}", ask)
 
 
-async def bearer(case: Case, *types: str) -> str:
+async def bearer(case: Case, *types: str, fixed: str = "") -> str:
     """A class that carries sensors of all these types, that of most checks if it does.
+
+    Args:
+        case: of the check.
+        types: of the sensors.
+        fixed: one of them that has to sit on the body, and not on a link that moves.
 
     Raises:
         NotApplicable: if none of those known does.
     """
     for class_name in (case.robot_class, *BEARERS):
-        if set(types) <= set((await equipment(case, class_name)).conf):
+        worn = await equipment(case, class_name)
+        if set(types) <= set(worn.conf) and (not fixed or worn.on_body(fixed)):
             return class_name
     raise NotApplicable(f"no robot of this server carries {' and '.join(types)}")
 

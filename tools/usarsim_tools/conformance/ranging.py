@@ -122,7 +122,7 @@ def judge_beam(
 
 
 async def walls_for(case: Case, type: str) -> Surrounded:
-    return await among_walls(case, await bearer(case, type, "GroundTruth"))
+    return await among_walls(case, await bearer(case, type, "GroundTruth", fixed=type))
 
 
 def values_of(found: Surrounded, type: str, key: str) -> Iterator[tuple[Scene, str, Mount, str]]:

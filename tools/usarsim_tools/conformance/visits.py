@@ -90,8 +90,8 @@ class Visit:
     views: dict[str, View]
 
     def mount(self, type: str) -> tuple[str, Mount]:
-        """Name and place of the first sensor of a type."""
-        return next(iter(self.equipment.mounts(type).items()))
+        """Name and place of the first sensor of a type on the body."""
+        return next(iter(self.equipment.on_body(type).items()))
 
     def head_distance(self, view: View, type: str) -> float:
         """m from a sensor to the person's head, about."""
@@ -174,7 +174,7 @@ async def watch_walker(case: Case, class_name: str) -> list[tuple[float, float, 
     async def watch(case: Case) -> list[tuple[float, float, float]]:
         person = await _standing(case, walks=True)
         worn = await equipment(case, class_name)
-        mount = next(iter(worn.mounts("HumanMotion").values()))
+        mount = next(iter(worn.on_body("HumanMotion").values()))
         high = case.survey.places[0].location[2]
         found: list[tuple[float, float, float]] = []
         for away in (2.2, 3.2):

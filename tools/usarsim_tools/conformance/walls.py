@@ -154,12 +154,7 @@ class Surrounded:
 
     def mounts(self, type: str) -> dict[str, Mount]:
         """Sensors of a type that sit on the body."""
-        own = ("HARD", self.equipment.class_name)
-        return {
-            name: mount
-            for name, mount in self.equipment.mounts(type).items()
-            if mount.carrier in own
-        }
+        return self.equipment.on_body(type)
 
     def inside(self, point: Sequence[float]) -> Vector:
         """A point of the world in the robot's frame."""
