@@ -55,6 +55,7 @@ plant(
     'material={"Red": "Blue", "Blue": "Red"}.get(request.get("Material") or ""),',
     notices="images.content.colours",
     field="red and blue",
+    dialect="udk",
 )
 for _key, _bad in (
     ("x", "(-location[0], location[1], location[2])"),

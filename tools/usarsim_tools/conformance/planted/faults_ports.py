@@ -133,6 +133,7 @@ plant(
     "cv2.cvtColor(pixels[:, ::-1].copy(), cv2.COLOR_RGB2BGR)",
     notices="images.content.left-right",
     field="mirrored",
+    dialect="udk",
 )
 plant(
     "ports.images.upside-down",
@@ -141,6 +142,7 @@ plant(
     "cv2.cvtColor(pixels[::-1].copy(), cv2.COLOR_RGB2BGR)",
     notices="images.content.top-bottom",
     field="upside down",
+    dialect="udk",
 )
 plant(
     "ports.images.colours",
@@ -149,6 +151,7 @@ plant(
     "pixels",
     notices="images.content.colours",
     field="red and blue",
+    dialect="udk",
 )
 plant(
     "ports.images.fov-told",
@@ -157,6 +160,7 @@ plant(
     "fov=angle(0.8 * fov),",
     notices="images.content.fov",
     field="CameraFov",
+    dialect="udk",
 )
 plant(
     "ports.images.zoom-ignored",
@@ -165,6 +169,7 @@ plant(
     "return math.tan(math.radians(80.0) / 2.0)",
     notices="images.content.fov",
     field="CameraFov",
+    dialect="udk",
 )
 plant(
     "ports.images.fov-vertical",
@@ -173,6 +178,7 @@ plant(
     "return math.tan(self.fov / 2.0) * self.width / self.height",
     notices="images.content.fov",
     field="CameraFov",
+    dialect="udk",
 )
 plant(
     "ports.images.mount-axis",
@@ -181,4 +187,5 @@ plant(
     "roll = math.atan2(y, z)",
     notices="images.camera.mount",
     field="[Ll]ink 2",
+    dialect="udk",
 )
