@@ -164,11 +164,11 @@ plant(
 )
 plant(
     "ports.images.zoom-ignored",
-    "usarsim_server/cameras/viewpoint.py",
-    "return math.tan(self.fov / 2.0)",
-    "return math.tan(math.radians(80.0) / 2.0)",
+    "usarsim_server/cameras/painter.py",
+    "Eye(pose, view.fov, width, height)",
+    "Eye(pose, 1.3963, width, height)",
     notices="images.content.fov",
-    field="CameraFov",
+    field="after SET FOV",
     dialect="udk",
 )
 plant(
