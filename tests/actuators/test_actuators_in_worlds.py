@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from usarsim_server.protocol.numbers import fixed
 from usarsim_server.testing import Rehearsal, RehearsedClient
 
 WORLD = """<mujoco model="bench">
@@ -250,7 +251,7 @@ def test_all_joints(stage: Rehearsal, client: RehearsedClient) -> None:
     spawn(stage, client, "P2AT")
     client.send("SET {Type Joint} {Name AllJoints} {Opcode Angle} {Params 0.3}")
     assert client.take() == [
-        f"RES {{Time {stage.time:.2f}}} {{Type Joint}} {{Name AllJoints}} {{Status OK}}"
+        f"RES {{Time {fixed(stage.time, 2)}}} {{Type Joint}} {{Name AllJoints}} {{Status OK}}"
     ]
     settle(stage, client, 3.0)
     found = values(client, "MISSTA", "CameraPanTilt")
