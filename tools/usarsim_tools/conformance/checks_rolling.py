@@ -176,6 +176,9 @@ async def encoder_ticks(case: Case) -> None:
                     case.skip(f"neither CONF nor GEO tells Resolution and place of {item}")
                 step = float(resolutions[item]["Resolution"])
                 mount = mounts[item]
+                joint = case.dialect == "udk" and mount.carrier != worn.class_name
+                if joint or "_link" in mount.carrier.lower():
+                    continue  # it counts turns of a joint
                 side = _side(item, mount.carrier, mount.location[1])
                 values = [(time, float(tick)) for time, tick in ticks]
                 if case.dialect == "udk":  # ticks begin anew with every turn there

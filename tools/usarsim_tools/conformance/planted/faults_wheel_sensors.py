@@ -101,16 +101,16 @@ plant(
 plant(
     "sensors.encoder.sides-swapped",
     _ENCODER,
-    "angle = float(robot.wheel_angles[self.wheel])",
-    "angle = float(robot.wheel_angles[self.wheel ^ 1])",
+    "return float(robot.wheel_angles[self.wheel])",
+    "return float(robot.wheel_angles[self.wheel ^ 1])",
     notices=_TICKS,
     field="Tick of EC",
 )
 plant(
     "sensors.encoder.udk-wheel",
     _ENCODER,
-    "angle = float(robot.wheel_angles[self.wheel])",
-    "angle = float(robot.wheel_angles[self.wheel ^ 1])",
+    "return float(robot.wheel_angles[self.wheel])",
+    "return float(robot.wheel_angles[self.wheel ^ 1])",
     notices=_TICKS,
     field="Tick of W",
     robot="P3AT",
