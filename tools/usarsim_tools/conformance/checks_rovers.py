@@ -42,6 +42,8 @@ def _drive(left: float, right: float, extra: str = "") -> str:
 
 async def _tour(robot: Robot, trip: Trip) -> None:
     radius, most = trip.geo.number("WheelRadius"), trip.conf.number("MaxSpeed")
+    if not _sides(trip):
+        return
     spin = min(0.7 * most, _PACE / radius)
     seconds = 2.4 if spin * radius > 0.2 else 3.0
     for name, command in (
@@ -67,7 +69,7 @@ async def _tours(case: Case) -> list[Trip]:
         return await on_open_floor(case, "a tour", class_name, _tour)
 
     trips = await of_classes(case, tuple(classes), tour)
-    driven = [trip for trip in trips if trip.geo.number("WheelRadius") > 0.0 and _sides(trip)]
+    driven = [trip for trip in trips if _sides(trip)]
     if not driven:
         case.skip(f"none of {', '.join(classes)} is driven by its sides")
     return driven
@@ -75,7 +77,8 @@ async def _tours(case: Case) -> list[Trip]:
 
 def _sides(trip: Trip) -> bool:
     """Whether it is driven by its sides: by what it says, and if in doubt by its class."""
-    return trip.conf.get("SteeringType") == "SkidSteered" or trip.class_name in ROVERS
+    says = trip.conf.get("SteeringType") == "SkidSteered" or trip.class_name in ROVERS
+    return says and trip.geo.number("WheelRadius") > 0.0
 
 
 def _side(trip: Trip, leg: str, side: str) -> float:
