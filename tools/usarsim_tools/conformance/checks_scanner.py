@@ -6,7 +6,7 @@ import math
 from statistics import median
 
 from usarsim_tools.conformance.case import Case
-from usarsim_tools.conformance.recordings import senses, standing
+from usarsim_tools.conformance.recordings import senses, standing, told
 from usarsim_tools.conformance.registry import GAZEBO, UNREAL, check
 
 
@@ -97,6 +97,9 @@ async def _shadow(case: Case, right: float) -> float:
     base = await case.place()
     case.need(base.tag is None or any(base.location), "the server lists no start poses")
     watcher = await case.spawn(place=base)
+    size = (await told(case, "GETGEO", "Robot")).numbers("Dimensions")[:2]
+    if len(size) == 2:  # large robots get room
+        right = math.copysign(max(abs(right), 0.5 * size[1] + 0.5 * max(size) + 0.2), right)
     await watcher.run(0.6)
     alone = (await watcher.sensor("RangeScanner")).numbers("Range")
     # Tall enough to be seen by a scanner on the deck of a robot like itself: tipped on its side.
