@@ -393,6 +393,7 @@ class Engine:
             if compensated:
                 compensate(data)
             mujoco.mj_step2(model, data)
+            laws.feel(data)
             if patched:
                 traction.release(data)
         limbs.feel(data)

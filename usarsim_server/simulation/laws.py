@@ -1,8 +1,8 @@
 """Laws of motion beside wheels and joints: rotors, propellers, buoyancy, tracks.
 
-A law belongs to one slot and is obeyed by the physics thread before every step. It may write
-forces on the bodies of its own robot (`data.xfrc_applied`), surface velocities of its own geoms,
-and nothing else.
+A law belongs to one slot and is obeyed by the physics thread in every step. It may write forces on
+the bodies of its own robot (`data.xfrc_applied`), surface velocities of its own geoms and the
+friction of their contacts, and nothing else.
 """
 
 from __future__ import annotations
@@ -29,6 +29,10 @@ class Law(ABC):
 
     def push(self, model: mujoco.MjModel, data: mujoco.MjData, command: Array) -> None:
         """Between the halves: positions and velocities are up to date, forces count now."""
+        return
+
+    def feel(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """After the step: its contact forces are known."""
         return
 
     @abstractmethod
@@ -88,6 +92,7 @@ class Laws:
         self._commands = np.zeros(channels)
         self._active: set[int] = set()
         self._running: list[tuple[Law, Array]] = []
+        self._feeling: list[Law] = []
 
     def command(self, slot: int, values: Array) -> None:
         """Set the command of a slot, all laws one after the other.
@@ -129,6 +134,7 @@ class Laws:
             for slot in sorted(self._active)
             for law, place in self._laws[slot]
         ]
+        self._feeling = [law for law, _ in self._running if type(law).feel is not Law.feel]
 
     def prepare(self, data: mujoco.MjData) -> None:
         """Before the first half of every step."""
@@ -143,6 +149,11 @@ class Laws:
         with np.errstate(all="ignore"):
             for law, command in self._running:
                 law.push(self._model, data, command)
+
+    def feel(self, data: mujoco.MjData) -> None:
+        """After every step."""
+        for law in self._feeling:
+            law.feel(self._model, data)
 
     def state(self) -> LawsState:
         """A copy of everything that changes, for `restore`."""

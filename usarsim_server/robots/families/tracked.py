@@ -8,6 +8,13 @@ actuator with `package = false`.
 A belt is made of rollers, ellipsoids as wheels are, and of flat boxes for its straight runs, which
 stand back a little so that on level ground it rests on its rollers as a real one does. A roller's
 surface turns about its axis, that of a run moves along it.
+
+A surface that moves as told pulls with all the grip it finds. At a wall that is more than a drive
+can give: what the ground gives the belts presses them against the wall, and what they find there
+lifts the robot until it lies on its back. A real drive divides its thrust among all that its belts
+grip, and stalls. So while a wall holds a robot back, the friction of the contacts of each side is
+lowered until all of them together can take no more than the thrust of that side: torque of the
+sprocket over its radius. Elsewhere grip gives out before thrust does.
 """
 
 from __future__ import annotations
@@ -32,14 +39,19 @@ from usarsim_server.robots.tracks import Roller, Track, lowest, read_tracks, run
 from usarsim_server.simulation.belts import MARK
 from usarsim_server.simulation.laws import Law, LawModel
 
-__all__ = ["SAG", "Gear", "Tracked", "Treads"]
+__all__ = ["SAG", "Drive", "Gear", "Tracked", "Treads"]
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 SAG = 0.001
 """m that straight runs stand back; at rest a roller sinks in by a third of that."""
 DEAD_SPIN = 1e-6
 """rad/s below which a sprocket stands still, so that a robot at rest can fall asleep."""
+STEEP = 0.1
+"""Largest upward part of the normal of a wall (6 degrees). Edges are none: belts catch on them."""
+BEHIND = 0.75
+"""Share of the speed of its belts below which something holds a robot back."""
 HIDDEN = 3
 """Geom group of what is not seen, by cameras and rays."""
 CONTACT_SOLREF = (0.02, 1.0)
@@ -106,8 +118,16 @@ class Tracked(WheeledFamily):
             for number, track in enumerate(tracks)
             for part, field in _fields(track, robot).items()
         }
-        sprockets = {wheel.side: wheel.name for wheel in reversed(robot.driven_wheels)}
-        return (LawModel(lambda model, prefix: Treads(model, prefix, sprockets, fields), 0),)
+        drive = {
+            side: Drive(
+                sprocket=wheels[0].name,
+                radius=wheels[0].radius,
+                thrust=sum(robot.drive.wheel_torque / wheel.radius for wheel in wheels),
+            )
+            for side in ("left", "right")
+            for wheels in ([wheel for wheel in robot.driven_wheels if wheel.side == side],)
+        }
+        return (LawModel(lambda model, prefix: Treads(model, prefix, drive, fields), 0),)
 
 
 def _tracks(gear: object | None) -> tuple[Track, ...]:
@@ -216,14 +236,32 @@ def _fields(track: Track, robot: RobotDescription) -> dict[str, Array]:
     return parts
 
 
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """What drives the belts of one side.
+
+    Attributes:
+        sprocket: name of the wheel.
+        radius: belts run at radius times its speed, m.
+        thrust: with which it can move all its belts together, N.
+    """
+
+    sprocket: str
+    radius: float
+    thrust: float
+
+
 class Treads(Law):
-    """Moves the surfaces of the belts of one robot as fast as its sprockets turn."""
+    """Moves the surfaces of the belts of one robot as fast as its sprockets turn.
+
+    It remembers the share of their grip that the belts of each side may use.
+    """
 
     def __init__(
         self,
         model: mujoco.MjModel,
         prefix: str,
-        sprockets: dict[str, str],
+        drives: dict[str, Drive],
         fields: dict[str, tuple[str, Array]],
     ) -> None:
         """Find the parts in the compiled model.
@@ -231,17 +269,28 @@ class Treads(Law):
         Args:
             model: compiled.
             prefix: of all names of the robot's slot.
-            sprockets: name of the wheel that drives each side.
+            drives: of each side.
             fields: side and surface velocity per rad/s of every part of a belt, by geom name.
         """
+        left, right = drives["left"], drives["right"]
         self._left, self._right = (
-            int(model.joint(prefix + sprockets[side]).dofadr[0]) for side in ("left", "right")
+            int(model.joint(prefix + drive.sprocket).dofadr[0]) for drive in (left, right)
         )
+        self._radii = (left.radius, right.radius)
+        self._thrust = np.array([left.thrust, right.thrust])
         self._geoms = np.array([model.geom(prefix + name).id for name in fields], dtype=np.intp)
         self._fields = np.zeros((2, len(fields), 6))
+        self._side = np.full(model.ngeom, -1, dtype=np.intp)
         for row, (side, field) in enumerate(fields.values()):
-            self._fields[0 if side == "left" else 1, row] = field
+            number = 0 if side == "left" else 1
+            self._fields[number, row] = field
+            self._side[self._geoms[row]] = number
+        self._base = int(model.body(prefix + "base").id)
+        self._dof = int(model.body_dofadr[self._base])
+        self._own = model.body_rootid[model.geom_bodyid] == model.body_rootid[self._base]
         self._written = (math.nan, math.nan)
+        self._share = np.ones(2)
+        self._pulling: tuple[Indices, Indices, Array] | None = None
 
     def prepare(self, model: mujoco.MjModel, data: mujoco.MjData, command: Array) -> None:
         """Read the spins, and write them if they have changed."""
@@ -256,11 +305,61 @@ class Treads(Law):
             model.geom_surfacevel[self._geoms] = spins[0] * fields[0] + spins[1] * fields[1]
             self._written = spins
 
+    def push(self, model: mujoco.MjModel, data: mujoco.MjData, command: Array) -> None:
+        """Lower the friction of the belts of a robot that a wall holds back."""
+        self._pulling = self._contacts(data) if self._is_behind(data) else None
+        if self._pulling is None:
+            self._share[:] = 1.0
+            return
+        contacts, sides, _ = self._pulling
+        share = self._share[sides]
+        contact = data.contact
+        contact.friction[contacts] *= share[:, None]
+        contact.mu[contacts] *= share
+
+    def feel(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """What the belts press, and could grip with full friction, says their share."""
+        if self._pulling is None:
+            return
+        contacts, sides, friction = self._pulling
+        pressure = data.efc_force[data.contact.efc_address[contacts]]
+        grip = np.bincount(sides, weights=friction * pressure, minlength=2)
+        np.minimum(1.0, self._thrust / np.maximum(grip, self._thrust), out=self._share)
+
+    def _is_behind(self, data: mujoco.MjData) -> bool:
+        """Whether the robot moves slower than its belts, both sides taken together."""
+        left, right = self._written
+        belts = (left * self._radii[0] + right * self._radii[1]) / 2.0
+        if belts == 0.0:
+            return False
+        x, y, z = data.qvel[self._dof : self._dof + 3].tolist()
+        ahead = data.xmat[self._base]
+        speed = x * ahead[0] + y * ahead[3] + z * ahead[6]
+        return bool(speed / belts < BEHIND)
+
+    def _contacts(self, data: mujoco.MjData) -> tuple[Indices, Indices, Array] | None:
+        """Active contacts of belts, their sides and friction; None if the robot is at no wall."""
+        contact = data.contact
+        geoms = contact.geom
+        wall = np.abs(contact.frame[:, 2]) < STEEP
+        active = contact.efc_address >= 0
+        if not (wall & active & self._own[geoms].any(axis=1)).any():
+            return None
+        sides = self._side[geoms].max(axis=1)
+        contacts = np.flatnonzero(active & (sides >= 0))
+        return contacts, sides[contacts], contact.friction[contacts, 0]
+
     def release(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Stop the belts."""
         model.geom_surfacevel[self._geoms] = 0.0
         self._written = (math.nan, math.nan)
+        self._share[:] = 1.0
+
+    def state(self) -> Array:
+        """The shares."""
+        return self._share.copy()
 
     def restore(self, state: Array) -> None:
-        """What was written last may not hold any longer."""
+        """Take shares over; what was written last may not hold any longer."""
         self._written = (math.nan, math.nan)
+        self._share[:] = state
