@@ -87,6 +87,7 @@ TRIALS = (
     Trial(("#47",), tracks.speed),
     Trial(("#49",), machines.depth),
     Trial(("#59",), terrain.wall),
+    Trial(("#59",), tracks.wall),
     Trial(("#60",), terrain.crate),
     Trial(("#63", "#64"), flat.resting),
 )

@@ -15,20 +15,21 @@ from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import PhysicsOptions
 from usarsim_server.validation import worlds
+from usarsim_server.validation.lanes import LANE, Lane, drive_lanes
 from usarsim_server.validation.manoeuvres import turn_in_place
 from usarsim_server.validation.results import Band, Result
 from usarsim_server.validation.stage import Stage
 from usarsim_server.validation.terrain import FIELD_END, Crossing, cross
 from usarsim_server.validation.workshop import Case, Workshop
 from usarsim_server.validation.worlds import FIELD_START
-from usarsim_server.worlds.loader import load_world
-from usarsim_server.worlds.scene import build_scene
 
 __all__ = [
+    "CLIMBERS",
     "LOW_POSTS",
     "REFERENCE_RATIOS",
     "RUN",
     "STAIRS_END",
+    "TRACKED",
     "belt_ratio",
     "climb_stairs",
     "cross_field",
@@ -41,7 +42,9 @@ __all__ = [
     "stairs",
     "stand_up",
     "step_fields",
+    "tilts_at_wall",
     "turning",
+    "wall",
 ]
 
 Results = Iterator[Result]
@@ -51,6 +54,16 @@ RUN = 0.3
 """m/s of the belts in all these tests (robots reference 5.2 #47)."""
 REFERENCE_RATIOS = {"Kenaf": 0.328, "TeleMax": 0.655}
 """Turn in place over that of a differential robot, taken once from these models (5.2 #39)."""
+TRACKED = (
+    *("Kenaf", "Tarantula", "TeleMax", "Talon"),
+    *("Rugbot", "Matilda", "crawler_robot", "Soryu"),
+)
+CLIMBERS = TRACKED[:4]
+"""Classes that climb the stairs of V21."""
+PUSHES = (1.0, 0.3, -1.0)
+"""Shares of their top speed at which robots run into a wall, the last one backwards."""
+PUSHING = 10.0
+"""s from the start to the end of a push."""
 SPREAD = 0.02
 SEEDS = range(4)
 LOW_POSTS = tuple(n / 100 for n in range(7))
@@ -142,9 +155,8 @@ def flipper_error(
 
     The load is no thing in the world: it pulls in the physics itself, below the protocol.
     """
-    world = load_world(shop.world(worlds.flat()))
     options = PhysicsOptions(timestep=timestep)
-    engine = Engine(lambda: build_scene(world), options, slots=(robot_model(robot),))
+    engine = Engine(shop.scenery(worlds.flat()), options, slots=(robot_model(robot),))
     engine.occupy(0, 0, Pose((0.0, 0.0, robot.rest_height)))
     engine.command_joints(0, {joint: JointOrder(Order.POSITION, angle)})
     engine.advance(round(3.0 / timestep))
@@ -230,19 +242,45 @@ def step_fields(shop: Workshop, steps: Steps) -> Results:
 
 
 def climb_stairs(shop: Workshop, timestep: float, robot: str = "Kenaf") -> Crossing:
-    """Climb six steps of 18 x 28 cm at mu 1 with the front flippers raised by 0.7 rad."""
+    """Climb six steps of 18 x 28 cm at mu 1 with the front flippers, if any, raised by 0.7 rad."""
     with shop.stage(worlds.stairs(), robot, timestep) as stage:
-        posture(stage, raised(0.7))
+        if any(link.joint == "FRFlipper" for link in stage.robot.links):
+            posture(stage, raised(0.7))
         return cross(stage, spin(stage), 25.0, STAIRS_END + 0.5, COURSE)
 
 
 def stairs(shop: Workshop, steps: Steps) -> Results:
-    """V21: a tracked robot with flippers climbs stairs."""
+    """V21: tracked robots climb stairs."""
+    for robot in CLIMBERS:
+        for timestep in steps:
+            run = climb_stairs(shop, timestep, robot)
+            case = Case("V21", robot, timestep)
+            yield case.result("rise on six steps of 18 cm", run.rise, "m", "1.08", Band(1.07, 1.09))
+            yield case.result(
+                "largest tilt on stairs", math.degrees(run.tilt), "deg", "no flip", Band(high=60.0)
+            )
+            yield case.result("warnings on stairs", run.warnings, "", "0", Band(0.0, 0.0))
+
+
+def tilts_at_wall(shop: Workshop, timestep: float) -> dict[str, float]:
+    """Largest tilt (rad) of each class that runs into a wall and goes on, at any of `PUSHES`."""
+    lanes = [
+        Lane(robot, share * robot.drive.max_wheel_speed)
+        for robot in map(shop.describe, TRACKED)
+        for share in PUSHES
+    ]
+    scene = worlds.wall(LANE * len(lanes))
+    outcomes = drive_lanes(shop, scene, lanes, timestep, PUSHING)
+    worst = dict.fromkeys(TRACKED, 0.0)
+    for lane, outcome in zip(lanes, outcomes, strict=True):
+        worst[lane.robot.name] = max(worst[lane.robot.name], outcome.tilt)
+    return worst
+
+
+def wall(shop: Workshop, steps: Steps) -> Results:
+    """#59: at a wall no tracked robot rears up, however fast it comes."""
     for timestep in steps:
-        run = climb_stairs(shop, timestep)
-        case = Case("V21", "Kenaf", timestep)
-        yield case.result("rise on six steps of 18 cm", run.rise, "m", "1.08", Band(1.07, 1.09))
-        yield case.result(
-            "largest tilt on stairs", math.degrees(run.tilt), "deg", "no flip", Band(high=60.0)
-        )
-        yield case.result("warnings on stairs", run.warnings, "", "0", Band(0.0, 0.0))
+        for robot, tilt in tilts_at_wall(shop, timestep).items():
+            yield Case("#59", robot, timestep).result(
+                "largest tilt at a wall", math.degrees(tilt), "deg", "small", Band(high=30.0)
+            )

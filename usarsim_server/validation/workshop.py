@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import shutil
 import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+
+import mujoco
 
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.roster import load_roster
@@ -15,6 +18,8 @@ from usarsim_server.validation import worlds
 from usarsim_server.validation.manoeuvres import Turn, turn_in_place
 from usarsim_server.validation.results import Band, Result
 from usarsim_server.validation.stage import Stage
+from usarsim_server.worlds.loader import load_world
+from usarsim_server.worlds.scene import build_scene
 
 __all__ = ["VARIANTS", "Case", "Workshop"]
 
@@ -71,6 +76,11 @@ class Workshop(Closing):
     def world(self, scene: worlds.Scene) -> Path:
         """The folder of a test scene."""
         return worlds.write_world(self._folder / "worlds", scene)
+
+    def scenery(self, scene: worlds.Scene) -> Callable[[], mujoco.MjSpec]:
+        """What makes the specification of a test scene, for a physics without a server."""
+        world = load_world(self.world(scene))
+        return lambda: build_scene(world)
 
     def stage(
         self, scene: worlds.Scene, robot: str, timestep: float, pose: Pose | None = None

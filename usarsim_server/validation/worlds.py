@@ -112,14 +112,21 @@ def gap(width: float, friction: float = 1.0) -> Scene:
     return Scene(f"gap_{width:g}_mu{friction:g}", (_floor(friction), *boxes))
 
 
-def stairs(steps: int = 6, rise: float = 0.18, run: float = 0.28, friction: float = 1.0) -> Scene:
+def stairs(
+    steps: int = 6,
+    rise: float = 0.18,
+    run: float = 0.28,
+    friction: float = 1.0,
+    half_width: float = HALF_WIDTH,
+) -> Scene:
     """Stairs that begin at `FIELD_START` and lead up to a landing (robots reference 3.3 V21)."""
     far = FIELD_START + steps * run + LANDING
     boxes = []
     for n in range(steps):
-        lower, upper = (FIELD_START + n * run, -HALF_WIDTH, 0.0), (far, HALF_WIDTH, (n + 1) * rise)
+        lower, upper = (FIELD_START + n * run, -half_width, 0.0), (far, half_width, (n + 1) * rise)
         boxes.append(_box(f"stair{n}", lower, upper, friction))
-    return Scene(f"stairs_{steps}x{rise:g}_mu{friction:g}", (_floor(friction), *boxes))
+    name = f"stairs_{steps}x{rise:g}_mu{friction:g}_w{half_width:g}"
+    return Scene(name, (_floor(friction), *boxes))
 
 
 def symmetric_heights(seed: int, levels: Sequence[float]) -> Heights:
@@ -142,10 +149,10 @@ def step_field(name: str, heights: Heights, friction: float = 1.0) -> Scene:
     return Scene(f"field_{name}_mu{friction:g}", (_floor(friction), *boxes))
 
 
-def wall() -> Scene:
+def wall(half_width: float = HALF_WIDTH) -> Scene:
     """A wall across the way."""
-    lower, upper = (FIELD_START, -HALF_WIDTH, 0.0), (FIELD_START + 0.3, HALF_WIDTH, 1.0)
-    return Scene("wall", (_floor(1.0), _box("wall", lower, upper, 1.0)))
+    lower, upper = (FIELD_START, -half_width, 0.0), (FIELD_START + 0.3, half_width, 1.0)
+    return Scene(f"wall_w{half_width:g}", (_floor(1.0), _box("wall", lower, upper, 1.0)))
 
 
 def crate(mass: float) -> Scene:
