@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ from usarsim_server.robots.tracks import Roller, Run, runs, touching
 from usarsim_server.sensors.base import SensorContext
 from usarsim_server.sensors.registry import create_sensor
 from usarsim_server.simulation.belts import Belts
+from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import CompiledWorld, PhysicsOptions, compile_world
 from usarsim_server.testing import Rehearsal
@@ -359,6 +361,56 @@ def test_tracks_are_no_conveyor_belts() -> None:
     belts = Belts(compiled(shipped("Kenaf")).model)
     assert belts.run("robot0", 5.0) == 0
     assert belts.run("robot0:track:0:run0", 5.0) == 0
+
+
+def walled() -> mujoco.MjSpec:
+    return mujoco.MjSpec.from_string(
+        """<mujoco><worldbody>
+        <geom type="plane" size="0 0 1"/>
+        <geom type="box" pos="0.9 0 0.5" size="0.3 2 0.5"/>
+        </worldbody></mujoco>"""
+    )
+
+
+def traction(engine: Engine, side: str) -> float:
+    """What the belts of a side pull with altogether, N."""
+    model, data = engine.world.model, engine.data
+    tracks = gear(shipped("Kenaf")).tracks
+    force, total = np.zeros(6), 0.0
+    for number, contact in enumerate(data.contact):
+        names = (model.geom(int(geom)).name for geom in contact.geom)
+        label = next((name for name in names if name.startswith("robot0:track:")), None)
+        if label and tracks[int(label.split(":")[2])].side == side:
+            mujoco.mj_contactForce(model, data, number, force)
+            total += math.hypot(force[1], force[2])
+    return total
+
+
+@pytest.mark.parametrize("torque", [3.0, 5.3])
+def test_belts_at_a_wall_pull_no_more_than_their_drive(torque: float) -> None:
+    """#59: ground and wall share the thrust of a side, torque over radius of its sprocket."""
+    kenaf = shipped("Kenaf")
+    robot = replace(kenaf, model="Test", drive=replace(kenaf.drive, wheel_torque=torque))
+    engine = Engine(walled, PhysicsOptions(), slots=(robot_model(robot),))
+    engine.occupy(0, 0, Pose((0.0, 0.0, robot.rest_height)))
+    engine.drive(0, np.full(2, 3.0))
+    engine.advance(500)
+    for side in ("left", "right"):
+        thrust = torque / robot.driven_wheels[0].radius
+        assert traction(engine, side) == pytest.approx(thrust, rel=0.05)
+
+
+def test_parked_belts_hold_with_all_their_grip() -> None:
+    """A drive at rest is none that stalls: at the same wall belts that stand grip as they can."""
+    robot = shipped("Kenaf")
+    engine = Engine(walled, PhysicsOptions(), slots=(robot_model(robot),))
+    engine.occupy(0, 0, Pose((0.0, 0.0, robot.rest_height)))
+    engine.drive(0, np.full(2, 3.0))
+    engine.advance(500)
+    assert engine.data.contact.friction[:, 0].min() < 0.9
+    engine.drive(0, np.zeros(2))
+    engine.advance(250)
+    assert engine.data.contact.friction[:, 0].min() == 1.0
 
 
 # -- the eight classes -----------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Tracked robots: robots reference 3.3 V19 and V21, and 5.2, 5.3 #39, #46, #47, #57, #61, #62."""
+"""Tracked robots: robots reference 3.3 V19, V21; 5.2, 5.3 #39, #46, #47, #57, #59, #61, #62."""
 
 from __future__ import annotations
 
@@ -8,10 +8,15 @@ from dataclasses import replace
 import pytest
 
 from usarsim_server.validation import worlds
+from usarsim_server.validation.lanes import LANE, Lane, drive_lanes
 from usarsim_server.validation.terrain import FIELD_END, cross
 from usarsim_server.validation.trials_tracks import (
     BEYOND,
+    CLIMBERS,
+    PUSHING,
     REFERENCE_RATIOS,
+    RUN,
+    TRACKED,
     belt_ratio,
     climb_stairs,
     cross_field,
@@ -20,6 +25,7 @@ from usarsim_server.validation.trials_tracks import (
     posture,
     spin,
     stand_up,
+    tilts_at_wall,
 )
 from usarsim_server.validation.workshop import Workshop
 
@@ -89,6 +95,50 @@ def test_stairs(shop: Workshop) -> None:
     assert math.degrees(run.tilt) < 60.0
     assert not run.own
     assert run.warnings == 0
+
+
+def stair_lane(shop: Workshop, name: str, belts: float | None = None) -> Lane:
+    """A robot whose client raises the front flippers by 0.7 rad; at top speed unless said."""
+    robot = shop.describe(name)
+    up = 0.7 if name == "crawler_robot" else -0.7
+    joints = {link.joint for link in robot.links}
+    angles = {joint: up for joint in ("FRFlipper", "FLFlipper") if joint in joints}
+    angles |= {joint: 0.0 for joint in ("RRFlipper", "RLFlipper") if joint in joints}
+    top = robot.drive.max_wheel_speed
+    return Lane(robot, top if belts is None else belts / robot.driven_wheels[0].radius, angles)
+
+
+def test_all_classes_on_stairs(shop: Workshop) -> None:
+    """#57, V21: four classes climb six steps at 0.3 m/s and at their top speed; the others are
+    stopped by the first one, and none turns over."""
+    lanes = [stair_lane(shop, name, RUN) for name in TRACKED]
+    lanes += [stair_lane(shop, name) for name in CLIMBERS]
+    scene = worlds.stairs(half_width=LANE * len(lanes))
+    for lane, run in zip(lanes, drive_lanes(shop, scene, lanes, STEP, 14.0), strict=True):
+        assert math.degrees(run.tilt) < 60.0, lane.robot.name
+        if lane.robot.name in CLIMBERS:
+            assert run.rise > 6 * 0.18 - 0.05, lane.robot.name
+        else:
+            assert run.rise < 0.18, lane.robot.name
+
+
+def test_wall_stops_all_classes(shop: Workshop) -> None:
+    """#59: at a wall no class pitches beyond 30 degrees, at top speed, at 30 %, backwards."""
+    for name, tilt in tilts_at_wall(shop, STEP).items():
+        assert math.degrees(tilt) < 30.0, name
+
+
+def test_strong_drive_lifts_the_robot_at_a_wall(shop: Workshop) -> None:
+    """#59: it is the thrust of the drive that is limited: with ten times the torque Kenaf and
+    Tarantula end on their backs."""
+    lanes = []
+    for name in ("Kenaf", "Tarantula"):
+        robot = shop.describe(name)
+        drive = replace(robot.drive, wheel_torque=10.0 * robot.drive.wheel_torque)
+        strong = replace(robot, model=f"Strong{name}", drive=drive)
+        lanes.append(Lane(strong, robot.drive.max_wheel_speed))
+    for run in drive_lanes(shop, worlds.wall(), lanes, STEP, PUSHING):
+        assert math.degrees(run.tilt) > 80.0
 
 
 def test_stairs_stop_a_robot_without_flippers(shop: Workshop) -> None:

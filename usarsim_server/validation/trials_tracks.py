@@ -26,6 +26,7 @@ from usarsim_server.validation.worlds import FIELD_START
 __all__ = [
     "CLIMBERS",
     "LOW_POSTS",
+    "PUSHING",
     "REFERENCE_RATIOS",
     "RUN",
     "STAIRS_END",

@@ -47,7 +47,7 @@ POST = 0.1
 POSTS = 12
 """Posts along an edge of a step field (robots reference 3.3 V19)."""
 HALF_WIDTH = 2.0
-LANDING = 6.0
+LANDING = 30.0
 """m behind the last stair."""
 
 Heights = tuple[tuple[float, ...], ...]
