@@ -52,6 +52,8 @@ STEEP = 0.1
 """Largest upward part of the normal of a wall (6 degrees). Edges are none: belts catch on them."""
 BEHIND = 0.75
 """Share of the speed of its belts below which something holds a robot back."""
+CREEP = 1e-3
+"""m/s below which belts stand still: gears that do not move hold whatever the drive could pull."""
 HIDDEN = 3
 """Geom group of what is not seen, by cameras and rays."""
 CONTACT_SOLREF = (0.02, 1.0)
@@ -330,7 +332,7 @@ class Treads(Law):
         """Whether the robot moves slower than its belts, both sides taken together."""
         left, right = self._written
         belts = (left * self._radii[0] + right * self._radii[1]) / 2.0
-        if belts == 0.0:
+        if not abs(belts) > CREEP:
             return False
         x, y, z = data.qvel[self._dof : self._dof + 3].tolist()
         ahead = data.xmat[self._base]
