@@ -173,13 +173,13 @@ def _scan(found: Surrounded, type: str, scenes: list[Scene]) -> Iterator[Beam]:
             conf = found.equipment.configured(type)[name]
             fov, resolution = float(conf["Fov"]), float(conf["Resolution"])
             ranges = lines[-1].numbers("Range")
-            # The printed resolution is cut off: the last beam is at the other end.
-            step = resolution
-            if abs((len(ranges) - 1) * resolution - fov) < resolution:
-                step = fov / (len(ranges) - 1) if type == "RangeScanner" else resolution
+            # The printed resolution is cut off, and the last beam may be at the very end or not.
+            ends = fov / max(len(ranges) - 1, 1)
+            other = ends if resolution <= ends < resolution + 1e-4 else resolution
             for number, value in enumerate(ranges):
-                start, way = ray(mount, fov / 2.0 - number * step)
-                yield Beam(scene, name, f"{name}, beam {number + 1}", start, way, value)
+                start, way = ray(mount, fov / 2.0 - number * resolution)
+                _, perhaps = ray(mount, fov / 2.0 - number * other)
+                yield Beam(scene, name, f"{name}, beam {number + 1}", start, way, value, perhaps)
 
 
 async def _scanner(case: Case, type: str, least: bool) -> None:

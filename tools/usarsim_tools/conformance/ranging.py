@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import median
 
 from usarsim_tools.conformance.case import Case
@@ -40,6 +40,7 @@ class Beam:
         what: which of its values.
         start, way: ray in the robot's frame.
         value: m.
+        perhaps: another direction that the ray may have, as far as printed digits tell.
     """
 
     scene: Scene
@@ -48,6 +49,7 @@ class Beam:
     start: Vector
     way: Vector
     value: float
+    perhaps: Vector | None = None
 
 
 def ray(mount: Mount, yaw: float = 0.0, pitch: float = 0.0) -> tuple[Vector, Vector]:
@@ -102,6 +104,12 @@ def judge_beam(
 ) -> None:
     """One value against the ray: the wall's distance, or MaxRange if there is no wall."""
     length, margin = _along(beam, floor)
+    if beam.perhaps is not None:
+        other, edge = _along(replace(beam, way=beam.perhaps), floor)
+        if math.isinf(other) != math.isinf(length):
+            return
+        margin = min(margin, edge)
+        length = min(max(beam.value, min(length, other)), max(length, other))
     low, high = (limit(found, type, beam.item, name) for name in ("MinRange", "MaxRange"))
     if margin < EDGE or abs(length - high) < 0.01 * high + SLACK or length < low * 0.5:
         return

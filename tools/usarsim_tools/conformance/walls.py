@@ -340,12 +340,13 @@ async def _scene(
 ) -> Scene:
     """What a robot says now that the wall stands."""
     begun = await settled(robot)
-    lines = await robot.run(_LATE)
+    first = len(robot.client.lines)
+    await robot.run(_LATE)
     if seconds > 1.0:
         for one in imagers:
             await robot.client.send(f"SET {{Type RangeImager}} {{Name {one}}} {{Opcode SCAN}}")
-    lines += await robot.run(seconds)
-    return Scene(name, wall, place, Track(lines).between(begun, math.inf))
+    await robot.run(seconds)
+    return Scene(name, wall, place, Track(robot.client.lines[first:]).between(begun, math.inf))
 
 
 async def settled(robot: Robot) -> float:
