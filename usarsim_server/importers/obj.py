@@ -9,10 +9,12 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
+from numpy.typing import NDArray
 
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.importers.files import read_text
@@ -209,9 +211,17 @@ class _File:
         self.lost += 1
         return -1
 
+    @cached_property
+    def _all_points(self) -> NDArray[np.float64]:
+        return np.array(self._points)
+
+    @cached_property
+    def _all_uvs(self) -> NDArray[np.float64]:
+        return np.array(self._uvs)
+
     def build(self, group: _Group, axes: Axes) -> SceneObject:
         """One object; its vertices are in the world's frame already."""
-        points = np.array(self._points)
+        points = self._all_points
         vertices = np.array(group.vertices)
         triangles, owner = triangulate(points[vertices], np.array(group.sizes))
         if len(triangles) > MAX_TRIANGLES:
@@ -219,7 +229,7 @@ class _File:
         textures = np.array(group.textures)[triangles]
         uvs = None
         if self._uvs and (textures >= 0).any():
-            uvs = np.array(self._uvs)[np.maximum(textures, 0)]
+            uvs = self._all_uvs[np.maximum(textures, 0)]
             uvs[textures < 0] = 0.0
         slots, own = np.unique(np.array(group.slots)[owner], return_inverse=True)
         names = list(self.materials)

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from usarsim_server import atomic
 from usarsim_server.importers.preview_ceiling import ceiling
-from usarsim_server.importers.preview_cut import covered, cut_line, sections
+from usarsim_server.importers.preview_cut import covered, cut_lines, sections
 from usarsim_server.importers.quiet import quiet
 from usarsim_server.simulation.frames import Pose
-from usarsim_server.simulation.tessellation import triangles
+from usarsim_server.simulation.tessellation import triangles_of_all
 from usarsim_server.worlds.description import WorldDescription
 from usarsim_server.worlds.picture import png
 from usarsim_server.worlds.scene import build_scene
@@ -59,6 +59,9 @@ FRAME = 0.95
 PAD = 0.3
 """m around the map: as much rock as a level has that is cut out of it."""
 
+DOTS = 1_000_000
+"""Pixels of a slice that are drawn at once."""
+
 PLANE = 200.0
 """m: half of what is drawn of an endless floor."""
 
@@ -71,19 +74,12 @@ class Preview:
         self._model = model = build_scene(world).compile()
         self._data = data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
-        corners, colors = [], []
-        for geom in range(model.ngeom):
-            if model.geom_group[geom] > 2:
-                continue
-            mat = data.geom_xmat[geom].reshape(3, 3)
-            if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
-                found = _plane(data.geom_xpos[geom], mat)
-            else:
-                found = triangles(model, geom, data.geom_xpos[geom], mat)
-            corners.append(found)
-            colors.append(np.tile(_color(model, geom), (len(found), 1)))
-        self._corners = np.concatenate([np.zeros((0, 3, 3)), *corners])
-        self._colors = np.concatenate([np.zeros((0, 3)), *colors])
+        shown = np.flatnonzero(model.geom_group <= 2)
+        found, owners = triangles_of_all(model, shown.tolist(), data.geom_xpos, data.geom_xmat)
+        planes = shown[model.geom_type[shown] == mujoco.mjtGeom.mjGEOM_PLANE].tolist()
+        quads = [_plane(data.geom_xpos[n], data.geom_xmat[n].reshape(3, 3)) for n in planes]
+        self._corners = np.concatenate([found, *quads])
+        self._colors = _colors(model)[np.concatenate([owners, np.repeat(planes, 2)]).astype(int)]
         sides = np.cross(
             self._corners[:, 1] - self._corners[:, 0], self._corners[:, 2] - self._corners[:, 0]
         )
@@ -124,19 +120,21 @@ class Preview:
     def slice(self, width: int = WIDTH, height: int = HEIGHT) -> Image:
         """What a laser at `LASER` above the floor can meet, black on white."""
         level = self._floor() + LASER
-        low, high = self._corners[:, :, 2].min(axis=1), self._corners[:, :, 2].max(axis=1)
         image = np.ones((height, width, 3))
-        x, y, _ = self._grid(width, height)
-        for corners in self._corners[(low <= level) & (high >= level) & (low < high)]:
-            ends = cut_line(corners, level)
-            if ends is None:
-                continue
-            steps = max(2, int(np.linalg.norm(ends[1] - ends[0]) / (x[0, 1] - x[0, 0]) * 2))
-            way = ends[0] + np.linspace(0.0, 1.0, min(steps, 20_000))[:, None] * (ends[1] - ends[0])
-            columns = np.round((way[:, 0] - x[0, 0]) / (x[0, 1] - x[0, 0])).astype(int)
-            rows = np.round((way[:, 1] - y[0, 0]) / (y[1, 0] - y[0, 0])).astype(int)
-            inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
-            image[rows[inside], columns[inside]] = 0.0
+        x, y, scale = self._grid(width, height)
+        ends, _ = cut_lines(self._corners, level)
+        pixels = (ends - [x[0, 0], y[0, 0]]) * [scale, -scale]
+        lengths = np.linalg.norm(pixels[:, 1] - pixels[:, 0], axis=1)
+        steps = np.clip(2.0 * lengths, 2.0, 20_000.0).astype(int)
+        for lines in np.array_split(np.arange(len(steps)), 1 + int(steps.sum()) // DOTS):
+            line = np.repeat(lines, steps[lines])
+            number = np.arange(len(line)) - np.repeat(
+                np.cumsum(steps[lines]) - steps[lines], steps[lines]
+            )
+            share = (number / (steps[line] - 1))[:, None]
+            dots = np.round(pixels[line, 0] * (1.0 - share) + pixels[line, 1] * share).astype(int)
+            dots = dots[((dots >= 0) & (dots < [width, height])).all(axis=1)]
+            image[dots[:, 1], dots[:, 0]] = 0.0
         return _bytes(image)
 
     def view(self, corner: int, width: int = WIDTH, height: int = HEIGHT) -> Image:
@@ -261,11 +259,18 @@ def _plane(position: Array, turn: Array) -> Array:
     return answer
 
 
-def _color(model: mujoco.MjModel, geom: int) -> Array:
-    """Mean colour of a geom's material."""
-    material = int(model.geom_matid[geom])
-    if material < 0:
-        return np.array(model.geom_rgba[geom, :3], dtype=float)
+def _colors(model: mujoco.MjModel) -> Array:
+    """(ngeom, 3) mean colours of the geoms' materials."""
+    colors = np.array(model.geom_rgba[:, :3], dtype=float)
+    painted = model.geom_matid >= 0
+    if painted.any():
+        materials = np.array([_color(model, material) for material in range(model.nmat)])
+        colors[painted] = materials[model.geom_matid[painted]]
+    return colors
+
+
+def _color(model: mujoco.MjModel, material: int) -> Array:
+    """Mean colour of a material."""
     color = np.array(model.mat_rgba[material, :3], dtype=float)
     texture = int(model.mat_texid[material][mujoco.mjtTextureRole.mjTEXROLE_RGB])
     if texture >= 0:

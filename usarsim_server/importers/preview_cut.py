@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.simulation.tessellation import triangles
+from usarsim_server.simulation.tessellation import triangles_of_all
 
-__all__ = ["covered", "cut_line", "sections"]
+__all__ = ["covered", "cut_lines", "sections"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -26,34 +26,42 @@ NARROW = 1e-9
 
 
 def sections(model: mujoco.MjModel, data: mujoco.MjData, level: float) -> Iterator[Array]:
-    """Corners (k, 2), counter-clockwise, of the cut through every fixed convex piece.
+    """Corners (k, 2), in order around it, of the cut through every fixed convex piece.
 
     Args:
         model: compiled. data: after `mj_forward`.
         level: m, height of the cut.
     """
-    for geom in range(model.ngeom):
-        fixed = model.body_weldid[model.geom_bodyid[geom]] == 0
-        if not fixed or model.geom_group[geom] != FELT or int(model.geom_type[geom]) not in CONVEX:
-            continue
-        reach = float(model.geom_rbound[geom])
-        if abs(float(data.geom_xpos[geom, 2]) - level) > reach:
-            continue
-        faces = triangles(model, geom, data.geom_xpos[geom], data.geom_xmat[geom].reshape(3, 3))
-        ends = [end for corners in faces if (end := cut_line(corners, level)) is not None]
-        if len(ends) >= 3:
-            yield _around(np.concatenate(ends))
+    chosen = (model.body_weldid[model.geom_bodyid] == 0) & (model.geom_group == FELT)
+    chosen &= np.isin(model.geom_type, list(CONVEX))
+    chosen &= np.abs(data.geom_xpos[:, 2] - level) <= model.geom_rbound
+    faces, owners = triangles_of_all(
+        model, np.flatnonzero(chosen).tolist(), data.geom_xpos, data.geom_xmat
+    )
+    ends, cut = cut_lines(faces, level)
+    owners = np.repeat(owners[cut], 2)
+    corners = ends.reshape(-1, 2)
+    order = np.argsort(owners, kind="stable")
+    owners, corners = owners[order], corners[order]
+    starts = np.flatnonzero(np.diff(owners, prepend=-1))
+    if not len(starts):
+        return
+    middles = np.minimum.reduceat(corners, starts) + np.maximum.reduceat(corners, starts)
+    away = corners - np.repeat(middles / 2.0, np.diff(starts, append=len(owners)), axis=0)
+    around = np.lexsort((np.arctan2(away[:, 1], away[:, 0]), owners))
+    yield from (part for part in np.split(corners[around], starts[1:]) if len(part) >= 6)
 
 
-def cut_line(corners: Array, level: float) -> Array | None:
-    """The ends (2, 2) of the line in which a triangle (3, 3) meets a height, or None."""
-    ends = []
-    for a, b in ((0, 1), (1, 2), (2, 0)):
-        p, q = corners[a], corners[b]
-        if (p[2] > level) != (q[2] > level):
-            share = (level - p[2]) / (q[2] - p[2])
-            ends.append((p + (q - p) * share)[:2])
-    return np.array(ends) if len(ends) == 2 else None
+def cut_lines(triangles: Array, level: float) -> tuple[Array, NDArray[np.intp]]:
+    """The lines in which triangles (n, 3, 3) meet a height: ends (k, 2, 2), and whose they are."""
+    above = triangles[:, :, 2] > level
+    cut = np.flatnonzero(above.any(axis=1) & ~above.all(axis=1))
+    start, end = triangles[cut], np.roll(triangles[cut], -1, axis=1)
+    crossed = above[cut] != np.roll(above[cut], -1, axis=1)  # two edges of each
+    p, q = start[crossed], end[crossed]
+    share = (level - p[:, 2]) / (q[:, 2] - p[:, 2])
+    places = p[:, :2] + (q - p)[:, :2] * share[:, None]
+    return places.reshape(-1, 2, 2), cut
 
 
 def covered(x: Array, y: Array, section: Array) -> Mask:
@@ -63,10 +71,3 @@ def covered(x: Array, y: Array, section: Array) -> Mask:
         if abs(qx - px) + abs(qy - py) > NARROW:
             inside &= (qx - px) * (y - py) - (qy - py) * (x - px) >= 0.0
     return inside
-
-
-def _around(points: Array) -> Array:
-    """Points of a convex outline in their order around the middle."""
-    middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
-    away = points - middle
-    return np.asarray(points[np.argsort(np.arctan2(away[:, 1], away[:, 0]))])
