@@ -144,7 +144,8 @@ class ObjectBuilder:
                 baked = self._bake(part.shape, linear)
                 if part.visible:
                     seen += self._show(baked, part, pose, None)
-                pieces = self._solid(baked, part, np.array([0.0, 0.0, 1.0]), thing)
+                up = (thing.pose @ pose).inverse().rotate((0.0, 0.0, 1.0))
+                pieces = self._solid(baked, part, np.array(up), thing)
                 felt += [moved(p, pose) for p in pieces if not isinstance(p, FieldPiece)]
             elif isinstance(part.shape, Plane):
                 self._findings.warn(thing.name, "an endless plane cannot move; it was left out")

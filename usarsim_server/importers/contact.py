@@ -51,7 +51,10 @@ MAP_PIECES = 50_000
 them something coarser stands for the surface, if it is true to it. Beyond `MAP_PIECES`, always."""
 
 MOVABLE_PIECES = 16
-"""Most hulls of a thing that is pushed."""
+"""Most hulls of a thing that is pushed, where nothing drives on it."""
+
+MOVABLE_SURFACE = 1_000
+"""Most pieces of one that is driven on."""
 
 GRID = 60
 """Rays along each side of a thing with which what is coarser is compared with it."""
@@ -99,8 +102,32 @@ def collide(
         case Collision.SURFACE:
             return slabs(orient(soup, up), up)
     if movable:
-        return _fewer(soup, points, MOVABLE_PIECES, name, findings)
+        return _pushed(soup, points, up, name, findings)
     return _automatic(soup, up, name, findings)
+
+
+def _pushed(soup: Soup, points: Array, up: Array, name: str, findings: Findings) -> list[Piece]:
+    """Hulls for a thing that is pushed, as few as are true to what may be driven on.
+
+    Slabs, which have no inside, come last: ground that the map does not say to be fixed.
+    """
+    hulls = _component_hulls(soup)
+    coarse = _within(hulls, points, MOVABLE_PIECES)
+    surface = orient(soup, up)
+    error = _error(surface, coarse, up)
+    if error.is_small:
+        return list(coarse)
+    if len(hulls) <= MOVABLE_SURFACE and _error(surface, hulls, up).is_small:
+        return list(hulls)
+    shell = slabs(surface, up, within=True)
+    if len(shell) <= MOVABLE_SURFACE:
+        return shell
+    findings.warn(
+        name,
+        f"{len(shell)} pieces of its surface are too many for a thing that is pushed; "
+        f"{len(coarse)} hulls stand for it, {100.0 * error.median:.0f} cm off in the median",
+    )
+    return list(coarse)
 
 
 def _fewer(soup: Soup, points: Array, most: int, name: str, findings: Findings) -> list[Piece]:
@@ -127,12 +154,13 @@ def _automatic(soup: Soup, up: Array, name: str, findings: Findings) -> list[Pie
     doubtful: list[tuple[NDArray[np.intp], Convex]] = []
     for part in parts:
         corners = soup.vertices[np.unique(soup.triangles[part])]
-        if _is_flat(corners):
-            rest.append(part)
+        hull = hull_piece(corners)
+        if isinstance(hull, BoxPiece) and 2.0 * min(hull.half) < 1.01 * FLAT:
+            rest.append(part)  # all in one plane
         elif np.ptp(corners, axis=0).max() < SMALL:
-            hulls.append(hull_piece(corners))
+            hulls.append(hull)
         elif surface.closed[part].all():
-            doubtful.append((part, hull_piece(corners)))
+            doubtful.append((part, hull))
         else:
             rest.append(part)
     if doubtful:
@@ -197,11 +225,6 @@ def _component_hulls(soup: Soup) -> list[Convex]:
 
 def _within(pieces: list[Convex], points: Array, budget: int) -> list[Convex]:
     return pieces if len(pieces) <= budget else [hull_piece(points)]
-
-
-def _is_flat(points: Array) -> bool:
-    piece = hull_piece(points)
-    return isinstance(piece, BoxPiece) and 2.0 * min(piece.half) < 1.01 * FLAT
 
 
 def _enclosed(soup: Soup, part: NDArray[np.intp]) -> float:

@@ -34,6 +34,9 @@ PLAINLY = 2.0
 ROOM = 1.2
 """m: least extent of a shape that looks inwards and is a room rather than reversed."""
 
+FLAT = 1e-3
+"""Volume of a patch, as a part of the cube of its size, that says nothing."""
+
 OPEN = 0.2
 """Part of a patch's area by which one side has to see more of the open."""
 
@@ -84,7 +87,7 @@ def orient(soup: Soup, up: Array) -> Oriented:
         facing = np.where(turned[patch][:, None], -normals[patch], normals[patch])
         room = float(np.ptp(corners.reshape(-1, 3), axis=0).min()) >= ROOM
         if not rim:
-            if _volume(corners, facing, areas[patch]) < 0.0:
+            if _volume(corners, facing, areas[patch]) < -FLAT * float(areas[patch].sum()) ** 1.5:
                 if room and known[patch[0]]:
                     rooms.append(patch)
                 else:

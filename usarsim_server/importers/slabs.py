@@ -48,12 +48,13 @@ RIGHT_ANGLE = 1e-3
 """Cosine of the angles of what counts as a rectangle."""
 
 
-def slabs(surface: Oriented, up: Array) -> list[Piece]:
+def slabs(surface: Oriented, up: Array, *, within: bool = False) -> list[Piece]:
     """Slabs of all polygons of a soup.
 
     Args:
         surface: clean triangles that face outside.
         up: (3,) the vertical in the soup's frame: floors get thicker slabs.
+        within: nothing comes out below the lowest point, on which the thing may stand.
     """
     found = convex_polygons(surface.soup)
     if not found:
@@ -74,6 +75,11 @@ def slabs(surface: Oriented, up: Array) -> list[Piece]:
     room = np.where(centred, 2.0 * np.minimum(before, behind), room)
     wanted = np.where(rise < -WALL, UNDER, np.where(rise > STEEP, FLOOR, THICKNESS))
     depths = np.maximum(LEAST, np.minimum(wanted, room))
+    if within:
+        lowest = float((surface.soup.vertices[surface.soup.triangles] @ up).min())
+        least = np.array([float((points @ up).min()) for points in polygons])
+        down = np.where((rise > WALL) | below, least - lowest, np.inf)
+        depths = np.maximum(LEAST, np.minimum(depths, down))
     pieces = []
     for number, points in enumerate(polygons):
         way = ways[number] * depths[number]
