@@ -212,7 +212,7 @@ class TestChoosing:
         assert len(self.pieces(small)) == 1
 
     def test_movable_things_are_hulls(self) -> None:
-        """What is pushed never gets slabs, which have no inside."""
+        """What is small enough to be pushed never gets slabs, which have no inside."""
         bumpy = grid_mesh(3, 3, 1.0, np.random.default_rng(1).uniform(0, 0.5, (4, 4)))
         assert len(self.pieces(bumpy, movable=True)) == 1
 

@@ -56,6 +56,9 @@ MOVABLE_PIECES = 16
 MOVABLE_SURFACE = 1_000
 """Most pieces of one that is driven on."""
 
+GROUND = 1.1
+"""m along and across from which on a thing that could be pushed is rather driven on."""
+
 GRID = 60
 """Rays along each side of a thing with which what is coarser is compared with it."""
 
@@ -113,6 +116,9 @@ def _pushed(soup: Soup, points: Array, up: Array, name: str, findings: Findings)
     """
     hulls = _component_hulls(soup)
     coarse = _within(hulls, points, MOVABLE_PIECES)
+    level = points - np.outer(points @ up, up)
+    if float(np.sort(np.ptp(level, axis=0))[-2]) < GROUND:
+        return _fewer(soup, points, MOVABLE_PIECES, name, findings)
     surface = orient(soup, up)
     error = _error(surface, coarse, up)
     if error.is_small:
