@@ -210,6 +210,21 @@ class TestCollada:
         assert mesh.uvs.reshape(-1, 2)[[5, 7]].tolist() == [[0.5, 0.5]] * 2
         assert "2 corners have texture coordinates that are not there" in told(findings)
 
+    @pytest.mark.parametrize("uvs", ["", source("g-t", "0 x 1 0 1 1", 2)])
+    def test_texture_coordinates_that_cannot_be_had(self, tmp_path: Path, uvs: str) -> None:
+        """Without their source, or with one of words, the mesh has none."""
+        inputs = (
+            '<input semantic="VERTEX" source="#g-v" offset="0"/>'
+            '<input semantic="TEXCOORD" source="#g-t" offset="1"/>'
+        )
+        corners = " ".join(f"{v} 0" for v in FACES.ravel())
+        triangles = f'<triangles count="4">{inputs}<p>{corners}</p></triangles>'
+        points = " ".join(f"{value:g}" for value in WEDGE.ravel())
+        findings = Findings()
+        text = document(geometry(triangles, points, uvs))
+        assert len(whole(read(write(tmp_path, text, "map.dae"), findings)).triangles) == 4
+        assert "its pictures are left out" in told(findings)
+
     def test_decimal_commas(self, tmp_path: Path) -> None:
         """In units and in lists whose count is told."""
         text = document(
@@ -289,6 +304,36 @@ class TestGltf:
         assert scene.materials["red"].color == pytest.approx((1.0, 1.0, 1.0, 1.0))
         assert scene.lights[0].color == (1.0, 1.0, 1.0)
         assert told(findings).count("makes no sense; left out") == 2
+
+    @pytest.mark.parametrize(
+        "change",
+        [
+            lambda v: v["materials"][0]["pbrMetallicRoughness"].update(
+                baseColorTexture={"index": 9}
+            ),
+            lambda v: v.update(textures=[{"source": 7}]),
+            lambda v: v.update(images=[{"bufferView": 9}]),
+            lambda v: v["meshes"][0]["primitives"][0].update(material=5),
+            lambda v: v["meshes"][0]["primitives"][0]["attributes"].update(TEXCOORD_0=8),
+            lambda v: v["meshes"][0]["primitives"][0]["attributes"].update(TEXCOORD_0=1),
+        ],
+    )
+    def test_looks_that_are_not_there(
+        self, tmp_path: Path, change: Callable[[dict[str, Any]], None]
+    ) -> None:
+        """Indices of textures, pictures, materials out of range cost the looks, not the mesh."""
+
+        def textured(value: dict[str, Any]) -> None:
+            red = {"baseColorTexture": {"index": 0}}
+            value["materials"][0]["pbrMetallicRoughness"] = red
+            value["textures"] = [{"source": 0}]
+            value["images"] = [{"bufferView": 1, "mimeType": "image/png"}]
+            change(value)
+
+        findings = Findings()
+        scene = read(write(tmp_path, gltf(textured), "map.gltf"), findings)
+        assert len(whole(scene).triangles) == 4
+        assert "left out" in told(findings)
 
 
 OBJ = "v 0 0 0\nv 2 0 0\nv 0 1 0\nv 0 0 3\nvt 0.5 0.5\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"

@@ -274,7 +274,7 @@ def _of_planes(scene: Scene, findings: Findings) -> tuple[Array, Array]:
         more = f" and {len(lost) - 3} more" if len(lost) > 3 else ""
         why = next((note for note in notes if any(file in note for file in files)), "")
         problem = f"none of the meshes and models that it names can be had: {names}{more}{why}"
-        cure = "name the folder in which they lie with --assets DIR, or give --placeholders"
+        cure = "import it with --assets DIR for the folder in which they lie, or --placeholders"
         raise MapImportError(at(source, problem, cure))
     corners = [np.array(start.pose.position) for start in scene.starts]
     for thing in scene.objects:

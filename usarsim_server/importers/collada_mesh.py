@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.errors import MapImportError
 from usarsim_server.importers.findings import Findings
 from usarsim_server.importers.mesh_files import MAX_TRIANGLES, too_large
 from usarsim_server.importers.scene import Mesh
@@ -137,7 +138,7 @@ class _Mesh:
                 case "POSITION" if points is None:
                     vertex, points = offset, self._source(entry)
                 case "TEXCOORD" if uvs is None or entry.get("set") == "0":
-                    texture, uvs = offset, self._source(entry)
+                    texture, uvs = offset, self._texture_source(entry)
         if vertex is None or points is None or points.shape[1] < 3:
             self._findings.warn(
                 self._document.path.name, f"line {primitive.line}: {primitive.tag} without places"
@@ -154,6 +155,14 @@ class _Mesh:
         if key not in self._sources:
             self._sources[key] = points[:, :3]
         return self._sources[key]
+
+    def _texture_source(self, entry: Node) -> Array | None:
+        """Texture coordinates; None, and a note, if they cannot be had."""
+        try:
+            return self._source(entry)
+        except MapImportError as error:
+            self._findings.warn(self._document.path.name, f"{error}; its pictures are left out")
+            return None
 
     def _source(self, entry: Node) -> Array:
         """Values (n, width) of the source that an input names, by its accessor."""

@@ -118,7 +118,7 @@ class Looks:
             document, node.child("ambient")
         )
         if picture:
-            found = self.files.find(picture, document.path)
+            found = self.files.file(picture, document.path)
             if found is None:
                 found = Pictures(document.path, self.files.context).find(picture)
             name = Path(picture).stem

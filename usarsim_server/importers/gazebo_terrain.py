@@ -113,7 +113,7 @@ class Terrain:
         picture = node.word("texture", "diffuse")
         if not picture:
             return ""
-        found = self.files.find(picture, document.path)
+        found = self.files.file(picture, document.path)
         if found is None:
             found = Pictures(document.path, self.files.context).find(picture)
         return self.looks.add(Material(Path(picture).stem, (1.0, 1.0, 1.0, 1.0), found))

@@ -293,16 +293,20 @@ class _Stage:
         if len(chain) and not 0 <= chain.min() <= chain.max() < len(vertices):
             raise item.error(f"index {chain.max()} of {len(vertices)} vertices")
         name, texture = "", None
-        slot = item.index("material", self._materials)
-        if slot is not None:
-            material, mapping = self._materials[slot]
-            name = material.name
-            channel = f"TEXCOORD_{mapping.channel}"
-            uv = attributes.index(channel, accessors)
-            if uv is not None and (material.texture or material.image):
-                texture = mapping.apply(self._values(channel, uv, packed)[:, :2])
-                if len(texture) != len(vertices):
-                    raise item.error("texture coordinates are not as many as vertices")
+        try:
+            slot = item.index("material", self._materials)
+            if slot is not None:
+                material, mapping = self._materials[slot]
+                name = material.name
+                channel = f"TEXCOORD_{mapping.channel}"
+                uv = attributes.index(channel, accessors)
+                if uv is not None and (material.texture or material.image):
+                    texture = mapping.apply(self._values(channel, uv, packed)[:, :2])
+                    if len(texture) != len(vertices):
+                        raise item.error("texture coordinates are not as many as vertices")
+        except MapImportError as error:  # a surface without its looks is a surface
+            self._context.findings.warn(self._file.path.name, f"{error}; its looks were left out")
+            texture = None
         return vertices, _triangles(chain, int(mode)), texture, name
 
     def _values(self, name: str, accessor: int, packed: gltf_draco.DracoPrimitive | None) -> Array:

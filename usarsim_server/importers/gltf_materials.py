@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.errors import MapImportError
 from usarsim_server.importers.gltf_data import GltfFile, Item
 from usarsim_server.importers.mesh_files import Pictures
 from usarsim_server.importers.scene import Material
@@ -46,8 +47,10 @@ class Mapping:
 def finish_materials(file: GltfFile, pictures: Pictures) -> list[tuple[Material, Mapping]]:
     """All materials in the order of the file; names are made unique.
 
+    A picture that cannot be had is a finding.
+
     Raises:
-        MapImportError: one refers to what is not there.
+        MapImportError: the list of materials is none.
     """
     taken: set[str] = set()
     answer = []
@@ -75,10 +78,13 @@ def _material(
     a = min(a, 1.0 - 0.8 * (passed.positive("transmissionFactor") or 0.0))
     material = Material(name, (_srgb(r), _srgb(g), _srgb(b), max(0.0, a)))
     texture = base.item(picture)
-    number = texture.index("index", file.items("textures"))
-    if number is None:
-        return material, Mapping()
-    return _textured(file, material, file.items("textures")[number], texture, pictures)
+    try:
+        number = texture.index("index", file.items("textures"))
+        if number is not None:
+            return _textured(file, material, file.items("textures")[number], texture, pictures)
+    except MapImportError as error:
+        findings.warn(file.path.name, f"{error}; the picture of {name!r} was left out")
+    return material, Mapping()
 
 
 def _textured(
