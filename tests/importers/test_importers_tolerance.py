@@ -141,6 +141,18 @@ class TestSdf:
         assert light.cone == pytest.approx(45.0)
         assert len(findings.warnings()) == 5
 
+    def test_start_poses(self, tmp_path: Path) -> None:
+        """So do those of start poses: sums are done, the first six of seven numbers count."""
+        plugin = (
+            '<plugin name="p" filename="x"><StartPose_1>A 1,2,0.3 0,0,-3.14/2 9</StartPose_1>'
+            "<StartPose_2>B 1,2,x</StartPose_2></plugin>"
+        )
+        findings = Findings()
+        (start_pose,) = load(tmp_path, plugin + model("m", BOX), findings).starts
+        assert start_pose.pose.position == (1.0, 2.0, 0.3)
+        assert rpy_from_quaternion(start_pose.pose.quaternion)[2] == pytest.approx(-1.57)
+        assert "'B 1,2,x' is no start pose" in told(findings)
+
     def test_gravity_and_saved_poses(self, tmp_path: Path) -> None:
         """A saved pose that makes no sense leaves the model where it was."""
         state = (

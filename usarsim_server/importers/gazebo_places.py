@@ -13,6 +13,7 @@ from pathlib import Path
 from usarsim_server.errors import MapImportError
 from usarsim_server.importers.files import read_text
 from usarsim_server.importers.findings import Findings
+from usarsim_server.importers.numbers import read_number
 from usarsim_server.importers.scene import Start, Victim
 from usarsim_server.importers.xml_text import Document
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
@@ -91,7 +92,7 @@ def _start(text: str, unit: float) -> Start | None:
     if not words:
         return None
     values = _floats(words[1:])
-    if len(values) not in (3, 6) or len(values) != len(words) - 1:
+    if len(values) != len(words) - 1 or not (len(values) == 3 or len(values) >= 6):
         return None
     return Start(words[0], _pose(values, unit))
 
@@ -100,7 +101,7 @@ def _floats(words: Iterable[str]) -> list[float]:
     values = []
     for word in words:
         try:
-            value = float(word)
+            value = read_number(word)
         except ValueError:
             return []
         if not abs(value) < 1e6:
