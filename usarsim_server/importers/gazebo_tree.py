@@ -110,11 +110,15 @@ class FolderTree:
             found = walk(self._packages[plain[0]], parts[1:])
             if found is not None and wanted(found):
                 return found
-        rated = [
-            (_agreement(path, plain), path) for path in names.get(plain[-1], ()) if wanted(path)
-        ]
-        best = max((score for score, _ in rated), default=0)
-        chosen = [path for score, path in rated if score == best]
+        rated: dict[int, list[Path]] = {}
+        for path in names.get(plain[-1], ()):
+            rated.setdefault(_agreement(path, plain), []).append(path)
+        best = 0
+        chosen: list[Path] = []
+        for best in sorted(rated, reverse=True):
+            chosen = [path for path in rated[best] if wanted(path)]
+            if chosen or exact:
+                break
         if not chosen or (exact and best < len(plain)):
             return None
         told = plain[-best:] if chosen[0].is_dir() else plain[-best:-1]
