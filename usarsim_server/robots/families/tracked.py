@@ -22,6 +22,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -42,7 +43,6 @@ from usarsim_server.simulation.laws import Law, LawModel
 __all__ = ["SAG", "Drive", "Gear", "Tracked", "Treads"]
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 SAG = 0.001
 """m that straight runs stand back; at rest a roller sinks in by a third of that."""
@@ -60,6 +60,8 @@ CONTACT_SOLREF = (0.02, 1.0)
 LINK_SOLREF = (0.01, 1.0)
 """On links, whose contacts are as stiff as their small mass asks for, but carry the whole robot."""
 CONTACT_SOLIMP = (0.9, 0.95, 0.001, 0.5, 2.0)
+_FOREIGN, _HULL = -2, -1
+"""Geoms that are no belt of a side: of others, of the robot itself."""
 _ABOUT_Y = (math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0)
 """Turns the z axis of a cylinder to the side."""
 
@@ -253,6 +255,20 @@ class Drive:
     thrust: float
 
 
+class Pull(NamedTuple):
+    """One contact of a belt in one step.
+
+    Attributes:
+        contact: its number. side: of the belt, 0 is left. row: of its normal force.
+        friction: in full.
+    """
+
+    contact: int
+    side: int
+    row: int
+    friction: float
+
+
 class Treads(Law):
     """Moves the surfaces of the belts of one robot as fast as its sprockets turn.
 
@@ -279,20 +295,21 @@ class Treads(Law):
             int(model.joint(prefix + drive.sprocket).dofadr[0]) for drive in (left, right)
         )
         self._radii = (left.radius, right.radius)
-        self._thrust = np.array([left.thrust, right.thrust])
+        self._thrust = (left.thrust, right.thrust)
         self._geoms = np.array([model.geom(prefix + name).id for name in fields], dtype=np.intp)
         self._fields = np.zeros((2, len(fields), 6))
-        self._side = np.full(model.ngeom, -1, dtype=np.intp)
+        self._base = int(model.body(prefix + "base").id)
+        self._dof = int(model.body_dofadr[self._base])
+        own = model.body_rootid[model.geom_bodyid] == model.body_rootid[self._base]
+        self._part = np.where(own, _HULL, _FOREIGN)
         for row, (side, field) in enumerate(fields.values()):
             number = 0 if side == "left" else 1
             self._fields[number, row] = field
-            self._side[self._geoms[row]] = number
-        self._base = int(model.body(prefix + "base").id)
-        self._dof = int(model.body_dofadr[self._base])
-        self._own = model.body_rootid[model.geom_bodyid] == model.body_rootid[self._base]
+            self._part[self._geoms[row]] = number
         self._written = (math.nan, math.nan)
-        self._share = np.ones(2)
-        self._pulling: tuple[Indices, Indices, Array] | None = None
+        self._belts = 0.0
+        self._share = (1.0, 1.0)
+        self._pulling: list[Pull] = []
 
     def prepare(self, model: mujoco.MjModel, data: mujoco.MjData, command: Array) -> None:
         """Read the spins, and write them if they have changed."""
@@ -306,62 +323,68 @@ class Treads(Law):
             fields = self._fields
             model.geom_surfacevel[self._geoms] = spins[0] * fields[0] + spins[1] * fields[1]
             self._written = spins
+            self._belts = float(spins[0] * self._radii[0] + spins[1] * self._radii[1]) / 2.0
 
     def push(self, model: mujoco.MjModel, data: mujoco.MjData, command: Array) -> None:
         """Lower the friction of the belts of a robot that a wall holds back."""
-        self._pulling = self._contacts(data) if self._is_behind(data) else None
-        if self._pulling is None:
-            self._share[:] = 1.0
+        self._pulling = self._contacts(data) if self._is_behind(data) else []
+        if not self._pulling:
+            self._share = (1.0, 1.0)
             return
-        contacts, sides, _ = self._pulling
-        share = self._share[sides]
-        contact = data.contact
-        contact.friction[contacts] *= share[:, None]
-        contact.mu[contacts] *= share
+        friction, mu = data.contact.friction, data.contact.mu
+        for pull in self._pulling:
+            share = self._share[pull.side]
+            if share < 1.0:
+                friction[pull.contact] *= share
+                mu[pull.contact] *= share
 
     def feel(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """What the belts press, and could grip with full friction, says their share."""
-        if self._pulling is None:
+        if not self._pulling:
             return
-        contacts, sides, friction = self._pulling
-        pressure = data.efc_force[data.contact.efc_address[contacts]]
-        grip = np.bincount(sides, weights=friction * pressure, minlength=2)
-        np.minimum(1.0, self._thrust / np.maximum(grip, self._thrust), out=self._share)
+        force = data.efc_force
+        grip = [0.0, 0.0]
+        for pull in self._pulling:
+            grip[pull.side] += pull.friction * float(force[pull.row])
+        left, right = (
+            thrust / max(thrust, most) for thrust, most in zip(self._thrust, grip, strict=True)
+        )
+        self._share = (left, right)
 
     def _is_behind(self, data: mujoco.MjData) -> bool:
         """Whether the robot moves slower than its belts, both sides taken together."""
-        left, right = self._written
-        belts = (left * self._radii[0] + right * self._radii[1]) / 2.0
-        if not abs(belts) > CREEP:
+        if not abs(self._belts) > CREEP:
             return False
         x, y, z = data.qvel[self._dof : self._dof + 3].tolist()
-        ahead = data.xmat[self._base]
-        speed = x * ahead[0] + y * ahead[3] + z * ahead[6]
-        return bool(speed / belts < BEHIND)
+        a, b, c = data.xmat[self._base, ::3].tolist()
+        return bool((x * a + y * b + z * c) / self._belts < BEHIND)
 
-    def _contacts(self, data: mujoco.MjData) -> tuple[Indices, Indices, Array] | None:
-        """Active contacts of belts, their sides and friction; None if the robot is at no wall."""
+    def _contacts(self, data: mujoco.MjData) -> list[Pull]:
+        """The active contacts of belts; none if the robot is at no wall."""
         contact = data.contact
-        geoms = contact.geom
-        wall = np.abs(contact.frame[:, 2]) < STEEP
-        active = contact.efc_address >= 0
-        if not (wall & active & self._own[geoms].any(axis=1)).any():
-            return None
-        sides = self._side[geoms].max(axis=1)
-        contacts = np.flatnonzero(active & (sides >= 0))
-        return contacts, sides[contacts], contact.friction[contacts, 0]
+        parts = self._part[contact.geom].max(axis=1)
+        rows, up, friction = contact.efc_address, contact.frame[:, 2], contact.friction[:, 0]
+        found, wall = [], False
+        for number in np.flatnonzero(parts > _FOREIGN).tolist():
+            row, side = int(rows[number]), int(parts[number])
+            if row < 0:
+                continue
+            wall = wall or abs(up[number]) < STEEP
+            if side != _HULL:
+                found.append(Pull(number, side, row, float(friction[number])))
+        return found if wall else []
 
     def release(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Stop the belts."""
         model.geom_surfacevel[self._geoms] = 0.0
         self._written = (math.nan, math.nan)
-        self._share[:] = 1.0
+        self._belts, self._share = 0.0, (1.0, 1.0)
 
     def state(self) -> Array:
         """The shares."""
-        return self._share.copy()
+        return np.array(self._share)
 
     def restore(self, state: Array) -> None:
         """Take shares over; what was written last may not hold any longer."""
         self._written = (math.nan, math.nan)
-        self._share[:] = state
+        self._share = (float(state[0]), float(state[1]))
