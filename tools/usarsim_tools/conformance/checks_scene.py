@@ -35,6 +35,8 @@ _EYE = 0.15
 """m; how far ahead of the reference point cameras are, roughly: 7 m make up for that."""
 _NEAR, _STRAIGHT = 0.3, 0.1
 """m and rad; cameras beyond look past the cubes, or over an engine hood."""
+_FRESH = 15.0
+"""s of simulated time until a picture shows what has changed; slow machines draw seldom."""
 _ZOOMED = 0.8
 """rad."""
 _TURNED = 0.25
@@ -48,7 +50,7 @@ class _Scene:
     Attributes:
         tile: of the camera, as CONF told it at first.
         narrow: field of view that CONF told after SET, degrees.
-        pictures: by name: full, zoomed, link 1, link 2.
+        pictures: by name: full, zoomed, again, link 1, link 2.
         looks: where each link of the camera's mount, if it has one, turns the camera to when its
             value grows, by GEO: right and down.
     """
@@ -82,23 +84,34 @@ async def _look(case: Case, lot: Place) -> _Scene:
     await robot.run(1.5)
     pose = await robot.pose()
     here = Place(None, pose.location, (0.0, 0.0, pose.yaw))
+    client = await ImageClient.open(case)
+    empty = (await client.ask(tile.request)).pixels
     for right, up, colour in ((_ASIDE, _HIGH, "Red"), (-_ASIDE, _LOW, "Blue")):
         place = here.moved(_AHEAD + _SIDE / 2.0, right, -up)
         await create(case, world, place, (_SIDE,) * 3, f" {{Material {colour}}}")
     await robot.run(0.6)
-    client = await ImageClient.open(case)
     scene = _Scene(tile)
 
-    async def shoot(name: str) -> None:
-        scene.pictures[name] = (await client.ask(tile.request)).pixels
+    async def shoot(name: str, unlike: Pixels) -> None:
+        """A picture that does not change any more, and has changed: frames may be old."""
+        latest, before = case.clock.after(_FRESH), unlike
+        while True:
+            picture = (await client.ask(tile.request)).pixels
+            new = _difference(picture, unlike) > 0.5 and _difference(picture, before) < 0.3
+            if new or case.clock.now > latest:
+                break
+            before = picture
+            await case.clock.sleep(0.4)
+        scene.pictures[name] = picture
 
-    await shoot("full")
+    await shoot("full", empty)
     opcode = f"SET {{Type Camera}} {{Name {tile.name}}} {{Opcode FOV}} {{Params"
     await robot.send(f"{opcode} {_ZOOMED}}}")
     await robot.run(0.6)
     scene.narrow = tiles_of(await ask_conf(robot))[0].fov
-    await shoot("zoomed")
+    await shoot("zoomed", scene.pictures["full"])
     await robot.send(f"{opcode} 0}}")
+    await shoot("again", scene.pictures["zoomed"])
     mount, scene.looks = await _mount(robot, tile.name)
     for number in range(1, len(scene.looks) + 1):
         await robot.send(
@@ -109,7 +122,7 @@ async def _look(case: Case, lot: Place) -> _Scene:
             )
         )
         await robot.run(2.0)
-        await shoot(f"link {number}")
+        await shoot(f"link {number}", list(scene.pictures.values())[-1])
     return scene
 
 
@@ -127,6 +140,13 @@ async def _looks_ahead(case: Case, robot: Robot, camera: str) -> None:
     turned = max(abs(math.remainder(angle, math.tau)) for angle in numbers(item["Orientation"]))
     if away > _NEAR or turned > _STRAIGHT:
         case.skip(f"{camera} is {away:.2f} m from the middle, turned by {turned:.2f} rad")
+
+
+def _difference(one: Pixels, other: Pixels) -> float:
+    """Mean over all pixels, of 255; pictures of other sizes are others."""
+    if one.shape != other.shape:
+        return 255.0
+    return float(np.abs(one.astype(float) - other).mean())
 
 
 async def _mount(robot: Robot, camera: str) -> tuple[str, list[tuple[float, float]]]:
