@@ -165,20 +165,29 @@ class TestDamage:
         assert "upAxis is 'W'" in told(path)
 
     @pytest.mark.parametrize(
-        ("program", "reason"),
+        ("program", "patience", "reason"),
         [
-            ("import time; time.sleep(60)", "not read it within"),
-            ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", "crashes on it (SIGSEGV)"),
+            ("import time; time.sleep(600)", 0.5, "not read it within"),
+            (
+                "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)",
+                60.0,
+                "crashes on it (SIGSEGV)",
+            ),
         ],
     )
     def test_the_library_is_kept_at_a_distance(
-        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, program: str, reason: str
+        self,
+        tmp_path: Path,
+        monkeypatch: pytest.MonkeyPatch,
+        program: str,
+        patience: float,
+        reason: str,
     ) -> None:
         """A binary file that stalls or ends the library does so in another process."""
         from usarsim_server.importers.openusd import stage
 
         (tmp_path / "trial.py").write_text(program)
         monkeypatch.setattr(stage, "TRIAL", tmp_path / "trial.py")
-        monkeypatch.setattr(stage, "PATIENCE", 0.5)
+        monkeypatch.setattr(stage, "PATIENCE", patience)
         (tmp_path / "a.usdc").write_bytes(b"PXR-USDC" + bytes(100))
         assert reason in told(tmp_path / "a.usdc")
