@@ -19,9 +19,9 @@ from usarsim_tools.conformance.verdicts import Result
 
 __all__ = ["try_wire_faults"]
 
-_HANGS = 30.0
+_HANGS = 120.0
 """s of wall time without news of simulated time."""
-_GIVES_UP = 120.0
+_GIVES_UP = 600.0
 """s of wall time for a fault."""
 
 
