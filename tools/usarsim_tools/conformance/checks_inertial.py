@@ -301,6 +301,7 @@ def _judge_acceleration(
         one, two = (track.truth(time + shift).location for shift in (-0.1, 0.1))
         course.append((time, speed, [(b - a) / 0.2 for a, b in zip(one, two, strict=True)]))
     ahead = math.ceil(1.6 / (course[1][0] - course[0][0]))
+    likeness: list[tuple[float, float]] = []
     for axis in range(3):
         pairs = [
             (two[1][axis] - one[1][axis], two[2][axis] - one[2][axis])
@@ -309,11 +310,15 @@ def _judge_acceleration(
         both = sum(found * true for found, true in pairs)
         true, found = (sum(pair[n] ** 2 for pair in pairs) for n in (1, 0))
         case.need(true > 0.02 * len(pairs), f"the robot hardly moved along {_AXES[axis]}")
-        slope, likeness = both / true, both / math.sqrt(max(true * found, 1e-12))
+        likeness.append((both / true, both / math.sqrt(max(true * found, 1e-12))))
+    # Wrong along one axis of a tilted robot is wrong along all; that of the fault is the worst.
+    worst = max(range(3), key=lambda axis: abs(likeness[axis][0] - 1.0))
+    for axis in (worst, 0, 1, 2):
+        slope, alike = likeness[axis]
         case.expect(
-            0.85 < slope < 1.15 and likeness > 0.9,
+            0.85 < slope < 1.15 and alike > 0.9,
             f"{_AXES[axis]} of {key} adds up to {slope:.2f} times the true speed (likeness "
-            f"{likeness:.2f})",
+            f"{alike:.2f})",
         )
 
 
