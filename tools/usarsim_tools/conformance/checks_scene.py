@@ -37,6 +37,8 @@ _NEAR, _STRAIGHT = 0.3, 0.1
 """m and rad; cameras beyond look past the cubes, or over an engine hood."""
 _FRESH = 15.0
 """s of simulated time until a picture shows what has changed; slow machines draw seldom."""
+_TRIES = 10
+"""Pictures at least, where simulated time runs faster than they are drawn."""
 _ZOOMED = 0.8
 """rad."""
 _TURNED = 0.25
@@ -93,12 +95,14 @@ async def _look(case: Case, lot: Place) -> _Scene:
     scene = _Scene(tile)
 
     async def shoot(name: str, unlike: Pixels) -> None:
-        """A picture that does not change any more, and has changed: frames may be old."""
-        latest, before = case.clock.after(_FRESH), unlike
+        """A picture of both cubes that has changed and does not any more: frames may be old."""
+        latest, before, tries = case.clock.after(_FRESH), unlike, 0
         while True:
+            tries += 1
             picture = (await client.ask(tile.request)).pixels
             new = _difference(picture, unlike) > 0.5 and _difference(picture, before) < 0.3
-            if new or case.clock.now > latest:
+            seen = not any(math.isnan(_spot(picture, channel)[0]) for channel in (0, 2))
+            if (new and seen) or (case.clock.now > latest and tries >= _TRIES):
                 break
             before = picture
             await case.clock.sleep(0.4)
