@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import ast
+import importlib.util
 import shutil
 import tomllib
 from collections.abc import Iterable
 from pathlib import Path
 
-from usarsim_server.data import data_directory
 from usarsim_tools.conformance.planted.faults import Edit
 
 __all__ = ["PlantError", "edited", "edited_copy"]
@@ -24,14 +24,16 @@ class PlantError(Exception):
 def _origin(file: str) -> Path:
     """Where a file, or folder, of the server really is."""
     first, _, rest = file.partition("/")
+    found = importlib.util.find_spec("usarsim_server")
+    assert found is not None
+    assert found.origin is not None
+    package = Path(found.origin).parent
     if first == "usarsim_server":
-        import usarsim_server
-
-        return Path(usarsim_server.__file__).parent / rest
-    if first == "robots":
-        return data_directory("robots") / rest
-    if first == "worlds":
-        return data_directory("worlds") / rest
+        return package / rest
+    if first in ("robots", "worlds"):
+        # A wheel carries them inside the package; in a source tree they lie beside it.
+        packaged = package / "_data" / first
+        return (packaged if packaged.is_dir() else package.parent / first) / rest
     raise PlantError(f"{file}: neither in usarsim_server nor in robots nor in worlds")
 
 
