@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from usarsim_server.protocol.dialects import FACETS
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.families.ackerman import Steering
 from usarsim_server.simulation.frames import Pose, rpy_from_quaternion
@@ -180,7 +181,8 @@ def fly(stage: Stage, speed: float = 2.0, rate: float = 100.0) -> Flight:
     stage.run(2.0)
     way = math.dist(began.pose.position, stage.state.pose.position)
     ground = way / (stage.state.time - began.time)
-    stage.client.send("DRIVE " + _velocities(yaw=math.radians(rate)))
+    unit = FACETS[stage.robot.dialect].rotational_velocity_unit
+    stage.client.send("DRIVE " + _velocities(yaw=math.radians(rate) / unit))
     stage.run(2.0)
     begin = last = stage.state
     angle = rise = 0.0
