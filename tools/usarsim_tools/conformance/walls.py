@@ -52,7 +52,7 @@ _LATE = 0.25
 _BUILT = 60.0
 """s of simulated time in which a world controller's wall stands, or never does."""
 _NARROW = 0.25
-_STEP = math.radians(7.5)
+_STEP = math.radians(5.0)
 _CIRCLE = 2.0
 """m from the robot to the wall that goes round it."""
 _FAR = 45.0
