@@ -68,7 +68,7 @@ def test_the_camera_of_a_robot(tmp_path: Path) -> None:
         (("--view", "P3AT/Camera"), "there is no view"),
         (("--robot", "P4AT"), "no class 'P4AT'"),
         (("--robot", "P3AT@1,2"), "no place"),
-        (("--robot", "P3AT@9999,0,0"), "error:"),
+        (("--robot", "P3AT@nan,0,0"), "error:"),
         (("--world", "atlantis"), "atlantis"),
     ],
 )

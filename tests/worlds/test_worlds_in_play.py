@@ -28,6 +28,11 @@ type = "Hokuyo"
 name = "urg"
 position = [0.2085, 0, -0.2]
 
+[[sensor]]
+type = "Sonar"
+name = "F4"
+position = [0.2085, 0, -0.1]
+
 [drive]
 max_wheel_speed = 8.17
 """
