@@ -20,6 +20,7 @@ from usarsim_server.importers.mesh_files import (
     with_hulls,
 )
 from usarsim_server.importers.numbers import read_number
+from usarsim_server.importers.placing import axis_turn
 from usarsim_server.importers.reader import Context, Reader, register
 from usarsim_server.importers.scene import Light, LightKind, Part, Scene, SceneObject
 from usarsim_server.importers.xml_text import Document, Node, read_xml
@@ -248,7 +249,7 @@ class _Stage:
                 case "scale":
                     step[:3, :3] = np.diag(values)
                 case "rotate":
-                    step[:3, :3] = _rotation(values)
+                    step[:3, :3] = axis_turn(values[:3], np.radians(values[3]))
                 case "lookat":
                     step = _look_at(values.reshape(3, 3))
             matrix = matrix @ step
@@ -288,20 +289,6 @@ class _Stage:
                 cone=45.0 if cone is None else min(90.0, max(1.0, cone / 2.0)),
             )
         )
-
-
-def _rotation(values: Array) -> Array:
-    """Rotation (3, 3) about an axis by degrees."""
-    axis, angle = values[:3], np.radians(values[3])
-    length = float(np.linalg.norm(axis))
-    if length < 1e-12:
-        return np.eye(3)
-    x, y, z = axis / length
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    # Quarter turns come out exact, so that walls stay parallel to the axes.
-    s, c = np.round(np.sin(angle), 15), np.round(np.cos(angle), 15)
-    answer: Array = np.eye(3) + s * cross + (1.0 - c) * (cross @ cross)
-    return answer
 
 
 def _look_at(rows: Array) -> Array:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from usarsim_server.importers.units import pose_of_matrix
 from usarsim_server.simulation.frames import Pose
 
-__all__ = ["matrix_of_pose", "take_apart"]
+__all__ = ["axis_turn", "matrix_of_pose", "take_apart"]
 
 Array = NDArray[np.float64]
 
@@ -27,6 +27,19 @@ def take_apart(matrix: Array) -> tuple[Pose, Array]:
     rigid = np.eye(4)
     rigid[:3, :3], rigid[:3, 3] = turn, matrix[:3, 3]
     return pose_of_matrix(rigid), np.round(stretch, 9) + 0.0
+
+
+def axis_turn(axis: Array, angle: float) -> Array:
+    """Rotation (3, 3) about an axis of any length by rad, Rodrigues' formula."""
+    length = float(np.linalg.norm(axis))
+    if length < 1e-12:
+        return np.eye(3)
+    x, y, z = axis / length
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    # Quarter turns come out exact, so that walls stay parallel to the axes.
+    s, c = np.round(np.sin(angle), 15), np.round(np.cos(angle), 15)
+    answer: Array = np.eye(3) + s * cross + (1.0 - c) * (cross @ cross)
+    return answer
 
 
 def matrix_of_pose(pose: Pose) -> Array:

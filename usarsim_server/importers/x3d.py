@@ -6,7 +6,6 @@ those of DEF. What moves, asks or draws by itself (scripts, routes, prototypes) 
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -28,6 +27,7 @@ from usarsim_server.importers.mesh_files import (
     with_hulls,
 )
 from usarsim_server.importers.numbers import read_number, read_numbers
+from usarsim_server.importers.placing import axis_turn
 from usarsim_server.importers.reader import Context, Reader, register
 from usarsim_server.importers.scene import Material, Mesh, Part, Scene, SceneObject
 from usarsim_server.importers.vrml_text import read_vrml
@@ -317,14 +317,8 @@ def _moved(translation: list[float]) -> Array:
 
 
 def _turned(rotation: list[float]) -> Array:
-    """A turn about an axis, Rodrigues' formula."""
-    *axis, angle = rotation
-    length = math.hypot(*axis)
     matrix = np.eye(4)
-    if length > 0.0:
-        x, y, z = (value / length for value in axis)
-        cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        matrix[:3, :3] += math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross
+    matrix[:3, :3] = axis_turn(np.array(rotation[:3]), rotation[3])
     return matrix
 
 

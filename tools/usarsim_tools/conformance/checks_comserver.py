@@ -174,7 +174,7 @@ async def split(case: Case) -> None:
     await client.wire.send(f"LISTEN {name} ".encode())
     await client.silent(_QUIET, "half a message")
     await client.wire.send(b"7000;")
-    answer = await client.reply()
+    answer = await client.line()
     case.expect(answer == f"Fail: Robot {name} not registered", f"{answer!r}")
     await client.silent(_QUIET, "one answer to one message")
 
@@ -185,7 +185,7 @@ async def pipelined(case: Case) -> None:
     first only; its clients wait for every answer.)"""
     client = await MessageClient.open(case)
     await client.wire.send(b"LISTEN NoOne 1;HELLO;LISTEN NoTwo 2;")
-    answers = [await client.reply() for _ in range(3)]
+    answers = [await client.line() for _ in range(3)]
     words = [answer.split()[2] for answer in answers if answer.count(" ") > 1]
     case.expect(words == ["NoOne", "Message", "NoTwo"], f"{answers}")
     await client.silent(_QUIET, "three answers to three messages")
@@ -196,7 +196,7 @@ async def line_ends(case: Case) -> None:
     """CR, LF and blanks between messages are passed over."""
     client = await MessageClient.open(case)
     await client.wire.send(b"LISTEN NoOne 1;\r\n LISTEN NoTwo 2;\r\n")
-    answers = [await client.reply() for _ in range(2)]
+    answers = [await client.line() for _ in range(2)]
     wanted = [f"Fail: Robot {name} not registered" for name in ("NoOne", "NoTwo")]
     case.expect(answers == wanted, f"{answers}")
     await client.silent(_QUIET, "two answers to two messages")

@@ -21,6 +21,7 @@ from usarsim_tools.conformance.excursions import (
 from usarsim_tools.conformance.registry import UNREAL, check
 from usarsim_tools.conformance.statistics_of import CHANCE, spread_bounds
 from usarsim_tools.conformance.verdicts import NotApplicable, Severity
+from usarsim_tools.conformance.walls import turned_by
 
 _SIGMA = 0.05
 """Of INS, as a part of each step (robots reference 2.5: a constant of the class)."""
@@ -273,16 +274,6 @@ async def altitude(case: Case) -> None:
         )
 
 
-def _rotated(angles: Sequence[float], vector: Sequence[float]) -> tuple[float, float, float]:
-    """A vector of the body in the world, Rz(yaw) Ry(pitch) Rx(roll) (protocol reference 2.5)."""
-    roll, pitch, yaw = angles
-    x, y, z = vector
-    y, z = y * math.cos(roll) - z * math.sin(roll), y * math.sin(roll) + z * math.cos(roll)
-    x, z = x * math.cos(pitch) + z * math.sin(pitch), z * math.cos(pitch) - x * math.sin(pitch)
-    x, y = x * math.cos(yaw) - y * math.sin(yaw), x * math.sin(yaw) + y * math.cos(yaw)
-    return x, y, z
-
-
 def _judge_acceleration(
     case: Case, flight: Excursion, type: str, key: str, gravity: float, upward: bool
 ) -> None:
@@ -295,7 +286,7 @@ def _judge_acceleration(
     course: list[tuple[float, list[float], list[float]]] = []
     for (before, _), (time, line) in pairwise(told):
         x, y, z = line.numbers(key)
-        vector = _rotated(track.truth(time).orientation, (x, y, -z if upward else z))
+        vector = turned_by(track.truth(time).orientation, (x, y, -z if upward else z))
         change = (vector[0], vector[1], vector[2] - gravity)
         speed = [v + a * (time - before) for v, a in zip(speed, change, strict=True)]
         one, two = (track.truth(time + shift).location for shift in (-0.1, 0.1))

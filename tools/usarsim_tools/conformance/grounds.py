@@ -41,6 +41,7 @@ class _Lots:
         self.free: list[Place] = []
         self.tried = 0
         self.looking = asyncio.Lock()
+        self.resting: set[asyncio.Task[None]] = set()  # asyncio itself keeps no task alive
         self.candidates = [
             (i, j)
             for ring in range(1, _RINGS)
@@ -95,9 +96,9 @@ async def open_floor(case: Case) -> AsyncIterator[Place]:
         try:
             yield lot
         finally:
-            case.run.shared["lot", str(id(object()))] = asyncio.create_task(
-                lots.give_back(case, lot)
-            )
+            task = asyncio.create_task(lots.give_back(case, lot))
+            lots.resting.add(task)
+            task.add_done_callback(lots.resting.discard)
 
 
 async def _lots(case: Case) -> _Lots:

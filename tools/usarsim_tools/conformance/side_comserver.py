@@ -2,55 +2,34 @@
 
 from __future__ import annotations
 
-from usarsim_tools.conformance import side_lines
 from usarsim_tools.conformance.case import Case
-from usarsim_tools.conformance.side_lines import Guest, Peer
+from usarsim_tools.conformance.side_lines import WITHIN, Guest, LineClient, Peer
 from usarsim_tools.conformance.verdicts import Failed, Inconclusive
-from usarsim_tools.conformance.wire import Wire
 
 __all__ = ["Member", "MessageClient"]
 
 
-class MessageClient:
-    """A control connection, on which messages end with a semicolon.
-
-    Attributes:
-        wire: the connection.
-    """
-
-    def __init__(self, wire: Wire) -> None:
-        self.wire = wire
+class MessageClient(LineClient):
+    """A control connection, on which messages end with a semicolon."""
 
     @classmethod
-    async def open(cls, case: Case) -> MessageClient:
+    async def open(cls, case: Case, service: str = "comserver", label: str = "") -> MessageClient:
         """Connect."""
-        return cls(await case.open("comserver"))
+        return cls(await case.open(service, label))
 
-    async def reply(self) -> str:
-        """The next answer without its semicolon.
+    async def send(self, text: str, end: str = ";") -> None:
+        """Send a message."""
+        await super().send(text, end)
+
+    async def line(self, within: float | None = None) -> str:
+        """The next answer without its semicolon, line ends in it included.
 
         Raises:
             Failed: if none comes in time.
             Hangup: if the server hung up.
         """
-        return (await self.wire.read_until(b";", side_lines.WITHIN))[:-1].decode("latin-1")
-
-    async def ask(self, text: str) -> str:
-        """Send a message, without its semicolon, and read the answer."""
-        await self.wire.send(f"{text};".encode("latin-1"))
-        return await self.reply()
-
-    async def expect(self, text: str, wanted: str) -> None:
-        """Fail unless a message is answered by exactly another."""
-        answer = await self.ask(text)
-        if answer != wanted:
-            raise Failed(f"{text!r} was answered by {answer!r}, not by {wanted!r}")
-
-    async def silent(self, seconds: float, after: str) -> None:
-        """Fail if anything comes within a time."""
-        data = await self.wire.silence(seconds)
-        if data:
-            raise Failed(f"{data[:120]!r} came after {after}")
+        data = await self.wire.read_until(b";", WITHIN if within is None else within)
+        return data[:-1].decode("latin-1")
 
 
 class Member(Peer):

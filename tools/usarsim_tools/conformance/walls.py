@@ -60,7 +60,8 @@ _FAR = 45.0
 
 
 def turned_by(angles: Sequence[float], vector: Sequence[float]) -> Vector:
-    """A vector of a body's frame in the frame outside, Rz(yaw) Ry(pitch) Rx(roll)."""
+    """A vector of a body's frame in the frame outside, Rz(yaw) Ry(pitch) Rx(roll) (protocol
+    reference 2.5)."""
     roll, pitch, yaw = angles
     x, y, z = vector
     y, z = y * math.cos(roll) - z * math.sin(roll), y * math.sin(roll) + z * math.cos(roll)

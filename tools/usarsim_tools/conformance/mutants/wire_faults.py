@@ -21,6 +21,7 @@ __all__ = [
     "hangs_up",
     "heard",
     "said",
+    "tires",
     "wire_fault",
 ]
 
@@ -175,6 +176,23 @@ def answers(check: str, pattern: str, text: str, **how: Any) -> None:
     """The server answers what fits the pattern by a line that should not come."""
     line = f"{text}\r\n".encode("latin-1")
     enter(check, partial(_Minds, pattern, lambda link: link.say(line)), **how)
+
+
+class _Tires(Link):
+    """From the tenth request on none is answered."""
+
+    def __init__(self, token: bytes, service: str, proxy: Proxy) -> None:
+        super().__init__(service, proxy)
+        self._token, self._count = token, 0
+
+    def heard(self, data: bytes) -> bytes:
+        self._count += data.count(self._token)
+        return data if self._count < 10 else b""
+
+
+def tires(check: str, token: bytes, **how: Any) -> None:
+    """The server answers no request of a connection from the tenth on; each has the token once."""
+    enter(check, partial(_Tires, token), **how)
 
 
 def _hang_up(link: Link) -> None:

@@ -12,7 +12,14 @@ from PIL import Image
 
 from usarsim_tools.conformance.mutants.fault_proxy import Link
 from usarsim_tools.conformance.mutants.links import FewClients, NoHalves, OneAtATime
-from usarsim_tools.conformance.mutants.wire_faults import deaf, hangs_up, heard, said, wire_fault
+from usarsim_tools.conformance.mutants.wire_faults import (
+    deaf,
+    hangs_up,
+    heard,
+    said,
+    tires,
+    wire_fault,
+)
 
 CONTROL = ("control",)
 Pixels = NDArray[np.uint8]
@@ -27,15 +34,7 @@ heard("images.request.telnet", (r"^GETSTART", "OK"))
 heard("images.push.not-for-askers", (r"^OK$", "OKOK"))
 
 
-@wire_fault("images.request.rapid")
-class Drops(Link):
-    """From the tenth request on none is answered."""
-
-    count = 0
-
-    def heard(self, data: bytes) -> bytes:
-        self.count += data.count(b"OK")
-        return data if self.count < 10 else b""
+tires("images.request.rapid", b"OK")
 
 
 # Rectangles: what `U` and four numbers are taken for.

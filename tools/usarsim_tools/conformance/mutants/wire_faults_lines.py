@@ -23,6 +23,7 @@ from usarsim_tools.conformance.mutants.wire_faults import (
     hangs_up,
     heard,
     said,
+    tires,
     wire_fault,
 )
 
@@ -192,12 +193,4 @@ heard("truth.query.pipelined", (r"^\r\n\{Actors\}", "{Actors}"))
 heard("truth.query.split", (r"^\{class USARBot\.$", "{class USARBot.}\r\n{class USARBot."))
 
 
-@wire_fault("truth.clients.ten-per-second")
-class Drops(Link):
-    """From the tenth query on none is answered."""
-
-    count = 0
-
-    def heard(self, data: bytes) -> bytes:
-        self.count += data.count(b"\n")
-        return data if self.count < 10 else b""
+tires("truth.clients.ten-per-second", b"\n")
