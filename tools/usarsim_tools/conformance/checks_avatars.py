@@ -70,7 +70,8 @@ async def _order(case: Case, lot: Place) -> _Walk:
     # In one piece: the second order comes before the first one is done, however slow the machine.
     # The first place is 3 m off every straight way from where it can be by now to the second.
     goes = aimed("goes", "MOVE {Type Run} {Action New} <goal>", (-1.0, 1.0))
-    await order("appends", f"{goes}\r\nMOVE {{Type Run}} {{Action Append}} <goal>", (1.0, -3.0), 9.2)
+    both = f"{goes}\r\nMOVE {{Type Run}} {{Action Append}} <goal>"
+    await order("appends", both, (1.0, -3.0), 9.2)
     return walk
 
 
