@@ -36,7 +36,7 @@ fidelity: $(VENV)/ready-dev ## run the physics acceptance tests and print their 
 	$(BIN)/usarsim bench fidelity $(ARGS)
 
 worlds: $(VENV)/ready-dev ## build the shipped worlds again from their generators
-	$(BIN)/python -m usarsim_tools.worldgen
+	$(BIN)/python -m usarsim_worldgen
 
 package: $(VENV)/ready-dev ## build the wheel
 	$(BIN)/python -m pip wheel --no-deps --wheel-dir dist .

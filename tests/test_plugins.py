@@ -38,7 +38,7 @@ assert "Hokuyo" in types.names()
 
 def test_discovery_is_tried_again_after_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     """An error of the machine is told once for each question, and is over when it is over."""
-    types: PluginTypes[object] = PluginTypes("sensor", object, package, "nobody.at.home")
+    types: PluginTypes[object] = PluginTypes("sensor", object, (package,), "nobody.at.home")
 
     def fail() -> None:
         raise OSError(24, os.strerror(24))

@@ -13,7 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from usarsim_server.cameras.board import Grid
+from usarsim_bench.hostile.attacks import ATTACKS
+from usarsim_server.cameras.view import Grid
 from usarsim_server.cli.serve import add_parser
 from usarsim_server.services.comserver import ComServerLimits
 from usarsim_server.services.control import ControlLimits
@@ -23,7 +24,6 @@ from usarsim_server.services.relay import Road
 from usarsim_server.services.truth import TRUTH_LIMITS
 from usarsim_server.services.wireless import WirelessLimits
 from usarsim_server.settings import Settings
-from usarsim_tools.bench.hostile.attacks import ATTACKS
 
 ROOT = Path(__file__).parents[1]
 PAGES = ("threat-model.md", "limits.md")

@@ -11,6 +11,7 @@ import sys
 import weakref
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from importlib.metadata import entry_points
 from pathlib import Path
 
 from usarsim_server.cameras.backend import Quality
@@ -21,12 +22,8 @@ from usarsim_server.cameras.spectators import find_viewpoint, named_viewpoints
 from usarsim_server.cameras.stage import Stage
 from usarsim_server.cameras.studio import Studio, StudioOptions
 from usarsim_server.cameras.view import Grid
-from usarsim_server.control.actors import Actors
-from usarsim_server.control.avatars import Avatars
-from usarsim_server.control.objects import WorldObjects
-from usarsim_server.control.roles import SpecialRoles
 from usarsim_server.data import data_directory
-from usarsim_server.errors import UsarsimError
+from usarsim_server.errors import UsarsimError, WorldError, at
 from usarsim_server.files import is_regular
 from usarsim_server.logs import Log
 from usarsim_server.protocol import messages
@@ -34,17 +31,10 @@ from usarsim_server.protocol.names import name_key
 from usarsim_server.protocol.requests import Init
 from usarsim_server.radio.configuration import RadioOptions, read_radio, read_radio_file
 from usarsim_server.radio.event_log import EventLog
-from usarsim_server.radio.ground_truth import GroundTruth
 from usarsim_server.radio.network import Network, RadioWorld
 from usarsim_server.radio.obstacles import SceneryObstacles
 from usarsim_server.radio.stations import stations_of
-from usarsim_server.robots.agent import AgentOptions, Mouth, RobotAgent
-from usarsim_server.robots.dispatcher import Dispatcher
-from usarsim_server.robots.fleet import Fleet
-from usarsim_server.robots.pilot import PilotOptions
-from usarsim_server.robots.role import Casting, RoleFactory
 from usarsim_server.robots.roster import load_roster
-from usarsim_server.robots.schedule import BEAT, UNPACED_BEAT
 from usarsim_server.services.budget import Pace, WorkBudget, whole_share
 from usarsim_server.services.comserver import ComServerLimits, ComServerService
 from usarsim_server.services.control import ControlLimits, ControlService
@@ -58,18 +48,30 @@ from usarsim_server.services.ready import Service, run_services
 from usarsim_server.services.relay import Road
 from usarsim_server.services.truth import TRUTH_LIMITS, truth_service
 from usarsim_server.services.wireless import WirelessLimits, WirelessService
+from usarsim_server.sessions.dispatcher import Dispatcher
+from usarsim_server.sessions.robot_role import PilotOptions
+from usarsim_server.sessions.robots import Fleet
+from usarsim_server.sessions.role import Casting, RoleFactory
+from usarsim_server.sessions.schedule import BEAT, UNPACED_BEAT
+from usarsim_server.sessions.session import AgentOptions, Mouth, RobotAgent
+from usarsim_server.sessions.special_roles import SpecialRoles
 from usarsim_server.settings import Settings
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.memory import share_heaps
 from usarsim_server.simulation.model import PhysicsOptions
 from usarsim_server.simulation.simulation import Simulation, SimulationOptions
-from usarsim_server.worlds import avatar_classes, object_classes
-from usarsim_server.worlds.avatar_classes import load_avatars
+from usarsim_server.truth.actors import Actors
+from usarsim_server.truth.ground_truth import GroundTruth
+from usarsim_server.worlds.avatars import classes as avatar_classes
+from usarsim_server.worlds.avatars.avatars import Avatars
+from usarsim_server.worlds.avatars.classes import load_avatars
 from usarsim_server.worlds.catalog import find_world
 from usarsim_server.worlds.description import WorldDescription
 from usarsim_server.worlds.loader import load_world
-from usarsim_server.worlds.object_classes import load_objects
-from usarsim_server.worlds.operators import operators_of
+from usarsim_server.worlds.machinery.operators import operators_of
+from usarsim_server.worlds.objects import classes as object_classes
+from usarsim_server.worlds.objects.classes import load_objects
+from usarsim_server.worlds.objects.objects import WorldObjects
 from usarsim_server.worlds.scene import build_scene
 from usarsim_server.worlds.surroundings import Surroundings
 
@@ -80,6 +82,10 @@ GAME_TYPE = "BotDeathMatch"
 
 SWITCH_INTERVAL = 0.0002
 """s after which a Python thread has to let others run; the default of 5 ms starves the physics."""
+
+MAPS = "usarsim_server.maps"
+"""Entry point group of what makes a world folder of a map: a function of the map's path and of
+whether files may be read that lie elsewhere."""
 
 _LEAST_BURST = 64
 """Robots that may come at the same moment, even if fewer fit into the world: most of those who try
@@ -300,13 +306,10 @@ def _world_folder(named: str, allow_outside: bool) -> Path:
     path = Path(named).expanduser()
     if not is_regular(path):
         return find_world(named)
-    from usarsim_server.importers.convert import Request, import_map
-    from usarsim_server.importers.progress import ProgressBar
-    from usarsim_server.importers.reader import ImportOptions
-
-    with ProgressBar() as bar:
-        options = ImportOptions(allow_outside=allow_outside)
-        return import_map(Request(path, options=options, hold=True), bar).folder
+    for point in entry_points(group=MAPS):
+        importer: Callable[[Path, bool], Path] = point.load()
+        return importer(path, allow_outside)
+    raise WorldError(at(path, "maps cannot be imported", "install usarsim_maps"))
 
 
 def run(settings: Settings) -> int:

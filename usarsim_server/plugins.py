@@ -1,6 +1,6 @@
 """Classes that register themselves by type name: how sensors, effectors and the like are found.
 
-Built-in types are found by importing every module of their package, so a new file is enough.
+Built-in types are found by importing every module of their packages, so a new file is enough.
 Outside packages announce a class or a module in an entry point group; the name of the entry point
 should be the type.
 """
@@ -13,7 +13,7 @@ import importlib
 import os
 import pkgutil
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from importlib.metadata import entry_points
 from types import ModuleType
 from typing import Generic, TypeVar
@@ -35,18 +35,18 @@ _log = Log("plugins")
 class PluginTypes(Generic[T]):
     """The types of one kind of plug-in; names are compared without case. Thread-safe."""
 
-    def __init__(self, kind: str, base: type, package: ModuleType, group: str) -> None:
+    def __init__(self, kind: str, base: type, packages: Iterable[ModuleType], group: str) -> None:
         """Start empty; nothing is imported before the first question.
 
         Args:
             kind: what users call it, for example `sensor`.
             base: class that all of them derive from (abstract as a rule, hence not `type[T]`).
-            package: holds the built-in ones.
+            packages: hold the built-in ones.
             group: entry point group of outside packages.
         """
         self._kind = kind
         self._base = base
-        self._package = package
+        self._packages = tuple(packages)
         self._group = group
         self._lock = threading.RLock()
         self._types: dict[str, tuple[str, type[T]]] = {}
@@ -112,8 +112,9 @@ class PluginTypes(Generic[T]):
             self._discovered = True  # modules that are being imported may ask for names
             try:
                 _check_descriptors()
-                for module in pkgutil.iter_modules(self._package.__path__):
-                    importlib.import_module(f"{self._package.__name__}.{module.name}")
+                for package in self._packages:
+                    for module in pkgutil.iter_modules(package.__path__, f"{package.__name__}."):
+                        importlib.import_module(module.name)
                 self._load_entry_points()
             except BaseException as error:
                 self._discovered = False
@@ -122,7 +123,9 @@ class PluginTypes(Generic[T]):
                     raise
                 problem = f"the {self._kind} types cannot be looked for: {error.strerror}"
                 cure = "end other programs, or allow more with `ulimit -n`"
-                raise RobotDescriptionError(at(self._package.__name__, problem, cure)) from error
+                raise RobotDescriptionError(
+                    at(self._packages[0].__name__, problem, cure)
+                ) from error
 
     def _load_entry_points(self) -> None:
         """One broken outside package must not keep the server from starting: log it and go on."""

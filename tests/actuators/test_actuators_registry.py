@@ -22,8 +22,8 @@ from usarsim_server.actuators.registry import (
 from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.protocol.values import Item
 from usarsim_server.robots.description import EffectorDescription, RobotDescription
-from usarsim_server.robots.fleet import robot_model
 from usarsim_server.sensors.base import SetResult
+from usarsim_server.sessions.robots import robot_model
 from usarsim_server.simulation.articulation import Grip, HandModel
 
 

@@ -10,8 +10,8 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
+from usarsim_bench.procfs import Usage
 from usarsim_server.testing import eventually
-from usarsim_tools.bench.procfs import Usage
 
 STATUS = b"STA {Type GroundVehicle} {Time %.4f} {Battery 1}\r\n"
 SCAN = b"SEN {Time %.4f} {Type RangeScanner} {Name lms200} {Range 1.0}\r\n"

@@ -5,12 +5,12 @@ from __future__ import annotations
 import pytest
 from bench_fakes import FakeServer
 
-from usarsim_tools.bench import admission
-from usarsim_tools.bench.admission import Visits, admission_figures, waits
-from usarsim_tools.bench.crowd import Controller, Crowd
-from usarsim_tools.bench.errors import BenchError
-from usarsim_tools.bench.recording import first_reading
-from usarsim_tools.bench.robot_files import SCOUT
+from usarsim_bench import admission
+from usarsim_bench.admission import Visits, admission_figures, waits
+from usarsim_bench.crowd import Controller, Crowd
+from usarsim_bench.errors import BenchError
+from usarsim_bench.recording import first_reading
+from usarsim_bench.robot_files import SCOUT
 
 EVEN = [n * 0.1 for n in range(200)]
 

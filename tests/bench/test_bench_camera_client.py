@@ -11,9 +11,9 @@ from collections.abc import Iterator
 
 import pytest
 
+from usarsim_bench.camera_client import Picture, Viewer, summed_up
+from usarsim_bench.errors import BenchError
 from usarsim_server.testing import eventually
-from usarsim_tools.bench.camera_client import Picture, Viewer, summed_up
-from usarsim_tools.bench.errors import BenchError
 
 
 class FakeImages:

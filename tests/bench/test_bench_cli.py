@@ -12,13 +12,14 @@ from types import ModuleType
 
 import pytest
 
+from usarsim_bench import command as bench
+from usarsim_bench import suite
+from usarsim_bench.errors import BenchError
+from usarsim_bench.figures import Aim, Figure, Plan, Report, Section
+from usarsim_bench.machine import describe_machine
+from usarsim_bench.suite import ALL, MEASUREMENTS, QUICK_SECONDS
 from usarsim_server import __version__
-from usarsim_server.cli import bench, main
-from usarsim_tools.bench import suite
-from usarsim_tools.bench.errors import BenchError
-from usarsim_tools.bench.figures import Aim, Figure, Plan, Report, Section
-from usarsim_tools.bench.machine import describe_machine
-from usarsim_tools.bench.suite import ALL, MEASUREMENTS, QUICK_SECONDS
+from usarsim_server.cli import main
 
 
 @dataclass
@@ -179,7 +180,7 @@ class TestFidelity:
         self, monkeypatch: pytest.MonkeyPatch, rest: list[str]
     ) -> None:
         """Its options are its own, also those that the other measurements have too."""
-        module = ModuleType("usarsim_server.validation.fidelity")
+        module = ModuleType("usarsim_bench.fidelity.fidelity")
         seen: list[list[str]] = []
 
         def run(args: list[str]) -> int:
@@ -188,6 +189,6 @@ class TestFidelity:
 
         vars(module)["main"] = run
         monkeypatch.setitem(sys.modules, module.__name__, module)
-        monkeypatch.setattr("usarsim_server.validation.fidelity", module, raising=False)
+        monkeypatch.setattr("usarsim_bench.fidelity.fidelity", module, raising=False)
         assert main(["bench", "fidelity", *rest]) == 3
         assert seen == [rest]

@@ -11,10 +11,10 @@ from collections.abc import Iterator
 import pytest
 from bench_fakes import FakeServer
 
-from usarsim_tools.bench import crowd as crowd_module
-from usarsim_tools.bench.crowd import Controller, Crowd, wander
-from usarsim_tools.bench.errors import BenchError
-from usarsim_tools.bench.recording import status_samples, streams
+from usarsim_bench import crowd as crowd_module
+from usarsim_bench.crowd import Controller, Crowd, wander
+from usarsim_bench.errors import BenchError
+from usarsim_bench.recording import status_samples, streams
 
 
 @pytest.fixture

@@ -9,16 +9,16 @@ from pathlib import Path
 
 import pytest
 
+from usarsim_bench import delivery
+from usarsim_bench.camera_client import ViewerTrial
+from usarsim_bench.delivery import Loop, delivery_figures, rate_for
+from usarsim_bench.errors import BenchError
+from usarsim_bench.instruments import frames as instrument
+from usarsim_bench.instruments.frames import Frames, measure_frames
+from usarsim_bench.procfs import Load
+from usarsim_bench.robot_files import SURVEYOR, SURVEYOR_CAMERAS, write_scouts
+from usarsim_bench.team import TeamTrial
 from usarsim_server.errors import UsarsimError
-from usarsim_server.validation import frames as instrument
-from usarsim_server.validation.frames import Frames, measure_frames
-from usarsim_tools.bench import delivery
-from usarsim_tools.bench.camera_client import ViewerTrial
-from usarsim_tools.bench.delivery import Loop, delivery_figures, rate_for
-from usarsim_tools.bench.errors import BenchError
-from usarsim_tools.bench.procfs import Load
-from usarsim_tools.bench.robot_files import SURVEYOR, SURVEYOR_CAMERAS, write_scouts
-from usarsim_tools.bench.team import TeamTrial
 
 TRIAL = TeamTrial(4, 1.0, 0.99, Load(1.5, 0.2, None), 1.0, 1.0, 2**20, 0.0, 1.0)
 

@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 from bench_runs import measured
 
-from usarsim_tools.bench import latency, memory, sensors, spawn, team
-from usarsim_tools.bench.errors import BenchError
-from usarsim_tools.bench.server import Server
+from usarsim_bench import latency, memory, sensors, spawn, team
+from usarsim_bench.errors import BenchError
+from usarsim_bench.server import Server
 
 
 @pytest.fixture

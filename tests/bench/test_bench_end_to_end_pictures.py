@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from bench_runs import measured
 
+from usarsim_bench import team
 from usarsim_server.cameras.painter import Painter, PainterOptions
 from usarsim_server.testing import Rehearsal
-from usarsim_tools.bench import team
 
 
 @pytest.fixture(autouse=True)

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from bench_runs import measured
 
-from usarsim_tools.bench import admission, jitter, lockstep, physics, team
+from usarsim_bench import admission, jitter, lockstep, physics, team
 
 
 @pytest.fixture(autouse=True)

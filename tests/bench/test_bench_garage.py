@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from bench_fakes import FakeServer, StandIn
 
+from usarsim_bench import garage, team
+from usarsim_bench.crowd import Crowd
+from usarsim_bench.figures import Plan
+from usarsim_bench.garage import MIXED, measure_garage, roam
+from usarsim_bench.procfs import Load
+from usarsim_bench.suite import MEASUREMENTS
 from usarsim_server.robots.roster import load_roster
 from usarsim_server.testing import Rehearsal
-from usarsim_tools.bench import garage, team
-from usarsim_tools.bench.crowd import Crowd
-from usarsim_tools.bench.figures import Plan
-from usarsim_tools.bench.garage import MIXED, measure_garage, roam
-from usarsim_tools.bench.procfs import Load
-from usarsim_tools.bench.suite import MEASUREMENTS
 
 KINDS = {"skid_steer", "differential", "tracked", "ackerman", "omni", "aerial", "legged", "static"}
 

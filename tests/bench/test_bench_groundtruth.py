@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
+from usarsim_bench import groundtruth
+from usarsim_bench.errors import BenchError
+from usarsim_bench.groundtruth import Asker
 from usarsim_server.cli import main
-from usarsim_tools.bench import groundtruth
-from usarsim_tools.bench.errors import BenchError
-from usarsim_tools.bench.groundtruth import Asker
 
 
 def oracle(count: str = "1.0000") -> int:

@@ -11,14 +11,11 @@ from xml.etree import ElementTree
 
 import pytest
 
-from usarsim_server.cli import main
-from usarsim_server.sensors.range_scanner import beam_count
-from usarsim_server.testing import Rehearsal
-from usarsim_tools.bench import growth, savings, team
-from usarsim_tools.bench.boxes import STARTS, write_boxes
-from usarsim_tools.bench.errors import BenchError
-from usarsim_tools.bench.figures import Plan
-from usarsim_tools.bench.growth import (
+from usarsim_bench import growth, savings, team
+from usarsim_bench.boxes import STARTS, write_boxes
+from usarsim_bench.errors import BenchError
+from usarsim_bench.figures import Plan
+from usarsim_bench.growth import (
     beam_keys,
     curve,
     each_more,
@@ -27,18 +24,14 @@ from usarsim_tools.bench.growth import (
     per_picture,
     sizes_up_to,
 )
-from usarsim_tools.bench.readings import measure_readings
-from usarsim_tools.bench.robot_files import scouts
-from usarsim_tools.bench.savings import (
-    BOXED,
-    SURVEYED,
-    USUAL,
-    measure_savings,
-    teams,
-    write_variants,
-)
-from usarsim_tools.bench.suite import ALL, LONG, MEASUREMENTS, PROFILE, QUICK
-from usarsim_tools.bench.thread_cost import ROLES, Cost, Team, measure_cost, spent_between
+from usarsim_bench.readings import measure_readings
+from usarsim_bench.robot_files import scouts
+from usarsim_bench.savings import BOXED, SURVEYED, USUAL, measure_savings, teams, write_variants
+from usarsim_bench.suite import ALL, LONG, MEASUREMENTS, PROFILE, QUICK
+from usarsim_bench.thread_cost import ROLES, Cost, Team, measure_cost, spent_between
+from usarsim_server.cli import main
+from usarsim_server.sensors.range_scanner import beam_count
+from usarsim_server.testing import Rehearsal
 
 
 def cost(physics: float = 0.0, factor: float = 1.0, pictures: float = 0.0, **spent: float) -> Cost:

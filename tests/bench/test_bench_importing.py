@@ -9,18 +9,18 @@ from typing import Any
 
 import pytest
 
-from usarsim_server.importers.convert import Request, import_map
-from usarsim_server.importers.reader import ImportOptions
-from usarsim_server.validation import importing as instrument
-from usarsim_tools.bench import importing
-from usarsim_tools.bench.camera_client import Picture
-from usarsim_tools.bench.errors import BenchError
-from usarsim_tools.bench.figures import Plan
-from usarsim_tools.bench.importing import measure_importing
-from usarsim_tools.bench.map_sources import BRUSHES, MESHES, write_hall, write_yard
-from usarsim_tools.bench.procfs import Load
-from usarsim_tools.bench.suite import MEASUREMENTS
-from usarsim_tools.bench.team import TeamTrial
+from usarsim_bench import importing
+from usarsim_bench.camera_client import Picture
+from usarsim_bench.errors import BenchError
+from usarsim_bench.figures import Plan
+from usarsim_bench.importing import measure_importing
+from usarsim_bench.instruments import importing as instrument
+from usarsim_bench.map_sources import BRUSHES, MESHES, write_hall, write_yard
+from usarsim_bench.procfs import Load
+from usarsim_bench.suite import MEASUREMENTS
+from usarsim_bench.team import TeamTrial
+from usarsim_maps.convert import Request, import_map
+from usarsim_maps.reader import ImportOptions
 
 RESULT = {
     "first": 4.0,

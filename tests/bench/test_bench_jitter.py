@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from usarsim_tools.bench.errors import BenchError
-from usarsim_tools.bench.jitter import jitter_figures
-from usarsim_tools.bench.recording import sensor_samples
-from usarsim_tools.bench.robot_files import LASER_NAME
-from usarsim_tools.bench.statistics import Sample, period_errors
+from usarsim_bench.errors import BenchError
+from usarsim_bench.jitter import jitter_figures
+from usarsim_bench.recording import sensor_samples
+from usarsim_bench.robot_files import LASER_NAME
+from usarsim_bench.statistics import Sample, period_errors
 
 LATENCY = 0.003
 

@@ -10,16 +10,16 @@ from pathlib import Path
 import pytest
 from bench_fakes import FakeServer
 
-from usarsim_server.robots.agent import RobotAgent
+from usarsim_bench import latency
+from usarsim_bench.crowd import Controller
+from usarsim_bench.errors import BenchError
+from usarsim_bench.instruments import latency as instrument
+from usarsim_bench.instruments.latency import STATIONS, code, instrumented
+from usarsim_bench.latency import CodedDriver, delays
+from usarsim_server.sessions.session import RobotAgent
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.simulation import Simulation
 from usarsim_server.testing import Rehearsal
-from usarsim_server.validation import latency as instrument
-from usarsim_server.validation.latency import STATIONS, code, instrumented
-from usarsim_tools.bench import latency
-from usarsim_tools.bench.crowd import Controller
-from usarsim_tools.bench.errors import BenchError
-from usarsim_tools.bench.latency import CodedDriver, delays
 
 METHODS = (
     (RobotAgent, "submit"),

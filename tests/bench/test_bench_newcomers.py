@@ -5,12 +5,12 @@ from __future__ import annotations
 import pytest
 from bench_fakes import FakeServer, StandIn
 
-from usarsim_tools.bench import memory
-from usarsim_tools.bench.crowd import Crowd
-from usarsim_tools.bench.errors import BenchError
-from usarsim_tools.bench.memory import churn
-from usarsim_tools.bench.procfs import Usage
-from usarsim_tools.bench.spawn import disturbance
+from usarsim_bench import memory
+from usarsim_bench.crowd import Crowd
+from usarsim_bench.errors import BenchError
+from usarsim_bench.memory import churn
+from usarsim_bench.procfs import Usage
+from usarsim_bench.spawn import disturbance
 
 EVEN = [n * 0.1 for n in range(100)]
 

@@ -14,11 +14,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from usarsim_bench.errors import BenchError
+from usarsim_bench.peer import Peer
+from usarsim_bench.peer_environments import Environments, NotInstalledError, find_python
+from usarsim_bench.peer_runs import Outcome, read_outcome, run_workload
 from usarsim_server.testing import eventually
-from usarsim_tools.bench.errors import BenchError
-from usarsim_tools.bench.peer import Peer
-from usarsim_tools.bench.peer_environments import Environments, NotInstalledError, find_python
-from usarsim_tools.bench.peer_runs import Outcome, read_outcome, run_workload
 
 HERE = sys.version_info[1]
 PEER = Peer(

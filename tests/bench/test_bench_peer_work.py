@@ -10,29 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from usarsim_bench.comparing import compare
+from usarsim_bench.fidelity import rovers
+from usarsim_bench.fidelity.rovers import Counts
+from usarsim_bench.figures import Plan
+from usarsim_bench.peer import WORKLOADS, find_peers
+from usarsim_bench.peer_own import HUMANOID, OwnSide, joint_targets, joints_told
+from usarsim_bench.peer_work import BEAMS, MOST, ROVER, Box, plan_work, write_robots, write_world
 from usarsim_server.robots.roster import load_roster
-from usarsim_server.validation import rovers
-from usarsim_server.validation.rovers import Counts
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.scene import build_scene
-from usarsim_tools.bench.comparing import compare
-from usarsim_tools.bench.figures import Plan
-from usarsim_tools.bench.peer import WORKLOADS, find_peers
-from usarsim_tools.bench.peer_own import (
-    HUMANOID,
-    OwnSide,
-    joint_targets,
-    joints_told,
-)
-from usarsim_tools.bench.peer_work import (
-    BEAMS,
-    MOST,
-    ROVER,
-    Box,
-    plan_work,
-    write_robots,
-    write_world,
-)
 
 NETWORK = "USARSIM_TEST_NETWORK"
 

@@ -14,19 +14,19 @@ from types import ModuleType
 
 import pytest
 
+from usarsim_bench import comparing
+from usarsim_bench.comparing import Measured, Tools, compare, own_section, peer_section
+from usarsim_bench.errors import BenchError
+from usarsim_bench.figures import Plan, Report, Section
+from usarsim_bench.machine import describe_machine
+from usarsim_bench.peer import Peer, find_peers
+from usarsim_bench.peer_environments import Environments, NotInstalledError
+from usarsim_bench.peer_own import HUMANOID, OwnSide
+from usarsim_bench.peer_runs import Outcome
+from usarsim_bench.peer_work import ROVER, Work, plan_work
+from usarsim_bench.report import as_json, as_markdown, as_text
+from usarsim_bench.suite import MEASUREMENTS
 from usarsim_server.cli import main
-from usarsim_tools.bench import comparing
-from usarsim_tools.bench.comparing import Measured, Tools, compare, own_section, peer_section
-from usarsim_tools.bench.errors import BenchError
-from usarsim_tools.bench.figures import Plan, Report, Section
-from usarsim_tools.bench.machine import describe_machine
-from usarsim_tools.bench.peer import Peer, find_peers
-from usarsim_tools.bench.peer_environments import Environments, NotInstalledError
-from usarsim_tools.bench.peer_own import HUMANOID, OwnSide
-from usarsim_tools.bench.peer_runs import Outcome
-from usarsim_tools.bench.peer_work import ROVER, Work, plan_work
-from usarsim_tools.bench.report import as_json, as_markdown, as_text
-from usarsim_tools.bench.suite import MEASUREMENTS
 
 ROVERS = Peer(
     name="wheels",

@@ -9,16 +9,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from usarsim_bench.errors import BenchError
+from usarsim_bench.instruments import physics as instrument
+from usarsim_bench.instruments import stepping
+from usarsim_bench.instruments.physics import BareSteps, Bystander, compared
+from usarsim_bench.instruments.stepping import ROBOT_CLASS, Stopwatch
+from usarsim_bench.physics import physics_figures, within
 from usarsim_server.robots.roster import load_roster
 from usarsim_server.simulation.engine import Engine
-from usarsim_server.validation import physics as instrument
-from usarsim_server.validation import stepping
-from usarsim_server.validation.physics import BareSteps, Bystander, compared
-from usarsim_server.validation.stepping import ROBOT_CLASS, Stopwatch
 from usarsim_server.worlds.catalog import find_world
 from usarsim_server.worlds.loader import load_world
-from usarsim_tools.bench.errors import BenchError
-from usarsim_tools.bench.physics import physics_figures, within
 
 
 @pytest.fixture(scope="module")

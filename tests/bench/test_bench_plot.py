@@ -10,16 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from usarsim_tools.bench.plot import (
-    FRAME,
-    HEIGHT,
-    WIDTH,
-    Plot,
-    Series,
-    as_svg,
-    nice_ticks,
-    place,
-)
+from usarsim_bench.plot import FRAME, HEIGHT, WIDTH, Plot, Series, as_svg, nice_ticks, place
 
 SVG = "{http://www.w3.org/2000/svg}"
 LETTER = 0.62 * 12

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from usarsim_bench.recording import between, lines, start_tags, status_samples, streams
 from usarsim_server.protocol import messages
 from usarsim_server.protocol.values import Dialect
-from usarsim_tools.bench.recording import between, lines, start_tags, status_samples, streams
 
 STATUS = (
     b"STA {Type GroundVehicle} {Time 63.40} {FrontSteer 0.0000} {RearSteer 0.0000} "

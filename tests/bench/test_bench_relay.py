@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
+from usarsim_bench import relay
+from usarsim_bench.errors import BenchError
+from usarsim_bench.relay import Radio, Traffic, round_trips, throughput
 from usarsim_server.cli import main
 from usarsim_server.testing import PATIENCE, eventually
-from usarsim_tools.bench import relay
-from usarsim_tools.bench.errors import BenchError
-from usarsim_tools.bench.relay import Radio, Traffic, round_trips, throughput
 
 
 def pair() -> tuple[socket.socket, socket.socket]:

@@ -9,14 +9,14 @@ import subprocess
 import numpy as np
 import pytest
 
+from usarsim_bench.errors import BenchError
+from usarsim_bench.figures import Plan
+from usarsim_bench.instruments import rendering as instrument
+from usarsim_bench.instruments.bare_renderer import BareRenderer
+from usarsim_bench.rendering import measure_rendering
+from usarsim_bench.suite import MEASUREMENTS
 from usarsim_server.cameras.painter import Painter, PainterOptions
 from usarsim_server.simulation.frames import Pose
-from usarsim_server.validation import rendering as instrument
-from usarsim_server.validation.bare_renderer import BareRenderer
-from usarsim_tools.bench.errors import BenchError
-from usarsim_tools.bench.figures import Plan
-from usarsim_tools.bench.rendering import measure_rendering
-from usarsim_tools.bench.suite import MEASUREMENTS
 
 COSTS: dict[str, float | str] = {
     "renderer": "egl",

@@ -8,15 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots.description import RobotDescription
-from usarsim_server.robots.roster import load_roster
-from usarsim_server.sensors.base import SensorContext
-from usarsim_server.sensors.range_scanner import RangeScanner
-from usarsim_server.sensors.registry import create_sensor
-from usarsim_server.worlds.catalog import find_world
-from usarsim_server.worlds.loader import load_world
-from usarsim_tools.bench.robot_files import (
+from usarsim_bench.robot_files import (
     BEAMS,
     CAMERA_RATE,
     CAMERA_SCOUT,
@@ -28,6 +20,14 @@ from usarsim_tools.bench.robot_files import (
     scouts,
     write_scouts,
 )
+from usarsim_server.protocol.values import Dialect
+from usarsim_server.robots.description import RobotDescription
+from usarsim_server.robots.roster import load_roster
+from usarsim_server.sensors.base import SensorContext
+from usarsim_server.sensors.range_scanner import RangeScanner
+from usarsim_server.sensors.registry import create_sensor
+from usarsim_server.worlds.catalog import find_world
+from usarsim_server.worlds.loader import load_world
 
 
 def described(folder: Path, name: str) -> RobotDescription:

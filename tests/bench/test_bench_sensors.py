@@ -8,21 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots.description import RobotDescription
-from usarsim_server.robots.roster import load_roster
-from usarsim_server.sensors.base import Sensor, SensorContext
-from usarsim_server.sensors.range_scanner import RangeScanner
-from usarsim_server.sensors.registry import create_sensor, sensor_types
-from usarsim_server.worlds.catalog import find_world
-from usarsim_server.worlds.loader import load_world
-from usarsim_tools.bench import sensors
-from usarsim_tools.bench.crowd import Behaviour, wander
-from usarsim_tools.bench.errors import BenchError
-from usarsim_tools.bench.figures import Figure, Plan
-from usarsim_tools.bench.procfs import Load
-from usarsim_tools.bench.recording import Chunk
-from usarsim_tools.bench.sensors import (
+from usarsim_bench import sensors
+from usarsim_bench.crowd import Behaviour, wander
+from usarsim_bench.errors import BenchError
+from usarsim_bench.figures import Figure, Plan
+from usarsim_bench.procfs import Load
+from usarsim_bench.recording import Chunk
+from usarsim_bench.sensors import (
     BEAMS,
     EVERYTHING,
     LASER,
@@ -33,8 +25,16 @@ from usarsim_tools.bench.sensors import (
     whole_scans,
     write_classes,
 )
-from usarsim_tools.bench.server import Server
-from usarsim_tools.bench.team import TeamTrial
+from usarsim_bench.server import Server
+from usarsim_bench.team import TeamTrial
+from usarsim_server.protocol.values import Dialect
+from usarsim_server.robots.description import RobotDescription
+from usarsim_server.robots.roster import load_roster
+from usarsim_server.sensors.base import Sensor, SensorContext
+from usarsim_server.sensors.range_scanner import RangeScanner
+from usarsim_server.sensors.registry import create_sensor, sensor_types
+from usarsim_server.worlds.catalog import find_world
+from usarsim_server.worlds.loader import load_world
 
 
 def described(folder: Path, name: str) -> RobotDescription:

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from bench_runs import measured
 
-from usarsim_tools.bench import soak, soak_visitors
-from usarsim_tools.bench.soak import Stream, flatness
+from usarsim_bench import soak, soak_visitors
+from usarsim_bench.soak import Stream, flatness
 
 
 def status(*times: float) -> bytes:

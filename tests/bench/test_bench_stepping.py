@@ -9,13 +9,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from usarsim_server.validation import stepping as instrument
-from usarsim_server.validation.stepping import HALVES, Stopwatch, main, measure
+from usarsim_bench import stepping
+from usarsim_bench.errors import BenchError
+from usarsim_bench.figures import Plan
+from usarsim_bench.instruments import stepping as instrument
+from usarsim_bench.instruments.stepping import HALVES, Stopwatch, main, measure
 from usarsim_server.worlds.catalog import find_world
 from usarsim_server.worlds.loader import load_world
-from usarsim_tools.bench import stepping
-from usarsim_tools.bench.errors import BenchError
-from usarsim_tools.bench.figures import Plan
 
 
 @pytest.fixture

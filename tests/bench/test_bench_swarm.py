@@ -7,13 +7,13 @@ from collections.abc import Callable
 import pytest
 from bench_fakes import FakeServer
 
-from usarsim_tools.bench import swarm
-from usarsim_tools.bench.crowd import Crowd
-from usarsim_tools.bench.errors import BenchError
-from usarsim_tools.bench.figures import Plan
-from usarsim_tools.bench.procfs import Load
-from usarsim_tools.bench.swarm import measure_swarm, swarm_figures
-from usarsim_tools.bench.team import TeamTrial, gather
+from usarsim_bench import swarm
+from usarsim_bench.crowd import Crowd
+from usarsim_bench.errors import BenchError
+from usarsim_bench.figures import Plan
+from usarsim_bench.procfs import Load
+from usarsim_bench.swarm import measure_swarm, swarm_figures
+from usarsim_bench.team import TeamTrial, gather
 
 
 def trial(robots: int, factor: float) -> TeamTrial:

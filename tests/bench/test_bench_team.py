@@ -8,13 +8,13 @@ from collections.abc import Callable
 import pytest
 from bench_fakes import FakeServer, StandIn
 
-from usarsim_tools.bench import suite, team
-from usarsim_tools.bench.crowd import Crowd
-from usarsim_tools.bench.errors import BenchError
-from usarsim_tools.bench.figures import Figure, Plan, Section
-from usarsim_tools.bench.procfs import Load, Usage
-from usarsim_tools.bench.suite import MEASUREMENTS, take
-from usarsim_tools.bench.team import TeamTrial, load_figures, measure_largest, measure_team
+from usarsim_bench import suite, team
+from usarsim_bench.crowd import Crowd
+from usarsim_bench.errors import BenchError
+from usarsim_bench.figures import Figure, Plan, Section
+from usarsim_bench.procfs import Load, Usage
+from usarsim_bench.suite import MEASUREMENTS, take
+from usarsim_bench.team import TeamTrial, load_figures, measure_largest, measure_team
 
 
 @pytest.fixture(autouse=True)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from usarsim_tools.bench.camera_client import ViewerTrial
-from usarsim_tools.bench.procfs import Load
-from usarsim_tools.bench.team import TeamTrial
-from usarsim_tools.bench.watched import TILE_SIZE, grid, tiles_of, watched_figures
+from usarsim_bench.camera_client import ViewerTrial
+from usarsim_bench.procfs import Load
+from usarsim_bench.team import TeamTrial
+from usarsim_bench.watched import TILE_SIZE, grid, tiles_of, watched_figures
 
 
 @pytest.mark.parametrize(

@@ -29,7 +29,7 @@ from usarsim_server.cameras.painter import Painter, PainterOptions
 from usarsim_server.cameras.viewpoint import View, looking
 from usarsim_server.simulation.frames import IDENTITY, Pose
 from usarsim_server.simulation.model import RobotModel
-from usarsim_server.simulation.rays import RayFan
+from usarsim_server.simulation.rays.fans import RayFan
 from usarsim_server.simulation.simulation import Simulation, SimulationOptions
 from usarsim_server.worlds.description import Smoke, SmokeVolume
 

@@ -19,12 +19,12 @@ from usarsim_server.robots.description import (
     RobotReport,
 )
 from usarsim_server.simulation.frames import pose_from_wire
+from usarsim_server.simulation.surfaces import Surface
 from usarsim_server.worlds.description import (
     Smoke,
     SmokePuff,
     SmokeVolume,
     StartPose,
-    Surface,
     Victim,
     WorldDescription,
     Zone,

@@ -62,6 +62,7 @@ def test_new_file_is_a_new_subcommand(
 ) -> None:
     """Dropping a file into the folder is all it takes to add a command."""
     (tmp_path / "greet.py").write_text(
+        '"""`usarsim greet`: say hello."""\n'
         "from usarsim_server.cli.common import add_command\n"
         "def add_parser(subparsers):\n"
         "    add_command(subparsers, 'greet', 'say hello', run)\n"

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
+from usarsim_conformance.mutants.control_faults import all_faults
+from usarsim_conformance.mutants.control_server import Session, control_server
+from usarsim_conformance.registry import all_checks
 from usarsim_server.cli import main
-from usarsim_tools.conformance.mutants.control_faults import all_faults
-from usarsim_tools.conformance.mutants.control_server import Session, control_server
-from usarsim_tools.conformance.registry import all_checks
 
 
 @contextmanager

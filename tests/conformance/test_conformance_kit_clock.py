@@ -7,10 +7,10 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from usarsim_tools.conformance.clock import SimulatedClock, Stalled
-from usarsim_tools.conformance.recordings import irregular
-from usarsim_tools.conformance.transcript import Transcript
-from usarsim_tools.conformance.wire import Wire
+from usarsim_conformance.clock import SimulatedClock, Stalled
+from usarsim_conformance.recordings import irregular
+from usarsim_conformance.transcript import Transcript
+from usarsim_conformance.wire import Wire
 
 Story = Callable[
     [SimulatedClock, asyncio.StreamWriter, Wire, asyncio.StreamWriter], Awaitable[None]

@@ -8,14 +8,14 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from usarsim_tools.conformance import registry
-from usarsim_tools.conformance.case import Case
-from usarsim_tools.conformance.mutants.control_server import control_server
-from usarsim_tools.conformance.registry import Check, all_checks, check, select
-from usarsim_tools.conformance.report import Report
-from usarsim_tools.conformance.runner import Progress, judge_all
-from usarsim_tools.conformance.survey import Target
-from usarsim_tools.conformance.verdicts import Failed, Severity, Verdict
+from usarsim_conformance import registry
+from usarsim_conformance.case import Case
+from usarsim_conformance.mutants.control_server import control_server
+from usarsim_conformance.registry import Check, all_checks, check, select
+from usarsim_conformance.report import Report
+from usarsim_conformance.runner import Progress, judge_all
+from usarsim_conformance.survey import Target
+from usarsim_conformance.verdicts import Failed, Severity, Verdict
 
 
 @pytest.fixture

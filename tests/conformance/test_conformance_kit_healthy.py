@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import asyncio
 
-from usarsim_tools.conformance.mutants.control_server import control_server
-from usarsim_tools.conformance.registry import Check, all_checks
-from usarsim_tools.conformance.report import Report
-from usarsim_tools.conformance.runner import judge_all
-from usarsim_tools.conformance.survey import Target
-from usarsim_tools.conformance.verdicts import Result, Verdict
+from usarsim_conformance.mutants.control_server import control_server
+from usarsim_conformance.registry import Check, all_checks
+from usarsim_conformance.report import Report
+from usarsim_conformance.runner import judge_all
+from usarsim_conformance.survey import Target
+from usarsim_conformance.verdicts import Result, Verdict
 
 _SERVERS = 8
 """Checks that want to be alone take long one by one; on several servers they need not wait."""

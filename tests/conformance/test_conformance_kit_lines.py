@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from usarsim_tools.conformance.lines import Line, Lines, number, numbers
-from usarsim_tools.conformance.places import Place, place_from, read_start_poses, spaced
-from usarsim_tools.conformance.survey import dialect_of
-from usarsim_tools.conformance.transcript import Transcript
+from usarsim_conformance.lines import Line, Lines, number, numbers
+from usarsim_conformance.places import Place, place_from, read_start_poses, spaced
+from usarsim_conformance.survey import dialect_of
+from usarsim_conformance.transcript import Transcript
 
 
 def line(text: str) -> Line:

@@ -10,14 +10,14 @@ from xml.etree import ElementTree
 
 import pytest
 
-from usarsim_tools.conformance.compare import compare, named_apart
-from usarsim_tools.conformance.junit import as_junit
-from usarsim_tools.conformance.page import as_page
-from usarsim_tools.conformance.registry import all_checks
-from usarsim_tools.conformance.report import Report, Rule, as_json, from_json
-from usarsim_tools.conformance.runner import Progress
-from usarsim_tools.conformance.terminal import Teller, as_list, as_text, summary
-from usarsim_tools.conformance.verdicts import Result, Severity, Verdict
+from usarsim_conformance.compare import compare, named_apart
+from usarsim_conformance.junit import as_junit
+from usarsim_conformance.page import as_page
+from usarsim_conformance.registry import all_checks
+from usarsim_conformance.report import Report, Rule, as_json, from_json
+from usarsim_conformance.runner import Progress
+from usarsim_conformance.terminal import Teller, as_list, as_text, summary
+from usarsim_conformance.verdicts import Result, Severity, Verdict
 
 _TRANSCRIPT = tuple(f"{n:8.3f} c1 < SEN <{n}> & \\r\\n" for n in range(20))
 

@@ -8,9 +8,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from usarsim_tools.conformance.lines import Line
-from usarsim_tools.conformance.trips import Leg, moments_of, near, of_classes
-from usarsim_tools.conformance.verdicts import Inconclusive, NotApplicable
+from usarsim_conformance.lines import Line
+from usarsim_conformance.trips import Leg, moments_of, near, of_classes
+from usarsim_conformance.verdicts import Inconclusive, NotApplicable
 
 
 def _report(time: float, x: float, y: float, yaw: float, roll: float = 0.0) -> Line:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import asyncio
 
+from usarsim_conformance.registry import all_checks, select
+from usarsim_conformance.runner import judge_all
+from usarsim_conformance.side_lines import split_reply
+from usarsim_conformance.survey import Target
+from usarsim_conformance.verdicts import Verdict
 from usarsim_server.protocol.images import RAW
 from usarsim_server.testing import running_server
-from usarsim_tools.conformance.registry import all_checks, select
-from usarsim_tools.conformance.runner import judge_all
-from usarsim_tools.conformance.side_lines import split_reply
-from usarsim_tools.conformance.survey import Target
-from usarsim_tools.conformance.verdicts import Verdict
 
 QUICK = (
     "images.rectangle.*,images.raw.*,images.header.*,groundtruth.getobs.[deku]*,"

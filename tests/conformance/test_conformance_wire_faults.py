@@ -9,15 +9,15 @@ from dataclasses import replace
 
 import pytest
 
-from usarsim_tools.conformance import planted
-from usarsim_tools.conformance.mutants.control_faults import all_faults
-from usarsim_tools.conformance.mutants.fault_proxy import Link
-from usarsim_tools.conformance.mutants.side_faults import FAULTS as SIDE_FAULTS
-from usarsim_tools.conformance.mutants.wire_faults import WireFault, all_wire_faults
-from usarsim_tools.conformance.mutants.wire_trial import try_wire_faults
-from usarsim_tools.conformance.own_server import OwnServer
-from usarsim_tools.conformance.registry import all_checks
-from usarsim_tools.conformance.verdicts import Result, Verdict
+from usarsim_conformance import planted
+from usarsim_conformance.mutants.control_faults import all_faults
+from usarsim_conformance.mutants.fault_proxy import Link
+from usarsim_conformance.mutants.side_faults import FAULTS as SIDE_FAULTS
+from usarsim_conformance.mutants.wire_faults import WireFault, all_wire_faults
+from usarsim_conformance.mutants.wire_trial import try_wire_faults
+from usarsim_conformance.own_server import OwnServer
+from usarsim_conformance.registry import all_checks
+from usarsim_conformance.verdicts import Result, Verdict
 
 _FAULTS = all_wire_faults()
 _OPTIONS = {"own": (), "raw": ("--image-type", "RAW")}

@@ -12,7 +12,8 @@ from usarsim_server.doctor.checks.machine import (
 )
 from usarsim_server.doctor.findings import Mark
 from usarsim_server.doctor.registry import Context
-from usarsim_server.doctor.system import Activity, Process
+from usarsim_server.doctor.system import Activity
+from usarsim_server.processes import Process
 from usarsim_server.settings import Settings
 
 HERE = Context(Settings(), (("--world", "office"),))

@@ -22,11 +22,11 @@ from pathlib import Path
 import pytest
 from test_e2e_import import level
 
-from usarsim_server.importers.cache import KEPT, RECORD, ImportCache
-from usarsim_server.importers.convert import Request, import_map
+from usarsim_maps.cache import KEPT, RECORD, ImportCache
+from usarsim_maps.convert import Request, import_map
+from usarsim_record.recording import read
 from usarsim_server.radio.event_log import Event, EventLog
 from usarsim_server.worlds.loader import load_world
-from usarsim_tools.record.recording import read
 
 HERE = Path(__file__).parent
 PACKAGES = (HERE.parents[1] / "usarsim_server", HERE.parents[1] / "tools" / "usarsim_tools")

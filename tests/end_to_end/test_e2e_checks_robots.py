@@ -20,7 +20,7 @@ import pytest
 from numpy.typing import NDArray
 
 from usarsim_server.logs import ROOT
-from usarsim_server.robots.fleet import Vehicle
+from usarsim_server.sessions.robots import Vehicle
 from usarsim_server.simulation.frames import Vector
 from usarsim_server.testing import PATIENCE, Rehearsal, RehearsedClient, ServerProcess, eventually
 

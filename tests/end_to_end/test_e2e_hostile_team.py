@@ -13,8 +13,8 @@ from collections.abc import Callable, Iterator
 import psutil
 import pytest
 
+from usarsim_bench.hostile.attackers import Attackers
 from usarsim_server.testing import ScriptedClient, ServerProcess
-from usarsim_tools.bench.hostile.attackers import Attackers
 
 MEGABYTE = 1 << 20
 ROBOTS = 5

@@ -22,17 +22,18 @@ from typing import Any, Protocol
 
 HERE = Path(__file__).parent
 CORPUS = HERE / "corpus"
-for _folder in (HERE, HERE.parent / "importers", HERE.parent / "robots"):
+for _folder in (HERE, HERE.parent / "maps", HERE.parent / "robots"):
     if str(_folder) not in sys.path:
         sys.path.insert(0, str(_folder))
 
 import seeds  # noqa: E402
 
+from usarsim_maps.numbers import read_numbers  # noqa: E402
+from usarsim_maps.reader import Context, ImportOptions, find_reader  # noqa: E402
+from usarsim_maps.reader import read_scene as read_map  # noqa: E402
+from usarsim_maps.sidecar import load_sidecar  # noqa: E402
+from usarsim_record.recording import RecordError, read  # noqa: E402
 from usarsim_server.errors import MapImportError, UsarsimError, WorldError  # noqa: E402
-from usarsim_server.importers.numbers import read_numbers  # noqa: E402
-from usarsim_server.importers.reader import Context, ImportOptions, find_reader  # noqa: E402
-from usarsim_server.importers.reader import read_scene as read_map  # noqa: E402
-from usarsim_server.importers.sidecar import load_sidecar  # noqa: E402
 from usarsim_server.protocol import comserver, ground_truth, images, truth, wireless  # noqa: E402
 from usarsim_server.protocol.commands import interpret  # noqa: E402
 from usarsim_server.protocol.dialects import DialectSelector  # noqa: E402
@@ -50,10 +51,9 @@ from usarsim_server.protocol.numbers import (  # noqa: E402
 from usarsim_server.radio.configuration import read_radio, read_radio_file  # noqa: E402
 from usarsim_server.robots.loader import load_robot  # noqa: E402
 from usarsim_server.settings import load_settings  # noqa: E402
-from usarsim_server.worlds.avatar_classes import load_avatars  # noqa: E402
+from usarsim_server.worlds.avatars.classes import load_avatars  # noqa: E402
 from usarsim_server.worlds.loader import load_world  # noqa: E402
-from usarsim_server.worlds.object_classes import load_objects  # noqa: E402
-from usarsim_tools.record.recording import RecordError, read  # noqa: E402
+from usarsim_server.worlds.objects.classes import load_objects  # noqa: E402
 
 __all__ = ["CORPUS", "TARGETS", "Target"]
 

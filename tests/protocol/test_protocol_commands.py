@@ -5,7 +5,9 @@ from __future__ import annotations
 import pytest
 
 from usarsim_server.protocol import commands
-from usarsim_server.protocol.commands import (
+from usarsim_server.protocol.commands import interpret, is_global
+from usarsim_server.protocol.grammar import IGNORED_WORDS, KNOWN_WORDS, Command, parse_line
+from usarsim_server.protocol.requests import (
     Act,
     Control,
     Drive,
@@ -26,10 +28,7 @@ from usarsim_server.protocol.commands import (
     Sync,
     Unknown,
     WheelTarget,
-    interpret,
-    is_global,
 )
-from usarsim_server.protocol.grammar import IGNORED_WORDS, KNOWN_WORDS, Command, parse_line
 from usarsim_server.protocol.values import Dialect, Vector
 
 

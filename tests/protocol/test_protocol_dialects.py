@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from usarsim_server.protocol.commands import GetConf, GetGeo, Init, Request, interpret
+from usarsim_server.protocol.commands import interpret
 from usarsim_server.protocol.dialects import (
     FACETS,
     UDK_ONLY_CLASSES,
@@ -22,6 +22,7 @@ from usarsim_server.protocol.dialects import (
     sticky_normalized,
 )
 from usarsim_server.protocol.grammar import parse_line
+from usarsim_server.protocol.requests import GetConf, GetGeo, Init, Request
 from usarsim_server.protocol.values import Dialect
 
 UT2004, UDK = Dialect.UT2004, Dialect.UDK

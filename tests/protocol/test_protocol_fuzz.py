@@ -19,12 +19,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from usarsim_server.protocol import messages as m
-from usarsim_server.protocol.commands import Init, Request, interpret
+from usarsim_server.protocol.commands import interpret
 from usarsim_server.protocol.dialects import DialectMode, DialectSelector
 from usarsim_server.protocol.framing import LineFramer
 from usarsim_server.protocol.grammar import KNOWN_WORDS, Command, parse_line
 from usarsim_server.protocol.numbers import fixed, vector
-from usarsim_server.protocol.requests import Drive, GetConf, MultiDrive
+from usarsim_server.protocol.requests import Drive, GetConf, Init, MultiDrive, Request
 from usarsim_server.protocol.values import Dialect, Item
 
 # Bytes that look like the protocol, so that the fuzzer reaches behind the framer.

@@ -23,7 +23,7 @@ from usarsim_server.radio.picture import (
     draw_coverage,
     pixels_per_cell,
 )
-from usarsim_server.simulation.rays import RayFan, RayHits
+from usarsim_server.simulation.rays.fans import RayFan, RayHits
 
 GRID = Grid.over((0.0, 0.0), (4.0, 3.0), 1.0, 0.5)
 SOURCE_AT = (0.5, 0.5, 0.5)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from usarsim_tools.record.recording import CLIENT, DATA, END, OPEN, SERVER, Event
-from usarsim_tools.record.session_clock import SessionClock, cues
+from usarsim_record.recording import CLIENT, DATA, END, OPEN, SERVER, Event
+from usarsim_record.session_clock import SessionClock, cues
 
 
 def test_cues_follow_the_time_that_was_told() -> None:

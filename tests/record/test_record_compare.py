@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from usarsim_tools.record.compare import Row, Tolerance, compare
-from usarsim_tools.record.digest import Digest, shape_of
+from usarsim_record.compare import Row, Tolerance, compare
+from usarsim_record.digest import Digest, shape_of
 
 STREAM = "STA {{Type GroundVehicle}} {{Time {time:.2f}}} {{Battery 1200}} {{Speed {speed:.4f}}}\r\n"
 

@@ -14,10 +14,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from usarsim_record.player import play
+from usarsim_record.proxy import Proxy
+from usarsim_record.recording import Event, Link, Recording, Writer, read
 from usarsim_server.cli import main
-from usarsim_tools.record.player import play
-from usarsim_tools.record.proxy import Proxy
-from usarsim_tools.record.recording import Event, Link, Recording, Writer, read
 
 Handler = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
 

@@ -15,10 +15,10 @@ from pathlib import Path
 
 import pytest
 
+from usarsim_record.proxy import Proxy
+from usarsim_record.recording import Link, Writer, read
 from usarsim_server.cli import main
 from usarsim_server.testing import ScriptedClient, running_server
-from usarsim_tools.record.proxy import Proxy
-from usarsim_tools.record.recording import Link, Writer, read
 
 Dialogue = Callable[[dict[str, int]], None]
 

@@ -13,9 +13,9 @@ from robot_files import LEFT, SENSOR, SHAPE, table, write
 
 from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.robots.description import JointType, RobotDescription
-from usarsim_server.robots.fleet import robot_model
 from usarsim_server.robots.loader import load_robot
 from usarsim_server.robots.mjcf import build_spec
+from usarsim_server.sessions.robots import robot_model
 from usarsim_server.simulation.articulation import Grip, ToolModel
 from usarsim_server.simulation.frames import Pose, wire_from_pose
 

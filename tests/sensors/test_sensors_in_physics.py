@@ -14,10 +14,10 @@ from usarsim_server.sensors.base import Sensor
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import PhysicsOptions, RobotModel
-from usarsim_server.simulation.moving_geometry import DynamicGeometry
-from usarsim_server.simulation.raycaster import cast
+from usarsim_server.simulation.rays.cast import cast
+from usarsim_server.simulation.rays.moving import DynamicGeometry
+from usarsim_server.simulation.rays.scenery import StaticGeometry
 from usarsim_server.simulation.snapshot import RobotBody
-from usarsim_server.simulation.static_geometry import StaticGeometry
 
 RADIUS, HALF_TRACK, HALF_BASE, HALF_WIDTH = 0.11, 0.2, 0.13, 0.14
 NAMES = ("LeftFront", "RightFront", "LeftRear", "RightRear")

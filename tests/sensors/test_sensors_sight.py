@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from usarsim_server.sensors.sight import in_sight, relative, sight_lines
 from usarsim_server.simulation.frames import Pose, pose_from_wire
-from usarsim_server.simulation.rays import RayHits
+from usarsim_server.simulation.rays.fans import RayHits
 
 POINT = st.tuples(*[st.floats(-50, 50)] * 3)
 HERE = Pose((1.0, 2.0, 3.0))

@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from usarsim_server.simulation import culling
-from usarsim_server.simulation.culling import Spheres, meetings
-from usarsim_server.simulation.ray_batch import join
-from usarsim_server.simulation.rays import RayFan
+from usarsim_server.simulation.rays import culling
+from usarsim_server.simulation.rays.batch import join
+from usarsim_server.simulation.rays.culling import Spheres, meetings
+from usarsim_server.simulation.rays.fans import RayFan
 
 Array = NDArray[np.float64]
 NOBODY = -1

@@ -26,10 +26,10 @@ from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import PhysicsOptions
 from usarsim_server.simulation.movers import Mover, mocap_bodies
-from usarsim_server.simulation.moving_geometry import DynamicGeometry
-from usarsim_server.simulation.raycaster import cast
-from usarsim_server.simulation.rays import RayFan
-from usarsim_server.simulation.static_geometry import StaticGeometry
+from usarsim_server.simulation.rays.cast import cast
+from usarsim_server.simulation.rays.fans import RayFan
+from usarsim_server.simulation.rays.moving import DynamicGeometry
+from usarsim_server.simulation.rays.scenery import StaticGeometry
 
 AHEAD = np.array([[1.0, 0.0, 0.0]])
 

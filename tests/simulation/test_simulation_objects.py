@@ -26,11 +26,11 @@ from sim_fakes import (
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import PhysicsOptions
-from usarsim_server.simulation.moving_geometry import DynamicGeometry
 from usarsim_server.simulation.objects import ObjectFacts, Objects
-from usarsim_server.simulation.raycaster import cast
-from usarsim_server.simulation.rays import RayFan, RayHits
-from usarsim_server.simulation.static_geometry import StaticGeometry
+from usarsim_server.simulation.rays.cast import cast
+from usarsim_server.simulation.rays.fans import RayFan, RayHits
+from usarsim_server.simulation.rays.moving import DynamicGeometry
+from usarsim_server.simulation.rays.scenery import StaticGeometry
 
 
 def look(

@@ -26,7 +26,7 @@ from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.fitting import TOLERATED
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import PhysicsOptions, RobotModel
-from usarsim_server.simulation.rays import RayFan
+from usarsim_server.simulation.rays.fans import RayFan
 from usarsim_server.simulation.simulation import Simulation
 
 HALF = 0.2

@@ -10,8 +10,8 @@ import pytest
 
 from usarsim_server.data import data_directory
 from usarsim_server.errors import WorldError
-from usarsim_server.worlds.avatar_classes import AvatarClass, load_avatars
-from usarsim_server.worlds.avatar_models import ADULT, LIMBS, PELVIS, avatar_model, joint_of
+from usarsim_server.worlds.avatars.classes import AvatarClass, load_avatars
+from usarsim_server.worlds.avatars.models import ADULT, LIMBS, PELVIS, avatar_model, joint_of
 
 SHIPPED = load_avatars([data_directory("worlds") / "avatars.toml"])
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from usarsim_server.worlds.courses import Course
+from usarsim_server.worlds.machinery.courses import Course
 
 places = st.floats(-20.0, 20.0)
 limits = st.floats(0.05, 5.0)

@@ -28,12 +28,12 @@ from usarsim_server.simulation.frames import quaternion_from_rpy
 from usarsim_server.worlds import picture, victims
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.scene import build_scene
-from usarsim_tools.worldgen import GENERATORS, __main__, differences, files
-from usarsim_tools.worldgen.arena import MAZE
-from usarsim_tools.worldgen.mjcf import Movable, Scene, number, turned
-from usarsim_tools.worldgen.sheet import PELVIS_HEIGHT, GeneratedWorld
-from usarsim_tools.worldgen.terrain import incline, ramp_rise, symmetric_heights
-from usarsim_tools.worldgen.walls import WallSize, door, wall, window
+from usarsim_worldgen import GENERATORS, __main__, differences, files
+from usarsim_worldgen.arena import MAZE
+from usarsim_worldgen.mjcf import Movable, Scene, number, turned
+from usarsim_worldgen.sheet import PELVIS_HEIGHT, GeneratedWorld
+from usarsim_worldgen.terrain import incline, ramp_rise, symmetric_heights
+from usarsim_worldgen.walls import WallSize, door, wall, window
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -55,7 +55,7 @@ def test_every_generator_has_a_folder() -> None:
 def test_generators_are_deterministic() -> None:
     """Two runs write the same bytes, also with another hash seed."""
     program = (
-        "import hashlib; from usarsim_tools.worldgen import files; "
+        "import hashlib; from usarsim_worldgen import files; "
         "print(hashlib.sha256(repr(sorted(files('arena').items())).encode()).hexdigest())"
     )
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "PYTHONHASHSEED": "77"}

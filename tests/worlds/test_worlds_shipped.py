@@ -13,10 +13,11 @@ import pytest
 from shipped_worlds import NAMES, Built, build
 
 from usarsim_server.simulation.frames import rpy_from_quaternion
+from usarsim_server.worlds.life import PARTS
 from usarsim_server.worlds.loader import load_world
-from usarsim_server.worlds.machinery import Spring
+from usarsim_server.worlds.machinery.machinery import Spring
 from usarsim_server.worlds.scene import build_scene, movable_bodies
-from usarsim_server.worlds.victims import PARTS, part_of
+from usarsim_server.worlds.victims import part_of
 
 STEP = 0.2
 """Grid of the reachability search, m."""

@@ -16,7 +16,7 @@ __all__ = ["GROUP", "create_effector", "create_effectors", "effector_types", "re
 GROUP = "usarsim_server.effectors"
 """Entry point group for effector types of other packages."""
 
-TYPES: PluginTypes[Effector] = PluginTypes("effector", Effector, package, GROUP)
+TYPES: PluginTypes[Effector] = PluginTypes("effector", Effector, (package,), GROUP)
 
 register_effector = TYPES.register
 """Class decorator: make an effector available under these types of a robot file."""

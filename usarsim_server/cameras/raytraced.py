@@ -25,7 +25,7 @@ from usarsim_server.cameras.solids import (
 )
 from usarsim_server.cameras.stage import Stage
 from usarsim_server.cameras.viewpoint import Eye
-from usarsim_server.simulation.tessellation import shape_key
+from usarsim_server.simulation.rays.tessellation import shape_key
 
 __all__ = ["RayBackend"]
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from usarsim_server.cameras.backend import NEAR
 from usarsim_server.simulation.model import SHELF_NAME
-from usarsim_server.simulation.tessellation import triangles
+from usarsim_server.simulation.rays.tessellation import triangles
 
 __all__ = ["Hits", "Solid", "body_solid", "is_solid", "scenery"]
 

@@ -1,30 +1,63 @@
-"""The `usarsim` command: one file per subcommand in this folder.
+"""The `usarsim` command: one file per subcommand, in this folder or named by an entry point.
 
-A file of this folder that defines `add_parser(subparsers)` is a subcommand; no list has to be
-kept. `add_parser` adds one parser and sets its default `run`, a function from the parsed
-arguments to the exit code. Heavy imports belong inside `run`, so that `--help` is quick.
+A file of this folder whose docstring begins with "`usarsim NAME`: what it does." is a subcommand;
+so is a module that a package names in the entry point group `usarsim.commands`. It defines
+`add_parser(subparsers)`, which adds one parser and sets its default `run`, a function from the
+parsed arguments to the exit code. Only the subcommand that is called is imported.
 """
 
 from __future__ import annotations
 
 import argparse
 import importlib
+import importlib.util
 import os
 import pkgutil
+import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from importlib.metadata import entry_points
 
 from usarsim_server import __version__
 from usarsim_server.errors import UsarsimError
 
-__all__ = ["build_parser", "main"]
+__all__ = ["GROUP", "build_parser", "main"]
+
+GROUP = "usarsim.commands"
+"""Entry point group of subcommands: name and module."""
 
 _INTERRUPTED = 130
 """Exit code of a shell command ended by Ctrl-C."""
 
+_TITLE = re.compile(r'"""`usarsim (?P<name>[a-z-]+)`: (?P<help>[^\n]*?)\.?(?:"""|\n)')
+"""How the docstring of a subcommand's module begins."""
 
-def build_parser() -> argparse.ArgumentParser:
-    """The parser of the whole command line; the documentation is made from it too."""
+
+def _commands() -> Iterator[tuple[str, str, str]]:
+    """Name, one line of help and module of every subcommand; none of them is imported."""
+    own = {entry.name for entry in pkgutil.iter_modules(__path__)}
+    modules = {f"{__name__}.{name}" for name in own}
+    modules |= {point.value for point in entry_points(group=GROUP)}
+    for module in modules:
+        try:
+            spec = importlib.util.find_spec(module)
+        except ImportError:
+            continue
+        if spec is None or spec.origin is None:
+            continue
+        with open(spec.origin, encoding="utf-8") as file:
+            title = _TITLE.match(file.read(400))
+        if title is not None:
+            yield title["name"], title["help"], module
+
+
+def build_parser(called: Iterable[str] | None = None) -> argparse.ArgumentParser:
+    """The parser of the command line; the documentation is made from it too.
+
+    Args:
+        called: the subcommands whose options are wanted; the others are named only. None stands
+            for all.
+    """
     parser = argparse.ArgumentParser(
         prog="usarsim",
         description="Legacy USARSim robot controllers drive robots in a MuJoCo world.",
@@ -32,13 +65,12 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"usarsim-server {__version__}")
     subparsers = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for entry in sorted(pkgutil.iter_modules(__path__), key=lambda entry: entry.name):
-        if entry.name.startswith("_"):
-            continue
-        module = importlib.import_module(f"{__name__}.{entry.name}")
-        add_parser = getattr(module, "add_parser", None)
-        if add_parser is not None:
-            add_parser(subparsers)
+    wanted = None if called is None else set(called)
+    for name, help, module in sorted(_commands()):
+        if wanted is None or name in wanted:
+            importlib.import_module(module).add_parser(subparsers)
+        else:
+            subparsers.add_parser(name, help=help)
     return parser
 
 
@@ -54,7 +86,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     Raises:
         SystemExit: from argparse, after `--help` (code 0) or unknown arguments (code 2).
     """
-    arguments = build_parser().parse_args(argv)
+    words = sys.argv[1:] if argv is None else argv
+    called = [word for word in words if not word.startswith("-")][:1]
+    arguments = build_parser(called).parse_args(argv)
     try:
         code: int = arguments.run(arguments)
         sys.stdout.flush()

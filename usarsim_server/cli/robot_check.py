@@ -17,7 +17,7 @@ from usarsim_server.protocol.values import Dialect
 
 if TYPE_CHECKING:
     from usarsim_server.robots.loader import RobotFile
-    from usarsim_server.validation.garage import Rest, TestDrive
+    from usarsim_server.testing.test_drive import Rest, TestDrive
 
 __all__ = ["check", "save"]
 
@@ -39,7 +39,7 @@ def check(path: Path, folders: Sequence[Path], picture: Path | None) -> int:
         RobotDescriptionError: if the file or one that it extends cannot be used.
         UsarsimError: if the robot does not stand and drive as it should.
     """
-    from usarsim_server.validation.garage import TestDrive
+    from usarsim_server.testing.test_drive import TestDrive
 
     logs.configure("error")
     file = _load(path, folders)

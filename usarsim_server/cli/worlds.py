@@ -15,8 +15,9 @@ from usarsim_server.cli.common import (
     table,
 )
 from usarsim_server.simulation.frames import Pose, flip_point, wire_from_pose
-from usarsim_server.worlds.description import Smoke, Surface, WorldDescription, Zone
-from usarsim_server.worlds.machinery import Machinery, Spring
+from usarsim_server.simulation.surfaces import Surface
+from usarsim_server.worlds.description import Smoke, WorldDescription, Zone
+from usarsim_server.worlds.machinery.machinery import Machinery, Spring
 
 __all__ = ["add_parser", "run"]
 

@@ -15,11 +15,11 @@ import numpy as np
 from usarsim_server.app import Assembly, assemble
 from usarsim_server.cameras.backend import Quality
 from usarsim_server.cameras.painter import Painter, PainterOptions
-from usarsim_server.robots.fleet import Vehicle
+from usarsim_server.sessions.robots import Vehicle
 from usarsim_server.settings import Settings
 from usarsim_server.simulation.frames import Pose
-from usarsim_server.simulation.raycaster import RayQuery
-from usarsim_server.simulation.rays import RayFan
+from usarsim_server.simulation.rays.cast import RayQuery
+from usarsim_server.simulation.rays.fans import RayFan
 from usarsim_server.simulation.snapshot import Snapshot
 
 __all__ = ["CLASS", "Team"]
@@ -172,7 +172,7 @@ class Team:
         simulation.run_until(simulation.look().time + seconds)
 
     def _command(self) -> None:
-        """Two new commands a second for each robot, as `validation/stepping.py` gives them."""
+        """Two new commands a second for each robot, as the benchmark of steps gives them."""
         for vehicle in self._vehicles:
             if self._dice.random() < 2.0 * CHUNK:
                 self._steer(vehicle)

@@ -15,7 +15,7 @@ from usarsim_server.protocol.values import Vector
 from usarsim_server.radio.propagation import Propagation
 from usarsim_server.radio.station import ObstacleCounter
 from usarsim_server.simulation.frames import flip_point
-from usarsim_server.simulation.rays import RayFan, RayHits
+from usarsim_server.simulation.rays.fans import RayFan, RayHits
 
 __all__ = ["Coverage", "Grid", "Walls", "find_walls", "survey"]
 

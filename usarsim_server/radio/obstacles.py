@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from usarsim_server.protocol.values import Vector
-from usarsim_server.simulation.rays import Array, SceneryHit
+from usarsim_server.simulation.rays.fans import Array, SceneryHit
 from usarsim_server.worlds.victims import part_of
 
 __all__ = ["FAR", "MOST", "STRIDE", "SceneryObstacles", "SceneryTracer"]

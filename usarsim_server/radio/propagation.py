@@ -109,7 +109,7 @@ class LogDistance:
         return math.inf if decades > 300.0 else float(self.distance * 10.0**decades)
 
 
-TYPES: PluginTypes[Propagation] = PluginTypes("propagation", Propagation, package, GROUP)
+TYPES: PluginTypes[Propagation] = PluginTypes("propagation", Propagation, (package,), GROUP)
 
 register = TYPES.register
 """Class decorator: make a model available under these names."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from usarsim_server.radio.station import Station, StationSource
-from usarsim_server.robots.fleet import Vehicle
+from usarsim_server.sessions.robots import Vehicle
 from usarsim_server.simulation.snapshot import Snapshot
 
 __all__ = ["stations_of"]

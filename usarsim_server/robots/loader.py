@@ -15,9 +15,12 @@ from usarsim_server.data import data_directory
 from usarsim_server.errors import RobotDescriptionError, at
 from usarsim_server.files import is_folder
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots import camera_parts, limb_parts, model_files, parts
+from usarsim_server.robots import model_files
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.families.registry import families, find_family
+from usarsim_server.robots.reading import cameras as camera_parts
+from usarsim_server.robots.reading import limbs as limb_parts
+from usarsim_server.robots.reading import parts
 from usarsim_server.robots.tables import TableReader, read_toml
 
 __all__ = ["Library", "RobotFile", "load_robot"]

@@ -29,9 +29,9 @@ from usarsim_server.robots.description import (
     Mesh,
     Shape,
 )
-from usarsim_server.robots.limb_parts import DEFAULT_SPEED, DEFAULT_TORQUE, NAME
 from usarsim_server.robots.model_sources import load_model
-from usarsim_server.robots.parts import FASTEST, HEAVIEST, RESERVED_NAMES
+from usarsim_server.robots.reading.limbs import DEFAULT_SPEED, DEFAULT_TORQUE, NAME
+from usarsim_server.robots.reading.parts import FASTEST, HEAVIEST, RESERVED_NAMES
 from usarsim_server.robots.tables import TableReader, nearest
 from usarsim_server.simulation.frames import IDENTITY, Pose
 

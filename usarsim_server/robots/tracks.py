@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 from usarsim_server.protocol.values import Vector
 from usarsim_server.robots.description import ActuatorDescription, Color, home_pose
-from usarsim_server.robots.parts import LONGEST, read_color, read_link
+from usarsim_server.robots.reading.parts import LONGEST, read_color, read_link
 from usarsim_server.robots.tables import TableReader
 from usarsim_server.simulation.frames import Pose, flip_point
 

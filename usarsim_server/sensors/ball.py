@@ -19,7 +19,7 @@ from usarsim_server.sensors.human_motion import within_cone
 from usarsim_server.sensors.registry import register
 from usarsim_server.sensors.sight import in_sight, sight_lines
 from usarsim_server.simulation.frames import flip_point
-from usarsim_server.simulation.rays import RayFan, RayHits
+from usarsim_server.simulation.rays.fans import RayFan, RayHits
 from usarsim_server.simulation.snapshot import RobotState
 
 __all__ = ["BallHelper"]

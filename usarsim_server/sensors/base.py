@@ -20,7 +20,7 @@ from usarsim_server.robots.description import ItemDescription, RobotDescription
 from usarsim_server.sensors.parameters import Parameters
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.objects import ObjectFacts
-from usarsim_server.simulation.rays import RayFan, RayHits
+from usarsim_server.simulation.rays.fans import RayFan, RayHits
 from usarsim_server.simulation.snapshot import RobotState, Snapshot
 from usarsim_server.worlds.description import WorldDescription
 from usarsim_server.worlds.smoke import SmokeField

@@ -8,7 +8,7 @@ from typing import ClassVar
 from usarsim_server.protocol.values import Dialect, Segment
 from usarsim_server.sensors.base import Sensor
 from usarsim_server.sensors.registry import register
-from usarsim_server.simulation.rays import RayHits
+from usarsim_server.simulation.rays.fans import RayHits
 from usarsim_server.simulation.snapshot import RobotState
 
 __all__ = ["Battery"]

@@ -14,7 +14,7 @@ from usarsim_server.robots.description import ItemDescription, RobotDescription
 from usarsim_server.sensors.base import Sensor, SensorContext, SetResult
 from usarsim_server.sensors.registry import register
 from usarsim_server.sensors.wheels import front_wheel, has_wheel_sensors
-from usarsim_server.simulation.rays import RayHits
+from usarsim_server.simulation.rays.fans import RayHits
 from usarsim_server.simulation.snapshot import RobotState
 
 __all__ = ["Encoder"]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.simulation.frames import Pose, flip_point
-from usarsim_server.simulation.rays import RayFan
+from usarsim_server.simulation.rays.fans import RayFan
 
 __all__ = ["AHEAD", "cone_directions", "fan_at", "wire_directions"]
 

@@ -15,7 +15,7 @@ from usarsim_server.robots.description import ItemDescription
 from usarsim_server.sensors.base import NOWHERE, Sensor, SensorContext
 from usarsim_server.sensors.registry import register
 from usarsim_server.simulation.frames import flip_point
-from usarsim_server.simulation.rays import RayFan, RayHits
+from usarsim_server.simulation.rays.fans import RayFan, RayHits
 from usarsim_server.simulation.snapshot import RobotState
 from usarsim_server.worlds.description import WorldDescription
 

@@ -13,7 +13,7 @@ from usarsim_server.sensors.angles import each_turn
 from usarsim_server.sensors.base import Sensor, SensorContext
 from usarsim_server.sensors.registry import register
 from usarsim_server.simulation.frames import IDENTITY, wire_from_pose
-from usarsim_server.simulation.rays import RayHits
+from usarsim_server.simulation.rays.fans import RayHits
 from usarsim_server.simulation.snapshot import RobotState
 
 __all__ = ["GroundTruth", "GroundTruthMovable"]

@@ -11,7 +11,7 @@ from usarsim_server.robots.description import ItemDescription
 from usarsim_server.sensors.base import Sensor, SensorContext
 from usarsim_server.sensors.registry import register
 from usarsim_server.simulation.frames import wire_from_pose, wrap_signed
-from usarsim_server.simulation.rays import RayHits
+from usarsim_server.simulation.rays.fans import RayHits
 from usarsim_server.simulation.snapshot import RobotState
 
 __all__ = ["Altimeter", "MagneticCompass", "MissionTime"]

@@ -18,7 +18,7 @@ from usarsim_server.sensors.base import Sensor, SensorContext
 from usarsim_server.sensors.registry import register
 from usarsim_server.sensors.sight import in_sight, relative, sight_lines
 from usarsim_server.simulation.frames import Pose
-from usarsim_server.simulation.rays import RayFan, RayHits
+from usarsim_server.simulation.rays.fans import RayFan, RayHits
 from usarsim_server.simulation.snapshot import RobotState
 
 __all__ = ["HumanMotionSensor", "within_cone"]

@@ -17,7 +17,7 @@ from usarsim_server.sensors.angles import ANGLE_UNIT, angle_difference, each_tur
 from usarsim_server.sensors.base import NOWHERE, Sensor, SensorContext, SetResult
 from usarsim_server.sensors.registry import register
 from usarsim_server.simulation.frames import Vector, wire_from_pose
-from usarsim_server.simulation.rays import RayHits
+from usarsim_server.simulation.rays.fans import RayHits
 from usarsim_server.simulation.snapshot import RobotState
 
 __all__ = ["InertialNavigation"]

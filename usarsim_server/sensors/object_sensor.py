@@ -18,7 +18,7 @@ from usarsim_server.sensors.range_scanner import MIN_RESOLUTION, beam_count
 from usarsim_server.sensors.registry import register
 from usarsim_server.simulation.frames import Vector, flip_point, wire_from_pose
 from usarsim_server.simulation.objects import ObjectFacts
-from usarsim_server.simulation.rays import RayFan, RayHits
+from usarsim_server.simulation.rays.fans import RayFan, RayHits
 from usarsim_server.simulation.snapshot import RobotState
 
 __all__ = ["ObjectSensor"]

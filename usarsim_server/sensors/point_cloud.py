@@ -21,7 +21,7 @@ from usarsim_server.sensors.fans import AHEAD, fan_at, wire_directions
 from usarsim_server.sensors.point_lists import point_texts, wire_points
 from usarsim_server.sensors.ranging import Ranging
 from usarsim_server.sensors.registry import register
-from usarsim_server.simulation.rays import RayFan, RayHits
+from usarsim_server.simulation.rays.fans import RayFan, RayHits
 from usarsim_server.simulation.snapshot import RobotState
 
 __all__ = ["RotatingPointCloudScanner", "SonarArray"]

@@ -22,7 +22,7 @@ from usarsim_server.sensors.base import SensorContext, SetResult
 from usarsim_server.sensors.fans import fan_at, wire_directions
 from usarsim_server.sensors.ranging import Ranging
 from usarsim_server.sensors.registry import register
-from usarsim_server.simulation.rays import RayFan, RayHits
+from usarsim_server.simulation.rays.fans import RayFan, RayHits
 from usarsim_server.simulation.snapshot import RobotState
 
 __all__ = ["RangeImager"]

@@ -23,7 +23,7 @@ from usarsim_server.sensors.fans import fan_at, wire_directions
 from usarsim_server.sensors.ranging import Ranging
 from usarsim_server.sensors.registry import register
 from usarsim_server.sensors.smoke import SmokeSight
-from usarsim_server.simulation.rays import RayFan, RayHits
+from usarsim_server.simulation.rays.fans import RayFan, RayHits
 from usarsim_server.simulation.snapshot import RobotState
 
 __all__ = ["Hokuyo", "InfraredScanner", "RangeScanner", "Sick", "beam_count"]

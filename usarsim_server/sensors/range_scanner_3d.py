@@ -18,7 +18,7 @@ from usarsim_server.sensors.fans import fan_at, wire_directions
 from usarsim_server.sensors.range_scanner import MIN_RESOLUTION, beam_count
 from usarsim_server.sensors.ranging import Ranging
 from usarsim_server.sensors.registry import register
-from usarsim_server.simulation.rays import RayFan, RayHits
+from usarsim_server.simulation.rays.fans import RayFan, RayHits
 from usarsim_server.simulation.snapshot import RobotState
 
 __all__ = ["RangeScanner3D", "ThreeDRangeScanner"]

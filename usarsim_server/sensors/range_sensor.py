@@ -12,7 +12,7 @@ from usarsim_server.sensors.fans import AHEAD, fan_at
 from usarsim_server.sensors.ranging import SingleRange
 from usarsim_server.sensors.registry import register
 from usarsim_server.sensors.smoke import SmokeSight
-from usarsim_server.simulation.rays import RayFan, RayHits
+from usarsim_server.simulation.rays.fans import RayFan, RayHits
 from usarsim_server.simulation.snapshot import RobotState
 
 __all__ = ["InfraredSensor", "RangeSensor"]

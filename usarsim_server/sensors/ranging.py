@@ -13,7 +13,7 @@ from usarsim_server.protocol.numbers import fixed
 from usarsim_server.protocol.values import Dialect, Segment
 from usarsim_server.robots.description import ItemDescription
 from usarsim_server.sensors.base import Sensor, SensorContext
-from usarsim_server.simulation.rays import RayHits
+from usarsim_server.simulation.rays.fans import RayHits
 from usarsim_server.simulation.snapshot import RobotState
 
 __all__ = ["Ranging", "SingleRange"]

@@ -16,7 +16,7 @@ __all__ = ["GROUP", "create_sensor", "register", "sensor_types"]
 GROUP = "usarsim_server.sensors"
 """Entry point group for sensor types of other packages."""
 
-TYPES: PluginTypes[Sensor] = PluginTypes("sensor", Sensor, package, GROUP)
+TYPES: PluginTypes[Sensor] = PluginTypes("sensor", Sensor, (package,), GROUP)
 
 register = TYPES.register
 """Class decorator: make a sensor available under these types of a robot file."""

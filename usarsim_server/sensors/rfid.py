@@ -16,7 +16,7 @@ from usarsim_server.robots.description import ItemDescription
 from usarsim_server.sensors.base import Sensor, SensorContext, SetReply, SetResult
 from usarsim_server.sensors.registry import register
 from usarsim_server.sensors.sight import in_sight, relative, sight_lines
-from usarsim_server.simulation.rays import RayFan, RayHits
+from usarsim_server.simulation.rays.fans import RayFan, RayHits
 from usarsim_server.simulation.snapshot import RobotState
 from usarsim_server.worlds.description import RfidTag
 from usarsim_server.worlds.surroundings import LiveVictim

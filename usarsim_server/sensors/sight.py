@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from usarsim_server.protocol.values import Vector
 from usarsim_server.simulation.frames import Pose, flip_point
-from usarsim_server.simulation.rays import RayFan, RayHits
+from usarsim_server.simulation.rays.fans import RayFan, RayHits
 from usarsim_server.worlds.victims import part_of
 
 __all__ = ["in_sight", "relative", "sight_lines"]

@@ -22,7 +22,7 @@ from usarsim_server.sensors.base import SensorContext
 from usarsim_server.sensors.fans import cone_directions, fan_at
 from usarsim_server.sensors.ranging import SingleRange
 from usarsim_server.sensors.registry import register
-from usarsim_server.simulation.rays import RayFan, RayHits
+from usarsim_server.simulation.rays.fans import RayFan, RayHits
 from usarsim_server.simulation.snapshot import RobotState
 
 __all__ = ["Sonar"]

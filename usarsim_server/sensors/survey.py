@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.sensors.assembly import sen_lines
 from usarsim_server.sensors.base import Sensor
-from usarsim_server.simulation.rays import RayFan, RayHits
+from usarsim_server.simulation.rays.fans import RayFan, RayHits
 from usarsim_server.simulation.snapshot import RobotState
 
 __all__ = ["Survey"]

@@ -15,7 +15,7 @@ from usarsim_server.robots.description import ItemDescription
 from usarsim_server.sensors.base import Sensor, SensorContext
 from usarsim_server.sensors.fans import AHEAD, fan_at
 from usarsim_server.sensors.registry import register
-from usarsim_server.simulation.rays import RayFan, RayHits
+from usarsim_server.simulation.rays.fans import RayFan, RayHits
 from usarsim_server.simulation.snapshot import RobotState
 
 __all__ = ["PROBE_DEPTH", "Touch", "disc_probes"]

@@ -21,7 +21,7 @@ from usarsim_server.sensors.fans import fan_at, wire_directions
 from usarsim_server.sensors.registry import register
 from usarsim_server.sensors.sight import relative
 from usarsim_server.simulation.frames import Pose
-from usarsim_server.simulation.rays import RayFan, RayHits
+from usarsim_server.simulation.rays.fans import RayFan, RayHits
 from usarsim_server.simulation.snapshot import RobotState
 from usarsim_server.worlds.description import FalseAlarm
 from usarsim_server.worlds.life import PARTS

@@ -19,8 +19,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.simulation.culling import bounding_spheres
 from usarsim_server.simulation.frames import Pose
+from usarsim_server.simulation.rays.culling import bounding_spheres
 
 __all__ = ["Mover", "MovingBodies", "Way", "carry_over", "mocap_bodies"]
 

@@ -32,11 +32,11 @@ from usarsim_server.simulation.model import (
 )
 from usarsim_server.simulation.movers import Mover, Way
 from usarsim_server.simulation.objects import ObjectFacts
-from usarsim_server.simulation.raycaster import RayQuery, cast, cast_all, cast_scenery
-from usarsim_server.simulation.rays import RayFan, RayHits, SceneryHit
+from usarsim_server.simulation.rays.cast import RayQuery, cast, cast_all, cast_scenery
+from usarsim_server.simulation.rays.fans import RayFan, RayHits, SceneryHit
+from usarsim_server.simulation.rays.scenery import StaticGeometry
 from usarsim_server.simulation.slots import SlotLimits, Slots, always, compiled
 from usarsim_server.simulation.snapshot import RobotBody, Snapshot
-from usarsim_server.simulation.static_geometry import StaticGeometry
 
 __all__ = ["Simulation", "SimulationOptions"]
 

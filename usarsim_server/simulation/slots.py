@@ -28,8 +28,8 @@ from usarsim_server.simulation.growth import Growth
 from usarsim_server.simulation.mailbox import Mailbox
 from usarsim_server.simulation.memory import shortage, trim
 from usarsim_server.simulation.model import JOINT_WIDTH, VACANT, CompiledWorld, RobotModel
-from usarsim_server.simulation.moving_geometry import DynamicGeometry
 from usarsim_server.simulation.placement import Placement
+from usarsim_server.simulation.rays.moving import DynamicGeometry
 from usarsim_server.simulation.snapshot import Snapshot
 
 __all__ = ["SlotLimits", "Slots", "always", "compiled"]

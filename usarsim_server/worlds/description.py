@@ -12,7 +12,7 @@ from pathlib import Path
 
 from usarsim_server.simulation.frames import Pose, Vector, wire_from_pose
 from usarsim_server.simulation.surfaces import Surface
-from usarsim_server.worlds.machinery import Machinery
+from usarsim_server.worlds.machinery.machinery import Machinery
 
 __all__ = [
     "FalseAlarm",

@@ -30,7 +30,7 @@ from usarsim_server.worlds.description import (
     Zone,
 )
 from usarsim_server.worlds.life import read_false_alarm, read_sound, read_tag, traits_of
-from usarsim_server.worlds.machine_tables import read_machinery
+from usarsim_server.worlds.machinery.reading import read_machinery
 from usarsim_server.worlds.media import read_smoke, read_surface
 from usarsim_server.worlds.tables import Table
 from usarsim_server.worlds.victims import POSTURES

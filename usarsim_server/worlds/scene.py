@@ -12,8 +12,9 @@ from usarsim_server.errors import WorldError
 from usarsim_server.files import Folders, read_regular
 from usarsim_server.model_check import check_model
 from usarsim_server.simulation.bounds import add_bounds
-from usarsim_server.worlds.description import Surface, WorldDescription
-from usarsim_server.worlds.machine_bodies import add_machinery
+from usarsim_server.simulation.surfaces import Surface
+from usarsim_server.worlds.description import WorldDescription
+from usarsim_server.worlds.machinery.bodies import add_machinery
 from usarsim_server.worlds.victims import add_victim
 
 __all__ = ["build_scene", "movable_bodies"]

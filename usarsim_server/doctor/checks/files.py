@@ -18,8 +18,12 @@ if TYPE_CHECKING:
 
 __all__ = ["PLUGIN_GROUPS", "judge_plugin", "judge_robots", "judge_worlds"]
 
-PLUGIN_GROUPS = tuple(
-    f"usarsim_server.{kind}" for kind in ("sensors", "effectors", "propagation", "importers")
+PLUGIN_GROUPS = (
+    "usarsim_server.sensors",
+    "usarsim_server.effectors",
+    "usarsim_server.families",
+    "usarsim_server.propagation",
+    "usarsim_maps.readers",
 )
 
 

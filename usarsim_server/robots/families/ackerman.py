@@ -19,7 +19,6 @@ import numpy as np
 
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots import parts
 from usarsim_server.robots.description import (
     ActuatorDescription,
     DriveDescription,
@@ -32,6 +31,7 @@ from usarsim_server.robots.drive import SpeedScale
 from usarsim_server.robots.families.base import Conduct, Machine, StatusFacts
 from usarsim_server.robots.families.registry import register_family
 from usarsim_server.robots.families.wheeled import WheelConduct, WheeledFamily
+from usarsim_server.robots.reading import parts
 from usarsim_server.robots.tables import TableReader
 from usarsim_server.simulation.articulation import JointOrder, Order
 from usarsim_server.simulation.frames import Pose

@@ -185,7 +185,7 @@ class Family(ABC):
         Raises:
             RobotDescriptionError: if it cannot be used.
         """
-        from usarsim_server.robots import parts
+        from usarsim_server.robots.reading import parts
 
         if wheels:
             return parts.read_report(table, wheels, actuators, mass, drive, parent)

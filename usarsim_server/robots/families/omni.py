@@ -9,7 +9,6 @@ import numpy as np
 
 from usarsim_server.protocol.requests import Drive, WheelTarget
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots import parts
 from usarsim_server.robots.description import (
     ActuatorDescription,
     DriveDescription,
@@ -26,6 +25,7 @@ from usarsim_server.robots.families.ackerman import (
 from usarsim_server.robots.families.base import Conduct, Machine
 from usarsim_server.robots.families.registry import register_family
 from usarsim_server.robots.families.wheeled import WheeledFamily
+from usarsim_server.robots.reading import parts
 from usarsim_server.robots.tables import TableReader
 from usarsim_server.simulation.articulation import JointOrder, Order
 

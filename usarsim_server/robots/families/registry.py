@@ -18,7 +18,7 @@ __all__ = ["GROUP", "TYPES", "families", "family_of", "find_family", "register_f
 GROUP = "usarsim_server.families"
 """Entry point group for families of other packages."""
 
-TYPES: PluginTypes[Family] = PluginTypes("vehicle", Family, package, GROUP)
+TYPES: PluginTypes[Family] = PluginTypes("vehicle", Family, (package,), GROUP)
 
 register_family = TYPES.register
 """Class decorator: make a family available under these kinds of a robot file."""

@@ -8,11 +8,11 @@ from typing import ClassVar
 from usarsim_server.protocol import messages
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots import parts
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.drive import WheelDrive
 from usarsim_server.robots.families.base import Conduct, Family, Machine, StatusFacts
 from usarsim_server.robots.families.registry import register_family
+from usarsim_server.robots.reading import parts
 
 __all__ = ["SkidSteer", "WheelConduct", "WheeledFamily"]
 

@@ -1,0 +1,16 @@
+"""A workshop that all acceptance tests share, so that equal turns are driven only once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from usarsim_bench.fidelity.workshop import Workshop
+
+
+@pytest.fixture(scope="session")
+def shop() -> Iterator[Workshop]:
+    """Test scenes and special robots; turns are watched for a third of the time of the bench."""
+    with Workshop(turn_seconds=3.0) as workshop:
+        yield workshop

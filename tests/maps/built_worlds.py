@@ -1,0 +1,138 @@
+"""Helpers of this room's tests: scenes built in memory, rays and probes into them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_maps.build.builder import Built, build
+from usarsim_maps.findings import Findings
+from usarsim_maps.reader import Context, ImportOptions, read_scene
+from usarsim_maps.scene import Mesh, Part, Scene, SceneObject, Source, Start
+from usarsim_server.simulation.frames import IDENTITY, Pose, Vector
+from usarsim_server.simulation.model import PhysicsOptions
+from usarsim_server.simulation.rays.fans import RayFan
+from usarsim_server.simulation.simulation import Simulation, SimulationOptions
+from usarsim_server.worlds.description import WorldDescription
+from usarsim_server.worlds.loader import load_world
+from usarsim_server.worlds.scene import build_scene
+
+Array = NDArray[np.float64]
+
+AXES = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=float)
+
+
+class World:
+    """A built world folder, compiled."""
+
+    def __init__(self, built: Built, findings: Findings, scene: Scene) -> None:
+        self.built = built
+        self.findings = findings
+        self.scene = scene
+        self.description: WorldDescription = load_world(built.folder)
+        self.simulation = Simulation(
+            lambda: build_scene(self.description),
+            SimulationOptions(
+                physics=PhysicsOptions(),
+                speed=float("inf"),
+                lower=self.description.lower,
+                upper=self.description.upper,
+            ),
+        )
+        self.model: mujoco.MjModel = build_scene(self.description).compile()
+
+    def rays(self, origin: Vector, directions: Array = AXES) -> Array:
+        """Distances that a sensor at a place would measure."""
+        fan = RayFan(np.array(origin, dtype=float), np.asarray(directions, dtype=float), 1000.0)
+        return self.simulation.cast([fan], self.simulation.look(), None)[0].distances
+
+    def names(self, origin: Vector, direction: Vector) -> str | None:
+        """Name of what a ray meets."""
+        fan = RayFan(np.array(origin), np.array([direction], dtype=float), 1000.0, identify=True)
+        names = self.simulation.cast([fan], self.simulation.look(), None)[0].names
+        assert names is not None
+        return names[0]
+
+    def solid_rays(self, origin: Vector, directions: Array = AXES) -> Array:
+        """Distances to collision geometry, by MuJoCo's own rays."""
+        data = mujoco.MjData(self.model)
+        mujoco.mj_forward(self.model, data)
+        groups = np.array([0, 0, 0, 1, 0, 0], dtype=np.uint8)
+        geom = np.zeros(1, dtype=np.int32)
+        found = [
+            mujoco.mj_ray(self.model, data, np.array(origin), way, groups, 1, -1, geom, None)
+            for way in np.asarray(directions, dtype=float)
+        ]
+        return np.array([way if way >= 0.0 else np.inf for way in found])
+
+    def texts(self) -> str:
+        """All warnings in one text."""
+        return "\n".join(f"{w.subject}: {w.text}" for w in self.findings.warnings())
+
+
+def import_text(folder: Path, text: str, name: str = "map.t3d", **options: object) -> World:
+    """Write a map file, read and build it."""
+    source = folder / name
+    source.write_text(text, encoding="utf-8")
+    findings = Findings()
+    chosen = ImportOptions(**options)  # type: ignore[arg-type]
+    return build_world(folder, read_scene(source, Context(chosen, findings)), findings)
+
+
+def build_world(folder: Path, scene: Scene, findings: Findings | None = None) -> World:
+    """Build a scene into a fresh folder."""
+    findings = findings or Findings()
+    number = len(list(folder.glob("built*")))
+    place = folder / f"built{number}"
+    place.mkdir(parents=True)
+    return World(build(scene, place, findings), findings, scene)
+
+
+def scene_of(*objects: SceneObject, starts: Sequence[Start] = (), **more: object) -> Scene:
+    """A scene of objects."""
+    source = Source(Path("map.test"), "test")
+    return Scene(source, objects=objects, starts=tuple(starts), **more)  # type: ignore[arg-type]
+
+
+def mesh_of(
+    vertices: Sequence[Sequence[float]] | Array,
+    triangles: Sequence[Sequence[int]] | NDArray[np.int32],
+    **more: object,
+) -> Mesh:
+    """A mesh from lists."""
+    corners = np.array(vertices, dtype=float).reshape(-1, 3)
+    return Mesh("mesh", corners, np.array(triangles, dtype=np.int32).reshape(-1, 3), **more)  # type: ignore[arg-type]
+
+
+def thing(mesh: Mesh, name: str = "thing", pose: Pose = IDENTITY, **more: object) -> SceneObject:
+    """An object of one mesh; keywords go to the object."""
+    return SceneObject(name, (Part(mesh),), pose, **more)  # type: ignore[arg-type]
+
+
+def cuboid_mesh(low: Vector, high: Vector, inward: bool = False) -> Mesh:
+    """A closed box of twelve triangles."""
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
+    vertices = np.array(low) + corners * (np.array(high) - np.array(low))
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    triangles = [t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))]
+    turned = np.array(triangles, dtype=np.int32)[:, :: -1 if inward else 1]
+    return mesh_of(vertices, turned)
+
+
+def grid_mesh(columns: int, rows: int, size: float, heights: Array | None = None) -> Mesh:
+    """A floor of columns x rows squares, two triangles each, around the origin."""
+    x, y = np.meshgrid(
+        np.linspace(-size / 2, size / 2, columns + 1), np.linspace(-size / 2, size / 2, rows + 1)
+    )
+    z = np.zeros_like(x) if heights is None else heights
+    vertices = np.stack([x, y, z], axis=-1).reshape(-1, 3)
+    index = np.arange((columns + 1) * (rows + 1)).reshape(rows + 1, columns + 1)
+    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
+    triangles = np.concatenate(
+        [np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)]
+    )
+    return mesh_of(vertices, triangles.astype(np.int32))

@@ -1,0 +1,452 @@
+"""Scenes into worlds: what is seen, what is felt, what is told (worlds reference 13)."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from built_worlds import (
+    AXES,
+    build_world,
+    cuboid_mesh,
+    grid_mesh,
+    import_text,
+    mesh_of,
+    scene_of,
+    thing,
+)
+from PIL import Image
+from t3d_maps import actor, brush, level, room, start
+
+from usarsim_maps.scene import (
+    Box,
+    Capsule,
+    Collision,
+    Cylinder,
+    Heightfield,
+    Light,
+    LightKind,
+    Material,
+    Part,
+    PathNode,
+    Plane,
+    SceneObject,
+    Shape,
+    Sphere,
+    Start,
+    Victim,
+)
+from usarsim_server.errors import MapImportError
+from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
+from usarsim_server.worlds.description import Smoke, SmokePuff, SmokeVolume
+from usarsim_server.worlds.victims import PELVIS_HEIGHT
+
+FLOOR = thing(cuboid_mesh((-5, -5, -0.2), (5, 5, 0.0)), "floor")
+HERE = Start("Here", Pose((0.0, 0.0, 0.3)))
+
+
+def turned(degrees: float) -> tuple[float, float, float, float]:
+    """About z."""
+    return quaternion_from_rpy(0.0, 0.0, math.radians(degrees))
+
+
+class TestSeeing:
+    """Rays."""
+
+    def test_a_closed_room(self, tmp_path: Path) -> None:
+        """From the centre of a room all six walls are at half its extents (items 19, 56)."""
+        world = import_text(tmp_path, level(room(), start("S", (0, 0, 60))))
+        expected = [2.0, 2.0, 2.0, 2.0, 1.5, 1.5]
+        np.testing.assert_allclose(world.rays((0, 0, 1.5)), expected, atol=1e-5)
+        np.testing.assert_allclose(world.solid_rays((0, 0, 1.5)), expected, atol=1e-6)
+
+    def test_a_concave_mesh_is_met_at_its_surface(self, tmp_path: Path) -> None:
+        """Rays meet a hollow mesh at its true triangles from inside and outside (item 56)."""
+        hollow = thing(cuboid_mesh((-1, -2, 0), (1, 2, 2), inward=True), "hollow")
+        world = build_world(tmp_path, scene_of(FLOOR, hollow, starts=[HERE]))
+        np.testing.assert_allclose(world.rays((0, 0, 1)), [1, 1, 2, 2, 1, 1], atol=1e-5)
+        assert world.rays((4, 0, 1), AXES[1:2])[0] == pytest.approx(3.0, abs=1e-5)
+        assert world.names((0, 0, 1), (1, 0, 0)) == "hollow"
+
+    def test_sensors_and_contacts_use_different_shapes(self, tmp_path: Path) -> None:
+        """A sensor never meets a geom of group 3, MuJoCo's contacts none of group 2 (item 57)."""
+        dice = np.random.default_rng(0)
+        bowl = thing(cuboid_mesh((1, 1, 0), (2, 2, 1)), "post", movable=False)
+        fence = SceneObject("fence", (Part(cuboid_mesh((-3, 1, 0), (-2, 2, 1)), visible=False),))
+        ghost = SceneObject(
+            "ghost", (Part(cuboid_mesh((2, -3, 0), (3, -2, 1)), collision=Collision.NONE),)
+        )
+        world = build_world(tmp_path, scene_of(FLOOR, bowl, fence, ghost, starts=[HERE]))
+        ways = dice.normal(size=(500, 3))
+        ways /= np.linalg.norm(ways, axis=1)[:, None]
+        model = world.model
+        assert {int(g) for g in model.geom_group} == {2, 3}
+        assert not (model.geom_contype[model.geom_group == 2]).any()
+        assert world.rays((-2.5, 0, 0.5), AXES[2:3])[0] == np.inf
+        assert world.solid_rays((-2.5, 0, 0.5), AXES[2:3])[0] == pytest.approx(1.0)
+        assert world.rays((2.5, 0, 0.5), AXES[3:4])[0] == pytest.approx(2.0)
+        assert world.solid_rays((2.5, 0, 0.5), AXES[3:4])[0] == np.inf
+
+    def test_single_sided_faces_are_seen_from_both_sides(self, tmp_path: Path) -> None:
+        """A quad of two triangles stops rays from the front and from behind (item 58)."""
+        quad = mesh_of([(1, -1, 0), (1, 1, 0), (1, 1, 2), (1, -1, 2)], [(0, 1, 2), (0, 2, 3)])
+        world = build_world(tmp_path, scene_of(FLOOR, thing(quad, "sheet"), starts=[HERE]))
+        assert world.rays((0, 0, 1), AXES[:1])[0] == pytest.approx(1.0)
+        assert world.rays((3, 0, 1), AXES[1:2])[0] == pytest.approx(2.0)
+
+    def test_copies_stand_where_they_are_put(self, tmp_path: Path) -> None:
+        """Copies of one mesh, turned, scaled and mirrored, share files and are each in place."""
+        wedge = mesh_of(
+            [(0, 0, 0), (1, 0, 0), (0, 0.5, 0), (0, 0, 1), (1, 0, 1), (0, 0.5, 1)],
+            [
+                (0, 2, 1),
+                (3, 4, 5),
+                (0, 1, 4),
+                (0, 4, 3),
+                (1, 2, 5),
+                (1, 5, 4),
+                (2, 0, 3),
+                (2, 3, 5),
+            ],
+        )
+        mirror = np.diag([-1.0, 1.0, 1.0, 1.0])
+        copies = [
+            thing(wedge, "a", Pose((-3, 0, 0))),
+            thing(wedge, "b", Pose((3, 0, 0), turned(90))),
+            SceneObject("c", (Part(wedge, mirror),), Pose((0, 3, 0))),
+        ]
+        world = build_world(tmp_path, scene_of(FLOOR, *copies, starts=[HERE]))
+        for x, y, inside in [
+            (-2.9, 0.1, 1),
+            (2.9, 0.1, 1),
+            (-0.1, 3.1, 1),
+            (0.1, 3.1, 0),
+            (3.1, 0.1, 0),
+        ]:
+            for cast in (world.rays, world.solid_rays):
+                assert cast((x, y, 3.0), AXES[5:])[0] == pytest.approx(3.0 - inside, abs=1e-5)
+        assert len(list((world.built.folder / "meshes").iterdir())) == 3
+
+    def test_pictures_keep_their_orientation(self, tmp_path: Path) -> None:
+        """The texture coordinate v = 1 is the upper edge of the picture; JPEG becomes PNG (12)."""
+        image = Image.new("RGB", (64, 64), (255, 0, 0))
+        image.paste((0, 0, 255), (0, 32, 64, 64))  # red above, blue below
+        image.save(tmp_path / "flag.jpg", quality=100)
+        uvs = np.array([[(0, 0), (1, 0), (1, 1)], [(0, 0), (1, 1), (0, 1)]], dtype=float)
+        quad = mesh_of(
+            [(0, 0, 0), (1, 0, 0), (1, 0, 1), (0, 0, 1)],
+            [(0, 1, 2), (0, 2, 3)],
+            uvs=uvs,
+            materials=("flag",),
+        )
+        material = Material("flag", (1, 1, 1, 1), tmp_path / "flag.jpg")
+        world = build_world(
+            tmp_path, scene_of(FLOOR, thing(quad), starts=[HERE], materials={"flag": material})
+        )
+        model = world.model
+        mesh = int(model.geom_dataid[model.geom("thing").id])
+        texture = model.mesh_texcoord[model.mesh_texcoordadr[mesh] :][
+            : model.mesh_texcoordnum[mesh]
+        ]
+        start = model.mesh_vertadr[mesh]
+        heights = model.mesh_vert[start : start + model.mesh_vertnum[mesh]]
+        axis = int(np.argmax(np.ptp(heights, axis=0)))
+        # MuJoCo counts rows of the picture from above: where v = 1 in the file the row is 0.
+        assert sorted(set(texture[:, 1].tolist())) == [0.0, 1.0]
+        assert np.ptp(heights[:, axis]) == pytest.approx(1.0)
+        kept = int(np.flatnonzero(model.tex_type == mujoco.mjtTexture.mjTEXTURE_2D)[0])
+        pixels = model.tex_data[model.tex_adr[kept] :][: 64 * 64 * 3].reshape(64, 64, 3)
+        assert pixels[5, 32, 0] > 200
+        assert pixels[58, 32, 2] > 200
+        assert world.built.finishes["flag"].mean[:3] == pytest.approx((0.5, 0.0, 0.5), abs=0.02)
+
+    def test_missing_pictures_are_listed_once(self, tmp_path: Path) -> None:
+        """A picture that is not there is a finding; the world loads (item 70)."""
+        material = Material("wall", texture=tmp_path / "nowhere.tga")
+        mesh = mesh_of([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)], materials=("wall", "other"))
+        scene = scene_of(FLOOR, thing(mesh), starts=[HERE], materials={"wall": material})
+        world = build_world(tmp_path, scene)
+        assert world.findings.missing_list() == [("texture", "nowhere.tga", 1)]
+
+    def test_broken_pictures_are_told(self, tmp_path: Path) -> None:
+        """A file that is no picture leaves its material plain."""
+        (tmp_path / "bad.png").write_bytes(b"\x89PNG\r\n\x1a\nnonsense")
+        mesh = mesh_of([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)], materials=("wall",))
+        material = Material("wall", image=(tmp_path / "bad.png").read_bytes())
+        scene = scene_of(FLOOR, thing(mesh), starts=[HERE], materials={"wall": material})
+        assert "cannot be read" in build_world(tmp_path, scene).texts()
+
+
+class TestFeeling:
+    """Contacts."""
+
+    def drop(self, model: mujoco.MjModel, body: str, seconds: float) -> mujoco.MjData:
+        """Let the world run."""
+        data = mujoco.MjData(model)
+        for _ in range(int(seconds / model.opt.timestep)):
+            mujoco.mj_step(model, data)
+        return data
+
+    def ball(
+        self, world_folder: Path, place: tuple[float, float, float], **more: object
+    ) -> mujoco.MjModel:
+        """The world with a ball of 0.5 kg in it."""
+        spec = mujoco.MjSpec.from_file(str(world_folder / "scene.xml"))
+        body = spec.worldbody.add_body(name="ball", pos=place)
+        body.add_freejoint()
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.1, 0, 0], mass=0.5, **more)
+        spec.option.timestep = 0.002
+        return spec.compile()
+
+    def test_a_hollow_room_is_empty(self, tmp_path: Path) -> None:
+        """A ball in the middle of a hollow mesh touches nothing until it is down (item 51)."""
+        hollow = thing(cuboid_mesh((-2, -2, 0), (2, 2, 3), inward=True), "hollow")
+        world = build_world(tmp_path, scene_of(hollow, starts=[HERE]))
+        model = self.ball(world.built.folder, (0.0, 0.0, 1.5))
+        data = mujoco.MjData(model)
+        for _ in range(200):
+            mujoco.mj_step(model, data)
+            assert data.ncon == 0
+        data = self.drop(model, "ball", 3.0)
+        assert data.body("ball").xpos[2] == pytest.approx(0.1, abs=0.01)
+
+    def test_a_fast_ball_does_not_tunnel(self, tmp_path: Path) -> None:
+        """At 5 m/s and 2 ms a ball stays above a floor of one quad (items 54, 59)."""
+        quad = mesh_of([(-3, -3, 0), (3, -3, 0), (3, 3, 0), (-3, 3, 0)], [(0, 1, 2), (0, 2, 3)])
+        world = build_world(tmp_path, scene_of(thing(quad, "floor"), starts=[HERE]))
+        for height in (1.28, 1.5, 1.7):
+            data = self.drop(self.ball(world.built.folder, (0.3, 0.1, height)), "ball", 4.0)
+            assert data.body("ball").xpos[2] == pytest.approx(0.1, abs=0.02)
+
+    def test_down_is_down(self, tmp_path: Path) -> None:
+        """A free ball falls towards -z (item 77)."""
+        world = build_world(tmp_path, scene_of(FLOOR, starts=[HERE]))
+        data = self.drop(self.ball(world.built.folder, (0, 0, 3.0)), "ball", 0.3)
+        assert data.body("ball").xpos[2] < 2.8
+
+    def test_movable_things_can_be_pushed(self, tmp_path: Path) -> None:
+        """A movable thing is a body with its mass; the same one fixed is none (item 29)."""
+        crate = cuboid_mesh((-0.2, -0.2, -0.2), (0.2, 0.2, 0.2))
+        world = build_world(
+            tmp_path,
+            scene_of(
+                FLOOR,
+                thing(crate, "loose", Pose((1, 0, 0.2)), movable=True, mass=3.0),
+                thing(crate, "fixed", Pose((2, 0, 0.2))),
+                starts=[HERE],
+            ),
+        )
+        model = world.model
+        assert model.body("loose").mass[0] == pytest.approx(3.0)
+        assert model.nbody == 2
+        spec_ball = self.ball(world.built.folder, (0.4, 0, 0.2))
+        data = mujoco.MjData(spec_ball)
+        data.qvel[spec_ball.body("ball").dofadr[0]] = 4.0
+        for _ in range(500):
+            mujoco.mj_step(spec_ball, data)
+        assert data.body("loose").xpos[0] > 1.01
+        assert world.names((2, 0, 3), (0, 0, -1)) == "fixed"
+
+    def test_shapes_of_all_kinds(self, tmp_path: Path) -> None:
+        """Boxes, balls, cylinders, capsules and planes are exact, fixed or movable."""
+        shapes: dict[str, tuple[Shape, float]] = {
+            "box": (Box((1, 1, 1)), 0.5),
+            "ball": (Sphere(0.4), 0.4),
+            "can": (Cylinder(0.3, 1.2), 0.6),
+            "pill": (Capsule(0.3, 0.6), 0.6),
+        }
+        fixed = [
+            SceneObject(name, (Part(shape),), Pose((3.0 * n - 4.5, 2.0, 1.0)))
+            for n, (name, (shape, _)) in enumerate(shapes.items())
+        ]
+        loose = [
+            SceneObject(
+                f"loose_{name}", (Part(shape),), Pose((3.0 * n - 4.5, -2.0, 1.0)), movable=True
+            )
+            for n, (name, (shape, _)) in enumerate(shapes.items())
+        ]
+        ground = SceneObject("ground", (Part(Plane()),))
+        world = build_world(tmp_path, scene_of(ground, *fixed, *loose, starts=[HERE]))
+        for n, (name, (_, top)) in enumerate(shapes.items()):
+            for y, label in ((2.0, name), (-2.0, f"loose_{name}")):
+                place = (3.0 * n - 4.5, y, 9.0)
+                assert world.names(place, (0, 0, -1)) == label
+                assert world.rays(place, AXES[5:])[0] == pytest.approx(8.0 - top, abs=0.02)
+        assert world.rays((0, 20, 2), AXES[5:])[0] == pytest.approx(2.0)
+
+    def test_terrain(self, tmp_path: Path) -> None:
+        """Terrain is stood on where it is seen (item 63)."""
+        x, y = np.meshgrid(np.arange(41) * 0.5, np.arange(21) * 0.5)
+        heights = 0.3 * np.sin(x) + 0.2 * np.cos(y)
+        field = Heightfield("hills", heights, (0.5, 0.5), Pose((-10, -5, 1.0)), tag="T")
+        world = build_world(
+            tmp_path, scene_of(starts=[Start("S", Pose((0, 0, 2)))], heightfields=(field,))
+        )
+        for place in ((-3.0, 1.0, 5.0), (4.5, -2.5, 5.0)):
+            seen, felt = world.rays(place, AXES[5:])[0], world.solid_rays(place, AXES[5:])[0]
+            row, column = round((place[1] + 5) / 0.5), round((place[0] + 10) / 0.5)
+            assert seen == pytest.approx(4.0 - heights[row, column], abs=1e-4)
+            assert felt == pytest.approx(seen, abs=1e-3)
+
+    def test_large_terrain_is_a_height_field(self, tmp_path: Path) -> None:
+        """A mesh of 100 000 triangles costs less than 200 MB and collides as a grid (item 63)."""
+        x, y = np.meshgrid(np.linspace(0, 20, 225), np.linspace(0, 20, 225))
+        ground = grid_mesh(
+            224, 224, 60.0, np.sin(x * 1.7) * 0.4 + np.cos(y * 1.3) * 0.5 + 0.01 * x * y
+        )
+        assert len(ground.triangles) > 100_000
+        world = build_world(
+            tmp_path, scene_of(thing(ground, "ground"), starts=[Start("S", Pose((0, 0, 5)))])
+        )
+        assert world.built.pieces == 1
+        assert world.built.memory < 200.0
+        seen, felt = world.rays((3, 4, 9), AXES[5:])[0], world.solid_rays((3, 4, 9), AXES[5:])[0]
+        assert felt == pytest.approx(seen, abs=0.03)
+
+
+class TestTelling:
+    """Names, places, people, lamps."""
+
+    def test_names_survive(self, tmp_path: Path) -> None:
+        """Equal names get distinct ones; the old name finds them all (item 69)."""
+        desk = cuboid_mesh((0, 0, 0), (0.5, 0.5, 0.5))
+        things = [thing(desk, "My desk", Pose((n, 0, 0)), tag=f"T{n}") for n in range(3)]
+        world = build_world(tmp_path, scene_of(FLOOR, *things, starts=[HERE]))
+        found = world.description.objects_called("my desk")
+        assert [one.name for one in found] == ["My_desk", "My_desk-2", "My_desk-3"]
+        assert world.description.objects_called("T1") == found[1:2]
+        assert world.names((1.25, 0.25, 2), (0, 0, -1)) == "My_desk-2"
+
+    def test_starts_that_cannot_be_used_are_told(self, tmp_path: Path) -> None:
+        """A start in a solid, or without floor below, is reported by name (item 71)."""
+        starts = [
+            HERE,
+            Start("Buried", Pose((0, 0, -0.1))),
+            Start("Lost", Pose((9.0, 0, 1.0))),
+            Start("Far", Pose((900.0, 0, 1.0))),
+        ]
+        world = build_world(tmp_path, scene_of(FLOOR, starts=starts))
+        text = world.texts()
+        assert "Buried: something solid" in text
+        assert "Lost: no floor" in text
+        assert "Far: a start pose far outside" in text
+        assert "Here" not in text
+        assert [place.name for place in world.built.places] == ["Here", "Buried", "Lost"]
+
+    def test_a_map_without_start_gets_one(self, tmp_path: Path) -> None:
+        """It is free and has a floor below."""
+        pillar = thing(cuboid_mesh((-1, -1, 0), (1, 1, 2)), "pillar")
+        world = build_world(tmp_path, scene_of(FLOOR, pillar))
+        (place,) = world.built.places
+        assert place.height == pytest.approx(0.25, abs=0.01)
+        assert place.overlap == 0.0
+        assert "no start pose" in world.texts()
+
+    def test_people_stand_on_the_floor(self, tmp_path: Path) -> None:
+        """The posture follows the room there is; scale and heading are kept (item 28)."""
+        shelf = thing(cuboid_mesh((2, -2, 1.2), (4, 2, 1.4)), "shelf")
+        people = (
+            Victim("MaleVictim_0", Pose((-2, 0, 0.4), turned(90)), scale=(1.2, 1.2, 1.2)),
+            Victim("FemaleVictim_0", Pose((3, 0, 0.4)), "female"),
+            Victim("MaleVictim_1", Pose((-2, 2, 0.5)), posture="lying", status="Dead"),
+        )
+        world = build_world(tmp_path, scene_of(FLOOR, shelf, starts=[HERE], victims=people))
+        first, second, third = world.description.victims
+        assert first.posture == "standing"
+        assert first.scale == pytest.approx(1.2)
+        assert first.pose.position == pytest.approx(
+            (-2, 0, 1.2 * PELVIS_HEIGHT["standing"]), abs=1e-5
+        )
+        assert first.pose.rotate((1, 0, 0)) == pytest.approx((0, 1, 0))
+        assert (second.posture, second.properties["figure"]) == ("sitting", "female")
+        assert (third.posture, third.status) == ("lying", "Dead")
+
+    def test_path_nodes_keep_their_neighbours(self, tmp_path: Path) -> None:
+        """Neighbours are the other nodes, by their names on the wire."""
+        nodes = (PathNode("A b", (0, 0, 1), ("C", "nobody")), PathNode("C", (1, 0, 1), ("A b",)))
+        world = build_world(tmp_path, scene_of(FLOOR, starts=[HERE], path_nodes=nodes))
+        assert [(n.tag, n.neighbours) for n in world.description.path_nodes] == [
+            ("A_b", ("C",)),
+            ("C", ("A_b",)),
+        ]
+
+    def test_smoke_arrives(self, tmp_path: Path) -> None:
+        """Volumes, particles and haze are those of the scene."""
+        smoke = Smoke(
+            (SmokeVolume("fog", "ellipsoid", Pose((1, 2, 1), turned(30)), (2, 3, 2), 0.5),),
+            (SmokePuff("fire", (0, 0, 1), (1, 1, 2), 50, 0.1, 7, 5.0),),
+            0.01,
+        )
+        world = build_world(tmp_path, scene_of(FLOOR, starts=[HERE], smoke=smoke))
+        read = world.description.smoke
+        assert read.puffs == smoke.puffs
+        assert (read.haze, read.haze_top) == (0.01, math.inf)
+        assert read.volumes[0].size == smoke.volumes[0].size
+        assert read.volumes[0].pose.matrix() == pytest.approx(smoke.volumes[0].pose.matrix())
+
+    def test_lights_are_carried_over(self, tmp_path: Path) -> None:
+        """Place, colour and count are kept; more than cameras know are left out and told (76)."""
+        one = Light("lamp", position=(1, 2, 3), color=(1.0, 0.5, 0.0), reach=4.0)
+        sun = Light("sun", LightKind.DIRECTIONAL, direction=(0, 0, -2))
+        world = build_world(tmp_path, scene_of(FLOOR, starts=[HERE], lights=(one, sun)))
+        model = world.model
+        assert model.nlight == 2
+        assert model.light("lamp").pos == pytest.approx((1, 2, 3))
+        assert model.light("lamp").diffuse == pytest.approx((0.8, 0.4, 0.0), abs=1e-6)
+        many = tuple(Light(f"l{n}", position=(n, 0, 2), brightness=n) for n in range(20))
+        crowded = build_world(tmp_path, scene_of(FLOOR, starts=[HERE], lights=many))
+        assert crowded.model.nlight == 7
+        assert "13 of 20 lights were left out" in crowded.texts()
+        assert crowded.model.light(0).name == "l13"
+
+    def test_backdrops_do_not_count(self, tmp_path: Path) -> None:
+        """A box of 2 km around a room is cut off; a painted sky is left out (pitfall, 12)."""
+        text = level(
+            brush("Giant", (-250_000, -250_000, -5_000), (250_000, 250_000, 60_000)),
+            brush("Hall", (-1000, -1000, 0), (1000, 1000, 800), "CSG_Subtract"),
+            start("S", (0, 0, 60)),
+        )
+        world = import_text(tmp_path, text)
+        assert (world.built.upper - world.built.lower).max() < 10.0
+        np.testing.assert_allclose(world.rays((0, 0, 1))[:4], 4.0, atol=1e-4)
+        sky = thing(cuboid_mesh((-900, -900, -900), (900, 900, 900)), "SkyDome_01")
+        clear = build_world(tmp_path, scene_of(FLOOR, sky, starts=[HERE]))
+        assert clear.rays((0, 0, 1))[4] == np.inf
+
+    @pytest.mark.parametrize(("size", "word"), [(0.001, "absurd"), (5000.0, "absurd")])
+    def test_absurd_sizes_are_refused(self, tmp_path: Path, size: float, word: str) -> None:
+        """A map of a millimetre or of 10 km has the wrong scale; the cure names one (6)."""
+        mesh = cuboid_mesh((-size, -size, -size), (size, size, size))
+        with pytest.raises(MapImportError, match=f"{word}.*--scale"):
+            build_world(tmp_path, scene_of(thing(mesh), starts=[HERE]))
+
+    def test_empty_maps_are_refused(self, tmp_path: Path) -> None:
+        """Nothing to stand on is an error with a cure."""
+        with pytest.raises(MapImportError, match="no geometry"):
+            build_world(tmp_path, scene_of())
+        ghost = SceneObject(
+            "g", (Part(cuboid_mesh((0, 0, 0), (2, 2, 2)), collision=Collision.NONE),)
+        )
+        with pytest.raises(MapImportError, match="nothing solid"):
+            build_world(tmp_path, scene_of(ghost))
+
+    def test_runs_repeat(self, tmp_path: Path) -> None:
+        """Two imports of one map give the same files to the byte (item 75)."""
+        text = level(
+            room(),
+            brush("Block", (100, 100, 0), (300, 250, 200)),
+            actor("PointLight", "L", (0, 0, 500)),
+            start("S", (0, 0, 60)),
+        )
+        folders = []
+        for name in ("one", "two"):
+            (tmp_path / name).mkdir()
+            folders.append(import_text(tmp_path / name, text).built.folder)
+        files = [
+            {p.relative_to(f): p.read_bytes() for p in sorted(f.rglob("*")) if p.is_file()}
+            for f in folders
+        ]
+        assert files[0] == files[1]

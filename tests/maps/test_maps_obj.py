@@ -1,0 +1,223 @@
+"""Wavefront OBJ (worlds reference 2.4 and 13)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from mesh_samples import (
+    FACES,
+    WEDGE,
+    WEDGE_PLACES,
+    area,
+    damages,
+    places,
+    read,
+    refusal,
+    survives,
+    upright,
+    volume,
+    whole,
+)
+from PIL import Image
+
+from usarsim_maps.findings import Findings
+from usarsim_maps.scene import Collision, Mesh
+
+
+def wedge(points: str = "", head: str = "") -> str:
+    """The wedge as OBJ, y up as most programs write it."""
+    rows = [f"v {x:g} {y:g} {z:g}" for x, y, z in upright(WEDGE)]
+    faces = ["f " + " ".join(str(i + 1) for i in face) for face in FACES]
+    return "\n".join([head, *rows, points, *faces, ""])
+
+
+def write(folder: Path, text: str, name: str = "map.obj") -> Path:
+    """A file."""
+    path = folder / name
+    path.write_bytes(text.encode())
+    return path
+
+
+class TestFrame:
+    """Axes, units, winding."""
+
+    def test_y_up_by_custom(self, tmp_path: Path) -> None:
+        """A file in the usual axes stands upright, not mirrored, faces outwards (items 9, 10)."""
+        mesh = whole(read(write(tmp_path, wedge())))
+        assert places(mesh) == WEDGE_PLACES
+        assert volume(mesh) == pytest.approx(1.0)
+
+    def test_the_assumption_is_stated(self, tmp_path: Path) -> None:
+        """Without a scale the source says that one was assumed; with one it does not (item 42)."""
+        path = write(tmp_path, wedge())
+        assert read(path).source.assumed
+        scaled = read(path, scale=10.0)
+        assert not scaled.source.assumed
+        assert scaled.source.units_per_metre == 10.0
+        assert volume(whole(scaled)) == pytest.approx(0.001)
+
+    def test_z_up_and_mirror(self, tmp_path: Path) -> None:
+        """Options exchange the axes, or reflect; faces look outwards all the same."""
+        rows = [f"v {x:g} {y:g} {z:g}" for x, y, z in WEDGE]
+        faces = ["f " + " ".join(str(i + 1) for i in face) for face in FACES]
+        path = write(tmp_path, "\n".join(rows + faces))
+        assert places(whole(read(path, up="Z"))) == WEDGE_PLACES
+        mirrored = whole(read(path, up="Z", mirror=True))
+        expected = sorted((WEDGE * [1, -1, 1] + 0.0).tolist())
+        assert places(mirrored) == expected
+        assert volume(mirrored) == pytest.approx(1.0)
+
+
+class TestText:
+    """What lines may look like."""
+
+    def test_line_ends_and_joined_lines(self, tmp_path: Path) -> None:
+        """CRLF, comments, joined lines, a missing last newline change nothing."""
+        plain = whole(read(write(tmp_path, wedge())))
+        text = wedge("# nothing").replace("f 1 3 2", "f 1 \\\n3 2 # why").replace("\n", "\r\n")
+        other = whole(read(write(tmp_path, text.rstrip(), "other.obj")))
+        assert np.array_equal(plain.vertices, other.vertices)
+        assert np.array_equal(plain.triangles, other.triangles)
+
+    def test_negative_indices(self, tmp_path: Path) -> None:
+        """Minus one is the latest vertex."""
+        text = "v 0 0 0\nv 1 0 0\nv 1 0 -1\nv 0 0 -1\nf -4 -3 -2 -1\n"
+        mesh = whole(read(write(tmp_path, text)))
+        assert len(mesh.triangles) == 2
+        assert area(mesh) == pytest.approx(1.0)
+
+    def test_a_concave_polygon(self, tmp_path: Path) -> None:
+        """An L of six corners keeps its area of three squares, not the area of a fan."""
+        corners = [(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)]
+        text = "\n".join(f"v {x} 0 {-y}" for x, y in corners) + "\nf 2 3 4 5 6 1\n"
+        mesh = whole(read(write(tmp_path, text)))
+        assert len(mesh.triangles) == 4
+        assert area(mesh) == pytest.approx(3.0)
+        normals = np.cross(
+            mesh.vertices[mesh.triangles[:, 1]] - mesh.vertices[mesh.triangles[:, 0]],
+            mesh.vertices[mesh.triangles[:, 2]] - mesh.vertices[mesh.triangles[:, 0]],
+        )
+        assert (normals[:, 2] > 0.0).all()
+
+    def test_lines_and_points_are_no_faces(self, tmp_path: Path) -> None:
+        """A file of lines only is refused, and says why."""
+        text = refusal(lambda: read(write(tmp_path, "v 0 0 0\nv 1 0 0\nl 1 2\np 1\n")))
+        assert "no faces" in text
+
+
+class TestObjects:
+    """Names."""
+
+    def test_every_o_is_an_object(self, tmp_path: Path) -> None:
+        """Objects keep their names and their own vertices; groups inside do not split them."""
+        text = "o floor\n" + wedge() + "g part\nf 1 2 3\no wall 2\nf 1 2 4\n"
+        scene = read(write(tmp_path, text))
+        assert [thing.name for thing in scene.objects] == ["floor", "wall 2"]
+        wall = scene.objects[1].parts[0].shape
+        assert isinstance(wall, Mesh)
+        assert len(wall.vertices) == 3
+
+    def test_groups_without_objects(self, tmp_path: Path) -> None:
+        """Where there is no `o`, every `g` is an object, also if it comes twice."""
+        text = "g a\n" + wedge() + "g b\nf 1 2 3\ng a\nf 2 3 4\n"
+        scene = read(write(tmp_path, text))
+        names = [thing.name for thing in scene.objects]
+        assert sorted(names) == ["a", "b"]
+        shape = scene.objects[names.index("a")].parts[0].shape
+        assert isinstance(shape, Mesh)
+        assert len(shape.triangles) == 5
+
+    def test_collision_hulls_by_name(self, tmp_path: Path) -> None:
+        """UCX_Chair_01 is not seen and is the only thing to bump into at Chair."""
+        text = "o Chair\n" + wedge() + "o UCX_Chair_01\nf 1 2 3\nf 1 2 4\no Table\nf 2 3 4\n"
+        chair, hull, table = read(write(tmp_path, text)).objects
+        assert chair.parts[0].collision is Collision.NONE
+        assert chair.parts[0].visible
+        assert hull.parts[0].collision is Collision.HULL
+        assert not hull.parts[0].visible
+        assert table.parts[0].collision is Collision.AUTO
+
+
+class TestMaterials:
+    """Libraries and pictures."""
+
+    def textured(self, folder: Path) -> Path:
+        """A quad with a picture whose name is written in other capitals and has a blank."""
+        pictures = folder / "Textures"
+        pictures.mkdir()
+        Image.new("RGB", (2, 2), (255, 0, 0)).save(pictures / "Brick Wall.PNG")
+        library = (
+            "newmtl brick\nKd 0 0 0\nmap_Kd -s 1 1 1 -clamp off C:\\art\\brick wall.png\n"
+            "newmtl glass\nKd 0.1 0.2 0.3\nd 0.5\n"
+        )
+        write(folder, library, "Looks.mtl")
+        text = (
+            "mtllib looks.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\n"
+            "vt 0 1\nusemtl brick\nf 1/1 2/2 3/3 4/4\nusemtl glass\nf 1 2 3\n"
+        )
+        return write(folder, text)
+
+    def test_pictures_and_colours(self, tmp_path: Path) -> None:
+        """Pictures are found whatever their capitals; black under a picture becomes white."""
+        findings = Findings()
+        scene = read(self.textured(tmp_path), findings)
+        brick, glass = scene.materials["brick"], scene.materials["glass"]
+        assert brick.texture == tmp_path / "Textures" / "Brick Wall.PNG"
+        assert brick.color[:3] == (1.0, 1.0, 1.0)
+        assert glass.color == (0.1, 0.2, 0.3, 0.5)
+        assert not findings.missing_list()
+        assert tmp_path / "Looks.mtl" in scene.source.files
+        assert tmp_path / "Textures" / "Brick Wall.PNG" in scene.source.files
+
+    def test_texture_coordinates(self, tmp_path: Path) -> None:
+        """Coordinates belong to their corners, v upwards."""
+        mesh = whole(read(self.textured(tmp_path)))
+        assert mesh.uvs is not None
+        assert mesh.slots is not None
+        for triangle, uvs, slot in zip(mesh.triangles, mesh.uvs, mesh.slots, strict=True):
+            if mesh.materials[slot] == "brick":
+                corners = mesh.vertices[triangle]
+                assert np.allclose(uvs, corners[:, [0, 2]])
+
+    def test_missing_library_and_picture(self, tmp_path: Path) -> None:
+        """What is missing is a finding, not an error (item 70)."""
+        findings = Findings()
+        scene = read(write(tmp_path, wedge(head="mtllib gone.mtl\nusemtl paint")), findings)
+        assert findings.missing_list() == [("file", "gone.mtl", 1)]
+        assert "paint" in scene.materials
+
+
+class TestBadFiles:
+    """Errors."""
+
+    @pytest.mark.parametrize(
+        ("text", "where"),
+        [
+            ("v 0 0 0\nv 1 x 0\n", "line 2"),
+            ("v 0 0 0\nv 1 0 0\nv 0 1 0\n\nf 1 2 9\n", "line 5"),
+            ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 0\n", "line 4"),
+            ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1/x 2/1 3/1\n", "line 4"),
+            ("v 0 0\n", "line 1"),
+        ],
+    )
+    def test_line_numbers(self, tmp_path: Path, text: str, where: str) -> None:
+        """Errors name file and line (item 73)."""
+        message = refusal(lambda: read(write(tmp_path, text)))
+        assert f"map.obj: {where}:" in message
+
+    def test_numbers_without_end(self, tmp_path: Path) -> None:
+        """Vertices that are not finite are left to the builder, which drops their triangles."""
+        text = "v 0 0 0\nv 1e999 0 0\nv nan 1 0\nv 1 0 1\nf 1 2 3\nf 1 2 3 4\nf 1 4 1\n"
+        survives(tmp_path, "map.obj", text.encode())
+
+    @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture],
+              deadline=None)  # fmt: skip
+    @given(st.data())
+    def test_damaged_files(self, tmp_path: Path, data: st.DataObject) -> None:
+        """Whatever is wrong with a file, it is read or refused in one line."""
+        text = "o a\nusemtl b\nvt 0 1\n" + wedge() + "f 1/1 2/1 3/1 4/1\n"
+        survives(tmp_path, "map.obj", data.draw(damages(text.encode())))

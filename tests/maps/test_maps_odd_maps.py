@@ -1,0 +1,239 @@
+"""Maps that robots cannot live in: what users are told, and what robots do (item 71)."""
+
+from __future__ import annotations
+
+import base64
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from built_worlds import build_world, cuboid_mesh, mesh_of, scene_of, thing
+from collada_samples import TRIANGLES, VERTEX, document, geometry
+from mesh_samples import FACES, WEDGE
+from sdf_samples import model, sdf, shape, world, write
+from t3d_maps import brush, level, room, start
+from unreal_fixture import Writer, box_triangles, static_mesh
+
+from usarsim_maps.convert import Request, import_map
+from usarsim_maps.findings import Findings
+from usarsim_maps.scene import Mesh
+from usarsim_server.cli import main
+from usarsim_server.errors import MapImportError
+from usarsim_server.testing import Rehearsal
+from usarsim_server.worlds.loader import load_world
+
+WALLS = [(0, 0, 0), (4, 0, 0), (4, 0, 3), (0, 0, 3), (0, 4, 0), (4, 4, 0), (4, 4, 3), (0, 4, 3)]
+
+
+def walls() -> Mesh:
+    """Two upright rectangles."""
+    return mesh_of(WALLS, [(0, 1, 2), (0, 2, 3), (4, 6, 5), (4, 7, 6)])
+
+
+def notes(findings: Findings, subject: str) -> list[str]:
+    """What was said about something."""
+    return [warning.text for warning in findings.warnings() if warning.subject == subject]
+
+
+def test_starts_in_walls_and_below_floors(tmp_path: Path) -> None:
+    """Each is named with what will happen and what to do; a good one is not."""
+    source = tmp_path / "odd.t3d"
+    places = [("InWall", (520, 0, 60)), ("Below", (0, 0, -40)), ("Good", (0, 0, 60))]
+    starts = [start(f"PlayerStart_{n}", place, tag) for n, (tag, place) in enumerate(places)]
+    source.write_text(level(room(), *starts))
+    result = import_map(Request(source))
+    told = {subject: text for subject, text, _ in result.report.warnings}
+    for name in ("InWall", "Below"):
+        assert "solid" in told[name]
+        assert "sidecar" in told[name]
+    assert "Good" not in told
+    with Rehearsal(world=str(result.folder)) as rehearsal:
+        alive, fallen = rehearsal.connect(), rehearsal.connect()
+        alive.send("INIT {ClassName USARBot.P2AT} {Name A} {Start Good}")
+        fallen.send("INIT {ClassName USARBot.P2AT} {Name B} {Start Below}")
+        rehearsal.run(4.0)
+        assert fallen.take("DIE {Killer None}"), "it falls below the world, and its client is told"
+        assert not alive.take("DIE")
+        rehearsal.run(0.5)
+        assert alive.take("STA"), "the other goes on"
+
+
+def test_a_map_without_floor(tmp_path: Path) -> None:
+    """Walls alone can be imported, but the report says that robots will fall, and the cures."""
+    findings = Findings()
+    world = build_world(tmp_path, scene_of(thing(walls(), "walls")), findings)
+    (text,) = notes(findings, "level")
+    assert "only 0 % of the map have a floor" in text
+    assert "--up" in text
+    with Rehearsal(world=str(world.built.folder)) as rehearsal:
+        client = rehearsal.connect()
+        client.send("INIT {ClassName USARBot.P2AT} {Location 2,-2,-1}")
+        rehearsal.run(5.0)
+        assert client.take("DIE {Killer None}")
+
+
+def test_a_floor_is_not_complained_about(tmp_path: Path) -> None:
+    """With a floor under the same walls nothing is said."""
+    findings = Findings()
+    floor = thing(cuboid_mesh((0, 0, -0.2), (4, 4, 0)), "floor")
+    build_world(tmp_path, scene_of(thing(walls(), "walls"), floor), findings)
+    assert not notes(findings, "level")
+
+
+def square(folder: Path, size: float) -> Path:
+    """A file with a level square."""
+    source = folder / "odd.obj"
+    corners = [(0, 0, 0), (size, 0, 0), (size, 0, -size), (0, 0, -size)]
+    lines = [f"v {x} {y} {z}" for x, y, z in corners]
+    source.write_text("\n".join([*lines, "f 1 2 3", "f 1 3 4"]) + "\n")
+    return source
+
+
+@pytest.mark.parametrize(("size", "cure"), [(30_000.0, "--scale 1000"), (3e-4, "--scale 0.00001")])
+def test_absurd_sizes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], size: float, cure: str
+) -> None:
+    """A mesh a thousand times too large, or finer than dust: one line with a scale, code 2."""
+    source = square(tmp_path, size)
+    assert main(["import", str(source), "--out", str(tmp_path / "out")]) == 2
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if "error" in line]
+    assert str(source) in line
+    assert f"{size:g} x {size:g} x 0 m large" in line
+    assert cure in line
+    assert "e+" not in line
+    assert not (tmp_path / "out" / "odd").exists()
+
+
+def test_small_things(tmp_path: Path) -> None:
+    """A mesh of 3 cm is a thing, or a map with a wrong scale: it is imported, and that is said."""
+    report = import_map(Request(square(tmp_path, 0.03))).report
+    assert report.extents == pytest.approx((0.03, 0.03, 0.0))
+    (told,) = [text for subject, text, _ in report.warnings if subject == "odd.obj"]
+    assert "--scale 0.001 " in told
+
+
+def test_a_small_model_of_gazebo_is_no_map(tmp_path: Path) -> None:
+    """A cup alone is a model; a world with nothing but a cup has a wrong scale."""
+    cup = model("cup", shape("<box><size>0.1 0.1 0.1</size></box>"))
+    assert import_map(Request(write(tmp_path, sdf(cup), "cup.sdf"))).report.extents
+    with pytest.raises(MapImportError, match="absurd"):
+        import_map(Request(write(tmp_path, world(cup))))
+
+
+def test_a_small_package(tmp_path: Path) -> None:
+    """The meshes of a package may be small, the walls of a level may not."""
+    meshes = Writer(flags=1)
+    static_mesh(meshes, "Cup", box_triangles((0, 0, 0), (30, 30, 30)), group="Kitchen")
+    (tmp_path / "Kitchen.upk").write_bytes(meshes.content())
+    extents = import_map(Request(tmp_path / "Kitchen.upk")).report.extents
+    assert extents == pytest.approx((0.12, 0.12, 0.12))
+    (tmp_path / "map.t3d").write_text(level(brush("B", (0, 0, 0), (30, 30, 30))))
+    with pytest.raises(MapImportError, match="absurd"):
+        import_map(Request(tmp_path / "map.t3d"))
+
+
+FAR_LINE = {
+    "map.dae": document(
+        geometry(
+            f'{TRIANGLES}<lines count="1">{VERTEX}<p>4 5</p></lines>',
+            "0 0 0 2 0 0 0 1 0 0 0 3 500 0 0 500 1 0",
+        )
+    ),
+    "map.obj": "v 0 0 0\nv 2 0 0\nv 0 3 0\nv 0 0 -1\nv 500 0 0\nv 500 1 0\nf 1 2 3\nf 1 4 2\n"
+    "f 1 3 4\nf 2 4 3\nl 5 6\nf 5 6 6\n",
+    "map.ply": "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\n"
+    "property float z\nelement face 4\nproperty list uchar int vertex_indices\nelement edge 1\n"
+    "property int vertex1\nproperty int vertex2\nend_header\n"
+    "0 0 0\n2 0 0\n0 1 0\n0 0 3\n500 0 0\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n0 4\n",
+}
+
+
+@pytest.mark.parametrize("name", FAR_LINE)
+def test_points_of_lines_have_no_size(tmp_path: Path, name: str) -> None:
+    """What only lines use, and triangles without area, count neither in extents nor in bounds."""
+    result = import_map(Request(write(tmp_path, FAR_LINE[name], name)))
+    assert result.report.extents == pytest.approx((2.0, 1.0, 3.0))
+    assert load_world(result.folder).upper[0] == pytest.approx(22.0)
+
+
+def test_lines_of_gltf_and_spare_points_of_stages(tmp_path: Path) -> None:
+    """The same where triangles and lines share their points."""
+    points = np.concatenate([WEDGE, [[500, 0, 0], [500, 1, 0]]]).astype("<f4").tobytes()
+    corners = np.concatenate([FACES.ravel(), [4, 5]]).astype("<u2").tobytes()
+    uri = "data:application/octet-stream;base64," + base64.b64encode(points + corners).decode()
+    attributes = {"POSITION": 0}
+    primitives = [
+        {"attributes": attributes, "indices": 1},
+        {"attributes": attributes, "indices": 2, "mode": 1},
+    ]
+    text = json.dumps(
+        {
+            "asset": {"version": "2.0"},
+            "nodes": [{"mesh": 0}],
+            "meshes": [{"primitives": primitives}],
+            "accessors": [
+                {"bufferView": 0, "componentType": 5126, "count": 6, "type": "VEC3"},
+                {"bufferView": 1, "componentType": 5123, "count": 12, "type": "SCALAR"},
+                {
+                    "bufferView": 1,
+                    "byteOffset": 24,
+                    "componentType": 5123,
+                    "count": 2,
+                    "type": "SCALAR",
+                },
+            ],
+            "bufferViews": [
+                {"buffer": 0, "byteLength": len(points)},
+                {"buffer": 0, "byteOffset": len(points), "byteLength": len(corners)},
+            ],
+            "buffers": [{"byteLength": len(points + corners), "uri": uri}],
+        }
+    )
+    report = import_map(Request(write(tmp_path, text, "map.gltf"))).report
+    assert report.extents == pytest.approx((2.0, 3.0, 1.0))
+    pytest.importorskip("pxr", reason="usd-core is not installed: pip install usd-core")
+    stage = (
+        '#usda 1.0\n(\n upAxis = "Z"\n metersPerUnit = 1\n)\ndef Mesh "M"\n{\n'
+        " point3f[] points = [(0,0,0),(4,0,0),(4,4,0),(0,4,0),(500,0,0)]\n"
+        " int[] faceVertexCounts = [4]\n int[] faceVertexIndices = [0,1,2,3]\n}\n"
+    )
+    report = import_map(Request(write(tmp_path, stage, "map.usda"))).report
+    assert report.extents == pytest.approx((4.0, 4.0, 0.0))
+
+
+def test_extents_are_those_of_the_map(tmp_path: Path) -> None:
+    """A start pose in the air is in the bounds, and adds nothing to the extents."""
+    floor = model("floor", shape("<box><size>10 10 0.2</size></box>"))
+    start_pose = '<plugin name="p" filename="x"><StartPose_1>A 0,0,1.5</StartPose_1></plugin>'
+    result = import_map(Request(write(tmp_path, world(floor + start_pose))))
+    assert result.report.extents == pytest.approx((10.0, 10.0, 0.2))
+    assert load_world(result.folder).upper[2] == pytest.approx(101.5)
+
+
+def test_planes_have_no_extents(tmp_path: Path) -> None:
+    """Of a world of endless planes no size is told; robots may be where its plane is drawn."""
+    source = write(tmp_path, world("<include><uri>model://ground_plane</uri></include>"))
+    for _ in range(2):  # fresh, and remembered
+        result = import_map(Request(source))
+        assert result.report.extents is None
+        assert "endless planes" in result.report.text()
+    assert load_world(result.folder).lower[:2] == pytest.approx((-70.0, -70.0))
+
+
+@pytest.mark.parametrize("place", ["5000 0 0 0 0 0", "1e8 1e8 0 0 0 0", "0 0 -99999 0 0 0"])
+def test_misplaced_objects(tmp_path: Path, place: str) -> None:
+    """One object of many that lies kilometres away is left out; if half do the scale is wrong."""
+
+    def text(near: int, far: int) -> str:
+        cube = shape("<box><size>1 1 1</size></box>")
+        poses = [f"{k} 0 0 0 0 0" for k in range(near)] + [place] * far
+        boxes = [model(f"m{k}", cube).replace("<link", f"<pose>{pose}</pose><link")
+                 for k, pose in enumerate(poses)]  # fmt: skip
+        return world("".join(boxes))
+
+    report = import_map(Request(write(tmp_path, text(9, 1)))).report
+    assert report.extents == pytest.approx((9.0, 1.0, 1.0))
+    assert ("m9", "an object far outside the map was left out", 1) in report.warnings
+    with pytest.raises(MapImportError, match="absurd"):
+        import_map(Request(write(tmp_path, text(5, 5))))

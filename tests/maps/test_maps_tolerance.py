@@ -1,0 +1,607 @@
+"""One bad number does not refuse a map: what is read all the same, and what the report says."""
+
+from __future__ import annotations
+
+import base64
+import json
+import logging
+import struct
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+from collada_samples import TRIANGLES, document, geometry, source, wedge
+from mesh_samples import FACES, WEDGE, read, refusal, refused, whole
+from sdf_samples import BOX, load, model, only, shape, world, write
+from t3d_maps import actor, level, room, start
+
+from usarsim_maps import convert
+from usarsim_maps.convert import Request, import_map
+from usarsim_maps.findings import Findings
+from usarsim_maps.reader import Context, read_scene
+from usarsim_maps.scene import Box, Light, Scene, Sphere
+from usarsim_server.simulation.frames import rpy_from_quaternion
+
+UNIT_BOX = "<box><size>1 1 1</size></box>"
+
+
+def told(findings: Findings) -> str:
+    """All notes."""
+    return "\n".join(f"{note.subject}: {note.text}" for note in findings.warnings())
+
+
+def placed(text: str) -> str:
+    """A model with a pose."""
+    return model("m", BOX).replace("<static>", f"<pose>{text}</pose><static>")
+
+
+class TestSdf:
+    """Gazebo worlds; what is left out is named with its line."""
+
+    @pytest.mark.parametrize(
+        ("text", "place", "yaw", "note"),
+        [
+            ("1 2 3 0 0 1 7", (1, 2, 3), 1.0, "of the 7 numbers"),
+            ("1 2 3 0 0 -3.14/2", (1, 2, 3), -1.57, ""),
+            ("1 2 3 0 0 3.14 / 2", (1, 2, 3), 1.57, ""),
+            ("1, 2, 3, 0, 0, 1", (1, 2, 3), 1.0, ""),
+            ("1,5 2 3 0 0 0,25", (1.5, 2, 3), 0.25, ""),
+            ("1 2 3 4", (1, 2, 3), 0.0, "of the 4 numbers"),
+            ("1 2", (0, 0, 0), 0.0, "too few numbers; left out"),
+            ("1 2 nan 0 0 0", (0, 0, 0), 0.0, "number without meaning; left out"),
+            ("1 2 -nan(ind) 0 0 0", (0, 0, 0), 0.0, "number without meaning; left out"),
+            ("1 2 1e30 0 0 0", (0, 0, 0), 0.0, "number without meaning; left out"),
+            ("here", (0, 0, 0), 0.0, "'here' is no number; this <pose> was left out"),
+        ],
+    )
+    def test_poses(
+        self, tmp_path: Path, text: str, place: tuple[float, ...], yaw: float, note: str
+    ) -> None:
+        """Six of seven numbers count, sums are done; the rest is SDF's default, nothing moves."""
+        findings = Findings()
+        thing = only(load(tmp_path, placed(text), findings))
+        assert thing.pose.position == pytest.approx(place)
+        assert rpy_from_quaternion(thing.pose.quaternion)[2] == pytest.approx(yaw)
+        assert note in told(findings)
+        assert bool(note) == bool(findings.warnings())
+        assert not note or "map.world: line 4: " in told(findings)
+
+    @pytest.mark.parametrize(
+        "text",
+        [
+            shape("<sphere/>"),
+            shape("<sphere><radius>big</radius></sphere>"),
+            shape("<box><size>1 nan 3</size></box>"),
+            shape("<box><size>1 2</size></box>"),
+            shape("<cylinder><radius>1</radius><length>1.#IND</length></cylinder>"),
+        ],
+    )
+    def test_sizes(self, tmp_path: Path, text: str) -> None:
+        """A shape whose size makes no sense is left out, the others of its model are there."""
+        findings = Findings()
+        other = shape("<sphere><radius>1</radius></sphere>").replace('"v"', '"w"')
+        thing = only(load(tmp_path, model("m", text + other), findings))
+        assert [part.shape for part in thing.parts] == [Sphere(1.0)]
+        assert "left out" in told(findings)
+
+    def test_sizes_that_can_be_read(self, tmp_path: Path) -> None:
+        """Too many numbers, sums and decimal commas are no obstacle."""
+        for size in ("1 2 3 4", "2/2 1+1 3", "1,0 2,0 3,0"):
+            inner = model("m", shape(f"<box><size>{size}</size></box>"))
+            assert only(load(tmp_path, inner)).parts[0].shape == Box((1.0, 2.0, 3.0))
+
+    def test_scales_and_outlines(self, tmp_path: Path) -> None:
+        """A bad scale of a mesh is 1; a bad corner of an outline is left out."""
+        write(tmp_path, document(wedge()), "w.dae")
+        findings = Findings()
+        mesh = "<mesh><uri>w.dae</uri><scale>2 x 2</scale></mesh>"
+        high = whole(load(tmp_path, model("m", shape(mesh)), findings)).vertices.max(axis=0)
+        assert high == pytest.approx(WEDGE.max(axis=0))
+        points = "".join(f"<point>{p}</point>" for p in ("0 0", "1 0", "1 y", "0 1"))
+        outline = f"<polyline><height>z</height>{points}</polyline>"
+        prism = whole(load(tmp_path, model("m", shape(outline)), findings))
+        assert prism.vertices.max(axis=0) == pytest.approx([1.0, 1.0, 1.0])
+        assert told(findings).count("left out") >= 3
+
+    @pytest.mark.parametrize("value", ["nan", "heavy", "-1", "1e99", ""])
+    def test_masses(self, tmp_path: Path, value: str) -> None:
+        """A mass that makes no sense counts as none."""
+        inertial = f"<inertial><mass>{value}</mass></inertial>"
+        assert only(load(tmp_path, model("m", inertial + BOX, static=False))).mass is None
+
+    def test_friction_colour_and_transparency(self, tmp_path: Path) -> None:
+        """So do friction, colour and transparency."""
+        more = "<material><diffuse>red</diffuse></material><transparency>yes</transparency>"
+        text = shape(UNIT_BOX, more=more).replace(
+            "</collision>",
+            "<surface><friction><ode><mu>high</mu></ode></friction></surface></collision>",
+        )
+        findings = Findings()
+        thing = only(load(tmp_path, model("m", text), findings))
+        assert thing.friction is None
+        assert not thing.parts[0].materials
+        for tag in ("diffuse", "transparency", "mu"):
+            assert f"this <{tag}> was left out" in told(findings)
+
+    def test_lights(self, tmp_path: Path) -> None:
+        """A light is what is left of it."""
+        text = (
+            '<light name="L" type="spot"><pose>1 2 3 0 0 0</pose><diffuse>nan 1 1 1</diffuse>'
+            "<direction>0 0 nan</direction><attenuation><range>far</range></attenuation>"
+            "<spot><outer_angle>x</outer_angle></spot><intensity>inf</intensity></light>"
+        )
+        findings = Findings()
+        (light,) = load(tmp_path, text + model("m", BOX), findings).lights
+        assert (light.position, light.direction) == ((1.0, 2.0, 3.0), (0.0, 0.0, -1.0))
+        assert (light.color, light.brightness, light.reach) == ((1.0, 1.0, 1.0), 1.0, 0.0)
+        assert light.cone == pytest.approx(45.0)
+        assert len(findings.warnings()) == 5
+
+    def test_start_poses(self, tmp_path: Path) -> None:
+        """So do those of start poses: sums are done, the first six of seven numbers count."""
+        plugin = (
+            '<plugin name="p" filename="x"><StartPose_1>A 1,2,0.3 0,0,-3.14/2 9</StartPose_1>'
+            "<StartPose_2>B 1,2,x</StartPose_2></plugin>"
+        )
+        findings = Findings()
+        (start_pose,) = load(tmp_path, plugin + model("m", BOX), findings).starts
+        assert start_pose.pose.position == (1.0, 2.0, 0.3)
+        assert rpy_from_quaternion(start_pose.pose.quaternion)[2] == pytest.approx(-1.57)
+        assert "'B 1,2,x' is no start pose" in told(findings)
+
+    def test_gravity_and_saved_poses(self, tmp_path: Path) -> None:
+        """A saved pose that makes no sense leaves the model where it was."""
+        state = (
+            '<state world_name="d"><model name="m"><pose>1 2 x 0 0 0</pose></model></state>'
+            "<gravity>down</gravity>"
+        )
+        findings = Findings()
+        thing = only(load(tmp_path, placed("4 5 6 0 0 0") + state, findings))
+        assert thing.pose.position == (4.0, 5.0, 6.0)
+        assert len(findings.warnings()) == 2
+
+    def test_a_world_of_bad_numbers_says_why_it_is_empty(self, tmp_path: Path) -> None:
+        """Where nothing is left the error tells the first reason."""
+        path = write(tmp_path, world(model("m", shape("<box><size>x</size></box>"))))
+        message = refusal(lambda: import_map(Request(path)))
+        assert "; map.world: line 4: 'x' is no number" in message
+
+
+LIGHT = (
+    '<library_lights><light id="L"><technique_common><point>{}</point></technique_common></light>'
+    "</library_lights>"
+)
+SHOWN = '<node name="n"><instance_geometry url="#g"/></node>'
+
+
+class TestCollada:
+    """COLLADA files."""
+
+    @pytest.mark.parametrize(
+        "step", ["<matrix>nan 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1</matrix>", "<matrix>1 2 3</matrix>",
+                 "<translate>1 x 0</translate>", "<rotate>0 0 1 inf</rotate>"]
+    )  # fmt: skip
+    def test_nodes_of_exporters(self, tmp_path: Path, step: str) -> None:
+        """A node whose place makes no sense is left out, with all in it."""
+        camera = f'<node name="Cam">{step}<node name="PlayerStart_1"/></node>'
+        findings = Findings()
+        text = document(wedge(), SHOWN + camera)
+        scene = read(write(tmp_path, text, "map.dae"), findings)
+        assert [thing.name for thing in scene.objects] == ["n"]
+        assert not scene.starts
+        assert "map.dae: line 6: node 'Cam' has no place" in told(findings)
+
+    def test_lights(self, tmp_path: Path) -> None:
+        """Colour and angle of a lamp have defaults."""
+        lamp = LIGHT.format("<color>a b c</color><falloff_angle>x</falloff_angle>")
+        nodes = SHOWN + '<node name="X"><instance_light url="#L"/></node>'
+        text = document(wedge(), nodes, more=lamp)
+        (light,) = read(write(tmp_path, text, "map.dae")).lights
+        assert (light.color, light.cone) == ((1.0, 1.0, 1.0), 45.0)
+
+    def test_texture_coordinates_that_are_not_there(self, tmp_path: Path) -> None:
+        """Indices out of range take the first ones; the mesh is whole."""
+        uvs = source("g-t", "0.5 0.5 1 0 1 1", 2)
+        corners = " ".join(f"{v} {9 if k == 5 else -1 if k == 7 else k % 3}"
+                           for k, v in enumerate(FACES.ravel()))  # fmt: skip
+        inputs = (
+            '<input semantic="VERTEX" source="#g-v" offset="0"/>'
+            '<input semantic="TEXCOORD" source="#g-t" offset="1"/>'
+        )
+        triangles = f'<triangles count="4">{inputs}<p>{corners}</p></triangles>'
+        points = " ".join(f"{value:g}" for value in WEDGE.ravel())
+        findings = Findings()
+        text = document(geometry(triangles, points, uvs))
+        mesh = whole(read(write(tmp_path, text, "map.dae"), findings))
+        assert len(mesh.triangles) == 4
+        assert mesh.uvs is not None
+        assert mesh.uvs.reshape(-1, 2)[[5, 7]].tolist() == [[0.5, 0.5]] * 2
+        assert "2 corners have texture coordinates that are not there" in told(findings)
+
+    @pytest.mark.parametrize("uvs", ["", source("g-t", "0 x 1 0 1 1", 2)])
+    def test_texture_coordinates_that_cannot_be_had(self, tmp_path: Path, uvs: str) -> None:
+        """Without their source, or with one of words, the mesh has none."""
+        inputs = (
+            '<input semantic="VERTEX" source="#g-v" offset="0"/>'
+            '<input semantic="TEXCOORD" source="#g-t" offset="1"/>'
+        )
+        corners = " ".join(f"{v} 0" for v in FACES.ravel())
+        triangles = f'<triangles count="4">{inputs}<p>{corners}</p></triangles>'
+        points = " ".join(f"{value:g}" for value in WEDGE.ravel())
+        findings = Findings()
+        text = document(geometry(triangles, points, uvs))
+        assert len(whole(read(write(tmp_path, text, "map.dae"), findings)).triangles) == 4
+        assert "its pictures are left out" in told(findings)
+
+    def test_decimal_commas(self, tmp_path: Path) -> None:
+        """In units and in lists whose count is told."""
+        text = document(
+            geometry(TRIANGLES, "0 0 0 2,5 0,0 0,0 0 1 0 0 0 3"),
+            asset='<unit meter="0,5"/><up_axis>Z_UP</up_axis>',
+        )
+        mesh = whole(read(write(tmp_path, text, "map.dae")))
+        assert mesh.vertices.max(axis=0) == pytest.approx([1.25, 0.5, 1.5])
+
+    def test_indices_as_floats(self, tmp_path: Path) -> None:
+        """`0.0 2.0` are whole numbers, `0.5` is none."""
+        text = document(wedge())
+        assert "<p>0 2 1 " in text
+        good = text.replace("<p>0 2 1 ", "<p>0.0 2.0 1.0 ")
+        assert len(whole(read(write(tmp_path, good, "a.dae"))).triangles) == 4
+        assert "line 5" in refused(write(tmp_path, good.replace("2.0", "2.5"), "b.dae"))
+
+
+def gltf(change: Callable[[dict[str, Any]], None]) -> str:
+    """A wedge, changed."""
+    blob = WEDGE.astype("<f4").tobytes() + FACES.astype("<u2").tobytes()
+    uri = "data:application/octet-stream;base64," + base64.b64encode(blob).decode()
+    value: dict[str, Any] = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0, 1]}],
+        "nodes": [{"name": "n", "mesh": 0}, {"name": "other"}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "material": 0}]}],
+        "materials": [{"name": "red", "pbrMetallicRoughness": {}}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"},
+            {"bufferView": 1, "componentType": 5123, "count": 12, "type": "SCALAR"},
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteLength": 48},
+            {"buffer": 0, "byteOffset": 48, "byteLength": 24},
+        ],
+        "buffers": [{"byteLength": len(blob), "uri": uri}],
+    }
+    change(value)
+    return json.dumps(value)
+
+
+class TestGltf:
+    """glTF files; Python writes NaN into JSON, and so do exporters."""
+
+    @pytest.mark.parametrize(
+        "change",
+        [
+            {"translation": [float("nan"), 0, 0]},
+            {"rotation": [0, 0, 1]},
+            {"scale": ["x", 1, 1]},
+            {"matrix": [1, 2, 3]},
+            {"matrix": [float("inf")] * 16},
+        ],
+    )
+    def test_nodes_of_exporters(self, tmp_path: Path, change: dict[str, Any]) -> None:
+        """A node whose place makes no sense is left out; if it was the only one, that is told."""
+        findings = Findings()
+        text = gltf(lambda value: value["nodes"][1].update(change))
+        scene = read(write(tmp_path, text, "map.gltf"), findings)
+        assert [thing.name for thing in scene.objects] == ["n"]
+        assert "nodes[1] has no place" in told(findings)
+        text = gltf(lambda value: value["nodes"][0].update(change))
+        assert not read(write(tmp_path, text, "map.gltf")).objects
+
+    def test_colours_and_lights(self, tmp_path: Path) -> None:
+        """Colours have defaults."""
+
+        def change(value: dict[str, Any]) -> None:
+            value["materials"][0]["pbrMetallicRoughness"]["baseColorFactor"] = [1, None, 0, 1]
+            lights = [{"type": "point", "color": [1, float("nan"), 1], "intensity": "x"}]
+            value["extensions"] = {"KHR_lights_punctual": {"lights": lights}}
+            value["nodes"][1]["extensions"] = {"KHR_lights_punctual": {"light": 0}}
+
+        findings = Findings()
+        scene = read(write(tmp_path, gltf(change), "map.gltf"), findings)
+        assert scene.materials["red"].color == pytest.approx((1.0, 1.0, 1.0, 1.0))
+        assert scene.lights[0].color == (1.0, 1.0, 1.0)
+        assert told(findings).count("makes no sense; left out") == 2
+
+    @pytest.mark.parametrize(
+        "change",
+        [
+            lambda v: v["materials"][0]["pbrMetallicRoughness"].update(
+                baseColorTexture={"index": 9}
+            ),
+            lambda v: v.update(textures=[{"source": 7}]),
+            lambda v: v.update(images=[{"bufferView": 9}]),
+            lambda v: v["meshes"][0]["primitives"][0].update(material=5),
+            lambda v: v["meshes"][0]["primitives"][0]["attributes"].update(TEXCOORD_0=8),
+            lambda v: v["meshes"][0]["primitives"][0]["attributes"].update(TEXCOORD_0=1),
+        ],
+    )
+    def test_looks_that_are_not_there(
+        self, tmp_path: Path, change: Callable[[dict[str, Any]], None]
+    ) -> None:
+        """Indices of textures, pictures, materials out of range cost the looks, not the mesh."""
+
+        def textured(value: dict[str, Any]) -> None:
+            red = {"baseColorTexture": {"index": 0}}
+            value["materials"][0]["pbrMetallicRoughness"] = red
+            value["textures"] = [{"source": 0}]
+            value["images"] = [{"bufferView": 1, "mimeType": "image/png"}]
+            change(value)
+
+        findings = Findings()
+        scene = read(write(tmp_path, gltf(textured), "map.gltf"), findings)
+        assert len(whole(scene).triangles) == 4
+        assert "left out" in told(findings)
+
+
+OBJ = "v 0 0 0\nv 2 0 0\nv 0 1 0\nv 0 0 3\nvt 0.5 0.5\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+PLY = (
+    "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
+    "property float z\nelement face 4\nproperty list uchar int vertex_indices\nend_header\n"
+    "0 0 0\n2 0 0\n0 1 0\n0 0 3\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n"
+)
+STL = (
+    "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 2 0 0\nvertex 0 1 3\n"
+    "endloop\nendfacet\nendsolid a\n"
+)
+
+
+class TestMeshFiles:
+    """OBJ, PLY, STL."""
+
+    def test_texture_coordinates_of_obj_that_are_not_there(self, tmp_path: Path) -> None:
+        """Corners with indices out of range have none; counted in the report."""
+        findings = Findings()
+        text = OBJ.replace("f 1 3 2", "f 1/1 3/9 2/-1").replace("f 1 2 4", "f 1/-7 2/0 4/1")
+        mesh = whole(read(write(tmp_path, text, "map.obj"), findings))
+        assert len(mesh.triangles) == 4
+        assert "3 corners have texture coordinates that are not there" in told(findings)
+
+    @pytest.mark.parametrize(
+        ("text", "name"),
+        [
+            (OBJ.replace("v 2 0 0", "v 2,5 0,0 0,0"), "map.obj"),
+            (PLY.replace("2 0 0\n", "2,5 0,0 0,0\n"), "map.ply"),
+            (STL.replace("2 0 0", "2,5 0,0 0,0"), "map.stl"),
+        ],
+    )
+    def test_decimal_commas(self, tmp_path: Path, text: str, name: str) -> None:
+        """In these formats only space separates, so a comma is that of a decimal number."""
+        found = whole(read(write(tmp_path, text, name), up="Z"))
+        assert found.vertices.max(axis=0) == pytest.approx([2.5, 1.0, 3.0])
+
+    @pytest.mark.parametrize(
+        ("text", "name"),
+        [
+            (OBJ + "v -1.#IND00 1.#QNAN nan(ind)\nvt -1.#IND00 0\nf 1 2 5\n", "map.obj"),
+            (PLY.replace("vertex 4", "vertex 5").replace("face 4", "face 5").replace(
+                "0 0 3\n", "0 0 3\n-1.#IND 0 0\n") + "3 0 1 4\n", "map.ply"),
+            (STL.replace("endsolid", STL[8:].partition("endsolid")[0].replace(
+                "vertex 2", "vertex 1.#QNAN") + "endsolid"), "map.stl"),
+        ],
+    )  # fmt: skip
+    def test_values_that_are_none(self, tmp_path: Path, text: str, name: str) -> None:
+        """What C prints for none is NaN: the triangle goes, the mesh stays."""
+        report = import_map(Request(write(tmp_path, text, name))).report
+        assert sorted(report.extents or ()) == pytest.approx([1.0, 2.0, 3.0])
+        assert report.totals["triangles dropped"] == 1
+
+    @pytest.mark.parametrize(
+        ("old", "new"),
+        [
+            ("3 0 2 1", "3.0 0.0 2.0 1.0"),
+            ("vertex 4", "vertex 4.0"),
+            ("list uchar int", "list float float"),
+            ("list uchar int", "list double double"),
+        ],
+    )
+    def test_floats_where_ply_says_int(self, tmp_path: Path, old: str, new: str) -> None:
+        """Counts and indices may be floats, if they are whole."""
+        assert old in PLY
+        found = whole(read(write(tmp_path, PLY.replace(old, new), "map.ply")))
+        assert len(found.triangles) == 4
+        refused(write(tmp_path, PLY.replace("3 0 2 1", "3.5 0.0 2.0 1.0"), "b.ply"))
+
+    @pytest.mark.parametrize("count", [3.0, float("nan"), float("inf"), -1.0, 1e30])
+    def test_float_counts_of_binary_ply(self, tmp_path: Path, count: float) -> None:
+        """Lengths of lists as floats are read; those that make no sense are refused."""
+        head = PLY.partition("end_header")[0].replace("ascii", "binary_little_endian")
+        head = head.replace("list uchar int", "list float float") + "end_header\n"
+        body = WEDGE.astype("<f4").tobytes()
+        body += b"".join(struct.pack("<4f", count, *face) for face in FACES.tolist())
+        path = tmp_path / "map.ply"
+        path.write_bytes(head.encode() + body)
+        if count == 3.0:
+            assert len(whole(read(path)).triangles) == 4
+        else:
+            assert "map.ply" in refused(path)
+
+
+class TestUnreal:
+    """T3D; the engine reads a number as far as it goes."""
+
+    def scene(self, folder: Path, *actors: str) -> Scene:
+        """A room with actors."""
+        return read(write(folder, level(room(), *actors), "map.t3d"))
+
+    def test_a_lamp_of_bad_numbers(self, tmp_path: Path) -> None:
+        """What makes no sense is as if it were not there."""
+        bad = "Radius=-1.#IND\nBrightness=nan\nDrawScale=1.#QNAN\nLightColor=(B=x,G=1.#INF,R=255)"
+        found = self.scene(
+            tmp_path, actor("PointLight", "L", (0, 0, 100), bad), start("S", (0, 0, 60))
+        )
+        plain = self.scene(
+            tmp_path,
+            actor("PointLight", "L", (0, 0, 100), "LightColor=(R=255)"),
+            start("S", (0, 0, 60)),
+        )
+        assert found.lights == plain.lights
+        assert isinstance(found.lights[0], Light)
+
+    def test_decimal_commas(self, tmp_path: Path) -> None:
+        """In `(X=100,5,Y=20)` and `DrawScale=1,5` a comma can be nothing else."""
+        text = start("S", (0, 0, 60)).replace("(X=0,Y=0,Z=60)", "(X=250,5,Y=20,25,Z=60,0)")
+        scene = self.scene(tmp_path, text, actor("MaleVictim", "V", (0, 0, 0), "DrawScale=1,5"))
+        assert scene.starts[0].pose.position == pytest.approx((1.002, -0.081, 0.24))
+        assert scene.victims[0].scale == (1.5, 1.5, 1.5)
+
+    def test_ase(self, tmp_path: Path) -> None:
+        """Modellers write `-1.#IND` for places and texture places that they do not know."""
+        text = (
+            "*3DSMAX_ASCIIEXPORT 200\n*GEOMOBJECT {\n*MESH {\n*MESH_VERTEX_LIST {\n"
+            "*MESH_VERTEX 0 0 0 0\n*MESH_VERTEX 1 500 0 0\n*MESH_VERTEX 2 0 500 0\n"
+            "*MESH_VERTEX 3 -1.#IND00 1.#QNAN 0\n}\n*MESH_TVERTLIST {\n"
+            "*MESH_TVERT 0 -1.#IND00 0 0\n}\n*MESH_FACE_LIST {\n*MESH_FACE 0: A: 0 B: 1 C: 2\n"
+            "*MESH_FACE 1: A: 0 B: 1 C: 3\n}\n}\n}\n"
+        )
+        report = import_map(Request(write(tmp_path, text, "map.ase"))).report
+        assert report.extents == pytest.approx((2.0, 2.0, 0.0))
+        assert report.totals["triangles dropped"] == 1
+
+    def test_a_corner_that_is_none(self, tmp_path: Path) -> None:
+        """A polygon with such a corner is left out, its brush is there."""
+        findings = Findings()
+        text = room().replace("+00500.000000", "1.#QNAN", 1)
+        scene = read(write(tmp_path, level(text, start("S", (0, 0, 60))), "map.t3d"), findings)
+        assert len(scene.brushes[0].polygons) == 5
+        assert "a broken polygon was left out" in told(findings)
+
+
+STAGE = '#usda 1.0\n(\n upAxis = "Z"\n metersPerUnit = {}\n)\ndef Cube "Box"\n{{\n}}\n{}\n'
+
+
+class TestUsd:
+    """Stages."""
+
+    def test_lights_bodies_and_cameras(
+        self, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    ) -> None:
+        """A lamp at no place is left out, a colour or a mass that is none has its default."""
+        pytest.importorskip("pxr", reason="usd-core is not installed: pip install usd-core")
+        place = (
+            "double3 xformOp:translate = ({}, 0, 1)\n"
+            'uniform token[] xformOpOrder = ["xformOp:translate"]\n'
+        )
+        nowhere = place.format("nan")
+        more = (
+            f'def SphereLight "Lost" {{\n{nowhere}}}\ndef Xform "Cam" {{\n{nowhere}}}\n'
+            'def SphereLight "L" {\nfloat inputs:intensity = nan\n'
+            "color3f inputs:color = (nan, 1, 1)\n}\n"
+            'def Cube "B" (prepend apiSchemas = ["PhysicsRigidBodyAPI", "PhysicsMassAPI"])\n'
+            f"{{\nfloat physics:mass = nan\n{place.format(5)}}}\n"
+        )
+        findings = Findings()
+        with warnings.catch_warnings(record=True) as noise:
+            warnings.simplefilter("always")
+            scene = read(write(tmp_path, STAGE.format(1, more), "map.usda"), findings)
+        assert not noise
+        assert [light.name for light in scene.lights] == ["L"]
+        assert np.isfinite([*scene.lights[0].color, scene.lights[0].brightness]).all()
+        assert {thing.name: thing.mass for thing in scene.objects} == {"Box": None, "B": None}
+        assert "Lost: a light at no place was left out" in told(findings)
+        assert capfd.readouterr() == ("", "")
+
+    def test_an_operation_of_another_type(self, tmp_path: Path) -> None:
+        """A thing that is moved by what is no place is left out; the others are there."""
+        pytest.importorskip("pxr", reason="usd-core is not installed: pip install usd-core")
+        more = (
+            'def Cube "Odd" {\nstring xformOp:translate = "far"\n'
+            'uniform token[] xformOpOrder = ["xformOp:translate"]\n}\n'
+        )
+        scene = read(write(tmp_path, STAGE.format(1, more), "map.usda"))
+        assert [thing.name for thing in scene.objects] == ["Box"]
+
+    def test_units_of_single_precision(self, tmp_path: Path) -> None:
+        """`metersPerUnit` stored as a float, which the library itself refuses."""
+        pytest.importorskip("pxr", reason="usd-core is not installed: pip install usd-core")
+        from pxr import Sdf
+
+        text = write(tmp_path, STAGE.format(0.5, ""), "text.usda")
+        path = tmp_path / "map.usdc"
+        Sdf.Layer.FindOrOpen(str(text)).Export(str(path))
+        double, single = (struct.pack("<fHBB", 0.5, 0, kind, 0x40) for kind in (9, 8))
+        content = path.read_bytes()
+        assert content.count(double) == 1
+        path.write_bytes(content.replace(double, single))
+        scene = read(path)
+        assert scene.source.units_per_metre == 2.0
+        assert not scene.source.assumed
+
+    def test_a_hundredth_of_single_precision(self) -> None:
+        """Seven digits of 0.01 are 0.01."""
+        from usarsim_maps.usd.usd import _unit
+
+        assert _unit(float(np.float32(0.01)), Path("a"), Context()) == 0.01
+        assert _unit(0.0254, Path("a"), Context()) == 0.0254
+        assert _unit(1, Path("a"), Context()) == 1.0
+
+
+@pytest.mark.parametrize("bad", ["1e8", "1e30", "1e300", "1e308", "-1e308", "inf"])
+def test_a_corner_at_no_place(tmp_path: Path, bad: str) -> None:
+    """A vertex farther away than any map is as one that is not finite: its triangles go."""
+    write(tmp_path, f"{OBJ}v {bad} 1 {bad}\nf 1 2 5\n", "far.obj")
+    mesh = model("m", shape("<mesh><uri>far.obj</uri><scale>1 1 2</scale></mesh>"))
+    for path in (tmp_path / "far.obj", write(tmp_path, world(mesh + model("k", BOX)))):
+        report = import_map(Request(path)).report
+        assert report.extents is not None
+        assert max(report.extents) < 10.0
+        assert report.totals["triangles dropped"] == 1
+
+
+def test_places_in_x3d(tmp_path: Path) -> None:
+    """A field of a Transform or a colour that makes no sense has its default."""
+    text = (
+        '<X3D><Scene>\n<Transform translation="0 nan 0" scale="2 3-2 2"><Shape><Appearance>'
+        '<Material diffuseColor="1 x 0"/></Appearance><Box size="1 1 1"/></Shape></Transform>'
+        "</Scene></X3D>"
+    )
+    findings = Findings()
+    mesh = whole(read(write(tmp_path, text, "map.x3d"), findings))
+    assert np.ptp(mesh.vertices, axis=0).tolist() == [2.0, 2.0, 1.0]
+    assert "map.x3d: line 2: translation '0 nan 0' makes no sense; left out" in told(findings)
+    assert "diffuseColor '1 x 0'" in told(findings)
+
+
+FALLING = "<mujoco><worldbody><body><freejoint/><geom size='1'/></body></worldbody></mujoco>"
+
+
+def test_libraries_are_not_heard(
+    tmp_path: Path,
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What libraries warn of, log and print goes to the log at `debug`, not to the terminal."""
+    real = read_scene
+
+    def noisy(source: Path, context: Context) -> Scene:
+        warnings.warn("invalid value encountered in matmul", RuntimeWarning, stacklevel=1)
+        logging.getLogger("trimesh").warning("unable to load materials")
+        model = mujoco.MjModel.from_xml_string(FALLING)
+        data = mujoco.MjData(model)
+        data.qpos[0] = np.nan
+        mujoco.mj_step(model, data)
+        logging.getLogger("usarsim.plugins").warning("one of our own")
+        return real(source, context)
+
+    monkeypatch.setattr(convert, "read_scene", noisy)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(logging.getLogger(), "handlers", [])  # as without pytest
+    with warnings.catch_warnings():
+        warnings.simplefilter("default")
+        import_map(Request(write(tmp_path, OBJ, "map.obj")))
+    assert capfd.readouterr() == ("", "one of our own\n")
+    assert not (tmp_path / "MUJOCO_LOG.TXT").exists()

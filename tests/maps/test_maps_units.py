@@ -1,0 +1,150 @@
+"""Frames and units of Unreal and others (worlds reference 2 and 13, items 1 to 8, 11, 12)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from usarsim_maps.placing import matrix_of_pose, take_apart
+from usarsim_maps.units import (
+    MIRROR,
+    ROTATION_UNIT,
+    axis_matrix,
+    pose_of_matrix,
+    unreal_matrix,
+    unreal_points,
+    unreal_pose,
+    unreal_rotation,
+)
+from usarsim_server.simulation.frames import flip_point, rpy_from_quaternion, wire_from_pose
+
+URU = st.integers(-200_000, 200_000)
+
+
+def unreal_axes(pitch: float, yaw: float, roll: float) -> np.ndarray:
+    """Forward, right and up of an actor as columns, in Unreal's own frame (reference 2.1)."""
+    (cp, sp), (cy, sy), (cr, sr) = (
+        (math.cos(a * ROTATION_UNIT), math.sin(a * ROTATION_UNIT)) for a in (pitch, yaw, roll)
+    )
+    forward = (cp * cy, cp * sy, sp)
+    right = (sr * sp * cy - cr * sy, sr * sp * sy + cr * cy, -sr * cp)
+    up = (-(cr * sp * cy + sr * sy), cy * sr - cr * sp * sy, cr * cp)
+    return np.array([forward, right, up]).T
+
+
+def test_a_point_in_all_frames() -> None:
+    """(250, 500, 750) UU is (1, -2, 3) in the simulation and (1, 2, -3) on the wire (item 1)."""
+    point = unreal_points((250.0, 500.0, 750.0))
+    assert point.tolist() == [1.0, -2.0, 3.0]
+    assert flip_point((1.0, -2.0, 3.0)) == (1.0, 2.0, -3.0)
+
+
+def test_yaw_turns_clockwise() -> None:
+    """Yaw 16384 is -90 degrees in the simulation and +90 on the wire (item 2)."""
+    pose = unreal_pose((0, 0, 0), (0, 16384, 0))
+    assert rpy_from_quaternion(pose.quaternion)[2] == pytest.approx(-math.pi / 2)
+    assert wire_from_pose(pose)[1][2] == pytest.approx(math.pi / 2)
+
+
+def test_pitch_lifts_the_nose() -> None:
+    """Pitch 8192 lifts the forward axis to z = 0.7071 (item 3)."""
+    assert unreal_rotation(8192, 0, 0)[2, 0] == pytest.approx(math.sqrt(0.5))
+
+
+def test_roll_lowers_the_right_side() -> None:
+    """Roll 8192 lifts the left axis to z = 0.7071 (item 4)."""
+    assert unreal_rotation(0, 0, 8192)[2, 1] == pytest.approx(math.sqrt(0.5))
+
+
+def test_a_rotator_on_the_wire() -> None:
+    """The rotator (-5264, 8776, 0) has the angles of the reference in both frames (item 5)."""
+    pose = unreal_pose((0, 0, 0), (-5264, 8776, 0))
+    assert wire_from_pose(pose)[1] == pytest.approx((0.0, -0.50468, 0.84139), abs=1e-5)
+    _, pitch, yaw = rpy_from_quaternion(pose.quaternion)
+    assert (pitch, yaw) == pytest.approx((0.50468, -0.84139), abs=1e-5)
+
+
+@given(URU, URU, URU)
+def test_rotations_agree_with_the_axes(pitch: int, yaw: int, roll: int) -> None:
+    """Mirroring Unreal's axes on both sides gives our rotation to rounding (item 6)."""
+    expected = MIRROR @ unreal_axes(pitch, yaw, roll) @ MIRROR
+    np.testing.assert_allclose(unreal_rotation(pitch, yaw, roll), expected, atol=1e-12)
+
+
+@given(st.tuples(URU, URU, URU), st.tuples(URU, URU, URU))
+def test_wire_and_back(location: tuple[int, ...], rotator: tuple[int, ...]) -> None:
+    """To the wire and back gives the pose again (item 7)."""
+    from usarsim_server.simulation.frames import pose_from_wire
+
+    pose = unreal_pose(location, rotator)
+    again = pose_from_wire(*wire_from_pose(pose))
+    np.testing.assert_allclose(again.matrix(), pose.matrix(), atol=1e-9)
+    assert again.position == pytest.approx(pose.position)
+
+
+def test_more_than_a_turn() -> None:
+    """Yaw 81920 has the heading of 16384 (item 8)."""
+    np.testing.assert_array_equal(unreal_rotation(0, 81920, 0), unreal_rotation(0, 16384, 0))
+
+
+def test_quarter_turns_are_exact() -> None:
+    """Rooms that were turned by 90 degrees keep their walls parallel to the axes to the bit."""
+    for yaw in (-81920, -16384, 0, 16384, 32768, 49152):
+        assert set(np.abs(unreal_rotation(0, yaw, 0)).ravel().tolist()) <= {0.0, 1.0}
+
+
+def test_pivot_turns_with_the_actor() -> None:
+    """PrePivot (100, 0, 0) with Yaw 16384 moves the origin as T R S T(-pivot) says (item 11)."""
+    matrix = unreal_matrix((0, 0, 0), (0, 16384, 0), pivot=(100, 0, 0))
+    # In Unreal: forward becomes +Y, so -pivot goes to Y = -100, and y is mirrored.
+    np.testing.assert_allclose(matrix[:3, 3], (0.0, 0.4, 0.0), atol=1e-12)
+
+
+def test_scales_multiply() -> None:
+    """DrawScale 2 with DrawScale3D (1, 2, 0.5) makes a unit cube 2 x 4 x 1 (item 12)."""
+    scale = (2.0 * np.array([1.0, 2.0, 0.5])).tolist()
+    matrix = unreal_matrix(scale3d=scale)
+    np.testing.assert_allclose(np.diag(matrix)[:3], (2.0, 4.0, 1.0))
+
+
+def test_scales_of_old_brushes() -> None:
+    """MainScale acts before the rotation, PostScale after it."""
+    matrix = unreal_matrix(rotator=(0, 16384, 0), main_scale=(3, 1, 1), post_scale=(1, 1, 5))
+    forward = matrix[:3, :3] @ [1.0, 0.0, 0.0]
+    np.testing.assert_allclose(forward, (0.0, -3.0, 0.0), atol=1e-12)
+    np.testing.assert_allclose(matrix[:3, :3] @ [0.0, 0.0, 1.0], (0.0, 0.0, 5.0), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("up", "point"), [("Z", (1, 2, 3)), ("Y", (1, -3, 2)), ("X", (-2, -3, 1)), ("y", (1, -3, 2))]
+)
+def test_up_axes(up: str, point: tuple[float, ...]) -> None:
+    """Whatever axis of a file points up, it ends as z, by a proper rotation (reference 2.4)."""
+    matrix = axis_matrix(up)
+    np.testing.assert_allclose(matrix @ [1.0, 2.0, 3.0], point)
+    assert np.linalg.det(matrix) == pytest.approx(1.0)
+
+
+def test_unknown_axis() -> None:
+    """An axis that does not exist is refused."""
+    with pytest.raises(ValueError, match="not one of X, Y, Z"):
+        axis_matrix("W")
+
+
+@given(
+    st.tuples(URU, URU, URU),
+    st.lists(st.sampled_from([-2.0, 0.5, 1.0, 3.0]), min_size=3, max_size=3),
+)
+def test_matrices_come_apart(rotator: tuple[int, ...], scale: list[float]) -> None:
+    """A matrix is its pose after its linear map, which is symmetric, also where it mirrors."""
+    matrix = unreal_matrix((100, 200, 300), rotator, scale)
+    pose, linear = take_apart(matrix)
+    np.testing.assert_allclose(linear, linear.T, atol=1e-9)
+    again = matrix_of_pose(pose)
+    again[:3, :3] = again[:3, :3] @ linear
+    np.testing.assert_allclose(again, matrix, atol=1e-7)
+    assert np.linalg.norm(pose_of_matrix(matrix).quaternion) == pytest.approx(1.0)

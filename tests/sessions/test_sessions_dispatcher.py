@@ -1,0 +1,254 @@
+"""The thread that serves everybody: batches, what may take long, and defects of one of many."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+import pytest
+
+from usarsim_server.sessions.dispatcher import AT_ONCE, Dispatcher, Task
+from usarsim_server.simulation.rays.cast import RayQuery
+from usarsim_server.simulation.rays.fans import RayFan, RayHits
+from usarsim_server.simulation.snapshot import Snapshot
+
+NOTHING = np.zeros(0)
+TIMEOUT = 90.0
+
+
+def snapshot(time: float = 0.0) -> Snapshot:
+    """An instant of a world without anything."""
+    return Snapshot(time, 0, 0, NOTHING, NOTHING, NOTHING, NOTHING)
+
+
+def fan(name: float) -> RayFan:
+    """A fan that can be told from others."""
+    return RayFan(np.full(3, name), np.array([[1.0, 0.0, 0.0]]), 1.0)
+
+
+class Caller:
+    """Somebody who wants to be served; keeps what happened to him."""
+
+    def __init__(self, name: int, now: Snapshot | None, log: list[str]) -> None:
+        self.name, self.now, self.log = name, now, log
+        self.slow = False
+        self.broken = ""
+        self.threads: list[str] = []
+        self.failure: Exception | None = None
+        self.rounds = 1
+        self.done = threading.Event()
+
+    def begin(self, apart: bool) -> Task | None:
+        """Want a report of one fan."""
+        self.threads.append(threading.current_thread().name)
+        self.log.append(f"begin {self.name}")
+        if self.now is None:
+            return None
+        fans = [] if self.broken == "silent" else [fan(float(self.name))]
+        return Task(self.now, RayQuery(fans, self.name), self.finish)
+
+    def finish(self, hits: Sequence[RayHits]) -> Callable[[], None]:
+        """Write it down."""
+        if self.broken == "finish":
+            raise RuntimeError("a defect")
+        self.log.append(f"written {self.name}")
+        assert [float(one.distances[0]) for one in hits] == (
+            [] if self.broken == "silent" else [float(self.name)]
+        )
+        return lambda: self.log.append(f"told {self.name}")
+
+    def fail(self, error: Exception) -> None:
+        """Keep it."""
+        self.failure = error
+
+    def pause(self) -> bool:
+        """After some rounds there is nothing left to do."""
+        self.rounds -= 1
+        if self.rounds > 0:
+            return False
+        self.done.set()
+        return True
+
+
+class World:
+    """Casts rays that hit at the name of their robot."""
+
+    def __init__(self) -> None:
+        self.batches: list[list[int | None]] = []
+        self.instants: list[float] = []
+        self.poison: int | None = None
+        self.rests = 0
+
+    def cast_all(self, queries: Sequence[RayQuery], now: Snapshot) -> list[list[RayHits]]:
+        """Answer all queries."""
+        self.batches.append([query.robot for query in queries])
+        self.instants.append(now.time)
+        if any(query.robot == self.poison for query in queries):
+            raise ValueError("poisoned rays")
+        return [[RayHits(np.array([one.origin[0]])) for one in query.fans] for query in queries]
+
+    def rested(self) -> None:
+        """Count."""
+        self.rests += 1
+
+
+@pytest.fixture
+def world() -> World:
+    """A world."""
+    return World()
+
+
+@pytest.fixture
+def dispatcher(world: World) -> Iterator[Dispatcher]:
+    """A dispatcher that is stopped afterwards."""
+    made = Dispatcher(world.cast_all, world.rested)
+    yield made
+    made.stop(5.0)
+
+
+def serve(dispatcher: Dispatcher, callers: Sequence[Caller]) -> None:
+    """Let all call at once and wait until they have been served."""
+    with dispatcher.together():
+        for caller in callers:
+            dispatcher.call(caller)
+    for caller in callers:
+        assert caller.done.wait(TIMEOUT)
+
+
+def test_reports_of_one_instant_are_one_batch(world: World, dispatcher: Dispatcher) -> None:
+    """All begin, one batch of rays is cast, all are written, and then all are handed over."""
+    now, log = snapshot(), []
+    callers = [Caller(name, now, log) for name in range(4)]
+    serve(dispatcher, callers)
+    assert world.batches == [[0, 1, 2, 3]]
+    expected = [f"{what} {name}" for what in ("begin", "written", "told") for name in range(4)]
+    assert log == expected
+    assert {name for caller in callers for name in caller.threads} == {"robots"}
+
+
+def test_instants_are_not_mixed(world: World, dispatcher: Dispatcher) -> None:
+    """Robots that look at different snapshots get rays of their own."""
+    early, late, log = snapshot(1.0), snapshot(2.0), []
+    serve(dispatcher, [Caller(name, late if name % 2 else early, log) for name in range(4)])
+    assert sorted(zip(world.instants, world.batches, strict=True)) == [
+        (1.0, [0, 2]),
+        (2.0, [1, 3]),
+    ]
+
+
+def test_very_many_are_served_in_portions(world: World, dispatcher: Dispatcher) -> None:
+    """What is ready first need not wait for a crowd."""
+    now, log = snapshot(), []
+    serve(dispatcher, [Caller(name, now, log) for name in range(2 * AT_ONCE + 3)])
+    assert [len(batch) for batch in world.batches] == [AT_ONCE, AT_ONCE, 3]
+    assert log.index("told 0") < log.index(f"written {AT_ONCE}")
+
+
+def test_nobody_casts_for_those_without_rays(world: World, dispatcher: Dispatcher) -> None:
+    """A report without rays is written without asking the world."""
+    caller = Caller(0, snapshot(), [])
+    caller.broken = "silent"
+    serve(dispatcher, [caller])
+    assert world.batches == []
+    assert "told 0" in caller.log
+
+
+def test_who_has_more_to_do_is_served_again(dispatcher: Dispatcher) -> None:
+    """Whatever came in meanwhile is dealt with in the next round."""
+    caller = Caller(0, None, [])
+    caller.rounds = 5
+    serve(dispatcher, [caller])
+    assert caller.log == ["begin 0"] * 5
+
+
+def test_what_takes_long_gets_a_thread_of_its_own(dispatcher: Dispatcher) -> None:
+    """While one is busy for long the others are served; the thread ends with its work."""
+    log: list[str] = []
+    slow, quick = Caller(0, snapshot(), log), Caller(1, snapshot(), log)
+    slow.slow, gate = True, threading.Event()
+    original = slow.begin
+
+    def begin(apart: bool) -> Task | None:
+        assert apart
+        gate.wait(TIMEOUT)
+        return original(apart)
+
+    slow.begin = begin  # type: ignore[method-assign]
+    dispatcher.call(slow)
+    serve(dispatcher, [quick])
+    assert not slow.done.is_set()
+    gate.set()
+    assert slow.done.wait(TIMEOUT)
+    assert slow.threads == ["robot-alone"]
+    assert "told 0" in log
+    deadline = time.monotonic() + TIMEOUT
+    while any(one.name == "robot-alone" for one in threading.enumerate()):
+        assert time.monotonic() < deadline
+        time.sleep(0.002)
+
+
+def test_a_defect_of_one_is_his_own(world: World, dispatcher: Dispatcher) -> None:
+    """Who cannot write his report fails alone."""
+    now, log = snapshot(), []
+    callers = [Caller(name, now, log) for name in range(3)]
+    callers[1].broken = "finish"
+    serve(dispatcher, callers)
+    assert [caller.failure is not None for caller in callers] == [False, True, False]
+    assert "told 0" in log
+    assert "told 2" in log
+
+
+def test_rays_that_cannot_be_cast_hurt_only_who_sent_them(
+    world: World, dispatcher: Dispatcher
+) -> None:
+    """If a batch fails each gets a batch of his own."""
+    now, log = snapshot(), []
+    callers = [Caller(name, now, log) for name in range(3)]
+    world.poison = 2
+    serve(dispatcher, callers)
+    assert [caller.failure is not None for caller in callers] == [False, False, True]
+    assert world.batches == [[0, 1, 2], [0], [1], [2]]
+
+
+def test_the_world_may_go_on_before_and_after_reports_are_written(
+    world: World, dispatcher: Dispatcher
+) -> None:
+    """It is told when all have begun, and again when all is done."""
+    serve(dispatcher, [Caller(0, snapshot(), [])])
+    dispatcher.stop(5.0)
+    assert world.rests == 2
+
+
+def test_callers_may_hold_locks_of_their_own(dispatcher: Dispatcher) -> None:
+    """While somebody has many served together, others who hold a lock that he needs may call."""
+    lock, inside = threading.Lock(), threading.Event()
+    other, one = Caller(0, None, []), Caller(1, None, [])
+
+    def call_with_lock() -> None:
+        with lock:
+            inside.set()
+            time.sleep(0.05)
+            dispatcher.call(other)
+
+    thread = threading.Thread(target=call_with_lock, daemon=True)
+    with dispatcher.together():
+        thread.start()
+        assert inside.wait(TIMEOUT)
+        assert lock.acquire(timeout=TIMEOUT)
+        lock.release()
+        dispatcher.call(one)
+    assert one.done.wait(TIMEOUT)
+    assert other.done.wait(TIMEOUT)
+
+
+def test_after_the_end_nobody_is_served(world: World) -> None:
+    """Calls during and after the stop are ignored, and no thread is left."""
+    dispatcher = Dispatcher(world.cast_all, world.rested)
+    serve(dispatcher, [Caller(0, None, [])])
+    dispatcher.stop(5.0)
+    late = Caller(1, None, [])
+    dispatcher.call(late)
+    assert late.log == []
+    assert not any(one.name == "robots" and one.is_alive() for one in [dispatcher._thread] if one)

@@ -1,0 +1,163 @@
+"""How soon a newcomer is served, what the others notice of it, and a crowd at the door."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from statistics import median
+
+from usarsim_bench.crowd import DEFAULT_CLASS, Controller, Crowd
+from usarsim_bench.errors import BenchError
+from usarsim_bench.figures import Aim, Figure, Plan, Section
+from usarsim_bench.procfs import load_between
+from usarsim_bench.recording import first_reading, streams
+from usarsim_bench.robot_files import SCOUT, SCOUT_SENSORS, scouts
+from usarsim_bench.server import SERVE, Server
+from usarsim_bench.spawn import disturbance
+from usarsim_bench.team import SETTLE, load_figures
+
+__all__ = ["Visits", "admission_figures", "measure_admission", "waits"]
+
+ROBOTS = 24
+SECONDS = 30.0
+WATCHED = 1.0
+"""s after an INIT in which the others' streams are watched."""
+PAUSE = 0.5
+"""s between a departure and the next INIT."""
+FEWEST = 2
+"""Newcomers at least."""
+
+WAIT_AIM = Aim("<", 300.0)
+LATE_AIM = Aim("<", 20.0)
+STORM_AIM = Aim("<", 3.0)
+
+Span = tuple[float, float]
+Streams = list[dict[str, list[float]]]
+
+
+@dataclass(frozen=True, slots=True)
+class Visits:
+    """Newcomers to a team, one at a time, and spans in which nobody came.
+
+    Attributes:
+        waits: s from INIT to the first sensor line, of each newcomer.
+        busy: wall times of the second after each INIT.
+        quiet: as many spans of that length in which nobody came.
+    """
+
+    waits: list[float]
+    busy: list[Span]
+    quiet: list[Span]
+
+
+def waits(controllers: Sequence[Controller]) -> list[float]:
+    """Seconds from the INIT of each to its first sensor line.
+
+    Raises:
+        BenchError: if one has had none.
+    """
+    firsts = [(one, first_reading(one.chunks)) for one in controllers]
+    silent = [one.name for one, first in firsts if first is None]
+    if silent:
+        raise BenchError(f"no sensor line after INIT for {', '.join(silent)}")
+    return [first - one.joined for one, first in firsts if first is not None]
+
+
+def measure_admission(plan: Plan) -> Section:
+    """All INITs of a team at once, then newcomers one by one for `plan.seconds` of wall time."""
+    robots, seconds = plan.robots or ROBOTS, plan.seconds or SECONDS
+    number = max(FEWEST, round(seconds / (2.0 * WATCHED + PAUSE)))
+    plan.say(f"admission: {robots} robots at once, then {number} newcomers")
+    with (
+        scouts() as classes,
+        Server(plan.world, robots + 1, (*SERVE, *classes)) as server,
+        Crowd(server.port, plan.seed) as crowd,
+    ):
+        team = _storm(crowd, robots)
+        storm = waits(team)
+        served = max(wait + one.joined for wait, one in zip(storm, team, strict=True))
+        crowd.run(SETTLE)
+        before = server.usage()
+        visits = _visits(crowd, number)
+        # The last span has to be followed by lines, else every stream would end in it.
+        crowd.run(SETTLE / 2)
+        load = load_between(before, server.usage())
+        recorded = [streams(one.chunks) for one in team]
+    return Section(
+        "admission",
+        "Newcomers, one by one and all at once",
+        f"{DEFAULT_CLASS} with {SCOUT_SENSORS} each in {plan.world}. First {robots} INITs at once, "
+        f"of a class that the server has not seen before; then, while these {robots} drive around, "
+        f"{number} newcomers of that class, one at a time. Late: the longest silence of any stream "
+        f"of any robot beyond its period, within {WATCHED:g} s after an INIT.",
+        (
+            *admission_figures(
+                robots, storm, served - min(one.joined for one in team), visits, recorded
+            ),
+            *load_figures(load),
+        ),
+    )
+
+
+def _storm(crowd: Crowd, robots: int) -> list[Controller]:
+    """All of a team ask at once; returns when each has had its first sensor line."""
+    team = [crowd.join(SCOUT) for _ in range(robots)]
+    crowd.wait_until_speaking(team)
+    crowd.run(PAUSE)
+    return team
+
+
+def _visits(crowd: Crowd, number: int) -> Visits:
+    """Newcomers come and go one at a time; before each a span in which nobody comes."""
+    taken: list[float] = []
+    busy: list[Span] = []
+    quiet: list[Span] = []
+    for _ in range(number):
+        crowd.run(PAUSE)
+        quiet.append(crowd.run(WATCHED))
+        newcomer = crowd.join(SCOUT)
+        crowd.run(WATCHED)
+        busy.append((newcomer.joined, newcomer.joined + WATCHED))
+        crowd.wait_until_speaking([newcomer])
+        if first_reading(newcomer.chunks) is None:
+            crowd.run(PAUSE)
+        taken += waits([newcomer])
+        crowd.leave(newcomer)
+    return Visits(taken, busy, quiet)
+
+
+def admission_figures(
+    robots: int, storm: Sequence[float], served: float, visits: Visits, recorded: Streams
+) -> list[Figure]:
+    """What became of the storm and of the newcomers.
+
+    Args:
+        robots: size of the team.
+        storm: s from INIT to the first sensor line, of each of the team.
+        served: s from the first INIT of the team until the last of them had its first line.
+        visits: those who came later.
+        recorded: arrivals of every stream of every robot of the team.
+
+    Raises:
+        BenchError: if a stream has hardly any lines.
+    """
+    late = [1e3 * disturbance(recorded, *span) for span in visits.busy]
+    usual = [1e3 * disturbance(recorded, *span) for span in visits.quiet]
+    name = "INIT to first SEN"
+    return [
+        Figure(f"{robots} INITs at once: all served after", served, "s", 2, STORM_AIM),
+        Figure(f"{robots} INITs at once: {name}, median", median(storm), "s", 2),
+        Figure(
+            f"{name}, {robots} robots running, longest",
+            1e3 * max(visits.waits),
+            "ms",
+            0,
+            WAIT_AIM,
+        ),
+        Figure(f"{name}, {robots} robots running, median", 1e3 * median(visits.waits), "ms", 0),
+        Figure("Others late meanwhile, longest of all newcomers", max(late), "ms", 1, LATE_AIM),
+        Figure("Others late meanwhile, median newcomer", median(late), "ms", 1),
+        Figure("Others late while nobody comes, longest", max(usual), "ms", 1),
+        Figure("Others late while nobody comes, median", median(usual), "ms", 1),
+        Figure("Newcomers", len(visits.waits), "", 0),
+    ]

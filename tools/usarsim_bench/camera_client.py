@@ -1,0 +1,156 @@
+"""Image clients for measurements: each asks for pictures at its own pace, in its own thread."""
+
+from __future__ import annotations
+
+import socket
+import struct
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from zlib import crc32
+
+from usarsim_bench.closing import CarefulClosing
+from usarsim_bench.errors import BenchError
+from usarsim_bench.statistics import percentile
+
+__all__ = ["Picture", "Viewer", "ViewerTrial", "summed_up"]
+
+_ANSWER_TIMEOUT = 10.0
+_STOP_TIMEOUT = 15.0
+_READ = 1 << 18
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """One answered request.
+
+    Attributes:
+        asked: wall time just before the request was sent.
+        come: wall time at which its last byte was there.
+        octets: of header and payload.
+        content: checksum of the payload, by which repeats are known.
+    """
+
+    asked: float
+    come: float
+    octets: int
+    content: int
+
+
+class Viewer(CarefulClosing):
+    """Looks at the cameras of a server while it is open as a context manager.
+
+    Attributes:
+        pictures: those that have come so far; read it after `close`, or bear that it grows.
+    """
+
+    def __init__(
+        self,
+        port: int,
+        rectangle: tuple[int, int, int, int] | None = None,
+        rate: float | None = None,
+    ) -> None:
+        """Connect and begin to ask.
+
+        Args:
+            port: of the images.
+            rectangle: x, y, width and height to ask for, pixels; None for the full frame.
+            rate: requests per second; None to ask again as soon as a picture is there.
+
+        Raises:
+            BenchError: if nobody listens.
+        """
+        self.pictures: list[Picture] = []
+        self._failure: str | None = None
+        self._stop = threading.Event()
+        self._period = 0.0 if rate is None else 1.0 / rate
+        self._request = b"OK" if rectangle is None else b"U" + struct.pack(">4I", *rectangle)
+        try:
+            self._socket = socket.create_connection(("127.0.0.1", port), _ANSWER_TIMEOUT)
+        except OSError as error:
+            raise BenchError(f"nobody listens for image clients: {error.strerror}") from None
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._thread = threading.Thread(target=self._look, name="viewer", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop asking and hang up, once the last picture is there.
+
+        Raises:
+            BenchError: if the server failed this client at any time.
+        """
+        self._stop.set()
+        self._thread.join(_STOP_TIMEOUT)
+        self._socket.close()
+        if self._failure is not None:
+            raise BenchError(f"an image client was failed: {self._failure}")
+
+    def _look(self) -> None:
+        due = time.perf_counter()
+        try:
+            while not self._stop.wait(max(0.0, due - time.perf_counter())):
+                self.pictures.append(self._ask())
+                # A client that was held up does not ask in bursts.
+                due = max(due + self._period, time.perf_counter())
+        except (OSError, BenchError) as error:
+            self._failure = str(error)
+
+    def _ask(self) -> Picture:
+        asked = time.perf_counter()
+        self._socket.sendall(self._request)
+        length = int.from_bytes(self._exactly(5)[1:])
+        payload = self._exactly(length)
+        return Picture(asked, time.perf_counter(), 5 + length, crc32(payload))
+
+    def _exactly(self, count: int) -> bytearray:
+        data = bytearray(count)
+        view, have = memoryview(data), 0
+        while have < count:
+            taken = self._socket.recv_into(view[have : have + _READ])
+            if not taken:
+                raise BenchError("the server hung up")
+            have += taken
+        return data
+
+
+@dataclass(frozen=True, slots=True)
+class ViewerTrial:
+    """What one viewer got over a span of time.
+
+    Attributes:
+        pictures: received per second.
+        news: pictures per second that differed from the one before.
+        median, tail: s from asking to the last byte; median and 99th percentile.
+        longest: s, the longest of them.
+        octets: received per second.
+    """
+
+    pictures: float
+    news: float
+    median: float
+    tail: float
+    longest: float
+    octets: float
+
+
+def summed_up(pictures: Sequence[Picture], start: float, stop: float) -> ViewerTrial:
+    """What came within a span of wall time.
+
+    Raises:
+        BenchError: if no picture came.
+    """
+    seen = [one for one in pictures if start <= one.come <= stop]
+    if not seen:
+        raise BenchError(f"no picture came in {stop - start:.1f} s")
+    waits = [one.come - one.asked for one in seen]
+    news = sum(one.content != before.content for before, one in pairwise(seen))
+    return ViewerTrial(
+        pictures=len(seen) / (stop - start),
+        news=news / (stop - start),
+        median=percentile(waits, 50.0),
+        tail=percentile(waits, 99.0),
+        longest=max(waits),
+        octets=sum(one.octets for one in seen) / (stop - start),
+    )

@@ -1,0 +1,102 @@
+"""What image clients get, and what a team notices of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from usarsim_bench.camera_client import Viewer, ViewerTrial, summed_up
+from usarsim_bench.crowd import DEFAULT_CLASS, Crowd
+from usarsim_bench.errors import BenchError
+from usarsim_bench.figures import Aim, Figure, Plan, Section
+from usarsim_bench.server import Server
+from usarsim_bench.team import MIB, ROBOTS, TeamTrial, load_figures, try_team
+
+__all__ = ["Look", "measure_cameras"]
+
+SECONDS = 20.0
+TILE = (0, 0, 320, 240)
+"""Where the first camera is seen in every grid of the default tiles."""
+RATE = 15.0
+"""Requests per second: a simulated camera of the original had 15 pictures per second."""
+
+FACTOR_AIM = Aim(">=", 0.999)
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """One way of looking.
+
+    Attributes:
+        name: for people.
+        rectangle: asked for, pixels; None for the full frame.
+        rate: requests per second; None for as many as can be.
+    """
+
+    name: str
+    rectangle: tuple[int, int, int, int] | None
+    rate: float | None
+
+
+LOOKS: Sequence[Look] = (
+    Look("One tile", TILE, RATE),
+    Look("Full frame", None, RATE),
+    Look("Full frame without pause", None, None),
+)
+
+
+def measure_cameras(plan: Plan) -> Section:
+    """A team at real time, unwatched and watched; `plan.seconds` of wall time for each look."""
+    robots, seconds = plan.robots or ROBOTS, plan.seconds or SECONDS
+    figures: list[Figure] = []
+    with Server(plan.world, robots) as server, Crowd(server.port, plan.seed) as crowd:
+        port = server.ports.get("images")
+        if port is None:
+            raise BenchError("the server has no images")
+        plan.say(f"cameras: {robots} robots, unwatched, for {seconds:g} s")
+        trial = try_team(server, crowd, robots, seconds)
+        figures += _team_figures("Unwatched", trial)
+        for look in LOOKS:
+            plan.say(f"cameras: {look.name.lower()} for {seconds:g} s")
+            trial, seen = _watched(server, crowd, port, look, seconds)
+            figures += _team_figures(look.name, trial) + _viewer_figures(look, seen)
+        figures.append(Figure("Memory of the server", trial.resident / MIB, "MiB", 0))
+        figures += load_figures(trial.load)
+    return Section(
+        "cameras",
+        "Cameras",
+        f"{robots} {DEFAULT_CLASS} in {plan.world} at real time with random DRIVE commands; one "
+        f"image client at a time asks at {RATE:g} Hz or without pause, {seconds:g} s each. New "
+        "pictures are those that differ from the one before.",
+        tuple(figures),
+    )
+
+
+def _watched(
+    server: Server, crowd: Crowd, port: int, look: Look, seconds: float
+) -> tuple[TeamTrial, ViewerTrial]:
+    with Viewer(port, look.rectangle, look.rate) as viewer:
+        # Nobody joins; the crowd settles while the renderer starts.
+        trial = try_team(server, crowd, 0, seconds)
+    return trial, summed_up(viewer.pictures, trial.start, trial.stop)
+
+
+def _team_figures(name: str, trial: TeamTrial) -> list[Figure]:
+    return [
+        Figure(f"{name}: real-time factor", trial.factor, "", 4, FACTOR_AIM),
+        Figure(f"{name}: worst second of any robot", trial.worst, "", 4),
+        Figure(f"{name}: processor use of the server", trial.load.process, "cores", 2),
+    ]
+
+
+def _viewer_figures(look: Look, seen: ViewerTrial) -> list[Figure]:
+    name = look.name
+    # A client that keeps its rate got every picture that it asked for.
+    aim = None if look.rate is None else Aim(">=", 0.9 * look.rate)
+    return [
+        Figure(f"{name}: pictures", seen.pictures, "1/s", 1, aim),
+        Figure(f"{name}: new pictures", seen.news, "1/s", 1),
+        Figure(f"{name}: time to answer, median", 1e3 * seen.median, "ms", 1),
+        Figure(f"{name}: time to answer, 99th percentile", 1e3 * seen.tail, "ms", 1),
+        Figure(f"{name}: data", seen.octets / 1e6, "MB/s", 2),
+    ]

@@ -1,0 +1,203 @@
+"""`usarsim bench fidelity`: the physics acceptance tests of robots reference 3.3, and their table.
+
+Robots are driven by DRIVE commands through the whole server, without sockets and without a clock;
+the measuring instrument is the state of the physics itself. See docs/fidelity.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from usarsim_bench.fidelity import trials_flat as flat
+from usarsim_bench.fidelity import trials_machines as machines
+from usarsim_bench.fidelity import trials_terrain as terrain
+from usarsim_bench.fidelity import trials_tracks as tracks
+from usarsim_bench.fidelity.results import ANY, Band, Result, as_json, as_markdown, as_table
+from usarsim_bench.fidelity.stage import StageError
+from usarsim_bench.fidelity.workshop import Workshop
+from usarsim_server import atomic
+from usarsim_server.errors import UsarsimError, at
+
+__all__ = ["TIMESTEPS", "TRIALS", "Trial", "main", "run_trials"]
+
+TIMESTEPS = (0.001, 0.002, 0.004, 0.005)
+"""s: the time steps that have to agree."""
+QUICK_TIMESTEPS = (0.004,)
+BEGIN, END = "<!-- fidelity table: begin -->", "<!-- fidelity table: end -->"
+"""Lines of a page between which `--markdown` puts the table."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """A group of acceptance tests that are measured together.
+
+    Attributes:
+        tests: their numbers.
+        run: yields results for a sequence of time steps.
+    """
+
+    tests: tuple[str, ...]
+    run: Callable[[Workshop, Sequence[float]], Iterator[Result]]
+
+
+TRIALS = (
+    Trial(("V1",), flat.straight_speed),
+    Trial(("V2",), flat.straight_drift),
+    Trial(("V3", "#23"), flat.top_speed),
+    Trial(("V4",), flat.turn_ratio),
+    Trial(("V5", "V6"), flat.effective_track),
+    Trial(("V7",), flat.speed_independence),
+    Trial(("V8",), flat.friction_independence),
+    Trial(("V9",), flat.timestep_independence),
+    Trial(("#120",), flat.timestep_agreement),
+    Trial(("V10", "#61"), flat.hop),
+    Trial(("V11",), flat.arc),
+    Trial(("V12",), flat.yaw_rate_limit),
+    Trial(("V13",), flat.stopping),
+    Trial(("V14",), terrain.grade),
+    Trial(("V15",), terrain.slope_limits),
+    Trial(("V16",), terrain.parking),
+    Trial(("V17",), terrain.square_steps),
+    Trial(("V18",), terrain.gaps),
+    Trial(("V19", "#61", "#62"), terrain.step_fields),
+    Trial(("V19", "#61", "#62"), tracks.step_fields),
+    Trial(("V20",), terrain.cubic_field),
+    Trial(("V21",), tracks.stairs),
+    Trial(("V22",), terrain.sliding),
+    Trial(("V23",), machines.hovering),
+    Trial(("V24", "#42", "#43"), machines.speeds),
+    Trial(("V25", "#40", "#41"), machines.radius),
+    Trial(("V26",), flat.repeatability),
+    Trial(("V27",), flat.odometry),
+    Trial(("#38",), flat.pivot),
+    Trial(("#39",), tracks.turning),
+    Trial(("#46",), tracks.flippers),
+    Trial(("#47",), tracks.speed),
+    Trial(("#49",), machines.depth),
+    Trial(("#59",), terrain.wall),
+    Trial(("#59",), tracks.wall),
+    Trial(("#60",), terrain.crate),
+    Trial(("#63", "#64"), flat.resting),
+)
+"""All acceptance tests of the robots that there are, in the order of the table."""
+
+
+def run_trials(
+    trials: Sequence[Trial], timesteps: Sequence[float], tests: Sequence[str] = ()
+) -> Iterator[Result]:
+    """Carry out trials; a trial that breaks down yields a failed result and the next one follows.
+
+    Args:
+        trials: what to do.
+        timesteps: s.
+        tests: numbers of the results wanted; all if empty.
+    """
+    with Workshop() as shop:
+        for trial in trials:
+            try:
+                for result in trial.run(shop, timesteps):
+                    if not tests or result.test in tests:
+                        yield result
+            except StageError as error:
+                yield Result(trial.tests[0], "", str(error), None, math.nan, "", "", Band(0.0, 0.0))
+
+
+def main(args: list[str]) -> int:
+    """Run the acceptance tests and print their table.
+
+    Args:
+        args: the command line after `usarsim bench fidelity`.
+
+    Returns:
+        0 if everything lies in its band, else 1.
+
+    Raises:
+        UsarsimError: if a file cannot be written.
+        SystemExit: from argparse.
+    """
+    options = _parser().parse_args(args)
+    for path in (options.json, options.markdown):
+        if path is not None and not path.absolute().parent.is_dir():
+            raise UsarsimError(at(path, "there is no such folder", "make the folder first"))
+    trials = [one for one in TRIALS if not options.only or set(options.only) & set(one.tests)]
+    timesteps = QUICK_TIMESTEPS if options.quick else TIMESTEPS
+    results = []
+    print(as_table([]))
+    for result in run_trials(trials, timesteps, options.only):
+        results.append(result)
+        print(as_table([result], heads=False), flush=True)
+    print(_summary(results))
+    if options.json is not None:
+        _write(options.json, as_json(results) + "\n")
+    if options.markdown is not None:
+        _write(options.markdown, _page(options.markdown, as_markdown(results)))
+    return 0 if all(result.passed for result in results) else 1
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="usarsim bench fidelity",
+        description="Physics acceptance tests: what the robots do, and what they should do.",
+        allow_abbrev=False,
+    )
+    parser.add_argument(
+        "--only",
+        type=_tests,
+        default=(),
+        metavar="LIST",
+        help="tests to run, separated by commas, for example V4,V5",
+    )
+    parser.add_argument("--quick", action="store_true", help="at a time step of 4 ms only")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the results as JSON")
+    parser.add_argument(
+        "--markdown",
+        type=Path,
+        metavar="FILE",
+        help="write the table into a page, between its marks if it has any",
+    )
+    return parser
+
+
+def _tests(text: str) -> tuple[str, ...]:
+    known = {number.lower(): number for trial in TRIALS for number in trial.tests}
+    chosen = []
+    for word in filter(None, (part.strip().lower() for part in text.split(","))):
+        # The shell takes #59 for a comment, so 59 will do.
+        number = known.get(word) or known.get(f"#{word}")
+        if number is None:
+            raise argparse.ArgumentTypeError(f"no test {word}; known: {', '.join(known.values())}")
+        chosen.append(number)
+    return tuple(chosen)
+
+
+def _summary(results: Sequence[Result]) -> str:
+    failed = sum(not result.passed for result in results)
+    informative = sum(result.band == ANY for result in results)
+    passed = len(results) - failed - informative
+    return f"{passed} passed, {failed} failed, {informative} for information"
+
+
+def _page(path: Path, table: str) -> str:
+    """The page with its table replaced; a page without marks becomes the table alone."""
+    text = path.read_text(encoding="utf-8") if path.is_file() else ""
+    head, begin, rest = text.partition(BEGIN)
+    _, end, tail = rest.partition(END)
+    if not (begin and end):
+        return table
+    return f"{head}{BEGIN}\n\n{table}\n{END}{tail}"
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        atomic.write_text(path, text)
+    except OSError as error:
+        raise UsarsimError(at(path, f"cannot be written: {error.strerror}", "check it")) from error
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

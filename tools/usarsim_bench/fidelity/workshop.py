@@ -1,0 +1,112 @@
+"""What acceptance tests share: test scenes, special robots, measurements."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+
+from usarsim_bench.fidelity import worlds
+from usarsim_bench.fidelity.manoeuvres import Turn, turn_in_place
+from usarsim_bench.fidelity.results import Band, Result
+from usarsim_bench.fidelity.stage import Stage
+from usarsim_server.robots.description import RobotDescription
+from usarsim_server.robots.roster import load_roster
+from usarsim_server.simulation.frames import Pose
+from usarsim_server.testing import Closing
+from usarsim_server.worlds.loader import load_world
+from usarsim_server.worlds.scene import build_scene
+
+__all__ = ["VARIANTS", "Case", "Workshop"]
+
+VARIANTS = {
+    # The wheel limit of 1.3 read as turns per second (robots reference 1.2).
+    "P3AT_fast": ("P3AT", {"max_wheel_speed": 8.17}),
+    "P3AT_strong": ("P3AT_real", {"wheel_torque": 10.0}),
+    "P3AT_brakeless": ("P3AT_real", {"parking_brake_delay": 1e6}),
+}
+"""Robots that differ from a shipped one: parent, and keys of its drive."""
+LITERAL = ("Hummer", "Sedan", "FrontAckerman", "BasicAckermanRobot")
+"""Cars that are tried with the original's rule of steering, too, under names with _literal."""
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """What is common to the results of one run."""
+
+    test: str
+    robot: str
+    timestep: float | None
+
+    def result(self, quantity: str, measured: float, unit: str, target: str, band: Band) -> Result:
+        """One result of the run."""
+        return Result(
+            self.test, self.robot, quantity, self.timestep, float(measured), unit, target, band
+        )
+
+
+class Workshop(Closing):
+    """Makes stages in a temporary folder, and remembers measurements that several tests share.
+
+    Attributes:
+        turn_seconds: simulated s that a turn in place is watched.
+    """
+
+    def __init__(self, turn_seconds: float = 10.0) -> None:
+        """Make an empty workshop.
+
+        Args:
+            turn_seconds: simulated s that a turn in place is watched.
+        """
+        self.turn_seconds = turn_seconds
+        self._folder = Path(tempfile.mkdtemp(prefix="usarsim-fidelity-"))
+        self._robots = self._folder / "robots"
+        self._turns: dict[tuple[str, float, float, float], Turn] = {}
+        for name, (parent, drive) in VARIANTS.items():
+            worlds.write_robot(self._robots, name, parent, drive)
+        for name in LITERAL:
+            keys = {"literal": True}
+            worlds.write_robot(self._robots, f"{name}_literal", name, keys, "steering")
+        self._roster = load_roster((self._robots,))
+
+    def world(self, scene: worlds.Scene) -> Path:
+        """The folder of a test scene."""
+        return worlds.write_world(self._folder / "worlds", scene)
+
+    def scenery(self, scene: worlds.Scene) -> Callable[[], mujoco.MjSpec]:
+        """What makes the specification of a test scene, for a physics without a server."""
+        world = load_world(self.world(scene))
+        return lambda: build_scene(world)
+
+    def stage(
+        self, scene: worlds.Scene, robot: str, timestep: float, pose: Pose | None = None
+    ) -> Stage:
+        """A stage with a fresh robot of a shipped class or a variant."""
+        return Stage(self.world(scene), robot, timestep, pose, robots=(self._robots,))
+
+    def describe(self, robot: str) -> RobotDescription:
+        """A shipped class or a variant."""
+        found = self._roster.find(robot)
+        assert found is not None, robot
+        return found
+
+    def rest_height(self, robot: str) -> float:
+        """Height of the reference point of a resting robot, m."""
+        return self.describe(robot).rest_height
+
+    def turn(self, robot: str, timestep: float, speed: float, friction: float = 1.0) -> Turn:
+        """A turn in place on level ground, measured once; the speed is cut to what it can do."""
+        key = (robot, timestep, speed, friction)
+        if key not in self._turns:
+            with self.stage(worlds.flat(friction), robot, timestep) as stage:
+                spin = min(speed, stage.robot.drive.max_wheel_speed)
+                self._turns[key] = turn_in_place(stage, spin, self.turn_seconds)
+        return self._turns[key]
+
+    def close(self) -> None:
+        """Remove the folder."""
+        shutil.rmtree(self._folder, ignore_errors=True)

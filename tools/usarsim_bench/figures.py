@@ -1,0 +1,164 @@
+"""What a measurement hands back: figures with units and aims, in sections."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Literal
+
+from usarsim_bench.machine import Machine
+from usarsim_bench.plot import Plot
+
+__all__ = ["Aim", "Figure", "Plan", "Report", "Section", "Table"]
+
+
+@dataclass(frozen=True, slots=True)
+class Aim:
+    """What a figure should be: at least, at most or below a limit."""
+
+    relation: Literal[">=", "<=", "<"]
+    limit: float
+
+    def met_by(self, value: float) -> bool:
+        """Whether a value is as it should be; not a number never is."""
+        if self.relation == ">=":
+            return value >= self.limit
+        return value <= self.limit if self.relation == "<=" else value < self.limit
+
+    def __str__(self) -> str:
+        return f"{self.relation} {self.limit:g}"
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """One measured number.
+
+    Attributes:
+        name: what it is.
+        value: as measured.
+        unit: of the value; empty for ratios and counts.
+        digits: after the point, for people.
+        aim: what it should be, or None if it only informs.
+    """
+
+    name: str
+    value: float
+    unit: str = ""
+    digits: int = 2
+    aim: Aim | None = None
+
+    @property
+    def met(self) -> bool | None:
+        """Whether the aim is met; None without an aim."""
+        return None if self.aim is None else self.aim.met_by(self.value)
+
+    @property
+    def text(self) -> str:
+        """The value as people read it."""
+        return f"{self.value:,.{self.digits}f}"
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Many cases beside each other.
+
+    Attributes:
+        heads: of the columns; the first names the case.
+        rows: a text for each column.
+    """
+
+    heads: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """The figures of one measurement.
+
+    Attributes:
+        key: of the measurement.
+        title: for people.
+        setting: under which circumstances they were taken.
+        figures: in the order to show them.
+        failure: why there are none, or None.
+        plots: of the same figures, for those who want pictures.
+        table: of the cases that the figures sum up, or None.
+    """
+
+    key: str
+    title: str
+    setting: str
+    figures: tuple[Figure, ...]
+    failure: str | None = None
+    plots: tuple[Plot, ...] = ()
+    table: Table | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """All sections of one run.
+
+    Attributes:
+        machine: that they were taken on.
+        taken: when the run began, UTC.
+        sections: in the order to show them.
+    """
+
+    machine: Machine
+    taken: datetime
+    sections: tuple[Section, ...]
+
+    @property
+    def facts(self) -> list[tuple[str, str]]:
+        """Name and value of everything but the figures, for people."""
+        return [("Taken", f"{self.taken:%Y-%m-%d %H:%M} UTC"), *self.machine.facts()]
+
+    @property
+    def failed(self) -> list[str]:
+        """Keys of the measurements that could not be taken."""
+        return [section.key for section in self.sections if section.failure is not None]
+
+    @property
+    def missed(self) -> int:
+        """Number of aims that were not met."""
+        return sum(figure.met is False for section in self.sections for figure in section.figures)
+
+
+def _silent(text: str) -> None:
+    """Says nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What to measure with.
+
+    Attributes:
+        robots: size of the team; None for the measurement's own.
+        seconds: how long to measure; None for the measurement's own. What it means in each case
+            is said by the measurement.
+        world: name or folder of the world.
+        seed: of the clients' behaviour.
+        say: told what goes on while it takes its time.
+        brief: only to see whether something is badly wrong: of several sizes one is enough.
+        attacks: names of those that `hostile` is to try; none for all.
+    """
+
+    robots: int | None = None
+    seconds: float | None = None
+    world: str = "arena"
+    seed: int = 0
+    say: Callable[[str], None] = _silent
+    brief: bool = False
+    attacks: tuple[str, ...] = ()
+
+    def sizes(self, usual: Sequence[int], brief: int) -> tuple[int, ...]:
+        """Sizes of the teams to measure: the one asked for, else the usual ones.
+
+        Args:
+            usual: the measurement's own.
+            brief: the one of them that is enough if it is to be brief.
+        """
+        if self.robots is not None:
+            return (self.robots,)
+        return (brief,) if self.brief else tuple(usual)

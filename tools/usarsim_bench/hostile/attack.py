@@ -1,0 +1,76 @@
+"""What an attack is, and what is promised in spite of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from usarsim_bench.hostile.links import Link, Site
+
+__all__ = ["MIB", "Answers", "Attack", "holding"]
+
+MIB = 2.0**20
+
+HOLD_WAIT = 10.0
+"""s after which a new client must have got a place at a port that idle connections hold."""
+HOLD_LEAST = 14.0
+
+Answers = Mapping[str, bytes]
+"""The latest answer to a newcomer on each port, see `newcomers.QUESTIONS`; under `team` the names
+of the streams that the robots get."""
+
+
+@dataclass(frozen=True, slots=True)
+class Attack:
+    """One way to mean a server no good.
+
+    Attributes:
+        name: as in `--attack NAME`.
+        what: what the attackers do, for people.
+        links: makes their connections; may prepare something, with calls that block.
+        ports: where a new client must get its answer meanwhile, beside robot control.
+        growth: bytes that the server's memory may grow by.
+        options: of the server.
+        faults: of the answers that new clients got meanwhile; none if they are as promised.
+        descriptors: that the server may hold more than before.
+        wait: s that a new client may have to wait for its answer.
+        least: s that the attack must last to show anything.
+        busy_loops: programs that only need a processor. With them, or with a speed that the
+            machine cannot keep, only what is lost counts, not how fast it went.
+    """
+
+    name: str
+    what: str
+    links: Callable[[Site], Sequence[Link]]
+    ports: tuple[str, ...] = ()
+    growth: float = 64 * MIB
+    options: tuple[str, ...] = ()
+    faults: Callable[[Answers], Sequence[str]] = lambda _: ()
+    descriptors: int = 512
+    wait: float = 2.0
+    least: float = 0.0
+    busy_loops: int = 0
+
+    @property
+    def overload(self) -> bool:
+        """Whether the machine cannot keep pace, whatever the server does."""
+        return self.busy_loops > 0 or "--speed" in self.options
+
+
+def holding(name: str, port: str, first: bytes = b"") -> Attack:
+    """More idle connections than a port has places for.
+
+    Args:
+        name: of the attack.
+        port: that they hold.
+        first: what each says before it falls silent.
+    """
+
+    def links(site: Site) -> Sequence[Link]:
+        # They read, so that they notice when they are thrown out, and come back.
+        return [Link(site.ports[port], first, reads=True) for _ in range(80)]
+
+    said = "after one request" if first else "that say nothing"
+    return Attack(
+        name, f"80 connections {said} hold a port", links, (port,), wait=HOLD_WAIT, least=HOLD_LEAST
+    )

@@ -1,0 +1,258 @@
+"""A long run with everything that a server can have: what it leaves behind."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from statistics import mean, median
+
+from usarsim_bench.crowd import DEFAULT_CLASS, Controller, Crowd
+from usarsim_bench.errors import BenchError
+from usarsim_bench.figures import Aim, Figure, Plan, Section
+from usarsim_bench.procfs import Usage, load_between
+from usarsim_bench.server import SERVE, Server
+from usarsim_bench.soak_visitors import GUESTS, Visitors, all_classes
+from usarsim_bench.statistics import trend
+from usarsim_bench.team import MIB, SETTLE, gather
+
+__all__ = ["Stream", "flatness", "measure_soak"]
+
+ROBOTS = 4
+SECONDS = 3600.0
+WARM_UP = 600.0
+"""s until memory has to be flat: until then everybody has been there once."""
+WARM_UP_PART = 1 / 6
+"""The same as a part of a shorter soak."""
+TURN = 0.5
+SAMPLE = 2.0
+"""s between two looks at the memory."""
+WATCH = 10.0
+"""s for which the cost of those who stay is measured."""
+REST = 90.0
+"""s that a server gets to give everything back; slots are kept for half a minute."""
+REST_PART = 0.25
+TOLD = 60.0
+"""s between two lines that say how it goes."""
+LEAST = 900.0
+"""s of a soak from which on it has aims: classes have come several times."""
+
+FLAT_AIM = Aim("<=", 1.05)
+BACK_AIM = Aim("<=", 1.2)
+NONE_AIM = Aim("<=", 0)
+THREADS_AIM = Aim("<=", 10)
+"""Workers of pools, which are made when they are first needed and stay."""
+COST_AIM = Aim("<=", 1.2)
+
+_TIME = re.compile(rb"STA .*?\{Time ([0-9.]+)\}")
+
+
+@dataclass(slots=True)
+class Stream:
+    """The status lines of one robot, judged by the simulated time that they tell.
+
+    Attributes:
+        lines: that came.
+        missing: that should have come between two of them.
+    """
+
+    lines: int = 0
+    missing: int = 0
+    _last: float | None = None
+    _gaps: list[float] = field(default_factory=list)
+    _rest: bytes = b""
+
+    def digest(self, data: bytes) -> None:
+        """Count what has come since the last time; the period is that of the first lines."""
+        *whole, self._rest = (self._rest + data).split(b"\r\n")
+        for line in whole:
+            found = _TIME.match(line)
+            if found is None:
+                continue
+            now = float(found[1])
+            self.lines += 1
+            if self._last is not None:
+                self._count(now - self._last)
+            self._last = now
+
+    def _count(self, gap: float) -> None:
+        if len(self._gaps) < 20:
+            self._gaps.append(gap)
+            return
+        period = median(self._gaps)
+        self.missing += max(0, round(gap / period) - 1) if period > 0.0 else 0
+
+
+Samples = Sequence[tuple[float, float]]
+"""Wall time since the beginning, s, and bytes."""
+
+
+def flatness(samples: Samples, warm_up: float) -> float:
+    """Memory at the end of a soak, by that at the end of its warming up; means over a tenth."""
+    late = [sample for sample in samples if sample[0] >= warm_up]
+    part = max(1, len(late) // 10)
+    if len(late) < 2:
+        return float("nan")
+    return mean(size for _, size in late[-part:]) / mean(size for _, size in late[:part])
+
+
+@dataclass(slots=True)
+class _Course:
+    """What is known so far; an interrupted soak has no more."""
+
+    empty: Usage
+    samples: list[tuple[float, float]] = field(default_factory=list)
+    streams: dict[str, Stream] = field(default_factory=dict)
+    costs: list[float] = field(default_factory=list)
+    visits: int = 0
+    seen: int = 0
+    radio: int = 0
+    failures: int = 0
+    left: Usage | None = None
+
+
+def measure_soak(plan: Plan) -> Section:
+    """Everybody comes and goes for `plan.seconds` of wall time beside `plan.robots` that stay."""
+    robots, seconds = plan.robots or ROBOTS, plan.seconds or SECONDS
+    classes = all_classes()
+    plan.say(f"soak: {len(classes)} classes and all ports for {seconds / 60.0:g} min")
+    command = (*SERVE, "--comserver-port", "0")
+    course = None
+    try:
+        with Server(plan.world, robots + GUESTS, command) as server:
+            with Crowd(server.port, plan.seed) as crowd:
+                course = _Course(_settled(server, crowd))
+                _soak(plan, server, crowd, course, robots, seconds, classes)
+            time.sleep(min(REST, REST_PART * seconds))
+            course.left = server.usage()
+    except (KeyboardInterrupt, BenchError) as error:
+        # An interrupt reaches the server, too; what has been seen is told all the same.
+        if course is None or not course.samples:
+            raise
+        plan.say(f"soak: ended early: {str(error) or 'interrupted'}")
+    return _section(plan, course, robots, seconds, len(classes))
+
+
+def _settled(server: Server, crowd: Crowd) -> Usage:
+    """What the server uses once its cameras are ready."""
+    crowd.run(SETTLE)
+    crowd.run(3.0)
+    return server.usage()
+
+
+def _soak(
+    plan: Plan,
+    server: Server,
+    crowd: Crowd,
+    course: _Course,
+    robots: int,
+    seconds: float,
+    classes: Sequence[str],
+) -> None:
+    gather(crowd, robots, (DEFAULT_CLASS,))
+    watch = min(WATCH, seconds)
+    course.costs.append(_cost(server, crowd, course, watch))
+    begun = told = time.perf_counter()
+    with Visitors(server.ports, classes, crowd.tags, plan.seed) as visitors:
+        due = begun
+        while (now := time.perf_counter()) < begun + seconds:
+            _take_turn(crowd, course)
+            if now >= due:
+                due = now + min(SAMPLE, seconds / 50.0)
+                usage = server.usage()
+                course.samples.append((now - begun, float(usage.resident)))
+                course.visits, course.seen = visitors.visits, len(visitors.seen)
+                course.radio, course.failures = visitors.links, visitors.failures
+            if now >= told + TOLD:
+                told = now
+                plan.say(
+                    f"soak: {(now - begun) / 60.0:.0f} min, {course.samples[-1][1] / MIB:.0f} MiB, "
+                    f"{course.visits} visits, {course.seen} classes"
+                )
+    rested = time.perf_counter() + min(REST, REST_PART * seconds)
+    while time.perf_counter() < rested:
+        _take_turn(crowd, course)
+    course.costs.append(_cost(server, crowd, course, watch))
+
+
+def _take_turn(crowd: Crowd, course: _Course) -> None:
+    crowd.run(TURN)
+    for one in crowd.controllers:
+        _digest(one, course)
+
+
+def _digest(one: Controller, course: _Course) -> None:
+    stream = course.streams.setdefault(one.name, Stream())
+    stream.digest(b"".join(data for _, data in one.chunks))
+    one.chunks.clear()
+
+
+def _cost(server: Server, crowd: Crowd, course: _Course, seconds: float) -> float:
+    """Processors that the server uses for those who stay."""
+    before = server.usage()
+    end = time.perf_counter() + seconds
+    while time.perf_counter() < end:
+        _take_turn(crowd, course)
+    return load_between(before, server.usage()).process
+
+
+def _section(plan: Plan, course: _Course, robots: int, seconds: float, classes: int) -> Section:
+    aimed = seconds >= LEAST
+    warm_up = min(WARM_UP, WARM_UP_PART * seconds)
+    late = [sample for sample in course.samples if sample[0] >= warm_up] or course.samples
+    slope = 60.0 * trend(late) / MIB if len(late) > 1 else 0.0
+    empty, left = course.empty, course.left
+    figures = [
+        Figure("Memory of the empty server", empty.resident / MIB, "MiB", 0),
+        Figure(f"Memory after {warm_up / 60.0:.1f} min", late[0][1] / MIB, "MiB", 0),
+        Figure("Memory, highest after that", max(size for _, size in late) / MIB, "MiB", 0),
+        Figure("Memory, last", late[-1][1] / MIB, "MiB", 0),
+        Figure("Trend of memory after that", slope, "MiB/min", 3),
+        Figure(
+            "Last tenth by first tenth after that",
+            flatness(course.samples, warm_up),
+            "",
+            3,
+            FLAT_AIM if aimed else None,
+        ),
+        Figure("Visits of robots", course.visits, "", 0),
+        Figure(
+            "Classes that were there", course.seen, "", 0, Aim(">=", classes) if aimed else None
+        ),
+        Figure("Links by radio", course.radio, "", 0),
+        Figure("Links by radio that failed", course.failures, "", 0),
+        Figure("Status lines of those who stay", _sum(course, "lines"), "", 0),
+        Figure("... of them missing in simulated time", _sum(course, "missing"), "", 0, NONE_AIM),
+    ]
+    if len(course.costs) == 2:
+        before, after = course.costs
+        ratio = after / before if before > 0.0 else float("nan")
+        figures += [
+            Figure("Those who stay: processor use before", before, "cores", 3),
+            Figure("Those who stay: processor use after", after, "cores", 3),
+            Figure("... after by before", ratio, "", 2, COST_AIM if aimed else None),
+        ]
+    if left is not None:
+        back = left.resident / empty.resident
+        figures += [
+            Figure("Memory when everybody has gone", left.resident / MIB, "MiB", 0),
+            Figure("... by that of the empty server", back, "", 3, BACK_AIM if aimed else None),
+            Figure("Threads left behind", left.threads - empty.threads, "", 0, THREADS_AIM),
+            Figure(
+                "Descriptors left behind", left.descriptors - empty.descriptors, "", 0, NONE_AIM
+            ),
+        ]
+    return Section(
+        "soak",
+        "A long run in which everything comes and goes",
+        f"{robots} {DEFAULT_CLASS} drive around in {plan.world} for {seconds / 60.0:g} min; "
+        f"{GUESTS} robots at a time come and go, of all {classes} classes in turn; so do a world "
+        "controller with objects, an avatar, clients of images, ground truth, truth and wireless, "
+        "and links in both wireless simulations.",
+        tuple(figures),
+    )
+
+
+def _sum(course: _Course, what: str) -> int:
+    return sum(getattr(stream, what) for stream in course.streams.values())

@@ -1,0 +1,187 @@
+"""Teams at real time: how well time is kept, at which cost, and how large a team may be."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from usarsim_bench.crowd import DEFAULT_CLASS, Crowd
+from usarsim_bench.errors import BenchError
+from usarsim_bench.figures import Aim, Figure, Plan, Section
+from usarsim_bench.procfs import Load, load_between
+from usarsim_bench.recording import between, lines, status_samples
+from usarsim_bench.server import Server
+from usarsim_bench.statistics import real_time_factor, worst_window
+
+__all__ = ["TeamTrial", "gather", "measure_largest", "measure_team", "try_team"]
+
+ROBOTS = 16
+SECONDS = 60.0
+LARGEST_SECONDS = 15.0
+TEAM_SIZES = (16, 24, 32, 48, 64)
+SERVER_LIMIT = 256
+"""Most robots that a server can be told to take."""
+SETTLE = 2.0
+"""s between the last robot's first line and the start of a measurement."""
+WINDOW = 1.0
+"""s of wall time over which time must be kept, at the worst."""
+EDGE = 1.0
+"""s at either end of a measurement within which the promptest line is taken."""
+MIB = 2.0**20
+
+FACTOR_AIM = Aim(">=", 0.999)
+CORES_AIM = Aim("<", 1.2)
+LARGEST_FACTOR = 0.99
+LARGEST_AIM = Aim(">=", ROBOTS)
+
+
+@dataclass(frozen=True, slots=True)
+class TeamTrial:
+    """What a team saw over one measurement.
+
+    Attributes:
+        robots: its size.
+        factor: real-time factor of the robot that had the lowest.
+        worst: the lowest factor of any robot in any stretch of a second.
+        load: processors used meanwhile.
+        lines, octets: received per second by all clients together.
+        resident: bytes of memory of the server at the end.
+        start, stop: wall times between which it was watched.
+    """
+
+    robots: int
+    factor: float
+    worst: float
+    load: Load
+    lines: float
+    octets: float
+    resident: int
+    start: float
+    stop: float
+
+
+def gather(crowd: Crowd, robots: int, classes: Sequence[str], together: int = 1) -> None:
+    """Bring robots into the world and wait until they are there.
+
+    Args:
+        crowd: whose they are.
+        robots: how many more.
+        classes: of them, taken in turn.
+        together: how many ask at the same time. One, unless there are many: a crowd at the door
+            is a measurement of its own.
+
+    Raises:
+        BenchError: if the server fails a client, or a robot does not come.
+    """
+    names = [classes[number % len(classes)] for number in range(robots)]
+    for first in range(0, robots, together):
+        newcomers = [crowd.join(name) for name in names[first : first + together]]
+        crowd.wait_until_speaking(newcomers)
+
+
+def try_team(
+    server: Server,
+    crowd: Crowd,
+    robots: int,
+    seconds: float,
+    robot_class: str | Sequence[str] = DEFAULT_CLASS,
+) -> TeamTrial:
+    """Bring a team into the world, let it drive around and watch.
+
+    Args:
+        server: what they are in.
+        crowd: nobody so far, or those who are watched, too.
+        robots: how many come.
+        seconds: of wall time that it is watched.
+        robot_class: of all of them, or several that are taken in turn.
+
+    Raises:
+        BenchError: if the server fails a client, or a robot stops talking.
+    """
+    gather(crowd, robots, (robot_class,) if isinstance(robot_class, str) else robot_class)
+    crowd.run(SETTLE)
+    before = server.usage()
+    start, stop = crowd.run(seconds)
+    after = server.usage()
+    told = [line for one in crowd.controllers for line in lines(one.chunks) if line[0] >= start]
+    factors, worst = [], []
+    for one in crowd.controllers:
+        samples = between(status_samples(one.chunks), start, stop)
+        try:
+            factors.append(real_time_factor(samples, min(EDGE, seconds / 4.0)))
+            worst.append(worst_window(samples, WINDOW))
+        except ValueError as error:
+            raise BenchError(f"too few STA lines for {one.name}: {error}") from None
+    return TeamTrial(
+        robots=len(crowd.controllers),
+        factor=min(factors),
+        worst=min(worst),
+        load=load_between(before, after),
+        lines=len(told) / (stop - start),
+        octets=sum(len(line) + 2 for _, line in told) / (stop - start),
+        resident=after.resident,
+        start=start,
+        stop=stop,
+    )
+
+
+def measure_team(plan: Plan) -> Section:
+    """A team at real time; `plan.seconds` of wall time are watched."""
+    robots, seconds = plan.robots or ROBOTS, plan.seconds or SECONDS
+    plan.say(f"team: {robots} robots for {seconds:g} s")
+    with Server(plan.world, robots) as server, Crowd(server.port, plan.seed) as crowd:
+        trial = try_team(server, crowd, robots, seconds)
+    return Section(
+        "team",
+        f"A team of {robots} robots",
+        f"{robots} {DEFAULT_CLASS} with all their sensors in {plan.world}, random DRIVE commands "
+        f"at 2 Hz each, clients in another process, {seconds:g} s.",
+        (
+            Figure("Real-time factor, lowest of all robots", trial.factor, "", 4, FACTOR_AIM),
+            Figure("Real-time factor, worst second of any robot", trial.worst, "", 4),
+            Figure("Processor use of the server", trial.load.process, "cores", 2, CORES_AIM),
+            Figure("Memory of the server", trial.resident / MIB, "MiB", 0),
+            Figure("Lines sent", trial.lines, "1/s", 0),
+            Figure("Data sent", trial.octets / 1e3, "kB/s", 0),
+            *load_figures(trial.load),
+        ),
+    )
+
+
+def load_figures(load: Load) -> list[Figure]:
+    """What else kept the machine busy, by which a reader can judge the other figures."""
+    figures = [Figure("Processor use of the clients", load.own, "cores", 2)]
+    if load.others is not None:
+        figures.append(Figure("Processor use of other programs", load.others, "cores", 2))
+    return figures
+
+
+def measure_largest(plan: Plan) -> Section:
+    """The largest team that keeps real time; `plan.seconds` of wall time for each size.
+
+    Sizes are tried in turn until one fails. A given `plan.robots` is the only size tried.
+    """
+    sizes = plan.sizes(TEAM_SIZES, ROBOTS)
+    seconds = plan.seconds or LARGEST_SECONDS
+    trials: list[TeamTrial] = []
+    for robots in sizes:
+        plan.say(f"largest team: {robots} robots for {seconds:g} s")
+        with Server(plan.world, SERVER_LIMIT) as server, Crowd(server.port, plan.seed) as crowd:
+            trials.append(try_team(server, crowd, robots, seconds))
+        if trials[-1].factor < LARGEST_FACTOR:
+            break
+    kept = [trial.robots for trial in trials if trial.factor >= LARGEST_FACTOR]
+    # One size alone says nothing about the aim.
+    aim = LARGEST_AIM if len(sizes) > 1 else None
+    figures = [Figure("Largest team in real time", max(kept, default=0), "robots", 0, aim)]
+    for trial in trials:
+        name = f"{trial.robots} robots"
+        figures.append(Figure(f"{name}: real-time factor", trial.factor, "", 4))
+        figures.append(Figure(f"{name}: processor use", trial.load.process, "cores", 2))
+    return Section(
+        "largest",
+        "The largest team",
+        f"{DEFAULT_CLASS} with all their sensors in {plan.world}, {seconds:g} s for each size; "
+        f"real time means a factor of at least {LARGEST_FACTOR:g} for every robot.",
+        tuple(figures),
+    )

@@ -1,0 +1,6 @@
+"""`usarsim conformance`: does a server speak the USARSim protocol? A verdict for every rule.
+
+The kit knows a server by its ports only. A rule is one function in a file of `checks/` (see
+`registry.check`); the runner judges a server by all of them, in every dialect that it speaks;
+`mutants/` holds servers with a known fault each, which prove that the checks can fail.
+"""

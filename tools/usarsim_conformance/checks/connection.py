@@ -1,0 +1,268 @@
+"""Connecting, the greeting, the shape of every line, hanging up (protocol reference 6.1)."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+
+from usarsim_conformance.case import PATIENCE, Case
+from usarsim_conformance.control import REPLY, ControlClient
+from usarsim_conformance.places import LEAVES
+from usarsim_conformance.recordings import standing
+from usarsim_conformance.registry import ONCE, UNREAL, check
+from usarsim_conformance.verdicts import Severity
+from usarsim_conformance.wire import Wire
+
+_SILENCE = 5.0
+_CROWD = 40
+
+
+@check(
+    "control.connection.greeting",
+    "Greets whoever connects, with one line",
+    source="protocol reference 6, no. 2",
+    dialects=ONCE,
+)
+async def greeting(case: Case) -> None:
+    """Soon after accept, before any input, the server sends exactly one line, the game NFO."""
+    client = await case.connect(greet=False)
+    line = await client.wait(lambda line: True, what="greeting")
+    case.expect(line.head == "NFO", f"not an NFO: {line}")
+    case.expect("Gametype" in line.names, f"not the game NFO: {line}")
+    more = await client.listen(1.0)
+    case.expect(not more, f"a second line was sent: {more[:1]}")
+
+
+@check(
+    "control.connection.greeting-segments",
+    "The greeting has Gametype, Level, TimeLimit",
+    source="protocol reference 6, no. 3",
+    dialects=ONCE,
+)
+async def greeting_segments(case: Case) -> None:
+    """The greeting has exactly the segments Gametype, Level, TimeLimit in this order, and
+    TimeLimit is an integer."""
+    client = await case.connect(greet=False)
+    line = await client.wait("NFO")
+    case.expect(line.names == ("Gametype", "Level", "TimeLimit"), f"other segments: {line}")
+    limit = line.get("TimeLimit") or ""
+    case.expect(re.fullmatch(r"\d+", limit), f"TimeLimit is {limit!r}, no integer")
+
+
+@check(
+    "control.connection.greeting-level",
+    "The level is a bare name",
+    source="protocol reference 6, no. 4",
+    dialects=ONCE,
+    severity=Severity.SHOULD,
+)
+async def greeting_level(case: Case) -> None:
+    """The Level of the greeting is not empty and has no suffix `.LevelInfo`."""
+    client = await case.connect(greet=False)
+    level = (await client.wait("NFO")).get("Level") or ""
+    case.expect(level, "the level has no name")
+    case.expect(".levelinfo" not in level.lower(), f"Level is {level!r}")
+
+
+@check(
+    "control.connection.quiet",
+    "Says nothing to a silent client",
+    source="protocol reference 6, no. 5",
+    dialects=ONCE,
+)
+async def quiet(case: Case) -> None:
+    """After the greeting nothing is sent on a connection that sends no command."""
+    client = await case.connect()
+    line = await client.line(_SILENCE)
+    case.expect(line is None, f"without a command the server said {line}")
+
+
+@check(
+    "control.connection.crlf",
+    "Lines end with CR LF",
+    source="protocol reference 6, no. 6",
+)
+async def crlf(case: Case) -> None:
+    """Every server line ends with bytes 13 10, and has neither elsewhere."""
+    recording = await standing(case)
+    for line in recording.lines:
+        case.expect(line.raw.endswith(b"\r\n"), f"a line ends with {line.raw[-3:]!r}")
+        case.expect(b"\r" not in line.raw[:-2], f"a CR within a line: {line.raw[:200]!r}")
+
+
+@check(
+    "control.connection.no-empty-lines",
+    "Sends no empty lines",
+    source="protocol reference 6, no. 7",
+)
+async def no_empty_lines(case: Case) -> None:
+    """No empty line is ever sent."""
+    recording = await standing(case)
+    empty = sum(not line.text.strip() for line in recording.lines)
+    case.expect(not empty, f"{empty} of {len(recording.lines)} lines are empty")
+
+
+@check(
+    "control.connection.blanks",
+    "Lines have no stray blanks",
+    source="protocol reference 6, no. 8",
+)
+async def blanks(case: Case) -> None:
+    """No server line contains a tab or a doubled blank, or starts or ends with a blank."""
+    for line in (await standing(case)).lines:
+        case.expect("\t" not in line.text, f"a tab: {line}")
+        case.expect("  " not in line.text, f"a doubled blank: {line}")
+        case.expect(line.text == line.text.strip(" "), f"a blank at the edge: {line.raw[:200]!r}")
+
+
+@check(
+    "control.connection.separation",
+    "One blank between segments",
+    source="protocol reference 6, no. 9",
+    dialects=UNREAL,
+)
+async def separation(case: Case) -> None:
+    """Between a closing brace and the next opening one there is exactly one blank, and one
+    between head and first brace. (The camera CONF of the udk dialect is glued by tradition.)"""
+    for line in (await standing(case)).lines:
+        if line.head == "CONF" and line.type == "Camera":
+            continue
+        between = re.search(r"\}([^{} ][^{}]*| [^{}]+|)\{", line.text)
+        case.expect(between is None, f"not one blank between segments: {line}")
+        case.expect(re.match(r"[A-Z]+( \{|$)", line.text), f"no head and one blank: {line}")
+
+
+@check(
+    "control.connection.braces",
+    "Braces are balanced and never nested",
+    source="protocol reference 1.5",
+)
+async def braces(case: Case) -> None:
+    """Every opening brace of a server line is closed before the next one opens."""
+    for line in (await standing(case)).lines:
+        signs = re.sub(r"[^{}]", "", line.text)
+        case.expect(signs == "{}" * (len(signs) // 2), f"unbalanced braces: {line}")
+
+
+@check(
+    "control.connection.heads",
+    "Only known heads are sent",
+    source="protocol reference 4.1",
+    severity=Severity.SHOULD,
+)
+async def heads(case: Case) -> None:
+    """Every line begins with a head that clients know, in capitals."""
+    known = {"NFO", "STA", "SEN", "MISSTA", "ASTA", "EFF", "BSTA", "CONF", "GEO", "RES", "DIE"}
+    for line in (await standing(case)).lines:
+        case.expect(line.head in known or not line.text.strip(), f"unknown head: {line}")
+
+
+@check(
+    "control.connection.whole-lines",
+    "Lines are not cut over segments",
+    source="protocol reference 6, no. 10 and 1.1",
+    severity=Severity.SHOULD,
+)
+async def whole_lines(case: Case) -> None:
+    """Each line is handed to the socket in one write, so that no read ends within a line."""
+    recording = await standing(case)
+    share = recording.torn / max(1, len(recording.streamed))
+    case.expect(share < 0.05, f"{recording.torn} reads ended in the middle of a line")
+
+
+@check(
+    "control.connection.crowd",
+    f"Serves {_CROWD} connections",
+    source="protocol reference 6, no. 12",
+    dialects=ONCE,
+    exclusive=True,
+    severity=Severity.SHOULD,
+)
+async def crowd(case: Case) -> None:
+    """Dozens of connections at a time are greeted and answered."""
+    clients = [await case.connect(greet=False) for _ in range(_CROWD)]
+    for client in clients:
+        await client.send("GETSTARTPOSES")
+    answers = await asyncio.gather(*(client.maybe("NFO {StartPoses") for client in clients))
+    mute = sum(answer is None for answer in answers)
+    case.expect(not mute, f"{mute} of {_CROWD} connections were not answered")
+
+
+@check(
+    "control.connection.come-and-go",
+    "Short connections do no harm",
+    source="protocol reference 6, no. 14",
+    dialects=ONCE,
+)
+async def come_and_go(case: Case) -> None:
+    """Clients that connect and leave at once, politely or with a reset, leave the server well."""
+    for number in range(20):
+        client = await case.connect(greet=False)
+        if number % 2:
+            client.wire.reset()
+        else:
+            client.close()
+    case.expect(await (await case.connect()).is_alive(), "a later connection is not answered")
+
+
+@check(
+    "control.connection.half-close",
+    "A half-closed connection is closed",
+    source="protocol reference 6, no. 14",
+    dialects=ONCE,
+    severity=Severity.SHOULD,
+)
+async def half_close(case: Case) -> None:
+    """If the client ends its half of the connection, the server ends the other within seconds."""
+    robot = await case.spawn()
+    robot.client.wire.half_close()
+    case.expect(await robot.client.wire.hung_up(REPLY), f"the server went on for {REPLY:g} s")
+
+
+@check(
+    "control.connection.again",
+    "The same INIT works again after closing",
+    source="protocol reference 6, no. 15",
+    dialects=ONCE,
+)
+async def again(case: Case) -> None:
+    """After the client has closed, the same INIT can be repeated on a new connection, whether the
+    first ended politely or with a reset."""
+    place = await case.place()
+    init = case.init(place, case.new_name())
+    for end in (ControlClient.close, _reset, ControlClient.close):
+        client = await case.connect()
+        await client.send(init)
+        await client.wait(lambda line: line.head == "STA", PATIENCE, "STA")
+        end(client)
+        await case.clock.sleep(LEAVES)
+
+
+def _reset(client: ControlClient) -> None:
+    client.wire.reset()
+
+
+@check(
+    "control.connection.leaves",
+    "A robot leaves with its connection",
+    source="protocol reference 6, no. 13",
+    dialects=ONCE,
+)
+async def leaves(case: Case) -> None:
+    """Closing the socket removes the robot from the world within 1 s."""
+    robot = await case.spawn()
+    watch = await case.open("groundtruth")
+    case.need(await _listed(robot.name, watch), "GETPOS does not list the robot")
+    robot.close()
+
+    async def gone() -> bool:
+        return not await _listed(robot.name, watch)
+
+    # A second more, for what had been asked before the hangup was noticed.
+    case.expect(await case.soon(gone, LEAVES + 1.0), "it is still listed 2 s later")
+
+
+async def _listed(name: str, watch: Wire) -> bool:
+    await watch.send(b"GETPOS\r\n")
+    answer = await watch.read_until(b"\r\n", REPLY)
+    return f"{{Name {name} ".encode() in answer

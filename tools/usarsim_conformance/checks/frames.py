@@ -1,0 +1,390 @@
+"""Numbers, frames and time (protocol reference 6.4)."""
+
+from __future__ import annotations
+
+import math
+import re
+from itertools import pairwise
+
+from usarsim_conformance.case import Case
+from usarsim_conformance.control import Robot, turned
+from usarsim_conformance.places import Place
+from usarsim_conformance.recordings import driven, ground_told, standing, wheels_of
+from usarsim_conformance.registry import GAZEBO, ONCE, UDK, UNREAL, UT2004, check
+from usarsim_conformance.verdicts import Severity
+
+_NUMBER = r"-?\d+\.\d+|-?\d+"
+
+
+@check("control.numbers.plain", "Numbers are plain decimals", source="protocol reference 6, no. 53")
+async def plain(case: Case) -> None:
+    """No server line contains an exponent, nan, inf, a leading plus, or a comma as decimal
+    point."""
+    for line in (await standing(case)).lines:
+        for name, value in line.segments:
+            for word in re.split(r"[ ,;\[\]]", value):
+                bad = re.fullmatch(
+                    r"[+-]?(nan|inf(inity)?)|[+-]?[\d.]+e[+-]?\d+|\+[\d.]+|-?\.\d+", word, re.I
+                )
+                case.expect(bad is None, f"{word!r} in {name}: {line}")
+
+
+@check("control.numbers.vectors", "Vectors have no blanks", source="protocol reference 6, no. 54")
+async def vectors(case: Case) -> None:
+    """The numbers of a vector are joined by commas without blanks."""
+    for line in (await standing(case)).lines:
+        case.expect(not re.search(r"\d, +-?\d|\d ,", line.text), f"a blank in a vector: {line}")
+
+
+@check(
+    "control.numbers.triples",
+    "Locations and Orientations are triples",
+    source="protocol reference 4.5",
+)
+async def triples(case: Case) -> None:
+    """Location and Orientation always hold three numbers with commas between."""
+    form = re.compile(rf"({_NUMBER}),({_NUMBER}),({_NUMBER})")
+    for line in (await standing(case)).lines:
+        for item in line.items():
+            for name in ("Location", "Orientation"):
+                value = item.get(name)
+                case.expect(value is None or form.fullmatch(value), f"{name} is {value!r}: {line}")
+
+
+@check(
+    "control.numbers.booleans", "Booleans are True and False", source="protocol reference 6, no. 55"
+)
+async def booleans(case: Case) -> None:
+    """Booleans are written `True` and `False`."""
+    for line in (await standing(case)).lines:
+        wrong = re.search(r" (true|false|TRUE|FALSE)\}", line.text)
+        case.expect(wrong is None or "Visible" in line.text, f"{line}")
+
+
+_DIGITS: dict[str, dict[str, tuple[str, int]]] = {
+    "Sonar": {"ut2004": ("Range", 4), "udk": ("Range", 4)},
+    "RangeScanner": {"ut2004": ("Range", 4), "udk": ("Range", 2)},
+    "Odometry": {"ut2004": ("Pose", 4), "udk": ("Pose", 4)},
+    "INS": {"ut2004": ("Location", 2), "udk": ("Location", 2)},
+    "GroundTruth": {"ut2004": ("Location", 2), "udk": ("Location", 3)},
+}
+
+
+async def _digits(case: Case, type: str) -> None:
+    name, wanted = _DIGITS[type][case.dialect]
+    lines = (await standing(case)).of("SEN", type)
+    if not lines:
+        case.skip(f"the robot has no {type}")
+    for line in lines:
+        for item in line.items():
+            for word in (item.get(name) or "").split(","):
+                found = len(word.partition(".")[2])
+                case.expect(found == wanted, f"{name} has {found} digits, not {wanted}: {line}")
+
+
+@check(
+    "control.digits.sonar",
+    "Digits of Sonar",
+    source="protocol reference 6, no. 66",
+    dialects=UNREAL,
+    severity=Severity.SHOULD,
+)
+async def digits_sonar(case: Case) -> None:
+    """Sonar ranges have four digits after the point."""
+    await _digits(case, "Sonar")
+
+
+@check(
+    "control.digits.rangescanner",
+    "Digits of RangeScanner",
+    source="protocol reference 6, no. 66",
+    dialects=UNREAL,
+    severity=Severity.SHOULD,
+)
+async def digits_scanner(case: Case) -> None:
+    """Ranges of a scan have four digits (ut2004) or two (udk)."""
+    await _digits(case, "RangeScanner")
+
+
+@check(
+    "control.digits.odometry",
+    "Digits of Odometry",
+    source="protocol reference 6, no. 66",
+    dialects=UNREAL,
+    severity=Severity.SHOULD,
+)
+async def digits_odometry(case: Case) -> None:
+    """The odometry pose has four digits."""
+    await _digits(case, "Odometry")
+
+
+@check(
+    "control.digits.ins",
+    "Digits of INS",
+    source="protocol reference 6, no. 66",
+    dialects=UNREAL,
+    severity=Severity.SHOULD,
+)
+async def digits_ins(case: Case) -> None:
+    """INS locations have two digits."""
+    await _digits(case, "INS")
+
+
+@check(
+    "control.digits.groundtruth",
+    "Digits of GroundTruth",
+    source="protocol reference 6, no. 66",
+    dialects=UNREAL,
+    severity=Severity.SHOULD,
+)
+async def digits_ground_truth(case: Case) -> None:
+    """GroundTruth locations have two digits (ut2004) or three (udk)."""
+    await _digits(case, "GroundTruth")
+
+
+@check(
+    "control.digits.time",
+    "Digits of SEN Time",
+    source="protocol reference 2.2",
+    dialects=UNREAL,
+    severity=Severity.SHOULD,
+)
+async def digits_time(case: Case) -> None:
+    """Time in SEN has four digits, but two for RangeScanner in ut2004."""
+    for line in (await standing(case)).of("SEN"):
+        value = line.get("Time")
+        if value is None or line.type in ("RangeScanner3D", "RangeImager", "IRScanner"):
+            continue
+        wanted = 2 if case.dialect == "ut2004" and line.type == "RangeScanner" else 4
+        case.expect(len(value.partition(".")[2]) == wanted, f"not {wanted} digits: {line}")
+
+
+@check(
+    "control.frames.down", "z points down", source="protocol reference 6, no. 56", dialects=UNREAL
+)
+async def down(case: Case) -> None:
+    """A robot that is put higher reports a smaller z; the wire frame has z down."""
+    fell = await _fallen(case, down=-1.2)
+    case.expect(fell > 0.0, f"falling changed z by {fell:.2f}: z points up")
+
+
+@check(
+    "control.frames.up",
+    "z points up in the Gazebo prototype",
+    source="protocol reference 4.15",
+    dialects=GAZEBO,
+)
+async def up(case: Case) -> None:
+    """The prototype reports the frame of Gazebo: z up."""
+    fell = await _fallen(case, down=1.2)
+    case.expect(fell < 0.0, f"falling changed z by {fell:.2f}: z points down")
+
+
+async def _fallen(case: Case, down: float) -> float:
+    """By how much z of a robot grows that is put above a start pose."""
+    await ground_told(case, "GETCONF")  # others may fly, or be fixed where they are put
+    base = await _known_place(case)
+    high = await case.spawn(place=base.moved(down=down))
+    before = await high.pose()
+    await high.run(2.0)
+    fell = (await high.pose()).location[2] - before.location[2]
+    case.need(abs(fell) > 0.1, "the robot did not fall when put 1.2 m above a start pose")
+    return fell
+
+
+@check(
+    "control.frames.floor",
+    "Robots stand above the floor",
+    source="protocol reference 2.5",
+    dialects=UNREAL,
+    severity=Severity.SHOULD,
+)
+async def floor(case: Case) -> None:
+    """A mount above the reference point has a negative z in GEO: the laser of a ground robot is
+    not below its wheels."""
+    recording = await standing(case)
+    reply = recording.replies.get(("GETGEO", "RangeScanner", ""))
+    if reply is None:
+        case.skip("the robot has no RangeScanner")
+    for item in reply.items():
+        z = float((item.get("Location") or "0,0,0").split(",")[2])
+        case.expect(z < 0.05, f"the scanner is mounted at z {z}: {reply}")
+
+
+@check(
+    "control.frames.clockwise",
+    "Yaw grows clockwise",
+    source="protocol reference 6, no. 58",
+    dialects=UNREAL,
+)
+async def clockwise(case: Case) -> None:
+    """A robot that turns clockwise seen from above, left wheels forward and right ones back,
+    shows increasing yaw."""
+    _, _, turn = (await driven(case)).phases["clockwise"].moved
+    case.need(abs(turn) > 0.05, f"the robot turned by {turn:.3f} rad only")
+    case.expect(turn > 0.0, f"turning clockwise changed the yaw by {turn:.2f} rad")
+
+
+@check(
+    "control.frames.right",
+    "y grows to the right",
+    source="protocol reference 6, no. 57",
+    dialects=UNREAL,
+)
+async def right(case: Case) -> None:
+    """A robot that drives a curve to the right ends with a larger y, seen from its start."""
+    robot = await case.spawn()
+    radius, _, limit = await wheels_of(robot)
+    left = min(0.9 * limit, 0.3 / radius)
+    await robot.run(0.4)
+    command = f"DRIVE {{Left {left:.3f}}} {{Right {0.3 * left:.3f}}}"
+    before, after = await case.drive(robot, command, 1.5)
+    for _ in range(4):
+        # Until it shows: what the reference point does first depends on what a robot turns about.
+        if abs(turned(before.yaw, after.yaw)) > 0.5:
+            break
+        await robot.run(1.0)
+        after = await robot.pose()
+    case.need(abs(turned(before.yaw, after.yaw)) > 0.1, "the robot hardly turned")
+    _, side = before.ahead(after)
+    case.expect(side > 0.005, f"y, seen from the start, changed by {side:.3f} m")
+
+
+@check("control.frames.facing", "Yaw of pi/2 faces +y", source="protocol reference 6, no. 61")
+async def facing(case: Case) -> None:
+    """A robot put with yaw 1.5708 drives towards +y of the wire frame."""
+    base = await _known_place(case)
+    place = Place(None, base.location, (0.0, 0.0, 1.5708))
+    robot = await case.spawn(place=place)
+    await wheels_of(robot)
+    await robot.run(0.4)
+    before, after = await case.drive(robot, "DRIVE {Left 2} {Right 2}", 1.0)
+    dx, dy = (after.location[axis] - before.location[axis] for axis in (0, 1))
+    case.need(math.hypot(dx, dy) > 0.03, "the robot hardly moved")
+    case.expect(dy > abs(dx), f"it moved by ({dx:.2f}, {dy:.2f})")
+
+
+async def _tilted(case: Case, axis: int) -> None:
+    base = await _known_place(case)
+    rotation = [0.0, 0.0, base.rotation[2]]
+    rotation[axis] = 0.35
+    above = -1.5 if case.dialect != "gazebo" else 1.5
+    place = base.moved(down=above)
+    robot = await case.spawn(place=Place(None, place.location, tuple(rotation)))
+    found = turned(0.0, (await robot.pose()).orientation[axis])
+    if abs(found) <= 0.1 and "AerialVehicle" in robot.first.text:
+        case.skip("a robot that flies rights itself")
+    case.need(abs(found) > 0.1, "the robot had settled before its first report")
+    case.expect(found > 0.0, f"an angle of +0.35 is reported as {found:.2f}")
+
+
+@check("control.frames.pitch", "Nose up is positive pitch", source="protocol reference 6, no. 59")
+async def pitch(case: Case) -> None:
+    """A robot put with its nose raised, pitch positive, reports positive pitch."""
+    await _tilted(case, 1)
+
+
+@check(
+    "control.frames.roll", "Right side down is positive roll", source="protocol reference 6, no. 60"
+)
+async def roll(case: Case) -> None:
+    """A robot put with its right side lowered, roll positive, reports positive roll."""
+    await _tilted(case, 0)
+
+
+async def _angles(case: Case, type: str, low: float, high: float) -> None:
+    place = await _known_place(case)
+    robot = await case.spawn(place=Place(None, place.location, (0.0, 0.0, -1.0)))
+    for line in [await robot.sensor(type) for _ in range(4)]:
+        for angle in line.numbers("Orientation"):
+            case.expect(low <= angle <= high, f"an angle outside {low:g} to {high:g}: {line}")
+
+
+@check(
+    "control.frames.ins-angles",
+    "INS angles are not negative",
+    source="protocol reference 6, no. 64",
+    dialects=UNREAL,
+)
+async def ins_angles(case: Case) -> None:
+    """INS orientations are in [0, 6.2832), also for a robot with negative yaw."""
+    if not (await standing(case)).of("SEN", "INS"):
+        case.skip("the robot has no INS")
+    await _angles(case, "INS", 0.0, 6.2832)
+
+
+@check(
+    "control.frames.truth-angles",
+    "GroundTruth angles are not negative",
+    source="protocol reference 6, no. 65",
+    dialects=UT2004,
+)
+async def truth_angles(case: Case) -> None:
+    """In ut2004 GroundTruth orientations are in [0, 6.2832)."""
+    if not (await standing(case)).of("SEN", "GroundTruth"):
+        case.skip("the robot has no GroundTruth")
+    await _angles(case, "GroundTruth", 0.0, 6.2832)
+
+
+@check(
+    "control.frames.truth-angles-udk",
+    "GroundTruth angles are signed",
+    source="protocol reference 6, no. 65",
+    dialects=UDK,
+)
+async def truth_angles_udk(case: Case) -> None:
+    """In udk GroundTruth orientations are in (-3.1416, 3.1416]."""
+    if not (await standing(case)).of("SEN", "GroundTruth"):
+        case.skip("the robot has no GroundTruth")
+    await _angles(case, "GroundTruth", -3.1416, 3.1416)
+
+
+@check("control.time.monotonic", "Time never goes back", source="protocol reference 6, no. 67")
+async def monotonic(case: Case) -> None:
+    """Time never decreases on a connection, from line to line of the same kind."""
+    latest: dict[tuple[str, str], float] = {}
+    for line in (await standing(case)).streamed:
+        if math.isnan(line.time):
+            continue
+        key = (line.head, line.type)
+        case.expect(line.time >= latest.get(key, 0.0), f"time went back: {line}")
+        latest[key] = line.time
+
+
+@check("control.time.advances", "Time advances", source="protocol reference 2.6")
+async def advances(case: Case) -> None:
+    """Time advances from STA to STA, and all lines of a moment agree within a second."""
+    lines = (await standing(case)).streamed
+    times = [line.time for line in lines if line.head == "STA"]
+    case.expect(len(times) > 2 and times[-1] > times[0], f"STA times: {times[:5]}")
+    stated = [line.time for line in lines if not math.isnan(line.time)]
+    case.expect(max(stated) - min(stated) < 1.0 + times[-1] - times[0], "lines disagree on Time")
+
+
+@check(
+    "control.time.shared",
+    "All robots share a clock",
+    source="protocol reference 6, no. 68",
+    dialects=ONCE,
+)
+async def shared(case: Case) -> None:
+    """Two robots report equal Time for lines of the same moment; Time does not start with
+    INIT."""
+    one = await case.spawn()
+    await one.run(2.0)
+    other = await case.spawn()
+    # In turns, each told after the one before was read: none may be earlier than that.
+    times = [await _told_now(robot) for robot in (one, other, one)]
+    late = [a - b for a, b in pairwise(times)]
+    case.expect(max(late) < 0.5, f"told one after the other, by two robots in turns: {times}")
+
+
+async def _told_now(robot: Robot) -> float:
+    await robot.catch_up()
+    return (await robot.wait(lambda line: line.head == "STA", what="STA")).time
+
+
+async def _known_place(case: Case) -> Place:
+    place = await case.place()
+    case.need(place.tag is None or any(place.location), "the server lists no start poses")
+    return place

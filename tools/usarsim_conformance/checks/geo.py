@@ -1,0 +1,138 @@
+"""What GEO tells (protocol reference 6.8)."""
+
+from __future__ import annotations
+
+import re
+
+from usarsim_conformance.case import Case
+from usarsim_conformance.places import Place
+from usarsim_conformance.recordings import ground_told, standing, told
+from usarsim_conformance.registry import UDK, UNREAL, UT2004, check
+from usarsim_conformance.verdicts import Severity
+
+_N4 = r"-?\d+\.\d{4}"
+
+
+_V4 = rf"{_N4},{_N4},{_N4}"
+
+
+@check(
+    "control.geo.ground",
+    "GEO of ground vehicles",
+    source="protocol reference 6, no. 129",
+    dialects=UNREAL,
+)
+async def geo_ground(case: Case) -> None:
+    """A ground vehicle's GEO has Type, Name, Dimensions, COG, WheelRadius, WheelSeparation,
+    WheelBase in this order."""
+    line = await ground_told(case, "GETGEO")
+    names = ("Type", "Name", "Dimensions", "COG", "WheelRadius", "WheelSeparation", "WheelBase")
+    case.expect(line.names == names, f"other segments: {line}")
+
+
+@check(
+    "control.geo.numbers",
+    "Numbers of GEO",
+    source="protocol reference 2.2",
+    dialects=UNREAL,
+    severity=Severity.SHOULD,
+)
+async def geo_numbers(case: Case) -> None:
+    """Numbers and vectors of the robot's GEO have four digits, and wheels a size."""
+    line = await ground_told(case, "GETGEO")
+    for name in ("Dimensions", "COG"):
+        case.expect(re.fullmatch(_V4, line.get(name) or ""), f"{name}: {line}")
+    for name in ("WheelRadius", "WheelSeparation", "WheelBase"):
+        case.expect(re.fullmatch(_N4, line.get(name) or ""), f"{name}: {line}")
+        case.expect(line.number(name) > 0.0, f"{name}: {line}")
+
+
+@check(
+    "control.geo.sensors-ut2004",
+    "GEO of sensors in pairs",
+    source="protocol reference 6, no. 134",
+    dialects=UT2004,
+)
+async def geo_pairs(case: Case) -> None:
+    """In ut2004 the GEO of sensors has one segment per item: `{Name n Location v Orientation v
+    Mount m}`; one client crashes on any other form."""
+    recording = await standing(case)
+    sensors = recording.types() | {"Camera"}
+    form = re.compile(
+        rf"GEO \{{Type \w+\}}"
+        rf"( \{{Name [^ {{}}]+ Location {_V4} Orientation {_V4} Mount [^{{}}]+\}})+"
+    )
+    asked = 0
+    for (command, type, _), line in recording.replies.items():
+        if command != "GETGEO" or line is None or type not in sensors:
+            continue
+        asked += 1
+        case.expect(form.fullmatch(line.text), f"another form: {line}")
+    if not asked:
+        case.skip("no sensor answered GETGEO")
+
+
+@check(
+    "control.geo.sensors-udk",
+    "GEO of sensors in segments",
+    source="protocol reference 6, no. 134",
+    dialects=UDK,
+)
+async def geo_segments(case: Case) -> None:
+    """In udk the GEO of sensors has separate segments in the order Name, Location, Orientation,
+    Mount."""
+    recording = await standing(case)
+    sensors = recording.types() | {"Camera"}
+    asked = 0
+    for (command, type, _), line in recording.replies.items():
+        if command != "GETGEO" or line is None or type not in sensors:
+            continue
+        asked += 1
+        names = tuple(name for name in line.names[1:] if name != "MountLink")
+        groups = len(names) // 4
+        case.expect(
+            names == ("Name", "Location", "Orientation", "Mount") * groups,
+            f"other segments: {line}",
+        )
+        case.expect(all(" " not in v for n, v in line.segments if n == "Name"), f"pairs: {line}")
+    if not asked:
+        case.skip("no sensor answered GETGEO")
+
+
+@check(
+    "control.geo.body-frame",
+    "Mounts are told in the body frame",
+    source="protocol reference 6, no. 135",
+    dialects=UNREAL,
+)
+async def body_frame(case: Case) -> None:
+    """Mount poses are in the body frame whatever the yaw of the robot."""
+    recording = await standing(case)
+    types = sorted(recording.types() - {"Camera"})
+    if not types:
+        case.skip("the robot streams no items")
+    type = "RangeScanner" if "RangeScanner" in types else types[0]
+    place = await case.place()
+    case.need(place.tag is None or any(place.location), "the server lists no start poses")
+    turned = Place(None, place.location, (0.0, 0.0, place.rotation[2] + 1.5708))
+    robot = await case.spawn(place=turned)
+    line = await robot.client.ask(f"GETGEO {{Type {type}}}", "GEO {Type")
+    before = await told(case, "GETGEO", type)
+    case.expect(line.text == before.text, f"{before} became {line} when turned by 90 degrees")
+
+
+@check(
+    "control.geo.actuator",
+    "GEO of Actuator and MisPkg",
+    source="protocol reference 6, no. 140",
+    dialects=UNREAL,
+)
+async def geo_actuator(case: Case) -> None:
+    """In udk GEO of an Actuator has Parent 0 for the base; in ut2004 GEO of a MisPkg has
+    ParentLink -1."""
+    robot = await case.spawn("arm")
+    type, name, base = (
+        ("Actuator", "Parent", "0") if case.dialect == "udk" else ("MisPkg", "ParentLink", "-1")
+    )
+    line = await robot.client.ask(f"GETGEO {{Type {type}}}", f"GEO {{Type {type}")
+    case.expect(line.get(name) == base, f"{name} of the first link: {line}")

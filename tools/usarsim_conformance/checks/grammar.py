@@ -1,0 +1,213 @@
+"""Words and segments of what clients send (protocol reference 6.3)."""
+
+from __future__ import annotations
+
+from usarsim_conformance.case import Case
+from usarsim_conformance.registry import ONCE, UNREAL, check
+from usarsim_conformance.verdicts import Severity
+
+
+async def _conf_answers(case: Case, command: str, reply: str = "CONF {") -> None:
+    """A spelling of GETCONF is understood."""
+    robot = await case.spawn()
+    line = await robot.client.ask(command, reply)
+    case.expect("SteeringType" in line.text or line.get("Name"), f"not the robot's: {line}")
+
+
+@check(
+    "control.grammar.case",
+    "Command words and names in any case",
+    source="protocol reference 6, no. 32",
+    dialects=ONCE,
+)
+async def any_case(case: Case) -> None:
+    """Command words and segment names are matched without regard to case."""
+    await _conf_answers(case, "getConf {TYPE Robot}")
+
+
+@check(
+    "control.grammar.value-case",
+    "Types in any case",
+    source="protocol reference 1.6",
+    dialects=ONCE,
+)
+async def value_case(case: Case) -> None:
+    """The Type of a request is matched without regard to case."""
+    await _conf_answers(case, "GETCONF {Type rObOt}")
+
+
+@check(
+    "control.grammar.no-blanks",
+    "Segments without blanks between",
+    source="protocol reference 6, no. 33",
+    dialects=ONCE,
+)
+async def no_blanks(case: Case) -> None:
+    """A command whose segments follow without blanks is accepted."""
+    await _conf_answers(case, "GETCONF{Type Robot}{Name x}")
+
+
+@check(
+    "control.grammar.inner-blanks",
+    "Blanks within braces",
+    source="protocol reference 6, no. 34",
+    dialects=ONCE,
+)
+async def inner_blanks(case: Case) -> None:
+    """Blanks around the name and the value of a segment are ignored."""
+    await _conf_answers(case, "GETCONF {  Type   Robot  }   {Name x}")
+
+
+@check(
+    "control.grammar.tabs",
+    "Tabs within braces",
+    source="protocol reference 1.5",
+    dialects=UNREAL,
+    severity=Severity.SHOULD,
+)
+async def tabs(case: Case) -> None:
+    """A tab parts name and value like a blank."""
+    await _conf_answers(case, "GETCONF {Type\tRobot}")
+
+
+@check(
+    "control.grammar.junk",
+    "Text between segments",
+    source="protocol reference 6, no. 35",
+    dialects=UNREAL,
+)
+async def junk(case: Case) -> None:
+    """Text between segments that is no command is ignored."""
+    await _conf_answers(case, "GETCONF {Name x} junk {Type Robot}")
+
+
+@check(
+    "control.grammar.open-brace",
+    "A segment that does not end",
+    source="protocol reference 6, no. 36",
+    dialects=UNREAL,
+)
+async def open_brace(case: Case) -> None:
+    """Segments before one whose brace is never closed are used."""
+    await _conf_answers(case, "GETCONF {Type Robot} {Name")
+
+
+@check(
+    "control.grammar.bare-name",
+    "A segment without a value",
+    source="protocol reference 6, no. 37",
+    dialects=UNREAL,
+)
+async def bare_name(case: Case) -> None:
+    """Segments behind one that has a name only, or nothing, are used."""
+    await _conf_answers(case, "GETCONF {Bad} {} {Type Robot}")
+
+
+@check(
+    "control.grammar.stray-brace",
+    "A stray closing brace",
+    source="protocol reference 6, no. 38",
+    dialects=UNREAL,
+)
+async def stray_brace(case: Case) -> None:
+    """A closing brace without an opening one is ignored."""
+    await _conf_answers(case, "GETCONF } {Type Robot}")
+
+
+@check(
+    "control.grammar.first-wins",
+    "The first of two equal names counts",
+    source="protocol reference 6, no. 39",
+    dialects=UNREAL,
+)
+async def first_wins(case: Case) -> None:
+    """Of two segments with the same name the first counts."""
+    await _conf_answers(case, "GETCONF {Type Robot} {Type NoSuchType}")
+
+
+@check(
+    "control.grammar.no-open-brace",
+    "A command without an opening brace",
+    source="protocol reference 1.7",
+    dialects=ONCE,
+)
+async def no_open_brace(case: Case) -> None:
+    """A command whose first brace is missing is ignored and does no harm."""
+    robot = await case.spawn()
+    lines = await robot.client.outcome("GETCONF Type Robot}")
+    found = [line for line in lines if line.head == "CONF" and line.type != "Camera"]
+    case.expect(not found, f"it was answered: {found[:1]}")
+    case.expect(await robot.client.is_alive(), "the connection no longer answers")
+
+
+@check(
+    "control.grammar.unknown-command",
+    "Unknown commands are ignored",
+    source="protocol reference 6, no. 41",
+    dialects=ONCE,
+)
+async def unknown_command(case: Case) -> None:
+    """Unknown commands cause no output, and the connection goes on."""
+    client = await case.connect()
+    lines = await client.outcome(
+        "FLY {High 1}", "HELLO", "INITIALISE {ClassName x}", "42", "{Type Robot}"
+    )
+    case.expect(not lines, f"an unknown command was answered: {lines[:1]}")
+    case.expect(await client.is_alive(), "the connection no longer answers")
+
+
+@check(
+    "control.grammar.old-commands",
+    "Commands of other eras do no harm",
+    source="protocol reference 3.12 and 3.15",
+    dialects=ONCE,
+)
+async def old_commands(case: Case) -> None:
+    """TRACE, PAUSE, KILL, TEST and other names that were once commands do no harm."""
+    robot = await case.spawn()
+    await robot.send(
+        "TRACE {On true} {Interval 0.5} {Color Red}",
+        "TRACE {On false}",
+        "PAUSE",
+        "TEST",
+        "KILL",
+        "POSALL",
+        "TURN",
+        "SETBALL",
+        "FACTORY",
+        "SENSOR",
+        "EFFECTOR",
+        "CAMERA {Pan 1}",
+    )
+    await robot.wait("STA")
+    case.expect(await robot.client.is_alive(), "the connection no longer answers")
+
+
+@check(
+    "control.grammar.unknown-segment",
+    "Unknown segments are ignored",
+    source="protocol reference 6, no. 42",
+    dialects=ONCE,
+)
+async def unknown_segment(case: Case) -> None:
+    """Segments that a command does not know are ignored."""
+    await _conf_answers(case, "GETCONF {Colour red} {Type Robot} {Size 3 x 4}")
+
+
+@check(
+    "control.grammar.before-init",
+    "Robot commands before INIT are ignored",
+    source="protocol reference 1.7",
+    dialects=ONCE,
+)
+async def before_init(case: Case) -> None:
+    """Commands for a robot that come before INIT are ignored silently."""
+    client = await case.connect()
+    lines = await client.outcome(
+        "DRIVE {Left 1} {Right 1}",
+        "GETCONF {Type Robot}",
+        "GETGEO {Type Robot}",
+        "SET {Type Camera} {Opcode Zoom} {Params 1}",
+    )
+    case.expect(not lines, f"something was answered: {lines[:1]}")
+    await case.spawn(client=client)

@@ -1,0 +1,266 @@
+"""Requests of image clients and how they are cut (side channels reference 2.1, 2.2)."""
+
+from __future__ import annotations
+
+import asyncio
+
+from usarsim_conformance.case import Case
+from usarsim_conformance.side_checks import checks_of
+from usarsim_conformance.side_images import OK, ImageClient, facts_of, rectangle
+from usarsim_conformance.verdicts import Severity
+
+images = checks_of("images")
+
+_QUIET = 0.5
+"""s of silence after which nothing more is expected."""
+
+
+async def _one_frame(case: Case, request: bytes, shown: str) -> ImageClient:
+    client = await ImageClient.open(case)
+    frame = await client.ask(request)
+    case.expect(frame.payload, f"{shown} was answered by an empty picture")
+    await client.silent(_QUIET, f"the one frame that {shown} asks for")
+    return client
+
+
+async def _nothing_then_one(case: Case, request: bytes, shown: str) -> None:
+    client = await ImageClient.open(case)
+    await client.send(request)
+    await client.silent(_QUIET, shown)
+    await client.ask(OK)
+    await client.silent(_QUIET, f"{shown} and one OK")
+
+
+@images("connect.without-robot", "Serves before there are robots", "11.1, 2.1")
+async def without_robot(case: Case) -> None:
+    """The image port accepts and answers clients that have no robot; the socket is independent
+    of robots."""
+    client = await ImageClient.open(case)
+    frame = await client.ask()
+    case.expect(frame.size > (0, 0), "the full frame is empty")
+
+
+@images("connect.silent", "Says nothing before it is asked", "11.2, 2.1")
+async def silent(case: Case) -> None:
+    """Unless legacy mode is on, a silent client gets nothing for 1 s: no banner, no picture."""
+    wire = await case.open("images")
+    data = await wire.silence(1.0)
+    if data and len(data) == 5 + int.from_bytes(data[1:5]):
+        case.skip("it pushes a picture to new clients, as legacy mode does")
+    case.expect(not data, f"{len(data)} bytes came without a request")
+
+
+@images("connect.idle", "Has no idle timeout", "2.1")
+async def idle(case: Case) -> None:
+    """A client may stay silent as long as it likes and is answered afterwards."""
+    client = await ImageClient.open(case)
+    await client.ask()
+    await client.silent(4.0, "a frame, though nothing was asked for")
+    await client.ask()
+
+
+@images("request.ok", "OK gets one frame", "11.3")
+async def ok(case: Case) -> None:
+    """The two bytes `OK` without a line end are answered by exactly one frame."""
+    await _one_frame(case, OK, "OK")
+
+
+@images("request.ok-crlf", "OK with CR LF gets one frame", "11.4")
+async def ok_crlf(case: Case) -> None:
+    """CR and LF after OK are skipped as unknown bytes; they bring no second frame."""
+    await _one_frame(case, b"OK\r\n", "OK with CR LF")
+
+
+@images("request.crlf-ok", "CR LF before OK is skipped", "11.5")
+async def crlf_ok(case: Case) -> None:
+    """CR and LF before OK are skipped as unknown bytes."""
+    await _one_frame(case, b"\r\nOK", "CR LF and OK")
+
+
+@images("request.lower-case", "ok in lower case is no request", "11.6")
+async def lower_case(case: Case) -> None:
+    """Requests are case-sensitive: `ok` gets no answer, and a following `OK` one frame."""
+    await _nothing_then_one(case, b"ok", "ok in lower case")
+
+
+@images("request.ook", "The byte after O is always consumed", "11.7", Severity.SHOULD)
+async def ook(case: Case) -> None:
+    """`OOK` is no request, for the second O is used up by the first; `OK` behind it is one."""
+    await _nothing_then_one(case, b"OOK", "OOK")
+
+
+@images("request.ok-in-halves", "OK may come in halves", "11.8")
+async def ok_in_halves(case: Case) -> None:
+    """`O` and `K` sent half a second apart are one request."""
+    client = await ImageClient.open(case)
+    await client.send(b"O")
+    await client.silent(0.5, "O alone")
+    await client.send(b"K")
+    await client.frame()
+    await client.silent(_QUIET, "O and K")
+
+
+@images("request.pipelined", "Five requests get five frames", "11.9, 2.2")
+async def pipelined(case: Case) -> None:
+    """Requests are neither coalesced nor dropped: five OK in one write give five frames."""
+    client = await ImageClient.open(case)
+    await client.send(OK * 5)
+    for _ in range(5):
+        frame = await client.frame()
+        case.expect(frame.size[0], "one of five frames is empty")
+    await client.silent(_QUIET, "five frames for five requests")
+
+
+@images("request.rapid", "Answers requests every 10 ms", "11.33, 2.6")
+async def rapid(case: Case) -> None:
+    """Requests every 10 ms are all answered, with repeated pictures if need be."""
+    client = await ImageClient.open(case)
+    for _ in range(25):
+        await client.send(OK)
+        await asyncio.sleep(0.01)
+    for number in range(25):
+        frame = await client.frame()
+        case.expect(frame.size[0], f"frame {number + 1} of 25 is empty")
+
+
+@images("request.junk", "Skips bytes that are no request", "2.2")
+async def junk(case: Case) -> None:
+    """All bytes but O and U are skipped without an answer, whatever they are."""
+    others = bytes(byte for byte in range(256) if byte not in b"OU")
+    await _nothing_then_one(case, others * 4, "1016 bytes of junk")
+
+
+@images("request.much-junk", "Skips a megabyte of junk", "2.2", Severity.SHOULD)
+async def much_junk(case: Case) -> None:
+    """The server neither stores unknown bytes nor loses the request behind a megabyte of them."""
+    client = await ImageClient.open(case)
+    await client.send(b"x" * 1_000_000)
+    await client.ask()
+    await client.silent(_QUIET, "one OK behind a megabyte of junk")
+
+
+@images("request.telnet", "Survives a text protocol", "2.7", Severity.SHOULD)
+async def telnet(case: Case) -> None:
+    """A client that took the wrong port and speaks the control protocol gets no reply (its text
+    has no `OK` and no `U`) and does no harm."""
+    await _nothing_then_one(case, b"GETSTARTPOSES\r\nDRIVE {Left 1}\r\n", "commands of robots")
+
+
+# Rectangles.
+
+
+@images("rectangle.whole", "The whole frame as a rectangle", "11.20")
+async def whole(case: Case) -> None:
+    """`U` with the rectangle of the whole frame gives a picture of the same size as OK."""
+    client = await ImageClient.open(case)
+    width, height = (await client.ask()).size
+    size = (await client.ask(rectangle(0, 0, width, height))).size
+    case.expect(size == (width, height), f"OK gives {width} x {height}, U gives {size}")
+
+
+@images("rectangle.size", "A rectangle has the size asked for", "11.21, 2.2")
+async def size(case: Case) -> None:
+    """`U` with a rectangle inside the frame gives a picture of exactly that size."""
+    client = await ImageClient.open(case)
+    facts = client.facts
+    for x, y, width, height in ((0, 0, 16, 8), (5, 3, facts.width // 2, facts.height // 3)):
+        frame = await client.ask(rectangle(x, y, width, height))
+        case.expect(frame.size == (width, height), f"not {width} x {height}, but {frame.size}")
+
+
+@images("rectangle.big-endian", "Rectangles are big-endian", "2.2")
+async def big_endian(case: Case) -> None:
+    """The four integers of `U` are unsigned, 32 bits wide and big-endian: a server that reads them
+    the other way round finds every rectangle out of its frame."""
+    client = await ImageClient.open(case)
+    frame = await client.ask(rectangle(1, 2, 40, 30))
+    case.expect(not frame.empty, "a rectangle of 40 x 30 at 1, 2 is said to be out of frame")
+    case.expect(frame.size == (40, 30), f"40 x 30 asked for, {frame.size} sent")
+
+
+@images("rectangle.qt-padding", "Zero bytes before U are skipped", "11.22, 2.2")
+async def qt_padding(case: Case) -> None:
+    """Qt clients send `U` as a 32-bit number: `00 00 00 55` and a rectangle give one frame and
+    no extra bytes."""
+    await _one_frame(case, bytes(3) + rectangle(0, 0, 64, 48), "00 00 00 55 and a rectangle")
+
+
+@images("rectangle.byte-by-byte", "U may come byte by byte", "11.23")
+async def byte_by_byte(case: Case) -> None:
+    """A request of 17 bytes that arrives one byte at a time is one request."""
+    client = await ImageClient.open(case)
+    for byte in rectangle(0, 0, 64, 48):
+        await client.send(bytes([byte]))
+        await asyncio.sleep(0.01)
+    frame = await client.frame()
+    case.expect(frame.size == (64, 48), f"64 x 48 asked for, {frame.size} sent")
+    await client.silent(_QUIET, "one U, byte by byte")
+
+
+@images("rectangle.binary", "Arguments of U are no requests", "11.24")
+async def binary(case: Case) -> None:
+    """The sixteen bytes after `U` are binary: `OK` and `U` among them are not taken as requests."""
+    client = await ImageClient.open(case)
+    numbers = (int.from_bytes(b"OKOK"), int.from_bytes(b"UUUU"), 0x4F4B, 0x55)
+    await client.ask(rectangle(*numbers))
+    await client.silent(_QUIET, "one U whose arguments look like requests")
+
+
+@images("rectangle.followed", "Bytes after the 17th are new requests", "11.26")
+async def followed(case: Case) -> None:
+    """`U`, its rectangle and `OK` in one write are two requests, answered in this order."""
+    client = await ImageClient.open(case)
+    await client.send(rectangle(0, 0, 32, 24) + OK + rectangle(0, 0, 24, 32))
+    facts = client.facts
+    sizes = [(await client.frame()).size for _ in range(3)]
+    wanted = [(32, 24), (facts.width, facts.height), (24, 32)]
+    case.expect(sizes == wanted, f"sizes {sizes} instead of {wanted}")
+    await client.silent(_QUIET, "U, OK and U")
+
+
+async def _odd(case: Case, *rectangles: tuple[int, int, int, int]) -> None:
+    client = await ImageClient.open(case)
+    for numbers in rectangles:
+        await client.ask(rectangle(*numbers))
+        await client.silent(0.2, f"one reply to the rectangle {numbers}")
+    frame = await client.ask()
+    case.expect(frame.size[0], "after it OK gives an empty frame")
+
+
+@images("rectangle.outside", "A rectangle outside is answered once", "11.25, 2.7")
+async def outside(case: Case) -> None:
+    """A rectangle out of the frame gets exactly one reply, and the connection stays usable."""
+    facts = await facts_of(case)
+    await _odd(case, (facts.width, 0, 320, 240), (0, facts.height + 7, 10, 10))
+
+
+@images("rectangle.crossing", "A rectangle across the border is answered once", "2.7")
+async def crossing(case: Case) -> None:
+    """A rectangle that is partly out of the frame gets exactly one reply."""
+    facts = await facts_of(case)
+    await _odd(case, (facts.width - 10, facts.height - 10, 20, 20))
+
+
+@images("rectangle.nothing", "A rectangle without area is answered once", "2.7")
+async def nothing(case: Case) -> None:
+    """A width or height of zero gets exactly one reply."""
+    await _odd(case, (0, 0, 0, 10), (0, 0, 10, 0), (0, 0, 0, 0))
+
+
+@images("rectangle.huge", "Rectangles cannot overflow", "2.7")
+async def huge(case: Case) -> None:
+    """The largest numbers, and sums beyond 32 bits, get one reply like every other rectangle."""
+    most = 0xFFFFFFFF
+    await _odd(case, (most,) * 4, (most - 15, 0, 32, 16), (0, 0, most, most), (1 << 31, 0, 4, 4))
+
+
+@images("rectangle.empty-form", "What an empty picture looks like", "11.25, 2.7", Severity.SHOULD)
+async def empty_form(case: Case) -> None:
+    """Outside the frame the picture has no pixels: raw 0 x 0, or a JPEG reply without payload."""
+    client = await ImageClient.open(case)
+    frame = await client.ask(rectangle(client.facts.width, 0, 320, 240))
+    wanted = bytes(4) if frame.raw else b""
+    case.expect(
+        frame.payload == wanted,
+        f"{len(frame.payload)} bytes of payload instead of {len(wanted)}",
+    )

@@ -1,0 +1,306 @@
+"""INIT (protocol reference 6.5)."""
+
+from __future__ import annotations
+
+import math
+
+from usarsim_conformance.case import PATIENCE, Case
+from usarsim_conformance.recordings import standing
+from usarsim_conformance.registry import DIALECTS, ONCE, check
+from usarsim_conformance.verdicts import Severity
+
+_QUIET = 0.22
+"""s; a little less than the 0.25 s that are demanded, for times that are rounded."""
+_PROMPT = 2.25
+"""s; a little more than the 2 s that are demanded: how long ago the time was told is not known."""
+
+
+@check("control.init.spawns", "INIT brings a robot into the world", source="protocol reference 1.2")
+async def spawns(case: Case) -> None:
+    """After a valid INIT the server sends STA and SEN lines of the robot."""
+    client = await case.connect()
+    place = await case.place()
+    robot_class = case.survey.robot or case.target.robot or "P2AT"
+    await client.send(case.init(place, case.new_name(), robot_class))
+    within = PATIENCE if case.survey.robot is not None else 2.0  # none came once already
+    await client.wait(lambda line: line.head == "STA", within, "STA")
+    if await client.maybe(lambda line: line.head == "SEN") is None:
+        # Whether it has a sensor at all is asked last: not all servers answer in silence.
+        asked = [f"GETCONF {{Type {type}}}" for type in ("GroundTruth", "INS", "Odometry", "Sonar")]
+        if not any(line.head == "CONF" for line in await client.outcome(*asked)):
+            case.skip(f"{robot_class} has no sensors")
+        case.fail("STA comes, but no SEN")
+
+
+@check("control.init.silent", "INIT has no direct reply", source="protocol reference 6, no. 69")
+async def silent(case: Case) -> None:
+    """A valid INIT produces no direct reply: what follows is the robot's own report."""
+    client = await case.connect()
+    place = await case.place()
+    await client.send(case.init(place, case.new_name()))
+    line = await client.wait(lambda line: True, PATIENCE, "line")
+    if line.head == "CONF" and line.type == "Camera":
+        return  # sent unasked to whoever has a camera (side channels reference 11, no. 38)
+    case.expect(line.head not in ("RES", "CONF", "GEO"), f"INIT was answered: {line}")
+    case.expect(line.head != "NFO" or "Status" in line.names, f"INIT was answered: {line}")
+
+
+@check(
+    "control.init.quiet-period",
+    "A quiet time follows INIT",
+    source="protocol reference 6, no. 70 and 1.8",
+)
+async def quiet_period(case: Case) -> None:
+    """The first STA or SEN comes not before 0.25 s of simulated time after INIT, so that replies to
+    requests sent with it go out first."""
+    waited = await _waited(case)
+    case.expect(waited >= _QUIET, f"the first line came after {waited:.3f} s")
+
+
+@check(
+    "control.init.prompt",
+    "The first STA comes in time",
+    source="protocol reference 6, no. 70",
+    severity=Severity.INFORMATIVE,
+)
+async def prompt(case: Case) -> None:
+    """The first STA comes not later than 2 s of simulated time after INIT. Servers build a robot
+    while the world goes on, which takes wall time: informative."""
+    waited = await _waited(case)
+    case.expect(waited <= _PROMPT, f"the first line came after {waited:.2f} s only")
+
+
+async def _waited(case: Case) -> float:
+    waited = (await standing(case)).waited
+    case.need(not math.isnan(waited), "there is no robot that tells the time of an INIT")
+    return waited
+
+
+@check(
+    "control.init.unknown-class",
+    "An unknown class is no end",
+    source="protocol reference 6, no. 71",
+    dialects=ONCE,
+)
+async def unknown_class(case: Case) -> None:
+    """INIT with an unknown class produces no output, and a valid INIT on the same connection
+    works."""
+    client = await case.connect()
+    await client.send("INIT {ClassName USARBot.NoSuchRobotAtAll} {Name x} {Location 0,0,0}")
+    lines = await client.listen(1.2)
+    case.expect(not lines, f"an unknown class was answered: {lines[:1]}")
+    await case.spawn(client=client)
+
+
+async def _class_spelled(case: Case, spell: str) -> None:
+    place = await case.place()
+    init = (
+        f"INIT {{ClassName {spell}}} {{Name {case.new_name()}}} {place.segments}"
+        f"{case.dialect_segment}"
+    )
+    await case.appears(init)
+
+
+@check(
+    "control.init.package",
+    "Class with its package",
+    source="protocol reference 6, no. 72",
+    dialects=ONCE,
+)
+async def package(case: Case) -> None:
+    """The class may be written with its package: `USARBot.P2AT`."""
+    await _class_spelled(case, f"USARBot.{case.robot_class}")
+
+
+@check(
+    "control.init.no-package",
+    "Class without package",
+    source="protocol reference 6, no. 72",
+    dialects=ONCE,
+)
+async def no_package(case: Case) -> None:
+    """The class may be written without its package: `P2AT`."""
+    await _class_spelled(case, case.robot_class)
+
+
+@check(
+    "control.init.class-case",
+    "Class in any case",
+    source="protocol reference 6, no. 72",
+    dialects=ONCE,
+)
+async def class_case(case: Case) -> None:
+    """The class is matched without regard to case."""
+    await _class_spelled(case, f"usarBOT.{case.robot_class.swapcase()}")
+
+
+@check("control.init.case", "INIT in any case", source="protocol reference 1.6", dialects=ONCE)
+async def init_case(case: Case) -> None:
+    """`Init {CLASSNAME ..}` works as `INIT {ClassName ..}` does."""
+    place = await case.place()
+    init = case.init(place, case.new_name())
+    await case.appears(init.replace("INIT", "Init").replace("ClassName", "CLASSNAME"))
+
+
+@check(
+    "control.init.classname",
+    "ClassName spelled Classname",
+    source="protocol reference 6, no. 73",
+    dialects=ONCE,
+)
+async def classname(case: Case) -> None:
+    """`Classname`, as the ROS and MOAST family writes it, is accepted for ClassName."""
+    place = await case.place()
+    init = case.init(place, case.new_name())
+    await case.appears(init.replace("ClassName", "Classname"))
+
+
+@check("control.init.glued", "INIT without blanks", source="protocol reference 3.2", dialects=ONCE)
+async def glued(case: Case) -> None:
+    """INIT works without blanks between its segments."""
+    place = await case.place()
+    init = case.init(place, case.new_name()).replace("} {", "}{").replace("INIT {", "INIT{")
+    await case.appears(init)
+
+
+@check(
+    "control.init.order",
+    "Segments of INIT in any order",
+    source="protocol reference 3.2",
+    dialects=ONCE,
+)
+async def order(case: Case) -> None:
+    """The segments of INIT may stand in any order."""
+    place = await case.place()
+    init = (
+        f"INIT {place.segments} {{Name {case.new_name()}}} "
+        f"{{ClassName USARBot.{case.robot_class}}}{case.dialect_segment}"
+    )
+    await case.appears(init)
+
+
+@check(
+    "control.init.no-name",
+    "INIT without Name",
+    source="protocol reference 6, no. 74",
+    dialects=ONCE,
+)
+async def no_name(case: Case) -> None:
+    """INIT without Name works, also for two robots at a time."""
+    for _ in range(2):
+        place = await case.place()
+        await case.appears(case.init(place))
+
+
+@check(
+    "control.init.same-name",
+    "Two robots of one name",
+    source="protocol reference 3.2",
+    dialects=ONCE,
+    severity=Severity.SHOULD,
+)
+async def same_name(case: Case) -> None:
+    """Two clients that give their robots the same name both get one."""
+    name = case.new_name()
+    for _ in range(2):
+        place = await case.place()
+        await case.appears(case.init(place, name))
+
+
+@check(
+    "control.init.name-with-blanks",
+    "A name with blanks",
+    source="protocol reference 3.2",
+    dialects=ONCE,
+)
+async def name_with_blanks(case: Case) -> None:
+    """A robot name may contain blanks."""
+    place = await case.place()
+    await case.appears(case.init(place, f"{case.new_name()} the first"))
+
+
+@check(
+    "control.init.no-place",
+    "INIT without a place",
+    source="protocol reference 6, no. 75",
+    dialects=ONCE,
+    exclusive=True,
+)
+async def no_place(case: Case) -> None:
+    """INIT without Location and Start spawns a robot, at 0,0,0 or at a start position."""
+    await case.appears(f"INIT {{ClassName USARBot.{case.robot_class}}} {{Name {case.new_name()}}}")
+
+
+@check(
+    "control.init.location",
+    "Spawns at the Location",
+    source="protocol reference 6, no. 63",
+    dialects=DIALECTS,
+)
+async def location(case: Case) -> None:
+    """The first reported pose agrees with Location and Rotation within 5 cm and 0.02 rad in x, y
+    and yaw on flat ground."""
+    base = await case.place()
+    case.need(base.tag is None or any(base.location), "the server lists no start poses")
+    place = base.moved(right=0.4)
+    robot = await case.spawn(place=place)
+    pose = await robot.pose()
+    away = math.dist(pose.location[:2], place.location[:2])
+    case.expect(away < 0.05, f"asked for {place.location}, it stands at {pose.location}")
+    turned = math.remainder(pose.yaw - place.rotation[2], math.tau)
+    case.expect(abs(turned) < 0.025, f"asked for yaw {place.rotation[2]}, it has {pose.yaw}")
+
+
+@check(
+    "control.init.extras",
+    "Unknown segments of INIT",
+    source="protocol reference 6, no. 78",
+    dialects=ONCE,
+)
+async def extras(case: Case) -> None:
+    """INIT with segments of other eras (Team, Skin, unknown ones) works."""
+    place = await case.place()
+    init = case.init(
+        place, case.new_name(), extra=" {Team 255} {Skin Default.Red} {Colour blue} {Mood}"
+    )
+    await case.appears(init)
+
+
+@check(
+    "control.init.battery",
+    "Battery sets the battery",
+    source="protocol reference 6, no. 78",
+    dialects=ONCE,
+    severity=Severity.SHOULD,
+)
+async def battery(case: Case) -> None:
+    """`{Battery 300}` of INIT sets the battery that STA shows."""
+    robot = await case.spawn(extra=" {Battery 300}")
+    value = robot.first.number("Battery")
+    if value == 99999 or math.isnan(value):
+        case.skip("the robot has no battery")
+    case.expect(280 <= value <= 300, f"STA shows Battery {value:g}")
+
+
+@check(
+    "control.init.second",
+    "A second INIT is no second robot",
+    source="protocol reference 6, no. 79",
+    dialects=ONCE,
+)
+async def second(case: Case) -> None:
+    """A second INIT after success does not create a second robot: the connection goes on
+    reporting one, at one place."""
+    robot = await case.spawn()
+    other = await case.place()
+    await robot.run(0.5)
+    before = await robot.pose()
+    await robot.send(case.init(other, case.new_name()))
+    lines = await robot.run(1.0)
+    after = await robot.pose()
+    case.expect(
+        math.dist(before.location, after.location) < 0.3,
+        f"the connection now owns a robot at {after.location}",
+    )
+    times = [line.time for line in lines if line.head == "STA"]
+    case.expect(len(set(times)) == len(times), "two STA lines for one moment")

@@ -1,0 +1,269 @@
+"""Line ends and cutting of what clients send (protocol reference 6.2)."""
+
+from __future__ import annotations
+
+import asyncio
+
+from usarsim_conformance.case import Case
+from usarsim_conformance.checks.values import lit
+from usarsim_conformance.control import ControlClient
+from usarsim_conformance.lines import Line
+from usarsim_conformance.registry import ONCE, UNREAL, check
+
+_POSES = "NFO {StartPoses"
+
+
+async def _answers(client: ControlClient, expected: int = 1) -> int:
+    """Replies to GETSTARTPOSES: those that must come, and what else comes within a time."""
+    count = 0
+    while count < expected and await client.maybe(_is_poses) is not None:
+        count += 1
+    return count + sum(_is_poses(line) for line in await client.listen(0.8))
+
+
+def _is_reply(line: Line) -> bool:
+    return line.head in ("CONF", "GEO")
+
+
+def _is_poses(line: Line) -> bool:
+    return line.head == "NFO" and "StartPoses" in line.names
+
+
+async def _ended_by(case: Case, end: bytes) -> None:
+    client = await case.connect()
+    await client.send_bytes(b"GETSTARTPOSES" + end)
+    count = await _answers(client)
+    case.expect(count == 1, f"GETSTARTPOSES ended by {end!r} was answered {count} times, not once")
+
+
+@check(
+    "control.input.crlf",
+    "CR LF ends a command",
+    source="protocol reference 6, no. 21",
+    dialects=ONCE,
+)
+async def ends_crlf(case: Case) -> None:
+    """A command followed by CR LF is answered, once."""
+    await _ended_by(case, b"\r\n")
+
+
+@check(
+    "control.input.lf",
+    "LF alone ends a command",
+    source="protocol reference 6, no. 22",
+    dialects=UNREAL,
+)
+async def ends_lf(case: Case) -> None:
+    """A command followed by LF alone is answered without further input."""
+    await _ended_by(case, b"\n")
+
+
+@check(
+    "control.input.cr",
+    "CR alone ends a command",
+    source="protocol reference 6, no. 23",
+    dialects=UNREAL,
+)
+async def ends_cr(case: Case) -> None:
+    """A command followed by CR alone is answered without further input."""
+    await _ended_by(case, b"\r")
+
+
+@check(
+    "control.input.lfcr",
+    "LF CR ends one command",
+    source="protocol reference 6, no. 24",
+    dialects=UNREAL,
+)
+async def ends_lfcr(case: Case) -> None:
+    """A command followed by LF CR is answered exactly once."""
+    await _ended_by(case, b"\n\r")
+
+
+@check(
+    "control.input.crlf-lf",
+    "CR LF LF ends one command",
+    source="protocol reference, addendum",
+    dialects=ONCE,
+)
+async def ends_crlf_lf(case: Case) -> None:
+    """A command followed by CR LF and a further LF, as student controllers send it, is answered
+    exactly once."""
+    await _ended_by(case, b"\r\n\n")
+
+
+@check(
+    "control.input.packet",
+    "Two commands in one packet",
+    source="protocol reference 6, no. 25",
+    dialects=ONCE,
+)
+async def one_packet(case: Case) -> None:
+    """Two commands in one packet are both executed, in order."""
+    robot = await case.spawn()
+    await robot.client.send_bytes(b"GETCONF {Type Robot}\r\nGETGEO {Type Robot}\r\n")
+    first = await robot.wait(_is_reply, what="reply")
+    case.expect(first.head == "CONF", f"the second command was answered first: {first}")
+    await robot.wait("GEO {")
+
+
+@check(
+    "control.input.bytes",
+    "One byte per packet",
+    source="protocol reference 6, no. 26",
+    dialects=ONCE,
+)
+async def byte_by_byte(case: Case) -> None:
+    """A command sent one byte per packet is executed."""
+    client = await case.connect()
+    for byte in b"GETSTARTPOSES\r\n":
+        await client.send_bytes(bytes([byte]))
+        await asyncio.sleep(0.01)
+    count = await _answers(client)
+    case.expect(count == 1, f"it was answered {count} times, not once")
+
+
+@check(
+    "control.input.split",
+    "A command in two packets",
+    source="protocol reference 6, no. 26",
+    dialects=ONCE,
+)
+async def split(case: Case) -> None:
+    """A command cut within a word, the rest coming later, is executed once."""
+    client = await case.connect()
+    await client.send_bytes(b"GETSTART")
+    await case.clock.sleep(0.2)
+    await client.send_bytes(b"POSES\r\n")
+    count = await _answers(client)
+    case.expect(count == 1, f"it was answered {count} times, not once")
+
+
+@check(
+    "control.input.split-end",
+    "CR and LF in two packets",
+    source="protocol reference 6, no. 24",
+    dialects=ONCE,
+)
+async def split_end(case: Case) -> None:
+    """If a packet ends between CR and LF, the command is executed once, and the next one too."""
+    client = await case.connect()
+    await client.send_bytes(b"GETSTARTPOSES\r")
+    await case.clock.sleep(0.2)
+    await client.send_bytes(b"\nGETSTARTPOSES\r\n")
+    count = await _answers(client, 2)
+    case.expect(count == 2, f"two commands were answered {count} times")
+
+
+@check(
+    "control.input.unended",
+    "No end, no execution",
+    source="protocol reference 6, no. 27",
+    dialects=ONCE,
+)
+async def unended(case: Case) -> None:
+    """A command without terminator is not executed until the terminator arrives."""
+    client = await case.connect()
+    await client.send_bytes(b"GETSTARTPOSES")
+    count = await _answers(client, 0)
+    case.expect(count == 0, "it was executed although its line had not ended")
+    await client.send_bytes(b"\r\n")
+    count = await _answers(client)
+    case.expect(count == 1, f"once ended, it was answered {count} times")
+
+
+@check(
+    "control.input.blank-lines",
+    "Blank lines do nothing",
+    source="protocol reference 6, no. 28",
+    dialects=ONCE,
+)
+async def blank_lines(case: Case) -> None:
+    """Twenty blank lines produce no output and no error."""
+    client = await case.connect()
+    await client.send_bytes(b"\r\n" * 10 + b"\n" * 5 + b" \t\r\n" * 5)
+    lines = await client.listen(0.6)
+    case.expect(not lines, f"blank lines were answered: {lines[:1]}")
+    case.expect(await client.is_alive(), "the connection no longer answers")
+
+
+@check(
+    "control.input.glued",
+    "Commands glued to a brace",
+    source="protocol reference 6, no. 29",
+    dialects=UNREAL,
+)
+async def glued(case: Case) -> None:
+    """A command that follows a closing brace without a line end is executed too:
+    `SET {..} {..}DRIVE {..}`."""
+    robot = await lit(case)
+    await robot.send(
+        "SET {Type RFIDReleaser} {Name Gun} {Opcode Release}DRIVE {Light true} {Left 0} {Right 0}"
+    )
+    case.expect(
+        await robot.client.maybe(
+            lambda line: line.head == "STA" and line.get("LightToggle") == "True"
+        ),
+        "the DRIVE behind the SET was not executed",
+    )
+
+
+@check(
+    "control.input.glued-requests",
+    "Requests glued together",
+    source="protocol reference 6, no. 29",
+    dialects=UNREAL,
+)
+async def glued_requests(case: Case) -> None:
+    """Two requests on one line, the second right behind the brace of the first, are answered."""
+    robot = await case.spawn()
+    await robot.send("GETCONF {Type Robot}GETGEO {Type Robot}")
+    await robot.wait("CONF {")
+    await robot.wait("GEO {", what="reply to the second request")
+
+
+@check(
+    "control.input.init-packet",
+    "INIT and requests in one packet",
+    source="protocol reference 6, no. 30 and 1.8",
+)
+async def init_packet(case: Case) -> None:
+    """INIT, GETCONF and GETGEO in one packet: both replies arrive, in the order of the
+    requests."""
+    client = await case.connect()
+    place = await case.place()
+    await client.send(
+        case.init(place, case.new_name()), "GETCONF {Type Robot}", "GETGEO {Type Robot}"
+    )
+    lines = [await client.wait(_is_reply, what="CONF and GEO") for _ in range(2)]
+    heads = [line.head for line in lines]
+    case.expect(heads == ["CONF", "GEO"], f"replies came as {heads}")
+
+
+@check(
+    "control.input.outer-blanks",
+    "Blanks around a command",
+    source="protocol reference 6, no. 31",
+    dialects=ONCE,
+)
+async def outer_blanks(case: Case) -> None:
+    """Leading and trailing blanks and tabs of a line are ignored."""
+    client = await case.connect()
+    await client.send_bytes(b" \t GETSTARTPOSES \t \r\n")
+    count = await _answers(client)
+    case.expect(count == 1, f"it was answered {count} times, not once")
+
+
+@check(
+    "control.input.before-greeting",
+    "Commands may come before the greeting is read",
+    source="protocol reference, addendum",
+    dialects=ONCE,
+)
+async def before_greeting(case: Case) -> None:
+    """GETSTARTPOSES sent twice right after connecting, before the greeting was read, is answered
+    twice."""
+    client = await case.connect(greet=False)
+    await client.send("GETSTARTPOSES", "GETSTARTPOSES")
+    count = await _answers(client, 2)
+    case.expect(count == 2, f"it was answered {count} times, not twice")

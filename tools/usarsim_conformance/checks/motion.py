@@ -1,0 +1,387 @@
+"""Driving wheeled robots (protocol reference 6.9)."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+from usarsim_conformance.case import Case
+from usarsim_conformance.control import Robot, turned
+from usarsim_conformance.recordings import driven, ground_told, wheels_of
+from usarsim_conformance.registry import ONCE, UDK, UNREAL, UT2004, check
+from usarsim_conformance.verdicts import Severity
+
+_STILL = 0.02
+"""m/s below which a robot stands; sensors print centimetres."""
+_TURNS = 0.02
+"""rad that even a long robot on tracks turns in a second; sensors print hundredths."""
+_STEADY = 0.04
+"""Share by which the speed of a robot that has reached it may still change in 0.7 s."""
+_RAMP = 10
+"""Times that a speed is measured, 0.7 s each, until heavy robots must have reached it."""
+
+
+async def _rolling(robot: Robot, *commands: str, seconds: float = 1.0) -> tuple[float, float]:
+    """Forward speed, m/s, and clockwise turning rate, rad/s, some time after commands."""
+    await robot.send(*commands)
+    await robot.run(0.4)
+    before, start = await robot.pose(), robot.now
+    await robot.run(seconds)
+    after, end = await robot.pose(), robot.now
+    passed = max(end - start, 1e-3)
+    turn = turned(before.yaw, after.yaw)
+    # Along the middle direction of the arc.
+    forward, side = before.ahead(after)
+    return (forward * math.cos(turn / 2) + side * math.sin(turn / 2)) / passed, turn / passed
+
+
+@check(
+    "control.motion.forward", "Equal speeds drive forward", source="protocol reference 6, no. 143"
+)
+async def forward(case: Case) -> None:
+    """`DRIVE {Left v} {Right v}` with v above zero drives forward along the robot's x."""
+    ahead, side, turn = (await driven(case)).phases["forward"].moved
+    case.expect(ahead > 0.05, f"it went {ahead:.2f} m forward")
+    case.expect(abs(side) < 0.3 * ahead and abs(turn) < 0.4, f"it went ({ahead:.2f}, {side:.2f})")
+
+
+@check("control.motion.back", "Negative speeds drive back", source="protocol reference 6, no. 143")
+async def back(case: Case) -> None:
+    """`DRIVE {Left -v} {Right -v}` drives back."""
+    ahead, _, _ = (await driven(case)).phases["back"].moved
+    case.expect(ahead < -0.05, f"it went {ahead:.2f} m forward")
+
+
+@check(
+    "control.motion.clockwise",
+    "Left forward, right back turns clockwise",
+    source="protocol reference 6, no. 143",
+    dialects=UNREAL,
+)
+async def clockwise(case: Case) -> None:
+    """`DRIVE {Left v} {Right -v}` turns clockwise seen from above: left and right are not
+    swapped. Clockwise is what increases odometry theta and, with z down, yaw."""
+    _, _, turn = (await driven(case)).phases["clockwise"].moved
+    case.expect(turn > _TURNS, f"it turned by {turn:.2f} rad, clockwise positive")
+
+
+@check(
+    "control.motion.anticlockwise",
+    "Right forward, left back turns anticlockwise",
+    source="protocol reference 6, no. 143",
+    dialects=UNREAL,
+)
+async def anticlockwise(case: Case) -> None:
+    """`DRIVE {Left -v} {Right v}` turns anticlockwise seen from above."""
+    _, _, turn = (await driven(case)).phases["anticlockwise"].moved
+    case.expect(turn < -_TURNS, f"it turned by {turn:.2f} rad, clockwise positive")
+
+
+@check(
+    "control.motion.in-place",
+    "Opposite speeds turn on the spot",
+    source="protocol reference 3.4.1",
+    dialects=UNREAL,
+    severity=Severity.SHOULD,
+)
+async def in_place(case: Case) -> None:
+    """With opposite speeds the robot turns and hardly leaves its place."""
+    ahead, side, _ = (await driven(case)).phases["clockwise"].moved
+    case.expect(math.hypot(ahead, side) < 0.25, f"it moved by ({ahead:.2f}, {side:.2f}) m")
+
+
+@check("control.motion.stops", "Zero stops", source="protocol reference 6, no. 145")
+async def stops(case: Case) -> None:
+    """`DRIVE {Left 0} {Right 0}` stops the wheels."""
+    phase = (await driven(case)).phases["steady"]
+    ahead, side, turn = phase.moved
+    case.expect(math.hypot(ahead, side) < 0.08, f"it rolled on by ({ahead:.2f}, {side:.2f}) m")
+    case.expect(abs(turn) < 0.3, f"it turned on by {turn:.2f} rad")
+
+
+@check("control.motion.rests", "A robot at rest stays", source="robots reference 5.3, no. 64")
+async def rests(case: Case) -> None:
+    """A robot that is not driven does not move."""
+    ahead, side, turn = (await driven(case)).phases["rest"].moved
+    case.expect(math.hypot(ahead, side) < 0.03, f"it crept by ({ahead:.3f}, {side:.3f}) m")
+    case.expect(abs(turn) < 0.03, f"it turned by {turn:.3f} rad")
+
+
+@check(
+    "control.motion.speed",
+    "WheelRadius predicts the speed",
+    source="protocol reference 6, no. 132",
+    severity=Severity.SHOULD,
+)
+async def speed(case: Case) -> None:
+    """Wheel speed times WheelRadius of GEO is the speed of the robot within 10 percent."""
+    drive = await driven(case)
+    phase = drive.phases["forward"]
+    lines = phase.sensor("GroundTruth")[2:]
+    if len(lines) < 3:
+        case.skip("the robot has no GroundTruth")
+    first, last = lines[len(lines) // 3], lines[-1]
+    times = (first.time, last.time)
+    case.need(times[1] > times[0], "GroundTruth has no Time")
+    gone = math.dist(first.numbers("Location")[:2], last.numbers("Location")[:2])
+    found, wanted = gone / (times[1] - times[0]), drive.speed * drive.radius
+    case.expect(abs(found - wanted) < 0.1 * wanted + 0.02, f"{found:.3f} m/s, not {wanted:.3f}")
+
+
+@check(
+    "control.motion.turn-rate",
+    "WheelSeparation predicts turning",
+    source="protocol reference 6, no. 132",
+    dialects=UNREAL,
+    severity=Severity.INFORMATIVE,
+)
+async def turn_rate(case: Case) -> None:
+    """r (L - R) / separation is the turning rate within 10 percent. (Wheels that scrub turn a
+    real skid steered robot more slowly: informative.)"""
+    drive = await driven(case)
+    lines = drive.phases["clockwise"].sensor("GroundTruth")
+    if len(lines) < 4:
+        case.skip("the robot has no GroundTruth")
+    first, last = lines[len(lines) // 3], lines[-1]
+    angles = [line.numbers("Orientation")[2] for line in lines[len(lines) // 3 :]]
+    found = sum(turned(a, b) for a, b in pairwise(angles)) / (last.time - first.time)
+    wanted = 2.0 * drive.speed * drive.radius / drive.separation
+    case.expect(abs(found - wanted) < 0.1 * wanted, f"{found:.2f} rad/s, not {wanted:.2f}")
+
+
+@check(
+    "control.motion.persists",
+    "A command stays in force",
+    source="protocol reference 6, no. 144",
+    dialects=ONCE,
+)
+async def persists(case: Case) -> None:
+    """A drive command persists without repetition: there is no watchdog."""
+    robot = await case.spawn()
+    wheels = await wheels_of(robot)
+    turn = min(1.0, 0.5 * wheels[2])
+    await _rolling(robot, f"DRIVE {{Left {turn}}} {{Right {-turn}}}")
+    await robot.run(4.0)
+    _, rate = await _rolling(robot)
+    case.expect(abs(rate) > 0.012, f"after 5 s it turns at {rate:.3f} rad/s")
+
+
+async def _cruising(case: Case, command: str) -> tuple[float, float, float]:
+    """Speed under a command when it has stopped growing, m/s; radius and largest speed of the
+    wheels. Nobody stands in the way meanwhile, who tells the time included."""
+    async with case.clock.alone():
+        robot = await case.spawn()
+        radius, _, limit = await wheels_of(robot)
+        found, before = 0.0, math.nan
+        for _ in range(_RAMP):
+            found, _ = await _rolling(robot, command, seconds=0.3)
+            if abs(found - before) < _STEADY * abs(found):
+                break
+            before = found
+        await robot.send("DRIVE {Left 0} {Right 0}")
+        return found, radius, limit
+
+
+@check(
+    "control.motion.clamped",
+    "Speeds are clamped",
+    source="protocol reference 6, no. 131",
+    dialects=UNREAL,
+    exclusive=True,
+)
+async def clamped(case: Case) -> None:
+    """Commanding more than MaxSpeed of CONF gives MaxSpeed."""
+    found, radius, limit = await _cruising(case, "DRIVE {Left 1000} {Right 1000}")
+    wanted = limit * radius
+    case.expect(abs(found - wanted) < 0.2 * wanted, f"{found:.3f} m/s, not {wanted:.3f}")
+
+
+@check(
+    "control.motion.normalized",
+    "Normalized is percent",
+    source="protocol reference 6, no. 146",
+    dialects=UNREAL,
+    exclusive=True,
+)
+async def normalized(case: Case) -> None:
+    """`DRIVE {Left 50} {Right 50} {Normalized true}` runs at half of MaxSpeed."""
+    found, radius, limit = await _cruising(case, "DRIVE {Left 50} {Right 50} {Normalized true}")
+    wanted = 0.5 * limit * radius
+    case.expect(abs(found - wanted) < 0.2 * wanted, f"{found:.3f} m/s, not {wanted:.3f}")
+
+
+async def _after_normalized(case: Case) -> tuple[float, float, float]:
+    """Speed of a plain DRIVE after a normalized one, and what it is plain and in percent."""
+    robot = await case.spawn()
+    radius, _, limit = await wheels_of(robot)
+    value = min(2.0, 0.8 * limit)
+    command = f"DRIVE {{Left {value:.3f}}} {{Right {value:.3f}}}"
+    await robot.send("DRIVE {Left 0} {Right 0} {Normalized true}")
+    found, _ = await _rolling(robot, command)
+    return found, value * radius, value / 100.0 * limit * radius
+
+
+@check(
+    "control.motion.normalized-once",
+    "Normalized holds for its command",
+    source="protocol reference 6, no. 147",
+    dialects=UT2004,
+)
+async def normalized_once(case: Case) -> None:
+    """In ut2004 a DRIVE without Normalized is in rad/s, whatever the one before was."""
+    found, plain, _ = await _after_normalized(case)
+    case.expect(abs(found - plain) < 0.25 * plain, f"{found:.3f} m/s, not {plain:.3f}")
+
+
+@check(
+    "control.motion.normalized-sticky",
+    "Normalized sticks in udk",
+    source="protocol reference 6, no. 147",
+    dialects=UDK,
+)
+async def normalized_sticky(case: Case) -> None:
+    """In udk ground vehicles remember Normalized until it is sent again."""
+    found, _, percent = await _after_normalized(case)
+    case.expect(abs(found - percent) < _STILL, f"{found:.3f} m/s, not {percent:.3f}")
+
+
+async def _one_side(case: Case) -> tuple[float, float]:
+    robot = await case.spawn()
+    _, _, limit = await wheels_of(robot)
+    value = min(2.0, 0.6 * limit)
+    return await _rolling(robot, "DRIVE {Left 0} {Right 0}", f"DRIVE {{Left {value}}}")
+
+
+@check(
+    "control.motion.one-side",
+    "One side alone keeps the other",
+    source="protocol reference 6, no. 148",
+    dialects=UT2004,
+)
+async def one_side(case: Case) -> None:
+    """In ut2004 `DRIVE {Left v}` alone keeps the right side: the robot turns clockwise."""
+    _, rate = await _one_side(case)
+    case.expect(rate > 0.012, f"it turns at {rate:.3f} rad/s, clockwise positive")
+
+
+@check(
+    "control.motion.one-side-udk",
+    "One side alone does nothing in udk",
+    source="protocol reference 6, no. 148",
+    dialects=UDK,
+)
+async def one_side_udk(case: Case) -> None:
+    """In udk `DRIVE {Left v}` alone does nothing."""
+    speed, rate = await _one_side(case)
+    case.expect(abs(speed) < _STILL and abs(rate) < 0.05, f"{speed:.3f} m/s, {rate:.3f} rad/s")
+
+
+@check(
+    "control.motion.unknown-name",
+    "A Name in a wheel command is ignored",
+    source="protocol reference, addendum",
+    dialects=ONCE,
+)
+async def unknown_name(case: Case) -> None:
+    """`DRIVE {Name robot_0} {Left v} {Right v}` is a wheel command; the unknown Name is ignored."""
+    robot = await case.spawn()
+    radius, _, limit = await wheels_of(robot)
+    value = min(2.0, 0.6 * limit)
+    found, _ = await _rolling(
+        robot, f"DRIVE {{Name robot_0}} {{Left {value}}} {{Right {value}}}", seconds=0.6
+    )
+    case.expect(found > 0.5 * value * radius, f"it drives at {found:.3f} m/s")
+
+
+@check(
+    "control.motion.segments-of-all",
+    "Segments of all vehicle kinds at once",
+    source="protocol reference 5.1.2",
+    dialects=ONCE,
+)
+async def segments_of_all(case: Case) -> None:
+    """A DRIVE that carries zeros for all kinds of vehicles, as one client sends it to stop, stops
+    the robot."""
+    robot = await case.spawn()
+    await _rolling(robot, "DRIVE {Left 2} {Right 2}", seconds=0.4)
+    found, _ = await _rolling(
+        robot,
+        "DRIVE {Left 0.00} {Right 0.00} {Speed 0.00} {FrontSteer 0.00} {RearSteer 0.00}"
+        " {AltitudeVelocity 0.00} {LinearVelocity 0.00} {LateralVelocity 0.00}"
+        " {RotationalVelocity 0.00}",
+        seconds=0.5,
+    )
+    case.expect(abs(found) < 0.05, f"it drives on at {found:.3f} m/s")
+
+
+@check(
+    "control.motion.flip",
+    "Flip does an upright robot no harm",
+    source="protocol reference 6, no. 153",
+    dialects=UNREAL,
+)
+async def flip(case: Case) -> None:
+    """`DRIVE {Flip True}` leaves an upright robot upright, where it is."""
+    robot = await case.spawn()
+    await robot.run(0.6)
+    before, after = await case.drive(robot, "DRIVE {Flip True}", 1.5)
+    moved = math.dist(before.location[:2], after.location[:2])
+    case.expect(moved < 0.2, f"it moved by {moved:.2f} m")
+    tilt = max(abs(turned(0.0, angle)) for angle in after.orientation[:2])
+    case.expect(tilt < 0.2, f"it is tilted by {tilt:.2f} rad")
+
+
+@check(
+    "control.motion.flip-over",
+    "Flip rights an overturned robot",
+    source="protocol reference 6, no. 153",
+    dialects=UT2004,
+)
+async def flip_over(case: Case) -> None:
+    """In ut2004 `DRIVE {Flip True}` puts an overturned ground vehicle upright."""
+    await ground_told(case, "GETCONF")
+    base = await case.place()
+    case.need(base.tag is None or any(base.location), "the server lists no start poses")
+    over = type(base)(None, base.moved(down=-0.3).location, (math.pi, 0.0, base.rotation[2]))
+    robot = await case.spawn(place=over)
+    await robot.run(1.2)
+    before = await robot.pose()
+    case.need(abs(turned(0.0, before.orientation[0])) > 2.0, "the robot does not lie on its back")
+    await robot.send("DRIVE {Flip True}")
+    await robot.run(2.0)
+    tilt = max(abs(turned(0.0, angle)) for angle in (await robot.pose()).orientation[:2])
+    case.expect(tilt < 0.3, f"it is still tilted by {tilt:.2f} rad")
+
+
+@check(
+    "control.motion.wheel-by-wheel",
+    "Wheels one by one",
+    source="protocol reference 6, no. 150",
+    dialects=UT2004,
+    severity=Severity.SHOULD,
+)
+async def wheel_by_wheel(case: Case) -> None:
+    """`DRIVE {WheelNumber 0} {WheelSpeed v} {WheelNumber 1} {WheelSpeed v}` drives wheels 0 and 1
+    of a skid steered robot, the foremost pair or one of each side: it moves forward."""
+    robot = await case.spawn()
+    radius, _, limit = await wheels_of(robot)
+    value = min(2.0, 0.6 * limit)
+    groups = " ".join(f"{{WheelNumber {n}}} {{WheelSpeed {value}}}" for n in range(4))
+    found, _ = await _rolling(robot, f"DRIVE {groups}", seconds=0.6)
+    case.expect(found > 0.4 * value * radius, f"it drives at {found:.3f} m/s")
+
+
+@check(
+    "control.motion.order",
+    "Commands are executed in order",
+    source="protocol reference 1.8",
+    dialects=ONCE,
+)
+async def in_order(case: Case) -> None:
+    """Of many drive commands in one packet the last counts."""
+    robot = await case.spawn()
+    found, rate = await _rolling(
+        robot, *[f"DRIVE {{Left {n % 5}}} {{Right {-n % 7}}}" for n in range(50)],
+        "DRIVE {Left 0} {Right 0}", seconds=0.5,
+    )  # fmt: skip
+    case.expect(abs(found) < 0.05 and abs(rate) < 0.1, f"{found:.3f} m/s, {rate:.3f} rad/s")

@@ -1,0 +1,361 @@
+"""Objects of world controllers: where they are, how they turn and move (protocol 3.14)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from statistics import fmean
+
+from usarsim_conformance.case import Case
+from usarsim_conformance.control import ControlClient, turned
+from usarsim_conformance.grounds import open_floor
+from usarsim_conformance.lines import Line, numbers
+from usarsim_conformance.objects import controller, create, status_of
+from usarsim_conformance.places import Place
+from usarsim_conformance.registry import ONCE, check
+from usarsim_conformance.verdicts import Severity
+
+_SOON = 30.0
+"""s of simulated time for what a controller is obeyed in; slow machines take some of it."""
+_SPIN = 0.025
+"""rad/s: even then no angle comes near a right one."""
+_HIGH = 3.0
+"""m above start poses, where no robot drives."""
+_BAR = (2.0, 0.2, 0.2)
+"""m: long in one direction, so that it shows how it is turned."""
+
+
+def _text(values: tuple[float, ...]) -> str:
+    return ",".join(f"{value:.4f}" for value in values)
+
+
+def _same(line: Line, name: str, wanted: tuple[float, ...], slack: float) -> bool:
+    found = line.numbers(name)
+    if len(found) != len(wanted):
+        return False
+    if name == "Rotation":
+        return all(abs(turned(a, b)) <= slack for a, b in zip(found, wanted, strict=True))
+    return math.dist(found, wanted) <= slack
+
+
+@check(
+    "control.world.poses",
+    "GetSTA tells all of a pose",
+    source="protocol reference 3.14, 4.11 and 6, no. 168",
+    dialects=ONCE,
+)
+async def poses(case: Case) -> None:
+    """Location and Rotation of GetSTA are those of Create, then those of AbsMove, on all axes with
+    their signs; RelMove adds to both in the axes of the world, however the object is turned. Memory
+    is that of Create."""
+    client = await controller(case)
+    async with open_floor(case) as lot:
+        place = lot.moved(down=-_HIGH)
+        place = Place(None, place.location, (0.2, -0.3, 0.6))
+        name = await create(case, client, place, _BAR)
+        line = await status_of(client, name)
+        case.expect(line.get("Memory") == "red", f"Memory after Create with red: {line}")
+        await _is_at(case, client, name, place, "Create")
+        place = Place(None, lot.moved(2.0, -3.0, -_HIGH - 1.0).location, (-0.1, 0.25, -0.9))
+        await client.send(f"CONTROL {{Type AbsMove}} {{Name {name}}} {place.coordinates}")
+        await _is_at(case, client, name, place, "AbsMove")
+        await client.send(
+            f"CONTROL {{Type RelMove}} {{Name {name}}} {{Location 0.5,-1,-0.25}}"
+            " {Rotation 0,0,0.4}"
+        )
+        x, y, z = place.location
+        moved = Place(None, (x + 0.5, y - 1.0, z - 0.25), (-0.1, 0.25, -0.5))
+        await _is_at(case, client, name, moved, "RelMove")
+
+
+async def _is_at(case: Case, client: ControlClient, name: str, place: Place, after: str) -> None:
+    async def there() -> bool:
+        line = await status_of(client, name)
+        return _same(line, "Location", place.location, 0.02) and _same(
+            line, "Rotation", place.rotation, 0.02
+        )
+
+    if await case.soon(there, _SOON):
+        return
+    line = await status_of(client, name)
+    wrong = [
+        f"{key} is {line.get(key)}, not {_text(values)}"
+        for key, values in (("Location", place.location), ("Rotation", place.rotation))
+        if not _same(line, key, values, 0.02)
+    ]
+    case.fail(f"after {after}: {'; '.join(wrong)}")
+
+
+_AHEAD = 3.0
+"""m from a robot to what its scanner looks at."""
+_TALL = 0.85
+"""m above the robot's reference point of the middle of it; the scanner looks at its lower part."""
+_LEAN = 0.35
+"""rad."""
+
+
+@check(
+    "control.world.seen",
+    "Objects stand where GetSTA tells",
+    source="protocol reference 2.5, 3.14 and 4.6",
+    dialects=ONCE,
+)
+async def seen(case: Case) -> None:
+    """A robot's scanner, whose mount GEO tells, sees a board where Location puts it, turned as
+    Rotation says: positive yaw brings its right end nearer, positive pitch takes its lower part
+    away, positive roll moves the lower part of a post to the left."""
+    if case.dialect == "gazebo":
+        case.skip("the order of ranges is another one")
+    client = await controller(case)
+    async with open_floor(case) as lot:
+        robot = await case.spawn(place=lot)
+        await robot.run(1.2)
+        if await robot.client.maybe(_is_scan, 2.0) is None:
+            case.skip(f"{robot.class_name} has no RangeScanner")
+        pose = await robot.pose()
+        here = Place(None, pose.location, (0.0, 0.0, pose.yaw))
+        geo = await robot.client.ask("GETGEO {Type RangeScanner}", "GEO {Type RangeScanner")
+        eye = numbers(geo.items()[0].get("Location"))
+        case.need(len(eye) == 3, f"GEO tells no place of the scanner: {geo}")
+        # The middle is this far above the beams.
+        above = _TALL + eye[2]
+        ahead = _AHEAD - eye[0]
+        shift = above * math.tan(_LEAN)
+        for words, right, size, rotation, wanted in (
+            ("Location", 0.0, (0.1, 1.0, 2.0), (0.0, 0.0, 0.0), (ahead - 0.05, 0.0)),
+            ("Location", 1.2, (0.1, 0.4, 2.0), (0.0, 0.0, 0.0), (ahead - 0.05, 1.2)),
+            ("yaw of Rotation", 0.0, (0.1, 2.0, 2.0), (0.0, 0.0, _LEAN), (math.nan, 0.5)),
+            ("pitch of Rotation", 0.0, (0.1, 1.0, 2.0), (0.0, _LEAN, 0.0), (ahead + shift, 0.0)),
+            ("roll of Rotation", 0.0, (0.1, 0.2, 2.0), (_LEAN, 0.0, 0.0), (math.nan, -shift)),
+        ):
+            place = here.moved(_AHEAD, right, -_TALL)
+            place = Place(None, place.location, (*rotation[:2], rotation[2] + pose.yaw))
+            name = await create(case, client, place, size)
+            await robot.run(0.6)
+            points = _points(await robot.sensor("RangeScanner"))
+            await client.send(f"CONTROL {{Type Kill}} {{Name {name}}}")
+            case.expect(points, f"the scanner does not see an object with {place.coordinates}")
+            xs, ys = zip(*points, strict=True)
+            found = (fmean(xs), fmean(ys))
+            if words.startswith("yaw"):
+                # Nearer on the right.
+                left = [x for x, y in points if y < -0.3]
+                near = [x for x, y in points if y > 0.3]
+                case.need(left and near, f"the board is not seen on both sides: {points}")
+                found = (math.nan, (fmean(left) - fmean(near)) / (2.0 * math.tan(_LEAN)))
+            for a, b in zip(found, wanted, strict=True):
+                case.expect(
+                    math.isnan(b) or abs(a - b) < 0.15,
+                    f"an object {_AHEAD} m ahead and {right} m right with Rotation "
+                    f"{_text(rotation)} is seen at {found[0]:.2f}, {found[1]:.2f}, not at "
+                    f"{wanted[0]:.2f}, {wanted[1]:.2f}: {words}",
+                )
+
+
+def _is_scan(line: Line) -> bool:
+    return line.head == "SEN" and line.type == "RangeScanner"
+
+
+def _points(line: Line) -> list[tuple[float, float]]:
+    """What a scan meets within 5 m, m ahead and right of the scanner; it goes from right to
+    left."""
+    ranges, fov = line.numbers("Range"), line.number("FOV")
+    if len(ranges) < 2:
+        return []
+    step = fov / (len(ranges) - 1)
+    return [
+        (value * math.cos(angle), value * math.sin(angle))
+        for index, value in enumerate(ranges)
+        for angle in (fov / 2.0 - index * step,)
+        if 0.2 < value < 5.0
+    ]
+
+
+@check(
+    "control.world.rotates",
+    "Rotate turns at its Speed",
+    source="protocol reference 3.14",
+    dialects=ONCE,
+    severity=Severity.SHOULD,
+)
+async def rotates(case: Case) -> None:
+    """`{Type Rotate} {Speed r,p,y}` turns an object about the axis of its component at so many
+    rad/s, in the positive direction; about roll, pitch and yaw, within 20 percent."""
+    client = await controller(case)
+    async with open_floor(case) as lot:
+        names = []
+        for axis in range(3):
+            place = lot.moved(3.0 * axis - 3.0, 0.0, -_HIGH)
+            names.append(await create(case, client, Place(None, place.location), (0.4, 0.4, 0.4)))
+        for axis, name in enumerate(names):
+            speed = ",".join(f"{_SPIN}" if one == axis else "0" for one in range(3))
+            await client.send(f"CONTROL {{Type Rotate}} {{Name {name}}} {{Speed {speed}}}")
+
+        async def turns() -> bool:
+            line = await status_of(client, names[-1])
+            return any(abs(turned(0.0, angle)) > 0.015 for angle in line.numbers("Rotation"))
+
+        case.expect(await case.soon(turns, _SOON), "Rotation stays as it is with Rotate")
+        first = [await _timed(case, client, name) for name in names]
+        await case.clock.sleep(6.0)
+        for axis, (name, before) in enumerate(zip(names, first, strict=True)):
+            after = await _timed(case, client, name)
+            angle = turned(
+                before.line.numbers("Rotation")[axis], after.line.numbers("Rotation")[axis]
+            )
+            low, high = after.since(before)
+            case.expect(
+                _SPIN * low * 0.95 - 0.01 <= angle <= _SPIN * high * 1.05 + 0.01,
+                f"Rotation of an object with Rotate about axis {axis} (roll, pitch, yaw) changes "
+                f"by {angle:.2f} rad in {low:.1f} to {high:.1f} s, Speed is {_SPIN}",
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class _Timed:
+    """What GetSTA told, and between which simulated times."""
+
+    line: Line
+    earliest: float
+    latest: float
+
+    def since(self, other: _Timed) -> tuple[float, float]:
+        """Least and most time since another."""
+        return self.earliest - other.latest, self.latest - other.earliest
+
+
+_LATE = 0.4
+"""s; reports that tell the time come every 0.2 s, and may be read a little later."""
+
+
+async def _timed(case: Case, client: ControlClient, name: str) -> _Timed:
+    earliest = case.clock.told
+    line = await status_of(client, name)
+    return _Timed(line, earliest, case.clock.told + _LATE)
+
+
+@check(
+    "control.world.path",
+    "Way points are followed at their Speed",
+    source="protocol reference 3.14",
+    dialects=ONCE,
+    severity=Severity.SHOULD,
+)
+async def path(case: Case) -> None:
+    """An object with way points and `{Type SetWP} {Speed v}` moves to them in their order at v,
+    within 20 percent, and stays at the last; with Loop it goes back to the first."""
+    client = await controller(case)
+    async with open_floor(case) as lot:
+        x, y, z = lot.moved(down=-_HIGH).location
+        # A long first way: the controller may be told of it late.
+        begin = Place(None, (x - 5.0, y, z))
+        name = await create(case, client, begin, (0.3, 0.3, 0.3))
+        points = [(x + 5.0, y, z), (x + 5.0, y - 1.0, z), (x + 5.0, y - 1.0, z - 0.5)]
+        await client.send(
+            f"CONTROL {{Type SetWP}} {{Name {name}}} {{Speed 0.5}} {{Loop false}} {{Moving false}}",
+            f"CONTROL {{Type AddWP}} {{Name {name}}} {{WP {';'.join(map(_text, points))}}}",
+            f"CONTROL {{Type SetWP}} {{Name {name}}} {{Moving true}}",
+        )
+
+        async def moves() -> bool:
+            return not _same(await status_of(client, name), "Location", begin.location, 0.05)
+
+        case.expect(await case.soon(moves, _SOON), "Location stays as it is with way points")
+        first = await _timed(case, client, name)
+        await case.clock.sleep(1.6)
+        second = await _timed(case, client, name)
+        before, after = (one.line.numbers("Location") for one in (first, second))
+        low, high = second.since(first)
+        case.expect(
+            0.5 * low * 0.95 - 0.02 <= after[0] - before[0] <= 0.5 * high * 1.05 + 0.02
+            and abs(after[1] - y) < 0.05,
+            f"on the way to {_text(points[0])} at Speed 0.5 Location went from {_text(before)} to "
+            f"{_text(after)} in {low:.1f} to {high:.1f} s",
+        )
+
+        async def there() -> bool:
+            return _same(await status_of(client, name), "Location", points[-1], 0.05)
+
+        case.expect(
+            await case.soon(there, 30.0),
+            f"Location after all way points is {(await status_of(client, name)).get('Location')}, "
+            f"not {_text(points[-1])}",
+        )
+        await client.send(f"CONTROL {{Type SetWP}} {{Name {name}}} {{Loop true}}")
+
+        async def left() -> bool:
+            return not await there()
+
+        case.expect(await case.soon(left, _SOON), "with Loop it stays at the last way point")
+
+
+@check(
+    "control.world.physics",
+    "Physics decides what falls",
+    source="protocol reference 3.14",
+    dialects=ONCE,
+    severity=Severity.SHOULD,
+)
+async def physics(case: Case) -> None:
+    """An object with Physics None stays in the air; RigidBody and Falling fall to the floor, where
+    Ground stands at once: half its size above it, all three at one height."""
+    client = await controller(case)
+    async with open_floor(case) as lot:
+        names = {}
+        for step, kind in enumerate(("None", "RigidBody", "Falling", "Ground")):
+            place = lot.moved(2.0 * step - 3.0, 0.0, -1.2)
+            extra = f" {{Physics {kind}}}"
+            size = (0.5, 0.5, 0.5)
+            names[kind] = await create(case, client, Place(None, place.location), size, extra)
+        await case.clock.sleep(2.0)
+        heights = {
+            kind: (await status_of(client, name)).numbers("Location")[2]
+            for kind, name in names.items()
+        }
+        start = lot.location[2] - 1.2
+        case.expect(
+            abs(heights["None"] - start) < 0.02,
+            f"Location of an object with Physics None is at z {heights['None']:.2f}, it was put "
+            f"to {start:.2f}",
+        )
+        for kind in ("RigidBody", "Falling"):
+            case.expect(
+                heights[kind] > start + 0.2 and abs(heights[kind] - heights["Ground"]) < 0.03,
+                f"Location of an object with Physics {kind} is at z {heights[kind]:.2f}, put to "
+                f"{start:.2f}; one with Ground is at {heights['Ground']:.2f}",
+            )
+
+
+@check(
+    "control.world.robots",
+    "AbsMove and RelMove put robots elsewhere",
+    source="protocol reference 3.14",
+    dialects=ONCE,
+    severity=Severity.SHOULD,
+)
+async def robots(case: Case) -> None:
+    """AbsMove with the name of a robot puts it there, facing as told; RelMove adds. Its own sensors
+    tell so."""
+    client = await controller(case)
+    async with open_floor(case) as lot:
+        robot = await case.spawn(place=lot)
+        await robot.run(0.8)
+        before = await robot.pose()
+        z = before.location[2]
+        x, y, _ = lot.moved(2.0, -1.0).location
+        for command, wanted, yaw in (
+            (f"AbsMove}} {{Name {robot.name}}} {{Location {x:.3f},{y:.3f},{z:.3f}}}"
+             " {Rotation 0,0,-0.8}", (x, y), -0.8),
+            (f"RelMove}} {{Name {robot.name}}} {{Location -0.6,1.1,0}} {{Rotation 0,0,0.5}}",
+             (x - 0.6, y + 1.1), -0.3),
+        ):  # fmt: skip
+            await client.send(f"CONTROL {{Type {command}")
+            await case.clock.sleep(1.0)
+            await robot.run(0.3)
+            pose = await robot.pose()
+            off = math.dist(pose.location[:2], wanted)
+            case.expect(
+                off < 0.06 and abs(turned(yaw, pose.yaw)) < 0.05,
+                f"after {command.partition('}')[0]} the robot is at {pose.location} with a yaw of "
+                f"{pose.yaw:.2f}, not at {wanted} with {yaw}: Location or Rotation",
+            )

@@ -1,0 +1,290 @@
+"""Rows of ranges, depth pictures, points and objects, against walls (robots reference 2.3, 2.9)."""
+
+from __future__ import annotations
+
+import math
+
+from usarsim_conformance.case import Case
+from usarsim_conformance.ranging import (
+    EDGE,
+    SLACK,
+    Beam,
+    floor_below,
+    judge_beam,
+    limit,
+    ray,
+    walls_for,
+)
+from usarsim_conformance.registry import UNREAL, check
+from usarsim_conformance.walls import Scene, Vector, turned_by
+
+
+@check(
+    "control.values.scan-3d-range",
+    "A scan in rows measures a wall",
+    source="protocol reference 4.6",
+    dialects=UNREAL,
+)
+async def scan_3d_range(case: Case) -> None:
+    """Range of a RangeScanner3D is row by row from up to down, each from right to left, by the two
+    angles of Resolution and FOV."""
+    type = "RangeScanner3D"
+    found = await walls_for(case, type)
+    beams: list[Beam] = []
+    for scene in found.scenes:
+        for name, mount in found.mounts(type).items():
+            lines = [line for _, line in scene.track.of(type) if line.get("Name") == name]
+            if not lines:
+                continue
+            line = lines[-1]
+            (row, beam), (high, wide) = line.numbers("Resolution"), line.numbers("FOV")
+            ranges = line.numbers("Range")
+            columns, rows = round(wide / beam) + 1, round(high / row) + 1
+            case.expect(
+                len(ranges) == columns * rows,
+                f"{len(ranges)} values of Range, not {columns} x {rows}",
+            )
+            for number, value in enumerate(ranges):
+                down, left = divmod(number, columns)
+                start, way = ray(mount, wide / 2.0 - left * beam, high / 2.0 - down * row)
+                what = f"{name}, row {down + 1}, beam {left + 1}"
+                beams.append(Beam(scene, name, what, start, way, value))
+    case.need(len(beams) > 10, f"too few {type} lines")
+    floor = floor_below(beams, limit(found, type, beams[0].item, "MaxRange"))
+    for one in beams:
+        judge_beam(case, found, type, "Range", one, False, floor)
+
+
+@check(
+    "control.values.image-range",
+    "A depth picture measures a wall",
+    source="robots reference 2.3; protocol reference 4.6",
+    dialects=UNREAL,
+)
+async def image_range(case: Case) -> None:
+    """Range of a RangeImager is the depth along its axis, row by row from up to down, each from
+    left to right, from -FOV/2 on by FOV over the number of pixels."""
+    type = "RangeImager"
+    found = await walls_for(case, type)
+    seen = 0
+    for scene in found.of("ahead", "half", "low"):
+        for name, mount in found.mounts(type).items():
+            lines = [
+                line
+                for _, line in scene.track.of(type)
+                if line.get("Name") == name and line.number("Frames") > 0
+            ]
+            if not lines:
+                continue
+            conf = found.equipment.configured(type)[name]
+            wide = float(conf["Fov"].split(",")[0])
+            frames = round(lines[0].number("Frames"))
+            pixels = {
+                round(line.number("Frame")): (line.get("Range") or "").rstrip(",").split(",")
+                for line in lines[-frames:]
+            }
+            if len(pixels) < frames:
+                continue
+            if case.dialect == "udk":
+                columns = round(float(conf["Resolution"].split(",")[0]))
+                tall = float(conf["Fov"].split(",")[1])
+            else:
+                columns = round(wide / float(conf["Resolution"]))
+                tall = math.nan  # not told
+            values = [float(text) for frame in range(frames) for text in pixels[frame]]
+            rows = len(values) // columns
+            case.expect(
+                rows * columns == len(values), f"{len(values)} values of Range, {columns} a row"
+            )
+            for number, value in enumerate(values):
+                down, right = divmod(number, columns)
+                yaw = wide * (right / columns - 0.5)
+                pitch = 0.0 if math.isnan(tall) else tall * (0.5 - down / rows)
+                if math.isnan(tall) and scene.name == "low":
+                    continue
+                start, way = ray(mount, yaw, pitch)
+                depth = math.cos(yaw) * math.cos(pitch)
+                assert scene.wall is not None
+                length, margin = scene.wall.along(start, way)
+                high = float(conf["MaxRange"])
+                if length == math.inf and way[2] > 0.0:
+                    continue  # it looks at the floor
+                if margin < EDGE or (math.isnan(tall) and margin < 0.3):
+                    continue
+                wanted = min(length * depth, high)
+                seen += 1
+                case.expect(
+                    abs(value - wanted) < SLACK + 0.005 * wanted,
+                    f"Range of {name}, row {down + 1}, pixel {right + 1}, is {value:.3f} m, not "
+                    f"{wanted:.3f} m (scene {scene.name!r})",
+                )
+    case.need(seen > 10, f"too few {type} lines")
+
+
+def _judge_points(
+    case: Case,
+    scene: Scene,
+    name: str,
+    start: Vector,
+    points: list[Vector],
+    high: float,
+) -> int:
+    """Points in the robot's frame: on the wall, or at the end of the range where there is none."""
+    on_wall = 0
+    for number, point in enumerate(points):
+        length = math.dist(start, point)
+        way = tuple((b - a) / max(length, 1e-9) for a, b in zip(start, point, strict=True))
+        wall = scene.wall
+        meets, margin = wall.along(start, way) if wall else (math.inf, math.inf)  # type: ignore[arg-type]
+        if margin < EDGE or abs(meets - high) < 0.02 * high + SLACK:
+            continue
+        wanted = min(meets, high)
+        on_wall += meets < high
+        shown = ",".join(f"{value:.2f}" for value in point)
+        case.expect(
+            abs(length - wanted) < SLACK + 0.005 * wanted,
+            f"point {number + 1} of {name} is at {shown} from the robot, {length:.3f} m away, not "
+            f"{wanted:.3f} m (scene {scene.name!r})",
+        )
+    return on_wall
+
+
+def _triples(text: str) -> list[Vector]:
+    found = []
+    for part in text.replace("][", ";").strip("[] ").replace(" ", ";").split(";"):
+        x, y, z = map(float, part.split(","))
+        found.append((x, y, z))
+    return found
+
+
+@check(
+    "control.values.line-laser-points",
+    "Points of a line laser lie on the wall",
+    source="protocol reference 4.6",
+    dialects=UNREAL,
+)
+async def line_laser_points(case: Case) -> None:
+    """Location and Orientation of a LineLaser are where it is in the world, and Points where its
+    beams end there, from left to right over FOV: on a wall, or MaxRange away."""
+    type = "LineLaser"
+    found = await walls_for(case, type)
+    met = {"ahead": 0, "half": 0}
+    for scene in found.of("open", "ahead", "half"):
+        for name, mount in found.mounts(type).items():
+            lines = [line for _, line in scene.track.of(type) if line.get("Name") == name]
+            if not lines:
+                continue
+            start = found.inside(lines[-1].numbers("Location"))
+            case.expect(
+                math.dist(start, mount.location) < 0.05,
+                f"Location of {name} is {start} from the robot, mounted at {mount.location}",
+            )
+            yaw = lines[-1].numbers("Orientation")[2] - found.place.rotation[2]
+            case.expect(
+                abs(math.remainder(yaw - mount.orientation[2], math.tau)) < 0.02,
+                f"Orientation of {name} is {yaw:.3f} from the robot's",
+            )
+            points = [found.inside(point) for point in _triples(lines[-1].get("Points") or "")]
+            high = limit(found, type, name, "MaxRange")
+            count = _judge_points(case, scene, f"Points of {name}", start, points, high)
+            met[scene.name] = met.get(scene.name, 0) + count
+            bearings = [math.atan2(p[1] - start[1], p[0] - start[0]) for p in points]
+            wide = float(found.equipment.configured(type)[name]["FOV"])
+            case.expect(
+                abs(bearings[-1] - bearings[0] - wide) < 0.03,
+                f"Points of {name} go {bearings[0]:.2f} to {bearings[-1]:.2f} rad, FOV {wide:g}",
+            )
+    case.expect(met["ahead"] > met["half"] > 0, f"Points on a wall and half of it: {met}")
+
+
+@check(
+    "control.values.cloud-points",
+    "Points of a cloud lie on the wall",
+    source="protocol reference 4.6",
+    dialects=UNREAL,
+)
+async def cloud_points(case: Case) -> None:
+    """Points of a PCL sensor are in its own frame, x ahead, y to the right, z down: those of a wall
+    lie on it."""
+    type = "PCL"
+    found = await walls_for(case, type)
+    met: dict[tuple[str, str], int] = {}
+    for scene in found.of("ahead", "half", "low"):
+        for name, mount in found.mounts(type).items():
+            lines = [line for _, line in scene.track.of(type) if line.get("Name") == name]
+            for line in lines:
+                body = line.text.rpartition("{")[2].rstrip("} ")
+                points = []
+                start = (mount.location[0], mount.location[1], mount.location[2])
+                for point in _triples(body):
+                    x, y, z = turned_by(mount.orientation, point)
+                    points.append((x + start[0], y + start[1], z + start[2]))
+                count = 0
+                for number, point in enumerate(points):
+                    # Parallel beams begin beside the sensor, so only walls are judged.
+                    assert scene.wall is not None
+                    off, margin = scene.wall.off(point), scene.wall.margin(point)
+                    shown = ",".join(f"{value:.2f}" for value in point)
+                    case.expect(
+                        not (margin > EDGE and off > SLACK),
+                        f"point {number + 1} of {name} is behind the wall: {shown} from the robot",
+                    )
+                    count += abs(off) < SLACK and margin > -SLACK
+                    case.expect(
+                        off > -SLACK,
+                        f"point {number + 1} of {name} is before the wall: {shown} from the robot",
+                    )
+                    case.expect(
+                        abs(off) > SLACK or margin > -SLACK,
+                        f"point {number + 1} of {name} is beside the wall: {shown} from the robot",
+                    )
+                key = (name, scene.name)
+                met[key] = met.get(key, 0) + count
+    for (name, scene_name), count in met.items():
+        case.expect(count > 0, f"no point of {name} is on the wall (scene {scene_name!r})")
+        if scene_name != "ahead":
+            whole = met.get((name, "ahead"), count + 1)
+            case.expect(count < whole, f"points of {name} do not miss a wall that is not there")
+
+
+@check(
+    "control.values.object-sensor",
+    "An object sensor tells what is ahead",
+    source="robots reference 2.9; protocol reference 4.6",
+    dialects=UNREAL,
+)
+async def object_sensor(case: Case) -> None:
+    """Location and Orientation of an ObjectSensor's Object are those of the object in the world,
+    and HitLoc is on its face."""
+    type = "ObjectSensor"
+    found = await walls_for(case, type)
+    seen = 0
+    for scene in found.of("ahead", "half", "right"):
+        for name in found.mounts(type):
+            lines = [line for _, line in scene.track.of(type) if line.get("Name") == name]
+            if not lines:
+                continue
+            line, wall = lines[-1], scene.wall
+            assert wall is not None
+            if scene.name == "right":
+                case.expect(line.get("Object") is None, f"Object is seen beside the robot: {line}")
+                continue
+            case.expect(line.get("Object"), f"Object of {name} is missing before a wall: {line}")
+            place, turn, point = (
+                line.numbers(key) for key in ("Location", "Orientation", "HitLoc")
+            )
+            case.expect(
+                math.dist(place, scene.place[:3]) < 0.05,
+                f"Location of the Object is {place}, in truth {scene.place[:3]}",
+            )
+            case.expect(
+                abs(math.remainder(turn[2] - scene.place[3], math.tau)) < 0.03,
+                f"Orientation of the Object is {turn}, in truth {scene.place[3]:.3f}",
+            )
+            hit = found.inside(point)
+            case.expect(
+                abs(wall.off(hit)) < SLACK and wall.margin(hit) > -SLACK,
+                f"HitLoc is {wall.off(hit):.3f} m beyond the wall, {wall.margin(hit):.3f} m inside",
+            )
+            seen += 1
+    case.need(seen > 1, "too few ObjectSensor lines")

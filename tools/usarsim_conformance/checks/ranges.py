@@ -1,0 +1,229 @@
+"""Ranges against walls, by the places and limits that are told (robots reference 2.2 and 2.3)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from usarsim_conformance.case import Case
+from usarsim_conformance.excursions import bearer
+from usarsim_conformance.ranging import SLACK, Beam, judge_beam, limit, ray, values_of, walls_for
+from usarsim_conformance.registry import UNREAL, check
+from usarsim_conformance.walls import Scene, Surrounded, Vector, Wall, among_walls
+
+
+async def _single(case: Case, type: str, least: bool) -> None:
+    found = await walls_for(case, type)
+    seen = 0
+    for scene, item, mount, text in values_of(found, type, "Range"):
+        beam = Beam(scene, item, item, *ray(mount), float(text))
+        judge_beam(case, found, type, "Range", beam, least)
+        seen += 1
+    case.need(seen > 3, f"too few {type} lines")
+
+
+@check(
+    "control.values.ir-range",
+    "IR measures the distance ahead of it",
+    source="robots reference 2.2",
+    dialects=UNREAL,
+)
+async def ir_range(case: Case) -> None:
+    """Range of IR is the distance of a wall along the mount's axis, between MinRange and MaxRange
+    of CONF, wherever the wall stands."""
+    await _single(case, "IR", True)
+
+
+@check(
+    "control.values.range-range",
+    "A range sensor measures the distance ahead of it",
+    source="robots reference 2.2",
+    dialects=UNREAL,
+)
+async def range_range(case: Case) -> None:
+    """Range of a range sensor is the distance of a wall along the mount's axis, up to MaxRange."""
+    await _single(case, "Range", False)
+
+
+@check(
+    "control.values.sonar-range",
+    "A sonar measures the nearest echo",
+    source="robots reference 2.2; protocol reference 6, no. 101",
+    dialects=UNREAL,
+)
+async def sonar_range(case: Case) -> None:
+    """Range of a sonar is the distance of a wall within its cone: that of its axis, or less where
+    the wall is nearer within BeamAngle; MaxRange if there is none."""
+    found = await walls_for(case, "Sonar")
+    seen = 0
+    for scene, item, mount, text in values_of(found, "Sonar", "Range"):
+        value, high = float(text), limit(found, "Sonar", item, "MaxRange")
+        half = _beam_angle(found, item) / 2.0
+        start, way = ray(mount)
+        if scene.wall is None or abs(way[2]) > 0.1:
+            case.expect(
+                abs(value - high) < SLACK, f"Range of {item} is {value:.3f} m, MaxRange {high:g}"
+            )
+            continue
+        length, _ = scene.wall.along(start, way)
+        away = abs(math.remainder(math.atan2(way[1], way[0]) - scene.wall.bearing, math.tau))
+        if away > math.pi / 2.0 + half + 0.1:
+            case.expect(
+                abs(value - high) < SLACK,
+                f"Range of {item} is {value:.3f} m, the wall is behind it",
+            )
+        if away > math.radians(60.0) or length == math.inf:
+            continue
+        edges = [
+            _towards(scene.wall, start, across) for across in (scene.wall.left, scene.wall.right)
+        ]
+        axis = math.atan2(way[1], way[0])
+        if min(abs(math.remainder(edge - axis, math.tau)) for edge in edges) < half + 0.1:
+            continue  # the cone reaches beyond the wall
+        nearest = length * math.cos(away) / math.cos(max(away - half, 0.0))
+        if abs(nearest - high) < 0.1 or abs(length - high) < 0.1:
+            continue
+        low = max(limit(found, "Sonar", item, "MinRange"), 0.0)
+        bounds = [min(max(one, low), high) for one in (nearest, length)]
+        slack = SLACK + 0.005 * bounds[1]
+        case.expect(
+            bounds[0] - slack < value < bounds[1] + slack,
+            f"Range of {item} is {value:.3f} m, a wall at {bounds[0]:.3f} to {bounds[1]:.3f} m "
+            f"(scene {scene.name!r})",
+        )
+        seen += 1
+    case.need(seen > 3, "too few Sonar lines")
+
+
+def _beam_angle(found: Surrounded, item: str) -> float:
+    conf = found.equipment.configured("Sonar")[item]
+    return float(conf.get("BeamAngle") or conf.get("beamAngle") or 0.349)
+
+
+@check(
+    "control.values.sonar-cone",
+    "A sonar sees its cone and no more",
+    source="robots reference 2.2",
+    dialects=UNREAL,
+)
+async def sonar_cone(case: Case) -> None:
+    """A narrow wall that goes round the robot and faces it is seen by a sonar while it covers part
+    of the cone of BeamAngle about the mount's axis, and not beyond."""
+    found = await among_walls(
+        case, await bearer(case, "Sonar", "GroundTruth", fixed="Sonar"), round_about=True
+    )
+    mounts = found.mounts("Sonar")
+    seen = 0
+    for scene in found.of("narrow"):
+        for item, told in scene.track.items("Sonar", "Range").items():
+            if item not in mounts or scene.wall is None:
+                continue
+            start, way = ray(mounts[item])
+            if abs(way[2]) > 0.1 or not scene.wall.top < start[2] - 0.05 < scene.wall.bottom - 0.1:
+                continue
+            half, axis = _beam_angle(found, item) / 2.0, math.atan2(way[1], way[0])
+            wall = scene.wall
+            one, middle, two = (
+                math.remainder(_towards(wall, start, across) - axis, math.tau)
+                for across in (wall.left, (wall.left + wall.right) / 2.0, wall.right)
+            )
+            wide = abs(math.remainder(two - one, math.tau)) / 2.0
+            value = float(told[-1][1])
+            echo = value < limit(found, "Sonar", item, "MaxRange") - 0.2
+            off = f"a wall {math.degrees(middle):.0f} degrees off its axis"
+            if abs(middle) > half + wide + 0.06:
+                case.expect(
+                    not echo,
+                    f"Range of {item} is {value:.3f} m: it sees {off}, BeamAngle is {2 * half:.3f}",
+                )
+            elif abs(middle) < 0.7 * half:
+                case.expect(
+                    echo,
+                    f"Range of {item} is {value:.3f} m: it does not see {off}, BeamAngle is "
+                    f"{2 * half:.3f}",
+                )
+                seen += 1
+    case.need(seen > 3, "too few Sonar lines")
+
+
+def _towards(wall: Wall, start: Vector, across: float) -> float:
+    """Bearing of a point of the wall's face from a place, rad."""
+    cos, sin = math.cos(wall.bearing), math.sin(wall.bearing)
+    x = wall.distance * cos - across * sin - start[0]
+    y = wall.distance * sin + across * cos - start[1]
+    return math.atan2(y, x)
+
+
+def _scan(found: Surrounded, type: str, scenes: list[Scene]) -> Iterator[Beam]:
+    """Every beam of the last scan of each scanner in some scenes."""
+    mounts = found.mounts(type)
+    for scene in scenes:
+        for name, mount in mounts.items():
+            lines = [line for _, line in scene.track.of(type) if line.get("Name") == name]
+            if not lines:
+                continue
+            conf = found.equipment.configured(type)[name]
+            fov, resolution = float(conf["Fov"]), float(conf["Resolution"])
+            ranges = lines[-1].numbers("Range")
+            # The printed resolution is cut off, and the last beam may be at the very end or not.
+            ends = fov / max(len(ranges) - 1, 1)
+            other = ends if resolution <= ends < resolution + 1e-4 else resolution
+            for number, value in enumerate(ranges):
+                start, way = ray(mount, fov / 2.0 - number * resolution)
+                _, perhaps = ray(mount, fov / 2.0 - number * other)
+                yield Beam(scene, name, f"{name}, beam {number + 1}", start, way, value, perhaps)
+
+
+async def _scanner(case: Case, type: str, least: bool) -> None:
+    found = await walls_for(case, type)
+    seen = 0
+    for beam in _scan(found, type, found.of()):
+        judge_beam(case, found, type, "Range", beam, least)
+        seen += 1
+    case.need(seen > 10, f"too few {type} lines")
+
+
+@check(
+    "control.values.scan-range",
+    "A scan measures a wall",
+    source="robots reference 2.3; protocol reference 6, no. 103 to 105",
+    dialects=UNREAL,
+)
+async def scan_range(case: Case) -> None:
+    """Range of every beam of a RangeScanner is the distance of the wall in its direction, beams
+    going from +Fov/2, the right, to -Fov/2 by Resolution; MaxRange of CONF beyond."""
+    await _scanner(case, "RangeScanner", False)
+
+
+@check(
+    "control.values.ir-scan-range",
+    "A scan by infrared measures a wall",
+    source="robots reference 2.3",
+    dialects=UNREAL,
+)
+async def ir_scan_range(case: Case) -> None:
+    """Range of every beam of an IRScanner is the distance of the wall in its direction, between
+    MinRange and MaxRange."""
+    await _scanner(case, "IRScanner", True)
+
+
+@check(
+    "control.values.scan-head",
+    "A scan says what CONF says",
+    source="protocol reference 4.6 and 4.8",
+    dialects=UNREAL,
+)
+async def scan_head(case: Case) -> None:
+    """Resolution and FOV of a scan are Resolution and Fov of CONF, and the number of ranges follows
+    from them."""
+    found = await walls_for(case, "RangeScanner")
+    for _, line in found.scenes[0].track.of("RangeScanner"):
+        conf = found.equipment.configured("RangeScanner")[line.get("Name") or ""]
+        for key, told in (("Resolution", "Resolution"), ("FOV", "Fov")):
+            a, b = line.number(key), float(conf[told])
+            case.expect(abs(a - b) < 1e-3, f"{key} of SEN is {a:g}, {told} of CONF {b:g}")
+        beams = float(conf["Fov"]) / float(conf["Resolution"])
+        count = len(line.numbers("Range"))
+        case.expect(
+            beams - 1.5 < count < beams + 1.5, f"{count} ranges, Fov/Resolution {beams:.1f}"
+        )

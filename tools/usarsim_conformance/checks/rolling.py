@@ -1,0 +1,244 @@
+"""Numbers of wheel sensors against wheels and truth (robots reference 2.4)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from statistics import fmean, linear_regression
+
+from usarsim_conformance.case import Case
+from usarsim_conformance.control import turned
+from usarsim_conformance.excursions import Excursion, Stretch, bearer, drive_about
+from usarsim_conformance.registry import UNREAL, check
+
+_WHEELS = 0.05
+"""Part by which a rate may differ from that of the wheels: they take a moment, times are rough."""
+_GROUND = 0.12
+"""Part by which rolling and way over ground may differ: tracks slip."""
+_NAMES = ("forward", "back", "clockwise", "anticlockwise", "right", "left")
+
+
+def rate(values: Sequence[tuple[float, float]]) -> float:
+    """Slope of (time, value) pairs, per s; NaN if there are too few."""
+    if len(values) < 4 or values[-1][0] <= values[0][0]:
+        return math.nan
+    return linear_regression([t for t, _ in values], [v for _, v in values]).slope
+
+
+def unwrapped(values: Sequence[tuple[float, float]], turn: float) -> list[tuple[float, float]]:
+    """Values that jump by a turn now and then, without the jumps."""
+    found = list(values[:1])
+    for (_, before), (time, after) in pairwise(values):
+        found.append((time, found[-1][1] + math.remainder(after - before, turn)))
+    return found
+
+
+async def _drive(case: Case, type: str) -> Excursion:
+    return await drive_about(case, await bearer(case, type, "GroundTruth"))
+
+
+def _poses(stretch: Stretch) -> list[tuple[float, tuple[float, ...]]]:
+    return [(time, line.numbers("Pose")) for time, line in stretch.steady.of("Odometry")]
+
+
+@check(
+    "control.values.odometry-distance",
+    "Odometry goes as far as the wheels",
+    source="robots reference 2.4",
+    dialects=UNREAL,
+)
+async def odometry_distance(case: Case) -> None:
+    """Along its own heading the Pose of Odometry grows at the mean speed of the wheels, within 5
+    percent, and straight ahead as far as the robot really comes, within 12 percent."""
+    drive = await _drive(case, "Odometry")
+    for name in _NAMES:
+        for stretch in drive.of(name):
+            poses = _poses(stretch)
+            case.need(len(poses) > 5, "too few Odometry lines")
+            way = [(poses[0][0], 0.0)]
+            for (_, one), (time, two) in pairwise(poses):
+                middle = (one[2] + two[2]) / 2.0
+                step = math.cos(middle) * (two[0] - one[0]) + math.sin(middle) * (two[1] - one[1])
+                way.append((time, way[-1][1] + step))
+            found, wanted = rate(way), drive.radius * sum(stretch.command) / 2.0
+            slack = _WHEELS * max(map(abs, stretch.command)) * drive.radius + 0.003
+            case.expect(
+                abs(found - wanted) < slack,
+                f"Pose x,y goes {found:.3f} m/s driving {name}, the wheels {wanted:.3f} m/s",
+            )
+    for name in ("forward", "back"):
+        for stretch in drive.of(name):
+            poses = _poses(stretch)
+            ends = [stretch.track.truth(time).location for time, _ in (poses[0], poses[-1])]
+            rolled, true = math.dist(poses[0][1][:2], poses[-1][1][:2]), math.dist(*ends)
+            case.expect(
+                abs(rolled - true) < _GROUND * true + 0.03,
+                f"Pose x,y went {rolled:.3f} m driving {name}, the robot {true:.3f} m",
+            )
+
+
+@check(
+    "control.values.odometry-heading",
+    "Odometry turns as the wheels say",
+    source="robots reference 2.4",
+    dialects=UNREAL,
+)
+async def odometry_heading(case: Case) -> None:
+    """Theta of Odometry changes at r (L - R) / WheelSeparation, clockwise positive, within 5
+    percent, on curves as on the spot; the robot turns the same way."""
+    drive = await _drive(case, "Odometry")
+    for name in _NAMES:
+        for stretch in drive.of(name):
+            left, right = stretch.command
+            poses = _poses(stretch)
+            case.need(len(poses) > 5, "too few Odometry lines")
+            found = rate(unwrapped([(time, pose[2]) for time, pose in poses], math.tau))
+            wanted = drive.radius * (left - right) / drive.separation
+            fast = 2.0 * drive.radius * max(abs(left), abs(right)) / drive.separation
+            case.expect(
+                abs(found - wanted) < _WHEELS * fast + 0.003,
+                f"theta turns by {found:.3f} rad/s driving {name}, the wheels {wanted:.3f} rad/s",
+            )
+            if abs(wanted) > 0.1:
+                true = [stretch.track.truth(time).yaw for time, _ in poses]
+                angle = sum(turned(a, b) for a, b in pairwise(true))
+                case.expect(
+                    angle * found > 0.0, f"theta grows by {found:.3f} rad/s, yaw by {angle:.3f}"
+                )
+
+
+@check(
+    "control.values.odometry-path",
+    "Odometry goes where it heads",
+    source="robots reference 2.4; protocol reference 6, no. 108",
+    dialects=UNREAL,
+)
+async def odometry_path(case: Case) -> None:
+    """x and y of Odometry follow from the speed of the wheels along theta: x grows with the cosine,
+    y, which is to the right, with the sine."""
+    drive = await _drive(case, "Odometry")
+    for name in _NAMES:
+        for stretch in drive.of(name):
+            poses = _poses(stretch)
+            case.need(len(poses) > 5, "too few Odometry lines")
+            speed = drive.radius * sum(stretch.command) / 2.0
+            due = [0.0, 0.0]
+            for (before, one), (time, two) in pairwise(poses):
+                middle = (one[2] + two[2]) / 2.0
+                for axis, part in enumerate((math.cos(middle), math.sin(middle))):
+                    due[axis] += speed * (time - before) * part
+            gone = abs(speed) * (poses[-1][0] - poses[0][0])
+            for axis, what in ((1, "y"), (0, "x")):
+                found = poses[-1][1][axis] - poses[0][1][axis]
+                case.expect(
+                    abs(found - due[axis]) < 0.05 * gone + 0.05,
+                    f"{what} of Pose changed by {found:.3f} m driving {name}, by theta and the "
+                    f"wheels {due[axis]:.3f} m",
+                )
+
+
+def _side(name: str, carrier: str, across: float) -> int:
+    """-1 for a wheel on the left, 1 on the right, 0 if nothing tells."""
+    for text in (name.lower(), carrier.lower()):
+        for word, side in (("left", -1), ("right", 1)):
+            if word in text:
+                return side
+    return 0 if abs(across) < 0.01 else int(math.copysign(1, across))
+
+
+def _by_tachometer(stretch: Stretch, name: str) -> list[float]:
+    """What a Tachometer says of the wheel of an encoder Wk: both count in the order of parts."""
+    for texts in stretch.steady.items("Tachometer", "Vel").values():
+        speeds = [[float(one) for one in text.split(",")] for _, text in texts]
+        number = name[1:]
+        if name[:1] == "W" and number.isdigit() and int(number) < len(speeds[0]):
+            return [fmean(one[int(number)] for one in speeds)]
+    return []
+
+
+@check(
+    "control.values.encoder-ticks",
+    "Ticks are turns of the wheel",
+    source="robots reference 2.4; protocol reference 6, no. 110",
+    dialects=UNREAL,
+)
+async def encoder_ticks(case: Case) -> None:
+    """Ticks times Resolution of CONF turn as fast as the wheel of their side, within 5 percent, in
+    curves as straight ahead; times WheelRadius they go as far as the robot, within 12 percent."""
+    drive = await _drive(case, "Encoder")
+    worn = drive.equipment
+    mounts, resolutions = worn.mounts("Encoder"), worn.configured("Encoder")
+    for name in _NAMES:
+        for stretch in drive.of(name):
+            for item, ticks in stretch.steady.items("Encoder", "Tick").items():
+                if item not in mounts or "Resolution" not in resolutions.get(item, {}):
+                    case.skip(f"neither CONF nor GEO tells Resolution and place of {item}")
+                step = float(resolutions[item]["Resolution"])
+                mount = mounts[item]
+                joint = case.dialect == "udk" and mount.carrier != worn.class_name
+                if joint or "_link" in mount.carrier.lower():
+                    continue  # it counts turns of a joint
+                side = _side(item, mount.carrier, mount.location[1])
+                values = [(time, float(tick)) for time, tick in ticks]
+                if case.dialect == "udk":  # ticks begin anew with every turn there
+                    values = unwrapped(values, round(math.tau / step))
+                found = rate(values) * step
+                sides = [stretch.command[0 if side < 0 else 1]] if side else stretch.command
+                sides = _by_tachometer(stretch, item) or sides
+                slack = _WHEELS * max(map(abs, stretch.command)) + 0.06
+                case.expect(
+                    min(abs(found - wanted) for wanted in sides) < slack,
+                    f"Tick of {item} turns by {found:.3f} rad/s driving {name}, the wheel by "
+                    + " or ".join(f"{wanted:.3f}" for wanted in sides),
+                )
+                if name == "forward":
+                    ends = [
+                        stretch.track.truth(time).location for time in (values[0][0], values[-1][0])
+                    ]
+                    true = math.dist(*ends)
+                    rolled = (values[-1][1] - values[0][1]) * step * drive.radius
+                    case.expect(
+                        abs(rolled - true) < _GROUND * true + 0.04,
+                        f"Tick of {item} went {rolled:.3f} m forward, the robot {true:.3f} m",
+                    )
+
+
+@check(
+    "control.values.tachometer",
+    "Vel and Pos of a Tachometer",
+    source="robots reference 2.4",
+    dialects=UNREAL,
+)
+async def tachometer(case: Case) -> None:
+    """Vel of every wheel is the speed it was told, within 5 percent, that of one side for each, and
+    half of the wheels have that of the left when the robot turns; Pos changes at Vel."""
+    drive = await _drive(case, "Tachometer")
+    for name in _NAMES:
+        for stretch in drive.of(name):
+            told = stretch.steady.items("Tachometer", "Vel")
+            for item, vels in told.items():
+                poses = stretch.steady.items("Tachometer", "Pos")[item]
+                speeds = [tuple(map(float, text.split(","))) for _, text in vels]
+                places = [(time, tuple(map(float, text.split(",")))) for time, text in poses]
+                slack = _WHEELS * max(map(abs, stretch.command)) + 0.01
+                sides = []
+                for wheel in range(len(speeds[0])):
+                    found = sum(one[wheel] for one in speeds) / len(speeds)
+                    misses = [abs(found - wanted) for wanted in stretch.command]
+                    sides.append(misses.index(min(misses)))
+                    case.expect(
+                        min(misses) < slack,
+                        f"Vel {wheel + 1} of {item} is {found:.3f} rad/s driving {name}, the "
+                        f"wheels were told {stretch.command[0]:.3f} and {stretch.command[1]:.3f}",
+                    )
+                    turning = rate([(time, pos[wheel]) for time, pos in places])
+                    case.expect(
+                        abs(turning - found) < slack,
+                        f"Pos {wheel + 1} of {item} turns by {turning:.3f} rad/s, "
+                        f"Vel is {found:.3f}",
+                    )
+                if stretch.command[0] != stretch.command[1]:
+                    case.expect(
+                        2 * sum(sides) == len(sides), f"Vel of {item} is not half left: {speeds[0]}"
+                    )

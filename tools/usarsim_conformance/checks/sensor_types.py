@@ -1,0 +1,271 @@
+"""What sensors of each type measure (protocol reference 6.7)."""
+
+from __future__ import annotations
+
+import math
+import re
+from itertools import pairwise
+
+from usarsim_conformance.case import Case
+from usarsim_conformance.recordings import driven, senses, standing
+from usarsim_conformance.registry import DIALECTS, ONCE, UDK, UNREAL, UT2004, check
+from usarsim_conformance.verdicts import Severity
+
+_OF_MOUNTS = ("ECTilt", "ECPan")
+"""Encoders that count turns of a camera's mount (robots reference 2)."""
+
+
+@check(
+    "control.sensors.sonar-range",
+    "Sonars stay in their range",
+    source="protocol reference 6, no. 101",
+    dialects=UNREAL,
+)
+async def sonar_range(case: Case) -> None:
+    """Sonar values lie in [MinRange, MaxRange] of CONF; without echo the value is MaxRange."""
+    recording, lines = await senses(case, "Sonar")
+    conf = recording.replies.get(("GETCONF", "Sonar", ""))
+    case.need(conf is not None, "GETCONF {Type Sonar} was not answered")
+    assert conf is not None
+    limits = {
+        item["Name"]: (float(item["MinRange"]), float(item["MaxRange"])) for item in conf.items()
+    }
+    for line in lines:
+        for item in line.items():
+            low, high = limits.get(item["Name"], (-math.inf, math.inf))
+            case.expect(low - 1e-3 <= float(item["Range"]) <= high + 1e-3, f"{item}: {line}")
+
+
+@check(
+    "control.sensors.odometry-start",
+    "Odometry starts at zero",
+    source="protocol reference 6, no. 108",
+    dialects=UNREAL,
+)
+async def odometry_start(case: Case) -> None:
+    """Odometry is 0,0,0 at spawn, wherever the robot stands."""
+    for line in (await senses(case, "Odometry"))[1][:1]:
+        pose = line.numbers("Pose")
+        case.expect(len(pose) == 3, f"no three numbers: {line}")
+        case.expect(max(map(abs, pose)) < 0.02, f"not zero: {line}")
+
+
+@check(
+    "control.sensors.odometry-forward",
+    "Odometry grows forward",
+    source="protocol reference 6, no. 108",
+    dialects=UNREAL,
+)
+async def odometry_forward(case: Case) -> None:
+    """Odometry x grows by the distance driven, within 10 percent."""
+    forward = (await driven(case)).phases["forward"]
+    lines = forward.sensor("Odometry")
+    if not lines:
+        case.skip("the robot has no Odometry")
+    rolled = lines[-1].numbers("Pose")[0] - lines[0].numbers("Pose")[0]
+    case.expect(rolled > 0.0, f"x changed by {rolled:.3f} while driving forward")
+    case.need(len(lines) > 2, "too few Odometry lines")
+    case.expect(
+        abs(rolled - forward.moved[0]) < 0.12 * abs(forward.moved[0]) + 0.07,
+        f"{rolled:.3f} m by odometry, {forward.moved[0]:.3f} m in truth",
+    )
+
+
+@check(
+    "control.sensors.odometry-clockwise",
+    "Odometry theta grows clockwise",
+    source="protocol reference 6, no. 108",
+    dialects=UNREAL,
+)
+async def odometry_clockwise(case: Case) -> None:
+    """Odometry theta grows in a clockwise turn."""
+    lines = (await driven(case)).phases["clockwise"].sensor("Odometry")
+    if len(lines) < 2:
+        case.skip("the robot has no Odometry")
+    turn = math.remainder(lines[-1].numbers("Pose")[2] - lines[0].numbers("Pose")[2], math.tau)
+    case.expect(turn > 0.05, f"theta changed by {turn:.3f} in a clockwise turn")
+
+
+@check(
+    "control.sensors.encoder-forward",
+    "Encoders count forward",
+    source="protocol reference 6, no. 110",
+    dialects=UNREAL,
+)
+async def encoder_forward(case: Case) -> None:
+    """Encoder ticks increase when the wheels roll forward and decrease when they roll back."""
+    drive = await driven(case)
+    for name, sign in (("forward", 1), ("back", -1)):
+        lines = drive.phases[name].sensor("Encoder")
+        if len(lines) < 2:
+            case.skip("the robot has no Encoder")
+        ticks: dict[str, list[float]] = {}
+        for line in lines:
+            for item in line.items():
+                ticks.setdefault(item["Name"], []).append(float(item["Tick"]))
+        for item_name, values in ticks.items():
+            if item_name in _OF_MOUNTS:
+                continue
+            # Encoders of udk wrap at a turn of 360 ticks.
+            change = sum(math.remainder(b - a, 360.0) for a, b in pairwise(values))
+            case.expect(change * sign > 0, f"{item_name} changed by {change:g} driving {name}")
+
+
+@check("control.sensors.encoder-integers", "Ticks are integers", source="protocol reference 4.6")
+async def encoder_integers(case: Case) -> None:
+    """Encoder ticks are integers."""
+    for line in (await senses(case, "Encoder"))[1]:
+        for item in line.items():
+            case.expect(re.fullmatch(r"-?\d+", item.get("Tick", "")), f"{item}: {line}")
+
+
+@check(
+    "control.sensors.encoder-names-udk",
+    "Encoders are called Wk in udk",
+    source="protocol reference 4.6 and 5.3",
+    dialects=UDK,
+    severity=Severity.SHOULD,
+)
+async def encoder_names_udk(case: Case) -> None:
+    """In udk encoders of wheels report under the names W0, W1, ..."""
+    for line in (await senses(case, "Encoder"))[1]:
+        if line.get("Name") in _OF_MOUNTS:
+            continue
+        case.expect(re.fullmatch(r"W\d+", line.get("Name") or ""), f"{line}")
+
+
+_GPS = re.compile(r"\d+,\d+\.\d{4},([NSEW])")
+
+
+@check(
+    "control.sensors.gps",
+    "GPS in degrees, minutes and a letter",
+    source="protocol reference 6, no. 111 and 112",
+    dialects=UNREAL,
+)
+async def gps(case: Case) -> None:
+    """GPS minutes have four digits, degrees are integers, hemisphere letters are N/S and E/W;
+    without a fix there are no coordinates."""
+    for line in (await senses(case, "GPS"))[1]:
+        case.expect(re.fullmatch("[01]", line.get("Fix") or ""), f"Fix: {line}")
+        case.expect(re.fullmatch(r"\d+", line.get("Satellites") or ""), f"Satellites: {line}")
+        if line.get("Fix") == "0":
+            case.expect("Latitude" not in line.names, f"coordinates without a fix: {line}")
+            continue
+        for name, letters in (("Latitude", "NS"), ("Longitude", "EW")):
+            found = _GPS.fullmatch(line.get(name) or "")
+            case.expect(found and found[1] in letters, f"{name}: {line}")
+
+
+@check(
+    "control.sensors.ground-truth",
+    "GroundTruth is Location, Orientation",
+    source="protocol reference 6, no. 117",
+    dialects=DIALECTS,
+)
+async def ground_truth(case: Case) -> None:
+    """GroundTruth has Location and then Orientation."""
+    for line in (await senses(case, "GroundTruth"))[1]:
+        case.expect(line.names[-2:] == ("Location", "Orientation"), f"{line}")
+
+
+@check("control.sensors.ins", "INS is Location, Orientation", source="protocol reference 4.5")
+async def ins(case: Case) -> None:
+    """INS has Location and then Orientation."""
+    for line in (await senses(case, "INS"))[1]:
+        case.expect(line.names[-2:] == ("Location", "Orientation"), f"{line}")
+
+
+@check(
+    "control.sensors.ins-agrees",
+    "INS agrees with the truth at first",
+    source="protocol reference 4.6",
+    severity=Severity.SHOULD,
+    dialects=UNREAL,
+)
+async def ins_agrees(case: Case) -> None:
+    """The first INS location is that of the robot within half a metre."""
+    recording, lines = await senses(case, "INS")
+    truth = recording.of("SEN", "GroundTruth")
+    if not truth:
+        case.skip("the robot has no GroundTruth")
+    away = math.dist(lines[0].numbers("Location")[:2], truth[0].numbers("Location")[:2])
+    case.expect(away < 0.5, f"{away:.2f} m away: {lines[0]}")
+
+
+@check("control.sensors.touch", "Touch is True or False", source="protocol reference 6, no. 118")
+async def touch(case: Case) -> None:
+    """Touch values are `True` or `False`; a robot in the open touches nothing."""
+    for line in (await senses(case, "Touch"))[1]:
+        for item in line.items():
+            case.expect(item.get("Touch") in ("True", "False"), f"{item}: {line}")
+
+
+@check(
+    "control.sensors.tachometer",
+    "Tachometer has Vel and Pos",
+    source="protocol reference 6, no. 119",
+    dialects=UNREAL,
+)
+async def tachometer(case: Case) -> None:
+    """A Tachometer has Vel before Pos with equal counts."""
+    for line in (await senses(case, "Tachometer"))[1]:
+        if line.names[-1] == "Name":
+            continue  # the first report may be empty
+        case.expect(line.names[-2:] == ("Vel", "Pos"), f"{line}")
+        case.expect(len(line.numbers("Vel")) == len(line.numbers("Pos")), f"{line}")
+
+
+@check(
+    "control.sensors.victims",
+    "Victims are told in known words",
+    source="protocol reference 6, no. 114 and 115",
+    dialects=UNREAL,
+)
+async def victims(case: Case) -> None:
+    """A VictSensor says `{Status NoVictims}` after its Name, or PartName and Location pairs with
+    parts among Arm, Hand, Chest, Pelvis, Leg, Foot."""
+    parts = {"Arm", "Hand", "Chest", "Pelvis", "Leg", "Foot"}
+    for line in (await senses(case, "VictSensor"))[1]:
+        data = line.segments[line.names.index("Name") + 1 :]
+        if data[:1] == (("Status", "NoVictims"),):
+            continue
+        names = [name for name, _ in data]
+        case.expect(names == ["PartName", "Location"] * (len(names) // 2) and names, f"{line}")
+        case.expect({value for name, value in data if name == "PartName"} <= parts, f"{line}")
+
+
+@check(
+    "control.sensors.camera-silent",
+    "Cameras send no SEN",
+    source="protocol reference 4.6",
+    dialects=UT2004,
+)
+async def camera_silent(case: Case) -> None:
+    """In ut2004 a camera sends no SEN line: pictures travel on another port."""
+    lines = (await standing(case)).of("SEN", "Camera")
+    case.expect(not lines, f"a camera's line: {lines[:1]}")
+
+
+@check(
+    "control.sensors.climb",
+    "AltitudeSensor grows upwards",
+    source="protocol reference 6, no. 123",
+    dialects=ONCE,
+)
+async def climb(case: Case) -> None:
+    """The relative altitude of an AltitudeSensor increases when climbing."""
+    robot = await case.spawn("aerial")
+    line = await robot.client.maybe(
+        lambda line: line.head == "SEN" and line.type == "AltitudeSensor", 2.0
+    )
+    if line is None:
+        case.skip(f"{robot.class_name} has no AltitudeSensor")
+    assert line is not None
+    await robot.send(
+        "DRIVE {AltitudeVelocity 1} {LinearVelocity 0} {LateralVelocity 0} {RotationalVelocity 0}"
+    )
+    await robot.run(1.5)
+    later = await robot.sensor("AltitudeSensor")
+    rise = later.number("relativeAltitude") - line.number("relativeAltitude")
+    case.expect(rise > 0.1, f"climbing changed it by {rise:.2f}")

@@ -1,0 +1,228 @@
+"""Shape and order of SEN lines (protocol reference 6.7)."""
+
+from __future__ import annotations
+
+import math
+
+from usarsim_conformance.case import Case
+from usarsim_conformance.recordings import irregular, senses, standing, watched
+from usarsim_conformance.registry import UDK, UNREAL, UT2004, check
+from usarsim_conformance.verdicts import Severity
+
+_UNTIMED = (
+    "Odometry", "INS", "INU", "GPS", "Encoder", "Touch", "RFID", "RFIDTag", "HumanMotion",
+    "Sound", "CO2Sensor", "Tachometer", "VictRFID",
+)  # fmt: skip
+
+
+_TIMED = ("Sonar", "IR", "RangeScanner", "GroundTruth", "VictSensor", "Acoustic")
+
+
+_BATCHED = ("Sonar", "IR", "Encoder", "Touch")
+
+
+_LONG = ("RangeScanner", "RangeScanner3D", "RangeImager", "IRScanner", "PCL", "LineLaser",
+         "ObjectSensor")  # fmt: skip
+
+
+_WHEN_THERE = ("RFID", "RFIDTag", "VictSensor", "VictRFID", "HumanMotion", "Sound", "Acoustic",
+               "CO2Sensor", "Helper", "Camera")  # fmt: skip
+"""Types that may report only when there is something to report."""
+
+
+@check(
+    "control.sensors.named", "Every SEN has Type and Name", source="protocol reference 6, no. 94"
+)
+async def named(case: Case) -> None:
+    """Every SEN line has a Type and, unless it is the camera's, a Name."""
+    for line in (await senses(case))[1]:
+        case.expect(line.type, f"no Type: {line}")
+        case.expect(line.type == "Camera" or line.get("Name"), f"no Name: {line}")
+
+
+@check("control.sensors.order", "Time, Type, Name, data", source="protocol reference 6, no. 95")
+async def order(case: Case) -> None:
+    """Time, if present, is the first segment; Type precedes Name; Name precedes all data."""
+    for line in (await senses(case))[1]:
+        names = [name for name in line.names if name != "Battery" or case.dialect != "gazebo"]
+        case.expect("Time" not in names[1:], f"Time is not the first segment: {line}")
+        rest = names[1:] if names[0] == "Time" else names
+        case.expect(rest[0] == "Type", f"Type is not next: {line}")
+        case.expect(line.type == "Camera" or rest[1:2] == ["Name"], f"no Name next: {line}")
+
+
+@check(
+    "control.sensors.untimed",
+    "Types without Time",
+    source="protocol reference 6, no. 96",
+    dialects=UT2004,
+)
+async def untimed(case: Case) -> None:
+    """In ut2004 Odometry, INS, GPS, Encoder, Touch, RFID, HumanMotion, Sound, CO2Sensor lines
+    have no Time: index-based clients would read the wrong segments."""
+    lines = [line for line in (await senses(case))[1] if line.type in _UNTIMED]
+    if not lines:
+        case.skip("the robot has none of these sensors")
+    for line in lines:
+        case.expect("Time" not in line.names, f"a Time: {line}")
+
+
+@check(
+    "control.sensors.timed",
+    "Types with Time",
+    source="protocol reference 6, no. 96",
+    dialects=UT2004,
+)
+async def timed(case: Case) -> None:
+    """In ut2004 Sonar, IR, RangeScanner, GroundTruth, VictSensor lines have a Time."""
+    lines = [line for line in (await senses(case))[1] if line.type in _TIMED]
+    if not lines:
+        case.skip("the robot has none of these sensors")
+    for line in lines:
+        case.expect(line.names[0] == "Time", f"no Time: {line}")
+
+
+@check(
+    "control.sensors.timed-udk",
+    "Types with Time in udk",
+    source="protocol reference 5.3",
+    dialects=UDK,
+    severity=Severity.SHOULD,
+)
+async def timed_udk(case: Case) -> None:
+    """In udk all lines but those of INS, GPS, ObjectSensor and LineLaser have a Time; the INU of
+    older robots, which UDK does not know, is no rule's business."""
+    for line in (await senses(case))[1]:
+        if line.type not in ("INS", "INU", "GPS", "ObjectSensor", "LineLaser"):
+            case.expect(line.names[0] == "Time", f"no Time: {line}")
+
+
+@check(
+    "control.sensors.ins-untimed",
+    "INS has no Time",
+    source="protocol reference 6, no. 113",
+    dialects=UNREAL,
+)
+async def ins_untimed(case: Case) -> None:
+    """INS lines have no Time in either dialect."""
+    for line in (await senses(case, "INS"))[1]:
+        case.expect("Time" not in line.names, f"a Time: {line}")
+
+
+@check(
+    "control.sensors.batched",
+    "One line for all of a type",
+    source="protocol reference 6, no. 97 and 99",
+    dialects=UT2004,
+)
+async def batched(case: Case) -> None:
+    """In ut2004 all Sonar, IR, Encoder and Touch items of a robot are in one line per type,
+    each item one segment `{Name n Range f}`."""
+    recording = await standing(case)
+    types = [type for type in _BATCHED if type in recording.types()]
+    if not types:
+        case.skip("the robot has none of these sensors")
+    for type in types:
+        lines = recording.of("SEN", type)
+        items = {item["Name"] for line in lines for item in line.items()}
+        for line in lines:
+            found = [item["Name"] for item in line.items()]
+            case.expect(set(found) == items, f"not all of {sorted(items)} in one line: {line}")
+            data = [value for name, value in line.segments if name == "Name"]
+            case.expect(
+                all(len(value.split(" ")) == 3 for value in data), f"not {{Name n Key v}}: {line}"
+            )
+
+
+@check(
+    "control.sensors.single",
+    "One line for every item",
+    source="protocol reference 6, no. 98 and 99",
+    dialects=UDK,
+)
+async def single(case: Case) -> None:
+    """In udk every Sonar, IR, Encoder and Touch item has a line of its own with separate
+    segments."""
+    recording = await standing(case)
+    types = [type for type in _BATCHED if type in recording.types()]
+    if not types:
+        case.skip("the robot has none of these sensors")
+    for type in types:
+        for line in recording.of("SEN", type):
+            names = [value for name, value in line.segments if name == "Name"]
+            case.expect(len(names) == 1, f"{len(names)} items in one line: {line}")
+            case.expect(" " not in names[0], f"pairs in one segment: {line}")
+
+
+@check(
+    "control.sensors.sixteen",
+    "P2AT has sixteen sonars",
+    source="protocol reference 6, no. 100",
+    dialects=UT2004,
+)
+async def sixteen(case: Case) -> None:
+    """A P2AT reports sixteen sonars in one line, F1..F8 and then R1..R8."""
+    if case.robot_class.lower() != "p2at":
+        case.skip("the robot is no P2AT; name it with --robot")
+    _, lines = await senses(case, "Sonar")
+    wanted = [f"{side}{number}" for side in "FR" for number in range(1, 9)]
+    for line in lines:
+        case.expect([item["Name"] for item in line.items()] == wanted, f"other sonars: {line}")
+
+
+@check(
+    "control.sensors.keys",
+    "Range, Tick and Touch",
+    source="protocol reference 6, no. 97 to 99",
+    dialects=UNREAL,
+)
+async def keys(case: Case) -> None:
+    """The value of a Sonar or IR is called Range, of an Encoder Tick, of a Touch Touch."""
+    recording = await standing(case)
+    wanted = {"Sonar": "Range", "IR": "Range", "Encoder": "Tick", "Touch": "Touch"}
+    types = set(wanted) & recording.types()
+    if not types:
+        case.skip("the robot has none of these sensors")
+    for type in types:
+        for line in recording.of("SEN", type):
+            for item in line.items():
+                case.expect(wanted[type] in item, f"no {wanted[type]} of {item['Name']}: {line}")
+
+
+@check(
+    "control.sensors.short",
+    "Other lines stay below 1024 bytes",
+    source="protocol reference 6, no. 107",
+    severity=Severity.SHOULD,
+)
+async def short(case: Case) -> None:
+    """No SEN line of a type without long lists exceeds 1024 bytes."""
+    for line in (await senses(case))[1]:
+        if line.type not in _LONG:
+            case.expect(len(line.raw) <= 1024, f"{len(line.raw)} bytes: {line}")
+
+
+@check(
+    "control.sensors.interval",
+    "Sensors keep their intervals",
+    source="protocol reference 6, no. 122",
+)
+async def interval(case: Case) -> None:
+    """Each periodic sensor reports at a steady interval of simulated time: over eight seconds no
+    report is left out and none comes twice. Clients integrate odometry from what they get."""
+    times: dict[tuple[str, str], list[float]] = {}
+    untimed: set[tuple[str, str]] = set()
+    now = math.nan
+    for line in await watched(case):
+        now = now if math.isnan(line.time) else line.time
+        if line.head != "SEN" or line.type in _WHEN_THERE or not line.items() or math.isnan(now):
+            continue
+        key = line.type, line.items()[0]["Name"]
+        times.setdefault(key, []).append(now)
+        if math.isnan(line.time):
+            untimed.add(key)
+    if not times:
+        case.skip("the robot has no periodic sensors")
+    for key, stamps in times.items():
+        odd = irregular(stamps, rough=key in untimed)
+        case.expect(not odd, f"{' '.join(key)} is irregular: {odd}")

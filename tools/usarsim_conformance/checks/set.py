@@ -1,0 +1,287 @@
+"""SET and its results (protocol reference 3.7, 4.10, 6.10)."""
+
+from __future__ import annotations
+
+import math
+
+from usarsim_conformance.case import PATIENCE, Case
+from usarsim_conformance.control import Robot
+from usarsim_conformance.lines import Line
+from usarsim_conformance.recordings import items_of, standing, wheels_of
+from usarsim_conformance.registry import ONCE, UDK, UNREAL, UT2004, check
+from usarsim_conformance.verdicts import NotApplicable, Severity
+
+_RESCUE = ("RescueP2AT", "P2AT_ATLANTA", "MultiView")
+"""Classes of the original's contests; some carry an RFID reader."""
+
+
+async def _item(case: Case, type: str) -> str:
+    """Name of the first item of a type."""
+    for found, name in items_of((await standing(case)).streamed):
+        if found == type:
+            return name
+    raise NotApplicable(f"the robot has no {type}")
+
+
+async def _responses(robot: Robot, command: str, seconds: float = 0.7) -> list[Line]:
+    lines = await robot.client.outcome(command, seconds=seconds)
+    return [line for line in lines if line.head == "RES"]
+
+
+async def _reset(case: Case, end: str) -> None:
+    name = await _item(case, "Odometry")
+    robot = await case.spawn()
+    await wheels_of(robot)
+    await case.drive(robot, "DRIVE {Left 3} {Right 3}", 1.0)
+    moved = await robot.odometry()
+    case.need(moved[0] > 0.03, f"odometry shows {moved} after driving forward")
+    await robot.send("DRIVE {Left 0} {Right 0}")
+    await robot.run(0.8)
+    await robot.send(f"SET {{Type Odometry}} {{Name {name}}} {{Opcode RESET}}{end}")
+    await robot.run(0.4)
+    pose = await robot.odometry()
+    case.expect(max(map(abs, pose)) < 0.02, f"odometry is {pose} after RESET")
+
+
+@check(
+    "control.set.odometry-reset",
+    "RESET of Odometry",
+    source="protocol reference 6, no. 109",
+    dialects=UNREAL,
+)
+async def odometry_reset(case: Case) -> None:
+    """`SET {Type Odometry} {Name n} {Opcode RESET}` returns the pose to 0,0,0."""
+    await _reset(case, "")
+
+
+@check(
+    "control.set.trailing-blank",
+    "A blank behind SET",
+    source="protocol reference 6, no. 109",
+    dialects=ONCE,
+)
+async def trailing_blank(case: Case) -> None:
+    """A trailing blank behind SET does no harm."""
+    await _reset(case, " ")
+
+
+@check(
+    "control.set.result",
+    "SET is answered by RES",
+    source="protocol reference 6, no. 163",
+    dialects=UT2004,
+)
+async def result(case: Case) -> None:
+    """In ut2004 every SET with an Opcode known to the item gives one RES with Time, Type, Name,
+    Status."""
+    name = await _item(case, "Odometry")
+    robot = await case.spawn()
+    found = await _responses(robot, f"SET {{Type Odometry}} {{Name {name}}} {{Opcode RESET}}")
+    case.expect(len(found) == 1, f"{len(found)} RES lines")
+    case.expect(found[0].names == ("Time", "Type", "Name", "Status"), f"{found[0]}")
+    case.expect(found[0].get("Status") == "OK", f"{found[0]}")
+
+
+@check(
+    "control.set.no-result-udk",
+    "SET is not answered in udk",
+    source="protocol reference 6, no. 163",
+    dialects=UDK,
+)
+async def no_result(case: Case) -> None:
+    """In udk no SET gives a RES."""
+    name = await _item(case, "Odometry")
+    robot = await case.spawn()
+    found = await _responses(robot, f"SET {{Type Odometry}} {{Name {name}}} {{Opcode RESET}}")
+    case.expect(not found, f"{found[:1]}")
+
+
+@check(
+    "control.set.unknown",
+    "An unknown SET does no harm",
+    source="protocol reference 3.7",
+    dialects=UNREAL,
+)
+async def unknown(case: Case) -> None:
+    """SET of unknown types, items and opcodes, or without any, does no harm."""
+    robot = await case.spawn()
+    await robot.send(
+        "SET", "SET {Type Nothing}", "SET {Type Odometry} {Opcode Explode}",
+        "SET {Type Sonar} {Name none} {Opcode RESET} {Params 1,2,3}", "SET {Name x}",
+        "SET {Type Camera} {Opcode Zoom} {Params much}", "SET {Opcode RESET}",
+    )  # fmt: skip
+    case.expect(await robot.client.is_alive(), "the connection no longer answers")
+    await robot.wait(lambda line: line.head == "STA", what="STA")
+
+
+@check(
+    "control.set.scan",
+    "SCAN measures at once",
+    source="protocol reference 3.7",
+    dialects=UNREAL,
+    severity=Severity.SHOULD,
+)
+async def scan(case: Case) -> None:
+    """`SET {Type RangeScanner} {Name n} {Opcode SCAN}` gives a measurement beside the periodic
+    ones: more lines come than without."""
+    name = await _item(case, "RangeScanner")
+    robot = await case.spawn()
+
+    def scans(lines: list[Line]) -> int:
+        return sum(line.head == "SEN" and line.type == "RangeScanner" for line in lines)
+
+    usual = scans(await robot.client.listen(1.5))
+    command = f"SET {{Type RangeScanner}} {{Name {name}}} {{Opcode SCAN}}"
+    more = scans(await robot.client.outcome(*[command] * 8, seconds=1.5))
+    case.expect(more >= usual + 4, f"{usual} scans in 1.5 s without SCAN, {more} with eight")
+
+
+@check(
+    "control.set.ins-pose",
+    "POSE sets the estimate of INS",
+    source="protocol reference 3.7",
+    dialects=UNREAL,
+    severity=Severity.SHOULD,
+)
+async def ins_pose(case: Case) -> None:
+    """`SET {Type INS} {Name n} {Opcode POSE} {Params x,y,z,roll,pitch,yaw}` sets the estimate."""
+    name = await _item(case, "INS")
+    robot = await case.spawn()
+    await robot.run(0.8)
+    await robot.send(f"SET {{Type INS}} {{Name {name}}} {{Opcode POSE}} {{Params 7,8,-9,0,0,0.5}}")
+    await robot.run(0.4)
+    line = await robot.sensor("INS")
+    case.expect(math.dist(line.numbers("Location"), (7, 8, -9)) < 0.3, f"it is {line}")
+
+
+@check(
+    "control.set.zoom",
+    "Zoom with a nameless parameter",
+    source="protocol reference 6, no. 166",
+    dialects=UNREAL,
+)
+async def zoom(case: Case) -> None:
+    """`SET {Type Camera} {Name c} {Opcode Zoom} {0.5}`, a segment without a name, is understood
+    as Params 0.5: CameraFov of CONF follows."""
+    recording = await standing(case)
+    line = recording.replies.get(("GETCONF", "Camera", ""))
+    if line is None:
+        case.skip("the robot has no Camera")
+    assert line is not None
+    name = line.items()[0]["Name"]
+    robot = await case.spawn()
+    wanted = math.degrees(0.5) if case.dialect == "udk" else 0.5
+    await robot.send(f"SET {{Type Camera}} {{Name {name}}} {{Opcode Zoom}} {{0.5}}")
+    await robot.run(0.5)
+    told = await robot.client.ask(f"GETCONF {{Type Camera}} {{Name {name}}}", "CONF {Type Camera")
+    fov = told.number("CameraFov")
+    case.expect(abs(fov - wanted) < 0.02 * wanted, f"CameraFov is {fov}, not {wanted:.4f}")
+
+
+@check(
+    "control.set.zoom-limits",
+    "Zoom stays within limits",
+    source="protocol reference 3.7",
+    dialects=UNREAL,
+    severity=Severity.SHOULD,
+)
+async def zoom_limits(case: Case) -> None:
+    """A field of view beyond the camera's limits is clamped to them; 0 is the default again."""
+    recording = await standing(case)
+    line = recording.replies.get(("GETCONF", "Camera", ""))
+    if line is None:
+        case.skip("the robot has no Camera")
+    assert line is not None
+    name = line.items()[0]["Name"]
+    robot = await case.spawn()
+    for value, wanted in (("3.1", "CameraMaxFov"), ("0.01", "CameraMinFov"), ("0", "CameraDefFov")):
+        await robot.send(f"SET {{Type Camera}} {{Name {name}}} {{Opcode FOV}} {{Params {value}}}")
+        await robot.run(0.4)
+        told = await robot.client.ask(
+            f"GETCONF {{Type Camera}} {{Name {name}}}", "CONF {Type Camera"
+        )
+        gap = abs(told.number("CameraFov") - told.number(wanted))
+        case.expect(gap < 0.01 * told.number(wanted), f"FOV {value} gives {told}")
+
+
+@check(
+    "control.set.viewports",
+    "SET of viewports does no harm",
+    source="side channels reference 11, no. 46",
+    dialects=UNREAL,
+)
+async def viewports(case: Case) -> None:
+    """`SET {Type Viewports} ...` never breaks the connection."""
+    robot = await case.spawn()
+    await robot.send(
+        "SET {Type Viewports} {Config QuadView} {Viewport1 Camera1} {Viewport2 Disabled}"
+        " {Viewport3 Disabled} {Viewport4 Disabled}",
+        "SET {Type Viewports} {Config SingleView} {Viewport1 Camera2}",
+    )
+    case.expect(await robot.client.is_alive(), "the connection no longer answers")
+
+
+@check(
+    "control.set.releaser",
+    "RFIDReleaser answers with OK at the end",
+    source="protocol reference 6, no. 164",
+    dialects=UT2004,
+    severity=Severity.SHOULD,
+)
+async def releaser(case: Case) -> None:
+    """The RES of an RFIDReleaser ends in `{status OK}`, lower case, directly before CR LF."""
+    robot = await _with_rfid(case)
+    found = await _responses(robot, "SET {Type RFIDReleaser} {Name Gun} {Opcode Release}", 1.2)
+    if not found:
+        case.skip(f"{robot.class_name} has no RFIDReleaser called Gun")
+    case.expect(found[0].raw.endswith(b"{status OK}\r\n"), f"{found[0]}")
+
+
+@check(
+    "control.set.rfid",
+    "RFID memory is read and written",
+    source="protocol reference 6, no. 40 and 165",
+    dialects=UT2004,
+    severity=Severity.SHOULD,
+)
+async def rfid(case: Case) -> None:
+    """What is written to a tag is read back, blanks within it included; an unknown tag gives
+    `{status Failed}`."""
+    robot = await _with_rfid(case)
+    # A tag of its own, so that it does not depend on where others have dropped theirs.
+    await robot.send("SET {Type RFIDReleaser} {Name Gun} {Opcode Release}")
+    line = await robot.client.maybe(
+        lambda line: line.head == "SEN" and line.type == "RFID" and "ID" in line.names, 2.0
+    )
+    reader = None
+    for conf in [await robot.client.ask("GETCONF {Type RFID}", "CONF {Type RFID")]:
+        reader = conf.get("Name")
+    failed = await _responses(
+        robot, f"SET {{Type RFID}} {{Name {reader}}} {{Opcode Read}} {{Params 99999}}"
+    )
+    case.expect(len(failed) == 1, f"reading an unknown tag gave {len(failed)} RES lines")
+    case.expect(failed[0].get("status") == "Failed", f"{failed[0]}")
+    if line is None:
+        case.skip("no tag is near")
+    assert line is not None
+    tag, memory = line.get("ID"), "two words"
+    command = f"SET {{Type RFID}} {{Name {reader}}} {{Opcode "
+    written = await _responses(robot, f"{command}Write}} {{Params {tag} {memory}}}")
+    case.expect([one.get("status") for one in written] == ["OK"], f"{written}")
+    read = await _responses(robot, f"{command}Read}} {{Params {tag}}}")
+    case.expect([one.get("Mem") for one in read] == [memory], f"{read}")
+
+
+async def _with_rfid(case: Case) -> Robot:
+    """A robot with an RFID reader."""
+    for class_name in _RESCUE:
+        client = await case.connect()
+        place = await case.place()
+        await client.send(case.init(place, case.new_name(), class_name))
+        first = await client.maybe(lambda line: line.head == "STA", PATIENCE)
+        if first is None:
+            continue
+        await client.send("GETCONF {Type RFID}")
+        if await client.maybe("CONF {Type RFID}", 2.0) is not None:
+            return Robot(client, "", class_name, place, first)
+    raise NotApplicable(f"none of {', '.join(_RESCUE)} with an RFID reader could be spawned")

@@ -1,0 +1,257 @@
+"""STA lines (protocol reference 6.6)."""
+
+from __future__ import annotations
+
+import re
+from itertools import pairwise
+
+from usarsim_conformance.case import Case
+from usarsim_conformance.checks.values import lit
+from usarsim_conformance.lines import Line
+from usarsim_conformance.recordings import irregular, standing, watched
+from usarsim_conformance.registry import GAZEBO, ONCE, UDK, UNREAL, UT2004, check
+from usarsim_conformance.verdicts import Severity
+
+_GROUND = re.compile(
+    r"STA \{Type GroundVehicle\} \{Time \d+\.\d\d\} \{FrontSteer -?\d+\.\d{4}\}"
+    r" \{RearSteer -?\d+\.\d{4}\}( \{\w+ -?\d+\.\d{4}\})*"
+    r" \{LightToggle (True|False)\} \{LightIntensity \d+\} \{Battery \d+\} \{View -?\d+\}"
+)
+_GROUND_UDK = re.compile(
+    r"STA \{Time \d+\.\d{4}\} \{Battery \d+\} \{Type GroundVehicle\}"
+    r" \{LightToggle (True|False)\} \{LightIntensity 100\}"
+    r" \{FrontSteer (0|-?\d+\.\d{4})\} \{RearSteer (0|-?\d+\.\d{4})\}"
+)
+_PERIODS = {"ut2004": 0.2, "udk": 0.1}
+
+
+async def _states(case: Case) -> list[Line]:
+    lines = (await standing(case)).of("STA")
+    case.need(lines, "no STA was streamed")
+    return lines
+
+
+async def _ground(case: Case) -> list[Line]:
+    lines = await _states(case)
+    if not any("GroundVehicle" in line.text for line in lines):
+        case.skip(f"{case.robot_class} is no ground vehicle")
+    return lines
+
+
+@check(
+    "control.status.ground-ut2004",
+    "STA in the order of UT2004",
+    source="protocol reference 6, no. 85",
+    dialects=UT2004,
+)
+async def ground_ut2004(case: Case) -> None:
+    """A ground vehicle's STA is Type, Time, FrontSteer, RearSteer, joints, LightToggle,
+    LightIntensity, Battery, View, in this order, with two digits of time and four of angles."""
+    for line in await _ground(case):
+        case.expect(_GROUND.fullmatch(line.text), f"another form: {line}")
+
+
+@check(
+    "control.status.ground-udk",
+    "STA as clients of UDK read it",
+    source="protocol reference 4.3 and 5.3",
+    dialects=UDK,
+)
+async def ground_udk(case: Case) -> None:
+    """A ground vehicle's STA has the segments of UDK, in UDK's order or in that of UT2004 with
+    View, and four digits of time."""
+    for line in await _ground(case):
+        digits = re.search(r"\{Time \d+\.\d{4}\}", line.text)
+        case.expect(digits, f"Time has not four digits: {line}")
+        expected = {"Type", "Time", "Battery", "LightToggle", "LightIntensity", "FrontSteer"}
+        case.expect(expected <= set(line.names), f"a segment is missing: {line}")
+        ordered = line.names[0] == "Type" or _GROUND_UDK.fullmatch(line.text)
+        case.expect(ordered, f"neither order: {line}")
+
+
+@check(
+    "control.status.ground-gazebo",
+    "STA in the form of the Gazebo prototype",
+    source="protocol reference 4.15",
+    dialects=GAZEBO,
+    severity=Severity.SHOULD,
+)
+async def ground_gazebo(case: Case) -> None:
+    """STA is Time, Battery, Type, LightToggle, LightIntensity, FrontSteer, RearSteer,
+    CountPer1sec, without blanks between."""
+    names = (
+        "Time", "Battery", "Type", "LightToggle", "LightIntensity", "FrontSteer", "RearSteer",
+        "CountPer1sec",
+    )  # fmt: skip
+    for line in await _ground(case):
+        case.expect(line.names == names, f"other segments: {line}")
+        case.expect("} {" not in line.text, f"blanks between segments: {line}")
+
+
+@check("control.status.type", "STA names its type", source="protocol reference 5.2, no. 17")
+async def has_type(case: Case) -> None:
+    """Every STA of a robot has a Type, whatever the dialect."""
+    for line in await _states(case):
+        case.expect(line.type, f"no Type: {line}")
+
+
+@check(
+    "control.status.integers",
+    "Battery and View are integers",
+    source="protocol reference 6, no. 89",
+)
+async def integers(case: Case) -> None:
+    """Battery, View and LightIntensity are integers."""
+    for line in await _states(case):
+        for name in ("Battery", "View", "LightIntensity"):
+            value = line.get(name)
+            case.expect(
+                value is None or re.fullmatch(r"-?\d+", value), f"{name} is no integer: {line}"
+            )
+
+
+@check("control.status.time", "STA carries its time", source="protocol reference 4.3")
+async def has_time(case: Case) -> None:
+    """Every STA has a Time, a plain decimal number."""
+    robot = await case.spawn()
+    for _ in range(8):
+        line = await robot.wait(lambda line: line.head == "STA", what="STA")
+        case.expect(re.fullmatch(r"\d+\.\d+", line.get("Time") or ""), f"no Time: {line}")
+
+
+@check(
+    "control.status.battery",
+    "Battery counts down slowly",
+    source="protocol reference 4.3",
+    severity=Severity.SHOULD,
+)
+async def battery(case: Case) -> None:
+    """Battery is 99999 for a robot without one, else seconds that never grow at rest."""
+    lines = await _states(case)
+    values = [line.number("Battery") for line in lines if line.get("Battery") is not None]
+    if not values:
+        case.skip("STA has no Battery")
+    case.expect(all(value >= 0 for value in values), f"values: {values}")
+    case.expect(all(a >= b for a, b in pairwise(values)), f"the battery recovers: {values}")
+
+
+@check(
+    "control.status.light", "DRIVE Light switches the light", source="protocol reference 6, no. 90"
+)
+async def light(case: Case) -> None:
+    """`DRIVE {Light true}` changes LightToggle to True within two STA lines."""
+    robot = await lit(case)
+    for state in ("true", "false"):
+        await robot.send(f"DRIVE {{Light {state}}}")
+        await robot.catch_up()
+        seen = [await robot.wait(lambda line: line.head == "STA", what="STA") for _ in range(2)]
+        case.expect(seen[-1].get("LightToggle") == state.title(), f"after {state}: {seen[-1]}")
+
+
+@check(
+    "control.status.light-moves-nothing",
+    "Light moves nothing",
+    source="protocol reference 6, no. 90",
+)
+async def light_moves_nothing(case: Case) -> None:
+    """`DRIVE {Light true}` alone does not move the robot."""
+    robot = await case.spawn()
+    await robot.run(0.5)
+    before, after = await case.drive(robot, "DRIVE {Light true}", 0.8)
+    ahead = before.ahead(after)
+    case.expect(max(map(abs, ahead)) < 0.03, f"the robot moved by {ahead}")
+
+
+@check(
+    "control.status.rate",
+    "STA keeps its rate",
+    source="protocol reference 6, no. 91",
+    dialects=UNREAL,
+    severity=Severity.SHOULD,
+)
+async def rate(case: Case) -> None:
+    """STA of ground vehicles comes every 0.2 s (ut2004) or 0.1 s (udk) of simulated time: over
+    eight seconds within 2 percent."""
+    await _ground(case)
+    times = [line.time for line in await watched(case) if line.head == "STA"]
+    case.need(len(times) > 4, f"only {len(times)} STA lines")
+    period = (times[-1] - times[0]) / (len(times) - 1)
+    wanted = _PERIODS[case.dialect]
+    case.expect(abs(period - wanted) <= 0.02 * wanted, f"the period is {period:.3f} s")
+
+
+@check(
+    "control.status.steady",
+    "STA is regular",
+    source="protocol reference 6, no. 91",
+)
+async def steady(case: Case) -> None:
+    """No STA is left out and none comes twice: over eight seconds of simulated time the n-th comes
+    n periods after the first. Clients integrate what they get."""
+    times = [line.time for line in await watched(case) if line.head == "STA"]
+    case.need(len(times) > 4, f"only {len(times)} STA lines")
+    odd = irregular(times)
+    case.expect(not odd, f"STA is irregular: {odd}")
+
+
+@check(
+    "control.status.aerial",
+    "STA of aerial robots",
+    source="protocol reference 6, no. 87",
+    dialects=UT2004,
+)
+async def aerial(case: Case) -> None:
+    """An aerial robot's STA has Type AerialVehicle right after the head."""
+    robot = await case.spawn("aerial")
+    case.expect(robot.first.segments[:1] == (("Type", "AerialVehicle"),), f"{robot.first}")
+
+
+@check(
+    "control.status.flippers",
+    "STA lists the flippers",
+    source="protocol reference 6, no. 88",
+    dialects=UT2004,
+)
+async def flippers(case: Case) -> None:
+    """A robot with four flippers lists FRFlipper, FLFlipper, RRFlipper, RLFlipper in this order
+    between RearSteer and LightToggle."""
+    robot = await case.spawn("flippers")
+    names = [name for name in robot.first.names if name.endswith("Flipper")]
+    wanted = ["FRFlipper", "FLFlipper", "RRFlipper", "RLFlipper"]
+    case.expect(names == wanted, f"{robot.first}")
+    place = robot.first.names.index("RearSteer")
+    case.expect(robot.first.names[place + 1 : place + 5] == tuple(wanted), f"{robot.first}")
+
+
+@check(
+    "control.status.legged",
+    "STA of legged robots",
+    source="protocol reference 4.4",
+    dialects=UNREAL,
+    severity=Severity.SHOULD,
+)
+async def legged(case: Case) -> None:
+    """A legged robot's STA has Type LeggedRobot (ut2004) or LeggedVehicle (udk)."""
+    robot = await case.spawn("legged")
+    wanted = "LeggedRobot" if case.dialect == "ut2004" else "LeggedVehicle"
+    case.expect(robot.first.type == wanted, f"{robot.first}")
+
+
+@check(
+    "control.status.battery-dead",
+    "A dead battery ends SEN, not STA",
+    source="protocol reference 6, no. 92 and 162",
+    dialects=ONCE,
+)
+async def battery_dead(case: Case) -> None:
+    """With battery 0, STA goes on, SEN stops and DRIVE has no effect."""
+    robot = await case.spawn(extra=" {Battery 1}")
+    if not robot.first.number("Battery") <= 2:
+        case.skip("the battery cannot be set by INIT")
+    await robot.wait(
+        lambda line: line.head == "STA" and line.number("Battery") == 0, what="STA with Battery 0"
+    )
+    await robot.run(1.2)  # 0 is what is left of the last second, too
+    lines = await robot.run(1.0)
+    late = [line for line in lines if line.head == "SEN"]
+    case.expect(not late, f"a dead robot still senses: {late[:1]}")

@@ -1,0 +1,201 @@
+"""Simulated time as the server tells it: the clock by which everything is judged."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+import re
+from collections.abc import AsyncIterator, Awaitable, Callable
+from typing import Any
+
+from usarsim_conformance.verdicts import Failed, Inconclusive
+from usarsim_conformance.wire import Hangup, Wire
+
+__all__ = ["HANGS", "SimulatedClock", "Stalled"]
+
+HANGS = 60.0
+"""s of wall time without any news of simulated time after which a server counts as hanging."""
+
+_GRAIN = 0.2
+"""s of simulated time between two reports: what was told last may be so old."""
+_ROUNDS = 4
+"""Rounds of the event loop in which bytes that are there reach who waits for them."""
+_TIME = re.compile(rb"^(?:STA|SEN)\b[^\r\n]*?\{Time (\d+\.?\d*)\}", re.MULTILINE)
+_LEAVES = 1.0
+"""s in which a robot leaves with its connection."""
+_BEAT = 0.05
+"""s of wall time between two questions."""
+_ANSWERS = 1.0
+"""s of wall time after which a question is given up."""
+
+
+class Stalled(Inconclusive):
+    """Simulated time does not go on."""
+
+
+class SimulatedClock:
+    """Tells how much simulated time has passed, by the reports of a robot that stands aside.
+
+    A wait ends when its moment has been told. What the server had sent elsewhere before it told
+    the moment reaches its reader first, so "nothing came by then" does not depend on how busy the
+    machine is. While no robot tells the time, seconds are those of the wall, or longer: until the
+    server has answered one question more.
+
+    Attributes:
+        now: s of time that has passed since the kit began, as far as it was told.
+        told: simulated time told last, as the server counts it.
+        hangs: s of wall time without news after which the server hangs.
+    """
+
+    def __init__(self, hangs: float = HANGS) -> None:
+        self.now = 0.0
+        self.told = 0.0
+        self.hangs = hangs
+        self._bells: list[tuple[float, asyncio.Future[None]]] = []
+        self._teller: asyncio.Task[None] = asyncio.create_task(self._by_answers())
+        self._questions: Wire | None = None
+        self._wire: Wire | None = None
+        self._again: Callable[[], Awaitable[Wire | None]] | None = None
+
+    @property
+    def followed(self) -> bool:
+        """Whether a robot tells the time."""
+        return self._wire is not None
+
+    def after(self, seconds: float) -> float:
+        """The told moment at which this much simulated time has certainly passed."""
+        return self.now + seconds + _GRAIN
+
+    async def sleep(self, seconds: float) -> None:
+        """Wait for simulated time to pass.
+
+        Raises:
+            Stalled: if it does not.
+        """
+        until = self.after(seconds)
+        while self.now < until:
+            await self._wait_on(self._bell(until))
+
+    async def wait(self, awaited: asyncio.Future[Any], until: float) -> bool:
+        """Wait for something until a moment; returns whether it is there.
+
+        Raises:
+            Stalled: if simulated time does not go on.
+        """
+        while not awaited.done() and self.now < until:
+            await self._wait_on(self._bell(until), awaited)
+        for _ in range(_ROUNDS):
+            if awaited.done():
+                break
+            await asyncio.sleep(0)
+        return awaited.done()
+
+    def ask_on(self, wire: Wire) -> None:
+        """Ask the server on a connection while no robot tells the time."""
+        self._questions = wire
+
+    async def follow(self, spawn: Callable[[], Awaitable[Wire | None]]) -> None:
+        """Take the time from a robot from now on.
+
+        Args:
+            spawn: brings the robot into the world: its connection, None if there can be none.
+        """
+        self._again = spawn
+        wire = await spawn()
+        if wire is None:
+            return
+        await self._dismiss()
+        self._wire = wire
+        self._teller = asyncio.create_task(self._by_a_robot(wire))
+
+    @contextlib.asynccontextmanager
+    async def alone(self) -> AsyncIterator[None]:
+        """While inside, the robot that tells the time is not in the world."""
+        followed = self.followed
+        await self._dismiss()
+        self._teller = asyncio.create_task(self._by_answers())
+        await self.sleep(_LEAVES if followed else 0.0)
+        try:
+            yield
+        finally:
+            if followed and self._again is not None:
+                await self.follow(self._again)
+
+    async def close(self) -> None:
+        """Stop; whoever waits is told that time has ended."""
+        await self._dismiss()
+        if self._questions is not None:
+            self._questions.close()
+        for _, bell in self._bells:
+            bell.cancel()
+
+    async def _dismiss(self) -> None:
+        self._teller.cancel()
+        await asyncio.gather(self._teller, return_exceptions=True)
+        if self._wire is not None:
+            self._wire.close()
+            self._wire = None
+
+    def _bell(self, until: float) -> asyncio.Future[None]:
+        bell = asyncio.get_running_loop().create_future()
+        self._bells.append((until, bell))
+        return bell
+
+    async def _wait_on(self, bell: asyncio.Future[None], *others: asyncio.Future[Any]) -> None:
+        seen = self.now
+        try:
+            done, _ = await asyncio.wait(
+                {bell, *others}, timeout=self.hangs, return_when=asyncio.FIRST_COMPLETED
+            )
+        finally:
+            bell.cancel()
+        if not done and self.now == seen:
+            raise Stalled(f"simulated time has not gone on for {self.hangs:g} s")
+
+    def _tell(self, now: float) -> None:
+        self.now = max(self.now, now)
+        left = []
+        for until, bell in self._bells:
+            if bell.done():
+                continue
+            if until <= self.now:
+                bell.set_result(None)
+            else:
+                left.append((until, bell))
+        self._bells = left
+
+    async def _by_answers(self) -> None:
+        while True:
+            await asyncio.sleep(_BEAT)
+            try:
+                async with asyncio.timeout(_ANSWERS):
+                    await self._answer()
+            except TimeoutError:
+                pass  # a server that does not answer, which checks will say
+            except Failed:
+                self._questions = None
+            self._tell(self.now + _BEAT)
+
+    async def _answer(self) -> None:
+        if self._questions is not None:
+            await self._questions.send(b"GETSTARTPOSES\r\n")
+            while not (await self._questions.receive()).endswith(b"\n"):
+                pass
+
+    async def _by_a_robot(self, wire: Wire) -> None:
+        rest, offset = b"", math.nan
+        while True:
+            try:
+                rest += await wire.receive()
+            except Hangup:
+                return  # whoever waits finds that time stands still
+            lines, _, rest = rest.rpartition(b"\n")
+            times = [float(text) for text in _TIME.findall(lines)]
+            if times:
+                for _ in range(_ROUNDS):
+                    await asyncio.sleep(0)
+                self.told = max(times)
+                if math.isnan(offset):
+                    offset = self.now - self.told
+                self._tell(self.told + offset)

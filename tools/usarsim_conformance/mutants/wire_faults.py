@@ -1,0 +1,199 @@
+"""Faults that a proxy makes out of a healthy server, and short ways to write them."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, TypeVar
+
+from usarsim_conformance.mutants.fault_proxy import Link, LinkKind, Proxy
+
+__all__ = [
+    "WireFault",
+    "all_wire_faults",
+    "answers",
+    "deaf",
+    "dies",
+    "hangs_up",
+    "heard",
+    "said",
+    "tires",
+    "wire_fault",
+]
+
+Kind = TypeVar("Kind", bound=type[Link])
+Pair = tuple[str, str]
+"""Regular expression and replacement, one character per byte."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WireFault:
+    """A server with one fault.
+
+    Attributes:
+        name: of the check, with a number behind it if it has several.
+        check: identifier of the check that is meant to notice.
+        kind: makes the link of a connection.
+        services: that have the fault; the others are healthy.
+        dialect: to judge in, for checks to which it matters.
+        robot: class of the robots of most checks.
+        server: `own` for our own server, `raw` for ours with raw pictures.
+    """
+
+    name: str
+    check: str
+    kind: LinkKind
+    services: tuple[str, ...]
+    dialect: str
+    robot: str
+    server: str
+
+
+_FAULTS: dict[str, WireFault] = {}
+
+
+def all_wire_faults() -> Mapping[str, WireFault]:
+    """Every fault of the files `wire_faults_*.py` beside this one, by name."""
+    import usarsim_conformance.mutants as package
+
+    for entry in pkgutil.iter_modules(package.__path__):
+        if entry.name.startswith("wire_faults_"):
+            importlib.import_module(f"{package.__name__}.{entry.name}")
+    return dict(_FAULTS)
+
+
+def enter(
+    check: str,
+    kind: LinkKind,
+    *,
+    services: tuple[str, ...] = (),
+    dialect: str = "ut2004",
+    robot: str = "P2AT",
+    server: str = "own",
+) -> None:
+    """Enter a fault; see `WireFault`. By default it is one of the service that the check is of."""
+    count = sum(fault.check == check for fault in _FAULTS.values())
+    name = check if not count else f"{check}-{count + 1}"
+    _FAULTS[name] = WireFault(
+        name=name,
+        check=check,
+        kind=kind,
+        services=services or (check.partition(".")[0],),
+        dialect=dialect,
+        robot=robot,
+        server=server,
+    )
+
+
+def wire_fault(check: str, **how: Any) -> Callable[[Kind], Kind]:
+    """Make a class a fault; see `enter`."""
+
+    def decorate(kind: Kind) -> Kind:
+        enter(check, kind, **how)
+        return kind
+
+    return decorate
+
+
+class _Rewrites(Link):
+    """Says or hears by regular expressions."""
+
+    def __init__(
+        self, saying: tuple[Pair, ...], hearing: tuple[Pair, ...], service: str, proxy: Proxy
+    ) -> None:
+        super().__init__(service, proxy)
+        self._saying, self._hearing = _compiled(saying), _compiled(hearing)
+
+    def said(self, unit: bytes) -> bytes:
+        for pattern, text in self._saying:
+            unit = pattern.sub(text, unit)
+        return unit
+
+    def heard(self, data: bytes) -> bytes:
+        for pattern, text in self._hearing:
+            data = pattern.sub(text, data)
+        return data
+
+
+def _compiled(pairs: tuple[Pair, ...]) -> list[tuple[re.Pattern[bytes], bytes]]:
+    return [(_pattern(pattern), text.encode("latin-1")) for pattern, text in pairs]
+
+
+def _pattern(text: str) -> re.Pattern[bytes]:
+    return re.compile(text.encode("latin-1"))
+
+
+def said(check: str, *pairs: Pair, hearing: tuple[Pair, ...] = (), **how: Any) -> None:
+    """The server says something else: what the patterns fit in each of its lines is replaced.
+
+    Args:
+        check: that is meant to notice.
+        pairs: pattern and replacement.
+        hearing: the same for what it hears.
+        how: see `enter`.
+    """
+    enter(check, partial(_Rewrites, pairs, hearing), **how)
+
+
+def heard(check: str, *pairs: Pair, **how: Any) -> None:
+    """The server hears something else: what the patterns fit in what is sent is replaced."""
+    enter(check, partial(_Rewrites, (), pairs), **how)
+
+
+def deaf(check: str, pattern: str, **how: Any) -> None:
+    """The server does not obey a line in which the pattern is found."""
+    heard(check, (rf"[^\r\n]*{pattern}[^\r\n]*", ""), **how)
+
+
+class _Minds(Link):
+    """Does something if it hears a pattern."""
+
+    def __init__(self, pattern: str, act: Callable[[Link], None], service: str, proxy: Proxy):
+        super().__init__(service, proxy)
+        self._pattern, self._act = _pattern(pattern), act
+
+    def heard(self, data: bytes) -> bytes:
+        if self._pattern.search(data):
+            self._act(self)
+        return data
+
+
+def hangs_up(check: str, pattern: str, **how: Any) -> None:
+    """The server hangs up on who sends what fits the pattern."""
+    enter(check, partial(_Minds, pattern, _hang_up), **how)
+
+
+def dies(check: str, pattern: str, **how: Any) -> None:
+    """The server dies of what fits the pattern."""
+    enter(check, partial(_Minds, pattern, Link.die), **how)
+
+
+def answers(check: str, pattern: str, text: str, **how: Any) -> None:
+    """The server answers what fits the pattern by a line that should not come."""
+    line = f"{text}\r\n".encode("latin-1")
+    enter(check, partial(_Minds, pattern, lambda link: link.say(line)), **how)
+
+
+class _Tires(Link):
+    """From the tenth request on none is answered."""
+
+    def __init__(self, token: bytes, service: str, proxy: Proxy) -> None:
+        super().__init__(service, proxy)
+        self._token, self._count = token, 0
+
+    def heard(self, data: bytes) -> bytes:
+        self._count += data.count(self._token)
+        return data if self._count < 10 else b""
+
+
+def tires(check: str, token: bytes, **how: Any) -> None:
+    """The server answers no request of a connection from the tenth on; each has the token once."""
+    enter(check, partial(_Tires, token), **how)
+
+
+def _hang_up(link: Link) -> None:
+    link.hangs_up = True

@@ -1,0 +1,147 @@
+"""Faults in what a server of the control port understands: commands, INIT, SET, robust reading."""
+
+from __future__ import annotations
+
+import re
+
+from usarsim_conformance.mutants.fault_proxy import Link
+from usarsim_conformance.mutants.links import DiesOfHangup, KeepsLeavers
+from usarsim_conformance.mutants.wire_faults import (
+    answers,
+    deaf,
+    dies,
+    hangs_up,
+    heard,
+    said,
+    wire_fault,
+)
+
+UDK = "udk"
+_FAR = "{Location 30,%d,-0.3}"
+"""Where misread locations lead; a place of its own for each, that nobody stands in the way."""
+
+# Line ends and packets.
+
+heard("control.input.before-greeting", (r"^GETSTARTPOSES\r\n(?=GETSTARTPOSES)", ""))
+heard("control.input.bytes", (r"^[^\n]$", ""))
+said("control.input.crlf", (r"(NFO \{StartPoses.*\r\n)", r"\1\1"))
+heard("control.input.crlf-lf", (r"\r\n\n", "\r\nGETSTARTPOSES\r\n"))
+heard("control.input.glued-requests", (r"\}GETGEO[^\r]*", "}"))
+heard("control.input.init-packet", (r"(GETCONF[^\r]*\r\n)(GETGEO[^\r]*\r\n)", r"\2\1"))
+heard("control.input.lfcr", (r"\n\r$", "\r\nGETSTARTPOSES\r\n"))
+heard("control.input.split-end", (r"^\n(?=GETSTARTPOSES)", "GETSTARTPOSES\r\n"))
+heard("control.input.unended", (r"GETSTARTPOSES$", "GETSTARTPOSES\r\n"))
+
+# The grammar of commands.
+
+answers("control.grammar.before-init", "^DRIVE", "ERROR {No robot}")
+deaf("control.grammar.inner-blanks", r"\{  Type")
+deaf("control.grammar.junk", r"\} junk \{")
+deaf("control.grammar.no-blanks", r"GETCONF\{")
+heard("control.grammar.no-open-brace", (r"GETCONF Type", "GETCONF {Type"))
+deaf("control.grammar.non-ascii", r"\xe9")
+hangs_up("control.grammar.nul", r"\x00")
+hangs_up("control.grammar.old-commands", "TRACE")
+heard("control.grammar.short-numbers", (r"(Left|Right) \.9", r"\1 9"))
+deaf("control.grammar.stray-brace", r"GETCONF \}")
+deaf("control.grammar.tabs", r"\t")
+deaf("control.grammar.unknown-segment", "Colour")
+deaf("control.grammar.value-case", "rObOt")
+heard("control.grammar.vector-comma-blank", (r"\{Location  [^}]*\}", _FAR % 0))
+heard("control.grammar.vector-commas", (r"\{Location [^}]*\}", _FAR % 3))
+heard("control.grammar.vector-decimal-comma", (r"\{Location [^}]*\}", _FAR % 6))
+deaf("control.grammar.vector-six", "0,0000, 0,0000")
+heard("control.grammar.vector-two", (r"\{Location [^}]*\}", _FAR % 9))
+
+# INIT.
+
+deaf("control.init.classname", r"\{Classname")
+answers("control.init.closest-node", "GETCLOSESTPATHNODE", "NFO {PathNode N 0,0,0}", dialect=UDK)
+deaf("control.init.extras", "Team 255")
+deaf("control.init.glued", r"INIT\{")
+deaf("control.init.name-with-blanks", "the first")
+deaf("control.init.no-place", r"INIT (?![^\r]*(?:Location|Start))")
+deaf("control.init.order", r"INIT \{(?!ClassName)")
+deaf("control.init.package", r"ClassName USARBot\.")
+said("control.init.path-nodes", (r"PathNodes \d+", "PathNodes 99"), dialect=UDK)
+deaf("control.init.start-poses", "GETSTARTPOSES")
+said("control.init.start-poses-form", (r"(StartPoses \d+\} \{\S+ [-\d.]+),", r"\1, "))
+deaf("control.init.unknown-start", "NoSuchStart")
+
+
+@wire_fault("control.init.same-name")
+class NamesOnce(Link):
+    """Passes over an INIT with a name that was taken."""
+
+    def heard(self, data: bytes) -> bytes:
+        found = re.search(rb"INIT.*\{Name ([^}]*)\}", data)
+        if found is None:
+            return data
+        taken = self.memory.setdefault("taken", set())
+        if found[1] in taken:
+            return b""
+        taken.add(found[1])
+        return data
+
+
+# How a dialect is chosen.
+
+heard("control.dialect.default", (r"(INIT [^\r]*)", r"\1 {Dialect udk}"))
+heard("control.dialect.forced", (r" \{Dialect \w+\}", ""))
+heard("control.dialect.side-by-side", (r"\{Dialect udk\}", "{Dialect ut2004}"))
+
+# Requests.
+
+said("control.conf.robot", (r"(CONF .*SteeringType.*\r\n)", r"\1\1"))
+said("control.geo.robot", (r"(GEO .*WheelRadius.*\r\n)", r"\1\1"))
+said("control.conf.both-names", (r"CONF \{Type Actuator\}.*\r\n", ""))
+said("control.conf.next-line", (r"(CONF \{Type Actuator\})", "NFO {Status Ready}\r\n" r"\1"))
+
+# SET and CONTROL.
+
+said("control.set.releaser", (r"\{status OK\}", "{Status OK}"))
+said("control.set.rfid", ("Mem two words", "Mem two"))
+deaf("control.set.scan", "Opcode SCAN")
+deaf("control.set.trailing-blank", r"RESET\} \r")
+hangs_up("control.set.unknown", "Opcode Explode")
+hangs_up("control.set.viewports", "Viewports")
+deaf("control.set.zoom", r"\{0\.5\}")
+said("control.set.zoom-limits", (r"CameraFov [\d.]+", "CameraFov 1.0000"))
+said("control.world.form", (r" \{Memory red\}", ""))
+deaf("control.world.kill-all", "KillAll")
+deaf("control.world.moves", "RelMove")
+answers("control.world.no-controller", "GetSTA", "STA {Name x} {Size 1.0,1.0,1.0}")
+heard(
+    "control.world.same-name",
+    (r"\{Type Create\} \{ClassName Box\} (\{Name \S+\} \{Location 9)", r"{Type AbsMove} \1"),
+)
+answers("control.world.silent", "Type Kill", "STA {Killed 1}")
+
+# Coming, leaving, and what is too much.
+
+
+wire_fault("control.connection.leaves")(KeepsLeavers)
+wire_fault("control.world.cleans-up")(KeepsLeavers)
+
+
+@wire_fault("control.connection.crowd")
+class FewConnections(Link):
+    """Hangs up on the seventeenth."""
+
+    most = 16
+
+
+wire_fault("control.connection.come-and-go")(DiesOfHangup)
+wire_fault("control.robust.reset-reader")(DiesOfHangup)
+wire_fault("control.robust.torn-command")(DiesOfHangup)
+
+hangs_up("control.robust.endless-line", r"^(?:DRIVE \{Left 9){1000}")
+dies("control.robust.far-away", "1e30")
+hangs_up("control.robust.flood", r"(?:DRIVE[^\n]*\n){50}")
+hangs_up("control.robust.init-flood", r"(?:INIT[^\n]*\n){50}")
+said(
+    "control.robust.late-reader", (r"(\{Type RangeScanner\}.*) \{Range .*\r\n", r"\1")
+)  # lines without their end, glued to the next
+hangs_up("control.robust.long-names", "n{2000}")
+deaf("control.robust.many-segments", r"(?:\{A 1\}){500}")
+hangs_up("control.robust.near-misses", r"(?:[^\n]*\n){350}")

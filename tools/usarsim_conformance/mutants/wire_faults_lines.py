@@ -1,0 +1,196 @@
+"""Faults of the side channels that talk in lines: ground truth, wireless simulation, USARTruth."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+from usarsim_conformance.mutants.fault_proxy import Link
+from usarsim_conformance.mutants.links import (
+    DiesOfHangup,
+    FewClients,
+    FirstForEver,
+    Greets,
+    KeepsGhosts,
+    KeepsLeavers,
+    NoHalves,
+    OneAtATime,
+    odd,
+)
+from usarsim_conformance.mutants.wire_faults import (
+    deaf,
+    dies,
+    hangs_up,
+    heard,
+    said,
+    tires,
+    wire_fault,
+)
+
+CONTROL = ("control",)
+
+
+for _service in ("groundtruth", "wireless", "truth"):
+    wire_fault(f"{_service}.connect.silent")(Greets)
+
+# Ground truth.
+
+wire_fault("groundtruth.clients.slow-reader")(OneAtATime)
+wire_fault("groundtruth.clients.vanishes")(DiesOfHangup)
+wire_fault("groundtruth.request.half-close")(NoHalves)
+wire_fault("groundtruth.getpos.follows")(FirstForEver)
+said("groundtruth.getobs.digits", (r"(ObstCount -?\d+)\.\d+", r"\1"))
+said("groundtruth.getobs.form", (r"NUMOBS \{From \S+\} ", "NUMOBS "))
+said("groundtruth.getobs.free-air", (r"ObstCount 0", "ObstCount 1"))
+said("groundtruth.getobs.ground", (r"ObstCount \d", "ObstCount 0"))
+deaf("groundtruth.getobs.keys", r"GETOBS\{")
+hangs_up("groundtruth.getobs.nonsense", "nan,inf")
+heard("groundtruth.getobs.precedence", (r" \{From A\?\} \{To B\?\}", ""))
+wire_fault("groundtruth.getobs.symmetric")(odd("ObstCount 0", "ObstCount 1"))
+said("groundtruth.getobs.unknown-robot", ("ObstCount -1", "ObstCount 0"))
+said("groundtruth.getpos.battery", ("BatteryEmpty False", "BatteryEmpty True"))
+said("groundtruth.getpos.digits", (r"(Location -?\d+\.\d)\d+", r"\1"))
+said("groundtruth.getpos.none", (r"\{Robots 0\}", "{Robots 0} "))
+said("groundtruth.getpos.place", (r"Location -?\d+", "Location 77"))
+said("groundtruth.getpos.station", ("BatteryEmpty False", "BatteryEmpty True"))
+deaf("groundtruth.request.case", "getpos")
+hangs_up("groundtruth.request.garbage", r"\xff")
+heard("groundtruth.request.line-ends", (r"GETPOS\r$", ""))
+dies("groundtruth.request.long-line", "A{10000}")
+heard("groundtruth.request.split", (r"^GET$", "GETPOS\r\nGET"))
+
+
+wire_fault("groundtruth.connect.several")(FewClients)
+
+
+@wire_fault("groundtruth.getobs.floor")
+class FloorTooLow(Link):
+    """What stands between two points is looked for 6 cm above them."""
+
+    def heard(self, data: bytes) -> bytes:
+        return re.sub(rb"(\{(?:Start|End) [-\d.]+,[-\d.]+,)([-\d.]+)", self._lifted, data)
+
+    @staticmethod
+    def _lifted(found: re.Match[bytes]) -> bytes:
+        return found[1] + b"%.4f" % (float(found[2]) - 0.06)
+
+
+@wire_fault("groundtruth.connect.stays-open")
+class ShortPatience(Link):
+    """Who says nothing is hung up."""
+
+    def begin(self) -> None:
+        self.leave(after=0.3)
+
+
+@wire_fault("groundtruth.getpos.in-time")
+class Slow(Link):
+    """The first answer takes long."""
+
+    told = False
+
+    def pieces(self, data: bytes) -> list[bytes]:
+        first, self.told = not self.told, True
+        return [b""] * 50 * first + [data]
+
+
+# Wireless simulation.
+
+wire_fault("wireless.init.free-again")(KeepsLeavers)
+wire_fault("wireless.request.slow-reader")(OneAtATime)
+wire_fault("wireless.dns.first-port")(odd(r"(\{Port \d+)(\d)\}", r"\1}"))
+wire_fault("wireless.getss.symmetric")(odd(r"Strength -\d", "Strength -9"))
+said("wireless.dns.form", (r"DNSREPLY \{Robot ", "DNSREPLY {Name "))
+said("wireless.dns.no-number", ("Port.Must.Be.Integer", "Port.Must.Be.A.Number"))
+said("wireless.dns.nobody", ("NoSuchRobot", "No.Such.Robot"))
+said("wireless.dns.wrong-port", ("RobotDoesNotListenOnThisPort", "NoSuchRobot"))
+said("wireless.getss.digits", (r"(Strength -?\d+\.\d+)", r"\g<1>123456"))
+said("wireless.getss.stranger", ("Strength NaN", "Strength -200"))
+said("wireless.init.bad-ports", ("Ports.List.Must.Be.Integer", "Port.Must.Be.Integer"))
+said("wireless.init.no-name", ("Robot.Name.Must.Not.Be.Empty", "Robot.Name.Is.Empty"))
+said("wireless.init.ok", ("Status OK", "Status Ok"))
+heard("wireless.init.several-ports", (r",2323", ",x"))
+heard("wireless.request.case", (r"^init", "INIT"))
+hangs_up("wireless.request.crashers", r"\x00")
+dies("wireless.request.long-line", "A{10000}")
+deaf("wireless.request.no-arguments", r"^GETSS\r")
+heard("wireless.request.pipelined", (r"(?s)(GETSS[^\r]*\r\n)DNS.*", r"\1"))
+heard("wireless.request.split", (r"^GETSS \{Rob$", "GETSS {Robot A}\r\nGETSS {Rob"))
+said("wireless.request.unknown", (r"INIT\.only\.once", "INIT.Only.Once"))
+said("wireless.reversedns.unknown", ("UnknownOrIllegalPort", "UnknownPort"))
+
+
+wire_fault("wireless.kick.ghost")(KeepsGhosts)
+
+
+class Roads(Link):
+    """Roads of the wireless simulation lead over links of another kind."""
+
+    kind: type[Link]
+
+    def said(self, unit: bytes) -> bytes:
+        return re.sub(rb"(?<=\{Port )[1-9]\d*(?=\})", self._led, unit)
+
+    def _led(self, port: re.Match[bytes]) -> bytes:
+        return b"%d" % self.proxy.road(int(port[0]), self.kind)
+
+
+def _road(check: str) -> Callable[[type[Link]], type[Link]]:
+    def decorate(kind: type[Link]) -> type[Link]:
+        wire_fault(check)(type("OtherRoads", (Roads,), {"kind": kind}))
+        return kind
+
+    return decorate
+
+
+_road("wireless.relay.several")(OneAtATime)
+
+
+@_road("wireless.relay.back")
+class TextBack(Link):
+    """Zero bytes are lost on the way back."""
+
+    def said(self, unit: bytes) -> bytes:
+        return unit.replace(b"\0", b"")
+
+
+@_road("wireless.relay.half-close")
+class LosesTheLast(Link):
+    """The last byte is lost."""
+
+    def heard(self, data: bytes) -> bytes:
+        return data[:-1]
+
+
+@_road("wireless.relay.much")
+class SomeOfMuch(Link):
+    """Only so much is carried."""
+
+    carried = 0
+
+    def heard(self, data: bytes) -> bytes:
+        self.carried += len(data)
+        return data if self.carried < 200_000 else b""
+
+
+_road("wireless.relay.refused")(KeepsGhosts)
+_road("wireless.relay.leaver")(KeepsGhosts)
+
+# USARTruth.
+
+wire_fault("truth.clients.slow-reader")(OneAtATime)
+wire_fault("truth.clients.vanishes")(DiesOfHangup)
+wire_fault("truth.listing.leaves", services=CONTROL)(KeepsLeavers)
+said("truth.listing.class", (r"\{Class ", "{Class USARBot."))
+said("truth.listing.getpos", (r"(\{Location -?\d+\.)\d", r"\g<1>4"))
+said("truth.listing.time", (r"\{Time (?=\d)", "{Time 9"))
+heard("truth.query.actors", (r"^\{Actors\}", "{class No.Such}"))
+hangs_up("truth.query.garbage", r"\xff")
+heard("truth.query.line-ends", (r"\}\n$", "}"))
+dies("truth.query.long-line", "A{10000}")
+heard("truth.query.name", (r"\{name [^}]*\}", ""))
+heard("truth.query.pipelined", (r"^\r\n\{Actors\}", "{Actors}"))
+heard("truth.query.split", (r"^\{class USARBot\.$", "{class USARBot.}\r\n{class USARBot."))
+
+
+tires("truth.clients.ten-per-second", b"\n")

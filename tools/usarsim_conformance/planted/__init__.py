@@ -1,0 +1,29 @@
+"""Faults planted in our own server, one at a time, and whether the kit notices them.
+
+    usarsim conformance --planted                    # all of them, as many at a time as processors
+    usarsim conformance --planted 'sensors.gps.*'    # by name, as --only does for checks
+    usarsim conformance --planted gps --list         # what there is
+
+A fault is one edit of one file of the server: a field, a scale or a sign. A copy of the server with
+that edit is started as a process of its own, runs as fast as the machine goes, and is judged by
+the checks that the fault names, with a robot of the class that it names. It is noticed if each of
+these checks fails, and says which field is wrong. The same checks have to pass at the server as it
+is. A fault is written in a file `faults_*.py` of this folder, and nowhere else:
+
+    plant(
+        "sensors.gps.north-halved",
+        "usarsim_server/sensors/gps.py",
+        "METRES_PER_DEGREE_NORTH = 111_200.0",
+        "METRES_PER_DEGREE_NORTH = 222_400.0",
+        notices="control.values.gps-moves",
+        field="Latitude",
+    )
+
+The text to replace has to stand exactly once in the file, and code has to mean something else
+afterwards: tests say so at once when the server has been rewritten around a fault. Robot and world
+files (`robots/P2AT.toml`, `worlds/empty/world.toml`) can be edited as well.
+"""
+
+from usarsim_conformance.planted.faults import Fault, all_faults, plant, select_faults
+
+__all__ = ["Fault", "all_faults", "plant", "select_faults"]

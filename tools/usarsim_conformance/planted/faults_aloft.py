@@ -1,0 +1,235 @@
+"""Faults of aircraft and submarines."""
+
+from usarsim_conformance.planted.faults import plant
+
+_AIR = "usarsim_server/robots/families/aerial.py"
+_SEA = "usarsim_server/robots/families/underwater.py"
+_MOVES = "flip_point((self._linear, self._lateral, -self._vertical))"
+_TURNS = "flip_point((self._roll, self._pitch, self._yaw))"
+
+for _name, _new in (
+    ("altitude", "flip_point((self._linear, self._lateral, self._vertical))"),
+    ("linear", "flip_point((-self._linear, self._lateral, -self._vertical))"),
+    ("lateral", "flip_point((self._linear, -self._lateral, -self._vertical))"),
+):
+    plant(
+        f"aloft.{_name}-velocity-sign",
+        _AIR,
+        _MOVES,
+        _new,
+        notices=f"control.aerial.{_name}-velocity",
+        field=f"{_name.title()}Velocity",
+    )
+plant(
+    "aloft.linear-and-lateral-exchanged",
+    _AIR,
+    _MOVES,
+    "flip_point((self._lateral, self._linear, -self._vertical))",
+    notices=("control.aerial.linear-velocity", "control.aerial.lateral-velocity"),
+    field="LinearVelocity|LateralVelocity",
+)
+plant(
+    "aloft.rotational-velocity-sign",
+    _AIR,
+    _TURNS,
+    "flip_point((self._roll, self._pitch, -self._yaw))",
+    notices="control.aerial.rotational-velocity",
+    field="RotationalVelocity",
+)
+plant(
+    "aloft.fifth-slower",
+    _AIR,
+    "setattr(self, key, max(-FASTEST, min(FASTEST, speed)))",
+    "setattr(self, key, max(-FASTEST, min(FASTEST, 0.8 * speed)))",
+    notices=("control.aerial.linear-velocity", "control.aerial.altitude-velocity"),
+    field="LinearVelocity|AltitudeVelocity",
+)
+plant(
+    "aloft.pitch-sign",
+    _AIR,
+    "self._pitch = -gear.tilt * _sign(self._linear)",
+    "self._pitch = gear.tilt * _sign(self._linear)",
+    notices="control.aerial.pitches",
+    field="pitch",
+)
+plant(
+    "aloft.roll-sign",
+    _AIR,
+    "self._roll = gear.tilt * _sign(self._lateral)",
+    "self._roll = -gear.tilt * _sign(self._lateral)",
+    notices="control.aerial.rolls",
+    field="roll",
+)
+plant(
+    "aloft.radians-in-udk",
+    _AIR,
+    "math.radians(value) if angular is Dialect.UDK else value",
+    "value",
+    notices="control.aerial.rotational-velocity",
+    field="RotationalVelocity",
+    dialect="udk",
+)
+plant(
+    "aloft.degrees-in-ut2004",
+    _AIR,
+    "math.radians(value) if angular is Dialect.UDK else value",
+    "math.radians(value) if angular is not None else value",
+    notices="control.aerial.rotational-velocity",
+    field="RotationalVelocity",
+)
+plant(
+    "aloft.percent-doubled",
+    _AIR,
+    "* full / 100.0",
+    "* full / 50.0",
+    notices="control.aerial.percent",
+    field="MaxAltitudeVelocity",
+)
+for _name, _old in (
+    ("MaxLinearVelocity", "gear.max_linear)"),
+    ("MaxLateralVelocity", "gear.max_lateral)"),
+    ("MaxAltitudeVelocity", "gear.max_vertical)"),
+    ("MaxRotationalVelocity", "_yaw_unit(gear.max_yaw_rate, dialect))"),
+):
+    plant(
+        f"aloft.conf.{_name.removeprefix('Max').lower()}",
+        _AIR,
+        f'("{_name}", {_old}',
+        f'("{_name}", 1.5 * {_old}',
+        notices="control.aerial.percent",
+        field=_name,
+    )
+plant(
+    "aloft.conf.tilt",
+    _AIR,
+    '("MaxTilt", _yaw_unit(gear.tilt, dialect))',
+    '("MaxTilt", 0.5 * _yaw_unit(gear.tilt, dialect))',
+    notices=("control.aerial.pitches", "control.aerial.rolls"),
+    field="MaxTilt",
+)
+plant(
+    "aloft.conf.radians-in-udk",
+    _AIR,
+    "return math.degrees(value) if dialect is Dialect.UDK else value",
+    "return value",
+    notices="control.aerial.percent",
+    field="MaxRotationalVelocity",
+    dialect="udk",
+)
+plant(
+    "aloft.forgets",
+    _AIR,
+    "percent = bool(drive.normalized)",
+    "percent, self._linear = bool(drive.normalized), 0.0",
+    notices="control.aerial.keeps",
+    field="LinearVelocity",
+)
+plant(
+    "aloft.lean-sign",
+    _AIR,
+    "setattr(self, key, math.radians(max(-80.0, min(80.0, degrees))))",
+    "setattr(self, key, -math.radians(max(-80.0, min(80.0, degrees))))",
+    notices="control.aerial.lean-angles",
+    field="PitchAngle",
+    dialect="udk",
+)
+plant(
+    "aloft.leans-exchanged",
+    _AIR,
+    '(("_pitch", drive.pitch_angle), ("_roll", drive.roll_angle))',
+    '(("_roll", drive.pitch_angle), ("_pitch", drive.roll_angle))',
+    notices="control.aerial.lean-angles",
+    field="PitchAngle",
+    dialect="udk",
+)
+
+# Submarines.
+
+plant(
+    "diving.propeller-sign",
+    "usarsim_server/simulation/diving.py",
+    "return self._hull.thrust * WATER",
+    "return -self._hull.thrust * WATER",
+    notices="control.underwater.propeller",
+    field="Propeller",
+)
+plant(
+    "diving.rudder-sign",
+    _SEA,
+    "rudder, planes = -gear.rudder_sense * self._rudder",
+    "rudder, planes = gear.rudder_sense * self._rudder",
+    notices="control.underwater.rudder",
+    field="Rudder",
+)
+plant(
+    "diving.stern-plane-sign",
+    _SEA,
+    "gear.stern_plane_sense * self._planes",
+    "-gear.stern_plane_sense * self._planes",
+    notices="control.underwater.stern-plane",
+    field="SternPlane",
+)
+plant(
+    "diving.both-signs",
+    _SEA,
+    "rudder, planes = -gear.rudder_sense * self._rudder, gear.stern_plane_sense * self._planes",
+    "rudder, planes = gear.rudder_sense * self._rudder, -gear.stern_plane_sense * self._planes",
+    notices=("control.underwater.rudder", "control.underwater.stern-plane"),
+    field="Rudder|SternPlane",
+)
+plant(
+    "diving.percent-doubled",
+    _SEA,
+    "share = gear.max_propeller / 100.0",
+    "share = gear.max_propeller / 50.0",
+    notices="control.underwater.percent",
+    field="Propeller",
+)
+plant(
+    "diving.conf.max-propeller",
+    _SEA,
+    '("MaxPropeller", gear.max_propeller)',
+    '("MaxPropeller", 0.7 * gear.max_propeller)',
+    notices="control.underwater.percent",
+    field="MaxPropeller",
+)
+plant(
+    "diving.conf.max-rudder",
+    _SEA,
+    '("MaxRudder", gear.max_rudder)',
+    '("MaxRudder", 2.0 * gear.max_rudder)',
+    notices="control.underwater.status",
+    field="RudderAngle",
+)
+plant(
+    "diving.conf.max-stern-plane",
+    _SEA,
+    '("MaxSternPlane", gear.max_stern_plane)',
+    '("MaxSternPlane", 0.5 * gear.max_stern_plane)',
+    notices="control.underwater.status",
+    field="SternPlaneAngle",
+)
+plant(
+    "diving.status.rudder-sign",
+    _SEA,
+    "            self._rudder,\n            self._planes,\n",
+    "            -self._rudder,\n            self._planes,\n",
+    notices="control.underwater.status",
+    field="RudderAngle",
+)
+plant(
+    "diving.status.stern-plane-sign",
+    _SEA,
+    "            self._rudder,\n            self._planes,\n",
+    "            self._rudder,\n            -self._planes,\n",
+    notices="control.underwater.status",
+    field="SternPlaneAngle",
+)
+plant(
+    "diving.forgets",
+    _SEA,
+    "self._planes = _within(drive.stern_plane, 1.0, gear.max_stern_plane, self._planes)",
+    "self._planes = _within(drive.stern_plane, 1.0, gear.max_stern_plane, 0.0)",
+    notices="control.underwater.status",
+    field="SternPlaneAngle",
+)

@@ -1,0 +1,242 @@
+"""Faults of sensors that measure distances."""
+
+from usarsim_conformance.planted.faults import plant
+
+_SONAR = "usarsim_server/sensors/sonar.py"
+_RANGING = "usarsim_server/sensors/ranging.py"
+_SCANNER = "usarsim_server/sensors/range_scanner.py"
+_SINGLE = "usarsim_server/sensors/range_sensor.py"
+_ROWS = "usarsim_server/sensors/range_scanner_3d.py"
+_IMAGER = "usarsim_server/sensors/range_imager.py"
+_CLOUD = "usarsim_server/sensors/point_cloud.py"
+_LASER = "usarsim_server/sensors/line_laser.py"
+_OBJECT = "usarsim_server/sensors/object_sensor.py"
+_ASSEMBLY = "usarsim_server/sensors/assembly.py"
+
+plant(
+    "sensors.sonar.range-ninety-percent",
+    _SONAR,
+    "return max(float(self.echoes(nearest)[0]), self.min_range)",
+    "return max(0.9 * float(self.echoes(nearest)[0]), self.min_range)",
+    notices="control.values.sonar-range",
+    field="Range of F",
+)
+plant(
+    "sensors.sonar.range-limit",
+    _RANGING,
+    '(("MaxRange", fixed(self.max_range, 4)), ("MinRange"',
+    '(("MaxRange", fixed(1.2 * self.max_range, 4)), ("MinRange"',
+    notices=("control.values.sonar-range", "control.values.scan-range"),
+    field="MaxRange",
+)
+for _name, _factor in (("wide", "4.0"), ("narrow", "0.25")):
+    plant(
+        f"sensors.sonar.cone-{_name}",
+        _SONAR,
+        "cone_directions(self.beam_angle / 2, cones",
+        f"cone_directions({_factor} * self.beam_angle / 2, cones",
+        notices="control.values.sonar-cone",
+        field="BeamAngle",
+    )
+plant(
+    "sensors.sonar.mount-mirrored",
+    _ASSEMBLY,
+    "location, rotation = wire_from_pose(pose)",
+    "(x, y, z), (r, p, w) = wire_from_pose(pose)\n"
+    "        location, rotation = (x, -y, z), (r, p, -w)",
+    notices=("control.values.sonar-cone", "control.values.sonar-range"),
+    field="Range of",
+)
+plant(
+    "sensors.sonar.mount-forward",
+    _ASSEMBLY,
+    "location, rotation = wire_from_pose(pose)",
+    "(x, y, z), rotation = wire_from_pose(pose)\n        location = (x + 0.1, y, z)",
+    notices=("control.values.scan-range", "control.values.sonar-range"),
+    field="Range of",
+)
+plant(
+    "sensors.scan.range-scale",
+    _SCANNER,
+    "self._ranges = self._sight.blank(self.echoes(distances))",
+    "self._ranges = self._sight.blank(self.echoes(0.95 * distances))",
+    notices="control.values.scan-range",
+    field="Range of Scanner1",
+)
+plant(
+    "sensors.scan.left-first",
+    _SCANNER,
+    "self.fov / 2 - self.resolution * np.arange(self.beams, dtype=np.float64)",
+    "self.resolution * np.arange(self.beams, dtype=np.float64) - self.fov / 2",
+    notices=("control.values.scan-range", "control.sensors.scan-right-first"),
+    field="Range of Scanner1|on the right",
+)
+plant(
+    "sensors.scan.resolution",
+    _SCANNER,
+    "self.fov / 2 - self.resolution * np.arange(self.beams, dtype=np.float64)",
+    "self.fov / 2 - 0.9 * self.resolution * np.arange(self.beams, dtype=np.float64)",
+    notices="control.values.scan-range",
+    field="Range of Scanner1",
+)
+plant(
+    "sensors.scan.conf-fov",
+    _SCANNER,
+    '("Fov", fov),',
+    '("Fov", fixed(0.8 * float(fov), 4)),',
+    notices=("control.values.scan-head", "control.values.scan-range"),
+    field="Fov|Range of Scanner1",
+)
+plant(
+    "sensors.scan.conf-resolution",
+    _SCANNER,
+    '            resolution,\n            ("Fov"',
+    '            ("Resolution", fixed(0.5 * float(resolution[1]), 4)),\n            ("Fov"',
+    notices="control.values.scan-head",
+    field="Resolution",
+)
+plant(
+    "sensors.scan.head-fov",
+    _SCANNER,
+    '("FOV", fixed(announced_angle(self.fov, dialect), 4)),',
+    '("FOV", fixed(announced_angle(0.9 * self.fov, dialect), 4)),',
+    notices="control.values.scan-range",
+    field="Range of Scanner1",
+)
+plant(
+    "sensors.ir.range-scale",
+    _SINGLE,
+    "return max(super().distance(hits), self.min_range)",
+    "return max(1.1 * super().distance(hits), self.min_range)",
+    notices="control.values.ir-range",
+    field="Range of IR",
+)
+plant(
+    "sensors.ir.min-range",
+    _SINGLE,
+    "return max(super().distance(hits), self.min_range)",
+    "return max(super().distance(hits), 0.1)",
+    notices="control.values.ir-range",
+    field="MinRange",
+)
+plant(
+    "sensors.range.range-centimetres",
+    _SINGLE,
+    "return float(self._sight.blank(self.echoes(distances))[0])",
+    "return 100.0 * float(self._sight.blank(self.echoes(distances))[0])",
+    notices="control.values.range-range",
+    field="Range of Range",
+)
+plant(
+    "sensors.ir-scan.range-scale",
+    _SCANNER,
+    "self._ranges = np.maximum(self._ranges, self.min_range)",
+    "self._ranges = np.maximum(0.9 * self._ranges, self.min_range)",
+    notices="control.values.ir-scan-range",
+    field="Range of IRScan",
+)
+plant(
+    "sensors.scan-3d.rows-upside-down",
+    _ROWS,
+    "pitch = self.vertical_fov / 2 - self.vertical_resolution * np.arange(self.rows)",
+    "pitch = self.vertical_resolution * np.arange(self.rows) - self.vertical_fov / 2",
+    notices="control.values.scan-3d-range",
+    field="Range of Scan3D",
+)
+plant(
+    "sensors.scan-3d.columns-mirrored",
+    _ROWS,
+    "yaw = self.fov / 2 - self.resolution * np.arange(self.columns)",
+    "yaw = self.resolution * np.arange(self.columns) - self.fov / 2",
+    notices="control.values.scan-3d-range",
+    field="Range of Scan3D",
+)
+plant(
+    "sensors.image.mirrored",
+    _IMAGER,
+    "self._yaw = self.fov * (np.arange(self.width) / self.width - 0.5)",
+    "self._yaw = self.fov * (0.5 - np.arange(self.width) / self.width)",
+    notices="control.values.image-range",
+    field="Range of Kinect",
+)
+plant(
+    "sensors.image.upside-down",
+    _IMAGER,
+    "self._pitch = self.vertical_fov * (0.5 - np.arange(self.height) / self.height)",
+    "self._pitch = self.vertical_fov * (np.arange(self.height) / self.height - 0.5)",
+    notices="control.values.image-range",
+    field="Range of Kinect",
+    dialect="udk",
+)
+plant(
+    "sensors.image.along-rays",
+    _IMAGER,
+    "depths = self.echoes(distances) * self._directions(self._frame)[:, 0]",
+    "depths = self.echoes(distances)",
+    notices="control.values.image-range",
+    field="Range of Kinect",
+)
+plant(
+    "sensors.cloud.mirrored",
+    "usarsim_server/sensors/point_lists.py",
+    "turned: Array = points * _FLIP",
+    "turned: Array = points * (1.0, 1.0, -1.0)",
+    notices=("control.values.cloud-points", "control.values.line-laser-points"),
+    field="[Pp]oint",
+)
+plant(
+    "sensors.cloud.scale",
+    _CLOUD,
+    "self._points = starts + directions * ranges[:, None]",
+    "self._points = starts + 0.9 * directions * ranges[:, None]",
+    notices="control.values.cloud-points",
+    field="point",
+)
+plant(
+    "sensors.line-laser.fov",
+    _LASER,
+    "np.linspace(-self.fov / 2, self.fov / 2, self.beams)",
+    "np.linspace(-self.fov / 3, self.fov / 3, self.beams)",
+    notices="control.values.line-laser-points",
+    field="FOV",
+)
+plant(
+    "sensors.line-laser.location",
+    _LASER,
+    "location, orientation = wire_from_pose(self._pose)",
+    "location, orientation = wire_from_pose(IDENTITY)",
+    notices="control.values.line-laser-points",
+    field="Location of Line",
+)
+plant(
+    "sensors.line-laser.orientation-sign",
+    _LASER,
+    '("Orientation", vector(orientation, 4))',
+    '("Orientation", vector(tuple(-angle for angle in orientation), 4))',
+    notices="control.values.line-laser-points",
+    field="Orientation of Line",
+)
+plant(
+    "sensors.object.hit-sign",
+    _OBJECT,
+    '("HitLoc", vector(flip_point(sighting.point), 2))',
+    '("HitLoc", vector(sighting.point, 2))',
+    notices="control.values.object-sensor",
+    field="HitLoc",
+)
+plant(
+    "sensors.object.location-axes",
+    _OBJECT,
+    '("Location", vector(location, 2))',
+    '("Location", vector((location[1], location[0], location[2]), 2))',
+    notices="control.values.object-sensor",
+    field="Location of the Object",
+)
+plant(
+    "sensors.object.orientation-sign",
+    _OBJECT,
+    '("Orientation", vector(orientation, 2))',
+    '("Orientation", vector(tuple(-angle for angle in orientation), 2))',
+    notices="control.values.object-sensor",
+    field="Orientation of the Object",
+)

@@ -1,0 +1,153 @@
+"""The checks: what a check is, the decorator that makes one, and how all are found."""
+
+from __future__ import annotations
+
+import fnmatch
+import importlib
+import inspect
+import pkgutil
+import re
+from collections.abc import Awaitable, Callable, Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from usarsim_conformance.verdicts import Severity
+
+if TYPE_CHECKING:
+    from usarsim_conformance.case import Case
+
+__all__ = [
+    "DIALECTS",
+    "GAZEBO",
+    "ONCE",
+    "SERVICES",
+    "UDK",
+    "UNREAL",
+    "UT2004",
+    "Check",
+    "Function",
+    "all_checks",
+    "check",
+    "select",
+]
+
+DIALECTS = ("ut2004", "udk", "gazebo")
+"""All dialects of the protocol: a check for these runs once in each that the server speaks."""
+UNREAL = ("ut2004", "udk")
+"""The dialects of the two Unreal generations."""
+UT2004 = ("ut2004",)
+UDK = ("udk",)
+GAZEBO = ("gazebo",)
+ONCE: tuple[str, ...] = ()
+"""For rules in which the dialect plays no part: the check runs once."""
+
+SERVICES = ("control", "images", "groundtruth", "wireless", "comserver", "truth")
+"""What a check may talk to; all but the first exist only if the user names their port."""
+
+Function = Callable[["Case"], Awaitable[None]]
+
+_ID = re.compile(r"[a-z]+(\.[a-z0-9-]+)+")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Check:
+    """One rule, and how to find out whether a server keeps it.
+
+    Attributes:
+        id: stable name, words joined by points, the service first: `control.init.case`.
+        title: the rule in a few words.
+        rule: the rule in full; the docstring of the function.
+        source: where the rule comes from.
+        severity: how bad it is to break it.
+        dialects: in which it runs, once each; empty to run once in the server's own.
+        service: that it is about. If the user named no port of it, it does not apply.
+        exclusive: no other check may run at the same time.
+        function: the check itself.
+    """
+
+    id: str
+    title: str
+    rule: str
+    source: str
+    severity: Severity
+    dialects: tuple[str, ...]
+    service: str
+    exclusive: bool
+    function: Function
+
+
+_CHECKS: dict[str, Check] = {}
+
+
+def check(
+    id: str,
+    title: str,
+    *,
+    source: str,
+    severity: Severity = Severity.MUST,
+    dialects: tuple[str, ...] = DIALECTS,
+    service: str = "control",
+    exclusive: bool = False,
+) -> Callable[[Function], Function]:
+    """Make a function a check.
+
+    The function gets a `case.Case`. It returns if the rule is kept and otherwise raises `Failed`,
+    `NotApplicable` or `Inconclusive`, most easily through methods of the case. Its docstring is
+    the rule, as users read it.
+
+    Raises:
+        ValueError: if the identifier is taken or malformed, or the rule is missing.
+    """
+
+    def register(function: Function) -> Function:
+        rule = " ".join((inspect.getdoc(function) or "").split())
+        if not _ID.fullmatch(id):
+            raise ValueError(f"{id!r} is no identifier of a check; write it like control.init.case")
+        if id in _CHECKS and _CHECKS[id].function.__module__ != function.__module__:
+            raise ValueError(f"two checks are called {id}")
+        if not rule or not source:
+            raise ValueError(f"{id} needs a rule (its docstring) and a source")
+        if service not in SERVICES or not set(dialects) <= set(DIALECTS):
+            raise ValueError(f"{id}: unknown service {service!r} or dialect among {dialects!r}")
+        _CHECKS[id] = Check(
+            id=id,
+            title=title,
+            rule=rule,
+            source=source,
+            severity=severity,
+            dialects=dialects,
+            service=service,
+            exclusive=exclusive,
+            function=function,
+        )
+        return function
+
+    return register
+
+
+def all_checks() -> tuple[Check, ...]:
+    """Every check of the files in `checks/`, by service and identifier."""
+    from usarsim_conformance import checks as package
+
+    for entry in pkgutil.iter_modules(package.__path__):
+        importlib.import_module(f"{package.__name__}.{entry.name}")
+    return tuple(
+        sorted(_CHECKS.values(), key=lambda check: (SERVICES.index(check.service), check.id))
+    )
+
+
+def select(checks: Iterable[Check], pattern: str | None) -> tuple[Check, ...]:
+    """Those whose identifier a pattern fits.
+
+    Args:
+        checks: to choose from.
+        pattern: with `*` and `?`; several with commas between them. A plain word fits wherever it
+            stands in the identifier. None fits all.
+    """
+    if pattern is None:
+        return tuple(checks)
+    words = [word.strip() for word in pattern.split(",") if word.strip()]
+    globs = [word if any(sign in word for sign in "*?[") else f"*{word}*" for word in words]
+    return tuple(
+        check for check in checks if any(fnmatch.fnmatchcase(check.id, glob) for glob in globs)
+    )

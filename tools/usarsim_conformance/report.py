@@ -1,0 +1,152 @@
+"""The outcome of a run, and its form as JSON."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from datetime import datetime
+from typing import Any
+
+from usarsim_conformance.registry import Check
+from usarsim_conformance.verdicts import Result, Severity, Verdict
+
+__all__ = ["Report", "Rule", "as_json", "from_json"]
+
+_FORMAT = 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rule:
+    """What a report says of a check itself."""
+
+    id: str
+    title: str
+    rule: str
+    source: str
+    severity: Severity
+    service: str
+
+    @classmethod
+    def of(cls, check: Check) -> Rule:
+        """The rule of a check."""
+        return cls(
+            id=check.id,
+            title=check.title,
+            rule=check.rule,
+            source=check.source,
+            severity=check.severity,
+            service=check.service,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Report:
+    """Everything one run found.
+
+    Attributes:
+        name: of the server, for comparisons.
+        server: facts about it, for people.
+        taken: when the run began, UTC.
+        seconds: of wall time that it took.
+        dialects: that were judged, in order.
+        rules: all that were judged, in order.
+        results: one for each check and dialect, in order.
+    """
+
+    name: str
+    server: Mapping[str, str]
+    taken: datetime
+    seconds: float
+    dialects: tuple[str, ...]
+    rules: tuple[Rule, ...]
+    results: tuple[Result, ...]
+
+    def count(self, verdict: Verdict, severity: Severity | None = None) -> int:
+        """Number of results with a verdict, of rules of one severity if given."""
+        severities = {rule.id: rule.severity for rule in self.rules}
+        return sum(
+            result.verdict is verdict and severity in (None, severities[result.check])
+            for result in self.results
+        )
+
+    @property
+    def conforms(self) -> bool:
+        """Whether no rule that must be kept was found broken."""
+        return self.count(Verdict.FAIL, Severity.MUST) == 0
+
+    @property
+    def counts(self) -> Counter[Verdict]:
+        """Number of results by verdict."""
+        return Counter(result.verdict for result in self.results)
+
+    def of(self, check: str, dialect: str) -> Result | None:
+        """The result of a check in a dialect."""
+        return next(
+            (one for one in self.results if one.check == check and one.dialect == dialect), None
+        )
+
+    def rule(self, check: str) -> Rule:
+        """The rule of a check."""
+        return next(rule for rule in self.rules if rule.id == check)
+
+
+def as_json(report: Report) -> str:
+    """The report as JSON; `from_json` reads it."""
+    data = {
+        "format": _FORMAT,
+        "name": report.name,
+        "server": dict(report.server),
+        "taken": report.taken.isoformat(),
+        "seconds": round(report.seconds, 1),
+        "conforms": report.conforms,
+        "counts": {verdict.value: report.counts[verdict] for verdict in Verdict},
+        "dialects": list(report.dialects),
+        "rules": [{**asdict(rule), "severity": rule.severity.value} for rule in report.rules],
+        "results": [
+            {
+                **asdict(result),
+                "verdict": result.verdict.value,
+                "seconds": round(result.seconds, 3),
+            }
+            for result in report.results
+        ],
+    }
+    return json.dumps(data, indent=1) + "\n"
+
+
+def from_json(text: str) -> Report:
+    """The report that `as_json` wrote.
+
+    Raises:
+        ValueError: if it is none; says what is missing.
+    """
+    try:
+        data: dict[str, Any] = json.loads(text)
+        if data["format"] != _FORMAT:
+            raise ValueError(f"format {data['format']!r}, not {_FORMAT}")
+        return Report(
+            name=str(data["name"]),
+            server={str(key): str(value) for key, value in data["server"].items()},
+            taken=datetime.fromisoformat(data["taken"]),
+            seconds=float(data["seconds"]),
+            dialects=tuple(map(str, data["dialects"])),
+            rules=tuple(
+                Rule(**{**rule, "severity": Severity(rule["severity"])}) for rule in data["rules"]
+            ),
+            results=tuple(
+                Result(
+                    **{
+                        **result,
+                        "verdict": Verdict(result["verdict"]),
+                        "transcript": tuple(result["transcript"]),
+                    }
+                )
+                for result in data["results"]
+            ),
+        )
+    except KeyError as error:
+        raise ValueError(f"there is no {error} in it") from None
+    except (TypeError, AttributeError) as error:
+        raise ValueError(f"it has another shape ({error})") from None

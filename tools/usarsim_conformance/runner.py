@@ -1,0 +1,175 @@
+"""Runs checks against a server, many at a time where their rules allow it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+
+from usarsim_conformance.case import Case, Run
+from usarsim_conformance.clock import HANGS, SimulatedClock, Stalled
+from usarsim_conformance.places import LEAVES, Places
+from usarsim_conformance.registry import Check
+from usarsim_conformance.report import Report, Rule
+from usarsim_conformance.survey import Survey, Target, survey
+from usarsim_conformance.transcript import Transcript
+from usarsim_conformance.verdicts import Failed, Inconclusive, NotApplicable, Result, Verdict
+
+__all__ = ["Progress", "judge", "judge_all"]
+
+_PARALLEL = 8
+"""Checks at a time."""
+_ROBOTS = 14
+"""Robots at a time; with the one that tells the time, and one that is leaving, they fit a small
+server of 16."""
+_GIVES_UP = 600.0
+"""s of wall time after which a check counts as hanging."""
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """Told after every check.
+
+    Attributes:
+        done: checks judged.
+        total: checks to judge in all.
+        check: the one just judged.
+        result: its result.
+    """
+
+    done: int
+    total: int
+    check: Check
+    result: Result
+
+
+def _silent(progress: Progress) -> None:
+    """Says nothing."""
+
+
+async def judge_all(
+    target: Target,
+    checks: Sequence[Check],
+    *,
+    name: str = "",
+    tell: Callable[[Progress], None] = _silent,
+    parallel: int = _PARALLEL,
+    hangs: float = HANGS,
+    gives_up: float = _GIVES_UP,
+) -> Report:
+    """Judge a server by checks.
+
+    Args:
+        target: the server.
+        checks: from `registry.all_checks`.
+        name: of the server in the report; its address by default.
+        tell: what is told after every check.
+        parallel: checks at a time.
+        hangs: s of wall time without news of simulated time after which the server hangs.
+        gives_up: s of wall time after which a check hangs.
+
+    Raises:
+        Failed: if its control port cannot be reached at all.
+    """
+    begun, taken = time.monotonic(), datetime.now(UTC)
+    clock = SimulatedClock(hangs)
+    try:
+        found = await survey(target, Transcript(), clock)
+        places = found.places[:_ROBOTS]
+        run = Run(target, found, clock, Places(places, clock))
+        jobs = _jobs(checks, found)
+        results: dict[tuple[str, str], Result] = {}
+
+        async def work(check: Check, dialect: str, slots: asyncio.Semaphore) -> None:
+            await slots.acquire()
+            result = await judge(replace(run, slots=slots), check, dialect, gives_up)
+            results[check.id, dialect] = result
+            tell(Progress(len(results), len(jobs), check, result))
+
+        together = [job for job in jobs if not job[0].exclusive]
+        alone = [job for job in jobs if job[0].exclusive]
+        # A check may take two places: with one more than there are checks, none waits for ever.
+        workers = max(1, min(parallel, len(places) - 1))
+        for group, count in ((together, workers), (alone, 1)):
+            slots = asyncio.Semaphore(count)
+            async with asyncio.TaskGroup() as tasks:
+                for check, dialect in group:
+                    tasks.create_task(work(check, dialect, slots))
+            if group is together and alone:
+                with contextlib.suppress(Stalled):
+                    await clock.sleep(LEAVES)
+    finally:
+        await clock.close()
+    return Report(
+        name=name or f"{target.host}:{target.ports['control']}",
+        server=_facts(target, found),
+        taken=taken,
+        seconds=time.monotonic() - begun,
+        dialects=tuple(found.dialects),
+        rules=tuple(Rule.of(check) for check in checks),
+        results=tuple(results[check.id, dialect] for check, dialect in jobs),
+    )
+
+
+async def judge(run: Run, check: Check, dialect: str, gives_up: float = _GIVES_UP) -> Result:
+    """Run one check; whatever goes wrong in it becomes a result."""
+    begun = time.monotonic()
+    case = Case(run, dialect or run.survey.native)
+    verdict, reason = Verdict.PASS, ""
+    if check.service not in run.target.ports:
+        verdict, reason = Verdict.NOT_APPLICABLE, f"no port of {check.service} was named"
+    else:
+        try:
+            async with asyncio.timeout(gives_up):
+                await check.function(case)
+        except NotApplicable as error:
+            verdict, reason = Verdict.NOT_APPLICABLE, str(error)
+        except Inconclusive as error:
+            verdict, reason = Verdict.INCONCLUSIVE, str(error)
+        except Failed as error:
+            verdict, reason = Verdict.FAIL, str(error)
+        except TimeoutError:
+            verdict, reason = Verdict.INCONCLUSIVE, f"not judged within {gives_up:g} s"
+        except Exception:
+            # A defect of the check, perhaps brought to light by what the server sent.
+            verdict = Verdict.INCONCLUSIVE
+            reason = "the check broke: " + traceback.format_exc(limit=-2).strip()
+        finally:
+            case.release()
+    case.leave_slot()
+    return Result(
+        check=check.id,
+        dialect=dialect,
+        verdict=verdict,
+        reason=reason,
+        seconds=time.monotonic() - begun,
+        transcript=() if verdict is Verdict.PASS else case.entries(),
+    )
+
+
+def _jobs(checks: Sequence[Check], found: Survey) -> list[tuple[Check, str]]:
+    """Every check with each dialect in which it has to run; an empty one for "once"."""
+    return [
+        (check, dialect)
+        for check in checks
+        for dialect in (
+            [name for name in found.dialects if name in check.dialects] if check.dialects else [""]
+        )
+    ]
+
+
+def _facts(target: Target, found: Survey) -> dict[str, str]:
+    return {
+        "address": f"{target.host}:{target.ports['control']}",
+        "services": ", ".join(f"{name} {port}" for name, port in target.ports.items()),
+        "greeting": found.greeting.text if found.greeting is not None else "none",
+        "robot": found.robot or "none could be spawned",
+        "dialect by itself": found.native or "unknown",
+        "dialects judged": ", ".join(found.dialects),
+        "start places used": str(len(found.places)),
+        "time": "simulated, as a robot told it" if found.timed else "of the wall",
+    }

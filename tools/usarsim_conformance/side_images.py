@@ -1,0 +1,385 @@
+"""A client of the image stream, written for this kit alone (side channels reference 2)."""
+
+from __future__ import annotations
+
+import io
+import re
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from usarsim_conformance.case import Case
+from usarsim_conformance.control import Robot
+from usarsim_conformance.lines import Line
+from usarsim_conformance.places import Place
+from usarsim_conformance.verdicts import Failed, Inconclusive, NotApplicable
+from usarsim_conformance.wire import Wire
+
+__all__ = [
+    "FRAME_WITHIN",
+    "OK",
+    "CameraRobot",
+    "Facts",
+    "Frame",
+    "ImageClient",
+    "Tile",
+    "camera_robot",
+    "facts_of",
+    "rectangle",
+    "tiles_of",
+]
+
+OK = b"OK"
+"""The request for the full frame."""
+
+FRAME_WITHIN = 60.0
+"""s of simulated time for a frame; a server that draws without a graphics card may need long."""
+
+_HEADER = struct.Struct(">BI")
+_SIDES = struct.Struct(">HH")
+_LARGEST = 1 << 28
+"""Bytes; no real frame is larger, but a length read in the wrong byte order is."""
+
+Pixels = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One reply.
+
+    Attributes:
+        kind: the type byte.
+        payload: what follows the header.
+    """
+
+    kind: int
+    payload: bytes
+
+    @property
+    def raw(self) -> bool:
+        """Whether the type byte says that pixels follow, not a JPEG picture."""
+        return self.kind == 0
+
+    @property
+    def empty(self) -> bool:
+        """Whether it is the answer to a rectangle that does not exist."""
+        return self.payload in (b"", bytes(4))
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height, pixels.
+
+        Raises:
+            Failed: if the payload is no picture.
+        """
+        if self.empty:
+            return 0, 0
+        if not self.raw:
+            height, width = self.pixels.shape[:2]
+            return width, height
+        if len(self.payload) < _SIDES.size:
+            raise Failed(f"a raw payload of {len(self.payload)} bytes has no width and height")
+        width, height = _SIDES.unpack_from(self.payload)
+        return width, height
+
+    @cached_property
+    def pixels(self) -> Pixels:
+        """(height, width, 3), red first, top row first.
+
+        Raises:
+            Failed: if the payload is no picture.
+        """
+        if not self.raw:
+            return _decoded(self.payload)
+        width, height = self.size
+        row = row_length(width)
+        if len(self.payload) != _SIDES.size + height * row:
+            raise Failed(
+                f"{len(self.payload)} bytes are no raw picture of {width} x {height} pixels, "
+                f"which has {_SIDES.size + height * row}"
+            )
+        rows = np.frombuffer(self.payload, np.uint8, offset=_SIDES.size).reshape(height, row)
+        return rows[:, : 3 * width].reshape(height, width, 3)[:, :, ::-1]
+
+
+def row_length(width: int) -> int:
+    """Bytes of a raw row: three per pixel, then up to a multiple of four (2.4)."""
+    return -(-3 * width // 4) * 4
+
+
+def rectangle(x: int, y: int, width: int, height: int) -> bytes:
+    """The request for a part of the frame, pixels."""
+    return b"U" + struct.pack(">4I", x, y, width, height)
+
+
+_MARKED = (9, 7)
+"""Pixels of a picture that no check asks for: its answer marks a place in the stream of answers."""
+_MARK = rectangle(0, 0, *_MARKED)
+_LOOKS = 3
+
+
+def _decoded(data: bytes) -> Pixels:
+    try:
+        with Image.open(io.BytesIO(data)) as picture:
+            return np.asarray(picture.convert("RGB"))
+    except (OSError, SyntaxError, ValueError) as error:
+        raise Failed(f"{len(data)} bytes of payload are no JPEG picture: {error}") from None
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """What kind of stream it is.
+
+    Attributes:
+        pushes: whether a picture comes before the first request (legacy mode, 2.8).
+        marks: whether rectangles are answered, so that one can mark where answers begin.
+        kind: the type byte.
+        width: of the full frame, pixels. height: likewise.
+    """
+
+    pushes: bool
+    marks: bool
+    kind: int
+    width: int
+    height: int
+
+
+class ImageClient:
+    """A client without narrow habits.
+
+    Attributes:
+        facts: about the stream.
+        wire: the connection.
+    """
+
+    def __init__(self, wire: Wire, facts: Facts) -> None:
+        self.wire = wire
+        self.facts = facts
+
+    @classmethod
+    async def open(cls, case: Case) -> ImageClient:
+        """Connect; pictures that nobody asked for are read and dropped.
+
+        Legacy mode sends one at once; others send one to clients that seem to say nothing, and the
+        kit may be slow. What follows the answer to the first request was asked for.
+        """
+        facts = await facts_of(case)
+        client = cls(await case.open("images"), facts)
+        if facts.marks:
+            await client.send(_MARK)
+            await _up_to_mark(client.wire)
+        elif facts.pushes:
+            await client.frame()
+        return client
+
+    async def send(self, data: bytes) -> None:
+        """Send bytes."""
+        await self.wire.send(data)
+
+    async def frame(self, within: float | None = None) -> Frame:
+        """The next reply.
+
+        Raises:
+            Failed: if it does not come whole in time.
+        """
+        return await read_frame(self.wire, within)
+
+    async def ask(self, request: bytes = OK, within: float | None = None) -> Frame:
+        """Send a request and read its reply."""
+        await self.send(request)
+        return await self.frame(within)
+
+    async def silent(self, seconds: float, after: str) -> None:
+        """Fail if anything comes within a time.
+
+        Args:
+            seconds: of simulated time.
+            after: what came before, for the report.
+        """
+        data = await self.wire.silence(seconds)
+        if data:
+            raise Failed(f"{len(data)} bytes came after {after}, beginning {data[:12].hex(' ')}")
+
+
+async def read_frame(wire: Wire, within: float | None = None) -> Frame:
+    """The next reply on a connection."""
+    within = FRAME_WITHIN if within is None else within
+    kind, length = _HEADER.unpack(await wire.read_exactly(_HEADER.size, within))
+    if length > _LARGEST:
+        raise Failed(f"the header names {length} bytes of payload; is its length big-endian?")
+    return Frame(kind, await wire.read_exactly(length, within))
+
+
+async def facts_of(case: Case) -> Facts:
+    """What kind of stream it is, found out once per run."""
+    own = case.transcript
+    try:
+        return await case.shared("the image stream", _look, dialect="")
+    except Inconclusive as error:
+        # Nothing can be said of a stream that has no frames, but that it breaks the rules.
+        raise Failed(str(error)) from None
+    finally:
+        case.transcript = own
+
+
+async def _look(case: Case) -> Facts:
+    unasked = []
+    for _ in range(_LOOKS):
+        wire = await case.open("images")
+        await wire.send(OK + _MARK)
+        try:
+            unasked.append(len(await _up_to_mark(wire, FRAME_WITHIN / 3.0)) - 1)
+        except Failed:
+            return await _look_without_mark(case)
+        if unasked[-1] <= 0:
+            break  # legacy mode sends one every time, others only if the kit is slow
+    await wire.send(OK)
+    frame = await read_frame(wire)
+    width, height = frame.size
+    return Facts(min(unasked) > 0, True, frame.kind, width, height)
+
+
+async def _look_without_mark(case: Case) -> Facts:
+    wire = await case.open("images")
+    pushes = bool(await wire.silence(1.0))
+    if pushes:
+        frame = await read_frame(await case.open("images"))
+    else:
+        await wire.send(OK)
+        try:
+            frame = await read_frame(wire, FRAME_WITHIN / 3.0)
+        except Failed:
+            # One server in the field wants a line end; a check says so, the others go on.
+            await wire.send(b"\r\n")
+            frame = await read_frame(wire)
+    width, height = frame.size
+    return Facts(pushes, False, frame.kind, width, height)
+
+
+async def _up_to_mark(wire: Wire, within: float | None = None) -> list[Frame]:
+    """Replies before that to the mark."""
+    found: list[Frame] = []
+    while (frame := await read_frame(wire, within)).size != _MARKED:
+        found.append(frame)
+        if len(found) > _LOOKS:
+            raise Failed(f"a rectangle of {_MARKED} pixels was not answered by a picture of them")
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class Tile:
+    """Where a camera is in the full frame, as CONF tells (2.10); pixels and degrees."""
+
+    name: str
+    x: int
+    y: int
+    width: int
+    height: int
+    default_fov: float
+    least_fov: float
+    most_fov: float
+    fov: float
+
+    @property
+    def request(self) -> bytes:
+        """The request for its picture."""
+        return rectangle(self.x, self.y, self.width, self.height)
+
+    def cut(self, pixels: Pixels) -> Pixels:
+        """Its part of a full frame."""
+        return pixels[self.y : self.y + self.height, self.x : self.x + self.width]
+
+
+_TILE = re.compile(
+    r"\{Name ([^{}]*)\}\s*"
+    + r"\s*".join(rf"\{{Texture{name} (\d+)\}}" for name in ("OffsetX", "OffsetY", "ResolutionX"))
+    + r"\s*\{TextureResolutionY (\d+)\}"
+    + "".join(rf"\s*\{{Camera{name}Fov ([\d.]+)\}}" for name in ("Def", "Min", "Max", ""))
+)
+
+
+def tiles_of(text: str) -> list[Tile]:
+    """Tiles that a CONF of cameras names."""
+    return [
+        Tile(name, *(int(word) for word in words[:4]), *(float(word) for word in words[4:]))
+        for name, *words in _TILE.findall(text)
+    ]
+
+
+@dataclass
+class CameraRobot:
+    """A robot with a camera.
+
+    Attributes:
+        robot: the robot.
+        tiles: of its cameras.
+        conf: the line that told them.
+    """
+
+    robot: Robot
+    tiles: list[Tile]
+    conf: str
+
+    @property
+    def tile(self) -> Tile:
+        """Of its first camera."""
+        return self.tiles[0]
+
+
+async def ask_conf(robot: Robot, extra: str = "") -> str:
+    """The answer to GETCONF of cameras; empty if the robot has none.
+
+    Raises:
+        Failed: if it has one, by what it has said unasked, and does not answer.
+    """
+    client, camera = robot.client, "CONF {Type Camera}"
+    command = f"GETCONF {{Type Camera}}{extra}"
+    known = any(line.text.startswith(camera) for line in client.lines)
+    # Nothing is said of what is not there: the question behind it tells that it is not.
+    await robot.send(command, "GETSTARTPOSES")
+    found = ""
+    while not (line := await client.wait(_told(camera), what=command)).text.startswith("NFO"):
+        found = found or line.text
+    if known and not found:
+        raise Failed(f"{command} was not answered, although there is a camera")
+    return found
+
+
+def _told(camera: str) -> Callable[[Line], bool]:
+    return lambda line: line.text.startswith((camera, "NFO {StartPoses"))
+
+
+async def camera_robot(case: Case, class_name: str = "", place: Place | None = None) -> CameraRobot:
+    """A robot whose camera has a tile.
+
+    Args:
+        case: the check.
+        class_name: class; that of most checks by default.
+        place: where; a free one by default.
+
+    Raises:
+        NotApplicable: if robots have no cameras, or CONF names no tiles.
+    """
+    try:
+        # Tiles are told in this dialect only; a legacy server passes the segment over.
+        segment = case.survey.dialects.get("udk", "")
+        robot = await case.spawn(class_name=class_name, place=place, extra=segment)
+    except Inconclusive:
+        if class_name:
+            raise NotApplicable(f"no {class_name} can be spawned") from None
+        raise
+    conf = await ask_conf(robot)
+    if not conf:
+        raise NotApplicable(f"{robot.class_name} has no camera; name another class with --robot")
+    tiles = tiles_of(conf)
+    if not tiles:
+        raise NotApplicable(f"CONF names no tiles: {conf[:120]}")
+    if not class_name and case.clock.followed and (tiles[0].x, tiles[0].y) == (0, 0):
+        # That is the tile of the robot that tells the time, which has a camera as well.
+        raise Inconclusive("the robot has no tile of its own: they may have run out")
+    return CameraRobot(robot, tiles, conf)

@@ -1,0 +1,288 @@
+"""Clients of the side channels that talk in lines: ground truth, wireless simulation, USARTruth."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import re
+from dataclasses import dataclass
+from typing import Self
+
+from usarsim_conformance.case import PATIENCE, Case
+from usarsim_conformance.control import Robot
+from usarsim_conformance.verdicts import Failed, Inconclusive, NotApplicable
+from usarsim_conformance.wire import Hangup, Wire
+
+__all__ = ["STATION", "Guest", "LineClient", "Peer", "Radio", "split_reply", "static_station"]
+
+STATION = "ComStation"
+"""Class of the static communication station (side channels reference 4.4)."""
+
+WITHIN = 10.0
+"""s of simulated time for a line."""
+CARRIES = 30.0
+"""s of simulated time for what a relay has to carry."""
+LEAVES = 6.0
+"""s of simulated time until a hangup, or a robot that left, must be known everywhere; the original
+looks once per second (side channels reference 4.6)."""
+
+
+def split_reply(line: str) -> tuple[str, list[dict[str, str]]]:
+    """Type and groups of a reply, as the splitter of the wireless program finds them.
+
+    One blank and a brace behind the type; exactly one character between groups; words inside a
+    group parted by single blanks, taken in pairs. Whatever stands behind the first surprise is
+    lost (side channels reference 3.4).
+    """
+    kind, blank, rest = line.partition(" ")
+    groups: list[dict[str, str]] = []
+    while blank and rest.startswith("{"):
+        inner, brace, rest = rest[1:].partition("}")
+        words = inner.split(" ")
+        if not brace or len(words) % 2:
+            break
+        groups.append(dict(zip(words[0::2], words[1::2], strict=True)))
+        rest = rest[1:]
+    return kind, groups
+
+
+class LineClient:
+    """A connection on which lines end with CR LF.
+
+    Attributes:
+        wire: the connection.
+    """
+
+    def __init__(self, wire: Wire) -> None:
+        self.wire = wire
+
+    @classmethod
+    async def open(cls, case: Case, service: str, label: str = "") -> LineClient:
+        """Connect to a service."""
+        return cls(await case.open(service, label))
+
+    async def send(self, text: str, end: str = "\r\n") -> None:
+        """Send a line."""
+        await self.wire.send((text + end).encode("latin-1"))
+
+    async def line(self, within: float | None = None) -> str:
+        """The next line without its CR LF.
+
+        Raises:
+            Failed: if none comes in time, or it ends otherwise.
+            Hangup: if the server hung up.
+        """
+        data = await self.wire.read_until(b"\r\n", WITHIN if within is None else within)
+        text = data[:-2].decode("latin-1")
+        if "\n" in text or "\r" in text:
+            raise Failed(f"a line ends without CR LF: {text[:120]!r}")
+        return text
+
+    async def ask(self, text: str, within: float | None = None) -> str:
+        """Send a line and read one."""
+        await self.send(text)
+        return await self.line(within)
+
+    async def expect(self, text: str, wanted: str) -> None:
+        """Fail unless a line is answered by exactly another."""
+        answer = await self.ask(text)
+        if answer != wanted:
+            raise Failed(f"{text!r} was answered by {answer!r}, not by {wanted!r}")
+
+    async def silent(self, seconds: float, after: str) -> None:
+        """Fail if anything comes within a time, or the server hangs up."""
+        data = await self.wire.silence(seconds)
+        if data:
+            raise Failed(f"{data[:120]!r} came after {after}")
+
+
+async def static_station(case: Case, location: tuple[float, ...] | None = None) -> Robot:
+    """A communication station, at a free place or at coordinates beside one.
+
+    Raises:
+        NotApplicable: if the server has none.
+    """
+    try:
+        if location is None:
+            return await case.spawn(class_name=STATION)
+        place = await case.place()
+        text = ",".join(f"{value:.6f}" for value in location)
+        name = case.new_name()
+        client = await case.connect()
+        await client.send(
+            f"INIT {{ClassName USARBot.{STATION}}} {{Name {name}}} {{Location {text}}}"
+        )
+        first = await client.maybe("STA", PATIENCE)
+    except Inconclusive:
+        first = None
+    if first is None:
+        raise NotApplicable(f"no {STATION} can be spawned")
+    return Robot(client, name, STATION, place, first)
+
+
+_PORT = re.compile(r"\{Port (-?\d+)\}")
+
+
+@dataclass
+class Guest:
+    """A connection that the wireless simulation made to a robot."""
+
+    wire: Wire
+    writer: asyncio.StreamWriter
+
+    @property
+    def peer_port(self) -> int:
+        """Port of the other end."""
+        return int(self.writer.get_extra_info("peername")[1])
+
+    async def read(self, count: int) -> bytes:
+        """So many bytes, or fewer at the end of the stream or of the time."""
+        data, moment = b"", self.wire.clock.after(CARRIES)
+        with contextlib.suppress(Hangup):
+            while len(data) < count and (part := await self.wire.read_by(moment)):
+                data += part
+        return data
+
+    async def hung_up(self) -> bool:
+        """Whether the connection ends in time."""
+        return await self.wire.hung_up(LEAVES)
+
+
+class Peer:
+    """A robot in the simulator that listens for connections which the server makes.
+
+    Attributes:
+        robot: in the simulator.
+        name: of it.
+        wire: its connection to the service.
+        port: that it listens on.
+        guests: connections that the server has made.
+    """
+
+    def __init__(self, case: Case, robot: Robot, wire: Wire, server: asyncio.Server) -> None:
+        self._case = case
+        self.robot = robot
+        self.name = robot.name
+        self.wire = wire
+        self._server = server
+        self.port = int(server.sockets[0].getsockname()[1])
+        self.guests: asyncio.Queue[Guest] = asyncio.Queue()
+        self._open: list[asyncio.StreamWriter] = []
+
+    @classmethod
+    async def arrive(cls, case: Case, service: str) -> Self:
+        """Connect to a service, spawn a robot, listen; `close` it, or use it in `async with`."""
+        wire = await case.open(service)
+        robot = await case.spawn()
+        made: list[Self] = []
+
+        async def take(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            made[0]._open.append(writer)
+            guest = Wire(reader, writer, case.transcript, "guest", case.clock)
+            made[0].guests.put_nowait(Guest(guest, writer))
+
+        server = await asyncio.start_server(take, wire.local_address, 0)
+        made.append(cls(case, robot, wire, server))
+        return made[0]
+
+    async def guest(self) -> Guest:
+        """The next connection that the server makes.
+
+        Raises:
+            Failed: if none comes in time.
+        """
+        coming = asyncio.create_task(self.guests.get())
+        clock = self._case.clock
+        if await clock.wait(coming, clock.after(WITHIN)):
+            return coming.result()
+        coming.cancel()
+        raise Failed(f"the server did not connect to port {self.port} of {self.name}")
+
+    def deaf(self) -> None:
+        """Stop listening."""
+        self._server.close()
+
+    def close(self) -> None:
+        """Hang up everything."""
+        self._server.close()
+        for writer in self._open:
+            writer.close()
+        self.wire.close()
+
+    async def __aenter__(self) -> Self:
+        """Use as a context manager."""
+        return self
+
+    async def __aexit__(self, *ignored: object) -> None:
+        self.close()
+
+
+class Radio(Peer):
+    """A robot in the simulator that is registered with the wireless simulation.
+
+    Attributes:
+        client: its connection to the wireless simulation.
+    """
+
+    def __init__(self, case: Case, robot: Robot, wire: Wire, server: asyncio.Server) -> None:
+        super().__init__(case, robot, wire, server)
+        self.client = LineClient(wire)
+        self._calls: list[Wire] = []
+
+    @classmethod
+    async def make(cls, case: Case, *, register: bool = True) -> Radio:
+        """Spawn a robot, listen, and register."""
+        radio = await cls.arrive(case, "wireless")
+        if register:
+            await radio.register()
+        return radio
+
+    async def register(self) -> None:
+        """Send INIT.
+
+        Raises:
+            Failed: if it is refused.
+        """
+        await self.client.expect(
+            f"INIT {{Robot {self.name}}} {{Port {self.port}}}", "INITREPLY {Status OK}"
+        )
+
+    async def road(self, other: Radio, extra: str = "") -> int:
+        """Port of the wireless simulation that leads to another robot.
+
+        Raises:
+            Failed: if none is told.
+        """
+        answer = await self.client.ask(f"DNS {{Robot {other.name}}}{extra}")
+        found = _PORT.search(answer)
+        if not answer.startswith(f"DNSREPLY {{Robot {other.name}}} {{Port ") or found is None:
+            raise Failed(f"no DNSREPLY with a port: {answer!r}")
+        if int(found[1]) <= 0:
+            raise Inconclusive(f"the robots are out of reach of each other: {answer!r}")
+        return int(found[1])
+
+    async def call(self, other: Radio) -> tuple[Wire, Guest]:
+        """Connect to another robot: the ends of both.
+
+        Raises:
+            Failed: if the other end gets no connection.
+        """
+        port = await self.road(other)
+        return await self.dial(port), await other.guest()
+
+    async def dial(self, port: int) -> Wire:
+        """Connect to a port of the wireless simulation.
+
+        Raises:
+            Failed: if nobody accepts.
+        """
+        case = self._case
+        wire = await Wire.open(case.target.host, port, case.transcript, "relay", case.clock)
+        self._calls.append(wire)
+        return wire
+
+    def close(self) -> None:
+        """Hang up everything."""
+        super().close()
+        for wire in (*self._calls, self.client.wire):
+            wire.close()

@@ -1,0 +1,351 @@
+"""A robot that stands still while a world controller puts a wall here and there, and the geometry.
+
+The wall is a scaled box; where it really is, the server tells (GetSTA). The robot stands where its
+INIT said. So every range follows from numbers on the wire: the place of the wall, that of the
+sensor (GEO), its beams and limits (CONF).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from usarsim_conformance.case import Case
+from usarsim_conformance.control import ControlClient, Robot
+from usarsim_conformance.excursions import Equipment, Mount, Track, equipment, open_floor, spawn_far
+from usarsim_conformance.lines import Line
+from usarsim_conformance.places import Place
+
+__all__ = [
+    "Builder",
+    "Scene",
+    "Surrounded",
+    "Vector",
+    "Wall",
+    "among_walls",
+    "controller",
+    "settled",
+    "turned_by",
+]
+
+Vector = tuple[float, float, float]
+
+_YAW = 0.6
+"""rad; a heading that no mistake about axes leaves as it is."""
+_THICK = 0.1
+_HIGH = 1.0
+"""m, size of walls."""
+_SETTLE = 0.45
+"""s of reports after a wall has moved: each sensor has looked again."""
+_LONG = 2.2
+"""s of reports in scenes for sensors that look about for a while, or on demand."""
+_LATE = 0.25
+"""s of simulated time by which reports may be late."""
+_BUILT = 60.0
+"""s of simulated time in which a world controller's wall stands, or never does."""
+_NARROW = 0.25
+_STEP = math.radians(5.0)
+_CIRCLE = 2.0
+"""m from the robot to the wall that goes round it."""
+_FAR = 45.0
+"""m; ranges beyond are not tried."""
+
+
+def turned_by(angles: Sequence[float], vector: Sequence[float]) -> Vector:
+    """A vector of a body's frame in the frame outside, Rz(yaw) Ry(pitch) Rx(roll) (protocol
+    reference 2.5)."""
+    roll, pitch, yaw = angles
+    x, y, z = vector
+    y, z = y * math.cos(roll) - z * math.sin(roll), y * math.sin(roll) + z * math.cos(roll)
+    x, z = x * math.cos(pitch) + z * math.sin(pitch), z * math.cos(pitch) - x * math.sin(pitch)
+    x, y = x * math.cos(yaw) - y * math.sin(yaw), x * math.sin(yaw) + y * math.cos(yaw)
+    return x, y, z
+
+
+@dataclass(frozen=True, slots=True)
+class Wall:
+    """The face of a wall, in the robot's frame.
+
+    Attributes:
+        bearing: of its normal, rad clockwise from ahead.
+        distance: of its plane from the robot's reference point, m.
+        left, right: its ends, m to the right of where the normal meets it.
+        top, bottom: z, m, down positive.
+    """
+
+    bearing: float
+    distance: float
+    left: float
+    right: float
+    top: float
+    bottom: float
+
+    def along(self, start: Vector, way: Vector) -> tuple[float, float]:
+        """Where a ray meets the wall: m along it, inf for a miss, and m between there and the
+        nearest edge, or by how much it misses; inf if it goes away from the wall."""
+        cos, sin = math.cos(self.bearing), math.sin(self.bearing)
+        speed = cos * way[0] + sin * way[1]
+        if speed < 0.05:
+            return math.inf, math.inf
+        length = (self.distance - cos * start[0] - sin * start[1]) / speed
+        if length < 0.0:
+            return math.inf, math.inf
+        margin = self.margin(tuple(a + length * b for a, b in zip(start, way, strict=True)))
+        return (length, margin) if margin > 0.0 else (math.inf, -margin)
+
+    def margin(self, point: Sequence[float]) -> float:
+        """m from a point of the wall's plane to the nearest edge, negative outside."""
+        across = -math.sin(self.bearing) * point[0] + math.cos(self.bearing) * point[1]
+        return min(
+            across - self.left, self.right - across, point[2] - self.top, self.bottom - point[2]
+        )
+
+    def off(self, point: Sequence[float]) -> float:
+        """m from the wall's plane to a point, positive beyond it."""
+        return math.cos(self.bearing) * point[0] + math.sin(self.bearing) * point[1] - self.distance
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What was said while a wall stood somewhere.
+
+    Attributes:
+        name: of the scene.
+        wall: where it stood; None for open floor.
+        place: the wall's middle in the world; x, y, z, yaw.
+        track: what the robot said.
+    """
+
+    name: str
+    wall: Wall | None
+    place: tuple[float, ...]
+    track: Track
+
+
+@dataclass(frozen=True)
+class Surrounded:
+    """A robot among walls.
+
+    Attributes:
+        equipment: of its class.
+        place: of the robot.
+        height: z of its reference point in the world.
+        wall_name: of the wall.
+        scenes: `open` floor; a wall `ahead`, `half` of it on the left, a `low` one, `right`,
+            `behind`, `left`, a `narrow` one all around, `far` ones near the ends of ranges.
+    """
+
+    equipment: Equipment
+    place: Place
+    height: float
+    wall_name: str
+    scenes: tuple[Scene, ...]
+
+    def of(self, *names: str) -> list[Scene]:
+        """Scenes of these names; all without one."""
+        return [scene for scene in self.scenes if not names or scene.name in names]
+
+    def mounts(self, type: str) -> dict[str, Mount]:
+        """Sensors of a type that sit on the body."""
+        return self.equipment.on_body(type)
+
+    def inside(self, point: Sequence[float]) -> Vector:
+        """A point of the world in the robot's frame."""
+        x, y = (point[n] - self.place.location[n] for n in (0, 1))
+        cos, sin = math.cos(_YAW), math.sin(_YAW)
+        return cos * x + sin * y, cos * y - sin * x, point[2] - self.height
+
+
+async def controller(case: Case) -> ControlClient:
+    """A connection that is a world controller.
+
+    Raises:
+        NotApplicable: if the server has none.
+    """
+    client = await case.connect()
+    name = case.new_name()
+    await client.send(f"INIT {{ClassName USARBot.WorldController}} {{Name {name}}}")
+    await client.send("CONTROL {Type GetSTA} {Name NoSuchObject}")
+    if await client.maybe(lambda line: line.head == "STA") is None:
+        case.skip("the server has no world controller")
+    return client
+
+
+class Builder:
+    """Puts walls about a robot.
+
+    Attributes:
+        name: of the wall that stands.
+    """
+
+    def __init__(self, case: Case, client: ControlClient, base: Place, height: float) -> None:
+        self._case = case
+        self._client = client
+        self._base = base
+        self._height = height
+        self._size: tuple[float, float, float] | None = None
+        self.name = ""
+
+    async def put(
+        self,
+        bearing: float,
+        distance: float,
+        width: float = 3.0,
+        aside: float = 0.0,
+        top: float = -_HIGH,
+        high: float = _HIGH + 0.1,
+    ) -> tuple[Wall, tuple[float, ...]]:
+        """Put a wall; that before it goes, unless it only moves.
+
+        Args:
+            bearing, distance: of its face.
+            width, high: of its face, m.
+            aside: m to the right of where the normal meets it.
+            top: z of its upper edge in the robot's frame.
+
+        Returns:
+            Where its face is, and the place of its middle in the world.
+        """
+        away = distance + _THICK / 2.0
+        ahead = away * math.cos(bearing) - aside * math.sin(bearing)
+        right = away * math.sin(bearing) + aside * math.cos(bearing)
+        place = self._base.moved(ahead, right)
+        spot = (
+            f"{place.location[0]:.4f},{place.location[1]:.4f},{self._height + top + high / 2:.4f}"
+        )
+        pose = f"{{Location {spot}}} {{Rotation 0,0,{self._base.rotation[2] + bearing:.4f}}}"
+        size = (_THICK, width, high)
+        if self.name and size == self._size:
+            await self._client.send(f"CONTROL {{Type AbsMove}} {{Name {self.name}}} {pose}")
+        else:
+            await self.clear()
+            self.name, self._size = self._case.new_name(), size
+            await self._client.send(
+                f"CONTROL {{Type Create}} {{ClassName Cube}} {{Name {self.name}}} {pose}"
+                f" {{Scale {','.join(f'{one:g}' for one in size)}}} {{Physics None}}"
+                " {Permanent true}"
+            )
+        line = await self._client.ask(
+            f"CONTROL {{Type GetSTA}} {{Name {self.name}}}",
+            lambda line: line.head == "STA",
+            _BUILT,
+        )
+        if line.get("Name") != self.name:
+            self._case.skip(f"no wall could be built: {line}")
+        return self._face(line)
+
+    async def clear(self) -> None:
+        """Take the wall away."""
+        if self.name:
+            await self._client.send(f"CONTROL {{Type Kill}} {{Name {self.name}}}")
+            await self._client.send("CONTROL {Type GetSTA} {Name NoSuchObject}")
+            await self._client.maybe(lambda line: line.head == "STA", _BUILT)
+        self.name = ""
+
+    def _face(self, line: Line) -> tuple[Wall, tuple[float, ...]]:
+        x, y, z = line.numbers("Location")
+        deep, wide, high = line.numbers("Size")
+        yaw = line.numbers("Rotation")[2]
+        bearing = math.remainder(yaw - self._base.rotation[2], math.tau)
+        dx, dy = x - self._base.location[0], y - self._base.location[1]
+        distance = math.cos(yaw) * dx + math.sin(yaw) * dy - deep / 2.0
+        across = math.cos(yaw) * dy - math.sin(yaw) * dx
+        z -= self._height
+        wall = Wall(
+            bearing,
+            distance,
+            across - wide / 2.0,
+            across + wide / 2.0,
+            z - high / 2.0,
+            z + high / 2.0,
+        )
+        return wall, (x, y, z + self._height, yaw)
+
+
+async def among_walls(case: Case, class_name: str, round_about: bool = False) -> Surrounded:
+    """A robot of a class among walls.
+
+    Args:
+        case: of the check.
+        class_name: of the robot.
+        round_about: also put a narrow wall all around it, which takes a while.
+
+    Raises:
+        NotApplicable: without a world controller, or open floor.
+    """
+    worn = await equipment(case, class_name)
+
+    async def build(case: Case) -> Surrounded:
+        client = await controller(case)
+        base = open_floor(case)
+        base = Place(None, base.location, (0.0, 0.0, _YAW))
+        robot = await spawn_far(case, class_name, base)
+        height = (await robot.pose()).location[2]
+        builder = Builder(case, client, base, height)
+        scenes = [await _scene(robot, "open", None, ())]
+        if round_about:
+            for step in range(round(math.tau / _STEP)):
+                found = await builder.put(step * _STEP, _CIRCLE, _NARROW)
+                scenes.append(await _scene(robot, "narrow", *found, seconds=0.2))
+        else:
+            scenes += await _about(robot, builder, worn)
+        name = builder.name
+        return Surrounded(worn, base, height, name, tuple(scenes))
+
+    key = "in a circle of walls" if round_about else "among walls"
+    return await case.shared(f"{class_name} {key}", build)
+
+
+async def _about(robot: Robot, builder: Builder, worn: Equipment) -> list[Scene]:
+    imagers = list(worn.mounts("RangeImager"))
+    scenes = []
+
+    async def look(name: str, found: tuple[Wall, tuple[float, ...]], seconds: float) -> None:
+        scenes.append(await _scene(robot, name, *found, seconds=seconds, imagers=imagers))
+
+    for name, bearing in (("right", 0.25), ("behind", 0.5), ("left", -0.25), ("ahead", 0.0)):
+        found = await builder.put(bearing * math.tau, 1.5)
+        await look(name, found, _LONG if name == "ahead" else _SETTLE)
+    await look("near", await builder.put(0.0, 0.40), _SETTLE)
+    await look("half", await builder.put(0.0, 1.5, 3.0, aside=-1.4), _LONG)
+    await look("low", await builder.put(0.0, 1.5, 3.0, top=-0.47, high=0.57), _LONG)
+    limits = {
+        float(item["MaxRange"])
+        for line in worn.conf.values()
+        for item in line.items()
+        if "MaxRange" in item and "HorizontalFOV" not in item
+    }
+    for limit in sorted(limit for limit in limits if 0.5 < limit < _FAR):
+        for share in (0.97, 1.05):
+            # The sensors that have this limit sit within some decimetres of the front.
+            found = await builder.put(0.0, share * limit + 0.25, 4.0)
+            await look("far", found, _SETTLE)
+    return scenes
+
+
+async def _scene(
+    robot: Robot,
+    name: str,
+    wall: Wall | None,
+    place: tuple[float, ...],
+    seconds: float = _SETTLE,
+    imagers: Sequence[str] = (),
+) -> Scene:
+    """What a robot says now that the wall stands."""
+    begun = await settled(robot)
+    first = len(robot.client.lines)
+    await robot.run(_LATE)
+    if seconds > 1.0:
+        for one in imagers:
+            await robot.client.send(f"SET {{Type RangeImager}} {{Name {one}}} {{Opcode SCAN}}")
+    await robot.run(seconds)
+    return Scene(name, wall, place, Track(robot.client.lines[first:]).between(begun, math.inf))
+
+
+async def settled(robot: Robot) -> float:
+    """From which time on reports are of the world as it is now: others may still be on their
+    way, for a server measures first and writes a little later."""
+    await robot.catch_up()
+    told = [line.time for line in robot.client.lines[-60:] if not math.isnan(line.time)]
+    return max(told, default=robot.now) + _LATE

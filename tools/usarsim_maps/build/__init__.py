@@ -1,0 +1,1 @@
+"""A scene becomes a world folder: bodies, contact shapes, lamps, preview."""

@@ -1,0 +1,294 @@
+"""Writes the geometry of a world folder: `scene.xml`, `meshes/`, `solids/`.
+
+Solid pieces are the bulk. MuJoCo adds geoms to one specification in quadratic time, so they go
+into files of a few hundred that the scene attaches to the world body (worlds reference 9.1).
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_maps.build.pieces import BoxPiece, Convex, FieldPiece, HullPiece, Piece
+from usarsim_maps.looks import Look, msh
+from usarsim_maps.names import safe
+from usarsim_maps.textures import Finish
+from usarsim_server.simulation.frames import IDENTITY, Pose
+
+__all__ = ["Emitter", "Lamp", "attributes"]
+
+Array = NDArray[np.float64]
+
+CHUNK = 400
+"""Solid geoms per file."""
+
+SEEN = {"group": 2, "contype": 0, "conaffinity": 0}
+"""Of geoms that are only seen."""
+
+FELT = {"group": 3, "rgba": "0.5 0.6 0.7 1"}
+"""Of geoms that only collide."""
+
+BASE = 1.0
+"""m of solid ground below the lowest point of a height field."""
+
+NEAR = 0.02
+"""m before a camera where nothing is drawn."""
+
+
+def attributes(values: Mapping[str, object]) -> str:
+    """XML attributes with a blank before each; numbers short, None left out."""
+    return "".join(
+        f" {key}={quoteattr(_text(value))}" for key, value in values.items() if value is not None
+    )
+
+
+def _text(value: object) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, float | np.floating):
+        return _number(float(value))
+    if isinstance(value, tuple | list | np.ndarray):
+        return " ".join(_text(item) for item in np.asarray(value, dtype=float).ravel().tolist())
+    return str(value)
+
+
+def _number(value: float) -> str:
+    text = f"{value:.9g}"
+    return "0" if text == "-0" else text
+
+
+def place(pose: Pose) -> dict[str, object]:
+    """`pos` and `quat` of a pose, left out where they change nothing."""
+    found: dict[str, object] = {}
+    if pose.position != IDENTITY.position:
+        found["pos"] = pose.position
+    if pose.quaternion != IDENTITY.quaternion:
+        found["quat"] = pose.quaternion
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class Lamp:
+    """Attributes of a MuJoCo light."""
+
+    values: Mapping[str, object]
+
+
+@dataclass(slots=True)
+class Emitter:
+    """Collects a scene and writes it.
+
+    Attributes:
+        folder: the world folder; exists.
+        finishes: materials by the map's names.
+    """
+
+    folder: Path
+    finishes: Mapping[str, Finish]
+    _assets: list[str] = field(default_factory=list)
+    _world: list[str] = field(default_factory=list)
+    _solids: list[tuple[Convex, Pose, dict[str, object]]] = field(default_factory=list)
+    _meshes: dict[int, list[tuple[str, Array, str]]] = field(default_factory=dict)
+    _keep: list[object] = field(default_factory=list)
+    _fields: dict[int, str] = field(default_factory=dict)
+    _files: int = 0
+    _hulls: int = 0
+
+    # ---- what is seen ----------------------------------------------------------------------
+
+    def mesh_files(self, owner: object, label: str, looks: Iterable[Look]) -> None:
+        """Write the mesh files of something that several things may share.
+
+        Args:
+            owner: `show` names it by this object.
+            label: for file names.
+            looks: one mesh each.
+        """
+        entries = []
+        for look in looks:
+            corners = look.corners.reshape(-1, 3)
+            middle = (corners.min(axis=0) + corners.max(axis=0)) / 2.0
+            self._files += 1
+            file = f"meshes/{self._files:05d}_{safe(label)[:48]}.msh"
+            (self.folder / "meshes").mkdir(exist_ok=True)
+            (self.folder / file).write_bytes(msh(look, middle))
+            name = f"m{self._files}"
+            self._assets.append(f'<mesh name="{name}" file="{file}" inertia="shell"/>')
+            entries.append((name, middle, look.material))
+        self._meshes[id(owner)] = entries
+        self._keep.append(owner)
+
+    def shown(self, owner: object) -> int:
+        """How many meshes `mesh_files` wrote for something."""
+        return len(self._meshes.get(id(owner), ()))
+
+    def show(
+        self,
+        owner: object,
+        pose: Pose,
+        names: Sequence[str | None],
+        materials: Mapping[int, str] | None = None,
+        massless: bool = False,
+    ) -> list[str]:
+        """Geoms for all meshes of something, at a pose; one name each."""
+        lines = []
+        for number, (mesh, middle, material) in enumerate(self._meshes[id(owner)]):
+            material = (materials or {}).get(number, material)
+            x, y, z = middle.tolist()
+            values = {
+                "name": names[number],
+                "type": "mesh",
+                "mesh": mesh,
+                "material": self.finishes[material].name,
+                **place(pose @ Pose((x, y, z))),
+                **SEEN,
+                "mass": 0 if massless else None,
+            }
+            lines.append(f"<geom{attributes(values)}/>")
+        return lines
+
+    def add_world(self, lines: Iterable[str]) -> None:
+        """Lines for the world body."""
+        self._world.extend(lines)
+
+    def add_asset(self, line: str) -> None:
+        """A line for the assets."""
+        self._assets.append(line)
+
+    # ---- what is felt ----------------------------------------------------------------------
+
+    def add_solid(self, piece: Piece, pose: Pose, friction: float, name: str | None) -> None:
+        """A fixed piece; `pose` is that of its frame in the world."""
+        values = {"name": name, "friction": friction, **FELT}
+        if isinstance(piece, FieldPiece):
+            self.add_world([self._field_geom(piece, pose, values)])
+        else:
+            self._solids.append((piece, pose, values))
+
+    def _field_geom(self, piece: FieldPiece, pose: Pose, values: Mapping[str, object]) -> str:
+        """A height field; copies share its heights."""
+        rows, columns = piece.heights.shape
+        low, high = float(piece.heights.min()), float(piece.heights.max())
+        span = max(high - low, 1e-3)
+        x, y = (columns - 1) * piece.spacing[0] / 2.0, (rows - 1) * piece.spacing[1] / 2.0
+        name = self._fields.get(id(piece))
+        if name is None:
+            name = self._fields[id(piece)] = f"field{len(self._fields) + 1}"
+            self._keep.append(piece)
+            (self.folder / "meshes").mkdir(exist_ok=True)
+            file = f"meshes/{name}.hfield"
+            data = ((piece.heights - low) / span).astype("<f4")
+            head = struct.pack("<2i", rows, columns)
+            (self.folder / file).write_bytes(head + data.tobytes())
+            size = (x, y, span, BASE)
+            self.add_asset(f"<hfield{attributes({'name': name, 'file': file, 'size': size})}/>")
+        middle = pose @ piece.pose @ Pose((x, y, low))
+        return f"<geom{attributes({'type': 'hfield', 'hfield': name, **place(middle), **values})}/>"
+
+    def body_piece(self, piece: Convex, friction: float, mass: float) -> str:
+        """A geom of a movable body, in the frame of the body."""
+        values: dict[str, object] = {"friction": friction, "mass": mass, **FELT}
+        if isinstance(piece, HullPiece):
+            self._hulls += 1
+            name = f"hull{self._hulls}"
+            self._assets.append(_hull_asset(name, piece))
+            return f"<geom{attributes({'type': 'mesh', 'mesh': name, **values})}/>"
+        return _box_geom(piece, IDENTITY, values)
+
+    # ---- writing ---------------------------------------------------------------------------
+
+    def write(self, name: str, lamps: Sequence[Lamp], extent: float, middle: Array) -> None:
+        """Write `scene.xml` and the files beside it.
+
+        Args:
+            name: of the model.
+            lamps: light sources.
+            extent: size of the playable part, m: what cameras and shadows are scaled by.
+            middle: its middle.
+        """
+        parts = self._write_solids()
+        lines = [
+            f"<mujoco{attributes({'model': name})}>",
+            '<compiler meshdir="." texturedir="."/>',
+            f"<statistic{attributes({'extent': extent, 'center': middle})}/>",
+            "<visual>",
+            '<headlight ambient="0.35 0.35 0.35" diffuse="0.35 0.35 0.35" specular="0 0 0"/>',
+            f"<map{attributes({'znear': NEAR / extent, 'zfar': max(50.0, 4000.0 / extent)})}/>",
+            "</visual>",
+            "<asset>",
+            *self._finish_lines(),
+            *self._assets,
+            *(f'<model name="{part}" file="solids/{part}.xml"/>' for part in parts),
+            "</asset>",
+            "<worldbody>",
+            *(f"<light{attributes(lamp.values)}/>" for lamp in lamps),
+            *self._world,
+            *(f'<frame><attach model="{part}" prefix="{part}:"/></frame>' for part in parts),
+            "</worldbody>",
+            "</mujoco>",
+        ]
+        (self.folder / "scene.xml").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+    def _finish_lines(self) -> Iterable[str]:
+        pictures = sorted({f.picture for f in self.finishes.values() if f.picture})
+        for picture in pictures:
+            yield f'<texture name="{picture}" type="2d" file="textures/{picture}"/>'
+        for finish in self.finishes.values():
+            values = {
+                "name": finish.name,
+                "texture": finish.picture,
+                "rgba": finish.color,
+                "specular": 0.1,
+                "shininess": 0.1,
+            }
+            yield f"<material{attributes(values)}/>"
+
+    def _write_solids(self) -> list[str]:
+        """Files of at most `CHUNK` pieces; a hull that several pieces share is written once."""
+        names = []
+        for start in range(0, len(self._solids), CHUNK):
+            name = f"s{start // CHUNK:04d}"
+            assets: list[str] = []
+            hulls: dict[int, str] = {}
+            geoms = []
+            for piece, pose, values in self._solids[start : start + CHUNK]:
+                if isinstance(piece, BoxPiece):
+                    geoms.append(_box_geom(piece, pose, values))
+                    continue
+                hull = hulls.get(id(piece))
+                if hull is None:
+                    hull = hulls[id(piece)] = f"h{len(hulls)}"
+                    assets.append(_hull_asset(hull, piece))
+                geoms.append(
+                    f"<geom{attributes({'type': 'mesh', 'mesh': hull, **place(pose), **values})}/>"
+                )
+            (self.folder / "solids").mkdir(exist_ok=True)
+            lines = [
+                f'<mujoco model="{name}">',
+                "<asset>",
+                *assets,
+                "</asset>",
+                "<worldbody>",
+                *geoms,
+                "</worldbody>",
+                "</mujoco>",
+            ]
+            text = "\n".join(lines) + "\n"
+            (self.folder / "solids" / f"{name}.xml").write_text(text, encoding="utf-8")
+            names.append(name)
+        return names
+
+
+def _hull_asset(name: str, piece: HullPiece) -> str:
+    return f"<mesh{attributes({'name': name, 'vertex': piece.points})}/>"
+
+
+def _box_geom(piece: BoxPiece, pose: Pose, values: Mapping[str, object]) -> str:
+    where = {"type": "box", "size": piece.half, **place(pose @ piece.pose)}
+    return f"<geom{attributes({**where, **values})}/>"

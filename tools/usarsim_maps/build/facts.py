@@ -1,0 +1,269 @@
+"""Starts, victims and path nodes: what of a map goes into `world.toml`."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_maps.build.objects import bounds_of_object
+from usarsim_maps.findings import Findings
+from usarsim_maps.names import NameBook, safe
+from usarsim_maps.probe import Probe
+from usarsim_maps.scene import LightKind, Scene, Start
+from usarsim_maps.sheet import Entry, rotation
+from usarsim_server.simulation.frames import Pose, Vector, quaternion_from_rpy, rpy_from_quaternion
+from usarsim_server.worlds.victims import PELVIS_HEIGHT
+
+__all__ = [
+    "Place",
+    "note_floor",
+    "path_node_entries",
+    "start_entries",
+    "victim_entries",
+    "within_reach",
+    "without_strays",
+]
+
+Array = NDArray[np.float64]
+
+OUTSIDE, FAR_LIGHT = 40.0, 1000.0
+"""m outside the map at which things, and lights, are still believed."""
+
+STRAYS = 0.1
+"""Part of the objects that may be taken for misplaced; if more are far away the scale is wrong."""
+
+FLOOR_BELOW = 2.0
+"""m within which a start has to have a floor (worlds reference 11)."""
+
+FREE = 0.15
+"""m: radius of the ball that has to fit at a start."""
+
+FLOOR_PROBES, LEAST_FLOOR = 24, 0.05
+"""Probes along each side of a map for something to stand on, and the part that should find it."""
+
+HOVER = 0.25
+"""m above the floor of start poses that the importer makes."""
+
+STANDING_ROOM, SITTING_ROOM = 1.8, 1.0
+"""m of headroom that a person needs to stand and to sit."""
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A start pose as the report tells it: m above the floor, m of overlap, free headroom."""
+
+    name: str
+    height: float
+    overlap: float
+
+
+def within_reach(scene: Scene, bounds: tuple[Array, Array], findings: Findings) -> Scene:
+    """The scene without what is far outside it: places that a slip of the pen has made."""
+
+    def near(kind: str, name: str, position: Vector, slack: float = OUTSIDE) -> bool:
+        inside = _within(position, bounds, slack)
+        if not inside:
+            findings.warn(name, f"a {kind} far outside the map was left out")
+        return inside
+
+    return replace(
+        scene,
+        starts=tuple(s for s in scene.starts if near("start pose", s.name, s.pose.position)),
+        victims=tuple(v for v in scene.victims if near("victim", v.name, v.pose.position)),
+        path_nodes=tuple(n for n in scene.path_nodes if near("path node", n.name, n.position)),
+        lights=tuple(
+            light
+            for light in scene.lights
+            if light.kind in (LightKind.AMBIENT, LightKind.DIRECTIONAL)
+            or near("light", light.name, light.position, FAR_LIGHT)
+        ),
+        smoke=replace(
+            scene.smoke,
+            volumes=tuple(v for v in scene.smoke.volumes if near("smoke", v.name, v.pose.position)),
+            puffs=tuple(p for p in scene.smoke.puffs if near("smoke", p.name, p.position)),
+        ),
+    )
+
+
+def without_strays(scene: Scene, limit: float, findings: Findings) -> Scene:
+    """The scene without the few objects that lie farther from the middle of all than a map is wide.
+
+    Args:
+        scene: too large for a map.
+        limit: m, the largest extent of a map.
+        findings: told what was left out.
+    """
+    boxes = [bounds_of_object(thing) for thing in scene.objects]
+    places = [None if box is None else (box[0] + box[1]) / 2.0 for box in boxes]
+    known = [place for place in places if place is not None]
+    if len(known) < 3:
+        return scene
+    middle = np.median(known, axis=0)
+    away = [place is not None and bool(np.abs(place - middle).max() > limit) for place in places]
+    if sum(away) > max(1.0, STRAYS * len(known)):
+        return scene
+    for thing, far in zip(scene.objects, away, strict=True):
+        if far:
+            findings.warn(thing.name, "an object far outside the map was left out")
+    kept = (thing for thing, far in zip(scene.objects, away, strict=True) if not far)
+    return replace(scene, objects=tuple(kept))
+
+
+def note_floor(probe: Probe, bounds: tuple[Array, Array], findings: Findings) -> None:
+    """Warn of a map that nobody can stand in: nearly nothing solid lies below any place of it."""
+    low, high = bounds
+    # Between the lines of a grid that builders use: walls on the lines are no floor.
+    parts = (np.arange(FLOOR_PROBES) + 0.37) / FLOOR_PROBES
+    places = [(x, y) for x in parts.tolist() for y in parts.tolist()]
+    size, top = high - low, float(high[2]) + 0.5
+    found = sum(
+        math.isfinite(probe.height((float(low[0] + x * size[0]), float(low[1] + y * size[1]), top)))
+        for x, y in places
+    )
+    if found < LEAST_FLOOR * len(places):
+        findings.warn(
+            "level",
+            f"only {100.0 * found / len(places):.0f} % of the map have a floor: robots will fall "
+            "out of it; export its floor too, check --up, or name missing meshes with --assets",
+        )
+
+
+def start_entries(
+    scene: Scene, probe: Probe, bounds: tuple[Array, Array], findings: Findings
+) -> tuple[list[Entry], list[Place]]:
+    """`[[start]]` tables, and what the report says about them (item 71)."""
+    book = NameBook()
+    entries: list[Entry] = []
+    places: list[Place] = []
+    inside = list(scene.starts)
+    if not inside:
+        inside = [_default_start(probe, bounds)]
+        findings.warn(
+            inside[0].name,
+            "the map has no start pose; this one was made, add others with a sidecar file",
+        )
+    for start in inside:
+        tag = book.take(start.name)
+        if tag.lower() != start.name.lower():
+            findings.warn(start.name, f"start pose is called {tag} on the wire")
+        position = start.pose.position
+        facing = rotation(start.pose)
+        entries.append(
+            {"tag": tag, "position": _exact(position), **facing, "turns": start.turns or None}
+        )
+        height, overlap = probe.height(position), probe.overlap(position, FREE)
+        places.append(Place(tag, height, overlap))
+        if height > FLOOR_BELOW:
+            findings.warn(
+                start.name,
+                f"no floor within {FLOOR_BELOW:g} m below this start pose: robots will fall; give "
+                "another with a sidecar file",
+            )
+        if overlap > 0.02:
+            findings.warn(
+                start.name,
+                "something solid is in the place of this start pose: robots will appear beside it, "
+                "or fall; give another with a sidecar file",
+            )
+    return entries, places
+
+
+def _default_start(probe: Probe, bounds: tuple[Array, Array]) -> Start:
+    """A free place on a floor, as near as possible to the middle of the map."""
+    low, high = bounds
+    middle = (low + high) / 2.0
+    step = max(0.5, float((high - low)[:2].max()) / 40.0)
+    offsets = sorted(
+        ((x * step, y * step) for x in range(-20, 21) for y in range(-20, 21)),
+        key=lambda o: (math.hypot(*o), o),
+    )
+    for from_top in (False, True):
+        top = float(high[2]) + 0.5 if from_top else float(middle[2])
+        for x, y in offsets:
+            point = (float(middle[0]) + x, float(middle[1]) + y, top)
+            if not _within(point, bounds, slack=1.0):
+                continue
+            height = probe.height(point)
+            if not math.isfinite(height) or height > float(high[2] - low[2]) + 2.0:
+                continue
+            place = (point[0], point[1], point[2] - height + HOVER + 0.15)
+            if probe.overlap(place, 0.35) == 0.0:
+                return Start("Start", Pose((place[0], place[1], point[2] - height + HOVER)))
+    x, y, z = (float(middle[0]), float(middle[1]), float(high[2]) + HOVER)
+    return Start("Start", Pose((x, y, z)))
+
+
+def _within(point: Vector, bounds: tuple[Array, Array], slack: float = OUTSIDE) -> bool:
+    low, high = bounds
+    here = np.array(point)
+    return bool((here >= low - slack).all() and (here <= high + slack).all())
+
+
+def victim_entries(scene: Scene, probe: Probe, findings: Findings) -> list[Entry]:
+    """`[[victim]]` tables: people stand, sit or lie on what is below them."""
+    book = NameBook()
+    entries: list[Entry] = []
+    for victim in scene.victims:
+        x, y, z = victim.pose.position
+        height = victim.height
+        if height is None:
+            height = probe.height((x, y, z + 0.05)) - 0.05
+        if not math.isfinite(height) or height > 3.0:
+            findings.warn(victim.name, "no floor below this victim; it stays where it is")
+            height = 0.0
+        floor = z - height
+        posture = victim.posture or _posture(probe, (x, y, floor))
+        scale = float(np.prod(np.abs(victim.scale))) ** (1.0 / 3.0)
+        scale = min(10.0, max(0.1, scale or 1.0))
+        _, _, yaw = rpy_from_quaternion(victim.pose.quaternion)
+        upright = Pose((x, y, floor), quaternion_from_rpy(0.0, 0.0, yaw))
+        entries.append(
+            {
+                "name": book.take(victim.name),
+                "position": _exact((x, y, floor + PELVIS_HEIGHT[posture] * scale)),
+                **rotation(upright),
+                "posture": posture,
+                "status": safe(victim.status),
+                "scale": scale if abs(scale - 1.0) > 1e-9 else None,
+                "properties": {"figure": victim.figure, **victim.properties},
+            }
+        )
+    return entries
+
+
+def _posture(probe: Probe, floor: Vector) -> str:
+    x, y, z = floor
+    room = probe.headroom((x, y, z + 0.05))
+    if room >= STANDING_ROOM:
+        return "standing"
+    return "sitting" if room >= SITTING_ROOM else "lying"
+
+
+def path_node_entries(scene: Scene, findings: Findings) -> list[Entry]:
+    """`[[path_node]]` tables."""
+    book = NameBook()
+    tags: dict[str, str] = {}
+    for node in scene.path_nodes:
+        tag = book.take(node.name)
+        tags.setdefault(node.name, tag)
+        if tag.lower() != node.name.lower():
+            findings.warn(node.name, f"path node is called {tag} on the wire")
+    book = NameBook()
+    entries: list[Entry] = []
+    for node in scene.path_nodes:
+        known = [tags[name] for name in node.neighbours if name in tags]
+        entries.append(
+            {
+                "tag": book.take(node.name),
+                "position": _exact(node.position),
+                "neighbours": known or None,
+            }
+        )
+    return entries
+
+
+def _exact(position: Vector) -> list[float]:
+    return [float(value) for value in position]

@@ -1,0 +1,249 @@
+"""Reads Gazebo worlds and models: `.world`, `.sdf`, `model.config` (worlds reference 8)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_maps.findings import Findings
+from usarsim_maps.gazebo.files import GazeboFiles, gazebo_folders
+from usarsim_maps.gazebo.frames import sound_matrix
+from usarsim_maps.gazebo.light import dimmed, light_of, sun
+from usarsim_maps.gazebo.looks import Looks
+from usarsim_maps.gazebo.models import Body, Models
+from usarsim_maps.gazebo.people import victim_of
+from usarsim_maps.gazebo.places import commented_starts, find_placement, starts_of
+from usarsim_maps.gazebo.shapes import PLACEHOLDER, Shapes
+from usarsim_maps.gazebo.terrain import Terrain
+from usarsim_maps.meshes.xml_text import Document, Node, read_xml
+from usarsim_maps.placing import matrix_of_pose
+from usarsim_maps.reader import Context, Reader, register
+from usarsim_maps.reflect import reflect
+from usarsim_maps.scene import (
+    Heightfield,
+    Light,
+    Part,
+    Plane,
+    Scene,
+    SceneObject,
+    Source,
+    Start,
+    Victim,
+)
+from usarsim_maps.units import axis_matrix, pose_of_matrix
+
+__all__ = ["SdfReader"]
+
+Array = NDArray[np.float64]
+
+MAX_BYTES = 256 << 20
+EARTH = 9.8
+IGNORED = {
+    "audio", "atmosphere", "frame", "gravity", "gui", "include", "joint", "light", "magnetic_field",
+    "model", "physics", "plugin", "scene", "spherical_coordinates", "state", "wind",
+}  # fmt: skip
+"""Elements of a world that are read elsewhere, or that change nothing here."""
+
+
+@register("sdf")
+class SdfReader(Reader):
+    """Worlds and single models."""
+
+    title = "Gazebo SDF"
+    extensions = (".world", ".sdf", ".config")
+    meshes = False
+
+    @classmethod
+    def recognises(cls, head: bytes) -> bool:
+        """Its outermost element is `sdf` or `gazebo`."""
+        return re.search(rb"<(sdf|gazebo)[\s>]", head) is not None
+
+    def read(self, source: Path, context: Context) -> Scene:
+        """See `Reader.read`; an error names the line (item 73)."""
+        document = read_xml(source, limit=MAX_BYTES, findings=context.findings)
+        folders = context.confined().with_more(gazebo_folders())
+        context = replace(context, folders=folders)
+        files = GazeboFiles(source, context)
+        if document.root.tag == "model" and document.root.child("sdf") is not None:
+            found = files.sdf(source.parent)
+            if found is None or found == source:
+                problem = "the model's SDF file is missing"
+                raise document.error(document.root, problem, "keep the files of a model together")
+            document = read_xml(found, limit=MAX_BYTES, findings=context.findings)
+        if document.root.tag not in ("sdf", "gazebo"):
+            problem = f"a file of <{document.root.tag}> is no Gazebo world"
+            raise document.error(document.root, problem, "give a .world or .sdf file")
+        scene = _World(source, document, files, context).scene()
+        return reflect(scene) if context.options.mirror else scene
+
+
+class _World:
+    """A scene being filled."""
+
+    def __init__(
+        self, source: Path, document: Document, files: GazeboFiles, context: Context
+    ) -> None:
+        self._source = source
+        self._document = document
+        self._files = files
+        self._context = context
+        self._findings: Findings = context.findings
+        self._scale = context.options.scale or 1.0
+        self._unit = 1.0 / self._scale
+        self._looks = Looks(files)
+        self._shapes = Shapes(files, self._looks, self._unit)
+        self._models = Models(files, self._unit)
+        self._terrain = Terrain(files, self._looks, self._unit)
+        self._heightfields: list[Heightfield] = []
+        self._root = np.eye(4)
+        self._root[:3, :3] = axis_matrix(context.options.up or "Z")
+        self._objects: list[SceneObject] = []
+        self._victims: list[Victim] = []
+        self._lights: list[Light] = []
+
+    def scene(self) -> Scene:
+        """Everything in the file."""
+        world = self._document.root.child("world")
+        owner = self._document.root if world is None else world
+        saved = self._saved(owner)
+        bodies = self._models.world(self._document, owner, saved)
+        for number, body in enumerate(bodies):
+            if number % 50 == 0:
+                self._context.progress("models", number / len(bodies))
+            self._body(body)
+        for document, light, matrix in self._models.lights:
+            self._lights.append(light_of(document, light, self._root @ matrix, self._unit))
+        self._builtin()
+        self._rest(owner)
+        starts, victims = self._places()
+        return Scene(
+            source=Source(
+                self._source,
+                "Gazebo SDF",
+                units_per_metre=self._scale,
+                up=self._context.options.up or "Z",
+                whole_map=world is not None,
+                files=tuple(dict.fromkeys([self._source, self._document.path, *self._files.files])),
+            ),
+            objects=tuple(self._objects),
+            heightfields=tuple(self._heightfields),
+            materials=dict(self._looks.materials),
+            starts=tuple(starts),
+            victims=tuple(victims),
+            lights=tuple(dimmed(self._lights)),
+        )
+
+    def _saved(self, world: Node) -> dict[str, Array]:
+        """Poses of the latest saved state, which replace those of the models."""
+        poses: dict[str, Array] = {}
+        for state in world.all("state"):
+            for model in state.all("model"):
+                pose = sound_matrix(self._document, model.child("pose"), self._unit)
+                if pose is not None and model.get("name"):
+                    poses[model.get("name")] = pose
+        return poses
+
+    # ---- models ----------------------------------------------------------------------------
+
+    def _body(self, body: Body) -> None:
+        """One object out of links that move together, or a victim."""
+        if body.person is not None:
+            self._victim(body)
+            return
+        self._findings.count("model" if body.static else "movable model")
+        matrix = self._root @ body.matrix
+        back = np.linalg.inv(body.matrix)
+        parts: list[Part] = []
+        masses, friction = [], None
+        for link in body.links:
+            local = back @ link.matrix
+            for part in self._shapes.parts(link.document, link.node, link.scope):
+                parts.append(replace(part, matrix=local @ part.matrix))
+            masses.append(self._shapes.mass(link.document, link.node))
+            if friction is None:
+                friction = self._shapes.friction(link.document, link.node)
+            self._heightfields += self._terrain.fields(link, self._root @ link.matrix, body.name)
+            for light in link.node.all("light"):
+                place = link.scope.place(light, link.node.get("name"))
+                frame = link.matrix @ np.linalg.inv(link.scope.matrix(link.node.get("name")))
+                self._lights.append(
+                    light_of(link.document, light, self._root @ frame @ place, self._unit)
+                )
+        if not parts:
+            return
+        known = [mass for mass in masses if mass is not None]
+        self._objects.append(
+            SceneObject(
+                name=body.name,
+                parts=tuple(parts),
+                pose=pose_of_matrix(matrix),
+                kind="model",
+                movable=not body.static,
+                mass=sum(known) if known and not body.static else None,
+                friction=friction,
+            )
+        )
+
+    def _victim(self, body: Body) -> None:
+        """A person: the server's own figure stands where the model's is."""
+        assert body.person is not None
+        parts = []
+        for link in body.links:
+            for part in self._shapes.parts(link.document, link.node, link.scope):
+                if part.visible:
+                    parts.append(replace(part, matrix=self._root @ link.matrix @ part.matrix))
+        self._victims.append(victim_of(body.name, body.person, self._root @ body.matrix, parts))
+        self._findings.count("victim")
+        self._findings.warn(
+            self._source.name, "models of people are shown as the server's own figures"
+        )
+
+    # ---- the rest --------------------------------------------------------------------------
+
+    def _builtin(self) -> None:
+        """Models that are never on disk (item 49), and what stands in for missing ones."""
+        for name, matrix in self._models.builtin:
+            self._findings.count(name)
+            if name == "sun":
+                self._lights.append(sun())
+                continue
+            pose = pose_of_matrix(self._root @ matrix)
+            self._objects.append(SceneObject("ground_plane", (Part(Plane()),), pose, kind="model"))
+        for name, matrix in self._models.missing if self._context.options.placeholders else ():
+            pose = pose_of_matrix(self._root @ matrix)
+            self._objects.append(SceneObject(name, (Part(PLACEHOLDER),), pose, kind="model"))
+
+    def _rest(self, owner: Node) -> None:
+        gravity = owner.child("gravity") or owner.child("physics", "gravity")
+        values = self._document.vector(gravity, 3)
+        if gravity is not None and values is not None and abs(float(values[2]) + EARTH) > 0.1:
+            self._findings.warn(
+                "gravity", f"{gravity.text} m/s^2 is not kept; the server's is 9.81 downwards"
+            )
+        if owner is not self._document.root:
+            for child in owner.children:
+                if child.tag not in IGNORED:
+                    self._findings.skip(child.tag)
+
+    def _places(self) -> tuple[list[Start], list[Victim]]:
+        """Start poses and victims: of the world, else of a text file beside it."""
+        document, findings, victims = self._document, self._findings, self._victims
+        starts = starts_of(document, findings, self._unit)
+        if not starts:
+            section = find_placement(self._source, victims, self._models.names, findings)
+            if section is not None:
+                self._files.files.append(section.path)
+                starts, victims = section.starts, victims or section.victims
+        if not starts:
+            starts = commented_starts(document, findings, self._unit)
+        return list(self._turned(starts)), victims
+
+    def _turned(self, starts: list[Start]) -> Iterator[Start]:
+        for start in starts:
+            matrix = self._root @ matrix_of_pose(start.pose)
+            yield Start(start.name, pose_of_matrix(matrix))

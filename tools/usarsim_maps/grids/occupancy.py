@@ -1,0 +1,324 @@
+"""Reads occupancy grids: map server YAML with a picture, a picture alone, MRESim's text form.
+
+Occupied cells become walls on level ground. Cells of a picture are as large as the YAML file or
+the user says (`--scale` cells per metre); what is only assumed is reported. On the wire x counts to
+the right and y down in a picture without YAML, from its upper left corner, as MRESim counts cells
+(exploration reference 3.1 to 3.3).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_maps.files import read_text
+from usarsim_maps.grids.grid import Cells, free_places, pooled, rectangles, wall_mesh
+from usarsim_maps.grids.tiny_yaml import Value, read_yaml
+from usarsim_maps.meshes.mesh_files import Pictures
+from usarsim_maps.reader import Context, Reader, register
+from usarsim_maps.reflect import reflect
+from usarsim_maps.scene import Material, Part, Plane, Scene, SceneObject, Source, Start
+from usarsim_maps.textures import open_picture
+from usarsim_server.errors import MapImportError, at
+from usarsim_server.files import ALLOW, is_regular
+from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
+
+__all__ = ["OccupancyReader"]
+
+Array = NDArray[np.float64]
+
+MAX_TEXT_BYTES = 256 << 20
+MAX_YAML_BYTES = 1 << 20
+MAX_CELLS = 64 << 20
+MAX_WALLS = 20_000
+"""Boxes; a map with more is made coarser until it has fewer."""
+
+PICTURES = (".png", ".pgm", ".bmp", ".gif", ".jpg", ".jpeg")
+
+WALL_HEIGHT = 2.0
+CELLS_PER_METRE = 13.0
+"""Of maps that do not say: MRESim's only statement about scale (exploration reference 1)."""
+
+OCCUPIED, FREE = 0.65, 0.196
+"""Thresholds of the map server where the YAML file has none."""
+
+UNSEEN = 205
+"""Grey of unknown cells in pictures of the map server."""
+
+STARTS = 4
+HOVER = 0.25
+ROOM = 0.5
+"""m around a start pose that are free."""
+
+WALL = Material("wall", (0.72, 0.72, 0.70, 1.0))
+FLOOR = Material("floor", (0.45, 0.47, 0.50, 1.0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Grid:
+    """A map as read.
+
+    Attributes:
+        walls, free: cells, row 0 at the lowest y; some may be neither.
+        size: of a cell, m.
+        corner: pose of the lower left corner.
+        wanted: a place that is probably free, m from that corner.
+        title: of the format.
+        assumed: the size was not stated.
+        files: that were read.
+    """
+
+    walls: Cells
+    free: Cells
+    size: float
+    corner: Pose
+    wanted: tuple[float, float] | None
+    title: str
+    assumed: bool
+    files: tuple[Path, ...]
+
+
+@register("occupancy")
+class OccupancyReader(Reader):
+    """Walls of one height."""
+
+    title = "Occupancy grid"
+    extensions = (".yaml", ".yml", *PICTURES, ".txt")
+    meshes = False
+
+    def read(self, source: Path, context: Context) -> Scene:
+        """See `Reader.read`; an error names the line."""
+        grid = _load(source, context)
+        walls, size = grid.walls, grid.size
+        if not walls.any():
+            cure = "check occupied_thresh and negate, or whether walls are dark in the picture"
+            raise MapImportError(at(source, "there is not one wall in this map", cure))
+        found = rectangles(walls)
+        while len(found) > MAX_WALLS:
+            walls, size = pooled(walls), size * 2.0
+            found = rectangles(walls)
+            text = f"too many walls; its cells were joined to cells of {size:.3g} m"
+            context.findings.warn(source.name, text)
+        height = context.options.wall_height or WALL_HEIGHT
+        mesh = wall_mesh(found, size, height, WALL.name)
+        findings = context.findings
+        findings.count("occupied cell", int(grid.walls.sum()))
+        findings.count("free cell", int(grid.free.sum()))
+        findings.fact("walls", len(found))
+        findings.fact("wall height", float(height))
+        extent = max(grid.walls.shape) * grid.size
+        floor = Part(Plane((2.0 * extent, 2.0 * extent)), materials={0: FLOOR.name})
+        scene = Scene(
+            source=Source(
+                source,
+                grid.title,
+                units_per_metre=1.0 / grid.size,
+                assumed=grid.assumed,
+                whole_map=True,
+                files=grid.files,
+            ),
+            objects=(
+                SceneObject("floor", (floor,), Pose(grid.corner.position), kind="floor"),
+                SceneObject("walls", (Part(mesh),), grid.corner, kind="walls"),
+            ),
+            materials={WALL.name: WALL, FLOOR.name: FLOOR},
+            starts=tuple(_starts(grid)),
+        )
+        return reflect(scene) if context.options.mirror else scene
+
+
+def _starts(grid: _Grid) -> list[Start]:
+    """Start poses in free places; none if there is no room."""
+    places: list[tuple[float, float]] = []
+    for room in (ROOM, 0.6 * ROOM):
+        places = places or free_places(grid.free, grid.size, grid.wanted, room, STARTS)
+    starts = []
+    for number, (x, y) in enumerate(places, start=1):
+        pose = grid.corner @ Pose((x, y, HOVER))
+        starts.append(Start(f"RobotStart{number}", pose))
+    return starts
+
+
+def _load(source: Path, context: Context) -> _Grid:
+    suffix = source.suffix.lower()
+    if suffix in (".yaml", ".yml"):
+        return _from_yaml(source, context, None)
+    if suffix == ".txt":
+        cells = _text(source)
+        return _plain(source, cells, ~cells, "MRESim text", context)
+    for other in (".yaml", ".yml"):
+        beside = source.with_suffix(other)
+        if is_regular(beside) and context.admit(beside, source):
+            context.findings.warn(source.name, f"its scale and place are those of {beside.name}")
+            return _from_yaml(beside, context, source)
+    gray = _gray(source)
+    occupied = _occupied(gray, False)
+    # Pictures of the map server have one grey for what nobody has seen.
+    known = FREE if (np.round(gray * 255.0) == UNSEEN).any() else OCCUPIED
+    return _plain(source, occupied > OCCUPIED, occupied < known, "occupancy picture", context)
+
+
+def _plain(source: Path, walls: Cells, free: Cells, title: str, context: Context) -> _Grid:
+    """A grid that says nothing about scale: its upper left corner is the origin."""
+    size = 1.0 / (context.options.scale or CELLS_PER_METRE)
+    return _Grid(
+        walls[::-1],
+        free[::-1],
+        size,
+        Pose((0.0, -walls.shape[0] * size, 0.0)),
+        None,
+        title,
+        context.options.scale is None,
+        (source,),
+    )
+
+
+# ---- YAML ------------------------------------------------------------------------------------
+
+
+def _from_yaml(path: Path, context: Context, picture: Path | None) -> _Grid:
+    table = read_yaml(path, read_text(path, MAX_YAML_BYTES))
+    name = table.get("image", "")
+    if not isinstance(name, str) or not name:
+        cure = "give the YAML file that the map server saved"
+        raise MapImportError(at(path, "no image is named", cure, where="image"))
+    found = picture or _beside(path, name) or Pictures(path, context).find(name)
+    refusal = None if found is None else context.confined().refusal(found, path)
+    if refusal is not None:
+        raise MapImportError(at(path, refusal, ALLOW, where="image"))
+    if found is None or not is_regular(found):
+        cure = "keep picture and YAML file together"
+        raise MapImportError(at(path, f"the picture {name!r:.80} is missing", cure, where="image"))
+    size = _number(path, table, "resolution", None)
+    if not 1e-4 < size < 1e3:
+        cure = "write metres per pixel, such as 0.05"
+        raise MapImportError(at(path, f"{size:g} m per pixel", cure, where="resolution"))
+    if context.options.scale is not None:
+        size = 1.0 / context.options.scale
+    x, y, yaw = _origin(path, table)
+    occupied = _occupied(_gray(found), _flag(path, table), _text_of(table, "mode"))
+    wall = _number(path, table, "occupied_thresh", OCCUPIED)
+    open_ = _number(path, table, "free_thresh", FREE)
+    corner = Pose((x, y, 0.0), quaternion_from_rpy(0.0, 0.0, yaw))
+    start = corner.inverse() @ Pose()
+    walls = occupied > wall
+    return _Grid(
+        walls[::-1],
+        (occupied < max(open_, 1e-6))[::-1],
+        size,
+        corner,
+        start.position[:2],
+        "occupancy grid",
+        False,
+        (path, found),
+    )
+
+
+def _beside(path: Path, name: str) -> Path | None:
+    """The picture where the YAML file says."""
+    found = path.parent / name
+    return found if is_regular(found) else None
+
+
+def _text_of(table: dict[str, Value], key: str) -> str:
+    value = table.get(key, "")
+    return value.lower() if isinstance(value, str) else ""
+
+
+def _number(path: Path, table: dict[str, Value], key: str, default: float | None) -> float:
+    value = table.get(key)
+    if value is None and default is not None:
+        return default
+    try:
+        number = float(value) if isinstance(value, str) else math.nan
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        problem = "the number is missing" if value is None else f"{value!r:.60} is no number"
+        raise MapImportError(at(path, problem, f"write a line such as `{key}: 0.05`", where=key))
+    return number
+
+
+def _flag(path: Path, table: dict[str, Value]) -> bool:
+    return _text_of(table, "negate") in ("1", "true", "yes", "on")
+
+
+def _origin(path: Path, table: dict[str, Value]) -> tuple[float, float, float]:
+    value = table.get("origin", ["0", "0", "0"])
+    try:
+        numbers = [float(word) for word in value] if isinstance(value, list) else []
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (2, 3) or not all(abs(number) < 1e6 for number in numbers):
+        cure = "write the lower left corner, such as [-10.0, -10.0, 0.0]"
+        raise MapImportError(at(path, f"{value!r:.60} is no place", cure, where="origin"))
+    return numbers[0], numbers[1], numbers[2] if len(numbers) > 2 else 0.0
+
+
+# ---- cells -----------------------------------------------------------------------------------
+
+
+def _gray(path: Path) -> Array:
+    """Brightness (rows, columns) from 0 to 1, top row first; nan where a picture is transparent.
+
+    Raises:
+        MapImportError: it is no picture, damaged, or too large.
+    """
+    with open_picture(path, str(path), MAX_CELLS) as image:
+        if image.mode.startswith("I") or image.mode == "F":
+            deep = np.array(image, dtype=float)
+            return deep / (65535.0 if deep.max(initial=0.0) > 255.0 else 255.0)
+        pixels = np.array(image.convert("RGBA"), dtype=np.uint8)
+    gray = np.asarray(pixels[:, :, :3].mean(axis=2) / 255.0)
+    gray[pixels[:, :, 3] == 0] = np.nan
+    return gray
+
+
+def _occupied(gray: Array, negate: bool, mode: str = "") -> Array:
+    """Probability that a cell is occupied, nan where nothing is known.
+
+    Dark is occupied; `negate` turns that round. In mode `raw` the pixel is the percentage.
+    """
+    if mode == "raw":
+        percent = np.round(gray * 255.0)
+        return np.asarray(np.where(percent > 100.0, np.nan, percent / 100.0))
+    return gray if negate else 1.0 - gray
+
+
+def _text(path: Path) -> Cells:
+    """Rows, columns, then a line of 0 and 1 per row."""
+    lines = read_text(path, MAX_TEXT_BYTES).split("\n")
+
+    def wrong(number: int, problem: str) -> MapImportError:
+        cure = "write rows, columns, then lines of 0 (free) and 1 (wall)"
+        return MapImportError(at(path, problem, cure, where=f"line {number}"))
+
+    sizes = []
+    for number in (1, 2):
+        word = lines[number - 1].strip() if len(lines) >= number else ""
+        if not (word.isascii() and word.isdigit() and len(word) < 9 and int(word) > 0):
+            raise wrong(
+                number, f"{word[:40]!r} is no number of {'rows' if number == 1 else 'columns'}"
+            )
+        sizes.append(int(word))
+    rows, columns = sizes
+    if rows * columns > MAX_CELLS:
+        raise wrong(1, f"{rows} x {columns} cells are too many")
+    body = lines[2 : 2 + rows]
+    if len(body) < rows or (len(body) == rows and not body[-1].strip()):
+        raise wrong(
+            len(lines), f"{rows} rows are announced, {len([b for b in body if b])} are there"
+        )
+    if any(line.strip() for line in lines[2 + rows :]):
+        raise wrong(3 + rows, "more rows than are announced")
+    cells = np.zeros((rows, columns), dtype=bool)
+    for index, line in enumerate(body):
+        line = line.strip()
+        if len(line) != columns or line.strip("01"):
+            raise wrong(index + 3, f"a row of {len(line)} signs instead of {columns} digits 0 or 1")
+        cells[index] = np.frombuffer(line.encode(), np.uint8) == ord("1")
+    return cells

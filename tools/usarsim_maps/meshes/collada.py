@@ -1,0 +1,303 @@
+"""Reads COLLADA 1.4 and 1.5 (`.dae`), tolerantly (worlds reference 7; items 43 to 47)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_maps.meshes.collada_looks import read_materials
+from usarsim_maps.meshes.collada_mesh import Geometry, read_geometry
+from usarsim_maps.meshes.mesh_files import (
+    MAX_TRIANGLES,
+    Axes,
+    Markers,
+    Pictures,
+    axes_of,
+    too_large,
+    with_hulls,
+)
+from usarsim_maps.meshes.xml_text import Document, Node, read_xml
+from usarsim_maps.numbers import read_number
+from usarsim_maps.placing import axis_turn
+from usarsim_maps.reader import Context, Reader, register
+from usarsim_maps.scene import Light, LightKind, Part, Scene, SceneObject
+
+__all__ = ["ColladaReader"]
+
+Array = NDArray[np.float64]
+
+MAX_NODES = 100_000
+"""Nodes that a scene shows; nodes that contain others twice could make billions."""
+
+MAX_DEPTH = 200
+
+FAR = 1e12
+"""Larger numbers in nodes have no meaning."""
+
+
+STEPS = {"matrix": 16, "translate": 3, "scale": 3, "rotate": 4, "lookat": 9}
+"""Transformations of a node, and how many numbers each has."""
+
+
+@register("collada")
+class ColladaReader(Reader):
+    """One object for every geometry that a node shows."""
+
+    title = "COLLADA"
+    extensions = (".dae",)
+
+    @classmethod
+    def recognises(cls, head: bytes) -> bool:
+        """Its outermost element is COLLADA."""
+        return b"<COLLADA" in head
+
+    def read(self, source: Path, context: Context) -> Scene:
+        """See `Reader.read`."""
+        document = read_xml(source, tolerant=True, findings=context.findings)
+        if document.root.tag != "COLLADA":
+            raise document.error(document.root, "this is no COLLADA file", "check the extension")
+        return _Stage(document, context, _axes(document, context)).scene()
+
+
+def _axes(document: Document, context: Context) -> Axes:
+    """Up axis and unit of the file; y and one metre where it says nothing."""
+    asset = document.root.child("asset")
+    up, unit = "Y", 1.0
+    if asset is not None:
+        word = asset.word("up_axis").upper()
+        up = word[0] if word in ("X_UP", "Y_UP", "Z_UP") else up
+        found = asset.child("unit")
+        text = "1" if found is None else found.get("meter", "1")
+        try:
+            unit = read_number(text)
+        except ValueError:
+            unit = 0.0
+        if not 1e-9 < unit < 1e9:
+            context.findings.warn(
+                document.path.name, f"a unit of {text!r:.30} m has no meaning; 1 m was taken"
+            )
+            unit = 1.0
+    return axes_of(context.options, up, unit)
+
+
+class _Stage:
+    """A scene being filled."""
+
+    def __init__(self, document: Document, context: Context, axes: Axes) -> None:
+        self._document = document
+        self._context = context
+        self._axes = axes
+        self._ids: dict[str, Node] = {}
+        for node in document.root.walk():
+            name = node.get("id")
+            if name:
+                self._ids.setdefault(name, node)
+        self._pictures = Pictures(document.path, context)
+        self._materials = read_materials(document, self._ids, self._pictures)
+        self._geometries: dict[str, Geometry | None] = {}
+        self._triangles = self._shown = 0
+        self._objects: list[SceneObject] = []
+        self._lights: list[Light] = []
+        self._markers = Markers()
+
+    def scene(self) -> Scene:
+        """Everything that the file's scene shows."""
+        top = self._visual_scene()
+        if top is None:
+            self._show_all()
+        else:
+            for child in top.all("node"):
+                self._node(child, np.eye(4), ())
+        return Scene(
+            source=self._axes.source(self._document.path, "COLLADA", self._pictures.files),
+            objects=with_hulls(self._objects),
+            materials=dict(self._materials),
+            starts=tuple(self._markers.starts),
+            path_nodes=tuple(self._markers.path_nodes),
+            victims=tuple(self._markers.victims),
+            lights=tuple(self._lights),
+        )
+
+    def target(self, reference: str) -> Node | None:
+        """The element that a URL refers to."""
+        return self._ids.get(reference.removeprefix("#"))
+
+    def _visual_scene(self) -> Node | None:
+        root = self._document.root
+        instance = root.child("scene", "instance_visual_scene")
+        if instance is not None:
+            found = self.target(instance.get("url"))
+            if found is not None:
+                return found
+        return root.child("library_visual_scenes", "visual_scene")
+
+    def _show_all(self) -> None:
+        """Files without a scene hold geometry only."""
+        for library in self._document.root.all("library_geometries"):
+            for geometry in library.all("geometry"):
+                name = geometry.get("name") or geometry.get("id") or "geometry"
+                self._show(geometry, geometry, name, np.eye(4), np.eye(4))
+
+    # ---- nodes -----------------------------------------------------------------------------
+
+    def _node(self, node: Node, parent: Array, above: tuple[int, ...]) -> None:
+        if id(node) in above or len(above) > MAX_DEPTH:
+            raise self._document.error(node, "nodes contain each other", "export the file again")
+        self._shown += 1
+        if self._shown > MAX_NODES:
+            raise self._document.error(node, f"more than {MAX_NODES} nodes", "split the map")
+        above = (*above, id(node))
+        name = node.get("name") or node.get("id") or "node"
+        own = self._matrix(node)
+        if own is None:
+            self._document.note(node, f"node {name[:60]!r} has no place; left out with all in it")
+            return
+        matrix = parent @ own
+        shown = False
+        for child in node.children:
+            match child.tag:
+                case "node":
+                    self._node(child, matrix, above)
+                    shown = True
+                case "instance_node":
+                    found = self.target(child.get("url"))
+                    if found is not None and found.tag == "node":
+                        self._node(found, matrix, above)
+                    else:
+                        self._context.findings.missing("file", child.get("url")[:200])
+                    shown = True
+                case "instance_geometry" | "instance_controller":
+                    self._instance(child, name, matrix)
+                    shown = True
+                case "instance_light":
+                    self._light(child, name, matrix)
+                    shown = True
+                case "instance_camera":
+                    shown = True
+        if not shown:
+            kind = self._markers.take(name, self._axes.pose(matrix))
+            self._context.findings.count(kind or "empty node")
+
+    def _instance(self, instance: Node, name: str, matrix: Array) -> None:
+        """A geometry, or the geometry that a controller bends."""
+        found = self.target(instance.get("url"))
+        bind = np.eye(4)
+        for _ in range(8):  # morphs of skins of ...
+            if found is None or found.tag != "controller":
+                break
+            skin = found.child("skin") or found.child("morph")
+            if skin is None:
+                return
+            shape = skin.child("bind_shape_matrix")
+            values = self._document.vector(shape, 16, far=FAR)
+            if values is not None:
+                bind = values.reshape(4, 4)
+            found = self.target(skin.get("source"))
+        if found is None or found.tag != "geometry":
+            self._context.findings.missing("mesh", instance.get("url")[:200])
+            return
+        self._show(found, instance, name, matrix, bind)
+
+    def _show(self, geometry: Node, instance: Node, name: str, matrix: Array, bind: Array) -> None:
+        key = geometry.get("id") or str(id(geometry))
+        if key not in self._geometries:
+            found = read_geometry(self._document, self._ids, geometry, self._context.findings)
+            self._geometries[key] = found
+            self._triangles += 0 if found is None else len(found.mesh.triangles)
+            if self._triangles > MAX_TRIANGLES:
+                raise too_large(self._document.path, self._triangles)
+        known = self._geometries[key]
+        if known is None:
+            return
+        pose, local = self._axes.place(matrix)
+        bound = dict(self._bound(instance))
+        materials = {
+            slot: bound.get(symbol, symbol) for slot, symbol in enumerate(known.mesh.materials)
+        }
+        part = Part(known.mesh, local @ bind, materials=materials)
+        self._context.findings.count("mesh node")
+        self._objects.append(SceneObject(name, (part,), pose, kind="node"))
+
+    def _bound(self, instance: Node) -> Iterator[tuple[str, str]]:
+        """Symbols of a geometry, and names of the materials that an instance binds to them."""
+        common = instance.child("bind_material", "technique_common")
+        for binding in common.all("instance_material") if common is not None else ():
+            yield binding.get("symbol"), binding.get("target").removeprefix("#")
+
+    # ---- numbers ---------------------------------------------------------------------------
+
+    def _matrix(self, node: Node) -> Array | None:
+        """All transformations of a node, in the order in which they stand; None if one is bad."""
+        matrix = np.eye(4)
+        for child in node.children:
+            if child.tag == "skew":
+                self._context.findings.warn(self._document.path.name, "skew is not applied")
+            if child.tag not in STEPS:
+                continue
+            values = self._document.vector(child, STEPS[child.tag], far=FAR)
+            if values is None:
+                return None
+            step = np.eye(4)
+            match child.tag:
+                case "matrix":
+                    step = values.reshape(4, 4)
+                case "translate":
+                    step[:3, 3] = values
+                case "scale":
+                    step[:3, :3] = np.diag(values)
+                case "rotate":
+                    step[:3, :3] = axis_turn(values[:3], np.radians(values[3]))
+                case "lookat":
+                    step = _look_at(values.reshape(3, 3))
+            matrix = matrix @ step
+        return matrix
+
+    # ---- lights ----------------------------------------------------------------------------
+
+    def _light(self, instance: Node, name: str, matrix: Array) -> None:
+        found = self.target(instance.get("url"))
+        common = None if found is None else found.child("technique_common")
+        if common is None or not common.children:
+            return
+        lamp = common.children[0]
+        kinds = {
+            "directional": LightKind.DIRECTIONAL,
+            "spot": LightKind.SPOT,
+            "ambient": LightKind.AMBIENT,
+        }
+        color = self._document.vector(lamp.child("color"), 3, 4)
+        values = np.ones(3) if color is None else color[:3]
+        strength = float(values.max())
+        if strength <= 0.0:
+            return
+        r, g, b = (values / strength).clip(0.0, 1.0).tolist()
+        cone = self._document.number(lamp.child("falloff_angle"))
+        x, y, z = (self._axes.linear @ matrix[:3, 3]).tolist()
+        dx, dy, dz = (self._axes.linear @ -matrix[:3, 2]).tolist()
+        self._context.findings.count("light")
+        self._lights.append(
+            Light(
+                name=name,
+                kind=kinds.get(lamp.tag, LightKind.POINT),
+                position=(x, y, z),
+                direction=(dx, dy, dz),
+                color=(r, g, b),
+                brightness=min(1.0, strength),
+                cone=45.0 if cone is None else min(90.0, max(1.0, cone / 2.0)),
+            )
+        )
+
+
+def _look_at(rows: Array) -> Array:
+    """Matrix of a node at rows[0] whose -z looks at rows[1], with rows[2] upwards."""
+    back = rows[0] - rows[1]
+    back = back / max(float(np.linalg.norm(back)), 1e-12)
+    right = np.cross(rows[2], back)
+    right = right / max(float(np.linalg.norm(right)), 1e-12)
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.column_stack([right, np.cross(back, right), back])
+    matrix[:3, 3] = rows[0]
+    return matrix

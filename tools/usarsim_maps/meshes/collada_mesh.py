@@ -1,0 +1,279 @@
+"""Geometry of COLLADA: sources, inputs with their offsets, and all kinds of primitives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_maps.build.triangulate import clip_ears, triangulate
+from usarsim_maps.findings import Findings
+from usarsim_maps.meshes.mesh_files import MAX_TRIANGLES, too_large
+from usarsim_maps.meshes.xml_text import Document, Node
+from usarsim_maps.scene import Mesh
+from usarsim_server.errors import MapImportError
+
+__all__ = ["Geometry", "read_geometry"]
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+PRIMITIVES = ("triangles", "polylist", "polygons", "tristrips", "trifans")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Geometry:
+    """A mesh in the file's units and axes; its materials are symbols."""
+
+    mesh: Mesh
+
+
+@dataclass(frozen=True, slots=True)
+class _Inputs:
+    """Where in a primitive's index list positions and texture coordinates stand."""
+
+    stride: int
+    vertex: int
+    points: Array
+    texture: int | None
+    uvs: Array | None
+
+
+def read_geometry(
+    document: Document, ids: Mapping[str, Node], geometry: Node, findings: Findings
+) -> Geometry | None:
+    """The mesh of a `geometry`; None if it has no triangles.
+
+    Raises:
+        MapImportError: naming the line of what is broken.
+    """
+    mesh = geometry.child("mesh") or geometry.child("convex_mesh")
+    if mesh is None:
+        findings.skip("geometry without mesh")
+        return None
+    return _Mesh(document, ids, findings).read(geometry, mesh)
+
+
+class _Mesh:
+    """One geometry being read."""
+
+    def __init__(self, document: Document, ids: Mapping[str, Node], findings: Findings) -> None:
+        self._document = document
+        self._ids = ids
+        self._findings = findings
+        self._sources: dict[int, Array] = {}
+
+    def read(self, geometry: Node, mesh: Node) -> Geometry | None:
+        """All primitives of a mesh in one."""
+        points, triangles, uvs, slots = [], [], [], []
+        symbols: dict[str, int] = {}
+        count, textured = 0, False
+        blocks: dict[int, int] = {}
+        for primitive in mesh.children:
+            if primitive.tag not in PRIMITIVES:
+                if primitive.tag in ("lines", "linestrips"):
+                    self._findings.skip(primitive.tag)
+                continue
+            inputs = self._inputs(mesh, primitive)
+            if inputs is None:
+                continue
+            rows = self._rows(primitive, inputs)
+            if not len(rows):
+                continue
+            if id(inputs.points) not in blocks:
+                blocks[id(inputs.points)] = count
+                points.append(inputs.points)
+                count += len(inputs.points)
+            triangles.append(rows[:, :, inputs.vertex] + blocks[id(inputs.points)])
+            texture = np.zeros((len(rows), 3, 2))
+            if inputs.uvs is not None and inputs.texture is not None:
+                texture = self._textured(primitive, inputs.uvs, rows[:, :, inputs.texture])
+                textured = True
+            uvs.append(texture)
+            symbol = primitive.get("material")
+            slots.append(np.full(len(rows), symbols.setdefault(symbol, len(symbols))))
+        if not triangles:
+            return None
+        return Geometry(
+            Mesh(
+                name=geometry.get("name") or geometry.get("id") or "geometry",
+                vertices=np.concatenate(points),
+                triangles=np.concatenate(triangles).astype(np.int32),
+                uvs=np.concatenate(uvs) if textured else None,
+                slots=np.concatenate(slots).astype(np.int32),
+                materials=tuple(symbols),
+            )
+        )
+
+    def _textured(self, primitive: Node, uvs: Array, corners: Integers) -> Array:
+        """Texture coordinates (m, 3, 2) of triangles; those that are not there become the first."""
+        wrong = (corners < 0) | (corners >= len(uvs))
+        if wrong.any():
+            text = f"{int(wrong.sum())} corners have texture coordinates that are not there"
+            self._document.note(primitive, text)
+        answer: Array = uvs[np.where(wrong, 0, corners)]
+        return answer
+
+    # ---- inputs ----------------------------------------------------------------------------
+
+    def _inputs(self, mesh: Node, primitive: Node) -> _Inputs | None:
+        stride, vertex = 1, None
+        points: Array | None = None
+        texture, uvs = None, None
+        for entry in primitive.all("input"):
+            offset = self._number(entry, "offset", 0)
+            stride = max(stride, offset + 1)
+            target = self._ids.get(entry.get("source").removeprefix("#"))
+            match entry.get("semantic"):
+                case "VERTEX" if target is not None:
+                    vertex = offset
+                    for inner in target.all("input"):
+                        found = self._source(inner)
+                        if inner.get("semantic") == "POSITION":
+                            points = found
+                        elif inner.get("semantic") == "TEXCOORD" and uvs is None:
+                            texture, uvs = offset, found
+                case "POSITION" if points is None:
+                    vertex, points = offset, self._source(entry)
+                case "TEXCOORD" if uvs is None or entry.get("set") == "0":
+                    texture, uvs = offset, self._texture_source(entry)
+        if vertex is None or points is None or points.shape[1] < 3:
+            self._findings.warn(
+                self._document.path.name, f"line {primitive.line}: {primitive.tag} without places"
+            )
+            return None
+        flat = None if uvs is None or uvs.shape[1] < 2 or not len(uvs) else uvs[:, :2]
+        return _Inputs(stride, vertex, self._shared(points), texture, flat)
+
+    def _shared(self, points: Array) -> Array:
+        """Three columns; the same array for the same source."""
+        if points.shape[1] == 3:
+            return points
+        key = -id(points)
+        if key not in self._sources:
+            self._sources[key] = points[:, :3]
+        return self._sources[key]
+
+    def _texture_source(self, entry: Node) -> Array | None:
+        """Texture coordinates; None, and a note, if they cannot be had."""
+        try:
+            return self._source(entry)
+        except MapImportError as error:
+            self._findings.warn(self._document.path.name, f"{error}; its pictures are left out")
+            return None
+
+    def _source(self, entry: Node) -> Array:
+        """Values (n, width) of the source that an input names, by its accessor."""
+        source = self._ids.get(entry.get("source").removeprefix("#"))
+        if source is None or source.tag != "source":
+            raise self._document.error(entry, f"source {entry.get('source')[:60]!r} is missing")
+        if id(source) in self._sources:
+            return self._sources[id(source)]
+        array = source.child("float_array")
+        accessor = source.child("technique_common", "accessor")
+        if array is None:
+            raise self._document.error(source, "a source without numbers")
+        values = self._document.floats(array)
+        stride, start, count = 3, 0, None
+        if accessor is not None:
+            stride = max(1, self._number(accessor, "stride", 1))
+            start = self._number(accessor, "offset", 0)
+            count = self._number(accessor, "count", -1)
+        there = max(0, len(values) - start) // stride
+        if count is None or count < 0:
+            count = there
+        if count > there:
+            problem = f"{count} entries are announced, {there} are there"
+            raise self._document.error(source, problem)
+        found = values[start : start + count * stride].reshape(count, stride)
+        self._sources[id(source)] = found
+        return found
+
+    def _number(self, node: Node, attribute: str, default: int) -> int:
+        text = node.get(attribute)
+        if not text.strip():
+            return default
+        try:
+            value = int(text)
+        except ValueError:
+            value = -1
+        if not 0 <= value < 1 << 31:
+            raise self._document.error(node, f"{attribute}={text[:40]!r} is no whole number")
+        return value
+
+    # ---- primitives ------------------------------------------------------------------------
+
+    def _rows(self, primitive: Node, inputs: _Inputs) -> Integers:
+        """Triangles (t, 3, stride): the row of indices of every corner."""
+        match primitive.tag:
+            case "triangles":
+                rows = self._corners(primitive.child("p"), inputs)
+                found = rows[: len(rows) // 3 * 3].reshape(-1, 3, inputs.stride)
+            case "polylist":
+                found = self._polylist(primitive, inputs)
+            case "polygons":
+                found = self._polygons(primitive, inputs)
+            case _:
+                found = self._chains(primitive, inputs)
+        if len(found) > MAX_TRIANGLES:
+            raise too_large(self._document.path, len(found))
+        return found
+
+    def _corners(self, indices: Node | None, inputs: _Inputs) -> Integers:
+        """Rows of indices, those of vertices checked."""
+        if indices is None:
+            return np.zeros((0, inputs.stride), dtype=np.int64)
+        values = self._document.integers(indices)
+        rows = values[: len(values) // inputs.stride * inputs.stride].reshape(-1, inputs.stride)
+        column, count = rows[:, inputs.vertex], len(inputs.points)
+        if len(column) and not 0 <= column.min() <= column.max() < count:
+            worst = int(column.max()) if column.min() >= 0 else int(column.min())
+            raise self._document.error(indices, f"index {worst} of {count} entries")
+        return rows
+
+    def _polylist(self, primitive: Node, inputs: _Inputs) -> Integers:
+        rows = self._corners(primitive.child("p"), inputs)
+        counts = primitive.child("vcount")
+        sizes = np.zeros(0, dtype=np.int64) if counts is None else self._document.integers(counts)
+        if len(sizes) and (sizes.min() < 0 or sizes.max() > len(rows) or sizes.sum() > len(rows)):
+            problem = f"{len(rows)} corners for polygons of {sizes.sum()}"
+            raise self._document.error(primitive, problem)
+        rows = rows[: int(sizes.sum())]
+        triangles, _ = triangulate(inputs.points[rows[:, inputs.vertex]], sizes)
+        return rows[triangles]
+
+    def _polygons(self, primitive: Node, inputs: _Inputs) -> Integers:
+        """Polygons one by one, those in `ph` with holes."""
+        simple = [self._corners(p, inputs) for p in primitive.all("p")]
+        rows = np.concatenate([np.zeros((0, inputs.stride), dtype=np.int64), *simple])
+        sizes = np.array([len(ring) for ring in simple], dtype=np.int64)
+        triangles, _ = triangulate(inputs.points[rows[:, inputs.vertex]], sizes)
+        found = [rows[triangles]]
+        for polygon in primitive.all("ph"):
+            outline = self._corners(polygon.child("p"), inputs)
+            holes = [self._corners(hole, inputs) for hole in polygon.all("h")]
+            corners = clip_ears(
+                inputs.points[outline[:, inputs.vertex]],
+                [inputs.points[hole[:, inputs.vertex]] for hole in holes],
+            )
+            every = np.concatenate([outline, *holes])
+            found.append(every[np.array(corners, dtype=np.int64).reshape(-1, 3)])
+        return np.concatenate(found)
+
+    def _chains(self, primitive: Node, inputs: _Inputs) -> Integers:
+        """Strips and fans."""
+        found = [np.zeros((0, 3, inputs.stride), dtype=np.int64)]
+        for chain in primitive.all("p"):
+            rows = self._corners(chain, inputs)
+            if len(rows) < 3:
+                continue
+            if primitive.tag == "trifans":
+                first = np.repeat(rows[:1], len(rows) - 2, axis=0)
+                found.append(np.stack([first, rows[1:-1], rows[2:]], axis=1))
+                continue
+            triangles = np.stack([rows[:-2], rows[1:-1], rows[2:]], axis=1)
+            triangles[1::2] = triangles[1::2][:, [1, 0, 2]]
+            found.append(triangles)
+        return np.concatenate(found)

@@ -1,0 +1,360 @@
+"""Reads glTF 2.0, as `.gltf` with its files and as `.glb` (worlds reference 2.4, item 41).
+
+Y is up and lengths are metres by definition. Custom properties that Blender exports as `extras`
+count on nodes: `tag`, `movable`, `mass`, `friction`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_maps.meshes import gltf_draco
+from usarsim_maps.meshes.gltf_data import GltfFile, Item, load_gltf
+from usarsim_maps.meshes.gltf_materials import finish_materials
+from usarsim_maps.meshes.mesh_files import (
+    MAX_TRIANGLES,
+    Axes,
+    Markers,
+    Pictures,
+    axes_of,
+    too_large,
+    with_hulls,
+)
+from usarsim_maps.reader import Context, Reader, register
+from usarsim_maps.scene import Light, LightKind, Mesh, Part, Scene, SceneObject
+from usarsim_server.errors import MapImportError, at
+
+__all__ = ["GltfReader"]
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+MAX_OBJECTS = 100_000
+
+UNDERSTOOD = {
+    "KHR_lights_punctual",
+    "KHR_materials_emissive_strength",
+    "KHR_materials_ior",
+    "KHR_materials_pbrSpecularGlossiness",
+    "KHR_materials_specular",
+    "KHR_materials_transmission",
+    "KHR_materials_unlit",
+    "KHR_materials_volume",
+    "KHR_mesh_quantization",
+    "KHR_texture_transform",
+    "EXT_mesh_gpu_instancing",
+    gltf_draco.EXTENSION,
+}
+"""Extensions that a file may require."""
+
+REST = {
+    "translation": (0.0, 0.0, 0.0),
+    "rotation": (0.0, 0.0, 0.0, 1.0),
+    "scale": (1.0, 1.0, 1.0),
+}
+"""Transformation of a node that says nothing."""
+
+ORDINARY_LAMP = 20.0
+"""cd: what counts as brightness 1; Blender writes a 100 W lamp as some 54 cd."""
+
+
+@register("gltf")
+class GltfReader(Reader):
+    """One object for every node with a mesh."""
+
+    title = "glTF"
+    extensions = (".glb", ".gltf")
+
+    @classmethod
+    def recognises(cls, head: bytes) -> bool:
+        """It begins with `glTF`, or is JSON with an asset's version."""
+        return head.startswith(b"glTF") or (
+            head.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{")
+            and b'"asset"' in head
+            and b'"version"' in head
+        )
+
+    def read(self, source: Path, context: Context) -> Scene:
+        """See `Reader.read`."""
+        file = load_gltf(source, context.confined())
+        missing = sorted(set(file.words("extensionsRequired")) - UNDERSTOOD)
+        if missing:
+            cure = "export without compression and without this extension"
+            raise MapImportError(at(source, f"the file requires {missing[0]}", cure))
+        axes = axes_of(context.options, "Y")
+        return _Stage(file, context, axes).scene()
+
+
+class _Stage:
+    """A scene being filled."""
+
+    def __init__(self, file: GltfFile, context: Context, axes: Axes) -> None:
+        self._file = file
+        self._context = context
+        self._axes = axes
+        self._meshes: dict[int, Mesh | None] = {}
+        self._pictures = Pictures(file.path, context)
+        self._materials = finish_materials(file, self._pictures)
+        self._triangles = 0
+        self._objects: list[SceneObject] = []
+        self._lights: list[Light] = []
+        self._markers = Markers()
+
+    def scene(self) -> Scene:
+        """Everything that the default scene shows."""
+        findings = self._context.findings
+        for item, matrix in self._nodes():
+            for whole in self._instances(item, matrix):
+                self._node(item, whole)
+                if len(self._objects) > MAX_OBJECTS:
+                    raise item.error(f"more than {MAX_OBJECTS} objects", "split the map")
+        if self._file.items("skins"):
+            findings.warn(self._file.path.name, "figures with bones are shown as modelled")
+        return Scene(
+            source=self._axes.source(
+                self._file.path, "glTF", [*self._file.files, *self._pictures.files]
+            ),
+            objects=with_hulls(self._objects),
+            materials={material.name: material for material, _ in self._materials},
+            starts=tuple(self._markers.starts),
+            path_nodes=tuple(self._markers.path_nodes),
+            victims=tuple(self._markers.victims),
+            lights=tuple(self._lights),
+        )
+
+    # ---- nodes -----------------------------------------------------------------------------
+
+    def _nodes(self) -> Iterator[tuple[Item, Array]]:
+        """Every node of the default scene once, with its matrix; parents first."""
+        nodes, scenes = self._file.items("nodes"), self._file.items("scenes")
+        roots = list(range(len(nodes)))
+        if scenes:
+            first = self._file.root.index("scene", scenes) or 0
+            roots = scenes[first].indices("nodes", nodes)
+        elif nodes:
+            inner = {child for node in nodes for child in node.indices("children", nodes)}
+            roots = [number for number in roots if number not in inner]
+        todo = [(number, np.eye(4)) for number in reversed(roots)]
+        seen: set[int] = set()
+        while todo:
+            number, parent = todo.pop()
+            node = nodes[number]
+            if number in seen:
+                raise node.error("a node has two parents, or is its own", "export the map again")
+            seen.add(number)
+            own = _matrix(node)
+            if own is None:
+                text = f"{node.place} has no place; left out with all in it"
+                self._context.findings.warn(self._file.path.name, text)
+                continue
+            matrix = parent @ own
+            yield node, matrix
+            children = node.indices("children", nodes)
+            todo.extend((child, matrix) for child in reversed(children))
+
+    def _instances(self, node: Item, matrix: Array) -> Iterator[Array]:
+        """The matrices of a node: one, or those of its instances."""
+        instancing = node.item("extensions").item("EXT_mesh_gpu_instancing")
+        if not instancing.value:
+            yield matrix
+            return
+        attributes = instancing.item("attributes")
+        columns = {
+            word: self._file.accessor(attributes.index(word, self._file.items("accessors")))
+            for word in ("TRANSLATION", "ROTATION", "SCALE")
+            if word in attributes.value
+        }
+        count = min((len(column) for column in columns.values()), default=0)
+        if count > MAX_OBJECTS:
+            raise node.error(f"{count} instances", "split the map")
+        for row in range(count):
+            yield matrix @ _compose(
+                columns["TRANSLATION"][row] if "TRANSLATION" in columns else np.zeros(3),
+                columns["ROTATION"][row] if "ROTATION" in columns else np.array([0.0, 0, 0, 1]),
+                columns["SCALE"][row] if "SCALE" in columns else np.ones(3),
+            )
+
+    def _node(self, node: Item, matrix: Array) -> None:
+        name = node.text("name") or f"node{node.number}"
+        extras = node.item("extras")
+        number = node.index("mesh", self._file.items("meshes"))
+        findings = self._context.findings
+        if number is not None:
+            mesh = self._mesh(number)
+            if mesh is None:
+                return
+            findings.count("mesh node")
+            pose, local = self._axes.place(matrix)
+            self._objects.append(
+                SceneObject(
+                    name=name,
+                    parts=(Part(mesh, local),),
+                    pose=pose,
+                    tag=extras.text("tag"),
+                    kind=extras.text("class") or "node",
+                    movable=bool(extras.value.get("movable")) is True,
+                    mass=extras.positive("mass"),
+                    friction=extras.positive("friction"),
+                )
+            )
+            return
+        lights = self._file.root.item("extensions").item("KHR_lights_punctual").items("lights")
+        light = node.item("extensions").item("KHR_lights_punctual").index("light", lights)
+        if light is not None:
+            findings.count("light")
+            self._lights.append(self._light(lights[light], name, matrix))
+            return
+        kind = self._markers.take(name, self._axes.pose(matrix), extras.text("tag"))
+        findings.count(kind or "empty node")
+
+    def _light(self, light: Item, name: str, matrix: Array) -> Light:
+        kinds = {"directional": LightKind.DIRECTIONAL, "spot": LightKind.SPOT}
+        kind = kinds.get(light.text("type"), LightKind.POINT)
+        strength = light.number_or("intensity", 1.0)
+        if kind is not LightKind.DIRECTIONAL:
+            strength /= ORDINARY_LAMP
+        r, g, b = light.vector("color", (1.0, 1.0, 1.0), self._context.findings)
+        x, y, z = (self._axes.linear @ matrix[:3, 3]).tolist()
+        dx, dy, dz = (self._axes.linear @ -matrix[:3, 2]).tolist()
+        return Light(
+            name=name,
+            kind=kind,
+            position=(x, y, z),
+            direction=(dx, dy, dz),
+            color=(r, g, b),
+            brightness=min(10.0, max(0.0, strength)),
+            reach=max(0.0, light.number_or("range", 0.0)) / self._axes.units_per_metre,
+            cone=float(np.degrees(light.item("spot").number_or("outerConeAngle", np.pi / 4.0))),
+        )
+
+    # ---- meshes ----------------------------------------------------------------------------
+
+    def _mesh(self, number: int) -> Mesh | None:
+        """A mesh, the same one for all nodes that show it."""
+        if number not in self._meshes:
+            item = self._file.items("meshes")[number]
+            self._meshes[number] = self._build(item)
+        return self._meshes[number]
+
+    def _build(self, item: Item) -> Mesh | None:
+        points, corners, uvs, slots = [], [], [], []
+        names: dict[str, int] = {}
+        count, textured = 0, False
+        for primitive in item.items("primitives"):
+            found = self._primitive(primitive)
+            if found is None:
+                continue
+            vertices, triangles, texture, material = found
+            points.append(vertices)
+            corners.append(triangles + count)
+            count += len(vertices)
+            textured |= texture is not None
+            uvs.append(np.zeros((len(triangles), 3, 2)) if texture is None else texture[triangles])
+            slots.append(np.full(len(triangles), names.setdefault(material, len(names))))
+            self._triangles += len(triangles)
+            if self._triangles > MAX_TRIANGLES:
+                raise too_large(self._file.path, self._triangles)
+        if not points:
+            return None
+        return Mesh(
+            name=item.text("name") or f"mesh{item.number}",
+            vertices=np.concatenate(points),
+            triangles=np.concatenate(corners).astype(np.int32),
+            uvs=np.concatenate(uvs) if textured else None,
+            slots=np.concatenate(slots).astype(np.int32),
+            materials=tuple(names),
+        )
+
+    def _primitive(self, item: Item) -> tuple[Array, Integers, Array | None, str] | None:
+        """Vertices, triangles, texture coordinates per vertex, material; None for lines."""
+        mode = item.value.get("mode", 4)
+        attributes, accessors = item.item("attributes"), self._file.items("accessors")
+        place = attributes.index("POSITION", accessors)
+        if mode not in (4, 5, 6) or place is None:
+            self._context.findings.skip("points and lines")
+            return None
+        packed = None
+        if gltf_draco.EXTENSION in item.item("extensions").value:
+            packed = gltf_draco.DracoPrimitive(self._file, item)
+        vertices = self._values("POSITION", place, packed)
+        if vertices.shape[1] != 3:
+            raise item.error("positions that are no triples")
+        indices = item.index("indices", accessors)
+        if packed is not None:
+            chain, mode = packed.chain, 4
+        elif indices is None:
+            chain = np.arange(len(vertices))
+        else:
+            chain = self._file.accessor(indices)[:, 0].astype(np.int64)
+        if len(chain) and not 0 <= chain.min() <= chain.max() < len(vertices):
+            raise item.error(f"index {chain.max()} of {len(vertices)} vertices")
+        name, texture = "", None
+        try:
+            slot = item.index("material", self._materials)
+            if slot is not None:
+                material, mapping = self._materials[slot]
+                name = material.name
+                channel = f"TEXCOORD_{mapping.channel}"
+                uv = attributes.index(channel, accessors)
+                if uv is not None and (material.texture or material.image):
+                    texture = mapping.apply(self._values(channel, uv, packed)[:, :2])
+                    if len(texture) != len(vertices):
+                        raise item.error("texture coordinates are not as many as vertices")
+        except MapImportError as error:  # a surface without its looks is a surface
+            self._context.findings.warn(self._file.path.name, f"{error}; its looks were left out")
+            texture = None
+        return vertices, _triangles(chain, int(mode)), texture, name
+
+    def _values(self, name: str, accessor: int, packed: gltf_draco.DracoPrimitive | None) -> Array:
+        """An attribute, from its accessor or from the compressed buffer."""
+        if packed is not None:
+            return packed.attribute(name, accessor)
+        return self._file.accessor(accessor)
+
+
+def _triangles(chain: Integers, mode: int) -> Integers:
+    """Triangles (m, 3) of a list, strip or fan of indices."""
+    if mode == 4:
+        return chain[: len(chain) // 3 * 3].reshape(-1, 3)
+    if len(chain) < 3:
+        return np.zeros((0, 3), dtype=np.int64)
+    if mode == 6:
+        first = np.full(len(chain) - 2, chain[0])
+        return np.column_stack([first, chain[1:-1], chain[2:]])
+    found = np.column_stack([chain[:-2], chain[1:-1], chain[2:]])
+    found[1::2] = found[1::2][:, [1, 0, 2]]
+    return found
+
+
+def _matrix(node: Item) -> Array | None:
+    """Matrix (4, 4) of a node in its parent; None if a number makes no sense."""
+    if node.value.get("matrix") is not None:
+        found = node.floats("matrix", 16)
+        return None if found is None else found.reshape(4, 4).T
+    parts = []
+    for key, default in REST.items():
+        part = node.floats(key, len(default)) if key in node.value else np.array(default)
+        if part is None:
+            return None
+        parts.append(part)
+    return _compose(*parts)
+
+
+def _compose(translation: Array, rotation: Array, scale: Array) -> Array:
+    """Translation, rotation (x, y, z, w) and scale as a matrix."""
+    x, y, z, w = rotation / max(float(np.linalg.norm(rotation)), 1e-12)
+    turn = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    matrix = np.eye(4)
+    matrix[:3, :3] = turn * scale
+    matrix[:3, 3] = translation
+    return matrix

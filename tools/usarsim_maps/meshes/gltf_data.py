@@ -1,0 +1,361 @@
+"""The container of glTF: JSON whose every value is checked, buffers, accessors."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import json
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_maps.files import AssetIndex, read_bytes
+from usarsim_maps.findings import Findings
+from usarsim_server.errors import MapImportError, at
+from usarsim_server.files import ALLOW, Folders
+
+__all__ = ["GltfFile", "Item", "load_gltf"]
+
+Array = NDArray[np.float64]
+
+MAX_BYTES = 1 << 30
+MAX_JSON = 128 << 20
+MAX_VALUES = 100_000_000
+"""Numbers in one accessor."""
+
+FAR = 1e12
+"""Larger numbers in nodes have no meaning."""
+
+CURE = "the file is damaged or cut off; export it again"
+
+_COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+
+_JSON, _BIN = 0x4E4F534A, 0x004E4942
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """A JSON object of the file, and where it is.
+
+    Attributes:
+        path: of the file.
+        place: for errors, such as `nodes[3]`.
+        value: the object; empty where the file has something else or nothing.
+        number: its position in its list.
+    """
+
+    path: Path
+    place: str
+    value: dict[str, Any]
+    number: int = 0
+
+    def error(self, problem: str, cure: str = CURE) -> MapImportError:
+        """An error that names file and place."""
+        return MapImportError(at(self.path, problem, cure, where=self.place or None))
+
+    def item(self, key: str) -> Item:
+        """An object inside; an empty one if there is none."""
+        found = self.value.get(key)
+        place = f"{self.place}.{key}" if self.place else key
+        return Item(self.path, place, found if isinstance(found, dict) else {})
+
+    def items(self, key: str) -> list[Item]:
+        """A list of objects inside.
+
+        Raises:
+            MapImportError: it is something else.
+        """
+        found = self.value.get(key, [])
+        place = f"{self.place}.{key}" if self.place else key
+        if not isinstance(found, list) or not all(isinstance(entry, dict) for entry in found):
+            raise self.error(f"{key!r} is no list of objects")
+        return [Item(self.path, f"{place}[{n}]", entry, n) for n, entry in enumerate(found)]
+
+    def text(self, key: str) -> str:
+        """A text, empty if there is none."""
+        found = self.value.get(key)
+        return found if isinstance(found, str) else ""
+
+    def number_of(self, key: str, default: int) -> int:
+        """A whole number from 0 to 2^40.
+
+        Raises:
+            MapImportError: it is something else.
+        """
+        found = self.value.get(key, default)
+        if isinstance(found, float) and found.is_integer():
+            found = int(found)
+        if isinstance(found, bool) or not isinstance(found, int) or not 0 <= found < 1 << 40:
+            raise self.error(f"{key!r} is {found!r:.40} instead of a whole number")
+        return found
+
+    def number_at(self, key: str) -> float | None:
+        """A finite number; None for anything else."""
+        found = self.value.get(key)
+        if isinstance(found, bool) or not isinstance(found, int | float):
+            return None
+        return float(found) if abs(found) < 1e30 else None
+
+    def positive(self, key: str) -> float | None:
+        """A number above zero; None for anything else."""
+        found = self.number_at(key)
+        return found if found is not None and found > 0.0 else None
+
+    def floats(self, key: str, count: int) -> Array | None:
+        """So many finite numbers; None if the file has something else."""
+        try:
+            values = np.array(self.value.get(key), dtype=float)
+        except (TypeError, ValueError, OverflowError):
+            return None
+        return values if values.shape == (count,) and (np.abs(values) < FAR).all() else None
+
+    def vector(self, key: str, default: tuple[float, ...], findings: Findings) -> tuple[float, ...]:
+        """As many numbers as the default has, which stands for what makes no sense."""
+        if key not in self.value:
+            return default
+        found = self.floats(key, len(default))
+        if found is None:
+            findings.warn(self.path.name, f"{self.place}: {key!r} makes no sense; left out")
+            return default
+        return tuple(found.tolist())
+
+    def index(self, key: str, of: Sequence[object]) -> int | None:
+        """The number of an entry of a list; None if it is not given.
+
+        Raises:
+            MapImportError: there is no such entry.
+        """
+        if key not in self.value:
+            return None
+        found = self.number_of(key, 0)
+        if found >= len(of):
+            raise self.error(f"{key!r} refers to entry {found} of {len(of)}")
+        return found
+
+    def indices(self, key: str, of: Sequence[object]) -> list[int]:
+        """Numbers of entries of a list.
+
+        Raises:
+            MapImportError: one is not there.
+        """
+        found = self.value.get(key, [])
+        if not isinstance(found, list) or not all(
+            isinstance(n, int) and not isinstance(n, bool) and 0 <= n < len(of) for n in found
+        ):
+            raise self.error(f"{key!r} refers to what is not there")
+        return found
+
+    def number_or(self, key: str, default: float) -> float:
+        """A finite number."""
+        found = self.number_at(key)
+        return default if found is None else found
+
+
+@dataclass(slots=True)
+class GltfFile:
+    """A file.
+
+    Attributes:
+        path: of the file.
+        root: the outermost object.
+        files: everything that was read.
+        folders: out of which buffers may be read.
+    """
+
+    path: Path
+    root: Item
+    files: list[Path]
+    folders: Folders
+    _chunk: bytes | None = None
+    _buffers: dict[int, bytes] = field(default_factory=dict)
+    _lists: dict[str, list[Item]] = field(default_factory=dict)
+
+    def items(self, key: str) -> list[Item]:
+        """A list of the outermost object."""
+        if key not in self._lists:
+            self._lists[key] = self.root.items(key)
+        return self._lists[key]
+
+    def words(self, key: str) -> list[str]:
+        """A list of texts of the outermost object."""
+        found = self.root.value.get(key, [])
+        return [word for word in found if isinstance(word, str)] if isinstance(found, list) else []
+
+    def view(self, number: int) -> bytes:
+        """The bytes of a buffer view."""
+        views = self.items("bufferViews")
+        if number >= len(views):
+            raise self.root.error(f"bufferView {number} of {len(views)}")
+        view = views[number]
+        buffer = view.index("buffer", self.items("buffers"))
+        if buffer is None:
+            raise view.error("no buffer")
+        content = self._buffer(buffer)
+        start, length = view.number_of("byteOffset", 0), view.number_of("byteLength", 0)
+        if start + length > len(content):
+            problem = f"bytes {start} to {start + length} of a buffer of {len(content)}"
+            raise view.error(problem)
+        return content[start : start + length]
+
+    def accessor(self, number: int | None) -> Array:
+        """Values (n, width) of an accessor, normalized and sparse ones included."""
+        accessors = self.items("accessors")
+        if number is None or number >= len(accessors):
+            raise self.root.error(f"accessor {number} of {len(accessors)}")
+        item = accessors[number]
+        kind = _COMPONENTS.get(item.number_of("componentType", 0))
+        width = _WIDTHS.get(item.text("type"))
+        count = item.number_of("count", 0)
+        if kind is None or width is None:
+            raise item.error("unknown type of numbers")
+        dtype = np.dtype(kind)
+        if "bufferView" in item.value:
+            values = self._strided(item, dtype, count, width)
+        elif count * width > MAX_VALUES // 10:
+            raise item.error(f"{count} values that are not there")
+        else:
+            values = np.zeros((count, width))
+        sparse = item.item("sparse")
+        if sparse.value:
+            values = self._sparse(item, sparse, values, dtype, width)
+        return _normalized(item, values, dtype)
+
+    def as_accessor(self, number: int, values: NDArray[Any]) -> Array:
+        """Values that come from elsewhere as those of an accessor, normalized if it says so."""
+        return _normalized(self.items("accessors")[number], values.astype(float), values.dtype)
+
+    def _strided(self, item: Item, dtype: np.dtype[Any], count: int, width: int) -> Array:
+        number = item.index("bufferView", self.items("bufferViews")) or 0
+        content = self.view(number)
+        row = dtype.itemsize * width
+        stride = self.items("bufferViews")[number].number_of("byteStride", 0) or row
+        start = item.number_of("byteOffset", 0)
+        if stride < row or (count and start + (count - 1) * stride + row > len(content)):
+            raise item.error(f"{count} values do not fit into {len(content)} bytes")
+        if count * width > MAX_VALUES:
+            raise item.error(f"{count} values are too many", "split the map")
+        raw = np.ndarray((count, width), dtype, content, start, (stride, dtype.itemsize))
+        with np.errstate(invalid="ignore"):
+            return raw.astype(float)
+
+    def _sparse(
+        self, item: Item, sparse: Item, values: Array, dtype: np.dtype[Any], width: int
+    ) -> Array:
+        count = sparse.number_of("count", 0)
+        where, what = sparse.item("indices"), sparse.item("values")
+        kind = _COMPONENTS.get(where.number_of("componentType", 0), "<u4")
+        places = self._plain(where, np.dtype(kind), count)
+        if len(places) and places.max() >= len(values):
+            raise item.error("sparse values lie outside")
+        values = values.copy()
+        values[places.astype(np.int64)] = self._plain(what, dtype, count * width).reshape(-1, width)
+        return values
+
+    def _plain(self, item: Item, dtype: np.dtype[Any], count: int) -> Array:
+        content = self.view(item.index("bufferView", self.items("bufferViews")) or 0)
+        start = item.number_of("byteOffset", 0)
+        if start + count * dtype.itemsize > len(content):
+            raise item.error(f"{count} values do not fit into {len(content)} bytes")
+        return np.frombuffer(content, dtype, count, start).astype(float)
+
+    def _buffer(self, number: int) -> bytes:
+        if number not in self._buffers:
+            item = self.items("buffers")[number]
+            uri = item.text("uri")
+            if not uri:
+                if self._chunk is None or number:
+                    raise item.error("the binary part is missing")
+                self._buffers[number] = self._chunk
+            else:
+                self._buffers[number] = self.resource(item, uri)
+        return self._buffers[number]
+
+    def resource(self, item: Item, uri: str) -> bytes:
+        """The bytes behind a URI: data in the URI itself, or a file beside this one.
+
+        Raises:
+            MapImportError: there are none, or they lie elsewhere.
+        """
+        if uri.startswith("data:"):
+            try:
+                return base64.b64decode(uri.partition(",")[2], validate=False)
+            except (binascii.Error, ValueError):
+                raise item.error("data that is no base64") from None
+        found = AssetIndex((), self.path, lambda path: True).find(uri)
+        refusal = None if found is None else self.folders.refusal(found, self.path)
+        if refusal is not None:
+            raise item.error(refusal, ALLOW)
+        if found is None:
+            cure = "keep the files of the export together"
+            raise item.error(f"the file {uri[:80]!r} is missing", cure)
+        self.files.append(found)
+        return read_bytes(found, MAX_BYTES)
+
+
+def _normalized(item: Item, values: Array, dtype: np.dtype[Any]) -> Array:
+    if item.value.get("normalized") is True and dtype.kind in "iu":
+        return np.maximum(values / float(np.iinfo(dtype).max), -1.0)
+    return values
+
+
+def load_gltf(path: Path, folders: Folders) -> GltfFile:
+    """Read the container; buffers follow when they are needed, out of these folders.
+
+    Raises:
+        MapImportError: it is damaged, or not of version 2.
+    """
+    content = read_bytes(path, MAX_BYTES)
+    chunk = None
+    text = content
+    if content.startswith(b"glTF"):
+        text, chunk = _chunks(path, content)
+    if len(text) > MAX_JSON:
+        raise MapImportError(at(path, f"{len(text) >> 20} MiB of JSON", "export as .glb"))
+    try:
+        value = json.loads(text.decode("utf-8-sig"))
+    except UnicodeDecodeError:
+        raise MapImportError(at(path, "the JSON is not UTF-8", CURE)) from None
+    except json.JSONDecodeError as error:
+        where = f"line {error.lineno}"
+        raise MapImportError(at(path, f"no sound JSON: {error.msg}", CURE, where=where)) from None
+    except ValueError as error:  # absurdly long numbers
+        raise MapImportError(at(path, f"no sound JSON: {error}"[:200], CURE)) from None
+    root = Item(path, "", value if isinstance(value, dict) else {})
+    version = root.item("asset").text("version")
+    if not version.startswith("2"):
+        problem = f"version {version or '?'} of glTF is not known"
+        raise MapImportError(at(path, problem, "export as glTF 2.0", where="asset"))
+    return GltfFile(path, root, [path], folders, chunk)
+
+
+def _chunks(path: Path, content: bytes) -> tuple[bytes, bytes | None]:
+    """JSON and binary part of a GLB file."""
+    text, chunk = None, None
+    if len(content) >= 12:
+        _, version, length = struct.unpack_from("<4sII", content)
+        if version != 2:
+            problem = f"version {version} of GLB is not known"
+            raise MapImportError(at(path, problem, "export as glTF 2.0"))
+        if length > len(content):
+            problem = f"{length} bytes are announced, {len(content)} are there"
+            raise MapImportError(at(path, problem, CURE))
+        place = 12
+        while place + 8 <= length:
+            size, kind = struct.unpack_from("<II", content, place)
+            place += 8
+            if place + size > len(content):
+                break
+            if kind == _JSON and text is None:
+                text = content[place : place + size]
+            elif kind == _BIN and chunk is None:
+                chunk = content[place : place + size]
+            place += size
+    if text is None:
+        raise MapImportError(at(path, "a GLB file without a whole JSON part", CURE))
+    return text, chunk

@@ -1,0 +1,321 @@
+"""What readers of mesh files share: axes and units, pictures beside the file, names with a meaning.
+
+Names: objects called `UCX_Chair_01`, `UBX_...`, `USP_...` are collision hulls, boxes and balls of
+the object after the prefix (Unreal's rule for FBX, worlds reference 6). Empty nodes called
+`PlayerStart...`, `RobotStart...`, `PathNode...`, `MaleVictim...` and `FemaleVictim...` are what
+they say; their x axis points forward.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path, PureWindowsPath
+from urllib.parse import unquote
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_maps.files import AssetIndex
+from usarsim_maps.meshes.assets import PICTURES
+from usarsim_maps.placing import matrix_of_pose
+from usarsim_maps.reader import Context, ImportOptions
+from usarsim_maps.scene import Collision, Mesh, PathNode, SceneObject, Source, Start, Victim
+from usarsim_maps.units import MIRROR, axis_matrix, pose_of_matrix
+from usarsim_server.errors import MapImportError, at
+from usarsim_server.files import is_regular
+from usarsim_server.simulation.frames import Pose
+
+__all__ = [
+    "MAX_TRIANGLES",
+    "Axes",
+    "Markers",
+    "Pictures",
+    "axes_of",
+    "collision_of",
+    "make_mesh",
+    "too_large",
+    "with_hulls",
+]
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+MAX_TRIANGLES = 8_000_000
+"""Of one file; more would take gigabytes."""
+
+NEARBY = ("", "textures", "materials/textures", "images", "maps", "texture")
+"""Folders in which exporters leave pictures, relative to the mesh or to a folder above it."""
+
+
+# ---- axes ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Axes:
+    """The way from a file's frame into the simulation's.
+
+    Attributes:
+        linear: (3, 3) turns, scales to metres, and reflects if the user wants it.
+        units_per_metre, up, mirrored, assumed: for `Source`.
+    """
+
+    linear: Array
+    units_per_metre: float
+    up: str
+    mirrored: bool
+    assumed: bool
+
+    def source(self, path: Path, title: str, files: Iterable[Path] = ()) -> Source:
+        """What the scene says about its origin."""
+        return Source(
+            path,
+            title,
+            units_per_metre=self.units_per_metre,
+            up=self.up,
+            mirrored=self.mirrored,
+            assumed=self.assumed,
+            files=tuple(dict.fromkeys([path, *files])),
+        )
+
+    def place(self, node: Array) -> tuple[Pose, Array]:
+        """Pose of a node in the world, and the matrix from its mesh into the frame of that pose.
+
+        The pose is the node's own with the axes exchanged: an upright thing has no rotation.
+
+        Args:
+            node: (4, 4) from the node's frame into the file's.
+        """
+        pose = self.pose(node)
+        whole = np.eye(4)
+        whole[:3, :3] = self.linear
+        return pose, matrix_of_pose(pose.inverse()) @ whole @ node
+
+    def pose(self, node: Array) -> Pose:
+        """Pose of a node in the world; its x axis stays its x axis."""
+        turn = self.linear * self.units_per_metre
+        matrix = np.eye(4)
+        matrix[:3, :3] = turn @ node[:3, :3] @ turn.T
+        matrix[:3, 3] = self.linear @ node[:3, 3]
+        return pose_of_matrix(matrix)
+
+
+def axes_of(options: ImportOptions, up: str, unit: float = 1.0, *, stated: bool = True) -> Axes:
+    """Axes of a file.
+
+    Args:
+        options: of the user, who has the last word.
+        up: axis that the file, or its format's custom, has upwards.
+        unit: metres per unit of the file.
+        stated: file or format say what the units are.
+    """
+    scale = options.scale or 1.0 / unit
+    up = options.up or up
+    linear = axis_matrix(up) / scale
+    if options.mirror:
+        linear = MIRROR @ linear
+    return Axes(linear, scale, up, options.mirror, not stated and options.scale is None)
+
+
+# ---- meshes ----------------------------------------------------------------------------------
+
+
+def make_mesh(
+    name: str,
+    points: Array,
+    triangles: Integers,
+    *,
+    uvs: Array | None = None,
+    slots: Integers | None = None,
+    materials: Sequence[str] = (),
+    linear: Array | None = None,
+) -> Mesh:
+    """A mesh of those points that its triangles use.
+
+    Args:
+        name: of the mesh.
+        points: (n, 3), more than the mesh needs perhaps.
+        triangles: (m, 3) indices into them.
+        uvs: (m, 3, 2), v upwards.
+        slots: (m,) numbers of materials.
+        materials: their names.
+        linear: (3, 3) applied to the points; where it mirrors, triangles are turned round.
+    """
+    used, inverse = np.unique(triangles.reshape(-1), return_inverse=True)
+    corners = inverse.reshape(-1, 3)
+    vertices = points[used]
+    if linear is not None:
+        with np.errstate(invalid="ignore", over="ignore"):
+            vertices = vertices @ linear.T
+        if np.linalg.det(linear) < 0.0:
+            corners = corners[:, ::-1]
+            uvs = None if uvs is None else uvs[:, ::-1]
+    return Mesh(
+        name=name,
+        vertices=vertices,
+        triangles=corners.astype(np.int32),
+        uvs=uvs,
+        slots=None if slots is None else slots.astype(np.int32),
+        materials=tuple(materials),
+    )
+
+
+def too_large(source: Path, count: int) -> MapImportError:
+    """The error for a file with too many triangles."""
+    problem = f"{count} triangles are more than {MAX_TRIANGLES}"
+    return MapImportError(at(source, problem, "simplify the mesh, or split it"))
+
+
+# ---- pictures --------------------------------------------------------------------------------
+
+
+@dataclass(slots=True)
+class Pictures:
+    """Finds the pictures that a mesh file names.
+
+    Attributes:
+        source: the mesh file.
+        context: of the import.
+        files: pictures found so far.
+    """
+
+    source: Path
+    context: Context
+    files: list[Path] = field(default_factory=list)
+    _index: AssetIndex | None = None
+    _folders: dict[Path, dict[str, Path]] = field(default_factory=dict)
+
+    def find(self, name: str) -> Path | None:
+        """A picture by the name in the file; what is not found keeps that name.
+
+        Searched are the place that the name says, then the usual folders beside the mesh and up
+        to two levels above it, then the asset folders, without regard to case or extension.
+        """
+        plain = _plain(name)
+        if not plain:
+            return None
+        found = self._beside(plain)
+        if found is None:
+            if self._index is None:
+                self._index = self.context.index(self.source)
+            found = self._index.find(plain, PICTURES)
+        if found is None or found.suffix.lower() not in PICTURES:
+            return self.source.parent / PureWindowsPath(plain).name
+        self.files.append(found)
+        return found
+
+    def _beside(self, plain: str) -> Path | None:
+        last = PureWindowsPath(plain).name
+        here = self.source.parent
+        direct = here / plain
+        if direct.suffix.lower() in PICTURES and is_regular(direct):
+            return direct if self.context.admit(direct, self.source) else None
+        for base in (here, here.parent, here.parent.parent):
+            for folder in NEARBY if base is here else NEARBY[1:]:
+                found = self._inside(base / folder, last)
+                if found is not None:
+                    return found if self.context.admit(found, self.source) else None
+        return None
+
+    def _inside(self, folder: Path, name: str) -> Path | None:
+        """A picture in a folder, without regard to case; another extension will do."""
+        if folder not in self._folders:
+            try:
+                names = sorted(folder.iterdir()) if folder.is_dir() else []
+            except OSError:
+                names = []
+            pictures = [path for path in names[:20_000] if path.suffix.lower() in PICTURES]
+            table = {path.stem.lower(): path for path in reversed(pictures)}
+            table |= {path.name.lower(): path for path in pictures}
+            self._folders[folder] = table
+        table = self._folders[folder]
+        name = name.lower()
+        found = table.get(name)
+        if found is None and name.endswith(PICTURES):
+            found = table.get(name.rpartition(".")[0])
+        return found
+
+
+def _plain(name: str) -> str:
+    """A path as written in a file, with forward slashes and without scheme."""
+    name = name.strip().strip('"').replace("\0", "")
+    lower = name.lower()
+    if lower.startswith("file://"):
+        name = name[7:]
+        if re.match(r"/[A-Za-z]:", name):
+            name = name[1:]
+    if "%" in name:
+        name = unquote(name)
+    return name.replace("\\", "/")[:1000]
+
+
+# ---- names -----------------------------------------------------------------------------------
+
+_NUMBER = re.compile(r"(?:\.\d{3,}|_\d+)$")
+
+_PREFIXES = {
+    "ucx_": Collision.HULL,
+    "mcdcx_": Collision.HULL,
+    "ubx_": Collision.BOX,
+    "usp_": Collision.SPHERE,
+}
+
+
+def collision_of(name: str) -> Collision | None:
+    """The kind of collision piece that a name announces; None for ordinary names."""
+    lower = name.lower()
+    return next((kind for word, kind in _PREFIXES.items() if lower.startswith(word)), None)
+
+
+def with_hulls(objects: Sequence[SceneObject]) -> tuple[SceneObject, ...]:
+    """Objects whose collision pieces do their work: unseen, and alone in being solid."""
+    owners: set[str] = set()
+    for thing in objects:
+        if collision_of(thing.name) is not None:
+            rest = thing.name.partition("_")[2].lower()
+            owners |= {rest, _NUMBER.sub("", rest), _NUMBER.sub("", _NUMBER.sub("", rest))}
+    if not owners:
+        return tuple(objects)
+    answer = []
+    for thing in objects:
+        kind = collision_of(thing.name)
+        if kind is not None:
+            parts = tuple(replace(part, visible=False, collision=kind) for part in thing.parts)
+        elif thing.name.lower() in owners:
+            parts = tuple(replace(part, collision=Collision.NONE) for part in thing.parts)
+        else:
+            parts = thing.parts
+        answer.append(replace(thing, parts=parts))
+    return tuple(answer)
+
+
+class Markers:
+    """Collects starts, path nodes and victims from nodes without geometry."""
+
+    def __init__(self) -> None:
+        self.starts: list[Start] = []
+        self.path_nodes: list[PathNode] = []
+        self.victims: list[Victim] = []
+
+    def take(self, name: str, pose: Pose, tag: str = "") -> str | None:
+        """The kind of a marker, `start`, `path node` or `victim`; None if it is none.
+
+        Args:
+            name: of the node.
+            pose: in the world.
+            tag: what clients are told instead of the name.
+        """
+        plain = re.sub(r"[^a-z]", "", name.lower())
+        word = tag or name
+        if plain.startswith(("playerstart", "robotstart", "startpose", "startpoint")):
+            self.starts.append(Start(word, pose))
+            return "start"
+        if plain.startswith("pathnode"):
+            self.path_nodes.append(PathNode(word, pose.position))
+            return "path node"
+        if plain.startswith(("malevictim", "femalevictim", "victim")):
+            figure = "female" if "female" in plain else "male"
+            self.victims.append(Victim(word, pose, figure))
+            return "victim"
+        return None

@@ -1,0 +1,349 @@
+"""Reads Wavefront OBJ with its materials.
+
+The format knows neither units nor axes: one unit is taken for a metre and y for up, as most
+modellers write it, and the report says that this was assumed (worlds reference 2.4, item 42).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_maps.build.triangulate import triangulate
+from usarsim_maps.files import read_text
+from usarsim_maps.meshes.mesh_files import (
+    MAX_TRIANGLES,
+    Axes,
+    Pictures,
+    axes_of,
+    make_mesh,
+    too_large,
+    with_hulls,
+)
+from usarsim_maps.numbers import read_number
+from usarsim_maps.reader import Context, Reader, register
+from usarsim_maps.scene import Material, Part, Scene, SceneObject
+from usarsim_server.errors import MapImportError, at
+
+__all__ = ["ObjReader", "read_mtl"]
+
+MAX_BYTES = 512 << 20
+MAX_MTL_BYTES = 16 << 20
+
+_COMMENT = re.compile(r"(?<!\d\.)#.*")
+"""From a hash on, unless it is that of `-1.#IND`."""
+
+CURE = "the file is damaged or cut off; export it again"
+
+MAP_OPTIONS = {
+    "-o": 3, "-s": 3, "-t": 3, "-mm": 2, "-bm": 1, "-boost": 1, "-texres": 1, "-clamp": 1,
+    "-blendu": 1, "-blendv": 1, "-imfchan": 1, "-type": 1, "-cc": 1,
+}  # fmt: skip
+"""Options before the file name of a map, and how many words may follow each."""
+
+
+@dataclass(slots=True)
+class _Group:
+    """Faces of one object."""
+
+    name: str
+    sizes: list[int] = field(default_factory=list)
+    slots: list[int] = field(default_factory=list)
+    lines: list[int] = field(default_factory=list)
+    vertices: list[int] = field(default_factory=list)
+    textures: list[int] = field(default_factory=list)
+
+
+@register("obj")
+class ObjReader(Reader):
+    """Meshes, one object for every `o`, or for every `g` where there is no `o`."""
+
+    title = "Wavefront OBJ"
+    extensions = (".obj",)
+
+    @classmethod
+    def recognises(cls, head: bytes) -> bool:
+        """It has a line with a vertex."""
+        return re.search(rb"(?m)^\s*v\s+[-+.\d]+\s+[-+.\d]+\s+[-+.\d]+", head) is not None
+
+    def read(self, source: Path, context: Context) -> Scene:
+        """See `Reader.read`."""
+        axes = axes_of(context.options, "Y", stated=False)
+        file = _File(source)
+        file.parse(read_text(source, MAX_BYTES))
+        if file.lost:
+            text = f"{file.lost} corners have texture coordinates that are not there"
+            context.findings.warn(source.name, text)
+        pictures = Pictures(source, context)
+        known, libraries = _materials(source, file.libraries, context, pictures)
+        objects = [file.build(group, axes) for group in file.groups if group.sizes]
+        if not objects:
+            raise MapImportError(at(source, "there are no faces in this file", CURE))
+        context.findings.count("mesh", len(objects))
+        used = dict.fromkeys(name for name in file.materials if name)
+        return Scene(
+            source=axes.source(source, "OBJ", [*libraries, *pictures.files]),
+            objects=with_hulls(objects),
+            materials={name: known.get(name, Material(name)) for name in used},
+        )
+
+
+class _File:
+    """What the lines of a file add up to."""
+
+    def __init__(self, source: Path) -> None:
+        self.groups: list[_Group] = []
+        self.materials: dict[str, int] = {}
+        self.libraries: list[str] = []
+        self.lost = 0
+        self._source = source
+        self._points: list[tuple[float, float, float]] = []
+        self._uvs: list[tuple[float, float]] = []
+        self._slot = -1
+        self._by_name: dict[str, _Group] = {}
+        self._has_objects = False
+
+    def parse(self, text: str) -> None:
+        """Read all lines.
+
+        Raises:
+            MapImportError: naming the line.
+        """
+        corners = 0
+        for number, words in _lines(text):
+            try:
+                match words[0]:
+                    case "v":
+                        self._points.append((float(words[1]), float(words[2]), float(words[3])))
+                    case "vt":
+                        self._uvs.append((float(words[1]), float(words[2]) if words[2:] else 0.0))
+                    case "f":
+                        self._face(number, words[1:])
+                        corners += len(words)
+                    case "o":
+                        self._has_objects = True
+                        self._enter(" ".join(words[1:]))
+                    case "g" if not self._has_objects:
+                        self._enter(" ".join(words[1:]))
+                    case "usemtl":
+                        name = " ".join(words[1:])
+                        self._slot = self.materials.setdefault(name, len(self.materials))
+                    case "mtllib":
+                        self.libraries.append(" ".join(words[1:]))
+            except (ValueError, IndexError):
+                if not self._again(words):
+                    self._refuse(number, f"{' '.join(words)[:60]!r} is no sound line")
+            if corners > 4 * MAX_TRIANGLES:
+                raise too_large(self._source, corners)
+
+    def _again(self, words: list[str]) -> bool:
+        """Try numbers with decimal commas, and what C prints for none; whether that helped."""
+        try:
+            match words[0], [read_number(word) for word in words[1:]]:
+                case "v", [x, y, z, *_]:
+                    self._points.append((x, y, z))
+                case "vt", [u, v, *_]:
+                    self._uvs.append((u, v))
+                case _:
+                    return False
+        except ValueError:
+            return False
+        return True
+
+    def _refuse(self, line: int, problem: str) -> NoReturn:
+        raise MapImportError(at(self._source, problem, CURE, where=f"line {line}")) from None
+
+    def _enter(self, name: str) -> None:
+        name = name or self._source.stem
+        if name not in self._by_name:
+            self._by_name[name] = _Group(name)
+            self.groups.append(self._by_name[name])
+        else:
+            # The same name again goes on with the same object.
+            group = self._by_name[name]
+            self.groups.remove(group)
+            self.groups.append(group)
+
+    def _face(self, line: int, words: list[str]) -> None:
+        if not self.groups:
+            self._enter("")
+        if self._slot < 0:
+            self._slot = self.materials.setdefault("", len(self.materials))
+        group = self.groups[-1]
+        vertices, textures = [], []
+        points, uvs = len(self._points), len(self._uvs)
+        for word in words:
+            first, *rest = word.split("/")
+            value = int(first)
+            # Nearly all are of this kind; files have millions of them.
+            plain = 0 < value <= points
+            vertices.append(value - 1 if plain else self._index(line, value, points))
+            if not rest or not rest[0]:
+                textures.append(-1)
+                continue
+            value = int(rest[0])
+            textures.append(value - 1 if 0 < value <= uvs else self._texture(value, uvs))
+        if len(vertices) < 3:
+            return
+        group.sizes.append(len(vertices))
+        group.slots.append(self._slot)
+        group.lines.append(line)
+        group.vertices += vertices
+        group.textures += textures
+
+    def _index(self, line: int, value: int, count: int) -> int:
+        index = value - 1 if value > 0 else count + value
+        if value == 0 or not 0 <= index < count:
+            self._refuse(line, f"vertex {value} of {count}")
+        return index
+
+    def _texture(self, value: int, count: int) -> int:
+        """Index of texture coordinates counted from the end; -1 if there are none."""
+        if value < 0 <= count + value:
+            return count + value
+        self.lost += 1
+        return -1
+
+    @cached_property
+    def _all_points(self) -> NDArray[np.float64]:
+        return np.array(self._points)
+
+    @cached_property
+    def _all_uvs(self) -> NDArray[np.float64]:
+        return np.array(self._uvs)
+
+    def build(self, group: _Group, axes: Axes) -> SceneObject:
+        """One object; its vertices are in the world's frame already."""
+        points = self._all_points
+        vertices = np.array(group.vertices)
+        triangles, owner = triangulate(points[vertices], np.array(group.sizes))
+        if len(triangles) > MAX_TRIANGLES:
+            raise too_large(self._source, len(triangles))
+        textures = np.array(group.textures)[triangles]
+        uvs = None
+        if self._uvs and (textures >= 0).any():
+            uvs = self._all_uvs[np.maximum(textures, 0)]
+            uvs[textures < 0] = 0.0
+        slots, own = np.unique(np.array(group.slots)[owner], return_inverse=True)
+        names = list(self.materials)
+        mesh = make_mesh(
+            group.name,
+            points,
+            vertices[triangles],
+            uvs=uvs,
+            slots=own.reshape(-1),
+            materials=[names[slot] for slot in slots],
+            linear=axes.linear,
+        )
+        return SceneObject(group.name, (Part(mesh),), kind="mesh")
+
+
+def _lines(text: str) -> Iterator[tuple[int, list[str]]]:
+    """Words of every line with its number; a backslash at the end joins lines."""
+    held: list[str] = []
+    for number, line in enumerate(text.split("\n"), start=1):
+        if "#" in line:
+            line = _COMMENT.sub("", line)
+        if line.endswith("\\"):
+            held.append(line[:-1])
+            if len(held) < 10_000:
+                continue
+            line = ""
+        if held:
+            line = " ".join([*held, line])
+            held = []
+        words = line.split()
+        if words:
+            yield number, words
+    if held:
+        yield number, " ".join(held).split() or ["#"]
+
+
+def _materials(
+    source: Path, libraries: list[str], context: Context, pictures: Pictures
+) -> tuple[dict[str, Material], list[Path]]:
+    """All materials of all libraries; those that are not found are findings."""
+    index = context.index(source)
+    known: dict[str, Material] = {}
+    files = []
+    for name in dict.fromkeys(libraries):
+        found = index.find(name, (".mtl",))
+        if found is None or found.suffix.lower() != ".mtl":
+            context.findings.missing("file", name)
+            continue
+        files.append(found)
+        known |= read_mtl(found, replace(pictures, source=found, files=pictures.files))
+    return known, files
+
+
+def read_mtl(path: Path, pictures: Pictures) -> dict[str, Material]:
+    """Materials of a library; lines that make no sense are passed over.
+
+    Raises:
+        MapImportError: the file cannot be read.
+    """
+    known: dict[str, Material] = {}
+    name = ""
+    for _, words in _lines(read_text(path, MAX_MTL_BYTES)):
+        key, rest = words[0].lower(), words[1:]
+        if key == "newmtl":
+            name = " ".join(rest)
+            known[name] = Material(name)
+        if name not in known:
+            continue
+        material = known[name]
+        r, g, b, a = material.color
+        values = _numbers(rest)
+        match key:
+            case "kd" if values:
+                r, g, b = (values * 3)[:3] if len(values) < 3 else values[:3]
+            case "d" if values:
+                a = values[-1]
+            case "tr" if values:
+                a = 1.0 - values[-1]
+            case "map_kd":
+                file, repeat = _map(rest)
+                material = replace(material, texture=pictures.find(file), repeat=repeat)
+        color = tuple(min(1.0, max(0.0, value)) for value in (r, g, b, a))
+        known[name] = replace(material, color=(color[0], color[1], color[2], color[3]))
+    return {name: _lit(material) for name, material in known.items()}
+
+
+def _lit(material: Material) -> Material:
+    """Exporters write black under a picture that is to show as it is."""
+    if material.texture is not None and max(material.color[:3]) < 1e-3:
+        return replace(material, color=(1.0, 1.0, 1.0, material.color[3]))
+    return material
+
+
+def _numbers(words: list[str]) -> list[float]:
+    found = []
+    for word in words:
+        try:
+            value = float(word)
+        except ValueError:
+            continue
+        if abs(value) < 1e9:
+            found.append(value)
+    return found
+
+
+def _map(words: list[str]) -> tuple[str, bool]:
+    """File name, and whether the picture repeats, of `-s 1 1 1 -clamp on wall paper.png`."""
+    repeat = True
+    while words and words[0].lower() in MAP_OPTIONS:
+        option, words = words[0].lower(), words[1:]
+        if option == "-clamp" and words:
+            repeat = words[0].lower() != "on"
+        count = MAP_OPTIONS[option]
+        numeric = count > 1
+        while words and count and (not numeric or _numbers(words[:1])):
+            words, count = words[1:], count - 1
+    return " ".join(words), repeat

@@ -1,0 +1,387 @@
+"""Reads PLY, text and binary of both byte orders, with texture coordinates and colours.
+
+The format knows neither units nor axes: one unit is taken for a metre and z for up, and the
+report says that this was assumed (worlds reference 2.4).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_maps.build.triangulate import triangulate
+from usarsim_maps.files import read_bytes
+from usarsim_maps.meshes.mesh_files import MAX_TRIANGLES, Pictures, axes_of, make_mesh, too_large
+from usarsim_maps.numbers import read_number, read_whole
+from usarsim_maps.reader import Context, Reader, register
+from usarsim_maps.scene import Material, Part, Scene, SceneObject
+from usarsim_server.errors import MapImportError, at
+
+__all__ = ["PlyReader"]
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+MAX_BYTES = 1 << 30
+MAX_HEADER = 64 << 10
+MAX_PROPERTIES = 200
+SHADES = 4
+"""Steps per colour channel that coloured vertices are rounded to; each colour is a material."""
+
+CURE = "the file is damaged or cut off; export it again"
+
+TYPES = {
+    "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2",
+    "ushort": "u2", "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4",
+    "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class _Property:
+    name: str
+    kind: str
+    count: str = ""
+    """Type of the length of a list; empty: no list."""
+
+
+@dataclass(slots=True)
+class _Element:
+    name: str
+    count: int
+    properties: list[_Property] = field(default_factory=list)
+
+    def has_lists(self) -> bool:
+        return any(item.count for item in self.properties)
+
+
+@dataclass(slots=True)
+class _Table:
+    """Values of an element: plain columns, and lists as lengths and values one after another."""
+
+    columns: dict[str, Array]
+    lists: dict[str, tuple[Integers, Array]]
+
+
+@register("ply")
+class PlyReader(Reader):
+    """One mesh."""
+
+    title = "PLY"
+    extensions = (".ply",)
+
+    @classmethod
+    def recognises(cls, head: bytes) -> bool:
+        """It begins with `ply` on a line of its own."""
+        return head[:5].split() == [b"ply"] or head.startswith((b"ply\n", b"ply\r"))
+
+    def read(self, source: Path, context: Context) -> Scene:
+        """See `Reader.read`."""
+        axes = axes_of(context.options, "Z", stated=False)
+        tables, pictures = _parse(source, read_bytes(source, MAX_BYTES))
+        vertex, face = tables.get("vertex"), tables.get("face")
+        if vertex is None or not {"x", "y", "z"} <= vertex.columns.keys():
+            raise MapImportError(at(source, "no vertices with x, y and z", CURE))
+        points = np.column_stack([vertex.columns[axis] for axis in "xyz"])
+        corners, sizes, uvs = _corners(source, vertex, face, tables.get("tristrips"), len(points))
+        triangles, _ = triangulate(points[corners], sizes)
+        if not len(triangles):
+            cure = "points alone are not solid; make a mesh of them first"
+            raise MapImportError(at(source, "there are no faces in this file", cure))
+        finder = Pictures(source, context)
+        found = finder.find(pictures[0]) if pictures and uvs is not None else None
+        materials = {"": Material("")}
+        slots = None
+        if found is not None:
+            materials = {found.stem: Material(found.stem, (1.0, 1.0, 1.0, 1.0), found)}
+        elif {"red", "green", "blue"} <= vertex.columns.keys():
+            materials, slots = _shades(vertex, corners[triangles])
+        mesh = make_mesh(
+            source.stem,
+            points,
+            corners[triangles],
+            uvs=None if uvs is None else uvs[triangles],
+            slots=slots,
+            materials=list(materials),
+            linear=axes.linear,
+        )
+        context.findings.count("mesh")
+        return Scene(
+            source=axes.source(source, "PLY", finder.files),
+            objects=(SceneObject(source.stem, (Part(mesh),), kind="mesh"),),
+            materials={name: material for name, material in materials.items() if name},
+        )
+
+
+# ---- header ----------------------------------------------------------------------------------
+
+
+def _parse(source: Path, content: bytes) -> tuple[dict[str, _Table], list[str]]:
+    """Tables by element, and names of pictures."""
+    order, elements, pictures, start = _header(source, content)
+    tables: dict[str, _Table] = {}
+    if order == "ascii":
+        words = content[start:].split()
+        place = 0
+        for element in elements:
+            tables[element.name], place = _ascii(source, element, words, place)
+        return tables, pictures
+    for element in elements:
+        tables[element.name], start = _binary(source, element, content, start, order)
+    return tables, pictures
+
+
+def _header(source: Path, content: bytes) -> tuple[str, list[_Element], list[str], int]:
+    end = content.find(b"end_header", 0, MAX_HEADER)
+    if not content.startswith(b"ply") or end < 0:
+        raise MapImportError(at(source, "no header of a PLY file", CURE))
+    start = content.find(b"\n", end) + 1
+    if not start:
+        start = end + len(b"end_header\r")
+    order, elements, pictures = "", [], []
+    lines = content[:end].replace(b"\r\n", b"\n").replace(b"\r", b"\n").decode("latin-1")
+    for number, line in enumerate(lines.split("\n"), start=1):
+        words = line.split()
+        try:
+            match words:
+                case ["format", word, *_]:
+                    order = {
+                        "ascii": "ascii",
+                        "binary_little_endian": "<",
+                        "binary_big_endian": ">",
+                    }[word]
+                case ["comment", "TextureFile", *name]:
+                    pictures.append(" ".join(name))
+                case ["element", name, count]:
+                    elements.append(_Element(name.lower(), read_whole(count)))
+                    if elements[-1].count < 0:
+                        raise ValueError
+                case ["property", "list", length, kind, name]:
+                    elements[-1].properties.append(
+                        _Property(name.lower(), TYPES[kind], TYPES[length])
+                    )
+                case ["property", kind, name]:
+                    elements[-1].properties.append(_Property(name.lower(), TYPES[kind]))
+                case ["element" | "property", *_]:
+                    raise ValueError
+        except (KeyError, ValueError, IndexError):
+            problem = f"{line[:60]!r} is no sound line of a header"
+            raise MapImportError(at(source, problem, CURE, where=f"line {number}")) from None
+    if not order or any(len(e.properties) > MAX_PROPERTIES for e in elements):
+        raise MapImportError(at(source, "the header has no format that is known", CURE))
+    return order, elements, pictures, start
+
+
+def _short(source: Path, element: _Element) -> MapImportError:
+    problem = f"the file ends before {element.count} of element {element.name!r}"
+    return MapImportError(at(source, problem, CURE))
+
+
+# ---- values ----------------------------------------------------------------------------------
+
+
+def _ascii(
+    source: Path, element: _Element, words: Sequence[bytes], place: int
+) -> tuple[_Table, int]:
+    if element.count * max(1, len(element.properties)) > len(words) - place:
+        raise _short(source, element)
+    width = len(element.properties)
+    try:
+        if not element.has_lists():
+            end = place + element.count * width
+            values = _numbers(words[place:end]).reshape(element.count, width)
+            columns = {p.name: values[:, k] for k, p in enumerate(element.properties)}
+            return _Table(columns, {}), end
+        plain: dict[str, list[bytes]] = {p.name: [] for p in element.properties if not p.count}
+        lists: dict[str, tuple[list[int], list[bytes]]] = {
+            p.name: ([], []) for p in element.properties if p.count
+        }
+        for _ in range(element.count):
+            for item in element.properties:
+                if not item.count:
+                    plain[item.name].append(words[place])
+                    place += 1
+                    continue
+                length = read_whole(words[place])
+                if not 0 <= length <= len(words) - place - 1:
+                    raise IndexError
+                sizes, values_of = lists[item.name]
+                sizes.append(length)
+                values_of.extend(words[place + 1 : place + 1 + length])
+                place += 1 + length
+        columns = {name: _numbers(values) for name, values in plain.items()}
+        tables = {
+            name: (np.array(sizes, dtype=np.int64), _numbers(values))
+            for name, (sizes, values) in lists.items()
+        }
+    except ValueError as error:
+        raise MapImportError(at(source, f"{error}"[:100], CURE, where=element.name)) from None
+    except IndexError:
+        raise _short(source, element) from None
+    return _Table(columns, tables), place
+
+
+def _numbers(words: Sequence[bytes]) -> Array:
+    """Values of words, also of those with decimal commas."""
+    try:
+        return np.array(words, dtype=float)
+    except ValueError:
+        return np.array([read_number(word.decode("latin-1")) for word in words])
+
+
+def _binary(
+    source: Path, element: _Element, content: bytes, start: int, order: str
+) -> tuple[_Table, int]:
+    # Nearly always all lists have the length of the first one, and rows a fixed size.
+    lengths = _first_lengths(element, content, start, order)
+    fields: list[Any] = []
+    for number, item in enumerate(element.properties):
+        if item.count:
+            fields.append((f"n{number}", order + item.count))
+            fields.append((f"p{number}", order + item.kind, (lengths.get(number, 0),)))
+        else:
+            fields.append((f"p{number}", order + item.kind))
+    row = np.dtype(fields)
+    least = sum(np.dtype(item.count or item.kind).itemsize for item in element.properties)
+    if element.count * max(1, least) > len(content) - start:
+        raise _short(source, element)
+    if element.count * row.itemsize <= len(content) - start:
+        rows = np.frombuffer(content, row, element.count, start)
+        even = all((rows[f"n{number}"] == length).all() for number, length in lengths.items())
+        if even:
+            end = start + element.count * row.itemsize
+            return _regular(element, rows, lengths), end
+    return _irregular(source, element, content, start, order)
+
+
+def _first_lengths(element: _Element, content: bytes, start: int, order: str) -> dict[int, int]:
+    lengths: dict[int, int] = {}
+    for number, item in enumerate(element.properties):
+        if not item.count:
+            start += np.dtype(item.kind).itemsize
+            continue
+        kind = np.dtype(order + item.count)
+        piece = content[start : start + kind.itemsize]
+        length = float(np.frombuffer(piece, kind)[0]) if len(piece) == kind.itemsize else 0.0
+        lengths[number] = int(length) if 0 <= length <= 255 else 0
+        start += kind.itemsize + lengths[number] * np.dtype(item.kind).itemsize
+    return lengths
+
+
+def _regular(element: _Element, rows: NDArray[np.void], lengths: dict[int, int]) -> _Table:
+    table = _Table({}, {})
+    with np.errstate(invalid="ignore"):
+        for number, item in enumerate(element.properties):
+            values = rows[f"p{number}"].astype(float)
+            if item.count:
+                sizes = np.full(len(rows), lengths[number], dtype=np.int64)
+                table.lists[item.name] = (sizes, values.reshape(-1))
+            else:
+                table.columns[item.name] = values
+    return table
+
+
+def _irregular(
+    source: Path, element: _Element, content: bytes, start: int, order: str
+) -> tuple[_Table, int]:
+    if element.count > 2 * MAX_TRIANGLES:
+        raise too_large(source, element.count)
+    plain: dict[str, list[Array]] = {p.name: [] for p in element.properties if not p.count}
+    lists: dict[str, tuple[list[int], list[Array]]] = {
+        p.name: ([], []) for p in element.properties if p.count
+    }
+    kinds = [(np.dtype(order + (p.count or "u1")), np.dtype(order + p.kind), p)
+             for p in element.properties]  # fmt: skip
+    try:
+        for _ in range(element.count):
+            for counter, kind, item in kinds:
+                if not item.count:
+                    plain[item.name].append(np.frombuffer(content, kind, 1, start))
+                    start += kind.itemsize
+                    continue
+                announced = float(np.frombuffer(content, counter, 1, start)[0])
+                start += counter.itemsize
+                if not 0 <= announced * kind.itemsize <= len(content) - start:
+                    raise ValueError
+                length = int(announced)
+                sizes, values = lists[item.name]
+                sizes.append(length)
+                if length:
+                    values.append(np.frombuffer(content, kind, length, start))
+                start += length * kind.itemsize
+    except ValueError:
+        raise _short(source, element) from None
+    nothing = np.zeros(0)
+    columns = {name: np.concatenate([nothing, *found]) for name, found in plain.items()}
+    tables = {
+        name: (np.array(sizes, dtype=np.int64), np.concatenate([nothing, *found]))
+        for name, (sizes, found) in lists.items()
+    }
+    return _Table(columns, tables), start
+
+
+# ---- faces -----------------------------------------------------------------------------------
+
+
+def _corners(
+    source: Path, vertex: _Table, face: _Table | None, strips: _Table | None, count: int
+) -> tuple[Integers, Integers, Array | None]:
+    """Vertex of every corner, corners of every face, texture place of every corner."""
+    empty = np.zeros(0)
+    table = (face or _Table({}, {})).lists
+    name = next((n for n in ("vertex_indices", "vertex_index") if n in table), "")
+    sizes, values = table.get(name, (np.zeros(0, np.int64), empty))
+    if not len(sizes) and strips is not None:
+        _, chain = strips.lists.get("vertex_indices", (None, empty))
+        values = _strips(chain)
+        sizes = np.full(len(values) // 3, 3)
+    if not np.isfinite(values).all() or (
+        len(values) and not 0 <= values.min() <= values.max() <= count - 1
+    ):
+        raise MapImportError(at(source, f"a face refers to none of the {count} vertices", CURE))
+    if int(np.maximum(sizes - 2, 0).sum()) > MAX_TRIANGLES:
+        raise too_large(source, int(sizes.sum()))
+    corners = np.rint(values).astype(np.int64)
+    wedge = table.get("texcoord")
+    if wedge is not None and np.array_equal(wedge[0], 2 * sizes):
+        return corners, sizes, wedge[1].reshape(-1, 2)
+    for u, v in (("s", "t"), ("u", "v"), ("texture_u", "texture_v")):
+        if u in vertex.columns and v in vertex.columns:
+            own = np.column_stack([vertex.columns[u], vertex.columns[v]])
+            return corners, sizes, own[corners]
+    return corners, sizes, None
+
+
+def _strips(chain: Array) -> Array:
+    """Triangles of strips that are separated by -1."""
+    found: list[tuple[float, float, float]] = []
+    run: list[float] = []
+    for value in chain.tolist():
+        if value < 0:
+            run = []
+            continue
+        run.append(value)
+        if len(run) >= 3:
+            a, b, c = run[-3:]
+            found.append((a, b, c) if len(run) % 2 else (b, a, c))
+    return np.array(found).reshape(-1)
+
+
+def _shades(vertex: _Table, triangles: Integers) -> tuple[dict[str, Material], Integers]:
+    """Materials for coloured vertices, and the slot of every triangle."""
+    colors = np.column_stack([vertex.columns[name] for name in ("red", "green", "blue")])
+    if np.nanmax(colors, initial=0.0) > 1.0:
+        colors = colors / 255.0
+    colors = np.nan_to_num(np.clip(colors, 0.0, 1.0))[triangles].mean(axis=1)
+    steps = np.round(colors * (SHADES - 1)).astype(np.int64)
+    unique, slots = np.unique(steps, axis=0, return_inverse=True)
+    materials = {}
+    for r, g, b in (unique / (SHADES - 1)).tolist():
+        name = f"color_{r:.1f}_{g:.1f}_{b:.1f}"
+        materials[name] = Material(name, (r, g, b, 1.0))
+    return materials, slots.reshape(-1)

@@ -1,0 +1,117 @@
+"""Reads STL, binary and text.
+
+The format knows neither units nor axes: one unit is taken for a metre and z for up, and the
+report says that this was assumed (worlds reference 2.4, item 42).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_maps.files import read_bytes
+from usarsim_maps.meshes.mesh_files import MAX_TRIANGLES, axes_of, make_mesh, too_large, with_hulls
+from usarsim_maps.numbers import read_number
+from usarsim_maps.reader import Context, Reader, register
+from usarsim_maps.scene import Part, Scene, SceneObject
+from usarsim_server.errors import MapImportError, at
+
+__all__ = ["StlReader"]
+
+Array = NDArray[np.float64]
+
+MAX_BYTES = 512 << 20
+HEADER = 84
+CURE = "the file is damaged or cut off; export it again"
+
+_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("extra", "<u2")])
+
+
+@register("stl")
+class StlReader(Reader):
+    """Triangles; every `solid` of a text file is an object."""
+
+    title = "STL"
+    extensions = (".stl",)
+
+    @classmethod
+    def recognises(cls, head: bytes) -> bool:
+        """It begins with `solid` and goes on with `facet`."""
+        return head.lstrip().lower().startswith(b"solid") and b"facet" in head.lower()
+
+    def read(self, source: Path, context: Context) -> Scene:
+        """See `Reader.read`."""
+        content = read_bytes(source, MAX_BYTES)
+        axes = axes_of(context.options, "Z", stated=False)
+        solids = _text(source, content) if _is_text(content) else [_binary(source, content)]
+        objects = []
+        for name, corners in solids:
+            if not len(corners):
+                continue
+            points, inverse = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+            mesh = make_mesh(name, points, inverse.reshape(-1, 3), linear=axes.linear)
+            objects.append(SceneObject(name, (Part(mesh),), kind="mesh"))
+        if not objects:
+            raise MapImportError(at(source, "there are no triangles in this file", CURE))
+        context.findings.count("mesh", len(objects))
+        return Scene(source=axes.source(source, "STL"), objects=with_hulls(objects))
+
+
+def _is_text(content: bytes) -> bool:
+    """Some binary files begin with `solid`, too: then their size fits their count."""
+    if content.lstrip()[:5].lower() != b"solid":
+        return False
+    count = int.from_bytes(content[80:HEADER], "little")
+    return len(content) != HEADER + count * _FACET.itemsize
+
+
+def _binary(source: Path, content: bytes) -> tuple[str, Array]:
+    if len(content) < HEADER:
+        raise MapImportError(at(source, f"{len(content)} bytes are no STL file", CURE))
+    count = int.from_bytes(content[80:HEADER], "little")
+    there = (len(content) - HEADER) // _FACET.itemsize
+    if count > there:
+        problem = f"{count} triangles are announced, {there} are there"
+        raise MapImportError(at(source, problem, CURE))
+    if count > MAX_TRIANGLES:
+        raise too_large(source, count)
+    facets = np.frombuffer(content, _FACET, count, HEADER)
+    with np.errstate(invalid="ignore"):
+        return source.stem, facets["corners"].astype(float)
+
+
+def _text(source: Path, content: bytes) -> list[tuple[str, Array]]:
+    solids: list[tuple[str, list[float]]] = []
+    count = 0
+    closed = True
+    for number, line in enumerate(content.splitlines(), start=1):
+        words = line.split()
+        if not words:
+            continue
+        match words[0].lower():
+            case b"vertex":
+                try:
+                    values = [read_number(word.decode("latin-1")) for word in words[1:4]]
+                except ValueError:
+                    values = []
+                if len(values) != 3 or not solids:
+                    problem = f"{line[:60].decode('latin-1')!r} is no vertex"
+                    raise MapImportError(at(source, problem, CURE, where=f"line {number}"))
+                solids[-1][1].extend(values)
+                count += 1
+            case b"solid":
+                name = b" ".join(words[1:]).decode("utf-8", "replace")
+                solids.append((name or source.stem, []))
+                closed = False
+            case b"endsolid":
+                closed = True
+            case b"endfacet" if count % 3:
+                problem = "a facet without three vertices"
+                raise MapImportError(at(source, problem, CURE, where=f"line {number}"))
+    if count % 3 or not closed:
+        raise MapImportError(at(source, "the file ends in the middle of a solid", CURE))
+    if count > 3 * MAX_TRIANGLES:
+        raise too_large(source, count // 3)
+    return [(name, np.array(values).reshape(-1, 3, 3)) for name, values in solids]

@@ -1,0 +1,133 @@
+"""Reads the mesh formats that have no reader of their own here, by the library trimesh.
+
+The library is optional: `pip install "usarsim-server[meshes]"`. Formats that people model maps in
+(COLLADA, glTF, OBJ and others) have readers of their own, which keep what trimesh drops: units,
+textures, names with a meaning, and most of a damaged file.
+"""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from usarsim_maps.files import MAX_BYTES, read_bytes
+from usarsim_maps.meshes.mesh_files import (
+    MAX_TRIANGLES,
+    Axes,
+    axes_of,
+    make_mesh,
+    too_large,
+    with_hulls,
+)
+from usarsim_maps.reader import Context, Reader, need, register
+from usarsim_maps.scene import Material, Mesh, Part, Scene, SceneObject
+from usarsim_server.errors import MapImportError, at
+
+__all__ = ["TrimeshReader"]
+
+CURE = "the file is damaged, or written in a way that trimesh does not know; export it as glTF"
+
+
+@register("trimesh")
+class TrimeshReader(Reader):
+    """One object for every node with triangles."""
+
+    title = "trimesh"
+    extensions = (".3mf", ".off", ".xaml")
+
+    @classmethod
+    def recognises(cls, head: bytes) -> bool:
+        """It begins as OFF files do."""
+        return head.split(maxsplit=1)[:1] in ([b"OFF"], [b"COFF"])
+
+    def read(self, source: Path, context: Context) -> Scene:
+        """See `Reader.read`."""
+        kind = source.suffix.lower().removeprefix(".") or "off"
+        need("lxml.etree", source, "these files")
+        need("networkx", source, "these files")
+        trimesh = need("trimesh", source, f"{kind.upper()} files")
+        content = read_bytes(source)
+        _refuse_bomb(source, content)
+        try:
+            found = trimesh.load_scene(io.BytesIO(content), file_type=kind, process=False)
+            unit = 1.0 if found.units is None else _metres(trimesh, found.units)
+            nodes = [(name, *found.graph[name]) for name in found.graph.nodes_geometry]
+        except MemoryError:
+            raise
+        except Exception as error:  # each of its readers raises what it likes
+            text = " ".join(f"trimesh cannot read it: {error}".split())[:200]
+            raise MapImportError(at(source, text, CURE)) from None
+        axes = axes_of(context.options, "Z", unit, stated=found.units is not None)
+        return _scene(source, context, axes, found.geometry, nodes)
+
+
+def _metres(trimesh: Any, units: str) -> float:
+    """Metres in a unit by its name, such as `millimeter`."""
+    return float(trimesh.units.unit_conversion(units, "meters"))
+
+
+def _refuse_bomb(source: Path, content: bytes) -> None:
+    """Refuse an archive that is far larger than its file, or that is cut off.
+
+    Raises:
+        MapImportError: it is.
+    """
+    if not content.startswith(b"PK"):
+        return
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            size = sum(entry.file_size for entry in archive.infolist())
+    except zipfile.BadZipFile as error:
+        raise MapImportError(at(source, f"a damaged archive: {error}", CURE)) from None
+    if size > MAX_BYTES:
+        raise MapImportError(at(source, f"{size >> 20} MiB when unpacked", "split the map"))
+
+
+def _scene(
+    source: Path,
+    context: Context,
+    axes: Axes,
+    geometry: dict[str, Any],
+    nodes: list[tuple[str, Any, str]],
+) -> Scene:
+    meshes: dict[str, Mesh | None] = {}
+    materials: dict[str, Material] = {}
+    objects = []
+    count = 0
+    for name, matrix, key in nodes:
+        if key not in meshes:
+            made = geometry[key]
+            faces = np.asarray(getattr(made, "faces", ()), np.int64).reshape(-1, 3)
+            count += len(faces)
+            if count > MAX_TRIANGLES:
+                raise too_large(source, count)
+            meshes[key] = None if not len(faces) else _mesh(key, made, faces, materials)
+        mesh = meshes[key]
+        if mesh is None:
+            context.findings.skip("points and lines")
+            continue
+        pose, local = axes.place(np.asarray(matrix, float))
+        objects.append(SceneObject(name, (Part(mesh, local),), pose=pose, kind="mesh"))
+    if not objects:
+        raise MapImportError(at(source, "there are no triangles in this file", CURE))
+    context.findings.count("mesh", len(objects))
+    return Scene(
+        source=axes.source(source, source.suffix.removeprefix(".").upper()),
+        objects=with_hulls(objects),
+        materials=materials,
+    )
+
+
+def _mesh(name: str, made: Any, faces: Any, materials: dict[str, Material]) -> Mesh:
+    """A mesh with the colour that most of it has, if it has one."""
+    names = []
+    if made.visual.defined:
+        r, g, b, a = (float(part) for part in made.visual.main_color)
+        word = "#" + "".join(f"{int(part):02x}" for part in (r, g, b, a))
+        materials.setdefault(word, Material(word, (r / 255.0, g / 255.0, b / 255.0, a / 255.0)))
+        names.append(word)
+    return make_mesh(name, np.asarray(made.vertices, float), faces, materials=names)

@@ -1,0 +1,328 @@
+"""Reads X3D and VRML 2 (VRML97): the same nodes in two syntaxes (ISO/IEC 19775-1).
+
+Y is up and lengths are metres by definition, unless the head has a `unit` of its own. Names are
+those of DEF. What moves, asks or draws by itself (scripts, routes, prototypes) is left out.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_maps.files import AssetIndex, read_head
+from usarsim_maps.findings import Findings
+from usarsim_maps.meshes.mesh_files import (
+    MAX_TRIANGLES,
+    Axes,
+    Markers,
+    Pictures,
+    axes_of,
+    too_large,
+    with_hulls,
+)
+from usarsim_maps.meshes.vrml_text import read_vrml
+from usarsim_maps.meshes.x3d_shapes import make_geometry
+from usarsim_maps.meshes.xml_text import Document, Node, read_xml
+from usarsim_maps.numbers import read_number, read_numbers
+from usarsim_maps.placing import axis_turn
+from usarsim_maps.reader import Context, Reader, register
+from usarsim_maps.scene import Material, Mesh, Part, Scene, SceneObject
+from usarsim_server.errors import MapImportError, at
+
+__all__ = ["X3dReader"]
+
+Array = NDArray[np.float64]
+
+MAX_DEPTH = 200
+MAX_OBJECTS = 100_000
+MAX_NODES = 1_000_000
+"""Nodes that are looked at; those used several times count each time."""
+
+MAX_FILES = 1000
+CURE = "export it again, or as glTF"
+
+GROUPS = {
+    "Anchor",
+    "Billboard",
+    "Collision",
+    "Group",
+    "Scene",
+    "StaticGroup",
+    "X3D",
+    "CADLayer",
+    "CADAssembly",
+    "CADPart",
+    "CADFace",
+    "HAnimHumanoid",
+    "HAnimJoint",
+    "HAnimSegment",
+}
+"""Nodes whose children are simply there."""  # fmt: skip
+
+_STRINGS = re.compile(r'"((?:[^"\\]|\\.)*)"')
+
+
+@register("x3d")
+class X3dReader(Reader):
+    """One object for every shape."""
+
+    title = "X3D and VRML"
+    extensions = (".wrl", ".vrml", ".x3d", ".x3dv")
+
+    @classmethod
+    def recognises(cls, head: bytes) -> bool:
+        """It begins with the line of VRML or classic X3D, or has the element X3D."""
+        return head.startswith((b"#VRML", b"#X3D")) or b"<X3D" in head
+
+    def read(self, source: Path, context: Context) -> Scene:
+        """See `Reader.read`."""
+        document = _load(source, context.findings)
+        return _Stage(document, context, axes_of(context.options, "Y", _unit(document))).scene()
+
+
+def _load(path: Path, findings: Findings) -> Document:
+    classic = not read_head(path).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<")
+    if classic:
+        return replace(read_vrml(path), findings=findings)
+    return read_xml(path, tolerant=True, findings=findings)
+
+
+def _unit(document: Document) -> float:
+    """Metres per unit of length, as the head says."""
+    for node in document.root.walk():
+        if node.tag == "unit" and node.get("category") == "length":
+            try:
+                factor = read_number(node.get("conversionFactor", "1"))
+            except ValueError:
+                factor = 0.0
+            if not 1e-9 < factor < 1e9:
+                raise document.error(node, "a unit of length without meaning", CURE)
+            return factor
+    return 1.0
+
+
+def _defined(document: Document) -> dict[str, Node]:
+    """The nodes of a file that have a name."""
+    names: dict[str, Node] = {}
+    for node in document.root.walk():
+        if node.get("DEF") and not node.get("USE"):
+            names.setdefault(node.get("DEF"), node)
+    return names
+
+
+class _Stage:
+    """A scene being filled."""
+
+    def __init__(self, document: Document, context: Context, axes: Axes) -> None:
+        self._document = document
+        self._context = context
+        self._axes = axes
+        self._pictures = Pictures(document.path, context)
+        self._names = _defined(document)
+        self._meshes: dict[int, Mesh | None] = {}
+        self._materials: dict[str, Material] = {}
+        self._looks: dict[int, str] = {}
+        self._objects: list[SceneObject] = []
+        self._markers = Markers()
+        self._triangles = self._visited = 0
+        self._index: AssetIndex | None = None
+        self._documents = [document]  # all stay: what is cached goes by the identity of nodes
+
+    def scene(self) -> Scene:
+        """Everything that the file shows."""
+        self._node(self._document.root, np.eye(4), "", 0)
+        if not self._objects:
+            problem = "there are no faces in this file"
+            raise MapImportError(at(self._document.path, problem, CURE))
+        files = [document.path for document in self._documents]
+        return Scene(
+            source=self._axes.source(files[0], "X3D", [*files, *self._pictures.files]),
+            objects=with_hulls(self._objects),
+            materials=self._materials,
+            starts=tuple(self._markers.starts),
+            path_nodes=tuple(self._markers.path_nodes),
+            victims=tuple(self._markers.victims),
+        )
+
+    def _meant(self, node: Node) -> Node:
+        """The node itself, or the one that it uses once more."""
+        word = node.get("USE")
+        if not word:
+            return node
+        found = self._names.get(word)
+        if found is None:
+            raise self._document.error(node, f"USE of {word[:40]!r}, which is not defined", CURE)
+        return found
+
+    def _child(self, node: Node, *tags: str) -> Node | None:
+        """The first child of one of these kinds."""
+        for child in node.children:
+            found = self._meant(child)
+            if found.tag in tags:
+                return found
+        return None
+
+    def _node(self, node: Node, parent: Array, above: str, depth: int) -> None:
+        if depth > MAX_DEPTH:
+            raise self._document.error(node, "nodes contain each other, or are nested too deeply")
+        self._visited += 1
+        if self._visited > MAX_NODES:
+            raise self._document.error(node, f"more than {MAX_NODES} nodes", "split the map")
+        node = self._meant(node)
+        name = node.get("DEF") or above
+        if node.tag == "Transform":
+            matrix = parent @ self._matrix(node)
+            self._children(node, matrix, name, depth)
+            if not node.children and node.get("DEF"):
+                kind = self._markers.take(name, self._axes.pose(matrix))
+                self._context.findings.count(kind or "empty node")
+        elif node.tag in GROUPS:
+            self._children(node, parent, name, depth)
+        elif node.tag == "LOD":
+            self._one(node, 0, parent, name, depth)
+        elif node.tag == "Switch":
+            self._one(node, int(self._numbers(node, "whichChoice", (-1,))[0]), parent, name, depth)
+        elif node.tag == "Shape":
+            self._shape(node, parent, name)
+        elif node.tag == "Inline":
+            self._inline(node, parent, name, depth)
+        else:
+            self._context.findings.skip(node.tag)
+
+    def _children(self, node: Node, matrix: Array, name: str, depth: int) -> None:
+        for child in node.children:
+            if child.tag not in ("head", "unit", "MetadataString", "MetadataSet"):
+                self._node(child, matrix, name, depth + 1)
+
+    def _one(self, node: Node, number: int, matrix: Array, name: str, depth: int) -> None:
+        """One of the children, if there are so many."""
+        if 0 <= number < len(node.children):
+            self._node(node.children[number], matrix, name, depth + 1)
+
+    def _inline(self, node: Node, matrix: Array, name: str, depth: int) -> None:
+        """Another file, shown here; its names are its own."""
+        if self._index is None:
+            self._index = self._context.index(self._document.path)
+        urls = list(_strings(node.get("url")))
+        found = next(filter(None, (self._index.find(u, X3dReader.extensions) for u in urls)), None)
+        if found is None or found.suffix.lower() not in X3dReader.extensions:
+            self._context.findings.missing("file", " ".join(urls)[:200])
+            return
+        if len(self._documents) >= MAX_FILES:
+            raise self._document.error(node, f"more than {MAX_FILES} files", "split the map")
+        outer = self._document, self._names
+        self._document = _load(found, self._context.findings)
+        self._documents.append(self._document)
+        self._names = _defined(self._document)
+        self._node(self._document.root, matrix, name, depth + 1)
+        self._document, self._names = outer
+
+    def _shape(self, node: Node, matrix: Array, name: str) -> None:
+        if len(self._objects) >= MAX_OBJECTS:
+            raise self._document.error(node, f"more than {MAX_OBJECTS} shapes", "split the map")
+        geometry = self._geometry(node)
+        if geometry is None:
+            return
+        if id(geometry) not in self._meshes:
+            mesh = make_geometry(self._document, geometry, self._field_of(geometry))
+            self._triangles += 0 if mesh is None else len(mesh.triangles)
+            if self._triangles > MAX_TRIANGLES:
+                raise too_large(self._document.path, self._triangles)
+            self._meshes[id(geometry)] = mesh
+        mesh = self._meshes[id(geometry)]
+        if mesh is None:
+            self._context.findings.skip(geometry.tag)
+            return
+        pose, local = self._axes.place(matrix)
+        look = self._look(self._child(node, "Appearance"))
+        part = Part(mesh, local, materials={0: look} if look else {})
+        word = node.get("DEF") or name or geometry.get("DEF") or geometry.tag
+        self._context.findings.count("shape")
+        self._objects.append(SceneObject(word, (part,), pose=pose, kind="shape"))
+
+    def _geometry(self, shape: Node) -> Node | None:
+        """What a shape shows: the child that is no appearance and no description."""
+        for child in shape.children:
+            found = self._meant(child)
+            if found.tag != "Appearance" and not found.tag.startswith("Metadata"):
+                return found
+        return None
+
+    def _field_of(self, geometry: Node) -> Callable[..., Node | None]:
+        return lambda *tags: self._child(geometry, *tags)
+
+    def _look(self, appearance: Node | None) -> str:
+        """The name of the material of an appearance."""
+        if appearance is None:
+            return ""
+        if id(appearance) not in self._looks:
+            material = self._child(appearance, "Material", "UnlitMaterial", "PhysicalMaterial")
+            texture = self._child(appearance, "ImageTexture")
+            color = (0.8, 0.8, 0.8, 1.0)
+            if material is not None:
+                word = {"Material": "diffuseColor", "UnlitMaterial": "emissiveColor"}.get(
+                    material.tag, "baseColor"
+                )
+                r, g, b = self._numbers(material, word, (0.8, 0.8, 0.8))
+                (clear,) = self._numbers(material, "transparency", (0.0,))
+                color = (r, g, b, 1.0 - clear)
+            picture = None
+            if texture is not None:
+                found = (self._pictures.find(url) for url in _strings(texture.get("url")))
+                picture = next((path for path in found if path is not None), None)
+                color = (1.0, 1.0, 1.0, color[3])
+            name = appearance.get("DEF") or (material.get("DEF") if material is not None else "")
+            name = name or f"material{len(self._looks)}"
+            while name in self._materials:
+                name += "-2"
+            self._materials[name] = Material(name, color, picture)
+            self._looks[id(appearance)] = name
+        return self._looks[id(appearance)]
+
+    def _matrix(self, node: Node) -> Array:
+        """T C R SR S -SR -C, as the standard has it for Transform."""
+        center = _moved(self._numbers(node, "center", (0.0, 0.0, 0.0)))
+        back = _moved([-value for value in center[:3, 3]])
+        turn = _turned(self._numbers(node, "rotation", (0.0, 0.0, 1.0, 0.0)))
+        skew = _turned(self._numbers(node, "scaleOrientation", (0.0, 0.0, 1.0, 0.0)))
+        scale = np.diag([*self._numbers(node, "scale", (1.0, 1.0, 1.0)), 1.0])
+        place = _moved(self._numbers(node, "translation", (0.0, 0.0, 0.0)))
+        answer: Array = place @ center @ turn @ skew @ scale @ skew.T @ back
+        return answer
+
+    def _numbers(self, node: Node, field: str, default: tuple[float, ...]) -> list[float]:
+        """So many numbers of a field as its default has, which stands for what makes no sense."""
+        text = node.get(field)
+        if not text:
+            return list(default)
+        try:
+            values = read_numbers(text, len(default))[: len(default)]
+        except ValueError:
+            values = []
+        if len(values) != len(default) or not all(abs(value) < 1e12 for value in values):
+            self._document.note(node, f"{field} {text[:60]!r} makes no sense; left out")
+            return list(default)
+        return values
+
+
+def _moved(translation: list[float]) -> Array:
+    matrix = np.eye(4)
+    matrix[:3, 3] = translation
+    return matrix
+
+
+def _turned(rotation: list[float]) -> Array:
+    matrix = np.eye(4)
+    matrix[:3, :3] = axis_turn(np.array(rotation[:3]), rotation[3])
+    return matrix
+
+
+def _strings(text: str) -> Iterator[str]:
+    """The texts of a field; one without quotes is one text."""
+    found = _STRINGS.findall(text)
+    yield from found if found or not text.strip() else [text.strip()]

@@ -1,0 +1,211 @@
+"""Geometry nodes of X3D and VRML as triangles (ISO/IEC 19775-1, clauses 11 and 13)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_maps.build.triangulate import triangulate
+from usarsim_maps.meshes.mesh_files import make_mesh
+from usarsim_maps.meshes.xml_text import Document, Node
+from usarsim_maps.scene import Mesh
+
+__all__ = ["make_geometry"]
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Find = Callable[..., Node | None]
+
+SIDES = 32
+"""Corners of round things."""
+
+CURE = "export it again, or as glTF"
+
+
+def make_geometry(document: Document, node: Node, child: Find) -> Mesh | None:
+    """The mesh of a geometry node in its own frame, with one material; None for other nodes.
+
+    Args:
+        document: for errors.
+        node: the geometry.
+        child: finds the first of its children of some kinds.
+
+    Raises:
+        MapImportError: a value makes no sense; the message has the line.
+    """
+    maker = _MAKERS.get(node.tag)
+    if maker is None:
+        return None
+    points, polygons, uvs = maker(_Fields(document, node, child))
+    if len(polygons) and (polygons.min() < -1 or polygons.max() >= len(points)):
+        problem = f"{node.tag}: index {polygons.max()} of {len(points)} points"
+        raise document.error(node, problem, CURE)
+    corners = polygons >= 0
+    # Polygons end with -1; the last one need not.
+    sizes = np.diff(np.flatnonzero(np.concatenate([[True], ~corners, [True]]))) - 1
+    ring = polygons[corners]
+    triangles, _ = triangulate(points[ring], sizes[sizes > 0])
+    if not len(triangles):
+        return None
+    if node.get("ccw").lower() == "false":
+        triangles = triangles[:, ::-1]
+    name = node.get("DEF") or node.tag
+    coordinates = None if uvs is None else uvs[triangles]
+    return make_mesh(name, points, ring[triangles], uvs=coordinates)
+
+
+class _Fields:
+    """The fields of a node."""
+
+    def __init__(self, document: Document, node: Node, child: Find) -> None:
+        self._document = document
+        self.node = node
+        self.child = child
+
+    def floats(self, field: str, node: Node | None = None, width: int = 1) -> Array:
+        """All numbers of a field, in rows of some width."""
+        owner = self.node if node is None else node
+        text = owner.get(field).replace(",", " ")
+        try:
+            values = np.array(text.split(), dtype=float)
+        except ValueError as error:
+            raise self._document.error(owner, f"{field}: {error}"[:120], CURE) from None
+        if len(values) % width:
+            problem = f"{field}: {len(values)} numbers are no rows of {width}"
+            raise self._document.error(owner, problem, CURE)
+        return values.reshape(-1, width)
+
+    def integers(self, field: str) -> Integers:
+        """All whole numbers of a field."""
+        values = self.floats(field).reshape(-1)
+        if not (np.abs(values) < 1 << 31).all():
+            raise self._document.error(self.node, f"{field}: a number without meaning", CURE)
+        return values.astype(np.int64)
+
+    def size(self, field: str, default: float) -> float:
+        """A positive number."""
+        values = self.floats(field).reshape(-1)
+        if not len(values):
+            return default
+        if not 0.0 < values[0] < 1e9:
+            problem = f"{field} is {self.node.get(field)[:40]!r}"
+            raise self._document.error(self.node, problem, CURE)
+        return float(values[0])
+
+    def points(self) -> Array:
+        """Of the Coordinate node."""
+        found = self.child("Coordinate", "CoordinateDouble")
+        return np.zeros((0, 3)) if found is None else self.floats("point", found, 3)
+
+    def uvs(self) -> Array | None:
+        """Of the TextureCoordinate node."""
+        found = self.child("TextureCoordinate")
+        return None if found is None else self.floats("point", found, 2)
+
+
+Made = tuple[Array, Integers, Array | None]
+"""Points (n, 3); vertex numbers of polygons, each ended by -1; texture coordinates per corner."""
+
+
+def _face_set(fields: _Fields) -> Made:
+    points, order = fields.points(), fields.integers("coordIndex")
+    order = np.maximum(order, -1)
+    uvs, chosen = fields.uvs(), fields.integers("texCoordIndex")
+    if uvs is None:
+        return points, order, None
+    chosen = np.maximum(chosen, -1) if len(chosen) else order
+    corners = chosen[chosen >= 0]
+    fits = len(corners) == np.count_nonzero(order >= 0) and (
+        not len(corners) or corners.max() < len(uvs)
+    )
+    return points, order, uvs[corners] if fits else None
+
+
+def _triangle_set(fields: _Fields) -> Made:
+    points = fields.points()
+    order = fields.integers("index") if fields.node.tag != "TriangleSet" else np.arange(len(points))
+    order = order[: len(order) // 3 * 3]
+    uvs = fields.uvs()
+    fits = uvs is not None and (not len(order) or 0 <= order.min() <= order.max() < len(uvs))
+    rows = np.column_stack([order.reshape(-1, 3), np.full(len(order) // 3, -1)])
+    return points, rows.reshape(-1), uvs[order] if fits and uvs is not None else None
+
+
+def _box(fields: _Fields) -> Made:
+    rows = fields.floats("size", width=3)
+    half = (rows[0] if len(rows) else np.array([2.0, 2.0, 2.0])) / 2.0
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * half
+    return (
+        corners,
+        _ended(
+            [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+        ),
+        None,
+    )
+
+
+def _sphere(fields: _Fields) -> Made:
+    return _lathe([(radius, height) for radius, height in _half_circle(fields.size("radius", 1.0))])
+
+
+def _half_circle(radius: float) -> list[tuple[float, float]]:
+    angles = np.linspace(-math.pi / 2.0, math.pi / 2.0, SIDES // 2 + 1)
+    return [(radius * math.cos(a), radius * math.sin(a)) for a in angles.tolist()]
+
+
+def _cylinder(fields: _Fields) -> Made:
+    radius, half = fields.size("radius", 1.0), fields.size("height", 2.0) / 2.0
+    return _lathe([(0.0, -half), (radius, -half), (radius, half), (0.0, half)])
+
+
+def _cone(fields: _Fields) -> Made:
+    radius, half = fields.size("bottomRadius", 1.0), fields.size("height", 2.0) / 2.0
+    return _lathe([(0.0, -half), (radius, -half), (0.0, half)])
+
+
+def _lathe(outline: list[tuple[float, float]]) -> Made:
+    """What turns about y: radius and height from below to above."""
+    turn = np.linspace(0.0, math.tau, SIDES, endpoint=False)
+    rings = [np.column_stack([r * np.cos(turn), np.full(SIDES, h), -r * np.sin(turn)])
+             for r, h in outline]  # fmt: skip
+    rows = []
+    for level in range(len(outline) - 1):
+        for k in range(SIDES):
+            low, high, after = level * SIDES, (level + 1) * SIDES, (k + 1) % SIDES
+            rows.append([low + k, low + after, high + after, high + k])
+    return np.concatenate(rings), _ended(rows), None
+
+
+def _grid(fields: _Fields) -> Made:
+    """ElevationGrid: heights along y over a grid of x and z."""
+    columns, rows = int(fields.size("xDimension", 0.0)), int(fields.size("zDimension", 0.0))
+    heights = fields.floats("height").reshape(-1)[: columns * rows]
+    if columns < 2 or rows < 2 or len(heights) < columns * rows:
+        return np.zeros((0, 3)), np.zeros(0, np.int64), None
+    x = np.arange(columns) * fields.size("xSpacing", 1.0)
+    z = np.arange(rows) * fields.size("zSpacing", 1.0)
+    points = np.column_stack([np.tile(x, rows), heights, np.repeat(z, columns)])
+    first = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).reshape(-1)
+    # Two triangles for each cell: its corners need not lie in one plane.
+    one = np.column_stack([first, first + columns, first + columns + 1, np.full(len(first), -1)])
+    two = np.column_stack([first, first + columns + 1, first + 1, np.full(len(first), -1)])
+    return points, np.concatenate([one, two]).reshape(-1), None
+
+
+def _ended(rows: list[list[int]]) -> Integers:
+    return np.array([number for row in rows for number in (*row, -1)], np.int64)
+
+
+_MAKERS: dict[str, Callable[[_Fields], Made]] = {
+    "Box": _box,
+    "Cone": _cone,
+    "Cylinder": _cylinder,
+    "ElevationGrid": _grid,
+    "IndexedFaceSet": _face_set,
+    "IndexedTriangleSet": _triangle_set,
+    "Sphere": _sphere,
+    "TriangleSet": _triangle_set,
+}

@@ -1,0 +1,242 @@
+"""What a reader of a map format is, and how the right one is found.
+
+A reader is one class in one file of a folder of this package, registered with `register`; another
+package brings one through the entry point group `usarsim_maps.readers`. Importing a reader's module
+must be cheap: heavy or optional packages belong inside `read` (see `need`).
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import ModuleType
+from typing import ClassVar
+
+from usarsim_maps import gazebo, grids, meshes, unreal, usd
+from usarsim_maps.files import AssetIndex, read_head
+from usarsim_maps.findings import Findings
+from usarsim_maps.scene import Scene
+from usarsim_server.errors import MapImportError, at
+from usarsim_server.files import ALLOW, Folders
+from usarsim_server.plugins import PluginTypes
+
+__all__ = [
+    "GROUP",
+    "Context",
+    "ImportOptions",
+    "Reader",
+    "find_reader",
+    "need",
+    "read_scene",
+    "readers",
+    "register",
+    "without_refused",
+]
+
+_MESHES = 'pip install "usarsim-server[meshes]"'
+PACKAGES = {"pxr": "pip install usd-core"} | dict.fromkeys(
+    ("DracoPy", "lxml", "networkx", "trimesh"), _MESHES
+)
+"""How to get an optional package."""
+
+GROUP = "usarsim_maps.readers"
+"""Entry point group for readers of other packages."""
+
+ANYTHING = {".txt"}
+"""Extensions that say little: the first bytes are asked before the name."""
+
+
+@dataclass(frozen=True, slots=True)
+class ImportOptions:
+    """What a user may say about a map; None leaves it to the file or the format's convention.
+
+    Attributes:
+        scale: units of the file per metre; replaces what the file says.
+        up: axis of the file that points up, `Z` or `Y`.
+        mirror: reflect the map (y becomes -y); for files written without regard to handedness.
+        assets: folders searched for meshes, textures and models that the map names.
+        placeholders: a box of 0.5 m stands in for every mesh that is missing.
+        wall_height: m, of walls that come from occupancy grids.
+        allow_outside: what the map names is read wherever it lies, not only in its own folder and
+            those of `assets`.
+    """
+
+    scale: float | None = None
+    up: str | None = None
+    mirror: bool = False
+    assets: tuple[Path, ...] = ()
+    placeholders: bool = False
+    wall_height: float | None = None
+    allow_outside: bool = False
+
+
+def _quiet(step: str, part: float) -> None:
+    """Nobody watches."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Context:
+    """What a reader is given beside the file.
+
+    Attributes:
+        options: of the user.
+        findings: where counts, missing files and warnings go.
+        progress: call now and then with what is being done and the part of it that is done, 0 to
+            1. It may raise to end the import.
+        folders: what may be read; None stands for the asset folders. `read_scene` adds the map's.
+    """
+
+    options: ImportOptions = field(default_factory=ImportOptions)
+    findings: Findings = field(default_factory=Findings)
+    progress: Callable[[str, float], None] = _quiet
+    folders: Folders | None = None
+
+    def admit(self, path: Path, asker: Path) -> bool:
+        """Whether a file or folder may be read; a refusal is a finding.
+
+        Args:
+            path: that was found.
+            asker: the file that names it.
+        """
+        refusal = self.confined().refusal(path, asker)
+        if refusal is not None:
+            self.findings.warn(asker.name, f"{refusal}; {ALLOW}")
+        return refusal is None
+
+    def index(self, source: Path) -> AssetIndex:
+        """Finds by name what a file names, beside it and in the asset folders."""
+        return AssetIndex(self.options.assets, source, lambda path: self.admit(path, source))
+
+    def confined(self) -> Folders:
+        """The folders that may be read."""
+        options = self.options
+        return self.folders or Folders(options.assets, allow_outside=options.allow_outside)
+
+
+class Reader(ABC):
+    """Reads one family of map files.
+
+    Attributes:
+        title: the format, for people.
+        extensions: of the files it reads, lower case with the dot.
+        meshes: its files may be meshes that other maps name.
+    """
+
+    title: ClassVar[str]
+    extensions: ClassVar[tuple[str, ...]]
+    meshes: ClassVar[bool] = True
+
+    @classmethod
+    def recognises(cls, head: bytes) -> bool:
+        """Whether the first 4 KiB of a file look like this format.
+
+        Asked only where the extension does not decide: several readers want it, or none.
+        """
+        return False
+
+    @abstractmethod
+    def read(self, source: Path, context: Context) -> Scene:
+        """Read one file.
+
+        Raises:
+            MapImportError: the file cannot be used; the message names file, place and cure.
+                Missing decorations are findings, never errors.
+        """
+
+
+TYPES: PluginTypes[Reader] = PluginTypes(
+    "map reader", Reader, (gazebo, grids, meshes, unreal, usd), GROUP
+)
+
+register = TYPES.register
+"""Class decorator: `@register("t3d")` makes a reader known under this short name."""
+
+
+def readers() -> dict[str, type[Reader]]:
+    """All readers by short name, sorted."""
+    return {name: TYPES.find(name, GROUP) for name in TYPES.names()}
+
+
+def find_reader(source: Path) -> Reader:
+    """The reader of a file, by extension and, where that does not decide, by the first bytes.
+
+    Raises:
+        MapImportError: there is no such file, or no reader wants it.
+    """
+    if not os.path.lexists(source):
+        raise MapImportError(at(source, "no such file", "check the path of the map"))
+    head = read_head(source)
+    known = list(dict.fromkeys(readers().values()))
+    suffix = source.suffix.lower()
+    by_name = [cls for cls in known if suffix in cls.extensions]
+    if len(by_name) == 1 and suffix not in ANYTHING:
+        return by_name[0]()
+    for cls in known if suffix in ANYTHING else by_name or known:
+        if cls.recognises(head):
+            return cls()
+    if by_name:
+        return by_name[0]()
+    extensions = ", ".join(sorted({ext for cls in known for ext in cls.extensions}))
+    problem = f"unknown kind of map {suffix!r}" if suffix else "a file without extension"
+    raise MapImportError(at(source, problem, f"known extensions: {extensions}"))
+
+
+def read_scene(source: Path, context: Context | None = None) -> Scene:
+    """Read a map file of any known format, also for readers that need the meshes of other files.
+
+    Raises:
+        MapImportError: see `Reader.read`.
+    """
+    context = context or Context()
+    if context.folders is None:
+        context = replace(context, folders=context.confined().with_more([source.parent]))
+    reader = find_reader(source)
+    try:
+        return without_refused(reader.read(source, context), context, source)
+    except MapImportError:
+        raise
+    except (RecursionError, MemoryError) as error:
+        problem = f"too deeply nested or too large ({type(error).__name__})"
+        raise MapImportError(at(source, problem, "import a smaller part of the map")) from None
+    except OSError as error:
+        raise MapImportError(
+            at(error.filename or source, f"cannot be read: {error.strerror}", "check the file")
+        ) from error
+
+
+def without_refused(scene: Scene, context: Context, asker: Path) -> Scene:
+    """The scene without pictures that lie where nothing may be read: the last place to look."""
+    changed = {
+        name: replace(material, texture=None)
+        for name, material in scene.materials.items()
+        if material.texture is not None and not context.admit(material.texture, asker)
+    }
+    return replace(scene, materials={**scene.materials, **changed}) if changed else scene
+
+
+def need(module: str, source: Path, what_for: str) -> ModuleType:
+    """Import an optional package.
+
+    Args:
+        module: its name.
+        source: the file that needs it.
+        what_for: for example `USD files`.
+
+    Raises:
+        MapImportError: it is not installed.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError:
+        top = module.partition(".")[0]
+        raise MapImportError(
+            at(
+                source,
+                f"{what_for} need the Python package {top!r}",
+                PACKAGES.get(top, f"pip install {top}"),
+            )
+        ) from None

@@ -1,0 +1,251 @@
+"""Opening stages: archives checked before they are, errors told, variants chosen."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import re
+import signal
+import subprocess
+import sys
+import zipfile
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+from pxr import Ar, Tf, Usd, UsdUtils
+
+from usarsim_maps.files import MAX_BYTES, check_size, read_bytes, read_head
+from usarsim_maps.findings import Findings
+from usarsim_maps.reader import Context
+from usarsim_server.errors import MapImportError, at
+from usarsim_server.files import ALLOW
+
+__all__ = [
+    "broken",
+    "check_archive",
+    "files_of",
+    "finest_variants",
+    "listening",
+    "open_stage",
+    "read_resource",
+]
+
+MAX_ENTRIES = 20_000
+"""Files in one USDZ archive."""
+
+BINARY = b"PXR-USDC"
+TRIAL = Path(__file__).with_name("trial.py")
+PATIENCE, SPEED = 30.0, 2e6
+"""s to start the library, and bytes per second it reads even on a busy machine."""
+
+MAX_RESOURCE = 256 << 20
+"""Bytes of a picture inside an archive."""
+
+MAX_ROUNDS = 8
+"""Variants within variants."""
+
+_QUOTED = re.compile(r" : '(.*?)'\s*(?=\n\s*Error in|$)", re.DOTALL)
+_PLACE = re.compile(r".*?:(?P<line>\d+):\d+: (?P<problem>.+)")
+_CLASSES = re.compile(r"\b(?:pxrInternal\w*|Sdf_\w+)::")
+_ASSET = re.compile(r"@(?P<file>[^@]+)@")
+_DIGITS = re.compile(r"\d+$")
+
+
+def check_archive(source: Path) -> None:
+    """Look through the table of a USDZ archive before anything is taken out of it.
+
+    Raises:
+        MapImportError: it is no archive, its files are compressed, which USDZ forbids and bombs
+            need, or they are larger than the archive.
+    """
+    cure = "make it again with usdzip, or with the program that exported it"
+    try:
+        with zipfile.ZipFile(source) as archive:
+            entries = archive.infolist()
+    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError) as error:
+        raise MapImportError(at(source, f"no USDZ archive ({error})", cure)) from None
+    if not entries or len(entries) > MAX_ENTRIES:
+        raise MapImportError(at(source, f"{len(entries)} files in the archive", cure))
+    for entry in entries:
+        if entry.compress_type != zipfile.ZIP_STORED or entry.file_size != entry.compress_size:
+            problem = f"{entry.filename} is compressed; USDZ allows no compression"
+            raise MapImportError(at(source, problem, cure))
+    total = sum(entry.file_size for entry in entries)
+    if total > source.stat().st_size:
+        problem = f"the files in it say they have {total} bytes, more than the archive"
+        raise MapImportError(at(source, problem, cure))
+
+
+def try_out(source: Path, context: Context) -> None:
+    """Let another process read a binary file first: a damaged one may end or stall it.
+
+    Text is read here, unless it brings in other files.
+
+    Raises:
+        MapImportError: it did, or files that the stage needs may not be read.
+    """
+    binary = source.suffix.lower() == ".usdz" or read_head(source).startswith(BINARY)
+    if not binary and b"@" not in read_bytes(source):
+        return
+    folders = context.options.assets
+    command = [sys.executable, str(TRIAL), str(source), *map(str, folders)]
+    seconds = PATIENCE + source.stat().st_size / SPEED
+    cure = "the file is damaged; export it again, or as .usda"
+    try:
+        done = subprocess.run(
+            command, timeout=seconds, check=False, stdin=subprocess.DEVNULL, capture_output=True
+        )
+    except subprocess.TimeoutExpired:
+        problem = f"the USD library has not read it within {seconds:.0f} s"
+        raise MapImportError(at(source, problem, cure)) from None
+    if done.returncode < 0:
+        name = signal.Signals(-done.returncode).name
+        raise MapImportError(at(source, f"the USD library crashes on it ({name})", cure))
+    try:
+        named = json.loads(done.stdout or b"[]")
+    except ValueError:
+        named = []  # names that are no text; what is opened in the end is looked at once more
+    for asker, path in named:
+        check_layer(context, Path(asker), Path(path))
+
+
+def check_layer(context: Context, asker: Path, path: Path) -> None:
+    """Refuse a file that a stage is composed of, if it lies outside or is no regular file.
+
+    Raises:
+        MapImportError: it is one.
+    """
+    refusal = context.confined().refusal(path, asker)
+    if refusal is not None:
+        raise MapImportError(at(asker, refusal, ALLOW))
+    read_head(path)
+
+
+def open_stage(source: Path, context: Context) -> Any:
+    """Open a stage with all its payloads.
+
+    Args:
+        source: the file.
+        context: of the import; its asset folders are searched for references that are not found
+            where they should be, its findings are told of files that are missing.
+
+    Raises:
+        MapImportError: the file itself cannot be read; line and reason are those of the library.
+            Or the stage needs a file that may not be read.
+    """
+    check_size(source, source.stat().st_size, MAX_BYTES)
+    if source.suffix.lower() == ".usdz":
+        check_archive(source)
+    try_out(source, context)
+    folders = Ar.DefaultResolverContext([str(folder) for folder in context.options.assets])
+    delegate = UsdUtils.CoalescingDiagnosticDelegate()
+    try:
+        stage = Usd.Stage.Open(str(source), Ar.ResolverContext(folders))
+    except Tf.ErrorException as error:
+        raise broken(source, error) from None
+    finally:
+        messages = _messages(delegate)
+        del delegate
+    if stage is None:
+        raise broken(source, "\n".join(messages))
+    for path in files_of(stage):
+        check_layer(context, source, path)
+    _tell(stage, messages, context.findings)
+    return stage
+
+
+@contextlib.contextmanager
+def listening(findings: Findings) -> Iterator[None]:
+    """What the library would print meanwhile goes into the report."""
+    delegate = UsdUtils.CoalescingDiagnosticDelegate()
+    try:
+        yield
+    finally:
+        for text in _messages(delegate):
+            findings.warn("USD", _plain(text))
+        del delegate
+
+
+def _messages(delegate: Any) -> list[str]:
+    """What the library would have printed; damaged files can put anything into it."""
+    try:
+        return [item.commentary for item in delegate.TakeUncoalescedDiagnostics()]
+    except UnicodeDecodeError:
+        return []
+
+
+def broken(source: Path, reason: object) -> MapImportError:
+    """The error for a file that the library does not read; the reason holds line and column."""
+    try:
+        text = str(reason)
+    except UnicodeDecodeError:
+        text = "it is no text"
+    parts = [_plain(part) for part in _QUOTED.findall(text)] or [_plain(text)]
+    problem, where = parts[0] or "the USD library cannot read it", ""
+    place = _PLACE.match(problem)
+    if place is not None:
+        where, problem = f"line {place['line']}", place["problem"]
+    cure = "the file is damaged or cut off; export it again"
+    return MapImportError(at(source, problem, cure, where=where))
+
+
+def _plain(text: str) -> str:
+    """A message of the library on one line, without the names of its classes."""
+    return " ".join(_CLASSES.sub("", text).split())[:300]
+
+
+def _tell(stage: Any, messages: Iterable[str], findings: Findings) -> None:
+    """Note missing and broken references; the rest of the stage is there all the same."""
+    for text in (str(error) for error in stage.GetCompositionErrors()):
+        found = _ASSET.search(text)
+        if found is not None and "open" in text:
+            findings.missing("file", found["file"])
+            findings.warn(found["file"], "a reference or payload cannot be opened; left out")
+        else:
+            findings.warn("USD", _plain(text))
+    for text in messages:
+        if "Could not open asset" not in text:
+            findings.warn("USD", _plain(text))
+
+
+def finest_variants(stage: Any, findings: Findings) -> None:
+    """Choose the finest level of detail wherever a variant set `LOD` offers some (item 34)."""
+    stage.SetEditTarget(Usd.EditTarget(stage.GetSessionLayer()))
+    for _ in range(MAX_ROUNDS):
+        changes = 0
+        for prim in stage.TraverseAll():
+            sets = prim.GetVariantSets()
+            for name in sets.GetNames():
+                chosen = sets.GetVariantSelection(name)
+                if not name.lower().startswith("lod"):
+                    continue
+                names = sets.GetVariantSet(name).GetVariantNames()
+                finest = min(names, key=_level, default=chosen)
+                if finest != chosen:
+                    sets.SetSelection(name, finest)
+                    findings.fact("levels of detail", f"the finest ({finest})")
+                    changes += 1
+        if not changes:
+            return
+
+
+def _level(name: str) -> tuple[int, str]:
+    digits = _DIGITS.search(name)
+    return (int(digits[0]) if digits and len(digits[0]) < 9 else 10**9), name
+
+
+def files_of(stage: Any) -> list[Path]:
+    """All files that the stage is composed of."""
+    paths = (layer.realPath for layer in stage.GetUsedLayers() if layer.realPath)
+    outer = (Ar.SplitPackageRelativePathOuter(path)[0] for path in paths)
+    return sorted({Path(path) for path in outer})
+
+
+def read_resource(path: str) -> bytes | None:
+    """A file inside an archive, by a path such as `a.usdz[wood.png]`; None if it is not there."""
+    asset = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(path))
+    if asset is None or asset.GetSize() > MAX_RESOURCE:
+        return None
+    with asset:
+        return bytes(asset.GetBuffer())

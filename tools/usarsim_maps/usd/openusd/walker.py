@@ -1,0 +1,390 @@
+"""A walk through a stage: shapes into objects, names into starts, lamps into lights."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pxr import Kind, Tf, Usd, UsdGeom
+
+from usarsim_maps.meshes.mesh_files import (
+    MAX_TRIANGLES,
+    Axes,
+    Markers,
+    Pictures,
+    collision_of,
+    too_large,
+)
+from usarsim_maps.placing import matrix_of_pose
+from usarsim_maps.reader import Context
+from usarsim_maps.scene import Collision, Light, Mesh, Part, Scene, SceneObject, Shape
+from usarsim_maps.usd.openusd import physics
+from usarsim_maps.usd.openusd.lights import LIGHTS, light_of
+from usarsim_maps.usd.openusd.materials import Finish, Finishes
+from usarsim_maps.usd.openusd.meshes import MeshReader
+from usarsim_maps.usd.openusd.shapes import SHAPES, shape_of
+from usarsim_maps.usd.openusd.values import NOW, array, matrix, text
+from usarsim_server.errors import MapImportError, at
+
+__all__ = ["StageReader"]
+
+Array = NDArray[np.float64]
+
+MAX_PARTS = 200_000
+"""Shapes of one stage, every copy counted."""
+
+FARTHEST = 1e9
+"""Coordinates beyond this are nonsense, in whatever units."""
+
+MAX_DEPTH = 4
+"""Instancers within instancers."""
+
+VISIBLE = Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)
+PROTOTYPES = Usd.TraverseInstanceProxies(Usd.PrimIsActive & Usd.PrimIsLoaded)
+"""Prototypes of instancers need not be defined: exporters hide them that way."""
+
+MARKER = re.compile(
+    r"(playerstart|robotstart|startpose|startpoint|pathnode|(fe)?malevictim|victim)"
+)
+FOLDER = re.compile(r"(playerstart|robotstart|startpose|startpoint|pathnode|victim)s")
+"""Names of markers, and of what only holds some; digits and underscores do not count."""
+
+KINDS = {"start": "PlayerStart", "path_node": "PathNode", "victim": "Victim"}
+"""Values of the custom attribute `usarsim:kind`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Place:
+    """Where a part of the walk is: what is put before matrices, and after names."""
+
+    prefix: Array
+    suffix: str = ""
+    depth: int = 0
+
+
+@dataclass(slots=True, eq=False)
+class _Thing:
+    """An object being collected; its shapes with matrix, whether only felt, and how."""
+
+    prim: Any
+    place: Array
+    name: str
+    suffix: str
+    movable: bool
+    shapes: list[tuple[Any, Array, bool, Collision]] = field(default_factory=list)
+
+
+class StageReader:
+    """Reads one stage into a scene."""
+
+    def __init__(self, stage: Any, context: Context, axes: Axes, pictures: Pictures) -> None:
+        self._stage = stage
+        self._context = context
+        self._findings = context.findings
+        self._axes = axes
+        self._source = pictures.source
+        self._pictures = pictures
+        self._finishes = Finishes(pictures, context.findings)
+        self._meshes = MeshReader(self._finishes, context.findings)
+        self._transforms = UsdGeom.XformCache(NOW)
+        self._things: dict[str, _Thing] = {}
+        self._markers = Markers()
+        self._lights: list[Light] = []
+        self._guided: set[str] = set()
+        self._parts = 0
+        self._kilograms = _kilograms(stage)
+
+    def scene(self, title: str, files: list[Any]) -> Scene:
+        """Everything that is seen or felt."""
+        self._walk(self._stage.GetPseudoRoot(), VISIBLE, _Place(np.eye(4)))
+        objects = []
+        for number, thing in enumerate(self._things.values()):
+            if number % 100 == 0:
+                self._context.progress("objects", number / len(self._things))
+            made = self._object(thing)
+            if made is not None:
+                objects.append(made)
+        return Scene(
+            source=self._axes.source(self._source, title, [*files, *self._pictures.files]),
+            objects=tuple(objects),
+            materials=self._finishes.materials,
+            starts=tuple(self._markers.starts),
+            path_nodes=tuple(self._markers.path_nodes),
+            victims=tuple(self._markers.victims),
+            lights=tuple(self._lights),
+        )
+
+    # ---- the walk --------------------------------------------------------------------------
+
+    def _walk(self, root: Any, predicate: Any, place: _Place) -> None:
+        walk = iter(Usd.PrimRange(root, predicate))
+        for prim in walk:
+            if prim.IsPseudoRoot():
+                continue
+            if not self._enter(prim, place):
+                walk.PruneChildren()
+
+    def _enter(self, prim: Any, place: _Place) -> bool:
+        """Take in one prim; whether to go on below it."""
+        image = UsdGeom.Imageable(prim)
+        if image:
+            if image.GetVisibilityAttr().Get(NOW) == UsdGeom.Tokens.invisible:
+                self._findings.skip("invisible")
+                return False
+            if image.GetPurposeAttr().Get(NOW) == UsdGeom.Tokens.proxy:
+                self._findings.skip("proxy")
+                return False
+        kind = prim.GetTypeName()
+        if kind == "PointInstancer":
+            self._instancer(prim, place)
+            return False
+        if kind == "Mesh" or kind in SHAPES:
+            self._shape(prim, place)
+            return True
+        if kind in LIGHTS:
+            here = self._matrix(prim, place)
+            if not (np.abs(here) < FARTHEST).all():
+                self._findings.warn(prim.GetName(), "a light at no place was left out")
+                return False
+            self._findings.count(kind)
+            self._lights.append(light_of(prim, here, self._axes))
+            return False
+        return not self._marker(prim, place)
+
+    def _matrix(self, prim: Any, place: _Place) -> Array:
+        """Whoever asks looks whether it is a place."""
+        try:
+            local = matrix(self._transforms.GetLocalToWorldTransform(prim))
+        except Tf.ErrorException:  # an operation with a value of another type
+            local = np.full((4, 4), np.nan)
+        with np.errstate(invalid="ignore"):
+            answer: Array = place.prefix @ local
+        return answer
+
+    def _instancer(self, prim: Any, place: _Place) -> None:
+        """All copies of an instancer, each at its place (item 32)."""
+        instancer = UsdGeom.PointInstancer(prim)
+        if place.depth >= MAX_DEPTH:
+            self._findings.warn(prim.GetName(), "instancers within instancers are too deep")
+            return
+        targets = [self._stage.GetPrimAtPath(p) for p in instancer.GetPrototypesRel().GetTargets()]
+        chosen = array(instancer.GetProtoIndicesAttr())
+        transforms = instancer.ComputeInstanceTransformsAtTime(
+            NOW,
+            NOW,
+            UsdGeom.PointInstancer.IncludeProtoXform,
+            UsdGeom.PointInstancer.IgnoreMask,
+        )
+        if chosen is None or transforms is None or len(transforms) != len(chosen):
+            self._findings.warn(prim.GetName(), "an instancer without sound places was left out")
+            return
+        if len(chosen) > MAX_PARTS:
+            raise self._too_many(len(chosen))
+        mask = instancer.ComputeMaskAtTime(NOW) or [True] * len(chosen)
+        self._findings.count("PointInstancer")
+        outer = self._matrix(prim, place)
+        for number, (index, transform, shown) in enumerate(
+            zip(chosen, transforms, mask, strict=True)
+        ):
+            if not shown or not 0 <= index < len(targets) or not targets[int(index)]:
+                continue
+            target = targets[int(index)]
+            own = matrix(self._transforms.GetLocalToWorldTransform(target))
+            if abs(np.linalg.det(own)) < 1e-18:
+                continue
+            prefix = outer @ matrix(transform) @ np.linalg.inv(own)
+            suffix = f"{place.suffix}_{number}"
+            self._walk(target, PROTOTYPES, _Place(prefix, suffix, place.depth + 1))
+
+    # ---- shapes ----------------------------------------------------------------------------
+
+    def _shape(self, prim: Any, place: _Place) -> None:
+        guide = UsdGeom.Imageable(prim).ComputePurpose() == UsdGeom.Tokens.guide
+        if guide and not physics.is_collider(prim):
+            self._findings.skip("guide that does not collide")
+            return
+        self._parts += 1
+        if self._parts > MAX_PARTS:
+            raise self._too_many(self._parts)
+        self._findings.count(prim.GetTypeName())
+        owner = _owner(prim)
+        key = f"{owner.GetPath()}{place.suffix}"
+        if key not in self._things:
+            name = f"{owner.GetName()}{place.suffix}"
+            moved = physics.is_moved(owner)
+            self._things[key] = _Thing(owner, self._matrix(owner, place), name, place.suffix, moved)
+        felt = physics.collision(prim)
+        announced = collision_of(prim.GetName())
+        if announced is not None:
+            guide, felt = True, announced
+        if guide:
+            self._guided.add(f"{prim.GetParent().GetPath()}{place.suffix}")
+        self._things[key].shapes.append((prim, self._matrix(prim, place), guide, felt))
+
+    def _too_many(self, count: int) -> MapImportError:
+        problem = f"{count} shapes are more than {MAX_PARTS}"
+        return MapImportError(at(self._source, problem, "export the map in smaller parts"))
+
+    def _object(self, thing: _Thing) -> SceneObject | None:
+        if not (np.abs(thing.place) < FARTHEST).all():
+            self._findings.warn(thing.name, "a thing at no place was left out")
+            return None
+        pose, _ = self._axes.place(thing.place)
+        back = matrix_of_pose(pose.inverse())
+        whole = np.eye(4)
+        whole[:3, :3] = self._axes.linear
+        parts = []
+        friction = None
+        for prim, place, guide, felt in thing.shapes:
+            local = back @ whole @ place
+            if not (np.abs(local) < FARTHEST).all():
+                self._findings.warn(prim.GetName(), "a shape at no place was left out")
+                continue
+            found = self._build(prim, local)
+            if found is None:
+                continue
+            shape, local, finish = found
+            # Only collision shapes are felt where there are some beside a shape (item 35).
+            beside = f"{prim.GetParent().GetPath()}{thing.suffix}" in self._guided
+            solid = Collision.NONE if beside and not guide else felt
+            names = {0: finish.material.name} if finish and finish.material.name else {}
+            parts.append(Part(shape, local, not guide, solid, names))
+            if friction is None:
+                friction = self._finishes.friction(prim)
+        if not parts:
+            return None
+        return SceneObject(
+            name=thing.name,
+            parts=tuple(parts),
+            pose=pose,
+            tag=text(thing.prim, "usarsim:tag"),
+            kind=_kind(thing.prim),
+            movable=thing.movable,
+            mass=physics.mass_of(thing.prim, self._kilograms),
+            friction=friction,
+        )
+
+    def _build(self, prim: Any, local: Array) -> tuple[Shape, Array, Finish | None] | None:
+        """A shape, its matrix, and its finish unless the shape knows its own."""
+        if prim.GetTypeName() == "Mesh":
+            mesh = self._meshes.read(prim)
+            if self._meshes.triangles > MAX_TRIANGLES:
+                raise too_large(self._source, self._meshes.triangles)
+            return None if mesh is None else (mesh, local, None)
+        found = shape_of(prim, local)
+        if found is None:
+            return None
+        shape, place = found
+        finish = self._finishes.of(prim)
+        if isinstance(shape, Mesh):
+            shape = Mesh(
+                shape.name,
+                shape.vertices,
+                shape.triangles,
+                materials=(finish.material.name,),
+            )
+            return shape, place, None
+        return shape, place, finish
+
+    # ---- names with a meaning --------------------------------------------------------------
+
+    def _marker(self, prim: Any, place: _Place) -> bool:
+        """Whether a prim is a start, a path node or a victim (item 38)."""
+        kind = KINDS.get(text(prim, "usarsim:kind")) or _kind_by_name(prim)
+        if not kind:
+            return False
+        name = f"{prim.GetName()}{place.suffix}"
+        here = self._matrix(prim, place)
+        if not (np.abs(here) < FARTHEST).all():
+            self._findings.warn(name, "a thing at no place was left out")
+            return True
+        pose = self._axes.pose(here)
+        tag = text(prim, "usarsim:tag") or text(prim, "userProperties:tag") or name
+        told = self._markers.take(kind, pose, tag)
+        self._findings.count(told or "empty prim")
+        return told is not None
+
+
+def _kind_by_name(prim: Any) -> str:
+    """What a prim's name, or that of the folder it is in, says it is; empty: nothing."""
+    if prim.GetTypeName() not in ("Xform", ""):
+        return ""
+    plain = _letters(prim)
+    if FOLDER.fullmatch(plain) and prim.GetChildren():
+        return ""
+    folder = _letters(prim.GetParent())
+    if FOLDER.fullmatch(folder):
+        return folder[:-1]
+    if not MARKER.match(plain) or (_has_shapes(prim) and not MARKER.fullmatch(plain)):
+        return ""
+    return plain
+
+
+def _letters(prim: Any) -> str:
+    return re.sub(r"[^a-z]", "", prim.GetName().lower())
+
+
+def _owner(prim: Any) -> Any:
+    """The prim that is the object of a shape.
+
+    A rigid body owns what is in it; else an instance or a model of the kind `component`; else the
+    nearest prim that brings in another file; else the shape itself, or what holds it alone.
+    """
+    chosen = model = None
+    for here in _chain(prim):
+        if physics.is_moved(here):
+            return here
+        if here.IsInstance() or Usd.ModelAPI(here).GetKind() == Kind.Tokens.component:
+            model = here
+        elif chosen is None and (here.HasAuthoredReferences() or here.HasAuthoredPayloads()):
+            chosen = here
+    chosen = model or chosen or prim
+    if chosen == prim or "component" in chosen.GetName().lower():
+        parent = chosen.GetParent()
+        if parent in _chain(chosen) and parent.GetTypeName() == "Xform" and _holds_one(parent):
+            return parent
+    return chosen
+
+
+def _chain(prim: Any) -> list[Any]:
+    """A prim and its ancestors, without the root of the stage and the prim that holds all."""
+    top = prim.GetStage().GetDefaultPrim()
+    answer = []
+    while prim and not prim.IsPseudoRoot() and prim != top:
+        answer.append(prim)
+        prim = prim.GetParent()
+    return answer
+
+
+def _holds_one(prim: Any) -> bool:
+    """Whether a prim holds a single thing, collision shapes and materials not counted."""
+    count = 0
+    for child in prim.GetFilteredChildren(VISIBLE):
+        image = UsdGeom.Imageable(child)
+        guide = image and image.ComputePurpose() == UsdGeom.Tokens.guide
+        count += (
+            bool(UsdGeom.Xformable(child)) and not guide and collision_of(child.GetName()) is None
+        )
+    return count == 1
+
+
+def _has_shapes(prim: Any) -> bool:
+    return any(
+        below.GetTypeName() == "Mesh" or below.GetTypeName() in SHAPES
+        for below in Usd.PrimRange(prim, VISIBLE)
+    )
+
+
+def _kind(prim: Any) -> str:
+    """The class in Unreal if the exporter has told it, else the type of the prim."""
+    unreal = prim.GetAssetInfo().get("unreal", {})
+    kind = unreal.get("assetType", "") if isinstance(unreal, dict) else ""
+    return str(kind) or str(prim.GetTypeName()) or "prim"
+
+
+def _kilograms(stage: Any) -> float:
+    value = stage.GetMetadata("kilogramsPerUnit")
+    return float(value) if isinstance(value, float) and 0.0 < value < 1e9 else 1.0

@@ -1,6 +1,0 @@
-"""`usarsim conformance`: does a server speak the USARSim protocol? A verdict for every rule.
-
-The kit knows a server by its ports only. A rule is one function in a file `checks_*.py` of this
-folder (see `registry.check`); the runner judges a server by all of them, in every dialect that it
-speaks; `mutants/` holds servers with a known fault each, which prove that the checks can fail.
-"""

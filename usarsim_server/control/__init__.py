@@ -1,1 +1,0 @@
-"""World controllers and avatars: connections that have no robot."""

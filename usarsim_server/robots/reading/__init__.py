@@ -1,0 +1,1 @@
+"""The reading of a robot file, part by part."""

@@ -1,0 +1,1 @@
+"""Who drives: one session for each connection, its role and schedule, and their dispatcher."""

@@ -1,0 +1,374 @@
+"""All robots of a world: classes become bodies, bodies get names, numbers and random streams."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_server.actuators.effector import Effector
+from usarsim_server.actuators.registry import create_effectors
+from usarsim_server.cameras.board import CameraBoard
+from usarsim_server.cameras.view import Grid
+from usarsim_server.logs import Log
+from usarsim_server.protocol.names import name_key
+from usarsim_server.robots.description import RobotDescription
+from usarsim_server.robots.families.registry import family_of
+from usarsim_server.robots.labels import Labels
+from usarsim_server.robots.mjcf import build_spec
+from usarsim_server.robots.roster import Roster
+from usarsim_server.sensors.base import Sensor, SensorContext
+from usarsim_server.sensors.registry import create_sensor
+from usarsim_server.sessions.battery import BatteryGauge
+from usarsim_server.sessions.headlight import Headlight
+from usarsim_server.simulation.articulation import JointModel, JointOrder, ToolModel
+from usarsim_server.simulation.clockwork import Listener
+from usarsim_server.simulation.frames import Pose
+from usarsim_server.simulation.model import RobotModel
+from usarsim_server.simulation.objects import ObjectFacts
+from usarsim_server.simulation.rays.fans import RayFan, RayHits
+from usarsim_server.simulation.simulation import Simulation
+from usarsim_server.simulation.slots import always
+from usarsim_server.simulation.snapshot import RobotBody, Snapshot
+from usarsim_server.worlds.description import WorldDescription
+from usarsim_server.worlds.smoke import smoke_field
+from usarsim_server.worlds.surroundings import Surroundings
+
+__all__ = ["Fleet", "Vehicle"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Vehicle:
+    """One robot in the world: its class, its body in the simulation, its sensors.
+
+    Attributes:
+        name: label, unique in the world; from INIT, or invented.
+        description: its class.
+        robot: its number in the simulation.
+        sensors: in mount order.
+        simulation: the world it is in.
+        gauge: shows how much is left in its battery.
+        headlight: shows whether its lamp is lit.
+        cameras: keys of its cameras on the board, in mount order.
+        board: all cameras of the world.
+    """
+
+    name: str
+    description: RobotDescription
+    robot: int
+    sensors: tuple[Sensor, ...]
+    simulation: Simulation
+    gauge: BatteryGauge = field(default_factory=BatteryGauge)
+    headlight: Headlight = field(default_factory=Headlight)
+    cameras: tuple[int, ...] = ()
+    board: CameraBoard = field(default_factory=lambda: CameraBoard(Grid()))
+
+    def state(self, snapshot: Snapshot) -> RobotBody | None:
+        """Its state in a snapshot; None if it is not in there."""
+        return self.simulation.robot_state(self.robot, snapshot)
+
+    def look(self) -> RobotBody | None:
+        """Its present state; None if it has left the world."""
+        return self.state(self.simulation.look())
+
+    def cast(self, fans: Sequence[RayFan], snapshot: Snapshot) -> list[RayHits]:
+        """Answer ray fans; its own body is left out."""
+        return self.simulation.cast(fans, snapshot, self.robot)
+
+    def drive(self, targets: NDArray[np.float64]) -> None:
+        """Set the wheel speed targets (rad/s) of the driven wheels in part order."""
+        self.simulation.drive(self.robot, targets)
+
+    def command_joints(self, orders: Mapping[str, JointOrder]) -> None:
+        """Give orders to joints that are no wheels, by name."""
+        self.simulation.command_joints(self.robot, orders)
+
+    def command_law(self, values: NDArray[np.float64]) -> None:
+        """Set the command of what its family added to the physics."""
+        self.simulation.command_law(self.robot, values)
+
+    def operate_hand(self, hand: str, close: bool) -> bool:
+        """Close or open a hand; whether it obeyed."""
+        return self.simulation.operate_hand(self.robot, hand, close)
+
+    def teleport(self, pose: Pose) -> None:
+        """Move it to a pose, at rest."""
+        self.simulation.teleport(self.robot, pose)
+
+    def attach(self, listener: Listener) -> None:
+        """Have a listener woken with snapshots."""
+        self.simulation.attach(self.robot, listener)
+
+
+TRUE_POSE = "GroundTruth"
+"""Type on the wire of all sensors that tell the true pose."""
+
+_log = Log("fleet")
+
+
+class Fleet:
+    """Makes and removes vehicles; safe to use from any thread."""
+
+    def __init__(
+        self,
+        roster: Roster,
+        world: WorldDescription,
+        simulation: Simulation,
+        seed: int,
+        surroundings: Surroundings | None = None,
+        board: CameraBoard | None = None,
+        truth: bool = True,
+    ) -> None:
+        """Start without robots.
+
+        Args:
+            roster: the classes that can be asked for.
+            world: the world they are put into.
+            simulation: its physics.
+            seed: of all sensor noise; each sensor draws from a stream of its own, chosen by the
+                robot's place in the order of spawning and the sensor's place on the robot.
+            surroundings: live facts that all sensors share; None: every sensor has its own.
+            board: where cameras come and go with their robots; None: one of the usual size.
+            truth: whether robots are mounted with sensors that tell where they really are.
+        """
+        self.board = board or CameraBoard(Grid())
+        self._roster = roster
+        self._world = world
+        self._simulation = simulation
+        self._seed = seed
+        self._truth = truth
+        self._surroundings = surroundings
+        self._smoke = smoke_field(world.smoke)
+        self._lock = threading.Lock()
+        self._models: dict[str, RobotModel] = {}
+        self._vehicles: dict[int, Vehicle] = {}
+        self._labels = Labels("fleet")
+        self._label_of_thing: Callable[[int], str | None] = _nameless
+        self._number_of_thing: Callable[[str], int | None] = _unknown
+        self._order = 0
+
+    @property
+    def vehicles(self) -> tuple[Vehicle, ...]:
+        """All vehicles in the world, in the order of spawning."""
+        with self._lock:
+            return tuple(self._vehicles.values())
+
+    @property
+    def time(self) -> float:
+        """Simulated time of this moment, s; blocks until the physics is between two steps."""
+        return self._simulation.look().time
+
+    def describe(self, class_name: str) -> RobotDescription | None:
+        """The class that a client means, None if there is none."""
+        return self._roster.find(class_name)
+
+    def spawn(
+        self,
+        description: RobotDescription,
+        name: str | None,
+        pose: Pose,
+        wanted: Callable[[], bool] = always,
+    ) -> Vehicle:
+        """Put a new vehicle into the world; blocks until it is there.
+
+        Args:
+            description: its class.
+            name: wanted label; cleaned and made unique (see `protocol.names`), invented if None.
+            pose: wanted pose of the reference point (simulation frame).
+            wanted: asked when its turn has come; others before it may have taken long.
+
+        Raises:
+            SpawnError: if the name is too long, there is no room, the pose cannot be used, or
+                nobody wants it any more.
+            RobotDescriptionError: if a sensor of the class cannot be made.
+        """
+        with self._lock:
+            order = self._order
+            self._order += 1
+            label = self._labels.take(name, description.name)
+        try:
+            sensors = tuple(self._sensors(description, order))
+            robot, placed = self._simulation.spawn(self._model(description), pose, wanted)
+        except BaseException:
+            with self._lock:
+                self._labels.give_back(label)
+            raise
+        with self._lock:
+            # Under the lock, so that tiles are given in the order of spawning.
+            cameras = self._place_cameras(description, label, robot)
+            vehicle = Vehicle(
+                label,
+                description,
+                robot,
+                sensors,
+                self._simulation,
+                cameras=cameras,
+                board=self.board,
+            )
+            self._vehicles[robot] = vehicle
+        if placed.position != pose.position:
+            _log.info("spawn place was blocked, moved", robot=label, to=placed.position)
+        return vehicle
+
+    def object_facts(self, name: str, snapshot: Snapshot) -> ObjectFacts | None:
+        """Facts at a snapshot about what a ray hit; a robot bears its label. None: no such thing.
+
+        Args:
+            name: as in `RayHits.names`, or what a world controller calls an object.
+            snapshot: the instant.
+        """
+        facts = self._simulation.object_facts(name, snapshot)
+        if facts is None:
+            number = self._number_of_thing(name)
+            facts = None if number is None else self._simulation.object_facts(number, snapshot)
+        if facts is None or facts.robot is None:
+            return facts
+        with self._lock:
+            vehicle = self._vehicles.get(facts.robot)
+        label = vehicle.name if vehicle else self._label_of_thing(facts.robot)
+        return facts if label is None else replace(facts, name=label)
+
+    def call_things(
+        self, label: Callable[[int], str | None], number: Callable[[str], int | None]
+    ) -> None:
+        """Have facts about what is no robot name it, and found by its name.
+
+        Args:
+            label: its name, by its number in the simulation.
+            number: the other way round.
+        """
+        self._label_of_thing, self._number_of_thing = label, number
+
+    def find(self, name: str) -> Vehicle | None:
+        """The vehicle with a label, whatever its case; None if there is none."""
+        wanted = name_key(name)
+        return next((one for one in self.vehicles if name_key(one.name) == wanted), None)
+
+    def lit(self, robot: int) -> bool:
+        """Whether the headlight of a robot, by its number in the simulation, is on."""
+        vehicle = self._vehicles.get(robot)
+        return vehicle is not None and vehicle.headlight.lit
+
+    def move(self, name: str, change: Callable[[Pose], Pose]) -> bool:
+        """Put a vehicle somewhere else, at rest, or beside it; whether there is one.
+
+        Args:
+            name: its label, in any case.
+            change: makes the wanted pose from the present one.
+
+        Raises:
+            SpawnError: if the pose cannot be used.
+        """
+        vehicle = self.find(name)
+        state = None if vehicle is None else vehicle.look()
+        if vehicle is None or state is None:
+            return False
+        self._simulation.move(vehicle.robot, change(state.pose))
+        return True
+
+    def remove(self, vehicle: Vehicle) -> None:
+        """Take a vehicle out of the world; a second call does nothing."""
+        with self._lock:
+            if self._vehicles.pop(vehicle.robot, None) is None:
+                return
+            self._labels.give_back(vehicle.name)
+            self.board.remove_robot(vehicle.robot)
+        self._simulation.remove(vehicle.robot)
+
+    def _place_cameras(
+        self, description: RobotDescription, label: str, robot: int
+    ) -> tuple[int, ...]:
+        """Put the cameras of a new robot on the board."""
+        return tuple(
+            self.board.add(
+                camera.name,
+                label,
+                robot,
+                camera.link,
+                camera.pose,
+                camera.fov,
+                camera.rate,
+                camera.size,
+            ).key
+            for camera in description.cameras
+        )
+
+    def _sensors(self, description: RobotDescription, order: int) -> list[Sensor]:
+        made = [
+            create_sensor(
+                item,
+                SensorContext(
+                    robot=description,
+                    world=self._world,
+                    rng=self._rng(order, index),
+                    objects=self.object_facts,
+                    surroundings=self._surroundings,
+                    smoke=self._smoke,
+                ),
+            )
+            for index, item in enumerate(description.items)
+        ]
+        return [one for one in made if self._truth or one.wire_type != TRUE_POSE]
+
+    def _rng(self, order: int, index: int) -> np.random.Generator:
+        return np.random.default_rng(
+            np.random.SeedSequence(entropy=self._seed, spawn_key=(order, index))
+        )
+
+    def _model(self, description: RobotDescription) -> RobotModel:
+        with self._lock:
+            model = self._models.get(description.model)
+            if model is None:
+                model = robot_model(description)
+                self._models[description.model] = model
+            return model
+
+
+def _unknown(name: str) -> int | None:
+    return None
+
+
+def _nameless(number: int) -> str | None:
+    """Labels of a world that holds robots only."""
+    return None
+
+
+def robot_model(description: RobotDescription) -> RobotModel:
+    """What the simulation has to know of a class.
+
+    Raises:
+        RobotDescriptionError: if an effector's type or parameters are wrong.
+    """
+    effectors = create_effectors(description)
+    family = family_of(description)
+    return RobotModel(
+        key=description.model,
+        build=lambda: build_spec(description),
+        driven=tuple(wheel.name for wheel in description.driven_wheels),
+        rest_height=description.rest_height,
+        wheel_acceleration=description.drive.wheel_acceleration,
+        brake_delay=description.drive.parking_brake_delay,
+        wheel_deceleration=description.drive.wheel_deceleration,
+        joints=tuple(
+            JointModel(link.joint, link.max_speed, link.max_torque) for link in description.links
+        ),
+        hands=tuple(effector.hand() for effector in effectors),
+        tools=tuple(
+            _tool(effector, effectors) for effector in effectors if effector.description.detached
+        ),
+        anchored=family.anchored,
+        laws=family.laws(description),
+    )
+
+
+def _tool(tool: Effector, effectors: Sequence[Effector]) -> ToolModel:
+    """A loose effector lies where its file says, or sits where it is held from the start."""
+    for holder in effectors:
+        if holder.first_tool == tool.name:
+            item = holder.description.item
+            place = tool.robot.home_pose(item.link) @ item.pose @ holder.hand().tip
+            return ToolModel(tool.name, place, holder.name)
+    return ToolModel(tool.name, tool.description.item.pose)

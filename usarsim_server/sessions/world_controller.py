@@ -1,0 +1,301 @@
+"""What a connection does that controls the world: CONTROL (protocol reference 3.14).
+
+Only GetSTA answers. Whatever cannot be done is refused silently on the wire and told in the log.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+from usarsim_server.errors import UsarsimError
+from usarsim_server.logs import Log
+from usarsim_server.protocol import messages
+from usarsim_server.protocol.names import name_key
+from usarsim_server.protocol.numbers import read_bool, read_number, read_vector
+from usarsim_server.protocol.requests import Control, Request
+from usarsim_server.protocol.values import Dialect
+from usarsim_server.sessions.robots import Fleet
+from usarsim_server.sessions.role import Reading
+from usarsim_server.simulation.frames import (
+    Pose,
+    Vector,
+    flip_point,
+    pose_from_wire,
+    wire_from_pose,
+)
+from usarsim_server.simulation.simulation import Simulation
+from usarsim_server.simulation.snapshot import Snapshot
+from usarsim_server.worlds.description import WorldDescription
+from usarsim_server.worlds.objects.objects import WorldObjects
+from usarsim_server.worlds.objects.world_object import Creation, Physics
+
+__all__ = ["WorldController", "is_world_controller"]
+
+CLASS_NAME = "worldcontroller"
+
+Reply = list[str]
+
+
+def is_world_controller(class_name: str) -> bool:
+    """Whether INIT with this class, without its package, makes a world controller (3.2)."""
+    return class_name.lower() == CLASS_NAME
+
+
+class WorldController:
+    """Carries out the CONTROL requests of one connection, in their order.
+
+    Attributes:
+        dialect: of no consequence here; kept for whoever asks.
+        schedule: it wants no snapshots.
+        slow: what it is told to create may have to be compiled.
+    """
+
+    slow = True
+    schedule = None
+
+    def __init__(
+        self,
+        objects: WorldObjects,
+        fleet: Fleet,
+        world: WorldDescription,
+        simulation: Simulation,
+        clean_on_close: bool,
+        log: Log,
+    ) -> None:
+        """Take over the objects that will be created here.
+
+        Args:
+            objects: of the world, shared with other controllers.
+            fleet: for moving robots.
+            world: for start poses.
+            simulation: for conveyors.
+            clean_on_close: remove what this connection created when it goes.
+            log: names the connection.
+        """
+        self.dialect = Dialect.UT2004
+        self._objects = objects
+        self._fleet = fleet
+        self._world = world
+        self._simulation = simulation
+        self._clean_on_close = clean_on_close
+        self._log = log
+        self._handlers: Mapping[str, Callable[[Control], Reply]] = {
+            "create": self._create,
+            "kill": self._kill,
+            "killall": self._kill_all,
+            "absmove": self._abs_move,
+            "relmove": self._rel_move,
+            "rotate": self._rotate,
+            "setwp": self._set_path,
+            "addwp": self._add_points,
+            "clearwp": self._clear_path,
+            "getsta": self._status,
+            "conveyor": self._conveyor,
+        }
+
+    # -- the role of a connection ------------------------------------------------------------
+
+    def read(self, snapshot: Snapshot, due: Sequence[int]) -> Reading | None:
+        """A controller streams nothing."""
+        return None
+
+    def take_news(self) -> Reply:
+        """Nor has it news."""
+        return []
+
+    def obey(self, request: Request) -> Reply:
+        """Carry out a request; returns the reply lines."""
+        if not isinstance(request, Control):
+            self._log.debug("a world controller ignores", request=type(request).__name__)
+            return []
+        handler = self._handlers.get(request.type.lower())
+        if handler is None:
+            self._log.info("unknown CONTROL ignored", type=request.type)
+            return []
+        try:
+            return handler(request)
+        except UsarsimError as error:
+            self._log.info(f"CONTROL refused: {error}", type=request.type, name=_name(request))
+            return []
+
+    def leave(self) -> None:
+        """The connection is gone."""
+        if self._clean_on_close:
+            count = self._objects.leave(self)
+            self._log.debug("objects removed with their controller", count=count)
+
+    # -- one handler per type ----------------------------------------------------------------
+
+    def _create(self, request: Control) -> Reply:
+        pose = self._place(request)
+        if pose is None:
+            self._log.info("CONTROL refused: unknown start", start=request.get("Start"))
+            return []
+        created = self._objects.create(
+            Creation(
+                class_name=(request.get("ClassName") or "").rpartition(".")[2],
+                name=_name(request) or None,
+                pose=pose,
+                scale=_scale(_vector(request, "Scale")),
+                physics=_physics(request.get("Physics")),
+                material=request.get("Material") or None,
+                memory=request.get("Memory") or "",
+                permanent=bool(_boolean(request, "Permanent")),
+            ),
+            owner=self,
+        )
+        self._log.debug("object created", name=created.name, object_class=created.kind.name)
+        return []
+
+    def _place(self, request: Control) -> Pose | None:
+        """Where an object shall be; None for an unknown start."""
+        tag = request.get("Start")
+        if tag:
+            start = self._world.start(tag)
+            return None if start is None else start.pose
+        zero = (0.0, 0.0, 0.0)
+        return pose_from_wire(
+            _vector(request, "Location") or zero, _vector(request, "Rotation") or zero
+        )
+
+    def _kill(self, request: Control) -> Reply:
+        self._tell_unless(self._objects.kill(_name(request)), request)
+        return []
+
+    def _kill_all(self, request: Control) -> Reply:
+        one, other = _vector(request, "MinPos"), _vector(request, "MaxPos")
+        if (one is None) != (other is None):
+            # Taking half a box for none would remove everything.
+            self._log.info("CONTROL refused: KillAll needs both corners, or none")
+            return []
+        count = self._objects.kill_all(None if one is None or other is None else (one, other))
+        self._log.debug("objects removed", count=count)
+        return []
+
+    def _abs_move(self, request: Control) -> Reply:
+        location, rotation = _vector(request, "Location"), _vector(request, "Rotation")
+
+        def change(pose: Pose) -> Pose:
+            here, turned = wire_from_pose(pose)
+            return pose_from_wire(
+                here if location is None else location, turned if rotation is None else rotation
+            )
+
+        return self._move(request, change)
+
+    def _rel_move(self, request: Control) -> Reply:
+        zero = (0.0, 0.0, 0.0)
+        location = _vector(request, "Location") or zero
+        rotation = _vector(request, "Rotation") or zero
+
+        def change(pose: Pose) -> Pose:
+            here, turned = wire_from_pose(pose)
+            return pose_from_wire(_sum(here, location), _sum(turned, rotation))
+
+        return self._move(request, change)
+
+    def _move(self, request: Control, change: Callable[[Pose], Pose]) -> Reply:
+        name = _name(request)
+        found = self._objects.move(name, change) or self._fleet.move(name, change)
+        self._tell_unless(found, request)
+        return []
+
+    def _rotate(self, request: Control) -> Reply:
+        rates = _vector(request, "Speed") or (0.0, 0.0, 0.0)
+        self._tell_unless(self._objects.rotate(_name(request), rates), request)
+        return []
+
+    def _set_path(self, request: Control) -> Reply:
+        found = self._objects.set_path(
+            _name(request),
+            speed=_number(request, "Speed"),
+            loop=_boolean(request, "Loop"),
+            moving=_boolean(request, "Moving"),
+            reset_on_clear=_boolean(request, "ResetOnClear"),
+            clock=_number(request, "Time"),
+        )
+        self._tell_unless(found, request)
+        return []
+
+    def _add_points(self, request: Control) -> Reply:
+        texts = (request.get("WP") or "").split(";")
+        points = [flip_point(_triple(text)) for text in texts if text.strip()]
+        self._tell_unless(self._objects.add_points(_name(request), points), request)
+        return []
+
+    def _clear_path(self, request: Control) -> Reply:
+        self._tell_unless(self._objects.clear_path(_name(request)), request)
+        return []
+
+    def _status(self, request: Control) -> Reply:
+        name = name_key(_name(request))
+        kind = (request.get("ClassName") or "").rpartition(".")[2].strip().lower()
+        entries = []
+        for one, pose in self._objects.present():
+            names = (one.kind.name.lower(), *(alias.lower() for alias in one.kind.aliases))
+            if (not name or name_key(one.name) == name) and (not kind or kind in names):
+                location, rotation = wire_from_pose(pose)
+                entries.append(
+                    messages.ObjectStatus(
+                        name=one.name,
+                        size=one.size,
+                        location=location,
+                        rotation=rotation,
+                        memory=one.memory,
+                    )
+                )
+        return [messages.object_status(entries)]
+
+    def _conveyor(self, request: Control) -> Reply:
+        factor = _number(request, "Speed")
+        belts = self._simulation.run_belts(_name(request), 0.0 if factor is None else factor)
+        self._tell_unless(belts > 0, request)
+        return []
+
+    def _tell_unless(self, done: bool, request: Control) -> None:
+        if not done:
+            self._log.info("CONTROL ignored: no such name", type=request.type, name=_name(request))
+
+
+# -- reading segments ----------------------------------------------------------------------------
+
+
+def _name(request: Control) -> str:
+    return (request.get("Name") or "").strip()
+
+
+def _triple(text: str) -> Vector:
+    x, y, z = read_vector(text, 3)
+    return x, y, z
+
+
+def _vector(request: Control, key: str) -> Vector | None:
+    """Three numbers; None if missing or empty."""
+    text = request.get(key)
+    return _triple(text) if text else None
+
+
+def _number(request: Control, key: str) -> float | None:
+    text = request.get(key)
+    return None if text is None else read_number(text)
+
+
+def _boolean(request: Control, key: str) -> bool | None:
+    text = request.get(key)
+    return None if text is None else read_bool(text)
+
+
+def _scale(factors: Vector | None) -> Vector:
+    """0 and missing factors stand for 1 (3.14)."""
+    x, y, z = (abs(factor) or 1.0 for factor in factors or (0.0, 0.0, 0.0))
+    return x, y, z
+
+
+def _physics(text: str | None) -> Physics:
+    """Anything unknown is none (3.14)."""
+    wanted = (text or "").strip().lower()
+    return next((one for one in Physics if one.value == wanted), Physics.NONE)
+
+
+def _sum(one: Vector, other: Vector) -> Vector:
+    return one[0] + other[0], one[1] + other[1], one[2] + other[2]

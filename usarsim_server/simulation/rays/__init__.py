@@ -1,0 +1,1 @@
+"""Rays against what stands and what moves."""

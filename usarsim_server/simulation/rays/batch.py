@@ -1,0 +1,92 @@
+"""Many fans as one batch: flat arrays of rays, and which fan each belongs to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_server.simulation.rays.fans import RayFan
+
+__all__ = ["RayBatch", "join"]
+
+Array = NDArray[np.float64]
+Numbers = NDArray[np.intp]
+
+
+@dataclass(frozen=True, slots=False, eq=False)
+class RayBatch:
+    """The rays of f fans, one after the other.
+
+    Attributes:
+        fans: the fans, none of them without rays.
+        origins: (n, 3) m. directions: (n, 3) unit vectors.
+        begins: (f + 1,) where the rays of each fan begin; n at the end.
+        fan: (n,) the fan of each ray.
+    """
+
+    fans: Sequence[RayFan]
+    origins: Array
+    directions: Array
+    begins: Numbers
+    fan: Numbers
+
+    @cached_property
+    def ranges(self) -> Array:
+        """Largest distance (n,) that counts as a hit, m."""
+        return np.array([fan.max_range for fan in self.fans])[self.fan]
+
+    @cached_property
+    def together(self) -> NDArray[np.bool_]:
+        """Which fans (f,) have one start point for all their rays."""
+        return np.array([fan.origin.ndim == 1 for fan in self.fans], dtype=bool)
+
+    @cached_property
+    def starts(self) -> tuple[Array, Array]:
+        """Middle (f, 3) of the start points of each fan, and how far they are away from it (f,)."""
+        begins = self.begins[:-1]
+        if self.together.all():
+            return self.origins[begins], np.zeros(len(self.fans))
+        counts = np.diff(self.begins)[:, None]
+        middles = np.add.reduceat(self.origins, begins, axis=0) / counts
+        away = np.linalg.norm(self.origins - middles[self.fan], axis=1)
+        return middles, np.maximum.reduceat(away, begins)
+
+    @cached_property
+    def cones(self) -> tuple[Array, Array]:
+        """Axis (f, 3) and half angle (f,) of a cone around the rays of each fan."""
+        begins = self.begins[:-1]
+        means = np.add.reduceat(self.directions, begins, axis=0)
+        means /= np.diff(self.begins)[:, None]
+        lengths = np.linalg.norm(means, axis=1)
+        scattered = lengths < 0.1
+        axes = means / np.where(scattered, 1.0, lengths)[:, None]
+        axes[scattered] = (1.0, 0.0, 0.0)
+        along = np.einsum("ij,ij->i", self.directions, axes[self.fan])
+        half = np.arccos(np.clip(np.minimum.reduceat(along, begins), -1.0, 1.0))
+        half[scattered] = np.pi
+        return axes, half
+
+    @cached_property
+    def through_glass(self) -> NDArray[np.bool_] | None:
+        """Which rays (n,) do not see glass; None if all of them do."""
+        through = np.array([fan.through_glass for fan in self.fans], dtype=bool)
+        return through[self.fan] if through.any() else None
+
+
+def join(fans: Sequence[RayFan]) -> RayBatch:
+    """Put fans together; there must be at least one, and each must have rays."""
+    counts = np.array([len(fan.directions) for fan in fans], dtype=np.intp)
+    begins = np.zeros(len(fans) + 1, dtype=np.intp)
+    np.cumsum(counts, out=begins[1:])
+    directions = np.concatenate([fan.directions for fan in fans])
+    if all(fan.origin.ndim == 1 for fan in fans):
+        origins = np.repeat(np.array([fan.origin for fan in fans]), counts, axis=0)
+    else:
+        origins = np.concatenate(
+            [np.broadcast_to(fan.origin, fan.directions.shape) for fan in fans]
+        )
+    return RayBatch(fans, origins, directions, begins, np.repeat(np.arange(len(fans)), counts))

@@ -1,0 +1,299 @@
+"""Everything that moves, as rays see it: robots, crates, doors, people.
+
+Each rigid piece's visible geometry (see `lumps.py`) is an Embree scene in its body's own frame,
+built once per shape and shared by all that look the same, in this model generation and in later
+ones as long as it is there. A ray is turned into the frame of every body whose bounding sphere it
+passes; so nothing is rebuilt when things move, and all rays at bodies of one shape, whoever sent
+them, are one call.
+"""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_server.simulation.courtesy import breathe
+from usarsim_server.simulation.frames import rotation_matrices
+from usarsim_server.simulation.model import CompiledWorld
+from usarsim_server.simulation.objects import Objects
+from usarsim_server.simulation.rays.batch import RayBatch
+from usarsim_server.simulation.rays.culling import Spheres, bounding_spheres, meetings, passing
+from usarsim_server.simulation.rays.glass import is_glass
+from usarsim_server.simulation.rays.groups import Lump, find_lumps
+from usarsim_server.simulation.rays.scenery import is_visible
+from usarsim_server.simulation.rays.tessellation import shape_key, triangles
+from usarsim_server.simulation.rays.triangles import RoundPart, Surfaces, TriangleScene
+from usarsim_server.simulation.snapshot import Snapshot
+
+__all__ = ["DynamicGeometry"]
+
+Array = NDArray[np.float64]
+Numbers = NDArray[np.intp]
+
+LUMPS_AT_A_TIME = 16
+"""Lumps between two pauses, while a world grows."""
+FINE = 1e-4
+"""m between a tessellated and the true surface of what moves."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Body:
+    """A body that can be seen: its scenes with and without glass, and its visible geoms."""
+
+    body: int
+    full: TriangleScene
+    clear: TriangleScene
+    geoms: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Moment:
+    """Where everything is in one snapshot.
+
+    Attributes:
+        snapshot: that one, as long as anybody else has it.
+        trees: (t,) those that are in the world; spheres: around them.
+        turns: (b, 3, 3) rotation matrices, places: (b, 3) origins, centres: (b, 3) middles of all
+            visible bodies, in the world, m.
+    """
+
+    snapshot: weakref.ref[Snapshot]
+    trees: Numbers
+    spheres: Spheres
+    turns: Array
+    places: Array
+    centres: Array
+
+
+class DynamicGeometry:
+    """Everything that moves in one model generation; shared by all threads.
+
+    Attributes:
+        generation: of the model.
+        objects: names and facts of everything in that generation.
+    """
+
+    def __init__(self, world: CompiledWorld, older: DynamicGeometry | None = None) -> None:
+        """Build the scenes of all shapes.
+
+        Args:
+            world: the model generation.
+            older: of a former generation, whose scenes are used again.
+        """
+        model = world.model
+        self.generation = world.generation
+        self.objects = Objects(world)
+        self._scenes: dict[bytes, TriangleScene] = {}
+        known = older._scenes if older else {}
+        self._roots, self._radii, self._tree_of_root = bounding_spheres(model)
+        robots = {layout.base for layout in world.layouts}
+        self._is_robot = np.array([root in robots for root in self._roots], dtype=bool)
+        self._bodies = self._visible_bodies(model, known)
+        self._body_ids = np.array([one.body for one in self._bodies], dtype=np.intp)
+        self._middles = np.array([one.full.centre for one in self._bodies]).reshape(-1, 3)
+        self._spans = np.array([one.full.radius for one in self._bodies])
+        self._first, self._count = self._by_tree(model)
+        numbers = {id(scene): k for k, scene in enumerate(self._scenes.values())}
+        self._scene_list = tuple(self._scenes.values())
+        self._full = np.array([numbers[id(one.full)] for one in self._bodies], dtype=np.intp)
+        self._clear = np.array([numbers[id(one.clear)] for one in self._bodies], dtype=np.intp)
+        self._geoms, self._geom_begin = self._geom_table()
+        self._moment: _Moment | None = None
+
+    def cast(
+        self,
+        batch: RayBatch,
+        snapshot: Snapshot,
+        viewers: list[int | None],
+        reach: Array,
+        *,
+        normals: bool = False,
+    ) -> Surfaces | None:
+        """Cast rays at everything that moves.
+
+        Args:
+            batch: f fans with n rays.
+            snapshot: the instant; of this generation.
+            viewers: (f,) number of the robot that each fan belongs to, which it does not see.
+            reach: (n,) how far each ray goes, m.
+            normals: also find surface normals.
+
+        Returns:
+            What the rays met, None if no ray met anything.
+        """
+        moment = self._at(snapshot)
+        if not len(moment.trees):
+            return None
+        rays, met = meetings(batch, reach, moment.spheres, self._own(snapshot, moment, viewers))
+        if not len(rays):
+            return None
+        rays, bodies = self._bodies_met(moment, batch, reach, rays, moment.trees[met])
+        if not len(rays):
+            return None
+        distances, geoms, facing = self._hits(moment, batch, rays, bodies, normals)
+        return _nearest(len(batch.directions), rays, distances, geoms, facing)
+
+    # -- what there is -----------------------------------------------------------------------
+
+    def _visible_bodies(
+        self, model: mujoco.MjModel, known: Mapping[bytes, TriangleScene]
+    ) -> list[_Body]:
+        """Everything that moves and can be seen, tree by tree."""
+        found = []
+        for lump in find_lumps(model, lambda geom: is_visible(model, geom)):
+            glass = [is_glass(model, geom) for geom in lump.geoms]
+            full = clear = self._scene(model, lump, [True] * len(glass), known)
+            if any(glass):
+                clear = self._scene(model, lump, [not pane for pane in glass], known)
+            found.append(_Body(lump.body, full, clear, lump.geoms))
+            if len(found) % LUMPS_AT_A_TIME == 0:
+                breathe()
+        trees = self._tree_of_root
+        return sorted(found, key=lambda one: (trees[int(model.body_rootid[one.body])], one.body))
+
+    def _scene(
+        self,
+        model: mujoco.MjModel,
+        lump: Lump,
+        shown: list[bool],
+        known: Mapping[bytes, TriangleScene],
+    ) -> TriangleScene:
+        count = len(lump.geoms)
+        frames = np.hstack([lump.places, lump.turns.reshape(count, 9)])
+        key = shape_key(model, lump.geoms, frames, shown)
+        if key in known:
+            self._scenes[key] = known[key]
+        if key not in self._scenes:
+            parts, rounds = [], []
+            for number, geom in enumerate(lump.geoms):
+                if not shown[number]:
+                    continue
+                place, turn = lump.places[number], lump.turns[number]
+                parts.append((number, triangles(model, geom, place, turn, FINE)))
+                axes = _semi_axes(model, geom)
+                if axes is not None:
+                    rounds.append((number, RoundPart(place, turn, axes)))
+            self._scenes[key] = TriangleScene(parts, rounds)
+        return self._scenes[key]
+
+    def _by_tree(self, model: mujoco.MjModel) -> tuple[Numbers, Numbers]:
+        """First of the visible bodies of each tree, and how many it has."""
+        trees = [self._tree_of_root[int(model.body_rootid[one.body])] for one in self._bodies]
+        counts = np.bincount(np.array(trees, dtype=np.intp), minlength=len(self._roots))
+        return np.cumsum(counts) - counts, counts
+
+    def _geom_table(self) -> tuple[Numbers, Numbers]:
+        """Geoms of all visible bodies, one body after the other, and where each begins."""
+        counts = [len(one.geoms) for one in self._bodies]
+        geoms = [geom for one in self._bodies for geom in one.geoms]
+        return np.array(geoms, dtype=np.intp), np.cumsum([0, *counts]).astype(np.intp)
+
+    # -- where it is -------------------------------------------------------------------------
+
+    def _at(self, snapshot: Snapshot) -> _Moment:
+        moment = self._moment
+        if moment is None or moment.snapshot() is not snapshot:
+            # Two threads may both do this; either result is right.
+            moment = self._moment = self._locate(snapshot)
+        return moment
+
+    def _locate(self, snapshot: Snapshot) -> _Moment:
+        active = [layout.base for layout in snapshot.layouts.values()]
+        present = ~self._is_robot
+        present[[self._tree_of_root[base] for base in active if base in self._tree_of_root]] = True
+        trees = np.flatnonzero(present & (self._count > 0))
+        turns = rotation_matrices(snapshot.xquat[self._body_ids])
+        places = snapshot.xpos[self._body_ids]
+        centres = places + np.einsum("bij,bj->bi", turns, self._middles)
+        # A tree of one piece is bounded by the piece itself, more tightly.
+        single = self._count[trees] == 1
+        first = np.minimum(self._first[trees], len(self._bodies) - 1)
+        spheres = Spheres(
+            np.where(single[:, None], centres[first], snapshot.xpos[self._roots[trees]]),
+            np.where(single, self._spans[first], self._radii[trees]),
+        )
+        return _Moment(weakref.ref(snapshot), trees, spheres, turns, places, centres)
+
+    def _own(self, snapshot: Snapshot, moment: _Moment, viewers: list[int | None]) -> Numbers:
+        """Place in the list of present trees of each fan's own robot, -1 for none."""
+        place = np.full(len(self._roots) + 1, -1, dtype=np.intp)
+        place[moment.trees] = np.arange(len(moment.trees))
+        trees = [
+            self._tree_of_root.get(snapshot.layouts[viewer].base, -1)
+            if viewer is not None and viewer in snapshot.layouts
+            else -1
+            for viewer in viewers
+        ]
+        return place[trees]
+
+    # -- casting -----------------------------------------------------------------------------
+
+    def _bodies_met(
+        self, moment: _Moment, batch: RayBatch, reach: Array, rays: Numbers, trees: Numbers
+    ) -> tuple[Numbers, Numbers]:
+        """Pairs of a ray and a body whose own sphere it passes."""
+        counts = self._count[trees]
+        if counts.max() == 1:
+            return rays, self._first[trees]
+        before = np.cumsum(counts) - counts
+        bodies = np.repeat(self._first[trees] - before, counts) + np.arange(int(counts.sum()))
+        rays = np.repeat(rays, counts)
+        near = passing(
+            batch.origins[rays],
+            batch.directions[rays],
+            reach[rays],
+            moment.centres[bodies],
+            self._spans[bodies],
+        )
+        return rays[near], bodies[near]
+
+    def _hits(
+        self, moment: _Moment, batch: RayBatch, rays: Numbers, bodies: Numbers, normals: bool
+    ) -> tuple[Array, Numbers, Array | None]:
+        """Distances (k,), geoms (k,) and world normals (k, 3) of pairs of a ray and a body."""
+        turns = moment.turns[bodies]
+        offset = batch.origins[rays] - moment.places[bodies]
+        starts = np.einsum("ki,kij->kj", offset, turns)
+        ways = np.einsum("ki,kij->kj", batch.directions[rays], turns)
+        scenes = self._full[bodies]
+        if batch.through_glass is not None:
+            scenes = np.where(batch.through_glass[rays], self._clear[bodies], scenes)
+        distances, parts = np.empty(len(rays)), np.empty(len(rays), dtype=np.intp)
+        facing = np.zeros((len(rays), 3)) if normals else None
+        for scene in np.unique(scenes).tolist():
+            some = np.flatnonzero(scenes == scene)
+            hits = self._scene_list[scene].cast(starts[some], ways[some], normals=normals)
+            distances[some], parts[some] = hits.distances, hits.geoms
+            if facing is not None and hits.normals is not None:
+                facing[some] = np.einsum("kij,kj->ki", turns[some], hits.normals)
+        geoms = self._geoms[np.minimum(self._geom_begin[bodies] + parts, len(self._geoms) - 1)]
+        return distances, np.where(parts >= 0, geoms, -1), facing
+
+
+def _nearest(
+    count: int, rays: Numbers, distances: Array, geoms: Numbers, normals: Array | None
+) -> Surfaces:
+    """For every ray the nearest of the pairs that it is part of."""
+    order = np.argsort(-distances, kind="stable")
+    chosen = np.full(count, -1, dtype=np.intp)
+    # The nearest comes last, and the last one stays.
+    chosen[rays[order]] = order
+    none = chosen < 0
+    found = np.where(none, np.inf, distances[chosen])
+    facing = None
+    if normals is not None:
+        facing = np.where((none | np.isinf(found))[:, None], 0.0, normals[chosen])
+    return Surfaces(found, np.where(none, -1, geoms[chosen]), facing)
+
+
+def _semi_axes(model: mujoco.MjModel, geom: int) -> Array | None:
+    """Semi-axes (3,) of a sphere or an ellipsoid, m; None for everything else."""
+    kind, size = int(model.geom_type[geom]), model.geom_size[geom]
+    if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
+        return np.full(3, float(size[0]))
+    return size.copy() if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID else None

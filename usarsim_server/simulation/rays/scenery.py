@@ -1,0 +1,122 @@
+"""Everything that never moves, as rays see it: true triangles, and endless planes by formula."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_server.simulation.model import SHELF_NAME, CompiledWorld
+from usarsim_server.simulation.objects import Names, geom_names
+from usarsim_server.simulation.rays.fans import SceneryHit
+from usarsim_server.simulation.rays.glass import is_glass
+from usarsim_server.simulation.rays.tessellation import triangles
+from usarsim_server.simulation.rays.triangles import Surfaces, TriangleScene
+
+__all__ = ["StaticGeometry", "is_visible"]
+
+Array = NDArray[np.float64]
+Numbers = NDArray[np.intp]
+
+SEEN_GROUPS = 3
+"""Geoms of groups 0 to 2 are seen, as by MuJoCo's renderers; the others only collide."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Plane:
+    geom: int
+    normal: Array
+    offset: float
+
+
+class StaticGeometry:
+    """All geometry that never moves; built once per world, shared by all threads.
+
+    Attributes:
+        names: of all geoms, see `objects.geom_names`.
+    """
+
+    def __init__(self, world: CompiledWorld) -> None:
+        model = world.model
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        solid: list[tuple[int, Array]] = []
+        glass: list[tuple[int, Array]] = []
+        self.names: Names = geom_names(model)
+        self._planes: list[_Plane] = []
+        for geom in _static_geoms(model):
+            pos, mat = data.geom_xpos[geom], data.geom_xmat[geom].reshape(3, 3)
+            if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
+                self._planes.append(_Plane(geom, mat[:, 2].copy(), float(mat[:, 2] @ pos)))
+            else:
+                part = (geom, triangles(model, geom, pos, mat))
+                (glass if is_glass(model, geom) else solid).append(part)
+        self._full = TriangleScene([*solid, *glass])
+        self._clear = TriangleScene(solid) if glass else self._full
+
+    def cast(
+        self,
+        origins: Array,
+        directions: Array,
+        *,
+        normals: bool = False,
+        through_glass: NDArray[np.bool_] | None = None,
+    ) -> Surfaces:
+        """Cast rays from (n, 3) along unit vectors (n, 3), some of them (n,) through glass."""
+        surfaces = self._full.cast(origins, directions, normals=normals)
+        if through_glass is not None and self._clear is not self._full:
+            rays = np.flatnonzero(through_glass)
+            further = self._clear.cast(origins[rays], directions[rays], normals=normals)
+            surfaces.distances[rays], surfaces.geoms[rays] = further.distances, further.geoms
+            if surfaces.normals is not None and further.normals is not None:
+                surfaces.normals[rays] = further.normals
+        for plane in self._planes:
+            _meet(plane, origins, directions, surfaces)
+        return surfaces
+
+    def first_hit(self, origin: Array, direction: Array, reach: float) -> SceneryHit | None:
+        """What a single ray meets first; None if there is nothing within reach.
+
+        Args:
+            origin: (3,) m. direction: (3,) unit vector. reach: m.
+        """
+        found = self.cast(origin[None], direction[None], normals=True)
+        distance, geom = float(found.distances[0]), int(found.geoms[0])
+        if geom < 0 or distance > reach:
+            return None
+        assert found.normals is not None
+        entering = float(found.normals[0] @ direction) <= 0.0
+        return SceneryHit(distance, geom, self.names[geom], entering)
+
+
+def is_visible(model: mujoco.MjModel, geom: int) -> bool:
+    """Whether rays and cameras see a geom at all."""
+    if model.geom_group[geom] >= SEEN_GROUPS:
+        return False
+    material = model.geom_matid[geom]
+    color = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
+    return bool(color[3] > 0.0)
+
+
+def _meet(plane: _Plane, origins: Array, directions: Array, surfaces: Surfaces) -> None:
+    """Let rays end at a plane where it is nearer than what they have met; seen from above only."""
+    slope = directions @ plane.normal
+    with np.errstate(divide="ignore", invalid="ignore"):
+        way = (plane.offset - origins @ plane.normal) / slope
+    nearer = (way >= 0.0) & (way < surfaces.distances) & (slope < 0.0)
+    surfaces.distances[nearer] = way[nearer]
+    surfaces.geoms[nearer] = plane.geom
+    if surfaces.normals is not None:
+        surfaces.normals[nearer] = plane.normal
+
+
+def _static_geoms(model: mujoco.MjModel) -> list[int]:
+    return [
+        geom
+        for geom in range(model.ngeom)
+        if model.body_weldid[model.geom_bodyid[geom]] == 0
+        and model.geom(geom).name != SHELF_NAME
+        and is_visible(model, geom)
+    ]

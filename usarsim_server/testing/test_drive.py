@@ -1,0 +1,293 @@
+"""A robot class on an endless floor: what clients are told of it, how it stands and drives.
+
+This is how authors of robot files see what they have written before any client does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_bench.fidelity.stage import ContactProbe, tilt
+from usarsim_server.actuators.registry import create_effectors
+from usarsim_server.cameras.backend import Quality
+from usarsim_server.cameras.painter import Painter, PainterOptions
+from usarsim_server.cameras.portrait import extent, portrait_view
+from usarsim_server.cameras.stage import Stage
+from usarsim_server.errors import RobotDescriptionError, UsarsimError, at
+from usarsim_server.logs import Log
+from usarsim_server.protocol.commands import interpret
+from usarsim_server.protocol.grammar import parse_line
+from usarsim_server.protocol.requests import GetConf, GetGeo
+from usarsim_server.protocol.values import Dialect
+from usarsim_server.robots.description import RobotDescription
+from usarsim_server.robots.families.registry import family_of
+from usarsim_server.sessions.robot_role import Pilot, PilotOptions
+from usarsim_server.simulation.frames import Pose
+from usarsim_server.simulation.snapshot import RobotBody, RobotLayout
+from usarsim_server.testing import Closing, Rehearsal
+
+__all__ = ["Problem", "Rest", "TestDrive", "full_speed"]
+
+DROP = 0.3
+"""m above its rest height from which a robot is let down."""
+SETTLE = 4.0
+"""Simulated s until it has to be at rest (robots reference 5.1 #17 gives it 3 s)."""
+WATCH = 1.0
+"""Simulated s for which it is watched then."""
+LOOK = 0.5
+"""Simulated s between two looks at a robot that gathers speed."""
+LONGEST_RUN = 40.0
+STEADY = 0.01
+"""Share of its speed by which a robot may still gain within a look."""
+
+# Beyond these a robot does not do what its file promises.
+LEANS = math.radians(10.0)
+CREEPS = 0.005  # m/s
+SINKS = 0.01  # m
+OFF_HEIGHT = 0.02  # m
+STUCK = 1e-3  # m/s
+
+_PICTURE = Quality(shadows=4096, multisample=4)
+_log = Log("garage")
+
+
+@dataclass(frozen=True, slots=True)
+class Rest:
+    """How a robot stands that was let down onto a level floor; what floats stays where it is.
+
+    Attributes:
+        height: of its reference point above the floor, m.
+        tilt: rad.
+        drift: of its reference point, m/s.
+        depth: of its deepest overlap with the floor, m.
+    """
+
+    height: float
+    tilt: float
+    drift: float
+    depth: float
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """Something that a robot does otherwise than its file promises, and what may help."""
+
+    text: str
+    cure: str
+
+
+def full_speed(robot: RobotDescription) -> str:
+    """The command that makes a robot go straight ahead as fast as it can; empty if none does."""
+    match robot.kind:
+        case "ackerman":
+            return "DRIVE {Speed 100} {FrontSteer 0} {RearSteer 0} {Normalized True}"
+        case "omni":
+            groups = "".join(
+                f" {{WheelNumber {number}}} {{WheelSpeed 100}} {{WheelSteer 0}}"
+                for number in range(len(robot.driven_wheels))
+            )
+            return f"DRIVE{groups} {{Normalized True}}"
+        case "aerial":
+            return "DRIVE {LinearVelocity 100} {Normalized True}"
+        case "underwater":
+            return "DRIVE {Propeller 100} {Rudder 0} {SternPlane 0} {Normalized True}"
+    return "DRIVE {Left 100} {Right 100} {Normalized True}" if robot.driven_wheels else ""
+
+
+class TestDrive(Closing):
+    """One robot alone in the world `empty`, in lockstep.
+
+    Attributes:
+        robot: its class.
+        vehicle: the robot itself.
+    """
+
+    __test__ = False  # for pytest, which takes the name for that of a test
+
+    def __init__(self, robot: RobotDescription) -> None:
+        """Build the robot and put it a little above the floor.
+
+        Raises:
+            RobotDescriptionError: if it cannot be built.
+            SpawnError: if there is no room for it.
+        """
+        self.robot = robot
+        self._floats = family_of(robot).anchored or robot.kind in ("aerial", "underwater")
+        self._rehearsal = Rehearsal(world="empty", max_robots=1)
+        try:
+            self._probe = self._build()
+            height = robot.rest_height + (0.0 if self._floats else DROP)
+            fleet = self._rehearsal.assembly.fleet
+            self.vehicle = fleet.spawn(robot, None, Pose((0.0, 0.0, height)))
+        except BaseException:
+            self._rehearsal.close()
+            raise
+
+    def _build(self) -> ContactProbe:
+        try:
+            return ContactProbe(self._rehearsal.assembly.world, self.robot)
+        except ValueError as error:
+            problem = " ".join(str(error).split())
+            raise RobotDescriptionError(
+                at(
+                    self.robot.source,
+                    f"MuJoCo cannot build it: {problem}",
+                    "check sizes, masses and places",
+                )
+            ) from None
+
+    # -- what clients are told ---------------------------------------------------------------
+
+    def lines(self, dialect: Dialect) -> Iterator[str]:
+        """The answers to GETCONF and GETGEO about the robot and everything that it carries."""
+        pilot = self._pilot(dialect)
+        for wire_type in ("Robot", *self._wire_types(dialect)):
+            yield from pilot.obey(GetConf(wire_type))
+            yield from pilot.obey(GetGeo(wire_type))
+
+    def status(self, dialect: Dialect) -> str:
+        """A STA line; lets a moment pass."""
+        pilot = self._pilot(dialect)
+        while True:
+            snapshot = self._state().snapshot
+            reading = pilot.read(snapshot, pilot.schedule.take_due(snapshot.time))
+            self._rehearsal.run(0.1)
+            if reading is None:
+                continue
+            for line in reading.lines(self.vehicle.cast(reading.query.fans, snapshot)):
+                if line.startswith("STA"):
+                    return line
+
+    def _wire_types(self, dialect: Dialect) -> list[str]:
+        robot = self.robot
+        kinds = [sensor.wire_type for sensor in self.vehicle.sensors]
+        if any(actuator.package for actuator in robot.actuators):
+            kinds.append("MisPkg" if dialect is Dialect.UT2004 else "Actuator")
+        kinds += [effector.wire_type for effector in create_effectors(robot)]
+        kinds += ["Camera"] if robot.cameras else []
+        return list(dict.fromkeys(kinds))
+
+    def _pilot(self, dialect: Dialect) -> Pilot:
+        return Pilot(self.vehicle, dialect, PilotOptions(), None, _log)
+
+    # -- what it does ------------------------------------------------------------------------
+
+    def rest(self) -> Rest:
+        """Let the robot settle, then watch it for a while.
+
+        Raises:
+            UsarsimError: if the robot is lost.
+        """
+        self._rehearsal.run(SETTLE)
+        before = self._state()
+        self._rehearsal.run(WATCH)
+        after = self._state()
+        return Rest(
+            height=after.pose.position[2],
+            tilt=tilt(after),
+            drift=math.dist(before.pose.position, after.pose.position) / WATCH,
+            depth=self._probe.look(after.snapshot).depth,
+        )
+
+    def top_speed(self) -> float | None:
+        """Speed (m/s) that it reaches when told to go straight ahead at full speed.
+
+        Returns:
+            None if no command makes this kind of robot go.
+
+        Raises:
+            UsarsimError: if the robot is lost.
+        """
+        command = full_speed(self.robot)
+        if not command:
+            return None
+        pilot = self._pilot(self.robot.dialect)
+        for parsed in parse_line(command.encode("ascii")):
+            pilot.obey(interpret(parsed))
+        speed = 0.0
+        for _ in range(round(LONGEST_RUN / LOOK)):
+            start = self._state().pose.position
+            self._rehearsal.run(LOOK)
+            last, speed = speed, math.dist(start, self._state().pose.position) / LOOK
+            if 0.0 < speed <= (1.0 + STEADY) * last:
+                break
+        return speed
+
+    def problems(self, rest: Rest, speed: float | None) -> list[Problem]:
+        """What is wrong with how it stood and drove."""
+        return list(self._problems(rest, speed))
+
+    def _problems(self, rest: Rest, speed: float | None) -> Iterator[Problem]:
+        if rest.tilt > LEANS:
+            yield Problem(
+                f"it leans by {math.degrees(rest.tilt):.0f} degrees at rest",
+                "put masses lower, or what it stands on further apart",
+            )
+        if rest.drift > CREEPS:
+            yield Problem(
+                f"it does not come to rest, but moves at {1000 * rest.drift:.0f} mm/s",
+                "give its wheels and joints more torque, or something to stand on",
+            )
+        if rest.depth > SINKS:
+            yield Problem(
+                f"it sinks {1000 * rest.depth:.0f} mm into the floor",
+                "make it lighter, or let more parts bear it",
+            )
+        off = rest.height - self.robot.rest_height
+        if abs(off) > OFF_HEIGHT and not self._floats:
+            yield Problem(
+                f"it rests {1000 * abs(off):.0f} mm {'above' if off > 0 else 'below'} rest_height",
+                f"write rest_height = {rest.height:.3f}, or move what it stands on",
+            )
+        if speed is not None and speed < STUCK:
+            yield Problem(
+                "it does not move at full speed",
+                "check max_wheel_speed and wheel_torque, and that its wheels touch the floor",
+            )
+
+    def _state(self) -> RobotBody:
+        state = self.vehicle.look()
+        if state is None:
+            raise UsarsimError(f"{self.robot.source}: the robot was lost from the world")
+        return state
+
+    # -- what it looks like ------------------------------------------------------------------
+
+    def size(self) -> tuple[float, float, float]:
+        """Length, width and height of what can be seen of it at this moment, m."""
+        low, high = extent(*self._stage())
+        length, width, height = np.subtract(high, low).tolist()
+        return length, width, height
+
+    def visible(self) -> bool:
+        """Whether there is anything to be seen of it."""
+        return any(self.size())
+
+    def portrait(self, width: int, height: int, renderer: str = "auto") -> NDArray[Any]:
+        """Its picture, (height, width, 3), as OpenGL draws it, or else as rays do."""
+        stage, layout = self._stage()
+        simulation = self._rehearsal.assembly.simulation
+        painter = Painter(simulation.compiled, PainterOptions(renderer, _PICTURE))
+        try:
+            view = portrait_view(stage, layout, width, height)
+            return painter.picture(view, self._state().snapshot)
+        finally:
+            painter.close()
+
+    def _stage(self) -> tuple[Stage, RobotLayout]:
+        state = self._state()
+        stage = Stage(self._rehearsal.assembly.simulation.compiled(state.snapshot))
+        stage.show(state.snapshot)
+        return stage, state.layout
+
+    # -- the end -----------------------------------------------------------------------------
+
+    def close(self) -> None:
+        """End its world."""
+        self._rehearsal.close()

@@ -1,0 +1,1 @@
+"""What scoring tools and maps are told: where everybody is."""

@@ -1,0 +1,1 @@
+"""People of a world that clients move."""

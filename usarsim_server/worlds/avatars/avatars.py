@@ -1,0 +1,195 @@
+"""Everybody who walks about: classes become bodies, bodies get names."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+
+from usarsim_server.errors import SpawnError
+from usarsim_server.protocol.names import name_key
+from usarsim_server.robots.labels import Labels
+from usarsim_server.simulation.clockwork import Listener
+from usarsim_server.simulation.frames import Pose, Vector, rpy_from_quaternion
+from usarsim_server.simulation.movers import Way
+from usarsim_server.simulation.simulation import Simulation
+from usarsim_server.simulation.snapshot import RobotBody, Snapshot
+from usarsim_server.worlds.avatars.classes import AvatarClass
+from usarsim_server.worlds.avatars.models import ADULT, CHEST, HEAD, avatar_model
+from usarsim_server.worlds.avatars.survey import ground_below
+from usarsim_server.worlds.avatars.walk import Performance, Stance, Walk, body_poses
+from usarsim_server.worlds.surroundings import Passer
+
+__all__ = ["Avatar", "Avatars"]
+
+RINGS = (0.0, 0.4, 0.8, 1.2, 1.8)
+"""m: radii searched around a place that is taken."""
+DIRECTIONS = 8
+ABOVE = 2.5
+"""m above a place from where the ground is looked for if it is not below."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Avatar:
+    """One person in the world.
+
+    Attributes:
+        name: unique among avatars; from INIT, or invented.
+        kind: the class.
+        body: its number in the simulation.
+        simulation: the world it is in.
+        begin: how it stands at first.
+    """
+
+    name: str
+    kind: AvatarClass
+    body: int
+    simulation: Simulation
+    begin: Stance
+
+    def state(self, snapshot: Snapshot) -> RobotBody | None:
+        """Its state in a snapshot; None if it is not in there."""
+        return self.simulation.robot_state(self.body, snapshot)
+
+    def attach(self, listener: Listener) -> None:
+        """Have a listener woken with snapshots."""
+        self.simulation.attach(self.body, listener)
+
+    def perform(self, plan: Callable[[float], Walk]) -> Walk:
+        """Walk a walk from now on.
+
+        Args:
+            plan: makes the walk, given the present time (s); must return at once.
+
+        Raises:
+            KeyError: if it is not in the world any more.
+        """
+        chosen: list[Walk] = []
+
+        def ways(time: float, pose: Pose) -> list[Way]:
+            walk = plan(time)
+            chosen.append(walk)
+            if not walk.legs:
+                return []  # all bodies stay where they are
+            performance = Performance(walk, self.kind.height)
+            return [_way(performance, number) for number in range(len(performance.poses(time)))]
+
+        self.simulation.follow(self.body, ways)
+        return chosen[0]
+
+
+class Avatars:
+    """All avatars of one world; may be used by any thread."""
+
+    def __init__(self, classes: Mapping[str, AvatarClass], simulation: Simulation) -> None:
+        """Start without anybody.
+
+        Args:
+            classes: by all their names in lower case.
+            simulation: the world they are put into.
+        """
+        self._classes = classes
+        self._simulation = simulation
+        self._lock = threading.Lock()
+        self._avatars: dict[str, Avatar] = {}
+        self._labels = Labels("avatars")
+
+    def find_class(self, name: str) -> AvatarClass | None:
+        """The class that a client means, without package; None if there is none."""
+        return self._classes.get(name.strip().lower())
+
+    def present(self, snapshot: Snapshot | None = None) -> list[tuple[Avatar, Pose]]:
+        """All avatars in the order of coming, with their poses in a snapshot or, if None, now."""
+        with self._lock:
+            avatars = tuple(self._avatars.values())
+        snapshot = snapshot or self._simulation.look()
+        states = ((one, one.state(snapshot)) for one in avatars)
+        return [(one, state.pose) for one, state in states if state is not None]
+
+    def passers(self, snapshot: Snapshot) -> list[Passer]:
+        """Everybody in a snapshot, in the order of their coming, as sensors notice them."""
+        with self._lock:
+            avatars = tuple(self._avatars.values())
+        found = []
+        for one in avatars:
+            state = one.state(snapshot)
+            if state is not None:
+                scale = one.kind.height / ADULT
+                chest, head = (
+                    (state.pose @ Pose((0.0, 0.0, scale * rise))).position for rise in (CHEST, HEAD)
+                )
+                found.append(Passer(one.body, chest, head))
+        return found
+
+    def label(self, body: int) -> str | None:
+        """Name of the avatar with a number in the simulation; None if it is none of them."""
+        with self._lock:
+            return next((one.name for one in self._avatars.values() if one.body == body), None)
+
+    def spawn(self, kind: AvatarClass, name: str | None, pose: Pose) -> Avatar:
+        """Put a person into the world, upright on the ground at a place or near it.
+
+        Raises:
+            SpawnError: if the name is too long, or there is no room or no ground.
+        """
+        with self._lock:
+            label = self._labels.take(name, kind.name)
+        try:
+            body, stance = self._settle(kind, pose)
+        except BaseException:
+            with self._lock:
+                self._labels.give_back(label)
+            raise
+        avatar = Avatar(label, kind, body, self._simulation, stance)
+        with self._lock:
+            self._avatars[name_key(label)] = avatar
+        return avatar
+
+    def remove(self, avatar: Avatar) -> None:
+        """Take a person out of the world; a second call does nothing."""
+        with self._lock:
+            if self._avatars.pop(name_key(avatar.name), None) is None:
+                return
+            self._labels.give_back(avatar.name)
+        self._simulation.remove(avatar.body)
+
+    def _settle(self, kind: AvatarClass, pose: Pose) -> tuple[int, Stance]:
+        if not all(map(math.isfinite, pose.position)):
+            raise SpawnError("the pose is not finite")
+        yaw = rpy_from_quaternion(pose.quaternion)[2]
+        refusal = SpawnError("there is no ground below")
+        for place in _places(pose.position):
+            ground = self._ground(place)
+            if ground is None:
+                continue
+            stance = Stance(ground, yaw)
+            try:
+                body, _ = self._simulation.spawn(
+                    avatar_model(kind), body_poses(stance, kind.height)[0]
+                )
+            except SpawnError as error:
+                refusal = error
+                continue
+            return body, stance
+        raise refusal
+
+    def _ground(self, place: Vector) -> Vector | None:
+        x, y, z = place
+        for start in (z, z + ABOVE):
+            (height,) = ground_below(self._simulation, [(x, y, start)])
+            if math.isfinite(height):
+                return x, y, height
+        return None
+
+
+def _places(position: Vector) -> Iterator[Vector]:
+    x, y, z = position
+    for radius in RINGS:
+        for turn in range(DIRECTIONS if radius else 1):
+            angle = math.tau * turn / DIRECTIONS
+            yield x + radius * math.cos(angle), y + radius * math.sin(angle), z
+
+
+def _way(performance: Performance, number: int) -> Way:
+    return lambda time: performance.poses(time)[number]

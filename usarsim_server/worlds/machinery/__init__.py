@@ -1,0 +1,1 @@
+"""Doors, lifts and obstacles of a world."""

@@ -1,0 +1,1 @@
+"""Things that clients put into a world."""
