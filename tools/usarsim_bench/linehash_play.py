@@ -1,7 +1,7 @@
 """Plays robot classes and sessions in rehearsals and keeps all lines that clients get, to the byte.
 
-The server runs in this process, through `usarsim_server.testing`:
-only there does time pass without a clock.
+The server runs in this process, through `usarsim_server.testing`: only there does time pass without
+a clock.
 """
 
 from __future__ import annotations
