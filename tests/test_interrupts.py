@@ -10,7 +10,7 @@ import threading
 
 import pytest
 
-from usarsim_server import interrupts
+from usarsim_server import processes as interrupts
 
 PROGRAM = """
 import sys, threading, time

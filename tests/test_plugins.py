@@ -16,7 +16,7 @@ from usarsim_server.plugins import PluginTypes
 STARVED = """
 import os, resource
 from usarsim_server.errors import RobotDescriptionError
-from usarsim_server.sensors.registry import TYPES as types
+from usarsim_server.sensors.base import TYPES as types
 resource.setrlimit(resource.RLIMIT_NOFILE, (64, 64))
 held = []
 try:

@@ -11,7 +11,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("LP_NUM_THREADS", "0")
 
 # The library that this names is loaded as soon as mujoco is imported, which fails without it. What
-# draws camera pictures is found out later and does not depend on it (`cameras/probe.py`).
+# draws camera pictures is found out later and does not depend on it (`cameras/backend.py`).
 _LIBRARIES = {"egl": "EGL", "osmesa": "OSMesa"}
 _named = _LIBRARIES.get(os.environ.get("MUJOCO_GL", "").strip().lower())
 if _named is not None:

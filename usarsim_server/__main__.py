@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from usarsim_server import interrupts
-
-__all__ = ["main"]
+from usarsim_server import processes as interrupts
 
 _UNTIL_INTERRUPTED = (["serve"], ["record"])
 """Commands that run until a signal comes, which is no failure then."""

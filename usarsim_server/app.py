@@ -18,8 +18,8 @@ from usarsim_server.cameras.backend import Quality
 from usarsim_server.cameras.board import CameraBoard
 from usarsim_server.cameras.encoding import Encoder
 from usarsim_server.cameras.painter import PainterOptions
+from usarsim_server.cameras.posed_model import Stage
 from usarsim_server.cameras.spectators import find_viewpoint, named_viewpoints
-from usarsim_server.cameras.stage import Stage
 from usarsim_server.cameras.studio import Studio, StudioOptions
 from usarsim_server.cameras.view import Grid
 from usarsim_server.data import data_directory
@@ -34,25 +34,27 @@ from usarsim_server.radio.event_log import EventLog
 from usarsim_server.radio.network import Network, RadioWorld
 from usarsim_server.radio.obstacles import SceneryObstacles
 from usarsim_server.radio.stations import stations_of
-from usarsim_server.robots.roster import load_roster
-from usarsim_server.services.budget import Pace, WorkBudget, whole_share
+from usarsim_server.robots.catalog import load_roster
+from usarsim_server.services.budget import Owners, Pace, WorkBudget, whole_share
 from usarsim_server.services.comserver import ComServerLimits, ComServerService
 from usarsim_server.services.control import ControlLimits, ControlService
 from usarsim_server.services.dialogue import Desk, DialogueLimits, Instant
-from usarsim_server.services.ground_truth import ground_truth_service, responder
 from usarsim_server.services.images import ImageService
 from usarsim_server.services.limits import SpawnGate, address_of
 from usarsim_server.services.outbox import OutboxLimits
-from usarsim_server.services.owners import Owners
 from usarsim_server.services.ready import Service, run_services
 from usarsim_server.services.relay import Road
-from usarsim_server.services.truth import TRUTH_LIMITS, truth_service
+from usarsim_server.services.truth import (
+    TRUTH_LIMITS,
+    ground_truth_service,
+    responder,
+    truth_service,
+)
 from usarsim_server.services.wireless import WirelessLimits, WirelessService
 from usarsim_server.sessions.dispatcher import Dispatcher
 from usarsim_server.sessions.robot_role import PilotOptions
 from usarsim_server.sessions.robots import Fleet
-from usarsim_server.sessions.role import Casting, RoleFactory
-from usarsim_server.sessions.schedule import BEAT, UNPACED_BEAT
+from usarsim_server.sessions.role import BEAT, UNPACED_BEAT, Casting, RoleFactory
 from usarsim_server.sessions.session import AgentOptions, Mouth, RobotAgent
 from usarsim_server.sessions.special_roles import SpecialRoles
 from usarsim_server.settings import Settings
@@ -62,20 +64,17 @@ from usarsim_server.simulation.model import PhysicsOptions
 from usarsim_server.simulation.simulation import Simulation, SimulationOptions
 from usarsim_server.truth.actors import Actors
 from usarsim_server.truth.ground_truth import GroundTruth
-from usarsim_server.worlds.avatars import classes as avatar_classes
+from usarsim_server.worlds.avatars import bodies as avatar_classes
 from usarsim_server.worlds.avatars.avatars import Avatars
-from usarsim_server.worlds.avatars.classes import load_avatars
-from usarsim_server.worlds.catalog import find_world
+from usarsim_server.worlds.avatars.bodies import load_avatars
 from usarsim_server.worlds.description import WorldDescription
-from usarsim_server.worlds.loader import load_world
+from usarsim_server.worlds.loader import find_world, load_world
 from usarsim_server.worlds.machinery.operators import operators_of
-from usarsim_server.worlds.objects import classes as object_classes
-from usarsim_server.worlds.objects.classes import load_objects
+from usarsim_server.worlds.objects import bodies as object_classes
+from usarsim_server.worlds.objects.bodies import load_objects
 from usarsim_server.worlds.objects.objects import WorldObjects
 from usarsim_server.worlds.scene import build_scene
 from usarsim_server.worlds.surroundings import Surroundings
-
-__all__ = ["Assembly", "assemble", "run"]
 
 GAME_TYPE = "BotDeathMatch"
 """What both generations of the original said in their greeting (protocol reference 1.2)."""

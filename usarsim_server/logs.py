@@ -20,8 +20,6 @@ import time
 from collections.abc import Callable
 from typing import TextIO
 
-__all__ = ["BURST", "LEVELS", "RATE", "ROOT", "Log", "configure"]
-
 ROOT = "usarsim"
 """Name of the logger that all areas hang under; tests and embedders may attach to it."""
 

@@ -19,8 +19,6 @@ from pathlib import Path
 from usarsim_server.errors import UsarsimError, at
 from usarsim_server.files import Folders, is_regular, open_regular, read_regular, reason
 
-__all__ = ["ALLOW_MODEL", "check_model"]
-
 MAX_TEXT = 64 << 20
 """Bytes of one XML file; the scene of the largest imported map has 3 MB."""
 MAX_FILES = 512 << 20

@@ -20,9 +20,6 @@ from usarsim_server.logs import LEVELS
 from usarsim_server.protocol.dialects import DialectMode
 from usarsim_server.protocol.images import IMAGE_TYPES, ImageType
 
-__all__ = ["OPTIONS", "Option", "is_port", "nearest"]
-
-
 Check = Callable[[object, Path], object]
 """Turns a value of the file, or the like from the command line, into that of the field.
 

@@ -21,8 +21,6 @@ from typing import Generic, TypeVar
 from usarsim_server.errors import RobotDescriptionError, at
 from usarsim_server.logs import Log
 
-__all__ = ["PluginTypes"]
-
 T = TypeVar("T")
 C = TypeVar("C", bound=type)
 

@@ -20,8 +20,6 @@ from usarsim_server.protocol.dialects import DialectMode
 from usarsim_server.protocol.images import NORMAL, ImageType
 from usarsim_server.tables import parse_toml
 
-__all__ = ["Settings", "load_settings"]
-
 LONGEST_SIDE = 8192
 """Pixels of the full camera picture that can still be rendered everywhere."""
 

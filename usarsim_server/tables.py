@@ -10,8 +10,6 @@ from pathlib import Path
 from usarsim_server.errors import UsarsimError, at
 from usarsim_server.files import MAX_TEXT, read_regular, reason
 
-__all__ = ["finite", "parse_toml", "read_text", "read_toml"]
-
 MAX_DEPTH = 40
 """Lists and tables within each other. Robot files need eight; every check of a value that goes
 down by recursion stays far from Python's limit."""

@@ -10,9 +10,8 @@ from actuator_fakes import CUP, HAND, SPARE, Machine, effector, robot
 from hypothesis import given
 from hypothesis import strategies as st
 
-from usarsim_server.actuators.effector import Effector
-from usarsim_server.actuators.registry import create_effectors
-from usarsim_server.actuators.tool_changer import ToolChanger
+from usarsim_server.actuators.effector import Effector, create_effectors
+from usarsim_server.actuators.hands import ToolChanger
 from usarsim_server.protocol.messages import configuration, effector_geometry
 from usarsim_server.robots.description import EffectorDescription
 from usarsim_server.sensors.base import SetResult

@@ -10,7 +10,7 @@ from actuator_fakes import link
 from hypothesis import given
 from hypothesis import strategies as st
 
-from usarsim_server.actuators.frames import announced_link, joint_frame
+from usarsim_server.actuators.base import announced_link, joint_frame
 from usarsim_server.robots.description import ActuatorDescription
 from usarsim_server.simulation.frames import Pose, Vector, pose_from_wire, wire_from_pose
 

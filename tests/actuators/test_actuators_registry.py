@@ -10,10 +10,10 @@ import pytest
 from actuator_fakes import HAND, Machine, effector, robot
 
 from usarsim_server import plugins
-from usarsim_server.actuators import registry
-from usarsim_server.actuators.effector import Effector
-from usarsim_server.actuators.registry import (
+from usarsim_server.actuators import effector as registry
+from usarsim_server.actuators.effector import (
     GROUP,
+    Effector,
     create_effector,
     create_effectors,
     effector_types,

@@ -14,7 +14,7 @@ from usarsim_bench.figures import Plan
 from usarsim_bench.garage import MIXED, measure_garage, roam
 from usarsim_bench.procfs import Load
 from usarsim_bench.suite import MEASUREMENTS
-from usarsim_server.robots.roster import load_roster
+from usarsim_server.robots.catalog import load_roster
 from usarsim_server.testing import Rehearsal
 
 KINDS = {"skid_steer", "differential", "tracked", "ackerman", "omni", "aerial", "legged", "static"}

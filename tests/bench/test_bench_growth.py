@@ -30,7 +30,7 @@ from usarsim_bench.savings import BOXED, SURVEYED, USUAL, measure_savings, teams
 from usarsim_bench.suite import ALL, LONG, MEASUREMENTS, PROFILE, QUICK
 from usarsim_bench.thread_cost import ROLES, Cost, Team, measure_cost, spent_between
 from usarsim_server.cli import main
-from usarsim_server.sensors.range_scanner import beam_count
+from usarsim_server.sensors.scanners import beam_count
 from usarsim_server.testing import Rehearsal
 
 

@@ -17,7 +17,7 @@ from usarsim_bench.figures import Plan
 from usarsim_bench.peer import WORKLOADS, find_peers
 from usarsim_bench.peer_own import HUMANOID, OwnSide, joint_targets, joints_told
 from usarsim_bench.peer_work import BEAMS, MOST, ROVER, Box, plan_work, write_robots, write_world
-from usarsim_server.robots.roster import load_roster
+from usarsim_server.robots.catalog import load_roster
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.scene import build_scene
 

@@ -15,10 +15,9 @@ from usarsim_bench.instruments import stepping
 from usarsim_bench.instruments.physics import BareSteps, Bystander, compared
 from usarsim_bench.instruments.stepping import ROBOT_CLASS, Stopwatch
 from usarsim_bench.physics import physics_figures, within
-from usarsim_server.robots.roster import load_roster
+from usarsim_server.robots.catalog import load_roster
 from usarsim_server.simulation.engine import Engine
-from usarsim_server.worlds.catalog import find_world
-from usarsim_server.worlds.loader import load_world
+from usarsim_server.worlds.loader import find_world, load_world
 
 
 @pytest.fixture(scope="module")

@@ -21,13 +21,11 @@ from usarsim_bench.robot_files import (
     write_scouts,
 )
 from usarsim_server.protocol.values import Dialect
+from usarsim_server.robots.catalog import load_roster
 from usarsim_server.robots.description import RobotDescription
-from usarsim_server.robots.roster import load_roster
-from usarsim_server.sensors.base import SensorContext
-from usarsim_server.sensors.range_scanner import RangeScanner
-from usarsim_server.sensors.registry import create_sensor
-from usarsim_server.worlds.catalog import find_world
-from usarsim_server.worlds.loader import load_world
+from usarsim_server.sensors.base import SensorContext, create_sensor
+from usarsim_server.sensors.scanners import RangeScanner
+from usarsim_server.worlds.loader import find_world, load_world
 
 
 def described(folder: Path, name: str) -> RobotDescription:

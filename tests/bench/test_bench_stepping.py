@@ -14,8 +14,7 @@ from usarsim_bench.errors import BenchError
 from usarsim_bench.figures import Plan
 from usarsim_bench.instruments import stepping as instrument
 from usarsim_bench.instruments.stepping import HALVES, Stopwatch, main, measure
-from usarsim_server.worlds.catalog import find_world
-from usarsim_server.worlds.loader import load_world
+from usarsim_server.worlds.loader import find_world, load_world
 
 
 @pytest.fixture

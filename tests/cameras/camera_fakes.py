@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.cameras.painter import Painter
-from usarsim_server.cameras.view import CameraView
-from usarsim_server.cameras.viewpoint import Eye
+from usarsim_server.cameras.view import CameraView, Eye
 from usarsim_server.errors import UsarsimError
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
 from usarsim_server.simulation.model import CompiledWorld, RobotModel

@@ -8,7 +8,7 @@ import mujoco
 import pytest
 from camera_fakes import MakePainter, Yard
 
-from usarsim_server.cameras import probe
+from usarsim_server.cameras import backend as probe
 from usarsim_server.cameras.painter import Painter, PainterOptions, nobody_lit
 from usarsim_server.worlds.description import Smoke
 

@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from usarsim_server.cameras.looks import BEAM_REACH, Air, brightness, reaching, shine
-from usarsim_server.cameras.stage import Lamp
-from usarsim_server.cameras.viewpoint import Eye, looking
+from usarsim_server.cameras.posed_model import Lamp
+from usarsim_server.cameras.view import Eye, looking
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
 from usarsim_server.worlds.description import Smoke, SmokePuff, SmokeVolume
 from usarsim_server.worlds.smoke import SmokeField

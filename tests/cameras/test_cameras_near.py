@@ -7,7 +7,7 @@ import pytest
 from camera_fakes import RED_BOX, MakePainter, Yard, is_red
 
 from usarsim_server.cameras.backend import NEAR
-from usarsim_server.cameras.viewpoint import View, looking
+from usarsim_server.cameras.view import View, looking
 
 FACE = RED_BOX[0] - 0.5
 """x (m) of the face of the red box that is seen from the origin."""

@@ -26,10 +26,10 @@ from numpy.typing import NDArray
 from usarsim_server.cameras.backend import Quality
 from usarsim_server.cameras.gl import GlBackend
 from usarsim_server.cameras.painter import Painter, PainterOptions
-from usarsim_server.cameras.viewpoint import View, looking
+from usarsim_server.cameras.view import View, looking
 from usarsim_server.simulation.frames import IDENTITY, Pose
 from usarsim_server.simulation.model import RobotModel
-from usarsim_server.simulation.rays.fans import RayFan
+from usarsim_server.simulation.rays.query import RayFan
 from usarsim_server.simulation.simulation import Simulation, SimulationOptions
 from usarsim_server.worlds.description import Smoke, SmokeVolume
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from camera_fakes import Geom, MakePainter, Yard, scenery
 
-from usarsim_server.cameras.viewpoint import View, looking
+from usarsim_server.cameras.view import View, looking
 from usarsim_server.simulation.simulation import Simulation, SimulationOptions
 
 CORNERS = [(x, y, z) for x in (-3.0, 3.0) for y in (-3.0, 3.0) for z in (-0.5, 3.0)]

@@ -16,8 +16,7 @@ import pytest
 
 from usarsim_server.cli import main
 from usarsim_server.doctor import registry
-from usarsim_server.doctor.findings import Finding, Mark
-from usarsim_server.doctor.registry import Check, Context
+from usarsim_server.doctor.registry import Check, Context, Finding, Mark
 
 ROOT = Path(__file__).parents[2]
 PORTS_OFF = [

@@ -19,7 +19,7 @@ from usarsim_server.robots.description import (
     RobotReport,
 )
 from usarsim_server.simulation.frames import pose_from_wire
-from usarsim_server.simulation.surfaces import Surface
+from usarsim_server.simulation.ground import Surface
 from usarsim_server.worlds.description import (
     Smoke,
     SmokePuff,

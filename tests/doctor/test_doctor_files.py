@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from usarsim_server.data import data_directory
-from usarsim_server.doctor.checks import server
+from usarsim_server.doctor.checks import machine as server
 from usarsim_server.doctor.checks.files import judge_plugin, judge_robots, judge_worlds
-from usarsim_server.doctor.findings import Mark
 from usarsim_server.doctor.isolation import Outcome
-from usarsim_server.doctor.trials import server as try_server
+from usarsim_server.doctor.registry import Mark
+from usarsim_server.doctor.team import server as try_server
 from usarsim_server.settings import Settings
 
 

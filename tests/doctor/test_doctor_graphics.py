@@ -8,12 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from usarsim_server.cameras import probe
+from usarsim_server.cameras import backend as probe
 from usarsim_server.doctor.checks import graphics
 from usarsim_server.doctor.checks.graphics import Device, Drawing, devices, is_software, judge
-from usarsim_server.doctor.findings import Finding, Mark
 from usarsim_server.doctor.isolation import Outcome
-from usarsim_server.doctor.registry import Context
+from usarsim_server.doctor.registry import Context, Finding, Mark
 from usarsim_server.settings import Settings
 
 NOTHING = Drawing((("egl", "no libEGL"), ("osmesa", "no libOSMesa")), None)

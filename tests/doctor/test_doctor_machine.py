@@ -10,8 +10,7 @@ from usarsim_server.doctor.checks.machine import (
     judge_descriptors,
     judge_memory,
 )
-from usarsim_server.doctor.findings import Mark
-from usarsim_server.doctor.registry import Context
+from usarsim_server.doctor.registry import Context, Mark
 from usarsim_server.doctor.system import Activity
 from usarsim_server.processes import Process
 from usarsim_server.settings import Settings

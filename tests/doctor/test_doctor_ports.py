@@ -8,9 +8,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from usarsim_server.doctor.checks.ports import look
-from usarsim_server.doctor.findings import Finding, Mark
-from usarsim_server.doctor.registry import Context
+from usarsim_server.doctor.checks.files import look_at_ports as look
+from usarsim_server.doctor.registry import Context, Finding, Mark
 from usarsim_server.settings import Settings
 
 SIDE_PORTS = ("image_port", "groundtruth_port", "wireless_port", "truth_port", "comserver_port")

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from usarsim_server.doctor import trials
+from usarsim_server.doctor import team as trials
 from usarsim_server.doctor.checks.rates import (
     Cost,
     cost_of,
@@ -19,9 +19,8 @@ from usarsim_server.doctor.checks.rates import (
     most_robots,
     team_size,
 )
-from usarsim_server.doctor.findings import Mark
 from usarsim_server.doctor.isolation import Outcome
-from usarsim_server.doctor.registry import Context
+from usarsim_server.doctor.registry import Context, Mark
 from usarsim_server.errors import SettingsError
 from usarsim_server.settings import Settings, load_settings
 

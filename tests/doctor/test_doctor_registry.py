@@ -11,9 +11,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from usarsim_server.doctor import checks, registry
-from usarsim_server.doctor.findings import Finding, Mark, problem_and_advice
 from usarsim_server.doctor.isolation import Outcome
-from usarsim_server.doctor.registry import Check, Context, all_checks, check, examine
+from usarsim_server.doctor.registry import (
+    Check,
+    Context,
+    Finding,
+    Mark,
+    all_checks,
+    check,
+    examine,
+    problem_and_advice,
+)
 from usarsim_server.errors import at
 from usarsim_server.settings import Settings
 
@@ -73,7 +81,7 @@ def test_a_new_file_is_a_new_check_and_a_broken_one_a_failing_check(
 ) -> None:
     """Dropping a file into the folder adds its checks; one that cannot be imported says why."""
     (tmp_path / "zz_disk.py").write_text(
-        "from usarsim_server.doctor.findings import Finding, Mark\n"
+        "from usarsim_server.doctor.registry import Finding, Mark\n"
         "from usarsim_server.doctor.registry import check\n"
         "@check('disk', 'Disk', order=25)\n"
         "def look(context):\n"

@@ -10,8 +10,7 @@ from datetime import UTC, datetime
 
 import pytest
 
-from usarsim_server.doctor.findings import Checked, Finding, Mark
-from usarsim_server.doctor.registry import Check
+from usarsim_server.doctor.registry import Check, Checked, Finding, Mark
 from usarsim_server.doctor.report import Printer, as_json, verdict
 
 PORTS = Check("ports", "Ports", 1, lambda context: ())

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from usarsim_server.doctor.checks.versions import PACKAGES, Package, judge_package, judge_python
-from usarsim_server.doctor.findings import Mark
+from usarsim_server.doctor.checks.machine import PACKAGES, Package, judge_package, judge_python
 from usarsim_server.doctor.isolation import Outcome
+from usarsim_server.doctor.registry import Mark
 
 BY_NAME = {package.name: package for package in PACKAGES}
 

@@ -32,7 +32,7 @@ def run_import(folder: Path) -> int:
 
 def run_report(folder: Path) -> int:
     """Replace a report."""
-    from usarsim_server import atomic
+    from usarsim_server import files as atomic
 
     atomic.write_text(folder / "report.json", "new " * 1000)
     return 0

@@ -10,8 +10,6 @@ import socket
 
 from usarsim_server.testing import PATIENCE, ScriptedClient
 
-__all__ = ["MetricTool", "RoboCupScore", "TruthConsole", "WirelessModel", "split_reply"]
-
 
 def split_reply(line: str) -> tuple[str, list[dict[str, str]]]:
     """Type and groups of a reply, as the strict splitter of the wireless server finds them.

@@ -15,11 +15,10 @@ import numpy as np
 import pytest
 from side_clients import WirelessModel
 
-from usarsim_server.actuators.registry import create_effectors
+from usarsim_server.actuators.effector import create_effectors
+from usarsim_server.robots.catalog import load_roster
 from usarsim_server.robots.description import RobotDescription
-from usarsim_server.robots.roster import load_roster
-from usarsim_server.sensors.base import SensorContext
-from usarsim_server.sensors.registry import create_sensor
+from usarsim_server.sensors.base import SensorContext, create_sensor
 from usarsim_server.testing import ScriptedClient, eventually, running_server
 from usarsim_server.worlds.description import WorldDescription
 

@@ -18,7 +18,7 @@ from itertools import pairwise
 import psutil
 import pytest
 
-from usarsim_server.robots.roster import load_roster
+from usarsim_server.robots.catalog import load_roster
 from usarsim_server.testing import ScriptedClient, ServerProcess
 
 MEGABYTE = 1 << 20

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from usarsim_server.protocol.ground_truth import Position, positions
 from usarsim_server.protocol.names import LONGEST_NAME
+from usarsim_server.protocol.truth import Position, positions
 from usarsim_server.radio.stations import stations_of
 from usarsim_server.testing import Rehearsal, RehearsedClient
 

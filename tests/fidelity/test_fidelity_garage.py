@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from usarsim_server.protocol.values import Dialect
+from usarsim_server.robots.catalog import load_roster
 from usarsim_server.robots.description import RobotDescription
-from usarsim_server.robots.roster import load_roster
 from usarsim_server.testing.test_drive import Rest, TestDrive, full_speed
 
 ROSTER = load_roster()

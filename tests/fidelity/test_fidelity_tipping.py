@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from usarsim_server.robots.catalog import load_roster
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.mjcf import build_spec
-from usarsim_server.robots.roster import load_roster
 from usarsim_server.sessions.robots import robot_model
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy

@@ -34,7 +34,8 @@ from usarsim_maps.reader import read_scene as read_map  # noqa: E402
 from usarsim_maps.sidecar import load_sidecar  # noqa: E402
 from usarsim_record.recording import RecordError, read  # noqa: E402
 from usarsim_server.errors import MapImportError, UsarsimError, WorldError  # noqa: E402
-from usarsim_server.protocol import comserver, ground_truth, images, truth, wireless  # noqa: E402
+from usarsim_server.protocol import comserver, images, truth, wireless  # noqa: E402
+from usarsim_server.protocol import truth as ground_truth  # noqa: E402
 from usarsim_server.protocol.commands import interpret  # noqa: E402
 from usarsim_server.protocol.dialects import DialectSelector  # noqa: E402
 from usarsim_server.protocol.framing import LineFramer  # noqa: E402
@@ -49,13 +50,11 @@ from usarsim_server.protocol.numbers import (  # noqa: E402
     single,
 )
 from usarsim_server.radio.configuration import read_radio, read_radio_file  # noqa: E402
-from usarsim_server.robots.loader import load_robot  # noqa: E402
+from usarsim_server.robots.catalog import load_robot  # noqa: E402
 from usarsim_server.settings import load_settings  # noqa: E402
-from usarsim_server.worlds.avatars.classes import load_avatars  # noqa: E402
+from usarsim_server.worlds.avatars.bodies import load_avatars  # noqa: E402
 from usarsim_server.worlds.loader import load_world  # noqa: E402
-from usarsim_server.worlds.objects.classes import load_objects  # noqa: E402
-
-__all__ = ["CORPUS", "TARGETS", "Target"]
+from usarsim_server.worlds.objects.bodies import load_objects  # noqa: E402
 
 
 @dataclass(frozen=True)
@@ -184,7 +183,7 @@ def wireless_lines(data: bytes) -> None:
 def ground_truth_lines(data: bytes) -> None:
     """GETPOS and GETOBS."""
     for line in in_pieces(LineFramer(256), LineFramer(256), data):
-        query = ground_truth.read_query(line.decode("latin-1"))
+        query = ground_truth.read_ground_truth_query(line.decode("latin-1"))
         if isinstance(query, ground_truth.BetweenPoints | ground_truth.BetweenRobots):
             answer = ground_truth.obstacles(query, 3)
             assert "\n" not in answer

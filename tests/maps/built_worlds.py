@@ -15,7 +15,7 @@ from usarsim_maps.reader import Context, ImportOptions, read_scene
 from usarsim_maps.scene import Mesh, Part, Scene, SceneObject, Source, Start
 from usarsim_server.simulation.frames import IDENTITY, Pose, Vector
 from usarsim_server.simulation.model import PhysicsOptions
-from usarsim_server.simulation.rays.fans import RayFan
+from usarsim_server.simulation.rays.query import RayFan
 from usarsim_server.simulation.simulation import Simulation, SimulationOptions
 from usarsim_server.worlds.description import WorldDescription
 from usarsim_server.worlds.loader import load_world

@@ -26,7 +26,8 @@ from mesh_samples import (
 from PIL import Image
 
 from usarsim_maps.findings import Findings
-from usarsim_maps.meshes import collada, collada_looks, collada_mesh, xml_text
+from usarsim_maps.meshes import collada, collada_mesh, xml_text
+from usarsim_maps.meshes import collada as collada_looks
 from usarsim_maps.scene import LightKind
 from usarsim_server.simulation.frames import rpy_from_quaternion
 

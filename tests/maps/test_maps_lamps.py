@@ -18,9 +18,9 @@ from usarsim_maps.build.lamps import chosen_lights, lamps
 from usarsim_maps.build.lit_faces import Glow, cut_for_light
 from usarsim_maps.findings import Findings
 from usarsim_maps.scene import Light, LightKind
-from usarsim_server.cameras import probe
+from usarsim_server.cameras import backend as probe
 from usarsim_server.cameras.painter import Painter, PainterOptions
-from usarsim_server.cameras.viewpoint import View, looking
+from usarsim_server.cameras.view import View, looking
 
 Array = NDArray[np.float64]
 

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from sdf_samples import PLUGIN, load, model, shape
 from t3d_maps import brush, level, room, start
 
-from usarsim_maps.build.preview import CUT, SKY, Preview
-from usarsim_maps.build.preview_cut import covered
+from usarsim_maps.build.preview import CUT, SKY, Preview, covered
 from usarsim_server.worlds.loader import load_world
 
 Image = NDArray[np.uint8]

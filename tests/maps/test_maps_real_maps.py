@@ -15,7 +15,7 @@ from usarsim_maps.build.builder import build
 from usarsim_maps.findings import Findings
 from usarsim_maps.reader import Context, read_scene
 from usarsim_server.cameras.painter import Painter, PainterOptions
-from usarsim_server.cameras.viewpoint import View, looking
+from usarsim_server.cameras.view import View, looking
 
 MAPS = os.environ.get("USARSIM_MAPS", "")
 

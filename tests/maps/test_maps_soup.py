@@ -8,9 +8,8 @@ from built_worlds import cuboid_mesh, grid_mesh, mesh_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from usarsim_maps.build.contact import collide
+from usarsim_maps.build.contact import FLOOR, LEAST, THICKNESS, UNDER, collide, slabs
 from usarsim_maps.build.pieces import BoxPiece, HullPiece, Piece, hull_piece, volumes
-from usarsim_maps.build.slabs import FLOOR, LEAST, THICKNESS, UNDER, slabs
 from usarsim_maps.build.soup import Soup, clean, components, convex_polygons, normals_areas
 from usarsim_maps.build.terrain import as_terrain, is_rolling
 from usarsim_maps.orientation import orient

@@ -29,8 +29,7 @@ from unreal_fixture import (
 )
 
 from usarsim_maps.reader import find_reader, read_scene
-from usarsim_maps.unreal.archive import Archive, PackageError
-from usarsim_maps.unreal.compression import LZO, ZLIB, inflate_part, lzo1x
+from usarsim_maps.unreal.archive import LZO, ZLIB, Archive, PackageError, inflate_part, lzo1x
 from usarsim_maps.unreal.package import NEWEST, OLDEST, open_package
 from usarsim_maps.unreal.properties import read_object
 from usarsim_server.errors import MapImportError

@@ -15,8 +15,6 @@ from usarsim_maps.findings import Findings
 from usarsim_maps.reader import Context, ImportOptions, read_scene
 from usarsim_maps.scene import Scene
 
-__all__ = ["TABLE", "room", "scene_of", "world_of"]
-
 TABLE = Ref("Furniture.Kitchen.Table", "StaticMesh")
 """A mesh of the package `Furniture.upk`, which most tests do not have."""
 

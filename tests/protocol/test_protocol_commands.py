@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from usarsim_server.protocol import commands
 from usarsim_server.protocol.commands import interpret, is_global
 from usarsim_server.protocol.grammar import IGNORED_WORDS, KNOWN_WORDS, Command, parse_line
 from usarsim_server.protocol.requests import (
@@ -538,10 +537,3 @@ def test_requests_are_frozen() -> None:
     """Requests pass between threads and cannot be changed."""
     with pytest.raises(AttributeError):
         drive("DRIVE {Left 1}").left = 2  # type: ignore[misc]
-
-
-def test_commands_exports_every_request() -> None:
-    """Whoever imports from `commands` finds every type that `interpret` can return."""
-    for kind in Request.__args__:
-        assert kind.__name__ in commands.__all__
-        assert getattr(commands, kind.__name__) is kind

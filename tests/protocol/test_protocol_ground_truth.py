@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from usarsim_server.protocol.ground_truth import (
+from usarsim_server.protocol.numbers import single
+from usarsim_server.protocol.truth import (
     BetweenPoints,
     BetweenRobots,
     Incomplete,
@@ -17,9 +18,10 @@ from usarsim_server.protocol.ground_truth import (
     Positions,
     obstacles,
     positions,
-    read_query,
 )
-from usarsim_server.protocol.numbers import single
+from usarsim_server.protocol.truth import (
+    read_ground_truth_query as read_query,
+)
 
 NAMES = st.text(st.characters(categories=["L", "N"], max_codepoint=255), min_size=1, max_size=12)
 NUMBERS = st.floats(-1e4, 1e4)

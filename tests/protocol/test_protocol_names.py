@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from usarsim_server.protocol import ground_truth, messages
+from usarsim_server.protocol import messages
+from usarsim_server.protocol import truth as ground_truth
 from usarsim_server.protocol.grammar import parse_line
 from usarsim_server.protocol.names import LONGEST_NAME, clean_name, free_name, name_key
 

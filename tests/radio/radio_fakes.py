@@ -9,7 +9,7 @@ from usarsim_server.protocol.values import Vector
 from usarsim_server.radio.network import RadioWorld
 from usarsim_server.radio.parameters import RadioParameters
 from usarsim_server.radio.propagation import Propagation, create_model
-from usarsim_server.radio.station import Station
+from usarsim_server.radio.stations import Station
 
 
 def model(name: str = "obstacle", **keys: object) -> Propagation:

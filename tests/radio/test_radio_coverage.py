@@ -14,16 +14,19 @@ from radio_fakes import Walls as Fence
 from radio_fakes import model
 
 from usarsim_server.cli import main
-from usarsim_server.radio.coverage import Grid, Walls, find_walls, survey
-from usarsim_server.radio.picture import (
+from usarsim_server.radio.coverage import (
     SILENCE,
     SOURCE,
     WALL,
+    Grid,
+    Walls,
     color_of,
     draw_coverage,
+    find_walls,
     pixels_per_cell,
+    survey,
 )
-from usarsim_server.simulation.rays.fans import RayFan, RayHits
+from usarsim_server.simulation.rays.query import RayFan, RayHits
 
 GRID = Grid.over((0.0, 0.0), (4.0, 3.0), 1.0, 0.5)
 SOURCE_AT = (0.5, 0.5, 0.5)

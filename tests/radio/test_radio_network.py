@@ -14,9 +14,8 @@ from radio_fakes import Field, model, rows
 from usarsim_server.errors import SettingsError
 from usarsim_server.radio.configuration import read_radio, read_radio_file
 from usarsim_server.radio.event_log import Event, EventLog
-from usarsim_server.radio.fading import Fading
+from usarsim_server.radio.fading import Fading, LinkClock, LinkShape
 from usarsim_server.radio.network import Departure, Network
-from usarsim_server.radio.shaping import LinkClock, LinkShape
 
 SIX = (1, 2, 3, 4, 5, 6)
 

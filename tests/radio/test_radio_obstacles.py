@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from usarsim_server.radio.obstacles import MOST, STRIDE, SceneryObstacles
 from usarsim_server.simulation.frames import Pose
-from usarsim_server.simulation.rays.fans import SceneryHit
+from usarsim_server.simulation.rays.query import SceneryHit
 from usarsim_server.simulation.simulation import Simulation, SimulationOptions
 from usarsim_server.worlds.description import Victim
 from usarsim_server.worlds.victims import add_victim

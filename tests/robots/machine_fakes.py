@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from usarsim_server.protocol.requests import Drive, WheelTarget
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import RobotDescription
-from usarsim_server.robots.families.base import Conduct, StatusFacts
-from usarsim_server.robots.families.registry import family_of
+from usarsim_server.robots.families.base import Conduct, StatusFacts, family_of
 from usarsim_server.simulation.articulation import JointOrder, Order
 from usarsim_server.simulation.snapshot import RobotBody
 

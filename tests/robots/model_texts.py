@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from robot_files import write
 
+from usarsim_server.robots.catalog import load_robot
 from usarsim_server.robots.description import RobotDescription
-from usarsim_server.robots.loader import load_robot
-from usarsim_server.robots.mjcf import ARMATURE, build_spec
+from usarsim_server.robots.mjcf import build_spec
 
 Array = NDArray[np.float64]
 
@@ -137,6 +137,3 @@ class Twin:
             )
             for model, data in zip((self.file, self.robot), self._data, strict=True)
         ]
-
-
-__all__ = ["ARMATURE", "LEG", "TETRAHEDRON", "TORSO", "Twin", "body", "mjcf", "urdf", "write_stl"]

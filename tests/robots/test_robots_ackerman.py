@@ -16,6 +16,7 @@ from robot_files import write
 from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
+from usarsim_server.robots.catalog import load_robot, load_roster
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.families.ackerman import (
     SteeredWheel,
@@ -24,10 +25,8 @@ from usarsim_server.robots.families.ackerman import (
     turn,
     wire_range,
 )
-from usarsim_server.robots.families.registry import family_of
-from usarsim_server.robots.loader import load_robot
+from usarsim_server.robots.families.base import family_of
 from usarsim_server.robots.mjcf import build_spec
-from usarsim_server.robots.roster import load_roster
 
 ROBOTS = {robot.name: robot for robot in load_roster().descriptions()}
 CARS = sorted(name for name, robot in ROBOTS.items() if robot.kind == "ackerman")

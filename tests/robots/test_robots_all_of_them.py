@@ -12,8 +12,7 @@ from collections.abc import Iterator
 import pytest
 
 from usarsim_server.data import data_directory
-from usarsim_server.robots.loader import load_robot
-from usarsim_server.robots.roster import load_roster
+from usarsim_server.robots.catalog import load_robot, load_roster
 from usarsim_server.sessions.robots import Vehicle
 from usarsim_server.simulation.snapshot import RobotBody
 from usarsim_server.testing import Rehearsal, RehearsedClient

@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 
 import pytest
 
+from usarsim_server.robots.catalog import load_roster
 from usarsim_server.robots.description import RobotDescription
-from usarsim_server.robots.roster import load_roster
 from usarsim_server.testing import Rehearsal, RehearsedClient
 
 DRIVEN = {robot.name: robot for robot in load_roster().descriptions() if robot.wheels}

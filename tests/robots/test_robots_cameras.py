@@ -15,9 +15,8 @@ from test_robots_limbs import ARM
 from test_robots_loader_fuzz import QUICK, check, values
 
 from usarsim_server.errors import RobotDescriptionError
+from usarsim_server.robots.catalog import load_robot, load_roster
 from usarsim_server.robots.description import CameraDescription, RobotDescription
-from usarsim_server.robots.loader import load_robot
-from usarsim_server.robots.roster import load_roster
 from usarsim_server.simulation.frames import Pose
 
 CAMERA: dict[str, Any] = {"name": "Camera", "position": [0.1, 0.05, -0.4]}

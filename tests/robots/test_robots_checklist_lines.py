@@ -13,7 +13,7 @@ import pytest
 from wire_text import DIALECTS, values
 from wire_text import kind as kind_of
 
-from usarsim_server.robots.roster import load_roster
+from usarsim_server.robots.catalog import load_roster
 from usarsim_server.testing import Rehearsal
 
 CLASSES = load_roster().names()

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from usarsim_server.protocol.requests import Drive, WheelTarget
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots.drive import WheelDrive
-from usarsim_server.robots.roster import load_roster
+from usarsim_server.robots.catalog import load_roster
+from usarsim_server.robots.families.wheeled import WheelDrive
 
 UT, UDK = Dialect.UT2004, Dialect.UDK
 ROBOTS = {robot.name: robot for robot in load_roster().descriptions()}
@@ -51,7 +51,7 @@ def test_free_wheels_get_no_target(tmp_path) -> None:
     """Only driven wheels are told a speed."""
     from robot_files import LEFT, RIGHT, table, write
 
-    from usarsim_server.robots.loader import load_robot
+    from usarsim_server.robots.catalog import load_robot
 
     free = {**LEFT, "name": "Rear", "position": [-0.2, 0, 0.05], "side": "left", "driven": False}
     robot = load_robot(write(tmp_path, "Test", table(wheel=[free, LEFT, RIGHT])))

@@ -12,8 +12,9 @@ import pytest
 
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots.families import base, registry
-from usarsim_server.robots.loader import load_robot
+from usarsim_server.robots.catalog import load_robot
+from usarsim_server.robots.families import base
+from usarsim_server.robots.families import base as registry
 
 PAGE = (Path(__file__).parents[2] / "docs" / "families-howto.md").read_text(encoding="utf-8")
 

@@ -12,12 +12,11 @@ from typing import Any
 import pytest
 from robot_files import table, write
 
-from usarsim_server.actuators.registry import effector_types
+from usarsim_server.actuators.effector import effector_types
 from usarsim_server.errors import RobotDescriptionError
-from usarsim_server.robots.families.registry import families
-from usarsim_server.robots.loader import load_robot
+from usarsim_server.robots.catalog import load_robot, load_roster
+from usarsim_server.robots.families.base import families
 from usarsim_server.robots.mjcf import build_spec
-from usarsim_server.robots.roster import load_roster
 from usarsim_server.testing import Rehearsal
 
 PAGE = Path(__file__).parents[2] / "docs" / "robots-howto.md"

@@ -12,8 +12,8 @@ import pytest
 from robot_files import LEFT, SENSOR, SHAPE, table, write
 
 from usarsim_server.errors import RobotDescriptionError
+from usarsim_server.robots.catalog import load_robot
 from usarsim_server.robots.description import JointType, RobotDescription
-from usarsim_server.robots.loader import load_robot
 from usarsim_server.robots.mjcf import build_spec
 from usarsim_server.sessions.robots import robot_model
 from usarsim_server.simulation.articulation import Grip, ToolModel

@@ -13,8 +13,8 @@ from robot_files import CASTER, LEFT, RIGHT, SENSOR, SHAPE, table, write
 
 from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.protocol.values import Dialect
+from usarsim_server.robots.catalog import load_robot
 from usarsim_server.robots.description import BatteryDescription
-from usarsim_server.robots.loader import load_robot
 from usarsim_server.simulation.frames import wire_from_pose
 
 

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from robot_files import table, write
 
 from usarsim_server.errors import RobotDescriptionError
+from usarsim_server.robots.catalog import load_robot
 from usarsim_server.robots.description import RobotDescription
-from usarsim_server.robots.loader import load_robot
 from usarsim_server.robots.mjcf import build_spec
 
 QUICK = settings(

@@ -15,8 +15,8 @@ from robot_files import table, write
 
 from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots.families.registry import families, family_of
-from usarsim_server.robots.roster import load_roster
+from usarsim_server.robots.catalog import load_roster
+from usarsim_server.robots.families.base import families, family_of
 from usarsim_server.sessions.robots import robot_model
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose, wire_from_pose

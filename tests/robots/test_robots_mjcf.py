@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 from robot_files import CASTER, LEFT, RIGHT, SHAPE, table, write
 
+from usarsim_server.robots.catalog import load_robot, load_roster
 from usarsim_server.robots.description import RobotDescription
-from usarsim_server.robots.loader import load_robot
 from usarsim_server.robots.mjcf import build_spec
-from usarsim_server.robots.roster import load_roster
 
 ROBOTS = {robot.name: robot for robot in load_roster().descriptions()}
 WHEELED = {name: robot for name, robot in ROBOTS.items() if robot.wheels and robot.gear is None}

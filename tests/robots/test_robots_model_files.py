@@ -26,8 +26,8 @@ from robot_files import write
 
 from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.robots import model_sources
+from usarsim_server.robots.catalog import load_robot
 from usarsim_server.robots.description import JointType
-from usarsim_server.robots.loader import load_robot
 from usarsim_server.robots.mjcf import ARMATURE, build_spec
 
 # -- equal to MuJoCo's own reading -----------------------------------------------------------------

@@ -12,8 +12,8 @@ from machine_fakes import UDK, UT, Driver, wild_drives
 
 from usarsim_server.protocol.requests import Drive, WheelTarget
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots.families.registry import family_of
-from usarsim_server.robots.roster import load_roster
+from usarsim_server.robots.catalog import load_roster
+from usarsim_server.robots.families.base import family_of
 from usarsim_server.testing import Rehearsal
 
 LISA = next(robot for robot in load_roster().descriptions() if robot.name == "Lisa")

@@ -14,7 +14,7 @@ from robot_files import write
 
 from usarsim_server.data import data_directory
 from usarsim_server.errors import RobotDescriptionError
-from usarsim_server.robots.loader import Library, load_robot
+from usarsim_server.robots.catalog import Library, load_robot
 
 MESH = '<asset><mesh name="t" file="FILE"/></asset>'
 SHAPE = '<body><joint/><geom type="mesh" mesh="t"/></body>'

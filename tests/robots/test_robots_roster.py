@@ -10,7 +10,7 @@ from robot_files import table, write
 
 from usarsim_server.data import data_directory
 from usarsim_server.errors import RobotDescriptionError
-from usarsim_server.robots.roster import Roster, load_roster
+from usarsim_server.robots.catalog import Roster, load_roster
 
 SHIPPED = tuple(
     sorted((path.stem for path in data_directory("robots").glob("*.toml")), key=str.lower)

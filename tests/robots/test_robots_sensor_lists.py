@@ -13,8 +13,7 @@ from pathlib import Path
 import pytest
 
 from usarsim_server.errors import RobotDescriptionError
-from usarsim_server.robots.loader import load_robot
-from usarsim_server.robots.roster import load_roster
+from usarsim_server.robots.catalog import load_robot, load_roster
 from usarsim_server.testing import Rehearsal, RehearsedClient
 
 ROBOTS = {robot.name: robot for robot in load_roster().descriptions()}

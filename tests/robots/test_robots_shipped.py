@@ -13,10 +13,9 @@ import pytest
 from usarsim_server.data import data_directory
 from usarsim_server.protocol.messages import ground_configuration, ground_geometry
 from usarsim_server.protocol.values import Dialect
+from usarsim_server.robots.catalog import load_roster
 from usarsim_server.robots.description import RobotDescription
-from usarsim_server.robots.roster import load_roster
-from usarsim_server.sensors.base import SensorContext
-from usarsim_server.sensors.registry import create_sensor
+from usarsim_server.sensors.base import SensorContext, create_sensor
 from usarsim_server.simulation.frames import wire_from_pose
 from usarsim_server.testing import Rehearsal
 from usarsim_server.worlds.description import WorldDescription

@@ -18,18 +18,16 @@ from robot_files import SHAPE, table, write
 
 from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.protocol.values import Dialect
+from usarsim_server.robots.catalog import load_robot, load_roster
 from usarsim_server.robots.description import RobotDescription
-from usarsim_server.robots.families.registry import family_of
+from usarsim_server.robots.families.base import family_of
 from usarsim_server.robots.families.tracked import Gear, Treads
-from usarsim_server.robots.loader import load_robot
-from usarsim_server.robots.roster import load_roster
 from usarsim_server.robots.tracks import Roller, Run, runs, touching
-from usarsim_server.sensors.base import SensorContext
-from usarsim_server.sensors.registry import create_sensor
+from usarsim_server.sensors.base import SensorContext, create_sensor
 from usarsim_server.sessions.robots import robot_model
-from usarsim_server.simulation.belts import Belts
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose
+from usarsim_server.simulation.ground import Belts
 from usarsim_server.simulation.model import CompiledWorld, PhysicsOptions, compile_world
 from usarsim_server.testing import Rehearsal
 from usarsim_server.worlds.description import WorldDescription

@@ -17,12 +17,11 @@ from robot_files import write
 from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
+from usarsim_server.robots.catalog import load_robot, load_roster
 from usarsim_server.robots.description import RobotDescription
-from usarsim_server.robots.families.registry import family_of
+from usarsim_server.robots.families.base import family_of
 from usarsim_server.robots.families.underwater import Vessel
-from usarsim_server.robots.loader import load_robot
 from usarsim_server.robots.mjcf import build_spec
-from usarsim_server.robots.roster import load_roster
 from usarsim_server.simulation.frames import rpy_from_quaternion
 from usarsim_server.simulation.snapshot import RobotBody
 from usarsim_server.testing import Rehearsal

@@ -10,10 +10,9 @@ import mujoco
 import numpy as np
 from sensor_fakes import FakeRobot, describe_item, describe_robot, describe_world
 
-from usarsim_server.sensors.base import SensorContext
-from usarsim_server.sensors.registry import create_sensor
+from usarsim_server.sensors.base import SensorContext, create_sensor
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
-from usarsim_server.simulation.rays.fans import RayFan, RayHits
+from usarsim_server.simulation.rays.query import RayFan, RayHits
 from usarsim_server.worlds.description import Victim
 from usarsim_server.worlds.surroundings import Surroundings
 from usarsim_server.worlds.victims import PELVIS_HEIGHT, add_victim

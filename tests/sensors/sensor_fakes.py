@@ -21,11 +21,10 @@ from usarsim_server.robots.description import (
     RobotReport,
     Wheel,
 )
-from usarsim_server.sensors.base import Sensor, SensorContext
-from usarsim_server.sensors.registry import create_sensor
+from usarsim_server.sensors.base import Sensor, SensorContext, create_sensor
 from usarsim_server.simulation.frames import IDENTITY, Pose, pose_from_wire
 from usarsim_server.simulation.objects import ObjectFacts
-from usarsim_server.simulation.rays.fans import RayFan, RayHits
+from usarsim_server.simulation.rays.query import RayFan, RayHits
 from usarsim_server.worlds.description import GeographicOrigin, StartPose, WorldDescription
 
 UT2004, UDK = Dialect.UT2004, Dialect.UDK

@@ -20,9 +20,8 @@ from sensor_fakes import (
 )
 
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.sensors.assembly import conf_line, find_sensors, geo_line, sen_lines
-from usarsim_server.sensors.base import SetResult
-from usarsim_server.sensors.registry import sensor_types
+from usarsim_server.sensors.base import SetResult, sensor_types
+from usarsim_server.sensors.report import conf_line, find_sensors, geo_line, sen_lines
 from usarsim_server.simulation.frames import pose_from_wire
 
 RING = [f"F{i}" for i in range(1, 9)] + [f"R{i}" for i in range(1, 9)]

@@ -8,7 +8,7 @@ import pytest
 from sensor_fakes import UDK, UT2004, FakeRobot, Scene, make, read, wall_ahead
 
 from usarsim_server.errors import RobotDescriptionError
-from usarsim_server.sensors.assembly import sen_lines
+from usarsim_server.sensors.report import sen_lines
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.objects import ObjectFacts
 

@@ -9,7 +9,7 @@ import pytest
 from life_fakes import Stage, person, wall
 from sensor_fakes import UDK, UT2004, FakeRobot
 
-from usarsim_server.sensors.assembly import sen_lines
+from usarsim_server.sensors.report import sen_lines
 
 
 def density(stage: Stage, x: float = 0.0, **rest: Any) -> float:

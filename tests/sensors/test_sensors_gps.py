@@ -23,9 +23,9 @@ from sensor_fakes import (
 )
 
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.sensors.assembly import sen_lines
 from usarsim_server.sensors.gps import constellation, fix_deviation, sky_directions
-from usarsim_server.simulation.rays.fans import RayHits
+from usarsim_server.sensors.report import sen_lines
+from usarsim_server.simulation.rays.query import RayHits
 from usarsim_server.worlds.description import GeographicOrigin
 
 HOUSE = Scene(Box((-50, -50, 3), (50, 50, 4)), Box((-50, -50, -1), (50, -49, 4)))

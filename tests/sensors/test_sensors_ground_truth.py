@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sensor_fakes import UDK, UT2004, FakeRobot, make, numbers, read, text_of, values
 
-from usarsim_server.sensors.assembly import sen_lines
+from usarsim_server.sensors.report import sen_lines
 from usarsim_server.simulation.frames import quaternion_from_rpy
 from usarsim_server.simulation.snapshot import RobotBody, RobotLayout, Snapshot
 

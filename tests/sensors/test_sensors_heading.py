@@ -7,7 +7,7 @@ import math
 import pytest
 from sensor_fakes import UDK, FakeRobot, describe_world, make, read, values
 
-from usarsim_server.sensors.assembly import conf_line, sen_lines
+from usarsim_server.sensors.report import conf_line, sen_lines
 
 
 @pytest.mark.parametrize(

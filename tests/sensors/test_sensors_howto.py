@@ -12,10 +12,9 @@ import pytest
 from sensor_fakes import UDK, FakeRobot, describe_robot, describe_world
 
 from usarsim_server.robots.description import ItemDescription
-from usarsim_server.sensors import registry
-from usarsim_server.sensors.assembly import sen_lines
-from usarsim_server.sensors.base import SensorContext
-from usarsim_server.sensors.registry import create_sensor, sensor_types
+from usarsim_server.sensors import base as registry
+from usarsim_server.sensors.base import SensorContext, create_sensor, sensor_types
+from usarsim_server.sensors.report import sen_lines
 from usarsim_server.simulation.frames import pose_from_wire
 
 PAGE = (Path(__file__).parents[2] / "docs" / "sensors-howto.md").read_text(encoding="utf-8")

@@ -9,8 +9,8 @@ import pytest
 from life_fakes import Stage, person, wall
 from sensor_fakes import UDK, UT2004, FakeRobot, values
 
-from usarsim_server.sensors.assembly import sen_lines
-from usarsim_server.sensors.human_motion import within_cone
+from usarsim_server.sensors.people import within_cone
+from usarsim_server.sensors.report import sen_lines
 from usarsim_server.simulation.frames import IDENTITY
 
 WALK: dict[str, Any] = {"kind": "walk", "to": [2.0, 1.0, -0.07], "speed": 0.5, "pause": 4.0}

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sensor_fakes import UDK, FakeRobot, make, numbers, read, values
 
-from usarsim_server.sensors.assembly import sen_lines
+from usarsim_server.sensors.report import sen_lines
 
 KEYS = ["XYZAcceleration", "AngularVel", "AngularAccel", "Rotation"]
 

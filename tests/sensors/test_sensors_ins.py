@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sensor_fakes import UDK, UT2004, FakeRobot, make, numbers, read, text_of, values
 
-from usarsim_server.sensors.assembly import sen_lines
 from usarsim_server.sensors.base import SetResult
+from usarsim_server.sensors.report import sen_lines
 
 
 def aligned(sensor, robot: FakeRobot | None = None) -> FakeRobot:

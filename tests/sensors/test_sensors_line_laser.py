@@ -23,7 +23,7 @@ from sensor_fakes import (
 )
 
 from usarsim_server.errors import RobotDescriptionError
-from usarsim_server.sensors.assembly import conf_line, sen_lines
+from usarsim_server.sensors.report import conf_line, sen_lines
 
 
 def points(sensor) -> np.ndarray:

@@ -23,8 +23,8 @@ from sensor_fakes import (
 )
 
 from usarsim_server.robots.description import Wheel
-from usarsim_server.sensors.assembly import sen_lines
 from usarsim_server.sensors.base import SetResult
+from usarsim_server.sensors.report import sen_lines
 
 
 def drive(sensor, robot, left: float, right: float, steps: int = 1) -> list[float]:

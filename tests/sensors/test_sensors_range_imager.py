@@ -24,8 +24,8 @@ from sensor_fakes import (
 )
 
 from usarsim_server.errors import RobotDescriptionError
-from usarsim_server.sensors.assembly import conf_line, sen_lines
 from usarsim_server.sensors.base import SetResult
+from usarsim_server.sensors.report import conf_line, sen_lines
 
 TINY = {"width": 4, "height": 6, "frames": 3}
 

@@ -24,10 +24,10 @@ from sensor_fakes import (
 )
 
 from usarsim_server.errors import RobotDescriptionError
-from usarsim_server.sensors.assembly import sen_lines
 from usarsim_server.sensors.base import SetResult
-from usarsim_server.sensors.range_scanner import beam_count
-from usarsim_server.sensors.sonar import Sonar
+from usarsim_server.sensors.ranges import Sonar
+from usarsim_server.sensors.report import sen_lines
+from usarsim_server.sensors.scanners import beam_count
 
 ROOM = Scene(Box((-50, -3, -50), (50, -2, 50)), Box((-50, 4, -50), (50, 5, 50)), wall_ahead(6.0))
 

@@ -13,11 +13,10 @@ from sensor_fakes import UDK, FakeRobot, describe_item, describe_robot, describe
 
 import usarsim_server.sensors as package
 from usarsim_server.errors import RobotDescriptionError
-from usarsim_server.sensors import registry
-from usarsim_server.sensors.assembly import conf_line, sen_lines
-from usarsim_server.sensors.base import Sensor, SensorContext
+from usarsim_server.sensors import base as registry
+from usarsim_server.sensors.base import Sensor, SensorContext, create_sensor, register, sensor_types
 from usarsim_server.sensors.battery import Battery
-from usarsim_server.sensors.registry import create_sensor, register, sensor_types
+from usarsim_server.sensors.report import conf_line, sen_lines
 
 PLUGIN = '''
 """A thermometer, as an outside package would bring it."""
@@ -166,7 +165,7 @@ def test_a_new_sensor_is_one_file_with_a_decorator(
     """A module dropped into the package is found, made from a robot file and put on the wire."""
     text = PLUGIN.replace(
         "class Thermometer",
-        "from usarsim_server.sensors.registry import register\n\n\n"
+        "from usarsim_server.sensors.base import register\n\n\n"
         '@register("Thermometer")\nclass Thermometer',
     )
     (tmp_path / "thermometer_for_test.py").write_text(text)
@@ -195,7 +194,7 @@ def test_another_package_brings_a_sensor_by_an_entry_point(
     (tmp_path / "thermo_plugin.py").write_text(PLUGIN)
     (tmp_path / "thermo_module.py").write_text(
         "from thermo_plugin import Thermometer\n"
-        "from usarsim_server.sensors.registry import register\n"
+        "from usarsim_server.sensors.base import register\n"
         'register("Thermometer")(Thermometer)\n'
     )
     install(tmp_path, monkeypatch, f"Thermometer = {target}")

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from usarsim_server.sensors.sight import in_sight, relative, sight_lines
+from usarsim_server.sensors.people import in_sight, relative, sight_lines
 from usarsim_server.simulation.frames import Pose, pose_from_wire
-from usarsim_server.simulation.rays.fans import RayHits
+from usarsim_server.simulation.rays.query import RayHits
 
 POINT = st.tuples(*[st.floats(-50, 50)] * 3)
 HERE = Pose((1.0, 2.0, 3.0))

@@ -22,8 +22,7 @@ from sensor_fakes import (
 )
 
 from usarsim_server.errors import RobotDescriptionError
-from usarsim_server.sensors.base import SensorContext
-from usarsim_server.sensors.registry import create_sensor
+from usarsim_server.sensors.base import SensorContext, create_sensor
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.worlds.description import Smoke, SmokePuff, SmokeVolume
 from usarsim_server.worlds.smoke import smoke_field

@@ -16,8 +16,8 @@ from sensor_fakes import (
     values,
 )
 
-from usarsim_server.sensors.assembly import sen_lines
 from usarsim_server.sensors.base import SetResult
+from usarsim_server.sensors.report import sen_lines
 
 SPEEDS = np.array([1.3, 1.2, -0.4, 0.0])
 

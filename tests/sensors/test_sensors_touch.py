@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from sensor_fakes import UDK, UT2004, Box, FakeRobot, Scene, make, read, text_of, wall_ahead
 
-from usarsim_server.sensors.assembly import sen_lines
+from usarsim_server.sensors.report import sen_lines
 
 PAD = {"location": (0.3, 0.0, 0.0)}
 

@@ -23,7 +23,7 @@ from sensor_fakes import (
 )
 
 from usarsim_server.errors import RobotDescriptionError
-from usarsim_server.sensors.assembly import conf_line, geo_line, sen_lines
+from usarsim_server.sensors.report import conf_line, geo_line, sen_lines
 from usarsim_server.simulation.frames import flip_point
 
 RADIUS = 0.17

@@ -10,7 +10,7 @@ import pytest
 from life_fakes import Stage, person, wall
 from sensor_fakes import UDK, UT2004, FakeRobot, numbers
 
-from usarsim_server.sensors.assembly import conf_line, sen_lines
+from usarsim_server.sensors.report import conf_line, sen_lines
 from usarsim_server.simulation.frames import Pose, flip_point, quaternion_from_rpy
 from usarsim_server.worlds.description import FalseAlarm
 

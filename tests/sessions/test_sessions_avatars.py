@@ -15,7 +15,7 @@ from usarsim_server.sessions import avatar as walker
 from usarsim_server.simulation.frames import Vector
 from usarsim_server.simulation.simulation import Simulation
 from usarsim_server.testing import Rehearsal, RehearsedClient
-from usarsim_server.worlds.avatars.survey import Survey, survey
+from usarsim_server.worlds.avatars.ways import Survey, survey
 
 STATUS = re.compile(
     r"STA \{Time (?P<time>\d+\.\d{4})\} \{Type (?P<kind>\w+)\} \{Name (?P<name>[^}]*)\} "

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from usarsim_server.sessions.battery import NO_BATTERY, Battery, BatteryGauge
+from usarsim_server.sessions.power import NO_BATTERY, Battery, BatteryGauge
 
 
 def test_value_falls_by_one_a_second_from_1200() -> None:

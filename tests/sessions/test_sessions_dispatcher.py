@@ -11,7 +11,7 @@ import pytest
 
 from usarsim_server.sessions.dispatcher import AT_ONCE, Dispatcher, Task
 from usarsim_server.simulation.rays.cast import RayQuery
-from usarsim_server.simulation.rays.fans import RayFan, RayHits
+from usarsim_server.simulation.rays.query import RayFan, RayHits
 from usarsim_server.simulation.snapshot import Snapshot
 
 NOTHING = np.zeros(0)

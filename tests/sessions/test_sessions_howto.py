@@ -12,7 +12,7 @@ import pytest
 from usarsim_server.data import data_directory
 from usarsim_server.sessions.world_controller import WorldController
 from usarsim_server.testing import Rehearsal
-from usarsim_server.worlds.objects.classes import SHAPES, load_objects
+from usarsim_server.worlds.objects.bodies import SHAPES, load_objects
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "world-controller.md").read_text("utf-8")
 BLOCKS = re.findall(r"```(\w*)\n(.*?)```", PAGE, re.DOTALL)

@@ -14,8 +14,8 @@ from usarsim_server.simulation import diving, flight
 from usarsim_server.simulation.diving import Diving, Hull
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.flight import FlightLimits, VelocityHold
-from usarsim_server.simulation.laws import Law, LawModel
 from usarsim_server.simulation.model import PhysicsOptions, RobotModel
+from usarsim_server.simulation.motion_laws import Law, LawModel
 
 Array = NDArray[np.float64]
 

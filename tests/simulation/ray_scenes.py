@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sim_fakes import Geom
 
 from usarsim_server.simulation.model import SHELF_NAME, CompiledWorld
-from usarsim_server.simulation.rays.fans import RayFan
+from usarsim_server.simulation.rays.query import RayFan
 from usarsim_server.simulation.snapshot import Snapshot
 
 Array = NDArray[np.float64]

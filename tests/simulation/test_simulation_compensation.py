@@ -23,8 +23,8 @@ from sim_fakes import (
     turn,
 )
 
-from usarsim_server.simulation.compensation import compensate
 from usarsim_server.simulation.engine import Engine
+from usarsim_server.simulation.ground import compensate
 from usarsim_server.simulation.model import PhysicsOptions
 
 TIMESTEPS = (0.001, 0.002, 0.004, 0.005)

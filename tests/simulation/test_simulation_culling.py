@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from usarsim_server.simulation.rays import culling
-from usarsim_server.simulation.rays.batch import join
 from usarsim_server.simulation.rays.culling import Spheres, meetings
-from usarsim_server.simulation.rays.fans import RayFan
+from usarsim_server.simulation.rays.query import RayFan, join
 
 Array = NDArray[np.float64]
 NOBODY = -1

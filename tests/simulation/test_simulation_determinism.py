@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from sim_fakes import ROBOT, ROGUE, Watcher, pose_at, simulation, straight, turn, yard
 
-from usarsim_server.simulation.rays.fans import RayFan
+from usarsim_server.simulation.rays.query import RayFan
 from usarsim_server.simulation.simulation import Simulation
 from usarsim_server.simulation.snapshot import Snapshot
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from law_fakes import axes, command, engine_of, place, spin, submarine, velocity
 from sim_fakes import floor, run
 
-from usarsim_server.simulation.bounds import add_bounds
+from usarsim_server.simulation.divergence import add_bounds
 from usarsim_server.simulation.diving import SLOW, WATER, Hull
 
 STEPS = (0.001, 0.002, 0.004, 0.005)

@@ -26,10 +26,10 @@ from sim_fakes import (
 
 from usarsim_server.errors import SpawnError, UsarsimError
 from usarsim_server.simulation import simulation as module
-from usarsim_server.simulation.clockwork import BATCH_STEPS, MAX_AHEAD
+from usarsim_server.simulation.clock import BATCH_STEPS, MAX_AHEAD
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import RobotModel
-from usarsim_server.simulation.rays.fans import RayFan
+from usarsim_server.simulation.rays.query import RayFan
 from usarsim_server.simulation.simulation import Simulation
 from usarsim_server.testing import PATIENCE, eventually
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from law_fakes import aircraft, axes, command, engine_of, place, spin, velocity
 from sim_fakes import add_box, floor, pose_at, run
 
-from usarsim_server.simulation.bounds import add_bounds
+from usarsim_server.simulation.divergence import add_bounds
 from usarsim_server.simulation.flight import FlightLimits
 
 STEPS = (0.001, 0.002, 0.004, 0.005)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from sim_fakes import RADIUS, Geom, floor, pose_at, robot_model, simulation
 
-from usarsim_server.simulation.rays.fans import RayFan
+from usarsim_server.simulation.rays.query import RayFan
 
 DOWN = RayFan(np.array([3.0, 0.0, 5.0]), np.array([[0.0, 0.0, -1.0]]), 50.0, identify=True)
 

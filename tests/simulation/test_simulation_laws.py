@@ -17,8 +17,8 @@ from law_fakes import (
 from sim_fakes import ROBOT, floor, pose_at, run
 
 from usarsim_server.simulation.engine import Engine
-from usarsim_server.simulation.laws import LawModel, Laws
 from usarsim_server.simulation.model import PhysicsOptions
+from usarsim_server.simulation.motion_laws import LawModel, Laws
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from usarsim_server.simulation.rays.groups import Lump, find_lumps
+from usarsim_server.simulation.rays.moving import Lump, find_lumps
 
 BODY = """
 <mujoco>

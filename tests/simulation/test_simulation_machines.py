@@ -11,9 +11,8 @@ from sim_fakes import ROBOT, Geom, add_crate, engine_with, floor, pose_at, run
 
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
-from usarsim_server.simulation.machines import DECISION_INTERVAL
+from usarsim_server.simulation.machines import DECISION_INTERVAL, Presence, Zone
 from usarsim_server.simulation.movers import Mover
-from usarsim_server.simulation.presence import Presence, Zone
 
 
 def hall() -> mujoco.MjSpec:

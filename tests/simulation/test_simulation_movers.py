@@ -27,8 +27,8 @@ from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import PhysicsOptions
 from usarsim_server.simulation.movers import Mover, mocap_bodies
 from usarsim_server.simulation.rays.cast import cast
-from usarsim_server.simulation.rays.fans import RayFan
 from usarsim_server.simulation.rays.moving import DynamicGeometry
+from usarsim_server.simulation.rays.query import RayFan
 from usarsim_server.simulation.rays.scenery import StaticGeometry
 
 AHEAD = np.array([[1.0, 0.0, 0.0]])

@@ -28,8 +28,8 @@ from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import PhysicsOptions
 from usarsim_server.simulation.objects import ObjectFacts, Objects
 from usarsim_server.simulation.rays.cast import cast
-from usarsim_server.simulation.rays.fans import RayFan, RayHits
 from usarsim_server.simulation.rays.moving import DynamicGeometry
+from usarsim_server.simulation.rays.query import RayFan, RayHits
 from usarsim_server.simulation.rays.scenery import StaticGeometry
 
 

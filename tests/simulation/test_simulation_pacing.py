@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from usarsim_server.simulation.pacing import MAX_LAG, REPORT_PERIOD, Pacer, Patience
+from usarsim_server.simulation.clock import MAX_LAG, REPORT_PERIOD, Pacer, Patience
 
 BATCH = 0.008
 

@@ -39,11 +39,10 @@ from sim_fakes import (
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.model import PhysicsOptions
 from usarsim_server.simulation.rays import moving as moving_geometry
-from usarsim_server.simulation.rays.batch import RayBatch, join
 from usarsim_server.simulation.rays.cast import RayQuery, cast, cast_all
 from usarsim_server.simulation.rays.culling import Spheres
-from usarsim_server.simulation.rays.fans import RayFan, RayHits
 from usarsim_server.simulation.rays.moving import DynamicGeometry
+from usarsim_server.simulation.rays.query import RayBatch, RayFan, RayHits, join
 from usarsim_server.simulation.rays.scenery import StaticGeometry
 from usarsim_server.simulation.snapshot import Snapshot
 from usarsim_server.worlds.loader import load_world

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ray_scenes import SHAPES, TRAY_FACES, add_meshes
 from sim_fakes import Geom
 
-from usarsim_server.simulation.rays.tessellation import TOLERANCE, triangles
+from usarsim_server.simulation.rays.triangles import TOLERANCE, triangles
 
 Array = NDArray[np.float64]
 UPRIGHT = (np.zeros(3), np.eye(3))

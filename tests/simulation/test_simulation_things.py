@@ -23,10 +23,10 @@ from sim_fakes import (
 
 from usarsim_server.errors import SpawnError
 from usarsim_server.simulation.engine import Engine
-from usarsim_server.simulation.fitting import TOLERATED
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import PhysicsOptions, RobotModel
-from usarsim_server.simulation.rays.fans import RayFan
+from usarsim_server.simulation.placement import TOLERATED
+from usarsim_server.simulation.rays.query import RayFan
 from usarsim_server.simulation.simulation import Simulation
 
 HALF = 0.2

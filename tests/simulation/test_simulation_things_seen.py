@@ -9,7 +9,7 @@ from sim_fakes import Geom, floor, simulation
 
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import RobotModel
-from usarsim_server.simulation.rays.fans import RayFan, RayHits
+from usarsim_server.simulation.rays.query import RayFan, RayHits
 from usarsim_server.simulation.simulation import Simulation
 
 

@@ -25,9 +25,8 @@ from sim_fakes import (
 )
 
 from usarsim_server.simulation.engine import Engine
+from usarsim_server.simulation.ground import EDGE_SLOPE, Surface
 from usarsim_server.simulation.model import PhysicsOptions
-from usarsim_server.simulation.surfaces import Surface
-from usarsim_server.simulation.traction import EDGE_SLOPE
 
 G = 9.81
 MASS = 12.0

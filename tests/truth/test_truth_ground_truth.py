@@ -8,8 +8,7 @@ import pytest
 
 from usarsim_server.protocol.values import Vector
 from usarsim_server.radio.obstacles import SceneryObstacles
-from usarsim_server.radio.station import Station
-from usarsim_server.radio.stations import stations_of
+from usarsim_server.radio.stations import Station, stations_of
 from usarsim_server.testing import Rehearsal
 from usarsim_server.truth.ground_truth import GroundTruth
 

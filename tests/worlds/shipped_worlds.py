@@ -8,9 +8,8 @@ from functools import cache
 import mujoco
 import numpy as np
 
-from usarsim_server.worlds.catalog import find_world
 from usarsim_server.worlds.description import WorldDescription
-from usarsim_server.worlds.loader import load_world
+from usarsim_server.worlds.loader import find_world, load_world
 from usarsim_server.worlds.scene import build_scene, movable_bodies
 
 NAMES = ("arena", "empty", "office", "plant", "proving_ground", "smoke_corridor")

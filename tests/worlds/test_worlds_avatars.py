@@ -10,8 +10,15 @@ import pytest
 
 from usarsim_server.data import data_directory
 from usarsim_server.errors import WorldError
-from usarsim_server.worlds.avatars.classes import AvatarClass, load_avatars
-from usarsim_server.worlds.avatars.models import ADULT, LIMBS, PELVIS, avatar_model, joint_of
+from usarsim_server.worlds.avatars.bodies import (
+    ADULT,
+    LIMBS,
+    PELVIS,
+    AvatarClass,
+    avatar_model,
+    joint_of,
+    load_avatars,
+)
 
 SHIPPED = load_avatars([data_directory("worlds") / "avatars.toml"])
 

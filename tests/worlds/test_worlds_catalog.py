@@ -9,7 +9,7 @@ from world_files import write_world
 
 from usarsim_server import data
 from usarsim_server.errors import WorldError
-from usarsim_server.worlds.catalog import DEFAULT_WORLD, find_world, list_worlds
+from usarsim_server.worlds.loader import DEFAULT_WORLD, find_world, list_worlds
 
 SHIPPED = {"arena", "empty", "office", "plant", "proving_ground", "smoke_corridor"}
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from usarsim_server.worlds.avatars.graph import distances_to, find_node, way_to
+from usarsim_server.worlds.avatars.ways import distances_to, find_node, way_to
 from usarsim_server.worlds.description import PathNode
 
 NODES = (

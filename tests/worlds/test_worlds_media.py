@@ -10,7 +10,7 @@ import pytest
 from world_files import HEAD, SCENE, START, write_world
 
 from usarsim_server.errors import WorldError
-from usarsim_server.simulation.surfaces import Surface
+from usarsim_server.simulation.ground import Surface
 from usarsim_server.worlds.description import Smoke, SmokePuff, WorldDescription
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.media import GROUNDS

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy, rpy_from_quaternion
 from usarsim_server.worlds.life import Walk, Wave
-from usarsim_server.worlds.motion import swinging, walking
+from usarsim_server.worlds.victims import swinging, walking
 
 START = (1.0, 2.0, 0.93)
 TO_AND_FRO = walking(START, Walk((4.0, 6.0, 0.93), speed=0.5, pause=2.0))

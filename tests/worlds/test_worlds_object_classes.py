@@ -8,7 +8,7 @@ import pytest
 
 from usarsim_server.data import data_directory
 from usarsim_server.errors import WorldError
-from usarsim_server.worlds.objects.classes import ObjectCatalog, load_objects
+from usarsim_server.worlds.objects.bodies import ObjectCatalog, load_objects
 
 SHIPPED = data_directory("worlds") / "objects.toml"
 

@@ -14,9 +14,15 @@ from usarsim_server.data import data_directory
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose, Vector
 from usarsim_server.simulation.model import PhysicsOptions
-from usarsim_server.simulation.rays.tessellation import triangles
-from usarsim_server.worlds.objects.classes import Material, ObjectClass, Part, load_objects
-from usarsim_server.worlds.objects.models import object_model, object_size
+from usarsim_server.simulation.rays.triangles import triangles
+from usarsim_server.worlds.objects.bodies import (
+    Material,
+    ObjectClass,
+    Part,
+    load_objects,
+    object_model,
+    object_size,
+)
 
 CATALOG = load_objects([data_directory("worlds") / "objects.toml"])
 ONE: Vector = (1.0, 1.0, 1.0)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from usarsim_server.simulation.frames import Pose
-from usarsim_server.simulation.rays.fans import RayFan
+from usarsim_server.simulation.rays.query import RayFan
 from usarsim_server.testing import Rehearsal, RehearsedClient
 
 

@@ -8,8 +8,7 @@ import pytest
 
 from usarsim_server.app import Assembly, assemble
 from usarsim_server.settings import Settings
-from usarsim_server.worlds.avatars.graph import distances_to
-from usarsim_server.worlds.avatars.survey import ground_below, survey
+from usarsim_server.worlds.avatars.ways import distances_to, ground_below, survey
 
 
 @pytest.fixture(scope="module", params=["arena", "office"])

@@ -15,7 +15,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
-from usarsim_server.worlds.catalog import find_world
 from usarsim_server.worlds.description import (
     Noise,
     RfidTag,
@@ -25,7 +24,7 @@ from usarsim_server.worlds.description import (
     WorldDescription,
 )
 from usarsim_server.worlds.life import PARTS, Walk, traits_of
-from usarsim_server.worlds.loader import load_world
+from usarsim_server.worlds.loader import find_world, load_world
 from usarsim_server.worlds.scene import build_scene
 from usarsim_server.worlds.surroundings import MAX_TAGS, Surroundings, beginnings
 from usarsim_server.worlds.victims import add_victim, part_of

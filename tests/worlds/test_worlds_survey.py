@@ -11,8 +11,8 @@ import pytest
 from usarsim_server.errors import SpawnError
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.simulation import Simulation, SimulationOptions
-from usarsim_server.worlds.avatars.survey import DISTANCE, FARTHEST, ground_below, survey
-from usarsim_server.worlds.objects.ground import drop_below
+from usarsim_server.worlds.avatars.ways import DISTANCE, FARTHEST, ground_below, survey
+from usarsim_server.worlds.objects.world_object import drop_below
 
 BOX = mujoco.mjtGeom.mjGEOM_BOX
 

@@ -11,9 +11,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from usarsim_server.simulation.frames import Pose, Vector
-from usarsim_server.worlds.avatars.gait import RUNNING, WALKING, Gait, limb_poses, posture
-from usarsim_server.worlds.avatars.models import ADULT, LIMBS, SHIN, SOLE
-from usarsim_server.worlds.avatars.walk import TURN_RATE, Leg, Performance, Stance, Walk, body_poses
+from usarsim_server.worlds.avatars.bodies import ADULT, LIMBS, SHIN, SOLE
+from usarsim_server.worlds.avatars.walk import (
+    RUNNING,
+    TURN_RATE,
+    WALKING,
+    Gait,
+    Leg,
+    Performance,
+    Stance,
+    Walk,
+    body_poses,
+    limb_poses,
+    posture,
+)
 
 HEIGHT = ADULT
 START = Stance((0.0, 0.0, 0.0), 0.0)

@@ -16,8 +16,6 @@ from usarsim_bench.server import SERVE, Server
 from usarsim_bench.spawn import disturbance
 from usarsim_bench.team import SETTLE, load_figures
 
-__all__ = ["Visits", "admission_figures", "measure_admission", "waits"]
-
 ROBOTS = 24
 SECONDS = 30.0
 WATCHED = 1.0

@@ -10,8 +10,6 @@ import math
 import random
 from pathlib import Path
 
-__all__ = ["STARTS", "write_boxes"]
-
 STARTS = 16
 """Start poses, in a square in the middle."""
 _PITCH = 1.6

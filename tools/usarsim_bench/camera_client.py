@@ -15,8 +15,6 @@ from usarsim_bench.closing import CarefulClosing
 from usarsim_bench.errors import BenchError
 from usarsim_bench.statistics import percentile
 
-__all__ = ["Picture", "Viewer", "ViewerTrial", "summed_up"]
-
 _ANSWER_TIMEOUT = 10.0
 _STOP_TIMEOUT = 15.0
 _READ = 1 << 18

@@ -12,8 +12,6 @@ from usarsim_bench.figures import Aim, Figure, Plan, Section
 from usarsim_bench.server import Server
 from usarsim_bench.team import MIB, ROBOTS, TeamTrial, load_figures, try_team
 
-__all__ = ["Look", "measure_cameras"]
-
 SECONDS = 20.0
 TILE = (0, 0, 320, 240)
 """Where the first camera is seen in every grid of the default tiles."""

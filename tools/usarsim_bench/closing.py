@@ -7,8 +7,6 @@ from types import TracebackType
 from usarsim_bench.errors import BenchError
 from usarsim_record.closing import Closing
 
-__all__ = ["CarefulClosing"]
-
 
 class CarefulClosing(Closing):
     """Something whose closing may find a fault of its own."""

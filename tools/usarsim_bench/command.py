@@ -13,11 +13,10 @@ from usarsim_bench.peers_command import add_peers
 from usarsim_bench.plot import as_svg
 from usarsim_bench.report import as_json, as_markdown, as_text
 from usarsim_bench.suite import ALL, LONG, MEASUREMENTS, PROFILE, QUICK, QUICK_SECONDS, take
-from usarsim_server import __version__, atomic
+from usarsim_server import __version__
+from usarsim_server import files as atomic
 from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_server.errors import UsarsimError
-
-__all__ = ["add_parser", "run"]
 
 _EPILOG = (
     "Measurements start servers of their own, on free ports, and take the clients' side "

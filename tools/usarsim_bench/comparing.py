@@ -17,8 +17,6 @@ from usarsim_bench.peer_own import HUMANOID, OwnSide
 from usarsim_bench.peer_runs import Outcome, ratio, run_workload
 from usarsim_bench.peer_work import LASER_RATE, MOST, Work, plan_work
 
-__all__ = ["SIZES", "Measured", "Tools", "compare", "own_section", "peer_section", "refusal"]
-
 SIZES = (1, 4, 16, 64)
 SECONDS = 10.0
 WALL_LIMIT = 60.0

@@ -20,8 +20,6 @@ from usarsim_bench.errors import BenchError
 from usarsim_bench.recording import Chunk, start_tags
 from usarsim_record.closing import Closing
 
-__all__ = ["DEFAULT_CLASS", "Behaviour", "Controller", "Crowd", "wander"]
-
 DEFAULT_CLASS = "P3AT"
 DRIVE_PERIOD = 0.5
 """Mean s between two DRIVE commands of one robot."""

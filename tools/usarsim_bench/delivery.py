@@ -23,8 +23,6 @@ from usarsim_bench.server import SERVE, Server
 from usarsim_bench.team import TeamTrial, gather, load_figures, try_team
 from usarsim_bench.watched import TILE_SIZE, grid, tiles_of
 
-__all__ = ["Loop", "delivery_figures", "measure_delivery", "rate_for"]
-
 ROBOTS = 4
 SECONDS = 20.0
 MOST_TILES = 64

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["BenchError"]
-
 
 class BenchError(RuntimeError):
     """A measurement could not be taken; says why."""

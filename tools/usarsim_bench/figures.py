@@ -10,8 +10,6 @@ from typing import Literal
 from usarsim_bench.machine import Machine
 from usarsim_bench.plot import Plot
 
-__all__ = ["Aim", "Figure", "Plan", "Report", "Section", "Table"]
-
 
 @dataclass(frozen=True, slots=True)
 class Aim:

@@ -10,8 +10,6 @@ from usarsim_bench.figures import Figure, Plan, Section
 from usarsim_bench.server import Server
 from usarsim_bench.team import CORES_AIM, FACTOR_AIM, MIB, SECONDS, load_figures, try_team
 
-__all__ = ["MIXED", "measure_garage", "roam"]
-
 Dice = random.Random
 Words = Callable[[Dice], str]
 

@@ -19,8 +19,6 @@ from usarsim_bench.server import Server
 from usarsim_bench.statistics import percentile
 from usarsim_bench.team import ROBOTS, SETTLE, load_figures
 
-__all__ = ["Asker", "measure_ground_truth"]
-
 SECONDS = 20.0
 TURN = 1.0
 """s between two rounds of questions, as the propagation models of the original have it."""

@@ -25,21 +25,6 @@ from usarsim_bench.robot_files import (
 from usarsim_bench.thread_cost import Cost, Team, Watching, measure_cost
 from usarsim_bench.watched import TILE_SIZE, grid, tiles_of
 
-__all__ = [
-    "BEAMS",
-    "CAMERAS",
-    "GEOMS",
-    "ROBOTS",
-    "beam_keys",
-    "camera_options",
-    "curve",
-    "each_more",
-    "figures_of",
-    "measure_growth",
-    "per_picture",
-    "sizes_up_to",
-]
-
 ROBOTS = (1, 4, 16, 32, 64)
 BEAMS = (31, 181, 361, 1081)
 GEOMS = (10, 100, 1000, 3000)

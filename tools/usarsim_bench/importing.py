@@ -24,8 +24,6 @@ from usarsim_bench.map_sources import BRUSHES, MESHES, write_hall, write_yard
 from usarsim_bench.server import Server
 from usarsim_bench.team import MIB, load_figures, try_team
 
-__all__ = ["Map", "measure_importing"]
-
 ROBOTS = 4
 SECONDS = 20.0
 

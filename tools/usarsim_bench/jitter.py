@@ -16,8 +16,6 @@ from usarsim_bench.statistics import Sample, percentile, period_errors
 from usarsim_bench.swarm import TOGETHER
 from usarsim_bench.team import SETTLE, gather, load_figures
 
-__all__ = ["jitter_figures", "measure_jitter"]
-
 ROBOTS = 24
 SECONDS = 60.0
 

@@ -17,8 +17,6 @@ from usarsim_bench.server import Server
 from usarsim_bench.statistics import percentile
 from usarsim_bench.team import ROBOTS, SETTLE, load_figures
 
-__all__ = ["CodedDriver", "delays", "measure_latency"]
-
 SAMPLES = 640
 """Commands to measure unless a time is given; 99th percentiles want some hundreds."""
 

@@ -30,8 +30,6 @@ from usarsim_bench.errors import BenchError
 from usarsim_bench.linehash_play import SESSIONS, Lines, grounds, play
 from usarsim_bench.linehash_yard import EVERY_SENSOR
 
-__all__ = ["Stored", "catalog", "difference", "digest", "dump", "environment", "hashes", "main"]
-
 PACKAGES = ("mujoco", "numpy", "embreex")
 _STORE = Path("tests", "bench", "line_hashes.json")
 _SHOWN = 160

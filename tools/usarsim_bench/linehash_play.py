@@ -15,8 +15,6 @@ from usarsim_bench.linehash_script import DIALECTS, STEPS, before, init
 from usarsim_bench.linehash_yard import APART, write_robots, write_yard
 from usarsim_server.testing import Rehearsal, RehearsedClient
 
-__all__ = ["SESSIONS", "Grounds", "Lines", "grounds", "play"]
-
 Lines = dict[str, list[bytes]]
 """All lines of the clients of a session, by client, in order, with their ends."""
 

@@ -9,8 +9,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Sequence
 
-__all__ = ["DIALECTS", "STEPS", "Say", "before", "init"]
-
 DIALECTS = ("ut2004", "udk")
 
 Say = Callable[[Sequence[str], str], Iterator[str]]

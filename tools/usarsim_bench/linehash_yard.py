@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-__all__ = ["APART", "EVERY_SENSOR", "SENSOR_TYPES", "write_robots", "write_yard"]
-
 APART = 60.0
 """m from one place to the other, to the left in the simulation frame."""
 

@@ -14,8 +14,6 @@ from usarsim_bench.server import SERVE, Server
 from usarsim_bench.statistics import Sample, real_time_factor
 from usarsim_bench.team import SETTLE, gather, load_figures
 
-__all__ = ["measure_lockstep", "slowest"]
-
 ROBOTS = 16
 SECONDS = 20.0
 

@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
-__all__ = ["Machine", "describe_machine"]
-
 _PACKAGES = ("mujoco", "numpy", "embreex")
 
 

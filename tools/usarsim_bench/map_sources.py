@@ -13,8 +13,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-__all__ = ["BRUSHES", "MESHES", "YARD_TRIANGLES", "Shape", "write_hall", "write_yard"]
-
 Triple = tuple[float, float, float]
 
 SCALE = 250.0

@@ -14,8 +14,6 @@ from usarsim_bench.statistics import trend
 from usarsim_bench.swarm import TOGETHER
 from usarsim_bench.team import MIB, SETTLE, gather
 
-__all__ = ["Churn", "churn", "measure_memory", "slope"]
-
 ROBOTS = 64
 SECONDS = 600.0
 CLASSES = (DEFAULT_CLASS, "P2AT")

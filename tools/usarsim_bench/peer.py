@@ -15,8 +15,6 @@ from typing import Literal
 
 from usarsim_bench import peers
 
-__all__ = ["WORKLOADS", "Peer", "find_peers"]
-
 WORKLOADS = Path(next(iter(peers.__path__))) / "workloads"
 
 

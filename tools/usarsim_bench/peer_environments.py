@@ -14,8 +14,6 @@ from usarsim_bench.errors import BenchError
 from usarsim_bench.peer import Peer
 from usarsim_record.closing import Closing
 
-__all__ = ["Environments", "NotInstalledError", "find_python"]
-
 INSTALL_TIMEOUT = 600.0
 """s after which pip is given up; the largest wheel has 100 MB."""
 _MAKE_TIMEOUT = 120.0

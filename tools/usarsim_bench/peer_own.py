@@ -19,8 +19,6 @@ from usarsim_bench.peer_work import ROVER, Work, write_robots, write_world
 from usarsim_bench.server import SERVE, Server
 from usarsim_record.closing import Closing
 
-__all__ = ["HUMANOID", "OwnSide", "joint_targets", "joints_told"]
-
 HUMANOID = "Nao"
 JOINT_PERIOD = 0.02
 """Simulated s between two commands to a humanoid's joints, as the soccer server has it."""

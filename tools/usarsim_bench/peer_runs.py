@@ -15,8 +15,6 @@ from pathlib import Path
 
 from usarsim_bench.errors import BenchError
 
-__all__ = ["Outcome", "read_outcome", "run_workload"]
-
 _SHOWN_ERRORS = 300
 _FOREIGN = ("PYTHONPATH", "PYTHONHOME", "PYTHONSTARTUP")
 

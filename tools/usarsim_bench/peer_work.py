@@ -12,18 +12,6 @@ import random
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-__all__ = [
-    "LASER_RATE",
-    "MOST",
-    "ROVER",
-    "Box",
-    "Work",
-    "arena",
-    "plan_work",
-    "write_robots",
-    "write_world",
-]
-
 HALF_X, HALF_Y = 12.0, 10.0
 """m: half of the hall's inner length and width, those of the shipped arena."""
 WALL, HEIGHT = 0.2, 1.2

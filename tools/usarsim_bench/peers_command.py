@@ -12,8 +12,6 @@ from usarsim_server import __version__
 from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_server.errors import UsarsimError
 
-__all__ = ["add_peers"]
-
 _EPILOG = (
     "Each of them is installed by pip into an environment of its own, which needs the network. "
     "What cannot be installed here is left out, and the report says why."

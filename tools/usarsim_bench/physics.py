@@ -17,8 +17,6 @@ from usarsim_bench.server import Server
 from usarsim_bench.swarm import TOGETHER
 from usarsim_bench.team import SETTLE, gather
 
-__all__ = ["measure_physics", "physics_figures", "within"]
-
 ROBOTS = (16, 64)
 SECONDS = 20.0
 

@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from xml.sax.saxutils import escape, quoteattr
 
-__all__ = ["FRAME", "HEIGHT", "WIDTH", "Plot", "Series", "as_svg", "nice_ticks", "place"]
-
 WIDTH, HEIGHT = 640, 400
 FRAME = (64.0, 76.0, 616.0, 344.0)
 """Left, top, right and bottom of the frame in which points lie, pixels."""

@@ -9,8 +9,6 @@ from pathlib import Path
 
 from usarsim_bench.errors import BenchError
 
-__all__ = ["Load", "Usage", "busy_seconds", "load_between", "usage"]
-
 _TICK = 1.0 / os.sysconf("SC_CLK_TCK")
 _PAGE = os.sysconf("SC_PAGE_SIZE")
 _USER, _SYSTEM, _THREADS, _RESIDENT = 11, 12, 17, 21

@@ -10,8 +10,6 @@ import asyncio
 import contextlib
 import sys
 
-__all__ = ["serve"]
-
 CHUNK = 64 * 1024
 
 

@@ -11,8 +11,6 @@ from usarsim_bench.errors import BenchError
 from usarsim_bench.figures import Aim, Figure, Plan, Section
 from usarsim_bench.robot_files import SCOUT, SCOUT_SENSORS, scouts
 
-__all__ = ["measure_rays", "ray_figures"]
-
 ROBOTS = (1, 16, 64)
 SECONDS = 3.0
 RATIO_AIM = Aim(">=", 0.5)

@@ -10,8 +10,6 @@ import sys
 from usarsim_bench.errors import BenchError
 from usarsim_bench.figures import Figure, Plan, Section
 
-__all__ = ["measure_readings"]
-
 ROBOTS = 16
 ROUNDS_PER_SECOND = 5.0
 """Of the `plan.seconds` of simulated time."""

@@ -7,18 +7,6 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from usarsim_bench.statistics import Sample
 
-__all__ = [
-    "Chunk",
-    "between",
-    "first_reading",
-    "lines",
-    "sensor_samples",
-    "start_tags",
-    "status_samples",
-    "stream_of",
-    "streams",
-]
-
 Chunk = tuple[float, bytes]
 """Bytes of one read call and the wall time at which they were there."""
 

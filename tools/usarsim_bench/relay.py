@@ -26,8 +26,6 @@ from usarsim_bench.statistics import percentile, real_time_factor
 from usarsim_bench.team import EDGE, ROBOTS, SETTLE, load_figures
 from usarsim_record.closing import Closing
 
-__all__ = ["Radio", "Traffic", "measure_relay", "round_trips", "throughput"]
-
 SECONDS = 10.0
 RATE = 100_000
 """Bytes/s that every station sends to the base."""

@@ -11,8 +11,6 @@ import sys
 from usarsim_bench.errors import BenchError
 from usarsim_bench.figures import Aim, Figure, Plan, Section
 
-__all__ = ["measure_rendering"]
-
 ROBOTS = 4
 CAMERAS = (1, 4, 16)
 SECONDS = 10.0

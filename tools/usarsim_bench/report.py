@@ -11,8 +11,6 @@ from typing import Literal
 
 from usarsim_bench.figures import Figure, Report, Section
 
-__all__ = ["as_json", "as_markdown", "as_text"]
-
 _WIDTH = 100
 _VERDICT = {True: "met", False: "MISSED", None: ""}
 

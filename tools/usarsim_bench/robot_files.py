@@ -12,22 +12,6 @@ from pathlib import Path
 
 from usarsim_bench.crowd import DEFAULT_CLASS
 
-__all__ = [
-    "BEAMS",
-    "CAMERA_RATE",
-    "CAMERA_SCOUT",
-    "LASER_NAME",
-    "LASER_PERIOD",
-    "SCOUT",
-    "SCOUT_SENSORS",
-    "SURVEYOR",
-    "SURVEYOR_CAMERAS",
-    "scouts",
-    "sonars",
-    "write_class",
-    "write_scouts",
-]
-
 SCOUT, CAMERA_SCOUT, SURVEYOR = "BenchScout", "BenchCameraScout", "BenchSurveyor"
 """Classes: what a lab's robot usually carries; the same with a camera; nothing but four cameras."""
 

@@ -29,8 +29,6 @@ from usarsim_bench.robot_files import (
 from usarsim_bench.thread_cost import ROLES, Cost, Team, Watching, measure_cost
 from usarsim_bench.watched import tiles_of
 
-__all__ = ["Change", "measure_savings", "saving_figures", "teams", "write_variants"]
-
 ROBOTS = 16
 CAMERA_TEAM = 1
 SECONDS = 6.0

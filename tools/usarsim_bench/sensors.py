@@ -21,15 +21,6 @@ from usarsim_bench.server import SERVE, Server
 from usarsim_bench.statistics import rate
 from usarsim_bench.team import FACTOR_AIM, TeamTrial, load_figures, try_team
 
-__all__ = [
-    "SENSOR_TYPES",
-    "look_around",
-    "measure_sensors",
-    "whole_images",
-    "whole_scans",
-    "write_classes",
-]
-
 ROBOTS = 4
 SECONDS = 30.0
 

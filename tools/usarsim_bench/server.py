@@ -12,8 +12,6 @@ from usarsim_bench.closing import CarefulClosing
 from usarsim_bench.errors import BenchError
 from usarsim_bench.procfs import Usage, usage
 
-__all__ = ["SERVE", "Server"]
-
 SERVE = ("usarsim_server.cli", "serve")
 """Module and arguments that run the plain server."""
 

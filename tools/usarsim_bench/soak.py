@@ -17,8 +17,6 @@ from usarsim_bench.soak_visitors import GUESTS, Visitors, all_classes
 from usarsim_bench.statistics import trend
 from usarsim_bench.team import MIB, SETTLE, gather
 
-__all__ = ["Stream", "flatness", "measure_soak"]
-
 ROBOTS = 4
 SECONDS = 3600.0
 WARM_UP = 600.0

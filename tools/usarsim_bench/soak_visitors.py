@@ -16,8 +16,6 @@ from usarsim_bench.hostile.links import Damage, Link, Site, work
 from usarsim_bench.relay import Radio
 from usarsim_record.closing import Closing
 
-__all__ = ["Visitors", "all_classes"]
-
 GUESTS = 10
 """Robots at the same time that come and go."""
 STAY = 20.0

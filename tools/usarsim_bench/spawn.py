@@ -14,8 +14,6 @@ from usarsim_bench.server import Server
 from usarsim_bench.statistics import longest_extra_gap
 from usarsim_bench.team import ROBOTS, SETTLE, load_figures
 
-__all__ = ["Arrival", "disturbance", "measure_spawn"]
-
 SECONDS = 2.0
 """s of wall time after each INIT in which gaps are looked for."""
 NEW_CLASSES = ("P2AT", "P2DX", "P3AT_real")

@@ -8,17 +8,6 @@ from collections.abc import Sequence
 from itertools import combinations, pairwise
 from statistics import median
 
-__all__ = [
-    "longest_extra_gap",
-    "percentile",
-    "period",
-    "period_errors",
-    "rate",
-    "real_time_factor",
-    "trend",
-    "worst_window",
-]
-
 Sample = tuple[float, float]
 """A moment of wall time and the simulated time (or another value) that belongs to it."""
 

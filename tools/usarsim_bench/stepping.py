@@ -10,8 +10,6 @@ import sys
 from usarsim_bench.errors import BenchError
 from usarsim_bench.figures import Aim, Figure, Plan, Section
 
-__all__ = ["measure_stepping"]
-
 ROBOTS = (1, 4, 16)
 SECONDS = 10.0
 BARE_WORLD = "empty"

@@ -34,17 +34,6 @@ from usarsim_bench.swarm import measure_swarm
 from usarsim_bench.team import measure_largest, measure_team
 from usarsim_bench.watched import measure_watched
 
-__all__ = [
-    "ALL",
-    "LONG",
-    "MEASUREMENTS",
-    "PROFILE",
-    "QUICK",
-    "QUICK_SECONDS",
-    "Measurement",
-    "take",
-]
-
 Measurement = Callable[[Plan], Section]
 
 MEASUREMENTS: Mapping[str, tuple[Measurement, str]] = {

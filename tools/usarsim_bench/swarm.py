@@ -9,8 +9,6 @@ from usarsim_bench.robot_files import SCOUT, SCOUT_SENSORS, scouts
 from usarsim_bench.server import SERVE, Server
 from usarsim_bench.team import FACTOR_AIM, MIB, SECONDS, TeamTrial, gather, load_figures, try_team
 
-__all__ = ["TOGETHER", "measure_swarm", "swarm_figures"]
-
 ROBOTS = 64
 STRETCH = 128
 """A size that is tried, too, without an aim."""

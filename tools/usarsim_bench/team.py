@@ -13,8 +13,6 @@ from usarsim_bench.recording import between, lines, status_samples
 from usarsim_bench.server import Server
 from usarsim_bench.statistics import real_time_factor, worst_window
 
-__all__ = ["TeamTrial", "gather", "measure_largest", "measure_team", "try_team"]
-
 ROBOTS = 16
 SECONDS = 60.0
 LARGEST_SECONDS = 15.0

@@ -22,8 +22,6 @@ from usarsim_bench.server import Server
 from usarsim_bench.swarm import TOGETHER
 from usarsim_bench.team import TeamTrial, gather, try_team
 
-__all__ = ["ROLES", "Cost", "Look", "Team", "Watching", "measure_cost", "spent_between"]
-
 ROLES = ("physics", "reports", "sockets", "drawing", "encoding", "others")
 
 TAIL = 0.6

@@ -15,8 +15,6 @@ from usarsim_bench.server import SERVE, Server
 from usarsim_bench.swarm import TOGETHER
 from usarsim_bench.team import FACTOR_AIM, MIB, SECONDS, TeamTrial, gather, load_figures, try_team
 
-__all__ = ["TILE_SIZE", "grid", "measure_watched", "tiles_of", "watched_figures"]
-
 ROBOTS = 24
 COLUMNS = 6
 TILE_SIZE = 320, 240

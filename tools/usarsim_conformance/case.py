@@ -16,8 +16,6 @@ from usarsim_conformance.transcript import Transcript
 from usarsim_conformance.verdicts import Failed, Inconclusive, NotApplicable
 from usarsim_conformance.wire import Wire
 
-__all__ = ["PATIENCE", "ROLES", "Case", "Run"]
-
 ROLES: dict[str, tuple[str, ...]] = {
     "aerial": ("AirRobot", "ARDrone", "quadrotor"),
     "ackerman": ("BasicAckermanRobot", "FrontAckerman", "Sedan", "Hummer"),

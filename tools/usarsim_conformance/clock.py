@@ -12,8 +12,6 @@ from typing import Any
 from usarsim_conformance.verdicts import Failed, Inconclusive
 from usarsim_conformance.wire import Hangup, Wire
 
-__all__ = ["HANGS", "SimulatedClock", "Stalled"]
-
 HANGS = 60.0
 """s of wall time without any news of simulated time after which a server counts as hanging."""
 

@@ -25,11 +25,10 @@ from usarsim_conformance.sweep import as_table as as_class_table
 from usarsim_conformance.sweep import judge_classes
 from usarsim_conformance.terminal import Teller, as_list, as_text
 from usarsim_conformance.verdicts import Failed
-from usarsim_server import __version__, atomic
+from usarsim_server import __version__
+from usarsim_server import files as atomic
 from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_server.errors import UsarsimError, at
-
-__all__ = ["add_parser", "run"]
 
 _EPILOG = (
     "Exit code 0 if no rule that must be kept is broken, else 1. Side channels are judged if their "
@@ -174,7 +173,7 @@ def _plant(pattern: str, list_only: bool) -> int:
 def _classes(text: str) -> list[str]:
     """Names between commas; every class of the roster for `all`."""
     if text.lower() == "all":
-        from usarsim_server.robots.roster import load_roster
+        from usarsim_server.robots.catalog import load_roster
 
         return list(load_roster().names())
     return [name.strip() for name in text.split(",") if name.strip()]

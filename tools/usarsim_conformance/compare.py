@@ -9,8 +9,6 @@ from usarsim_conformance.report import Report
 from usarsim_conformance.terminal import shown_verdict
 from usarsim_conformance.verdicts import Verdict
 
-__all__ = ["compare", "named_apart"]
-
 
 def named_apart(reports: Sequence[Report]) -> list[Report]:
     """The reports with names that differ: a number is put behind a name that was there before."""

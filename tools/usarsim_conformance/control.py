@@ -12,8 +12,6 @@ from usarsim_conformance.places import Place
 from usarsim_conformance.verdicts import Failed, Inconclusive, NotApplicable
 from usarsim_conformance.wire import Hangup, Wire
 
-__all__ = ["REPLY", "ControlClient", "Pose", "Robot", "Wanted", "pose_of", "turned"]
-
 Wanted = str | Callable[[Line], bool]
 """The line that is waited for: what it begins with, or a function that accepts it."""
 

@@ -19,20 +19,6 @@ from usarsim_conformance.places import Place
 from usarsim_conformance.recordings import wheels_of
 from usarsim_conformance.verdicts import Inconclusive, NotApplicable
 
-__all__ = [
-    "Equipment",
-    "Excursion",
-    "Mount",
-    "Stretch",
-    "Track",
-    "bearer",
-    "drive_about",
-    "equipment",
-    "fly_about",
-    "open_floor",
-    "spawn_far",
-]
-
 TYPES = (
     "Sonar", "IR", "Range", "RangeScanner", "IRScanner", "RangeScanner3D", "RangeImager", "PCL",
     "LineLaser", "ObjectSensor", "Odometry", "Encoder", "Tachometer", "INS", "INU", "IMU", "Accel",

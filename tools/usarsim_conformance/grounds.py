@@ -16,8 +16,6 @@ from usarsim_conformance.places import LEAVES, Place
 from usarsim_conformance.side_lines import LineClient
 from usarsim_conformance.verdicts import Inconclusive, NotApplicable
 
-__all__ = ["YAW", "open_floor"]
-
 YAW = 0.6
 """rad; robots face neither axis of the world, so that exchanged or mirrored axes show."""
 

@@ -8,8 +8,6 @@ from xml.etree import ElementTree
 from usarsim_conformance.report import Report
 from usarsim_conformance.verdicts import Severity, Verdict
 
-__all__ = ["as_junit"]
-
 # XML 1.0, production 2: what may not stand in a document at all.
 _FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 

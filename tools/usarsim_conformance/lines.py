@@ -7,8 +7,6 @@ import re
 from dataclasses import dataclass, field
 from functools import cached_property
 
-__all__ = ["Line", "Lines", "number", "numbers"]
-
 _SEGMENT = re.compile(r"\{([^{}]*)\}")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 

@@ -9,8 +9,6 @@ from usarsim_conformance.control import ControlClient
 from usarsim_conformance.lines import Line
 from usarsim_conformance.places import Place
 
-__all__ = ["controller", "create", "status_of"]
-
 
 async def controller(case: Case) -> ControlClient:
     """A connection that is a world controller.

@@ -12,8 +12,6 @@ from pathlib import Path
 from usarsim_conformance.registry import SERVICES
 from usarsim_record.closing import Closing
 
-__all__ = ["STAGE", "OwnServer", "StartError"]
-
 STAGE = Path(__file__).with_name("stage")
 """A world like the empty one with a few people far off, and robots with sensors of every type."""
 

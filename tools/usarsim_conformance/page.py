@@ -9,8 +9,6 @@ from usarsim_conformance.report import Report, Rule
 from usarsim_conformance.terminal import shown_verdict, summary
 from usarsim_conformance.verdicts import Result
 
-__all__ = ["as_page"]
-
 _STYLE = """
 :root { --ink: #1c2430; --paper: #fff; --line: #d9dee5; --soft: #f4f6f8; }
 @media (prefers-color-scheme: dark) {

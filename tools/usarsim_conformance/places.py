@@ -11,8 +11,6 @@ from dataclasses import dataclass
 from usarsim_conformance.clock import SimulatedClock, Stalled
 from usarsim_conformance.lines import Line, number, numbers
 
-__all__ = ["APART", "LEAVES", "Place", "Places", "read_start_poses", "spaced"]
-
 APART = 1.5
 """m between two places, so that robots can drive a little."""
 LEAVES = 1.0

@@ -12,18 +12,6 @@ from usarsim_conformance.excursions import Mount, bearer
 from usarsim_conformance.verdicts import NotApplicable
 from usarsim_conformance.walls import Scene, Surrounded, Vector, among_walls, turned_by
 
-__all__ = [
-    "EDGE",
-    "SLACK",
-    "Beam",
-    "floor_below",
-    "judge_beam",
-    "limit",
-    "ray",
-    "values_of",
-    "walls_for",
-]
-
 SLACK = 0.03
 """m by which a range may be off: two digits, cut off, and a robot that has settled."""
 EDGE = 0.06

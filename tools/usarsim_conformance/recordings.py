@@ -12,21 +12,6 @@ from usarsim_conformance.control import ControlClient, Pose, Robot, pose_of
 from usarsim_conformance.lines import Line
 from usarsim_conformance.verdicts import Failed, Inconclusive, NotApplicable
 
-__all__ = [
-    "Drive",
-    "Phase",
-    "Recording",
-    "driven",
-    "ground_told",
-    "irregular",
-    "items_of",
-    "senses",
-    "standing",
-    "told",
-    "watched",
-    "wheels_of",
-]
-
 _WATCHED = 1.7
 """s of simulated time; eight reports of a sensor with an interval of 0.2 s."""
 _WATCHED_LONG = 8.0

@@ -16,20 +16,6 @@ from usarsim_conformance.verdicts import Severity
 if TYPE_CHECKING:
     from usarsim_conformance.case import Case
 
-__all__ = [
-    "DIALECTS",
-    "GAZEBO",
-    "ONCE",
-    "SERVICES",
-    "UDK",
-    "UNREAL",
-    "UT2004",
-    "Check",
-    "Function",
-    "all_checks",
-    "check",
-    "select",
-]
 
 DIALECTS = ("ut2004", "udk", "gazebo")
 """All dialects of the protocol: a check for these runs once in each that the server speaks."""

@@ -12,8 +12,6 @@ from typing import Any
 from usarsim_conformance.registry import Check
 from usarsim_conformance.verdicts import Result, Severity, Verdict
 
-__all__ = ["Report", "Rule", "as_json", "from_json"]
-
 _FORMAT = 1
 
 

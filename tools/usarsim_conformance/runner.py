@@ -19,8 +19,6 @@ from usarsim_conformance.survey import Survey, Target, survey
 from usarsim_conformance.transcript import Transcript
 from usarsim_conformance.verdicts import Failed, Inconclusive, NotApplicable, Result, Verdict
 
-__all__ = ["Progress", "judge", "judge_all"]
-
 _PARALLEL = 8
 """Checks at a time."""
 _ROBOTS = 14

@@ -8,8 +8,6 @@ from functools import partial
 from usarsim_conformance.registry import ONCE, Function, check
 from usarsim_conformance.verdicts import Severity
 
-__all__ = ["checks_of"]
-
 Decorator = Callable[[Function], Function]
 
 

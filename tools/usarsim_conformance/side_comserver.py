@@ -6,8 +6,6 @@ from usarsim_conformance.case import Case
 from usarsim_conformance.side_lines import WITHIN, Guest, LineClient, Peer
 from usarsim_conformance.verdicts import Failed, Inconclusive
 
-__all__ = ["Member", "MessageClient"]
-
 
 class MessageClient(LineClient):
     """A control connection, on which messages end with a semicolon."""

@@ -20,20 +20,6 @@ from usarsim_conformance.places import Place
 from usarsim_conformance.verdicts import Failed, Inconclusive, NotApplicable
 from usarsim_conformance.wire import Wire
 
-__all__ = [
-    "FRAME_WITHIN",
-    "OK",
-    "CameraRobot",
-    "Facts",
-    "Frame",
-    "ImageClient",
-    "Tile",
-    "camera_robot",
-    "facts_of",
-    "rectangle",
-    "tiles_of",
-]
-
 OK = b"OK"
 """The request for the full frame."""
 

@@ -13,8 +13,6 @@ from usarsim_conformance.control import Robot
 from usarsim_conformance.verdicts import Failed, Inconclusive, NotApplicable
 from usarsim_conformance.wire import Hangup, Wire
 
-__all__ = ["STATION", "Guest", "LineClient", "Peer", "Radio", "split_reply", "static_station"]
-
 STATION = "ComStation"
 """Class of the static communication station (side channels reference 4.4)."""
 

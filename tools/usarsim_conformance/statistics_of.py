@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-__all__ = ["CHANCE", "spread_bounds"]
-
 CHANCE = 5.3
 """Standard deviations of a normal variate that are exceeded once in ten million times."""
 

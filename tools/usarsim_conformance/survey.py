@@ -18,8 +18,6 @@ from usarsim_conformance.transcript import Transcript
 from usarsim_conformance.verdicts import Failed
 from usarsim_conformance.wire import Wire
 
-__all__ = ["GROUND", "Survey", "Target", "dialect_of", "survey"]
-
 GROUND = ("P2AT", "P3AT", "P2DX", "P3DX", "pioneer3at_with_sensors")
 """Classes tried, in this order, if the user names none; every known server had one of them."""
 

@@ -16,8 +16,6 @@ from usarsim_conformance.survey import Target
 from usarsim_conformance.terminal import SIGNS
 from usarsim_conformance.verdicts import Severity, Verdict
 
-__all__ = ["as_table", "judge_classes"]
-
 
 def judge_classes(
     classes: Sequence[str],

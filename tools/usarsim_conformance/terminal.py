@@ -11,8 +11,6 @@ from usarsim_conformance.report import Report
 from usarsim_conformance.runner import Progress
 from usarsim_conformance.verdicts import Result, Severity, Verdict
 
-__all__ = ["SIGNS", "Teller", "as_list", "as_text", "shown_verdict"]
-
 SIGNS = {
     Verdict.PASS: "pass",
     Verdict.FAIL: "FAIL",

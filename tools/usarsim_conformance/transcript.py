@@ -5,8 +5,6 @@ from __future__ import annotations
 import time
 from collections import deque
 
-__all__ = ["Transcript"]
-
 _FIRST, _LAST = 30, 70
 """Entries kept from the beginning and from the end."""
 _WIDTH = 300

@@ -16,8 +16,6 @@ from usarsim_conformance.lines import Line
 from usarsim_conformance.places import Place
 from usarsim_conformance.verdicts import Inconclusive, NotApplicable
 
-__all__ = ["Leg", "Moment", "Trip", "near", "of_classes", "on_open_floor", "ride"]
-
 Made = TypeVar("Made")
 
 

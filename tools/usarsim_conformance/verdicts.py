@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
-__all__ = ["Failed", "Inconclusive", "NotApplicable", "Result", "Severity", "Verdict"]
-
 
 class Verdict(Enum):
     """What a check found."""

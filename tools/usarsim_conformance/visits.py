@@ -20,8 +20,6 @@ from usarsim_conformance.side_lines import LineClient
 from usarsim_conformance.verdicts import NotApplicable
 from usarsim_conformance.walls import Vector, turned_by
 
-__all__ = ["Person", "View", "Visit", "people", "visit", "watch_walker"]
-
 _ACTOR = re.compile(r"\{Name ([^{}]*)\} \{Class ([^{}]*)\} \{Time ([^{}]*)\} \{Location ([^{}]*)\}")
 _VIEWS = (
     ("ahead", 2.0, 0.0, 2.0),

@@ -17,18 +17,6 @@ from usarsim_conformance.excursions import Equipment, Mount, Track, equipment, o
 from usarsim_conformance.lines import Line
 from usarsim_conformance.places import Place
 
-__all__ = [
-    "Builder",
-    "Scene",
-    "Surrounded",
-    "Vector",
-    "Wall",
-    "among_walls",
-    "controller",
-    "settled",
-    "turned_by",
-]
-
 Vector = tuple[float, float, float]
 
 _YAW = 0.6

@@ -15,7 +15,6 @@ from usarsim_conformance.verdicts import Failed
 if TYPE_CHECKING:
     from usarsim_conformance.clock import SimulatedClock
 
-__all__ = ["Hangup", "Wire"]
 
 _CHUNK = 65536
 _TINY = 4096

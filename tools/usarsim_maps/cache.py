@@ -20,11 +20,10 @@ from typing import Any
 
 from usarsim_maps.files import MAX_INDEXED, file_digest
 from usarsim_maps.reader import ImportOptions
-from usarsim_server import __version__, atomic
+from usarsim_server import __version__
+from usarsim_server import files as atomic
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.files import read_regular
-
-__all__ = ["ImportCache", "default_cache"]
 
 FORMAT = 5
 """Raise it when the same map would give another world."""

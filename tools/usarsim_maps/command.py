@@ -7,11 +7,9 @@ import json
 import math
 from pathlib import Path
 
-from usarsim_server import atomic
+from usarsim_server import files as atomic
 from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_server.errors import MapImportError, SettingsError, at
-
-__all__ = ["add_parser", "run"]
 
 _EPILOG = (
     "The world folder is DIR/NAME. Facts that the map lacks stand in a sidecar file, "

@@ -14,18 +14,17 @@ from typing import Any
 from usarsim_maps.build.builder import build
 from usarsim_maps.cache import RECORD, ImportCache, default_cache
 from usarsim_maps.findings import Findings
-from usarsim_maps.names import safe
 from usarsim_maps.progress import ProgressBar
 from usarsim_maps.quiet import quiet
 from usarsim_maps.reader import Context, ImportOptions, find_reader, read_scene, without_refused
 from usarsim_maps.report import Report, make_report
+from usarsim_maps.sheet import safe
 from usarsim_maps.sidecar import find_sidecar, load_sidecar
-from usarsim_server import __version__, atomic
+from usarsim_server import __version__
+from usarsim_server import files as atomic
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.files import ALLOW, Folders, is_folder, is_regular
 from usarsim_server.worlds.loader import SHEET
-
-__all__ = ["Imported", "Request", "import_map", "world_of_map"]
 
 
 def _quiet(step: str, part: float) -> None:

@@ -12,16 +12,6 @@ from urllib.parse import unquote
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.files import Folders, is_regular, open_regular, reason
 
-__all__ = [
-    "MAX_BYTES",
-    "AssetIndex",
-    "check_size",
-    "file_digest",
-    "read_bytes",
-    "read_head",
-    "read_text",
-]
-
 MAX_BYTES = 1 << 30
 """Largest map or mesh file that is read; the largest known map of the leagues has 60 MB."""
 

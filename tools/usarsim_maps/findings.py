@@ -7,8 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-__all__ = ["Findings", "Remark"]
-
 MAX_WARNINGS = 500
 """Different warnings that are kept; a broken file could give millions."""
 

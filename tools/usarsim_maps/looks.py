@@ -15,8 +15,6 @@ from usarsim_maps.build.lit_faces import Glow, cut_for_light
 from usarsim_maps.build.soup import FARTHEST, LEAST_AREA, normals_areas
 from usarsim_maps.scene import Mesh, Polygon
 
-__all__ = ["Look", "looks_of_level", "looks_of_mesh", "msh"]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.int32]
 

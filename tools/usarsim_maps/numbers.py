@@ -10,8 +10,6 @@ import math
 import re
 from collections.abc import Sequence
 
-__all__ = ["read_number", "read_numbers", "read_whole"]
-
 LONGEST = 200
 """Characters of one number; longer words are no sums that anybody has written."""
 

@@ -17,8 +17,6 @@ from numpy.typing import NDArray
 
 from usarsim_maps.build.soup import Soup, normals_areas
 
-__all__ = ["Oriented", "orient"]
-
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 

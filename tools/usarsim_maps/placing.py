@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 from usarsim_maps.units import pose_of_matrix
 from usarsim_server.simulation.frames import Pose
 
-__all__ = ["axis_turn", "matrix_of_pose", "take_apart"]
-
 Array = NDArray[np.float64]
 
 

@@ -6,8 +6,6 @@ import sys
 import time
 from typing import Self, TextIO
 
-__all__ = ["ProgressBar"]
-
 WIDTH = 30
 PATIENCE = 0.3
 """s before anything is drawn: most imports are over by then."""

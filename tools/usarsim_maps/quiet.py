@@ -11,8 +11,6 @@ import mujoco
 
 from usarsim_server.logs import ROOT, Log
 
-__all__ = ["quiet"]
-
 _log = Log("import")
 
 

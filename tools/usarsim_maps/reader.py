@@ -24,19 +24,6 @@ from usarsim_server.errors import MapImportError, at
 from usarsim_server.files import ALLOW, Folders
 from usarsim_server.plugins import PluginTypes
 
-__all__ = [
-    "GROUP",
-    "Context",
-    "ImportOptions",
-    "Reader",
-    "find_reader",
-    "need",
-    "read_scene",
-    "readers",
-    "register",
-    "without_refused",
-]
-
 _MESHES = 'pip install "usarsim-server[meshes]"'
 PACKAGES = {"pxr": "pip install usd-core"} | dict.fromkeys(
     ("DracoPy", "lxml", "networkx", "trimesh"), _MESHES

@@ -17,8 +17,6 @@ from usarsim_maps.findings import Findings
 from usarsim_maps.scene import Scene
 from usarsim_server.errors import MapImportError
 
-__all__ = ["Report", "make_report"]
-
 MOST_LINES = 40
 """Of missing files, of warnings and of starts in the text; JSON has all."""
 

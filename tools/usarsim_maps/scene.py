@@ -19,33 +19,6 @@ from numpy.typing import NDArray
 from usarsim_server.simulation.frames import IDENTITY, Pose, Vector
 from usarsim_server.worlds.description import Smoke
 
-__all__ = [
-    "Box",
-    "Brush",
-    "BrushOperation",
-    "Capsule",
-    "Collision",
-    "Color",
-    "Cylinder",
-    "Heightfield",
-    "Light",
-    "LightKind",
-    "Material",
-    "Mesh",
-    "Part",
-    "PathNode",
-    "Plane",
-    "Polygon",
-    "Scene",
-    "SceneObject",
-    "Shape",
-    "Solidity",
-    "Source",
-    "Sphere",
-    "Start",
-    "Victim",
-]
-
 Array: TypeAlias = NDArray[np.float64]
 Indices: TypeAlias = NDArray[np.int32]
 Color: TypeAlias = tuple[float, float, float, float]

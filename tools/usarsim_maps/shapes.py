@@ -11,8 +11,6 @@ from usarsim_maps.build.pieces import Convex, bounding_box_piece, hull_piece
 from usarsim_maps.build.soup import FARTHEST, LEAST_AREA, normals_areas
 from usarsim_maps.scene import Box, Capsule, Cylinder, Mesh, Part, Plane, Sphere
 
-__all__ = ["outline_of", "piece_of", "points_of", "size_of"]
-
 Array = NDArray[np.float64]
 
 

@@ -37,8 +37,6 @@ from usarsim_server.worlds.media import read_smoke
 from usarsim_server.worlds.tables import Table
 from usarsim_server.worlds.victims import POSTURES
 
-__all__ = ["SUFFIX", "Sidecar", "find_sidecar", "load_sidecar"]
-
 SUFFIX = ".usarsim.toml"
 """`map.t3d` has its sidecar in `map.usarsim.toml`."""
 

@@ -14,17 +14,6 @@ from numpy.typing import NDArray
 
 from usarsim_server.simulation.frames import Pose
 
-__all__ = [
-    "ROTATION_UNIT",
-    "UU_PER_METRE",
-    "axis_matrix",
-    "pose_of_matrix",
-    "unreal_matrix",
-    "unreal_points",
-    "unreal_pose",
-    "unreal_rotation",
-]
-
 Array = NDArray[np.float64]
 
 UU_PER_METRE = 250.0

@@ -8,9 +8,6 @@ from dataclasses import dataclass
 
 from usarsim_record.digest import Digest, Series, Shape, numbers_of, shape_of, words_of
 
-__all__ = ["Row", "Tolerance", "compare"]
-
-
 _LINES_MORE = 3.0
 """Lines of a stream by which two sessions may end at different moments, and by which a command may
 have come sooner or later between two reports: the controller that was recorded raced as well."""

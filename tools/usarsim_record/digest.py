@@ -9,8 +9,6 @@ from dataclasses import dataclass, field
 
 from usarsim_record.session_clock import time_told
 
-__all__ = ["Digest", "Series", "Shape", "numbers_of", "shape_of", "words_of"]
-
 STREAMED = frozenset({"SEN", "STA", "MISSTA"})
 """Heads of lines that come by themselves, again and again."""
 

@@ -25,8 +25,6 @@ from usarsim_record.recording import (
 )
 from usarsim_record.session_clock import Cue, SessionClock, cues
 
-__all__ = ["Outcome", "play"]
-
 _HANGS = 60.0
 """s of wall time without a byte after which the server counts as hanging."""
 _LOOKS = 1.0

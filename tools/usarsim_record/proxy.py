@@ -21,8 +21,6 @@ from usarsim_record.recording import (
     Writer,
 )
 
-__all__ = ["Proxy"]
-
 _CHUNK = 65536
 """Most bytes held per direction of a connection, beside the buffers of the sockets."""
 _CONNECTS = 60.0

@@ -11,11 +11,9 @@ from pathlib import Path
 
 from usarsim_record.proxy import Proxy
 from usarsim_record.recording import Link, RecordError, Writer
-from usarsim_server import interrupts
+from usarsim_server import processes as interrupts
 from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_server.errors import UsarsimError
-
-__all__ = ["add_parser", "run"]
 
 _EPILOG = (
     "Point the controller to the port of --listen instead of the server's. Everything is passed on "

@@ -25,8 +25,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, BinaryIO
 
-__all__ = ["CLIENT", "SERVER", "Event", "Link", "RecordError", "Recording", "Writer", "read"]
-
 FORMAT = 1
 CLIENT, SERVER = "client", "server"
 

@@ -13,8 +13,6 @@ from usarsim_record.recording import Link, RecordError, Recording, read
 from usarsim_server.cli.common import Subparsers, add_command, table
 from usarsim_server.errors import UsarsimError
 
-__all__ = ["add_parser", "run"]
-
 _EPILOG = (
     "Exit code 0 if the server said the same as the one that was recorded, but for times and "
     "numbers within the tolerance; 1 if not; 2 for errors."

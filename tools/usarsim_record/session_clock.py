@@ -8,8 +8,6 @@ from dataclasses import dataclass, field
 
 from usarsim_record.recording import DATA, END, RESET, SERVER, Event
 
-__all__ = ["Cue", "SessionClock", "cues", "time_told"]
-
 _TIME = re.compile(rb"\{Time (\d+\.?\d*)\}")
 _CUT = 40
 """Bytes kept of a chunk: a time may go on in the next one."""

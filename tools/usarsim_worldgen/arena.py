@@ -15,8 +15,6 @@ from usarsim_worldgen.mjcf import Scene, turned
 from usarsim_worldgen.panels import Maze, panel
 from usarsim_worldgen.sheet import GeneratedWorld
 
-__all__ = ["MAZE", "build"]
-
 HALF_X, HALF_Y = 12.0, 10.0
 STAGING_EDGE, RED_EDGE, ORANGE_EDGE = -8.0, 4.4, 1.0
 LINE = 0.1

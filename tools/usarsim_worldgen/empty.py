@@ -6,8 +6,6 @@ from usarsim_worldgen import substances
 from usarsim_worldgen.mjcf import Scene
 from usarsim_worldgen.sheet import GeneratedWorld
 
-__all__ = ["build"]
-
 
 def build() -> GeneratedWorld:
     """The empty world with its facts."""

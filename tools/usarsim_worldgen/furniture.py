@@ -6,21 +6,6 @@ import random
 
 from usarsim_worldgen.mjcf import Movable, Scene, Vector, turned
 
-__all__ = [
-    "cabinet",
-    "chair",
-    "crate",
-    "desk",
-    "open_box",
-    "pallet",
-    "rubble",
-    "shelf",
-    "sofa",
-    "swivel_chair",
-    "table",
-    "waste_bin",
-]
-
 
 class _Placed:
     """Turns positions of a piece of furniture, given in its own frame, into the room's."""

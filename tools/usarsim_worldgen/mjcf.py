@@ -12,8 +12,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from xml.sax.saxutils import quoteattr
 
-__all__ = ["UPRIGHT", "Movable", "Quaternion", "Scene", "Vector", "number", "turned"]
-
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Attributes = dict[str, object]

@@ -19,8 +19,6 @@ from usarsim_worldgen.mjcf import Movable, Scene, turned
 from usarsim_worldgen.sheet import GeneratedWorld
 from usarsim_worldgen.walls import WallSize, door, wall, window
 
-__all__ = ["ROOMS", "build"]
-
 HALF_X, HALF_Y = 15.0, 10.0
 LOBBY_EDGE, LOBBY_HALF, CORRIDOR_HALF = -7.0, 4.0, 1.1
 HEIGHT, OUTER, INNER = 2.5, 0.3, 0.12

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 from usarsim_worldgen.mjcf import Scene
 
-__all__ = ["CELL", "Maze", "hole_panel", "panel"]
-
 CELL = 1.2
 """Grid of arena mazes, m."""
 HEIGHT = 1.2

@@ -18,8 +18,6 @@ from usarsim_worldgen.mjcf import Scene
 from usarsim_worldgen.sheet import GeneratedWorld
 from usarsim_worldgen.walls import WallSize, door, wall
 
-__all__ = ["build"]
-
 WEST, EAST, HALF = -10.0, 10.0, 6.0
 """Outer walls, m."""
 PARTITION = -3.0

@@ -13,8 +13,6 @@ from usarsim_worldgen import furniture, substances, terrain
 from usarsim_worldgen.mjcf import Scene
 from usarsim_worldgen.sheet import GeneratedWorld, Start
 
-__all__ = ["build"]
-
 LANE = 3.4
 """Distance between lanes, m."""
 BANKS = (-11.0, 0.0)

@@ -7,8 +7,6 @@ from dataclasses import dataclass, field
 
 from usarsim_worldgen.mjcf import Scene, Vector, number
 
-__all__ = ["START_HEIGHT", "GeneratedWorld", "Person", "Start"]
-
 START_HEIGHT = 0.25
 """Height of a start pose above the floor below it, m: a robot is let down from there."""
 

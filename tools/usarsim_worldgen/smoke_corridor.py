@@ -15,8 +15,6 @@ from usarsim_worldgen.mjcf import Scene
 from usarsim_worldgen.sheet import GeneratedWorld
 from usarsim_worldgen.walls import WallSize, door, wall
 
-__all__ = ["build"]
-
 LENGTH, HALF = 20.0, 1.2
 """Length and half width of the corridor, m."""
 LOBBY, LOBBY_HALF = 5.4, 2.7

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from usarsim_worldgen.mjcf import Scene, Vector
 
-__all__ = ["checkered_floor", "daylight", "floor_tiles", "woods"]
-
 
 def daylight(scene: Scene) -> None:
     """Sky and two suns: one that casts shadows, one that lightens them."""

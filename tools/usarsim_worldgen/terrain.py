@@ -13,20 +13,6 @@ from collections.abc import Sequence
 
 from usarsim_worldgen.mjcf import Scene, Vector, turned
 
-__all__ = [
-    "FIELD_POSTS",
-    "POST",
-    "Heights",
-    "continuous_ramps",
-    "crossing_ramps",
-    "incline",
-    "ramp_rise",
-    "stairs",
-    "step_field",
-    "symmetric_heights",
-    "valley",
-]
-
 POST = 0.1
 """Edge of a step field post, m (E2828)."""
 FIELD_POSTS = 12

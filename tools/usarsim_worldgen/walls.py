@@ -8,8 +8,6 @@ from typing import Literal
 
 from usarsim_worldgen.mjcf import Scene, Vector
 
-__all__ = ["DOOR_HEIGHT", "DOOR_WIDTH", "Opening", "WallSize", "door", "wall", "window"]
-
 Range = tuple[float, float]
 
 DOOR_WIDTH, DOOR_HEIGHT = 1.0, 2.1

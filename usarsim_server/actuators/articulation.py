@@ -9,9 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from usarsim_server.actuators.base import Actuator, joint_order
-from usarsim_server.actuators.effector import Effector, Machine
+from usarsim_server.actuators.effector import Effector, Machine, create_effectors
 from usarsim_server.actuators.holdings import Change, Holdings
-from usarsim_server.actuators.registry import create_effectors
 from usarsim_server.protocol import messages
 from usarsim_server.protocol.dialects import sends_results
 from usarsim_server.protocol.numbers import read_number
@@ -21,8 +20,6 @@ from usarsim_server.robots.description import RobotDescription
 from usarsim_server.sensors.base import SetResult
 from usarsim_server.simulation.articulation import JointOrder, Order
 from usarsim_server.simulation.snapshot import RobotBody
-
-__all__ = ["Articulation"]
 
 ALL_JOINTS = frozenset({"alljoints", "allangles"})
 JOINT_OPCODES = frozenset({"ANGLE", "TARGET"})

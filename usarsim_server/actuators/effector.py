@@ -2,6 +2,11 @@
 
 An effector type is one class in one file. It says how its hand takes hold and which SET opcodes it
 obeys; lines, mounts and schedules are done once, for all of them.
+
+Which effector types exist, and how one of them is made from a table of a robot file.
+
+A new file in this package is enough to add a type; outside packages use the entry point group
+`usarsim_server.effectors` (see `usarsim_server.plugins`).
 """
 
 from __future__ import annotations
@@ -10,6 +15,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import ClassVar, Protocol
 
+import usarsim_server.actuators as package
+from usarsim_server.plugins import PluginTypes
 from usarsim_server.protocol.messages import EffectorMount, effector_status
 from usarsim_server.protocol.numbers import read_number
 from usarsim_server.protocol.values import Item
@@ -19,8 +26,6 @@ from usarsim_server.sensors.parameters import Parameters
 from usarsim_server.simulation.articulation import HandModel, JointOrder, Order
 from usarsim_server.simulation.frames import flip_point, wire_from_pose
 from usarsim_server.simulation.snapshot import RobotBody
-
-__all__ = ["Effector", "Machine"]
 
 
 class Machine(Protocol):
@@ -120,3 +125,37 @@ class Effector(ABC):
             mount_link=None if carrier is None else carrier[1],
             tip=flip_point(self.description.tip),
         )
+
+
+GROUP = "usarsim_server.effectors"
+"""Entry point group for effector types of other packages."""
+
+TYPES: PluginTypes[Effector] = PluginTypes("effector", Effector, (package,), GROUP)
+
+register_effector = TYPES.register
+"""Class decorator: make an effector available under these types of a robot file."""
+
+effector_types = TYPES.names
+"""All types a robot file may name, sorted."""
+
+
+def create_effector(description: EffectorDescription, robot: RobotDescription) -> Effector:
+    """Make the effector that a robot file asks for.
+
+    Raises:
+        RobotDescriptionError: the type is unknown, or a parameter is unknown or ill-typed.
+    """
+    item = description.item
+    cls = TYPES.find(item.type, item.where or f"effector {item.name}")
+    effector = cls(description, robot)
+    effector.parameters.finish()
+    return effector
+
+
+def create_effectors(robot: RobotDescription) -> tuple[Effector, ...]:
+    """Make all effectors of a robot, in the order of its file.
+
+    Raises:
+        RobotDescriptionError: see `create_effector`.
+    """
+    return tuple(create_effector(description, robot) for description in robot.effectors)

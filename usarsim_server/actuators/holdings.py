@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from usarsim_server.actuators.effector import Effector
 from usarsim_server.simulation.snapshot import RobotBody
 
-__all__ = ["Change", "Holdings"]
-
 
 @dataclass(frozen=True, slots=True)
 class Change:

@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 from usarsim_server.cameras.view import Frame, Region
 from usarsim_server.protocol.images import ImageType, raw_header, raw_row_length, reply_header
 
-__all__ = ["Encoder", "JpegCodec", "encode_jpeg"]
-
 JpegCodec = Callable[[NDArray[np.uint8], int, bytes], memoryview]
 """Makes a JPEG: pixels (height, width, 3) uint8 red green blue, quality 0 to 100, head.
 

@@ -15,10 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.cameras.backend import NEAR, SKY, Quality, Shot, Wanted, far_plane
-from usarsim_server.cameras.stage import Stage
-from usarsim_server.cameras.viewpoint import Eye
-
-__all__ = ["GlBackend"]
+from usarsim_server.cameras.posed_model import Stage
+from usarsim_server.cameras.view import Eye
 
 SIZES_KEPT = 4
 """Sizes of pictures for which arrays are kept."""

@@ -14,12 +14,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.cameras.stage import Lamp
-from usarsim_server.cameras.viewpoint import Eye, Rays
+from usarsim_server.cameras.posed_model import Lamp
+from usarsim_server.cameras.view import Eye, Rays
 from usarsim_server.worlds.description import Smoke, SmokeVolume
 from usarsim_server.worlds.smoke import SmokeField
-
-__all__ = ["BEAM_REACH", "Air", "brightness", "reaching", "shine"]
 
 Array = NDArray[np.float64]
 Plane = NDArray[np.float32]

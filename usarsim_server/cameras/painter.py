@@ -8,21 +8,25 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.cameras.backend import Backend, Quality, Wanted
+from usarsim_server.cameras.backend import (
+    INSTALL,
+    Backend,
+    Quality,
+    Wanted,
+    platforms_to_try,
+    usable_platform,
+    works,
+)
 from usarsim_server.cameras.gl import GlBackend
 from usarsim_server.cameras.looks import Air, brightness, reaching, shine
-from usarsim_server.cameras.probe import INSTALL, platforms_to_try, usable_platform, works
+from usarsim_server.cameras.posed_model import Stage
 from usarsim_server.cameras.raytraced import RayBackend
-from usarsim_server.cameras.stage import Stage
-from usarsim_server.cameras.view import CameraView
-from usarsim_server.cameras.viewpoint import Eye, View
+from usarsim_server.cameras.view import CameraView, Eye, View
 from usarsim_server.errors import UsarsimError
 from usarsim_server.logs import Log
 from usarsim_server.simulation.model import CompiledWorld
 from usarsim_server.simulation.snapshot import Snapshot
 from usarsim_server.worlds.description import Smoke
-
-__all__ = ["RENDERERS", "Painter", "PainterOptions", "check_renderer", "nobody_lit"]
 
 RENDERERS = ("auto", "egl", "osmesa", "rays")
 

@@ -8,8 +8,6 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Paint", "light_up"]
-
 Array = NDArray[np.float64]
 Plane = NDArray[np.float32]
 Picture = NDArray[np.uint8]

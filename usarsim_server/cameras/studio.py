@@ -19,18 +19,15 @@ from typing import Any, Protocol
 
 from numpy.typing import NDArray
 
-from usarsim_server.cameras.atlas import Atlas
+from usarsim_server.cameras.board import Atlas
 from usarsim_server.cameras.painter import Painter, PainterOptions, check_renderer, nobody_lit
-from usarsim_server.cameras.view import CameraView, Frame, Grid, Region, Watch
-from usarsim_server.cameras.viewpoint import View
+from usarsim_server.cameras.view import CameraView, Frame, Grid, Region, View, Watch
 from usarsim_server.cameras.watching import Watches
 from usarsim_server.errors import UsarsimError
 from usarsim_server.logs import Log
 from usarsim_server.simulation.frames import IDENTITY
 from usarsim_server.simulation.model import CompiledWorld
 from usarsim_server.simulation.snapshot import Snapshot
-
-__all__ = ["Studio", "StudioOptions", "Views", "WorldSource"]
 
 _log = Log("cameras")
 

@@ -9,8 +9,6 @@ from dataclasses import dataclass, field
 from usarsim_server.cameras.view import Frame, Grid, Region
 from usarsim_server.logs import Log
 
-__all__ = ["Watches"]
-
 _log = Log("cameras")
 
 OnFrame = Callable[[Frame], None]

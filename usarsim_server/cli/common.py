@@ -8,8 +8,6 @@ import textwrap
 from collections.abc import Callable, Iterable, Sequence
 from typing import TypeAlias
 
-__all__ = ["Subparsers", "add_command", "facts", "number", "numbers", "paragraph", "table"]
-
 Subparsers: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 """What `add_parser` of a subcommand is given."""
 

@@ -11,13 +11,12 @@ from datetime import datetime
 from pathlib import Path
 from typing import TextIO
 
-from usarsim_server import atomic, logs
+from usarsim_server import files as atomic
+from usarsim_server import logs
 from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_server.cli.serve import add_settings, settings_from
 from usarsim_server.errors import UsarsimError
 from usarsim_server.options import OPTIONS
-
-__all__ = ["add_parser", "run"]
 
 _EPILOG = (
     "It takes the options of `usarsim serve`, and the same file, and looks whether a server with "
@@ -52,8 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
     Raises:
         UsarsimError: if the settings are wrong or the report cannot be written.
     """
-    from usarsim_server.doctor.findings import Mark, counted
-    from usarsim_server.doctor.registry import Context, all_checks, examine
+    from usarsim_server.doctor.registry import Context, Mark, all_checks, counted, examine
     from usarsim_server.doctor.report import Printer, as_json
 
     settings = settings_from(arguments)

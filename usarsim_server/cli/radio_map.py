@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
-from usarsim_server import atomic
+from usarsim_server import files as atomic
 from usarsim_server.cli.common import Subparsers, add_command, number, numbers
 from usarsim_server.errors import SettingsError, UsarsimError, at
 
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from usarsim_server.simulation.simulation import Simulation
     from usarsim_server.worlds.description import WorldDescription
 
-__all__ = ["add_parser", "run"]
 
 _EPILOG = (
     "Places are in the wire frame, as INIT takes them: x forward, y right, z down, in metres. "
@@ -81,12 +80,10 @@ def run(arguments: argparse.Namespace) -> int:
         UsarsimError: if world or settings cannot be used or a file cannot be written.
     """
     from usarsim_server.radio.configuration import read_radio, read_radio_file
-    from usarsim_server.radio.coverage import find_walls, survey
+    from usarsim_server.radio.coverage import draw_coverage, find_walls, survey
     from usarsim_server.radio.obstacles import SceneryObstacles
-    from usarsim_server.radio.picture import draw_coverage
     from usarsim_server.simulation.frames import flip_point
-    from usarsim_server.worlds.catalog import find_world
-    from usarsim_server.worlds.loader import load_world
+    from usarsim_server.worlds.loader import find_world, load_world
 
     file: Path | None = arguments.wireless
     table = {} if file is None else read_radio_file(file)

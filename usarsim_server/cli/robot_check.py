@@ -8,7 +8,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from usarsim_server import atomic, logs
+from usarsim_server import files as atomic
+from usarsim_server import logs
 from usarsim_server.cli.common import facts, number, numbers, table
 from usarsim_server.cli.robots import details
 from usarsim_server.data import data_directory
@@ -16,10 +17,9 @@ from usarsim_server.errors import RobotDescriptionError, UsarsimError, at
 from usarsim_server.protocol.values import Dialect
 
 if TYPE_CHECKING:
-    from usarsim_server.robots.loader import RobotFile
+    from usarsim_server.robots.catalog import RobotFile
     from usarsim_server.testing.test_drive import Rest, TestDrive
 
-__all__ = ["check", "save"]
 
 WIDTH, HEIGHT = 960, 720
 """Of the picture, pixels."""
@@ -86,7 +86,7 @@ def save(path: Path, drive: TestDrive, width: int, height: int) -> None:
 
 
 def _load(path: Path, folders: Sequence[Path]) -> RobotFile:
-    from usarsim_server.robots.loader import Library
+    from usarsim_server.robots.catalog import Library
 
     shipped = data_directory("robots")
     layers = [shipped, *folders]

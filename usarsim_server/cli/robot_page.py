@@ -9,7 +9,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from usarsim_server import atomic, logs
+from usarsim_server import files as atomic
+from usarsim_server import logs
 from usarsim_server.cli.common import number
 from usarsim_server.data import data_directory
 from usarsim_server.errors import UsarsimError
@@ -17,10 +18,9 @@ from usarsim_server.errors import UsarsimError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from usarsim_server.robots.catalog import RobotFile
     from usarsim_server.robots.description import RobotDescription
-    from usarsim_server.robots.loader import RobotFile
 
-__all__ = ["head_comment", "read_files", "write"]
 
 WIDTH, HEIGHT = 240, 180
 """Of a picture, pixels."""
@@ -100,7 +100,7 @@ def write(path: Path, folders: Sequence[Path]) -> int:
 
 def read_files(folders: Sequence[Path]) -> list[RobotFile]:
     """The files of all classes by name, where several folders have one the last."""
-    from usarsim_server.robots.loader import Library
+    from usarsim_server.robots.catalog import Library
 
     layers = Library([data_directory("robots"), *folders]).layers()
     by_name = {file.description.name.lower(): file for layer in layers for file in layer}

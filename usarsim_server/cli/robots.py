@@ -18,8 +18,6 @@ from usarsim_server.robots.description import (
 )
 from usarsim_server.simulation.frames import wire_from_pose
 
-__all__ = ["add_parser", "details", "listing", "run"]
-
 _EPILOG = (
     "--check reads a robot file and what it extends, shows all that clients will be told, builds "
     "the robot, lets it down onto a floor and drives it at full speed; the exit code is 2 if "
@@ -53,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
     Raises:
         UsarsimError: for a class or a file that cannot be used.
     """
-    from usarsim_server.robots.roster import load_roster
+    from usarsim_server.robots.catalog import load_roster
 
     folders = [Path(folder) for folder in arguments.robots]
     if arguments.out is not None and arguments.check is None:

@@ -11,8 +11,6 @@ from usarsim_server.options import OPTIONS, Option, is_port
 from usarsim_server.services import listener
 from usarsim_server.settings import Settings, load_settings
 
-__all__ = ["add_parser", "add_settings", "run", "settings_from"]
-
 _EPILOG = (
     "Every option can also stand in the file, with underscores for hyphens; the command line wins. "
     "Only the file can set {file_only}."

@@ -8,7 +8,8 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from usarsim_server import atomic, logs
+from usarsim_server import files as atomic
+from usarsim_server import logs
 from usarsim_server.cli.common import Subparsers, add_command, table
 from usarsim_server.errors import UsarsimError
 
@@ -16,10 +17,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from usarsim_server.app import Assembly
-    from usarsim_server.cameras.viewpoint import View
+    from usarsim_server.cameras.view import View
     from usarsim_server.simulation.snapshot import Snapshot
 
-__all__ = ["add_parser", "run"]
 
 _EPILOG = (
     "Places are in the wire frame, as INIT takes them: x forward, y right, z down, in metres and "
@@ -148,9 +148,9 @@ def _place_robot(assembly: Assembly, text: str, number: int) -> None:
 
 
 def _view(assembly: Assembly, snapshot: Snapshot, arguments: argparse.Namespace) -> View:
+    from usarsim_server.cameras.posed_model import Stage
     from usarsim_server.cameras.spectators import find_viewpoint, named_viewpoints
-    from usarsim_server.cameras.stage import Stage
-    from usarsim_server.cameras.viewpoint import View
+    from usarsim_server.cameras.view import View
 
     width, height = arguments.size
     stage = Stage(assembly.simulation.compiled(snapshot))

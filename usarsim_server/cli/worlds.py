@@ -15,11 +15,9 @@ from usarsim_server.cli.common import (
     table,
 )
 from usarsim_server.simulation.frames import Pose, flip_point, wire_from_pose
-from usarsim_server.simulation.surfaces import Surface
+from usarsim_server.simulation.ground import Surface
 from usarsim_server.worlds.description import Smoke, WorldDescription, Zone
 from usarsim_server.worlds.machinery.machinery import Machinery, Spring
-
-__all__ = ["add_parser", "run"]
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -30,8 +28,7 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the list, or the details of one world."""
-    from usarsim_server.worlds.catalog import find_world, list_worlds
-    from usarsim_server.worlds.loader import load_world
+    from usarsim_server.worlds.loader import find_world, list_worlds, load_world
 
     if arguments.name is None:
         print(listing(list_worlds()))

@@ -3,6 +3,8 @@
 A processor that lacks an instruction, half a graphics driver or a broken wheel end a process
 without any exception. So everything of that kind is done by a process that can be spared; if it
 dies on one trial, another one goes on with the next.
+
+Commands that mend things, written so that they can be pasted here.
 """
 
 from __future__ import annotations
@@ -11,6 +13,8 @@ import contextlib
 import json
 import os
 import pickle
+import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -20,8 +24,6 @@ from pathlib import Path
 from typing import Any
 
 from usarsim_server.settings import Settings
-
-__all__ = ["Outcome", "attempt"]
 
 _WORKER = "usarsim_server.doctor.worker"
 _PACKAGES = Path(__file__).resolve().parents[2]
@@ -108,3 +110,35 @@ def _reason(code: int, errors: bytes) -> str:
             return f"the process was ended by signal {-code}"
     said = errors.decode(errors="replace").strip().splitlines()
     return said[-1] if said else f"the process ended with status {code}"
+
+
+def pip(*arguments: str) -> str:
+    """`pip install` for the very Python that runs this program."""
+    return " ".join([_python(), "-m pip install", *map(_quoted, arguments)])
+
+
+def apt(command: str) -> str:
+    """A command of Debian's package manager, for who is not root."""
+    return root(command)
+
+
+def root(command: str) -> str:
+    """A command that only root may give."""
+    return command if os.geteuid() == 0 else f"sudo {command}"
+
+
+def _python() -> str:
+    """The shortest name under which this shell finds our Python."""
+    own = Path(sys.executable)
+    for name in ("python", "python3"):
+        found = shutil.which(name)
+        if found is not None and Path(found) == own:
+            return name
+    try:
+        return shlex.quote(str(own.relative_to(Path.cwd())))
+    except ValueError:
+        return shlex.quote(str(own))
+
+
+def _quoted(argument: str) -> str:
+    return argument if argument.startswith("-") else shlex.quote(argument)

@@ -10,10 +10,7 @@ from datetime import datetime
 from typing import TextIO
 
 from usarsim_server import __version__
-from usarsim_server.doctor.findings import Checked, Finding, Mark, counted
-from usarsim_server.doctor.registry import Check
-
-__all__ = ["Printer", "as_json", "verdict"]
+from usarsim_server.doctor.registry import Check, Checked, Finding, Mark, counted
 
 MARK_WIDTH = max(len(mark.value) for mark in Mark)
 SUBJECT_WIDTH = 15

@@ -14,14 +14,6 @@ from pathlib import Path
 
 from usarsim_server.processes import PROC, Process, name, pids
 
-__all__ = [
-    "Activity",
-    "activity",
-    "available_memory",
-    "cores",
-    "descriptor_limit",
-]
-
 CGROUP = Path("/sys/fs/cgroup")
 
 

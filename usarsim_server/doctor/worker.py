@@ -13,11 +13,9 @@ import pickle
 import sys
 from typing import TextIO
 
-from usarsim_server.doctor.findings import problem_and_advice
+from usarsim_server.doctor.registry import problem_and_advice
 from usarsim_server.errors import UsarsimError
 from usarsim_server.settings import Settings
-
-__all__ = ["main", "try_out"]
 
 
 def main() -> int:
@@ -35,7 +33,7 @@ def main() -> int:
 
 def try_out(name: str, settings: Settings) -> dict[str, object]:
     """Fields of the outcome of one trial."""
-    from usarsim_server.doctor import trials
+    from usarsim_server.doctor import team as trials
 
     function, _, argument = name.partition(":")
     try:

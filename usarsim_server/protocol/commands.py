@@ -34,31 +34,6 @@ from usarsim_server.protocol.requests import (
 )
 from usarsim_server.protocol.values import Dialect, Segment, Vector
 
-__all__ = [
-    "Act",
-    "Control",
-    "Drive",
-    "GetClosestPathNode",
-    "GetConf",
-    "GetGeo",
-    "GetPathNodes",
-    "GetStartPoses",
-    "Goto",
-    "Ignored",
-    "Init",
-    "LinkTarget",
-    "MisPkg",
-    "Move",
-    "MultiDrive",
-    "Request",
-    "Set",
-    "Sync",
-    "Unknown",
-    "WheelTarget",
-    "interpret",
-    "is_global",
-]
-
 _GLOBAL = (Init, GetStartPoses, GetPathNodes, GetClosestPathNode)
 _DIALECTS = {dialect.value: dialect for dialect in Dialect}
 _SET_NAMES = frozenset({"type", "name", "opcode", "params"})

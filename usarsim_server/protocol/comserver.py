@@ -14,30 +14,6 @@ from dataclasses import dataclass
 
 from usarsim_server.protocol.names import LONGEST_NAME, clean_name
 
-__all__ = [
-    "INCORRECT",
-    "MAX_MESSAGE",
-    "NO_LINK",
-    "NO_STRENGTH",
-    "OK",
-    "THIRD_PARTY",
-    "UNKNOWN",
-    "GetStrength",
-    "LinkReader",
-    "Listen",
-    "MessageFramer",
-    "Open",
-    "Register",
-    "Request",
-    "already_listening",
-    "already_registered",
-    "cannot_connect",
-    "not_listening",
-    "not_registered",
-    "parse_message",
-    "strength_reply",
-]
-
 MAX_MESSAGE = 4096
 """Longest message in bytes; longer ones are drained and answered as incorrect."""
 

@@ -14,19 +14,6 @@ from enum import Enum
 from usarsim_server.protocol.requests import Act, GetConf, GetGeo, Init, Request
 from usarsim_server.protocol.values import Dialect
 
-__all__ = [
-    "FACETS",
-    "UDK_ONLY_CLASSES",
-    "DialectMode",
-    "DialectSelector",
-    "Facets",
-    "partial_drive",
-    "range_digits",
-    "sends_results",
-    "sta_period",
-    "sticky_normalized",
-]
-
 
 class DialectMode(Enum):
     """How a listening port chooses the dialect of its connections."""

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import re
 
-__all__ = ["MAX_LINE", "LineFramer"]
-
 MAX_LINE = 65536
 """Longest accepted line in bytes, terminator excluded.
 

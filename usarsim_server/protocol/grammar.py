@@ -13,16 +13,6 @@ from dataclasses import dataclass
 
 from usarsim_server.protocol.values import Segment
 
-__all__ = [
-    "IGNORED_WORDS",
-    "KNOWN_WORDS",
-    "MOST_SEGMENTS",
-    "WEIGHT_BYTES",
-    "Command",
-    "first_value",
-    "parse_line",
-]
-
 MOST_SEGMENTS = 1024
 """Segments of one line, those of commands glued to it and empty ones included; what follows them is
 thrown away. A segment of three bytes takes sixty times as much memory. The longest command of known

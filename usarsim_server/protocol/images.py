@@ -11,21 +11,6 @@ import re
 import struct
 from dataclasses import dataclass
 
-__all__ = [
-    "IMAGE_TYPES",
-    "NORMAL",
-    "RAW",
-    "FullFrame",
-    "ImageType",
-    "Rectangle",
-    "Request",
-    "RequestLexer",
-    "empty_reply",
-    "raw_header",
-    "raw_row_length",
-    "reply_header",
-]
-
 _RECTANGLE = struct.Struct(">4I")
 _REPLY = struct.Struct(">BI")
 _SIZE = struct.Struct(">2H")

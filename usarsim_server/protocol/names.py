@@ -11,8 +11,6 @@ from __future__ import annotations
 import re
 from collections.abc import Container
 
-__all__ = ["LONGEST_NAME", "clean_name", "free_name", "name_key"]
-
 LONGEST_NAME = 64
 """Characters of a name, the number behind it included. The original set no limit of its own, its
 Gazebo successor read values of 99 characters (protocol reference 1.4)."""

@@ -15,19 +15,6 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-__all__ = [
-    "MAX_MAGNITUDE",
-    "boolean",
-    "fixed",
-    "ranges",
-    "read_bool",
-    "read_int",
-    "read_number",
-    "read_vector",
-    "single",
-    "vector",
-]
-
 MAX_MAGNITUDE = 1e15
 """Largest magnitude that is read or printed; anything beyond is clamped.
 

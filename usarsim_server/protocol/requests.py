@@ -13,29 +13,6 @@ from dataclasses import dataclass, field
 from usarsim_server.protocol.grammar import first_value
 from usarsim_server.protocol.values import Dialect, Segment, Vector
 
-__all__ = [
-    "Act",
-    "Control",
-    "Drive",
-    "GetClosestPathNode",
-    "GetConf",
-    "GetGeo",
-    "GetPathNodes",
-    "GetStartPoses",
-    "Goto",
-    "Ignored",
-    "Init",
-    "LinkTarget",
-    "MisPkg",
-    "Move",
-    "MultiDrive",
-    "Request",
-    "Set",
-    "Sync",
-    "Unknown",
-    "WheelTarget",
-]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Init:

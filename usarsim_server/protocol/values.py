@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
-__all__ = ["Dialect", "Item", "Segment", "Vector"]
-
 Vector = tuple[float, float, float]
 """Wire frame: x forward, y right, z down in metres, or roll, pitch, yaw in rad."""
 

@@ -13,24 +13,6 @@ from enum import StrEnum
 
 from usarsim_server.protocol.names import LONGEST_NAME, clean_name
 
-__all__ = [
-    "INIT_OK",
-    "MAX_LINE",
-    "MOST_PORTS",
-    "Reason",
-    "Request",
-    "asks_for_ground_truth",
-    "encode",
-    "error_reply",
-    "no_owner_reply",
-    "no_port_reply",
-    "owner_reply",
-    "parse_request",
-    "port_reply",
-    "strength_reply",
-    "unknown_robot_reply",
-]
-
 MAX_LINE = 100 * 1024
 """Longest line in bytes: the buffer of the original (4.1)."""
 

@@ -7,13 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from usarsim_server.errors import SettingsError
-from usarsim_server.radio.fading import Fading
+from usarsim_server.radio.fading import Fading, LinkShape
 from usarsim_server.radio.parameters import RadioParameters
 from usarsim_server.radio.propagation import Propagation, create_model
-from usarsim_server.radio.shaping import LinkShape
 from usarsim_server.tables import read_toml
-
-__all__ = ["DEFAULT_MODEL", "RadioOptions", "read_radio", "read_radio_file"]
 
 DEFAULT_MODEL = "obstacle"
 

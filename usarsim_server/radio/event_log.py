@@ -22,8 +22,6 @@ from typing import BinaryIO
 from usarsim_server.errors import SettingsError, at
 from usarsim_server.logs import Log
 
-__all__ = ["Event", "EventLog"]
-
 
 class Event(StrEnum):
     """What can happen; the fields between time and simulated time are told for each."""

@@ -16,9 +16,7 @@ from usarsim_server.protocol.values import Vector
 from usarsim_server.radio.event_log import Event, EventLog
 from usarsim_server.radio.fading import Fading
 from usarsim_server.radio.propagation import Propagation
-from usarsim_server.radio.station import ObstacleCounter, StationSource
-
-__all__ = ["Departure", "Network", "RadioWorld"]
+from usarsim_server.radio.stations import ObstacleCounter, StationSource
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,10 +12,8 @@ from typing import Protocol
 import numpy as np
 
 from usarsim_server.protocol.values import Vector
-from usarsim_server.simulation.rays.fans import Array, SceneryHit
+from usarsim_server.simulation.rays.query import Array, SceneryHit
 from usarsim_server.worlds.victims import part_of
-
-__all__ = ["FAR", "MOST", "STRIDE", "SceneryObstacles", "SceneryTracer"]
 
 STRIDE = 0.20
 """m behind a hit where the search goes on, and beyond which the same object is an obstacle again:

@@ -8,8 +8,6 @@ from collections.abc import Mapping
 from usarsim_server.errors import SettingsError, at
 from usarsim_server.tables import finite
 
-__all__ = ["RadioParameters"]
-
 
 class RadioParameters:
     """Checked access to the keys of one table.

@@ -1,6 +1,6 @@
 """Propagation models: how strong a signal arrives, and whether that is enough for a link.
 
-A model is a class with `register("name")` in a file of `radio/models/`; outside packages announce
+A model is a class with `register("name")` in a file of `radio/`; outside packages announce
 theirs in the entry point group `usarsim_server.propagation`.
 """
 
@@ -10,20 +10,10 @@ import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
-import usarsim_server.radio.models as package
+import usarsim_server.radio as package
 from usarsim_server.errors import RobotDescriptionError, SettingsError, at
 from usarsim_server.plugins import PluginTypes
 from usarsim_server.radio.parameters import RadioParameters
-
-__all__ = [
-    "GROUP",
-    "NOTHING",
-    "LogDistance",
-    "Propagation",
-    "create_model",
-    "model_names",
-    "register",
-]
 
 GROUP = "usarsim_server.propagation"
 """Entry point group for models of other packages."""

@@ -1,14 +1,43 @@
-"""The stations of a world are its robots; whoever walks or controls the world is none."""
+"""Small values that the radio room hands around.
+
+The stations of a world are its robots; whoever walks or controls the world is none.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
 
-from usarsim_server.radio.station import Station, StationSource
+from usarsim_server.protocol.values import Vector
 from usarsim_server.sessions.robots import Vehicle
 from usarsim_server.simulation.snapshot import Snapshot
 
-__all__ = ["stations_of"]
+
+@dataclass(frozen=True, slots=True)
+class Station:
+    """A robot or a ComStation at one instant.
+
+    Attributes:
+        name: label from INIT, in its own spelling.
+        position: of its reference point, simulation frame, m.
+        battery_empty: whether it has run out of power.
+    """
+
+    name: str
+    position: Vector
+    battery_empty: bool = False
+
+
+StationSource = Callable[[], Sequence[Station]]
+"""All stations of this moment in the order of spawning; may block for a physics step."""
+
+
+class ObstacleCounter(Protocol):
+    """Counts what stands between two points."""
+
+    def count(self, start: Vector, end: Vector) -> int:
+        """Obstacles between two points (simulation frame, m) by the rule of side channels 3.3."""
 
 
 def stations_of(

@@ -18,26 +18,6 @@ from numpy.typing import NDArray
 from usarsim_server.protocol.values import Dialect, Vector
 from usarsim_server.simulation.frames import IDENTITY, Pose
 
-__all__ = [
-    "SERVO_DROOP",
-    "ActuatorDescription",
-    "BatteryDescription",
-    "CameraDescription",
-    "Caster",
-    "DriveDescription",
-    "EffectorDescription",
-    "ItemDescription",
-    "JointType",
-    "LinkDescription",
-    "Mesh",
-    "RobotDescription",
-    "RobotReport",
-    "Shape",
-    "Wheel",
-    "find_link",
-    "home_pose",
-]
-
 Color = tuple[float, float, float, float]
 
 SERVO_DROOP = 0.01

@@ -6,8 +6,6 @@ from usarsim_server.errors import SpawnError
 from usarsim_server.logs import Log
 from usarsim_server.protocol.names import clean_name, free_name, name_key
 
-__all__ = ["Labels"]
-
 
 class Labels:
     """Names that differ whatever the case. The owner holds a lock meanwhile."""

@@ -15,10 +15,8 @@ from usarsim_server.robots.description import (
     Shape,
     Wheel,
 )
-from usarsim_server.robots.families.registry import family_of
+from usarsim_server.robots.families.base import family_of
 from usarsim_server.simulation.frames import IDENTITY, Pose
-
-__all__ = ["build_spec"]
 
 BASE = "base"
 FREE_JOINT = "free"

@@ -35,8 +35,6 @@ from usarsim_server.robots.reading.parts import FASTEST, HEAVIEST, RESERVED_NAME
 from usarsim_server.robots.tables import TableReader, nearest
 from usarsim_server.simulation.frames import IDENTITY, Pose
 
-__all__ = ["Body", "read_body"]
-
 REST = "Joints"
 """Name of the actuator that has all joints of no package."""
 SPECK = 1e-3

@@ -12,8 +12,6 @@ from usarsim_server.errors import RobotDescriptionError, at
 from usarsim_server.files import Folders, is_regular, read_regular, reason
 from usarsim_server.model_check import ALLOW_MODEL, check_model
 
-__all__ = ["load_model"]
-
 LARGEST_TEXT = 16 * 2**20
 """Bytes of a model file; descriptions of robots are some ten kilobytes long."""
 LARGEST_MESHES = 256 * 2**20

@@ -15,8 +15,6 @@ from typing import NoReturn, TypeVar
 from usarsim_server import tables
 from usarsim_server.errors import RobotDescriptionError, at
 
-__all__ = ["TableReader", "nearest", "read_toml"]
-
 Vector = tuple[float, float, float]
 _T = TypeVar("_T")
 

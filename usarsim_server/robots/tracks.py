@@ -17,8 +17,6 @@ from usarsim_server.robots.reading.parts import LONGEST, read_color, read_link
 from usarsim_server.robots.tables import TableReader
 from usarsim_server.simulation.frames import Pose, flip_point
 
-__all__ = ["Roller", "Run", "Track", "lowest", "read_tracks", "runs", "touching"]
-
 SHORTEST = 1e-3
 """m: smallest radius and width."""
 FRICTION = 1.0

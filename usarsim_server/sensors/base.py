@@ -3,6 +3,11 @@
 A sensor type is one class in one file. It says which rays it needs, turns a robot's state and
 the ray answers into a reading, and writes the reading's data segments. Everything around it
 (scheduling, heads, Time, batching, GEO) is done once, for all sensors, elsewhere.
+
+Which sensor types exist, and how one of them is made from a line of a robot file.
+
+A new file in this package is enough to add a type; outside packages use the entry point group
+`usarsim_server.sensors` (see `usarsim_server.plugins`).
 """
 
 from __future__ import annotations
@@ -15,18 +20,18 @@ from typing import ClassVar
 
 import numpy as np
 
+import usarsim_server.sensors as package
+from usarsim_server.plugins import PluginTypes
 from usarsim_server.protocol.values import Dialect, Item, Segment
 from usarsim_server.robots.description import ItemDescription, RobotDescription
 from usarsim_server.sensors.parameters import Parameters
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.objects import ObjectFacts
-from usarsim_server.simulation.rays.fans import RayFan, RayHits
+from usarsim_server.simulation.rays.query import RayFan, RayHits
 from usarsim_server.simulation.snapshot import RobotState, Snapshot
 from usarsim_server.worlds.description import WorldDescription
 from usarsim_server.worlds.smoke import SmokeField
 from usarsim_server.worlds.surroundings import Surroundings
-
-__all__ = ["EVERYWHERE", "NOWHERE", "Sensor", "SensorContext", "SetReply", "SetResult"]
 
 EVERYWHERE = frozenset(Dialect)
 NOWHERE: frozenset[Dialect] = frozenset()
@@ -164,3 +169,27 @@ class Sensor(ABC):
         """Pose of the sensor in the world (simulation frame)."""
         carrier = robot.pose if self.link is None else robot.link_pose(self.link)
         return carrier @ self.mount
+
+
+GROUP = "usarsim_server.sensors"
+"""Entry point group for sensor types of other packages."""
+
+TYPES: PluginTypes[Sensor] = PluginTypes("sensor", Sensor, (package,), GROUP)
+
+register = TYPES.register
+"""Class decorator: make a sensor available under these types of a robot file."""
+
+sensor_types = TYPES.names
+"""All types a robot file may name, sorted, aliases included."""
+
+
+def create_sensor(item: ItemDescription, context: SensorContext) -> Sensor:
+    """Make the sensor that a robot file asks for.
+
+    Raises:
+        RobotDescriptionError: the type is unknown, or a parameter is unknown or ill-typed.
+    """
+    cls = TYPES.find(item.type, item.where or f"sensor {item.name}")
+    sensor = cls(item, context)
+    sensor.parameters.finish()
+    return sensor

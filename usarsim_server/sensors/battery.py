@@ -6,12 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 from usarsim_server.protocol.values import Dialect, Segment
-from usarsim_server.sensors.base import Sensor
-from usarsim_server.sensors.registry import register
-from usarsim_server.simulation.rays.fans import RayHits
+from usarsim_server.sensors.base import Sensor, register
+from usarsim_server.simulation.rays.query import RayHits
 from usarsim_server.simulation.snapshot import RobotState
-
-__all__ = ["Battery"]
 
 
 @register("Battery")

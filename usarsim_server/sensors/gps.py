@@ -12,14 +12,11 @@ from numpy.typing import NDArray
 from usarsim_server.protocol.numbers import fixed
 from usarsim_server.protocol.values import Dialect, Segment
 from usarsim_server.robots.description import ItemDescription
-from usarsim_server.sensors.base import NOWHERE, Sensor, SensorContext
-from usarsim_server.sensors.registry import register
+from usarsim_server.sensors.base import NOWHERE, Sensor, SensorContext, register
 from usarsim_server.simulation.frames import flip_point
-from usarsim_server.simulation.rays.fans import RayFan, RayHits
+from usarsim_server.simulation.rays.query import RayFan, RayHits
 from usarsim_server.simulation.snapshot import RobotState
 from usarsim_server.worlds.description import WorldDescription
-
-__all__ = ["Gps", "constellation", "fix_deviation", "sky_directions"]
 
 Array = NDArray[np.float64]
 

@@ -14,8 +14,6 @@ from usarsim_server.errors import RobotDescriptionError, at
 from usarsim_server.robots.description import ItemDescription
 from usarsim_server.tables import finite
 
-__all__ = ["Parameters"]
-
 
 class Parameters:
     """Checked access to the parameters of one item.

@@ -13,15 +13,12 @@ from typing import ClassVar
 from usarsim_server.protocol.numbers import vector
 from usarsim_server.protocol.values import Dialect, Segment
 from usarsim_server.robots.description import ItemDescription
-from usarsim_server.sensors.base import Sensor, SensorContext, SetReply, SetResult
-from usarsim_server.sensors.registry import register
-from usarsim_server.sensors.sight import in_sight, relative, sight_lines
-from usarsim_server.simulation.rays.fans import RayFan, RayHits
+from usarsim_server.sensors.base import Sensor, SensorContext, SetReply, SetResult, register
+from usarsim_server.sensors.people import in_sight, relative, sight_lines
+from usarsim_server.simulation.rays.query import RayFan, RayHits
 from usarsim_server.simulation.snapshot import RobotState
 from usarsim_server.worlds.description import RfidTag
 from usarsim_server.worlds.surroundings import LiveVictim
-
-__all__ = ["RfidReader", "RfidReleaser", "RfidTagReader", "VictimRfidReader"]
 
 MAX_TAGS = 16
 """Most tags of one line, the nearest first: lines stay below 1024 bytes (protocol reference 6.7

@@ -22,9 +22,7 @@ from numpy.typing import NDArray
 
 from usarsim_server.sensors.base import SensorContext
 from usarsim_server.sensors.parameters import Parameters
-from usarsim_server.simulation.rays.fans import RayFan
-
-__all__ = ["BLIND", "HOKUYO_BUDGET", "MODELS", "SmokeSight"]
+from usarsim_server.simulation.rays.query import RayFan
 
 Array = NDArray[np.float64]
 

@@ -7,8 +7,6 @@ import contextlib
 
 from usarsim_server.cameras.view import Frame, FrameSource, Region, Watch
 
-__all__ = ["Attention", "Bell", "Repeats"]
-
 
 class Bell:
     """Brings new frames from the rendering thread to tasks of the event loop."""

@@ -27,18 +27,28 @@ from usarsim_server.protocol.comserver import (
 from usarsim_server.protocol.names import name_key
 from usarsim_server.radio.event_log import Event
 from usarsim_server.radio.network import Network
-from usarsim_server.services.budget import BYTE_COST, HOP_COST, Account, WorkBudget, whole_share
-from usarsim_server.services.descriptors import descriptor_limit, raise_descriptor_limit
+from usarsim_server.services.budget import (
+    BYTE_COST,
+    HOP_COST,
+    NOBODY,
+    Account,
+    Guest,
+    Guests,
+    Owners,
+    WorkBudget,
+    whole_share,
+)
 from usarsim_server.services.dialogue import CHUNK, CHUNK_BYTES
-from usarsim_server.services.guests import Guest, Guests
-from usarsim_server.services.limits import READ_COST, InputRates
+from usarsim_server.services.limits import (
+    READ_COST,
+    InputRates,
+    descriptor_limit,
+    raise_descriptor_limit,
+)
 from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits
 from usarsim_server.services.outbox import PIECE, ReplyBuffer
-from usarsim_server.services.owners import NOBODY, Owners
 from usarsim_server.services.radio_watch import RadioWatch
 from usarsim_server.services.relay import KERNEL_BUFFER, Traffic, dial
-
-__all__ = ["ComServerLimits", "ComServerService"]
 
 _BLOCK = 4 * 1024
 """Bytes read at a time from a link; the worst of them, messages without payload, take half a

@@ -30,9 +30,7 @@ from usarsim_server.protocol.grammar import (
     Command,
     parse_line,
 )
-from usarsim_server.services.budget import WorkBudget, whole_share
-from usarsim_server.services.calls import LoopCalls
-from usarsim_server.services.guests import Guest, Guests
+from usarsim_server.services.budget import Guest, Guests, WorkBudget, whole_share
 from usarsim_server.services.limits import (
     COMMAND_WORK,
     REPLY_PART,
@@ -41,9 +39,7 @@ from usarsim_server.services.limits import (
     work_cost,
 )
 from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits, hung_up
-from usarsim_server.services.outbox import Outbox, OutboxLimits
-
-__all__ = ["Agent", "AgentFactory", "ControlLimits", "ControlService", "Greeting"]
+from usarsim_server.services.outbox import LoopCalls, Outbox, OutboxLimits
 
 _CHUNK = 2048
 """Bytes read at a time. Parsing them holds the event loop for half a millisecond; beside a client

@@ -19,22 +19,18 @@ from typing import Protocol
 
 from usarsim_server.errors import UsarsimError
 from usarsim_server.logs import Log
-from usarsim_server.services.budget import BYTE_COST, HOP_COST, Account, WorkBudget, whole_share
-from usarsim_server.services.guests import Guest, Guests
+from usarsim_server.services.budget import (
+    BYTE_COST,
+    HOP_COST,
+    Account,
+    Guest,
+    Guests,
+    WorkBudget,
+    whole_share,
+)
 from usarsim_server.services.limits import Clock, InputRates, input_cost
 from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits
 from usarsim_server.services.outbox import PIECE, ReplyBuffer
-
-__all__ = [
-    "CHUNK",
-    "MAX_REQUEST",
-    "Desk",
-    "DialogueLimits",
-    "DialogueService",
-    "Framer",
-    "Instant",
-    "Respond",
-]
 
 CHUNK = 2048
 """Bytes read at a time: at most some hundred requests, which wait here while one is answered."""

@@ -31,12 +31,9 @@ from usarsim_server.protocol.images import (
     raw_row_length,
 )
 from usarsim_server.services.attention import Attention, Bell, Repeats
-from usarsim_server.services.budget import Account, WorkBudget, whole_share
-from usarsim_server.services.guests import Guest, Guests
+from usarsim_server.services.budget import Account, Guest, Guests, WorkBudget, whole_share
 from usarsim_server.services.limits import READ_COST, InputRates
 from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits
-
-__all__ = ["ImageLimits", "ImageService"]
 
 _CHUNK = 1024
 """Bytes read at a time: at most 512 requests of one client that wait outside the kernel."""

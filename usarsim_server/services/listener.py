@@ -24,16 +24,6 @@ from usarsim_server.logs import Log
 from usarsim_server.processes import port_taker
 from usarsim_server.services.limits import AddressBuckets, TokenBucket
 
-__all__ = [
-    "Endpoint",
-    "Handler",
-    "Listener",
-    "ListenerLimits",
-    "close_unused",
-    "hung_up",
-    "open_early",
-]
-
 Handler = Callable[[socket.socket, str], Awaitable[None]]
 """Serves one client: a non-blocking socket for the `loop.sock_*` calls, and the peer `host:port`.
 

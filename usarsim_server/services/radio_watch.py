@@ -9,8 +9,6 @@ from usarsim_server.errors import UsarsimError
 from usarsim_server.logs import Log
 from usarsim_server.radio.network import Network
 
-__all__ = ["RadioWatch"]
-
 
 class RadioWatch:
     """Looks at the world again and again while there is somebody to look for."""

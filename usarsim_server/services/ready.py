@@ -13,12 +13,10 @@ import asyncio
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from usarsim_server import interrupts
+from usarsim_server import processes as interrupts
 from usarsim_server.errors import ServiceError
 from usarsim_server.logs import Log
 from usarsim_server.services.listener import Endpoint
-
-__all__ = ["Service", "print_ready", "ready_line", "run_services"]
 
 _log = Log("server")
 

@@ -16,22 +16,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 
-from usarsim_server.radio.shaping import LinkClock, LinkShape
+from usarsim_server.radio.fading import LinkClock, LinkShape
 from usarsim_server.services.budget import BYTE_COST, Account, WorkBudget
-
-__all__ = [
-    "BUFFER",
-    "KERNEL_BUFFER",
-    "SHARE",
-    "DialError",
-    "Dialler",
-    "Road",
-    "Traffic",
-    "dial",
-    "join",
-    "pump",
-    "tune",
-]
 
 BUFFER = 32 * 1024
 """Bytes read at a time where traffic simply passes; the original read 2048 (4.3)."""

@@ -15,8 +15,6 @@ from typing import Protocol
 from usarsim_server.logs import Log
 from usarsim_server.services.relay import KERNEL_BUFFER, DialError, Dialler, Road, join, tune
 
-__all__ = ["LinkWatcher", "RelayPort"]
-
 MOST_LINKS = 16
 """Connections through one port at a time."""
 _RESOURCE_PAUSE = 0.1

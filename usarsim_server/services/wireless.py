@@ -23,19 +23,27 @@ from usarsim_server.protocol.names import name_key
 from usarsim_server.protocol.wireless import Reason, Request
 from usarsim_server.radio.event_log import Event
 from usarsim_server.radio.network import Departure, Network
-from usarsim_server.services.budget import HOP_COST, Account
-from usarsim_server.services.descriptors import descriptor_limit, raise_descriptor_limit
+from usarsim_server.services.budget import (
+    HOP_COST,
+    NOBODY,
+    Account,
+    Guest,
+    Guests,
+    Owners,
+    same_machine,
+)
 from usarsim_server.services.dialogue import CHUNK, CHUNK_BYTES, Desk, DialogueLimits
-from usarsim_server.services.guests import Guest, Guests
-from usarsim_server.services.limits import InputRates, input_cost
+from usarsim_server.services.limits import (
+    InputRates,
+    descriptor_limit,
+    input_cost,
+    raise_descriptor_limit,
+)
 from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits
 from usarsim_server.services.outbox import PIECE, ReplyBuffer
-from usarsim_server.services.owners import NOBODY, Owners, same_machine
 from usarsim_server.services.radio_watch import RadioWatch
 from usarsim_server.services.relay import Road, Traffic
 from usarsim_server.services.relay_port import RelayPort
-
-__all__ = ["WirelessLimits", "WirelessService"]
 
 
 @dataclass(frozen=True, slots=True)

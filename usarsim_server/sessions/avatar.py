@@ -13,21 +13,25 @@ from usarsim_server.logs import Log
 from usarsim_server.protocol import messages
 from usarsim_server.protocol.requests import Goto, Move, Request
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.sessions.role import Reading
-from usarsim_server.sessions.schedule import Schedule, first_report
+from usarsim_server.sessions.role import Reading, Schedule, first_report
 from usarsim_server.simulation.frames import Vector, flip_point, wire_from_pose
 from usarsim_server.simulation.rays.cast import RayQuery
 from usarsim_server.simulation.simulation import Simulation
 from usarsim_server.simulation.snapshot import Snapshot
 from usarsim_server.worlds.avatars.avatars import Avatar, Avatars
-from usarsim_server.worlds.avatars.classes import AvatarClass
-from usarsim_server.worlds.avatars.gait import RUNNING, WALKING, Gait, bone_rotation, posture
-from usarsim_server.worlds.avatars.graph import distances_to, find_node, way_to
-from usarsim_server.worlds.avatars.survey import Survey, survey
-from usarsim_server.worlds.avatars.walk import Leg, Stance, Walk
+from usarsim_server.worlds.avatars.bodies import AvatarClass
+from usarsim_server.worlds.avatars.walk import (
+    RUNNING,
+    WALKING,
+    Gait,
+    Leg,
+    Stance,
+    Walk,
+    bone_rotation,
+    posture,
+)
+from usarsim_server.worlds.avatars.ways import Survey, distances_to, find_node, survey, way_to
 from usarsim_server.worlds.description import PathNode
-
-__all__ = ["Walker"]
 
 REPORT_INTERVAL = 0.05
 """s between two STA (4.4)."""

@@ -21,10 +21,8 @@ from typing import Protocol
 
 from usarsim_server.logs import Log
 from usarsim_server.simulation.rays.cast import RayQuery
-from usarsim_server.simulation.rays.fans import RayHits
+from usarsim_server.simulation.rays.query import RayHits
 from usarsim_server.simulation.snapshot import Snapshot
-
-__all__ = ["CastAll", "Dispatcher", "Served", "Task"]
 
 AT_ONCE = 16
 """Reports that are worked out together; so what is ready first does not wait for very many."""

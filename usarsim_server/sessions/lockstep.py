@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-__all__ = ["Ticks"]
-
 TOLERANCE = 1e-6
 """s: a tick is at the step whose time rounds to its own."""
 

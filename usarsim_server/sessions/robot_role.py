@@ -25,22 +25,17 @@ from usarsim_server.protocol.requests import (
     Set,
 )
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots.families.base import StatusFacts
-from usarsim_server.robots.families.registry import family_of
-from usarsim_server.sensors.assembly import conf_line, find_sensors, geo_line
+from usarsim_server.robots.families.base import StatusFacts, family_of
 from usarsim_server.sensors.base import SetReply, SetResult
-from usarsim_server.sensors.survey import Survey
-from usarsim_server.sessions.battery import NO_BATTERY, Battery
+from usarsim_server.sensors.report import Survey, conf_line, find_sensors, geo_line
 from usarsim_server.sessions.cameras import CameraMount
+from usarsim_server.sessions.power import NO_BATTERY, Battery
 from usarsim_server.sessions.robots import Vehicle
-from usarsim_server.sessions.role import Reading
-from usarsim_server.sessions.schedule import BEAT, Schedule, first_report
+from usarsim_server.sessions.role import BEAT, Reading, Schedule, first_report
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.rays.cast import RayQuery
-from usarsim_server.simulation.rays.fans import RayHits
+from usarsim_server.simulation.rays.query import RayHits
 from usarsim_server.simulation.snapshot import RobotBody, Snapshot
-
-__all__ = ["Pilot", "PilotOptions"]
 
 UPRIGHTING_LIFT = 0.05
 """m that a flipped robot is set down from."""

@@ -9,35 +9,30 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.actuators.effector import Effector
-from usarsim_server.actuators.registry import create_effectors
+from usarsim_server.actuators.effector import Effector, create_effectors
 from usarsim_server.cameras.board import CameraBoard
 from usarsim_server.cameras.view import Grid
 from usarsim_server.logs import Log
 from usarsim_server.protocol.names import name_key
+from usarsim_server.robots.catalog import Roster
 from usarsim_server.robots.description import RobotDescription
-from usarsim_server.robots.families.registry import family_of
+from usarsim_server.robots.families.base import family_of
 from usarsim_server.robots.labels import Labels
 from usarsim_server.robots.mjcf import build_spec
-from usarsim_server.robots.roster import Roster
-from usarsim_server.sensors.base import Sensor, SensorContext
-from usarsim_server.sensors.registry import create_sensor
-from usarsim_server.sessions.battery import BatteryGauge
-from usarsim_server.sessions.headlight import Headlight
+from usarsim_server.sensors.base import Sensor, SensorContext, create_sensor
+from usarsim_server.sessions.power import BatteryGauge, Headlight
 from usarsim_server.simulation.articulation import JointModel, JointOrder, ToolModel
-from usarsim_server.simulation.clockwork import Listener
+from usarsim_server.simulation.clock import Listener
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import RobotModel
 from usarsim_server.simulation.objects import ObjectFacts
-from usarsim_server.simulation.rays.fans import RayFan, RayHits
+from usarsim_server.simulation.rays.query import RayFan, RayHits
 from usarsim_server.simulation.simulation import Simulation
 from usarsim_server.simulation.slots import always
 from usarsim_server.simulation.snapshot import RobotBody, Snapshot
 from usarsim_server.worlds.description import WorldDescription
 from usarsim_server.worlds.smoke import smoke_field
 from usarsim_server.worlds.surroundings import Surroundings
-
-__all__ = ["Fleet", "Vehicle"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

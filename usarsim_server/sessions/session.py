@@ -38,11 +38,9 @@ from usarsim_server.sessions.robot_role import Pilot, PilotOptions
 from usarsim_server.sessions.robots import Fleet, Vehicle
 from usarsim_server.sessions.role import Casting, Role, RoleFactory, robots_only
 from usarsim_server.simulation.frames import Pose, pose_from_wire, wire_from_pose
-from usarsim_server.simulation.rays.fans import RayHits
+from usarsim_server.simulation.rays.query import RayHits
 from usarsim_server.simulation.snapshot import Snapshot
 from usarsim_server.worlds.description import WorldDescription
-
-__all__ = ["AgentOptions", "Mouth", "RobotAgent"]
 
 DIE_FELL = "DmgType_Fell"
 FLOOD = 64

@@ -13,11 +13,9 @@ from usarsim_server.sessions.world_controller import WorldController, is_world_c
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.simulation import Simulation
 from usarsim_server.worlds.avatars.avatars import Avatars
-from usarsim_server.worlds.avatars.classes import AvatarClass
+from usarsim_server.worlds.avatars.bodies import AvatarClass
 from usarsim_server.worlds.description import WorldDescription
 from usarsim_server.worlds.objects.objects import WorldObjects
-
-__all__ = ["SpecialRoles"]
 
 AVATAR_PACKAGE = "usaravatar"
 """In lower case; without the package only classes whose own names begin so are avatars, lest one

@@ -29,8 +29,6 @@ from usarsim_server.worlds.description import WorldDescription
 from usarsim_server.worlds.objects.objects import WorldObjects
 from usarsim_server.worlds.objects.world_object import Creation, Physics
 
-__all__ = ["WorldController", "is_world_controller"]
-
 CLASS_NAME = "worldcontroller"
 
 Reply = list[str]

@@ -17,19 +17,6 @@ import mujoco
 
 from usarsim_server.simulation.frames import IDENTITY, Pose
 
-__all__ = [
-    "Grip",
-    "HandModel",
-    "HandState",
-    "JointModel",
-    "JointOrder",
-    "Order",
-    "ToolModel",
-    "add_ties",
-    "anchor_name",
-    "tie_name",
-]
-
 TIE_SOLREF = (0.01, 1.0)
 TIE_SOLIMP = (0.98, 0.99, 0.001, 0.5, 2.0)
 """Of what holds two bodies together: 10 micrometres of play under a body's own weight."""

@@ -18,12 +18,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.simulation.bounds import Bounds
+from usarsim_server.simulation.divergence import Bounds
 from usarsim_server.simulation.frames import Vector
-from usarsim_server.simulation.free_body import FreeBody, dot
-from usarsim_server.simulation.laws import Law
-
-__all__ = ["CHANNELS", "Diving", "Hull"]
+from usarsim_server.simulation.motion_laws import FreeBody, Law, dot
 
 Array = NDArray[np.float64]
 

@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from usarsim_server.logs import Log
 from usarsim_server.simulation.articulation import JointOrder
-from usarsim_server.simulation.belts import Belts
-from usarsim_server.simulation.compensation import compensate
 from usarsim_server.simulation.divergence import SPEED_LIMIT, culprits, is_sound
 from usarsim_server.simulation.frames import Pose
+from usarsim_server.simulation.ground import Belts, Traction, compensate
 from usarsim_server.simulation.growth import Growth, grow, inherit_sleep, laws_of
 from usarsim_server.simulation.limbs import Limbs
 from usarsim_server.simulation.machines import Machine, Machines
@@ -29,11 +28,8 @@ from usarsim_server.simulation.model import (
     slot_prefix,
 )
 from usarsim_server.simulation.movers import Mover, MovingBodies, Way, carry_over
-from usarsim_server.simulation.servo import WheelServos
 from usarsim_server.simulation.snapshot import RobotLayout, Snapshot
-from usarsim_server.simulation.traction import Traction
-
-__all__ = ["Engine"]
+from usarsim_server.simulation.wheels import WheelServos
 
 Array = NDArray[np.float64]
 

@@ -16,12 +16,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.simulation.bounds import Bounds
+from usarsim_server.simulation.divergence import Bounds
 from usarsim_server.simulation.frames import Vector
-from usarsim_server.simulation.free_body import FreeBody, Motion, cross, dot
-from usarsim_server.simulation.laws import Law
-
-__all__ = ["CHANNELS", "FlightLimits", "VelocityHold"]
+from usarsim_server.simulation.motion_laws import FreeBody, Law, Motion, cross, dot
 
 Array = NDArray[np.float64]
 

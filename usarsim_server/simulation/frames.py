@@ -14,20 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = [
-    "IDENTITY",
-    "Pose",
-    "flip_point",
-    "flip_quaternion",
-    "pose_from_wire",
-    "quaternion_from_rpy",
-    "rotation_matrices",
-    "rpy_from_quaternion",
-    "wire_from_pose",
-    "wrap_signed",
-    "wrap_turn",
-]
-
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Array = NDArray[np.float64]

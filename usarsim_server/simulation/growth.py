@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.simulation.laws import Laws
+from usarsim_server.simulation.ground import Traction
 from usarsim_server.simulation.limbs import Limbs
 from usarsim_server.simulation.model import (
     VACANT,
@@ -20,10 +20,8 @@ from usarsim_server.simulation.model import (
     matching_joints,
     slot_prefix,
 )
-from usarsim_server.simulation.servo import WheelServos
-from usarsim_server.simulation.traction import Traction
-
-__all__ = ["Growth", "grow", "inherit_sleep", "laws_of"]
+from usarsim_server.simulation.motion_laws import Laws
+from usarsim_server.simulation.wheels import WheelServos
 
 _SLEEP_FLAG = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
 _SLEEP_LISTS = ("tree_awake", "body_awake", "body_awake_ind", "parent_awake_ind", "dof_awake_ind")

@@ -30,8 +30,6 @@ from usarsim_server.simulation.articulation import (
 from usarsim_server.simulation.frames import Pose, Quaternion, Vector
 from usarsim_server.simulation.model import CompiledWorld, root_qpos
 
-__all__ = ["Hands", "HandsState"]
-
 SLIP_TIME = 0.04
 """s for which a pull has to be too strong; a knock is not a pull."""
 SEARCH_INTERVAL = 0.02

@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 from usarsim_server.simulation.articulation import HandState, JointOrder
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.hands import Hands, HandsState
-from usarsim_server.simulation.joint_servos import JointServos, JointsState
+from usarsim_server.simulation.joints import JointServos, JointsState
 from usarsim_server.simulation.model import CompiledWorld
-
-__all__ = ["Limbs", "LimbsState"]
 
 Array = NDArray[np.float64]
 LimbsState = tuple[JointsState, HandsState]

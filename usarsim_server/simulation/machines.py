@@ -3,20 +3,115 @@
 A machine decides at fixed simulated times, between two halves of a step, by what it sees then; in
 between its bodies follow functions of time like those of every other mover. So runs repeat
 whatever the batches in which the physics advances.
+
+Who is where: what a machine that watches a place gets to know.
+
+Used by the physics thread alone, between the two halves of a step, when all poses are up to date.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 import mujoco
+import numpy as np
+from numpy.typing import NDArray
 
+from usarsim_server.simulation.frames import Pose, Vector
 from usarsim_server.simulation.model import CompiledWorld
 from usarsim_server.simulation.movers import Mover
-from usarsim_server.simulation.presence import Presence
 
-__all__ = ["DECISION_INTERVAL", "Machine", "Machines"]
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Zone:
+    """A box: the pose of its middle in the world, and half its extents along its own axes, m."""
+
+    pose: Pose
+    half: Vector
+
+
+class Presence:
+    """What moves in a world, as one machine sees it, in one model generation.
+
+    Whoever *goes by itself* is a robot, a person or something a client has put into the world;
+    what is *loose* is that, and every free body of the scene beside. Bodies that hang in joints
+    of the scene, such as a door that is pushed open, are neither.
+    """
+
+    def __init__(self, world: CompiledWorld, own: Collection[str], fixtures: Collection[str]):
+        """Sort the bodies of a model.
+
+        Args:
+            world: the model generation.
+            own: names of the bodies of the machine that looks; it does not see itself.
+            fixtures: names of placed bodies that belong to the building.
+        """
+        model = world.model
+        hidden = {model.body(name).id for name in (*own, *fixtures)}
+        slots = {body for layout in world.layouts for body in layout.bodies}
+        free = model.jnt_bodyid[model.jnt_type == mujoco.mjtJoint.mjJNT_FREE].tolist()
+        placed = np.flatnonzero(model.body_mocapid >= 0).tolist()
+        self._owner = _owners(world)
+        roots = model.body_rootid[model.geom_bodyid]
+        touches = (model.geom_contype | model.geom_conaffinity) != 0
+        seen = touches & ~np.isin(roots, list(hidden))
+        going = np.isin(model.geom_bodyid, list(slots)) | np.isin(roots, placed)
+        loose = going | np.isin(roots, free)
+        self._geoms = np.flatnonzero(seen & loose)
+        self._going = going[self._geoms]
+        self._owners = self._owner[model.geom_bodyid[self._geoms]]
+        self._middle = model.geom_aabb[self._geoms, :3]
+        self._half = model.geom_aabb[self._geoms, 3:]
+        self._data: mujoco.MjData | None = None
+
+    def look(self, data: mujoco.MjData) -> None:
+        """Take the poses of this moment; to be called before anything is asked."""
+        self._data = data
+
+    def touching(self, zone: Zone, *, going: bool = False) -> frozenset[int]:
+        """Who is in a zone, wholly or in part.
+
+        Args:
+            zone: where to look.
+            going: only who goes by itself; otherwise all that is loose.
+
+        Returns:
+            Numbers that stand for robots, people and things; of use for comparisons only.
+        """
+        overlap, _ = self._compare(zone)
+        if going:
+            overlap &= self._going
+        return frozenset(self._owners[overlap].tolist())
+
+    def within(self, zone: Zone) -> frozenset[int]:
+        """Who is in a zone with every part."""
+        overlap, inside = self._compare(zone)
+        found = set(self._owners[overlap].tolist())
+        return frozenset(found - set(self._owners[~inside].tolist()))
+
+    def _compare(self, zone: Zone) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Which geoms overlap a zone, and which are inside, by boxes along the zone's axes."""
+        assert self._data is not None
+        turn = zone.pose.matrix()
+        frames = self._data.geom_xmat[self._geoms].reshape(-1, 3, 3)
+        middle = self._data.geom_xpos[self._geoms] + np.einsum("nij,nj->ni", frames, self._middle)
+        middle = (middle - np.array(zone.pose.position)) @ turn
+        half = np.einsum("nij,nj->ni", np.abs(turn.T @ frames), self._half)
+        away, reach = np.abs(middle), np.array(zone.half)
+        return (away < half + reach).all(axis=1), (away + half <= reach).all(axis=1)
+
+
+def _owners(world: CompiledWorld) -> NDArray[np.intp]:
+    """For every body one that stands for the robot, person or thing that it is a part of."""
+    owners: NDArray[np.intp] = world.model.body_rootid.astype(np.intp)
+    for layout in world.layouts:
+        owners[list(layout.bodies)] = -1 - layout.slot  # the same in all generations
+    return owners
+
 
 DECISION_INTERVAL = 0.05
 """s of simulated time, to the nearest step, between two decisions of a machine."""

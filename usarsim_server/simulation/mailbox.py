@@ -1,8 +1,16 @@
-"""Requests to the thread that owns the physics, from all others."""
+"""Requests to the thread that owns the physics, from all others.
+
+Letting others have the interpreter during long work in the background.
+
+Whoever computes without pause, in Python or in native code that keeps the interpreter, makes every
+other thread wait for half a millisecond or more, each time it needs the interpreter; the physics
+needs it several times a step.
+"""
 
 from __future__ import annotations
 
 import threading
+import time
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -10,8 +18,6 @@ from typing import Any, TypeVar
 
 from usarsim_server.errors import UsarsimError
 from usarsim_server.logs import Log
-
-__all__ = ["Mailbox"]
 
 T = TypeVar("T")
 
@@ -127,3 +133,12 @@ class Mailbox:
 
 def _ended() -> UsarsimError:
     return UsarsimError("the simulation has ended")
+
+
+PAUSE = 0.0005
+"""s of wall time, in which others get on."""
+
+
+def breathe() -> None:
+    """Stand back for a moment; to be called about once a millisecond."""
+    time.sleep(PAUSE)

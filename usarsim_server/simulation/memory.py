@@ -14,8 +14,6 @@ from pathlib import Path
 
 import mujoco
 
-__all__ = ["share_heaps", "shortage", "trim"]
-
 MIB = 2**20
 
 _STATM = Path("/proc/self/statm")

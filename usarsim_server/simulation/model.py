@@ -17,25 +17,11 @@ from numpy.typing import NDArray
 
 from usarsim_server.errors import UsarsimError
 from usarsim_server.simulation.articulation import HandModel, JointModel, ToolModel, add_ties
-from usarsim_server.simulation.courtesy import breathe
 from usarsim_server.simulation.frames import Pose
-from usarsim_server.simulation.laws import LawModel
+from usarsim_server.simulation.ground import Surface
+from usarsim_server.simulation.mailbox import breathe
+from usarsim_server.simulation.motion_laws import LawModel
 from usarsim_server.simulation.snapshot import RobotLayout
-from usarsim_server.simulation.surfaces import Surface
-
-__all__ = [
-    "JOINT_WIDTH",
-    "VACANT",
-    "CompiledWorld",
-    "PhysicsOptions",
-    "RobotModel",
-    "check_mujoco_version",
-    "compile_world",
-    "matching_joints",
-    "put",
-    "root_qpos",
-    "slot_prefix",
-]
 
 SHELF_HEIGHT = 2000.0
 """Top of the parking shelf, m: above anything a ray, a satellite link or a camera asks for."""

@@ -22,8 +22,6 @@ from numpy.typing import NDArray
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.rays.culling import bounding_spheres
 
-__all__ = ["Mover", "MovingBodies", "Way", "carry_over", "mocap_bodies"]
-
 Array = NDArray[np.float64]
 
 Way = Callable[[float], Pose]

@@ -18,8 +18,6 @@ from usarsim_server.simulation.frames import IDENTITY, Pose, Vector
 from usarsim_server.simulation.model import CompiledWorld
 from usarsim_server.simulation.snapshot import Snapshot
 
-__all__ = ["Names", "ObjectFacts", "Objects", "geom_names"]
-
 Array = NDArray[np.float64]
 Names = NDArray[np.object_]
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from usarsim_server.logs import Log
 from usarsim_server.simulation.articulation import JointOrder
-from usarsim_server.simulation.clockwork import ClockOptions, Clockwork, Listener
+from usarsim_server.simulation.clock import ClockOptions, Clockwork, Listener
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose, Vector
 from usarsim_server.simulation.machines import Machine
@@ -33,12 +33,10 @@ from usarsim_server.simulation.model import (
 from usarsim_server.simulation.movers import Mover, Way
 from usarsim_server.simulation.objects import ObjectFacts
 from usarsim_server.simulation.rays.cast import RayQuery, cast, cast_all, cast_scenery
-from usarsim_server.simulation.rays.fans import RayFan, RayHits, SceneryHit
+from usarsim_server.simulation.rays.query import RayFan, RayHits, SceneryHit
 from usarsim_server.simulation.rays.scenery import StaticGeometry
 from usarsim_server.simulation.slots import SlotLimits, Slots, always, compiled
 from usarsim_server.simulation.snapshot import RobotBody, Snapshot
-
-__all__ = ["Simulation", "SimulationOptions"]
 
 _log = Log("simulation")
 

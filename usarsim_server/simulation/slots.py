@@ -22,17 +22,14 @@ from weakref import WeakKeyDictionary
 from usarsim_server.errors import SpawnError, UsarsimError
 from usarsim_server.logs import Log
 from usarsim_server.simulation.engine import Engine
-from usarsim_server.simulation.fitting import Fitting
 from usarsim_server.simulation.frames import Pose, Vector
 from usarsim_server.simulation.growth import Growth
 from usarsim_server.simulation.mailbox import Mailbox
 from usarsim_server.simulation.memory import shortage, trim
 from usarsim_server.simulation.model import JOINT_WIDTH, VACANT, CompiledWorld, RobotModel
-from usarsim_server.simulation.placement import Placement
+from usarsim_server.simulation.placement import Fitting, Placement
 from usarsim_server.simulation.rays.moving import DynamicGeometry
 from usarsim_server.simulation.snapshot import Snapshot
-
-__all__ = ["SlotLimits", "Slots", "always", "compiled"]
 
 T = TypeVar("T")
 Judges = tuple[Placement, Fitting]

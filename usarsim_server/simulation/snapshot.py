@@ -20,7 +20,6 @@ from usarsim_server.simulation.frames import Pose, Vector
 if TYPE_CHECKING:
     from usarsim_server.simulation.model import CompiledWorld
 
-__all__ = ["RobotBody", "RobotLayout", "RobotState", "Snapshot", "StateSource"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_bench.fidelity.stage import ContactProbe, tilt
-from usarsim_server.actuators.registry import create_effectors
+from usarsim_server.actuators.effector import create_effectors
 from usarsim_server.cameras.backend import Quality
 from usarsim_server.cameras.painter import Painter, PainterOptions
-from usarsim_server.cameras.portrait import extent, portrait_view
-from usarsim_server.cameras.stage import Stage
+from usarsim_server.cameras.posed_model import Stage
+from usarsim_server.cameras.spectators import extent, portrait_view
 from usarsim_server.errors import RobotDescriptionError, UsarsimError, at
 from usarsim_server.logs import Log
 from usarsim_server.protocol.commands import interpret
@@ -26,13 +26,11 @@ from usarsim_server.protocol.grammar import parse_line
 from usarsim_server.protocol.requests import GetConf, GetGeo
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import RobotDescription
-from usarsim_server.robots.families.registry import family_of
+from usarsim_server.robots.families.base import family_of
 from usarsim_server.sessions.robot_role import Pilot, PilotOptions
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.snapshot import RobotBody, RobotLayout
 from usarsim_server.testing import Closing, Rehearsal
-
-__all__ = ["Problem", "Rest", "TestDrive", "full_speed"]
 
 DROP = 0.3
 """m above its rest height from which a robot is let down."""

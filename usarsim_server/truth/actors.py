@@ -21,8 +21,6 @@ from usarsim_server.worlds.avatars.avatars import Avatars
 from usarsim_server.worlds.objects.objects import WorldObjects
 from usarsim_server.worlds.surroundings import LiveVictim
 
-__all__ = ["PAWN", "Actors"]
-
 PAWN = "pawn"
 """The class that is listed if none is asked for."""
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from usarsim_server.protocol import ground_truth as text
-from usarsim_server.protocol.ground_truth import BetweenPoints, BetweenRobots, Query
-from usarsim_server.radio.station import ObstacleCounter, Station, StationSource
+from usarsim_server.protocol import truth as text
+from usarsim_server.protocol.truth import BetweenPoints, BetweenRobots
+from usarsim_server.protocol.truth import GroundTruthQuery as Query
+from usarsim_server.radio.stations import ObstacleCounter, Station, StationSource
 from usarsim_server.simulation.frames import flip_point
-
-__all__ = ["GroundTruth"]
 
 
 class GroundTruth:
@@ -41,7 +40,7 @@ class GroundTruth:
 
         Cheaper than one by one: the physics is asked once for all of them. See `answer`.
         """
-        queries = [text.read_query(line) for line in lines]
+        queries = [text.read_ground_truth_query(line) for line in lines]
         needed = any(isinstance(query, text.Positions | BetweenRobots) for query in queries)
         stations = self._stations() if needed else ()
         return [None if one is None else self._reply(one, stations) for one in queries]

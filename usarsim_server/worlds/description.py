@@ -11,26 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from usarsim_server.simulation.frames import Pose, Vector, wire_from_pose
-from usarsim_server.simulation.surfaces import Surface
+from usarsim_server.simulation.ground import Surface
 from usarsim_server.worlds.machinery.machinery import Machinery
-
-__all__ = [
-    "FalseAlarm",
-    "GeographicOrigin",
-    "NamedObject",
-    "Noise",
-    "PathNode",
-    "RfidTag",
-    "Smoke",
-    "SmokePuff",
-    "SmokeVolume",
-    "SoundSource",
-    "StartPose",
-    "Surface",
-    "Victim",
-    "WorldDescription",
-    "Zone",
-]
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,19 +16,6 @@ from usarsim_server.simulation.frames import Vector
 from usarsim_server.worlds.description import FalseAlarm, Noise, RfidTag, SoundSource, Victim
 from usarsim_server.worlds.tables import Table
 
-__all__ = [
-    "BREATH",
-    "MAX_TAG_ID",
-    "PARTS",
-    "Traits",
-    "Walk",
-    "Wave",
-    "read_false_alarm",
-    "read_sound",
-    "read_tag",
-    "traits_of",
-]
-
 PARTS = ("Head", "Arm", "Hand", "Chest", "Pelvis", "Leg", "Foot")
 """The body parts that a victim sensor can name (robots reference 2.9)."""
 

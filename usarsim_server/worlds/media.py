@@ -7,11 +7,9 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from usarsim_server.simulation.frames import Pose, Vector, quaternion_from_rpy
-from usarsim_server.simulation.surfaces import Surface
+from usarsim_server.simulation.ground import Surface
 from usarsim_server.worlds.description import Smoke, SmokePuff, SmokeVolume
 from usarsim_server.worlds.tables import Table
-
-__all__ = ["GROUNDS", "Ground", "read_smoke", "read_surface"]
 
 SMOKE_KINDS = ("regional", "local", "global")
 SHAPES = ("box", "ellipsoid")

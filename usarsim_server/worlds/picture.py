@@ -18,15 +18,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server import atomic
+from usarsim_server import files as atomic
 from usarsim_server.errors import UsarsimError
-from usarsim_server.worlds.catalog import find_world
 from usarsim_server.worlds.description import SmokeVolume, WorldDescription
-from usarsim_server.worlds.loader import load_world
+from usarsim_server.worlds.loader import find_world, load_world
 from usarsim_server.worlds.scene import build_scene
 from usarsim_server.worlds.smoke import SmokeField
-
-__all__ = ["draw_world", "main", "png"]
 
 Image = NDArray[np.uint8]
 

@@ -11,13 +11,11 @@ from usarsim_server.data import data_directory
 from usarsim_server.errors import WorldError
 from usarsim_server.files import Folders, read_regular
 from usarsim_server.model_check import check_model
-from usarsim_server.simulation.bounds import add_bounds
-from usarsim_server.simulation.surfaces import Surface
+from usarsim_server.simulation.divergence import add_bounds
+from usarsim_server.simulation.ground import Surface
 from usarsim_server.worlds.description import WorldDescription
 from usarsim_server.worlds.machinery.bodies import add_machinery
 from usarsim_server.worlds.victims import add_victim
-
-__all__ = ["build_scene", "movable_bodies"]
 
 PAINT = {
     "water": (0.30, 0.45, 0.60, 1.0),

@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 
 from usarsim_server.worlds.description import Smoke, SmokePuff, SmokeVolume
 
-__all__ = ["SmokeField", "smoke_field"]
-
 Array = NDArray[np.float64]
 
 NOZZLE = 0.25

@@ -28,8 +28,6 @@ from usarsim_server.worlds.description import (
 from usarsim_server.worlds.life import BREATH, MAX_TAG_ID, Traits, traits_of
 from usarsim_server.worlds.victims import add_victim, part_of
 
-__all__ = ["BodyPart", "LiveVictim", "Passer", "Sound", "Surroundings", "beginnings"]
-
 MAX_TAGS = 10_000
 """Tags that a world can hold; more cannot be dropped."""
 

@@ -13,8 +13,6 @@ from usarsim_server import errors
 from usarsim_server.errors import WorldError
 from usarsim_server.simulation.frames import Vector
 
-__all__ = ["Table"]
-
 T = TypeVar("T")
 
 _FORBIDDEN = frozenset("{},:")

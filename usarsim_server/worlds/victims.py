@@ -4,6 +4,8 @@ A victim is one body without joints, `victim:<name>`, fixed in the world and sol
 called `victim:<name>:<Part>...` where the part is one of `PARTS`, the seven groups that a
 victim sensor reports (robots reference 2.9), and the rest tells side and piece (`LegUpperLeft`).
 Of a victim that moves, the body, or the body `victim:<name>/forearm`, is a mocap body.
+
+Ways of moving as functions of time: a walk to and fro, an arm that waves.
 """
 
 from __future__ import annotations
@@ -12,19 +14,57 @@ import hashlib
 import math
 import random
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeVar
 
 import mujoco
 import numpy as np
 
-from usarsim_server.simulation.frames import Pose, Quaternion, Vector
+from usarsim_server.simulation.frames import Pose, Quaternion, Vector, quaternion_from_rpy
 from usarsim_server.simulation.movers import Mover
 from usarsim_server.worlds.description import Victim
 from usarsim_server.worlds.life import PARTS, Walk, Wave, traits_of
-from usarsim_server.worlds.motion import swinging, walking
 
-__all__ = ["PARTS", "PELVIS_HEIGHT", "POSTURES", "add_victim", "part_of"]
+Way = Callable[[float], Pose]
+
+
+def walking(start: Vector, walk: Walk) -> Way:
+    """To and fro between two places, facing ahead, turning round to the left at both ends.
+
+    Args:
+        start: where the walk begins at time 0, m.
+        walk: the rest of it.
+    """
+    x, y, z = start
+    dx, dy, dz = (end - begin for end, begin in zip(walk.to, start, strict=True))
+    leg = math.dist(start, walk.to) / walk.speed
+    half = leg + walk.pause
+    heading = math.atan2(dy, dx)
+
+    def pose(time: float) -> Pose:
+        lap, phase = divmod(time, half)
+        outward = lap % 2 == 0
+        done = min(phase / leg, 1.0)
+        share = done if outward else 1.0 - done
+        turned = max(0.0, phase - leg) / walk.pause
+        yaw = heading + math.pi * (turned if outward else 1.0 + turned)
+        place = (x + dx * share, y + dy * share, z + dz * share)
+        return Pose(place, quaternion_from_rpy(0.0, 0.0, yaw))
+
+    return pose
+
+
+def swinging(joint: Pose, wave: Wave) -> Way:
+    """Like a pendulum about the x axis of a fixed pose; the z axis first swings toward -y."""
+
+    def pose(time: float) -> Pose:
+        angle = wave.angle * math.sin(math.tau * time / wave.period)
+        swing = (math.cos(angle / 2), math.sin(angle / 2), 0.0, 0.0)
+        return joint @ Pose((0.0, 0.0, 0.0), swing)
+
+    return pose
+
 
 PELVIS_HEIGHT = {"standing": 0.93, "sitting": 0.12, "lying": 0.12}
 """Height of the reference point above what the victim stands, sits or lies on, m."""

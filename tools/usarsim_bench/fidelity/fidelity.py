@@ -20,10 +20,8 @@ from usarsim_bench.fidelity import trials_tracks as tracks
 from usarsim_bench.fidelity.results import ANY, Band, Result, as_json, as_markdown, as_table
 from usarsim_bench.fidelity.stage import StageError
 from usarsim_bench.fidelity.workshop import Workshop
-from usarsim_server import atomic
+from usarsim_server import files as atomic
 from usarsim_server.errors import UsarsimError, at
-
-__all__ = ["TIMESTEPS", "TRIALS", "Trial", "main", "run_trials"]
 
 TIMESTEPS = (0.001, 0.002, 0.004, 0.005)
 """s: the time steps that have to agree."""

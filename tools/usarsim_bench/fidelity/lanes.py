@@ -17,8 +17,6 @@ from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
 from usarsim_server.simulation.model import PhysicsOptions
 
-__all__ = ["LANE", "Lane", "Outcome", "drive_lanes"]
-
 LANE = 4.0
 """m between the middles of two lanes."""
 SETTLE = 2.0

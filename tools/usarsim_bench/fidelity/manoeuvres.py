@@ -14,18 +14,6 @@ import numpy as np
 from usarsim_bench.fidelity.stage import Stage, turned, yaw_of
 from usarsim_server.simulation.snapshot import RobotBody
 
-__all__ = [
-    "Arc",
-    "Rest",
-    "Straight",
-    "Turn",
-    "drive_arc",
-    "drive_straight",
-    "rest",
-    "stop",
-    "turn_in_place",
-]
-
 SPIN_UP = 2.0
 """s until a robot is taken to be in steady motion."""
 _ODOMETRY = re.compile(r"\{Type Odometry\}.*\{Pose [^,]+,[^,]+,([^,}]+)\}")

@@ -7,8 +7,6 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-__all__ = ["ANY", "Band", "Result", "as_json", "as_markdown", "as_table"]
-
 
 @dataclass(frozen=True, slots=True)
 class Band:

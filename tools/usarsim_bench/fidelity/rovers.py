@@ -23,8 +23,6 @@ from usarsim_server import __version__
 from usarsim_server.simulation.model import PhysicsOptions
 from usarsim_server.testing import Rehearsal
 
-__all__ = ["Counts", "bare", "drive", "main"]
-
 _SCAN = re.compile(r"SEN .*\{Type RangeScanner\}.*\{Range ([^{}]*)\}")
 
 

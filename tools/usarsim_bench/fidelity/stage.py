@@ -26,8 +26,6 @@ from usarsim_server.testing import Closing, Rehearsal
 from usarsim_server.worlds.description import WorldDescription
 from usarsim_server.worlds.scene import build_scene
 
-__all__ = ["ContactProbe", "Contacts", "Stage", "StageError", "tilt", "turned", "yaw_of"]
-
 SETTLE = 1.0
 """s that a robot is given to come to rest before a test."""
 

@@ -16,18 +16,6 @@ from usarsim_server.simulation.snapshot import RobotBody
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.scene import build_scene
 
-__all__ = [
-    "FIELD_END",
-    "Crossing",
-    "Push",
-    "climb",
-    "creep",
-    "cross",
-    "push_crate",
-    "push_wall",
-    "slide_block",
-]
-
 TOUCH_DOWN = 0.3
 """s that a robot is given to settle on a slope before it gets its command."""
 GLANCE = 0.2

@@ -6,15 +6,6 @@ import math
 
 from usarsim_server.robots.description import RobotDescription
 
-__all__ = [
-    "GRAVITY",
-    "sliding_distance",
-    "slope_limit",
-    "turn_ratio_edges",
-    "turn_ratio_points",
-    "wheel_layout",
-]
-
 GRAVITY = 9.81
 """m/s^2, as in MuJoCo."""
 

@@ -19,27 +19,6 @@ from usarsim_bench.fidelity.results import ANY, Band, Result
 from usarsim_bench.fidelity.workshop import Case, Workshop
 from usarsim_server.testing import Rehearsal
 
-__all__ = [
-    "arc",
-    "effective_track",
-    "friction_independence",
-    "hop",
-    "odometry",
-    "pivot",
-    "repeatability",
-    "resting",
-    "run_script",
-    "speed_independence",
-    "stopping",
-    "straight_drift",
-    "straight_speed",
-    "timestep_agreement",
-    "timestep_independence",
-    "top_speed",
-    "turn_ratio",
-    "yaw_rate_limit",
-]
-
 Results = Iterator[Result]
 Steps = Sequence[float]
 

@@ -18,27 +18,6 @@ from usarsim_server.robots.families.ackerman import Steering
 from usarsim_server.simulation.frames import Pose, rpy_from_quaternion
 from usarsim_server.simulation.snapshot import RobotBody
 
-__all__ = [
-    "ALOFT",
-    "CARS",
-    "PULLED",
-    "STEER",
-    "Circle",
-    "Flight",
-    "depth",
-    "dive",
-    "drive_circle",
-    "fly",
-    "hover",
-    "hovering",
-    "ideal_radius",
-    "nose_down",
-    "radius",
-    "speeds",
-    "tilting",
-    "unsteered_axle",
-]
-
 Results = Iterator[Result]
 Steps = Sequence[float]
 

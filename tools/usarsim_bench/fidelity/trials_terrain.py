@@ -21,19 +21,6 @@ from usarsim_bench.fidelity.workshop import Case, Workshop
 from usarsim_bench.fidelity.worlds import FIELD_START, PLATFORM
 from usarsim_server.simulation.frames import Pose
 
-__all__ = [
-    "crate",
-    "cubic_field",
-    "gaps",
-    "grade",
-    "parking",
-    "sliding",
-    "slope_limits",
-    "square_steps",
-    "step_fields",
-    "wall",
-]
-
 Results = Iterator[Result]
 Steps = Sequence[float]
 

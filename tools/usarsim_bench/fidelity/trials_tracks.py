@@ -23,31 +23,6 @@ from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import PhysicsOptions
 
-__all__ = [
-    "CLIMBERS",
-    "LOW_POSTS",
-    "PUSHING",
-    "REFERENCE_RATIOS",
-    "RUN",
-    "STAIRS_END",
-    "TRACKED",
-    "belt_ratio",
-    "climb_stairs",
-    "cross_field",
-    "flipper_error",
-    "flippers",
-    "ground_speed",
-    "posture",
-    "speed",
-    "spin",
-    "stairs",
-    "stand_up",
-    "step_fields",
-    "tilts_at_wall",
-    "turning",
-    "wall",
-]
-
 Results = Iterator[Result]
 Steps = Sequence[float]
 

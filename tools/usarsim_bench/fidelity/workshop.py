@@ -14,14 +14,12 @@ from usarsim_bench.fidelity import worlds
 from usarsim_bench.fidelity.manoeuvres import Turn, turn_in_place
 from usarsim_bench.fidelity.results import Band, Result
 from usarsim_bench.fidelity.stage import Stage
+from usarsim_server.robots.catalog import load_roster
 from usarsim_server.robots.description import RobotDescription
-from usarsim_server.robots.roster import load_roster
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.testing import Closing
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.scene import build_scene
-
-__all__ = ["VARIANTS", "Case", "Workshop"]
 
 VARIANTS = {
     # The wheel limit of 1.3 read as turns per second (robots reference 1.2).

@@ -16,28 +16,6 @@ from pathlib import Path
 
 from usarsim_server.simulation.frames import Pose, Vector, quaternion_from_rpy
 
-__all__ = [
-    "FIELD_START",
-    "PLATFORM",
-    "POST",
-    "POSTS",
-    "Heights",
-    "Scene",
-    "crate",
-    "flat",
-    "gap",
-    "on_slope",
-    "sliding_block",
-    "slope",
-    "stairs",
-    "step",
-    "step_field",
-    "symmetric_heights",
-    "wall",
-    "write_robot",
-    "write_world",
-]
-
 PLATFORM = 0.4
 """Height of the platforms on both sides of a gap, m."""
 FIELD_START = 1.0

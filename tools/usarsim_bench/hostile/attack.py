@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 from usarsim_bench.hostile.links import Link, Site
 
-__all__ = ["MIB", "Answers", "Attack", "holding"]
-
 MIB = 2.0**20
 
 HOLD_WAIT = 10.0

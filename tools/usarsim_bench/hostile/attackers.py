@@ -21,8 +21,6 @@ from usarsim_bench.errors import BenchError
 from usarsim_bench.hostile.attacks import ATTACKS
 from usarsim_bench.hostile.links import Damage, Site, work
 
-__all__ = ["Attackers"]
-
 _END_TIMEOUT = 20.0
 
 

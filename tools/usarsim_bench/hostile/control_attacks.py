@@ -8,8 +8,6 @@ from collections.abc import Sequence
 from usarsim_bench.hostile.attack import MIB, Answers, Attack, holding
 from usarsim_bench.hostile.links import First, Link, Site
 
-__all__ = ["CONTROL_ATTACKS"]
-
 EVERYBODY = ("groundtruth", "wireless", "truth", "images")
 LONG_NAME = b"N" * 65_000
 GROWING = (

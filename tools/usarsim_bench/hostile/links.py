@@ -16,8 +16,6 @@ from dataclasses import dataclass, field
 
 from usarsim_bench.errors import BenchError
 
-__all__ = ["SHARE", "Damage", "First", "Link", "Site", "work"]
-
 HOST = "127.0.0.1"
 SHARE = 0.1
 """Part of one processor that the attackers use in all, at most."""

@@ -21,8 +21,6 @@ from usarsim_bench.server import SERVE, Server
 from usarsim_bench.swarm import TOGETHER
 from usarsim_bench.team import SETTLE, gather
 
-__all__ = ["Outcome", "Span", "measure_hostile", "outcome_row", "verdict"]
-
 ROBOTS = 8
 MOST_ROBOTS = 64
 """The server's: attackers need robots, too."""

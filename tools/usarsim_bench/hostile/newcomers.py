@@ -10,8 +10,6 @@ from collections.abc import Mapping, Sequence
 
 from usarsim_record.closing import Closing
 
-__all__ = ["QUESTIONS", "Newcomers"]
-
 QUESTIONS: Mapping[str, tuple[bytes, bytes]] = {
     "control": (b"GETSTARTPOSES\r\n", b"{StartPoses"),
     "groundtruth": (b"GETPOS\r\n", b"\r\n"),

@@ -9,8 +9,6 @@ from collections.abc import Callable, Sequence
 from usarsim_bench.hostile.attack import MIB, Answers, Attack, holding
 from usarsim_bench.hostile.links import HOST, Link, Site
 
-__all__ = ["SIDE_ATTACKS"]
-
 NO_RADIO = ("--wireless-model", "none")
 """Every link is up, and who registers need not be in the world."""
 POSITIONS = b"GETPOS\r\n" + b"".join(

@@ -11,8 +11,6 @@ from statistics import median
 from usarsim_bench.errors import BenchError
 from usarsim_bench.recording import Chunk, lines, stream_of
 
-__all__ = ["StreamTally", "Tally", "intervals"]
-
 _TIME = re.compile(rb"\{Time ([0-9.]+)\}")
 
 

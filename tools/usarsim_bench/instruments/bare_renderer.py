@@ -15,13 +15,11 @@ from numpy.typing import NDArray
 
 from usarsim_server.cameras.backend import NEAR
 from usarsim_server.cameras.gl import QUADS, SLICES, STACKS
-from usarsim_server.cameras.stage import Stage
-from usarsim_server.cameras.viewpoint import Eye
+from usarsim_server.cameras.posed_model import Stage
+from usarsim_server.cameras.view import Eye
 from usarsim_server.simulation.model import CompiledWorld
 from usarsim_server.simulation.snapshot import Snapshot
 from usarsim_server.testing import Closing
-
-__all__ = ["BareRenderer"]
 
 
 class BareRenderer(Closing):

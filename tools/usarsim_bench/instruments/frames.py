@@ -22,13 +22,11 @@ from usarsim_bench.instruments.bare_renderer import BareRenderer
 from usarsim_server.app import Assembly, assemble
 from usarsim_server.cameras.encoding import encode_jpeg
 from usarsim_server.cameras.painter import Painter, PainterOptions
-from usarsim_server.cameras.viewpoint import Eye
+from usarsim_server.cameras.view import Eye
 from usarsim_server.errors import UsarsimError
 from usarsim_server.protocol.images import NORMAL
 from usarsim_server.settings import Settings
 from usarsim_server.simulation.snapshot import Snapshot
-
-__all__ = ["Frames", "main", "measure_frames"]
 
 SETTLE = 1.0
 """s of simulated time before pictures are taken."""

@@ -30,13 +30,11 @@ from usarsim_maps.convert import Request, import_map
 from usarsim_maps.reader import ImportOptions
 from usarsim_server.errors import UsarsimError
 from usarsim_server.simulation.model import PhysicsOptions
-from usarsim_server.simulation.rays.fans import RayFan
+from usarsim_server.simulation.rays.query import RayFan
 from usarsim_server.simulation.simulation import Simulation, SimulationOptions
 from usarsim_server.worlds.description import WorldDescription
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.scene import build_scene
-
-__all__ = ["Importing", "main", "measure", "scan_time"]
 
 BEAMS = 181
 """Of one scan: half a circle, one beam per degree, as a SICK LMS 200 has."""

@@ -27,8 +27,6 @@ from usarsim_server.sessions.session import RobotAgent
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.simulation import Simulation
 
-__all__ = ["CODE_SCALE", "STATIONS", "Record", "code", "instrumented", "main"]
-
 STATIONS = ("received", "posted", "target", "stepped")
 """Handed to the robot's thread; decided by it; set as the wheels' target speed between two steps of
 the physics; taken up by the first step after that."""

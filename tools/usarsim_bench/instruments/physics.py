@@ -37,8 +37,6 @@ from usarsim_server.cli import main as usarsim
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.model import CompiledWorld
 
-__all__ = ["BareSteps", "Bystander", "Turn", "compared", "main"]
-
 SETTLE_STEPS = 50
 """Steps after a pause that do not count: the thread catches up, and the caches are cold."""
 COUNTED_STEPS = 125

@@ -29,11 +29,9 @@ from usarsim_server.settings import Settings
 from usarsim_server.simulation.model import SHELF_NAME
 from usarsim_server.simulation.rays.cast import RayQuery
 from usarsim_server.simulation.rays.scenery import is_visible
-from usarsim_server.simulation.rays.tessellation import triangles
+from usarsim_server.simulation.rays.triangles import triangles
 from usarsim_server.simulation.simulation import Simulation
 from usarsim_server.simulation.snapshot import Snapshot
-
-__all__ = ["Rates", "bare_scene", "main", "measure"]
 
 Array = NDArray[np.float64]
 Rays = NDArray[np.float32]

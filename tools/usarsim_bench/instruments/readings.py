@@ -24,15 +24,12 @@ import numpy as np
 
 from usarsim_server.app import Assembly, assemble
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.sensors.base import Sensor
-from usarsim_server.sensors.registry import sensor_types
-from usarsim_server.sensors.survey import Survey
+from usarsim_server.sensors.base import Sensor, sensor_types
+from usarsim_server.sensors.report import Survey
 from usarsim_server.sessions.robots import Vehicle
 from usarsim_server.settings import Settings
 from usarsim_server.simulation.rays.cast import RayQuery
-from usarsim_server.simulation.rays.fans import RayHits
-
-__all__ = ["Reading", "main", "measure"]
+from usarsim_server.simulation.rays.query import RayHits
 
 ROBOT_CLASS = "P3AT"
 CARRIER = "SensorCarrier"

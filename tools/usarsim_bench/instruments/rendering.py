@@ -31,17 +31,14 @@ from usarsim_bench.instruments.bare_renderer import BareRenderer
 from usarsim_server.app import Assembly, assemble
 from usarsim_server.cameras.encoding import Encoder
 from usarsim_server.cameras.painter import Painter, PainterOptions
-from usarsim_server.cameras.view import Frame
-from usarsim_server.cameras.viewpoint import Eye, View
+from usarsim_server.cameras.view import Eye, Frame, View
 from usarsim_server.protocol.images import NORMAL
-from usarsim_server.sensors.fans import wire_directions
+from usarsim_server.sensors.ranges import wire_directions
 from usarsim_server.settings import Settings
 from usarsim_server.simulation.frames import Pose
-from usarsim_server.simulation.rays.fans import RayFan
+from usarsim_server.simulation.rays.query import RayFan
 from usarsim_server.simulation.snapshot import Snapshot
 from usarsim_server.worlds.description import Smoke
-
-__all__ = ["Costs", "Watched", "main", "measure_costs", "measure_watched"]
 
 ROBOT_CLASS = "P3AT"
 REPETITIONS = 15

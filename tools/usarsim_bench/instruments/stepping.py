@@ -28,32 +28,21 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from usarsim_server.robots.catalog import load_roster
 from usarsim_server.robots.description import RobotDescription
-from usarsim_server.robots.roster import load_roster
 from usarsim_server.sessions.robots import robot_model
-from usarsim_server.simulation.clockwork import BATCH_STEPS
+from usarsim_server.simulation.clock import BATCH_STEPS
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.model import PhysicsOptions
 from usarsim_server.simulation.placement import Placement
-from usarsim_server.worlds.catalog import find_world
 from usarsim_server.worlds.description import WorldDescription
-from usarsim_server.worlds.loader import load_world
+from usarsim_server.worlds.loader import find_world, load_world
 from usarsim_server.worlds.scene import build_scene
-
-__all__ = [
-    "BARE_GAIN",
-    "Stepping",
-    "Stopwatch",
-    "halves_timed",
-    "main",
-    "measure",
-    "with_velocity_actuators",
-]
 
 ROBOT_CLASS = "P3AT"
 BARE_GAIN = 100.0
 """N m s/rad of the wheels of bare robots: MuJoCo's own velocity actuators let a robot run ahead of
-its wheels if they are much stiffer (see `simulation/servo.py`)."""
+its wheels if they are much stiffer (see `simulation/wheels.py`)."""
 CHUNK_STEPS = 24
 """Steps between two looks at the clock and between two commands: about a tenth of a second."""
 REPETITION_CHUNKS = 5

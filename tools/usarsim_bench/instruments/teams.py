@@ -19,8 +19,6 @@ from typing import Any
 
 from usarsim_server.testing import Rehearsal, RehearsedClient
 
-__all__ = ["main", "measure"]
-
 STRETCH = 0.5
 """Simulated s of a turn: between two commands of a robot, as with a real controller."""
 WARM_UP = 2

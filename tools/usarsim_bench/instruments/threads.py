@@ -18,8 +18,6 @@ from pathlib import Path
 
 from usarsim_server.cli import main as usarsim
 
-__all__ = ["Look", "look", "main"]
-
 PERIOD = 0.25
 """s between two looks; each costs some tenths of a millisecond."""
 

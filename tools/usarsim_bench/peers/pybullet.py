@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from usarsim_bench.peer import Peer
 
-__all__ = ["PEER"]
-
 PEER = Peer(
     name="pybullet",
     title="pybullet",

@@ -9,8 +9,6 @@ from dataclasses import dataclass
 
 from usarsim_conformance.mutants.control_server import Session
 
-__all__ = ["Fault", "Pairs", "all_faults", "fault"]
-
 Pairs = list[tuple[str, str]]
 """Segments: names and values."""
 

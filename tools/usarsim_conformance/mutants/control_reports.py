@@ -14,8 +14,6 @@ from usarsim_conformance.mutants.control_world import (
     MiniWorld,
 )
 
-__all__ = ["NAMES", "Reports"]
-
 NAMES = {
     "RangeScanner": ("Scanner1",),
     "Sonar": tuple(f"{side}{number}" for side in "FR" for number in range(1, 9)),

@@ -18,8 +18,6 @@ from usarsim_conformance.mutants.control_text import (
 from usarsim_conformance.mutants.control_world import MAX_SPEED, MiniBody, MiniWorld
 from usarsim_conformance.mutants.ticks import Ticks
 
-__all__ = ["Session", "control_server"]
-
 _SPEED = 8.0
 """Simulated seconds per second, at most: checks take less time."""
 _QUIET = 3

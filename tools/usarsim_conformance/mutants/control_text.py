@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 import re
 
-__all__ = ["fixed", "pairs_of", "read_number", "read_vector", "vector"]
-
 _NUMBER = re.compile(r"[+-]?(?:\d+[.,]?\d*|\.\d+)(?:[eE][+-]?\d{1,2})?")
 _PLAIN = re.compile(r"[+-]?(?:\d+(?:[.,]\d*)?|\.\d+)")
 

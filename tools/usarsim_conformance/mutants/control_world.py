@@ -8,8 +8,6 @@ from dataclasses import dataclass, field
 
 from usarsim_conformance.mutants.ticks import Ticks
 
-__all__ = ["MASS", "MAX_SPEED", "RADIUS", "SEPARATION", "MiniBody", "MiniWorld"]
-
 RADIUS, SEPARATION, MASS, MAX_SPEED = 0.1, 0.4, 10.0, 5.0
 """Wheels: m, m; kg; rad/s."""
 _REST_Z = -0.2

@@ -14,8 +14,6 @@ from collections.abc import AsyncIterator, Callable, Mapping
 from functools import partial
 from typing import Any
 
-__all__ = ["Link", "LinkKind", "Proxy", "proxied"]
-
 _CHUNK = 65536
 _HEADER = 5
 """Bytes before the payload of a picture: its type and a big-endian length."""

@@ -6,19 +6,6 @@ import re
 
 from usarsim_conformance.mutants.fault_proxy import Link
 
-__all__ = [
-    "DiesOfHangup",
-    "FewClients",
-    "FirstForEver",
-    "Greets",
-    "KeepsGhosts",
-    "KeepsLeavers",
-    "NoHalves",
-    "Odd",
-    "OneAtATime",
-    "odd",
-]
-
 
 class Greets(Link):
     """Says something to who connects."""

@@ -12,8 +12,6 @@ from usarsim_conformance.mutants.side_images import MiniImages
 from usarsim_conformance.mutants.side_wireless import MiniWireless
 from usarsim_conformance.mutants.side_world import Handler, MiniWorld
 
-__all__ = ["FAULTS", "side_server"]
-
 FAULTS = {
     "image-any-case": "images.request.lower-case",
     "image-answers-newline": "images.request.ok-crlf",

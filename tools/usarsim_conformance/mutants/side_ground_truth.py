@@ -13,8 +13,6 @@ from usarsim_conformance.mutants.side_world import (
     truncated,
 )
 
-__all__ = ["MiniGroundTruth", "MiniTruth"]
-
 
 class MiniGroundTruth:
     """GETPOS and GETOBS over flat ground at z = 0."""

@@ -12,8 +12,6 @@ from PIL import Image
 
 from usarsim_conformance.mutants.side_world import MiniWorld
 
-__all__ = ["MiniImages"]
-
 _ROWS, _COLUMNS = 6, 2
 """Tiles for more robots than have a place."""
 _WIDTH, _HEIGHT = 64 * _COLUMNS, 48 * _ROWS

@@ -9,8 +9,6 @@ from functools import partial
 
 from usarsim_conformance.mutants.side_world import MiniWorld, groups_of
 
-__all__ = ["MiniWireless"]
-
 _LOOK = 0.2
 """s between two looks at the robots of the simulator."""
 

@@ -11,8 +11,6 @@ from dataclasses import dataclass, field
 
 from usarsim_conformance.mutants.ticks import Ticks
 
-__all__ = ["Handler", "MiniRobot", "MiniWorld", "groups_of", "serve_lines"]
-
 Handler = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
 
 _STATUS_PERIOD = 0.05

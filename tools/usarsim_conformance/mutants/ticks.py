@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import asyncio
 
-__all__ = ["Ticks"]
-
 _ROUNDS = 8
 """Rounds of the event loop in a tick: a client in the same loop answers within one or two ticks,
 however long a round takes."""

@@ -12,19 +12,6 @@ from typing import Any, TypeVar
 
 from usarsim_conformance.mutants.fault_proxy import Link, LinkKind, Proxy
 
-__all__ = [
-    "WireFault",
-    "all_wire_faults",
-    "answers",
-    "deaf",
-    "dies",
-    "hangs_up",
-    "heard",
-    "said",
-    "tires",
-    "wire_fault",
-]
-
 Kind = TypeVar("Kind", bound=type[Link])
 Pair = tuple[str, str]
 """Regular expression and replacement, one character per byte."""

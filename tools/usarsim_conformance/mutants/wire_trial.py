@@ -17,8 +17,6 @@ from usarsim_conformance.survey import Target, survey
 from usarsim_conformance.transcript import Transcript
 from usarsim_conformance.verdicts import Result
 
-__all__ = ["try_wire_faults"]
-
 _HANGS = 120.0
 """s of wall time without news of simulated time."""
 _GIVES_UP = 600.0

@@ -11,8 +11,6 @@ from pathlib import Path
 
 from usarsim_conformance.planted.faults import Edit
 
-__all__ = ["PlantError", "edited", "edited_copy"]
-
 _DATA = "usarsim_server/data.py"
 """Finds robots and worlds from where it lies, so it is copied and not linked."""
 

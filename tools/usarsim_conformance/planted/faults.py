@@ -9,8 +9,6 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-__all__ = ["Edit", "Fault", "all_faults", "plant", "select_faults"]
-
 _NAME = re.compile(r"[a-z0-9]+(\.[a-z0-9-]+)+")
 
 

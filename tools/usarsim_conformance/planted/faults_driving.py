@@ -2,7 +2,7 @@
 
 from usarsim_conformance.planted.faults import plant
 
-_DRIVE = "usarsim_server/robots/drive.py"
+_DRIVE = "usarsim_server/robots/families/wheeled.py"
 _CARS = "usarsim_server/robots/families/ackerman.py"
 _TOLD = "usarsim_server/protocol/messages/vehicles.py"
 _OMNI = "usarsim_server/robots/families/omni.py"

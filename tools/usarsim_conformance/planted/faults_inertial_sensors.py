@@ -2,11 +2,11 @@
 
 from usarsim_conformance.planted.faults import plant
 
-_INS = "usarsim_server/sensors/ins.py"
-_IMU = "usarsim_server/sensors/imu.py"
-_ACCELERATION = "usarsim_server/sensors/accelerometer.py"
-_HEADING = "usarsim_server/sensors/heading.py"
-_MOTION = "usarsim_server/sensors/motion.py"
+_INS = "usarsim_server/sensors/inertial.py"
+_IMU = "usarsim_server/sensors/inertial.py"
+_ACCELERATION = "usarsim_server/sensors/inertial.py"
+_HEADING = "usarsim_server/sensors/pose.py"
+_MOTION = "usarsim_server/sensors/inertial.py"
 
 for _name, _factor in (("none", "0.0"), ("tenfold", "10.0"), ("thrice", "3.0")):
     plant(

@@ -3,9 +3,9 @@
 from usarsim_conformance.planted.faults import plant
 
 _WORLD = "usarsim_server/sessions/world_controller.py"
-_TOLD = "usarsim_server/protocol/messages/world_objects.py"
+_TOLD = "usarsim_server/protocol/messages/world.py"
 _WALKER = "usarsim_server/sessions/avatar.py"
-_AVATARS = "usarsim_server/protocol/messages/avatars.py"
+_AVATARS = "usarsim_server/protocol/messages/world.py"
 
 plant(
     "objects.create.rotation",

@@ -2,12 +2,12 @@
 
 from usarsim_conformance.planted.faults import plant
 
-_TOUCH = "usarsim_server/sensors/touch.py"
-_VICTIMS = "usarsim_server/sensors/victims.py"
+_TOUCH = "usarsim_server/sensors/contact.py"
+_VICTIMS = "usarsim_server/sensors/people.py"
 _RFID = "usarsim_server/sensors/rfid.py"
-_SOUND = "usarsim_server/sensors/sound.py"
-_GAS = "usarsim_server/sensors/gas.py"
-_MOTION = "usarsim_server/sensors/human_motion.py"
+_SOUND = "usarsim_server/sensors/sound_gas.py"
+_GAS = "usarsim_server/sensors/sound_gas.py"
+_MOTION = "usarsim_server/sensors/people.py"
 
 plant(
     "sensors.touch.reach-tenfold",
@@ -51,7 +51,7 @@ plant(
 )
 plant(
     "sensors.bumper.reach",
-    "usarsim_server/sensors/touch_array.py",
+    "usarsim_server/sensors/contact.py",
     "default_probe_length: ClassVar[float] = 0.02",
     "default_probe_length: ClassVar[float] = 0.002",
     notices="control.values.bumper-reach",

@@ -49,7 +49,7 @@ plant(
 )
 plant(
     "ports.getobs.count",
-    "usarsim_server/protocol/ground_truth.py",
+    "usarsim_server/protocol/truth.py",
     "{{ObstCount {count}.0000}}",
     "{{ObstCount {count + 1}.0000}}",
     notices="groundtruth.getobs.free-air",
@@ -173,7 +173,7 @@ plant(
 )
 plant(
     "ports.images.fov-vertical",
-    "usarsim_server/cameras/viewpoint.py",
+    "usarsim_server/cameras/view.py",
     "return math.tan(self.fov / 2.0)",
     "return math.tan(self.fov / 2.0) * self.width / self.height",
     notices="images.content.fov",
@@ -182,7 +182,7 @@ plant(
 )
 plant(
     "ports.images.mount-axis",
-    "usarsim_server/actuators/frames.py",
+    "usarsim_server/actuators/base.py",
     "roll = math.atan2(-y, z)",
     "roll = math.atan2(y, z)",
     notices="images.camera.mount",

@@ -2,16 +2,16 @@
 
 from usarsim_conformance.planted.faults import plant
 
-_SONAR = "usarsim_server/sensors/sonar.py"
-_RANGING = "usarsim_server/sensors/ranging.py"
-_SCANNER = "usarsim_server/sensors/range_scanner.py"
-_SINGLE = "usarsim_server/sensors/range_sensor.py"
-_ROWS = "usarsim_server/sensors/range_scanner_3d.py"
-_IMAGER = "usarsim_server/sensors/range_imager.py"
-_CLOUD = "usarsim_server/sensors/point_cloud.py"
-_LASER = "usarsim_server/sensors/line_laser.py"
-_OBJECT = "usarsim_server/sensors/object_sensor.py"
-_ASSEMBLY = "usarsim_server/sensors/assembly.py"
+_SONAR = "usarsim_server/sensors/ranges.py"
+_RANGING = "usarsim_server/sensors/ranges.py"
+_SCANNER = "usarsim_server/sensors/scanners.py"
+_SINGLE = "usarsim_server/sensors/ranges.py"
+_ROWS = "usarsim_server/sensors/scanners.py"
+_IMAGER = "usarsim_server/sensors/depth.py"
+_CLOUD = "usarsim_server/sensors/depth.py"
+_LASER = "usarsim_server/sensors/ranges.py"
+_OBJECT = "usarsim_server/sensors/objects.py"
+_ASSEMBLY = "usarsim_server/sensors/report.py"
 
 plant(
     "sensors.sonar.range-ninety-percent",
@@ -178,7 +178,7 @@ plant(
 )
 plant(
     "sensors.cloud.mirrored",
-    "usarsim_server/sensors/point_lists.py",
+    "usarsim_server/sensors/ranges.py",
     "turned: Array = points * _FLIP",
     "turned: Array = points * (1.0, 1.0, -1.0)",
     notices=("control.values.cloud-points", "control.values.line-laser-points"),

@@ -84,7 +84,7 @@ plant(
 )
 plant(
     "sensors.scan-interval.milliseconds",
-    "usarsim_server/sensors/odometry.py",
+    "usarsim_server/sensors/wheels.py",
     'interval = ("ScanInterval", fixed(self.interval(dialect), 4))',
     'interval = ("ScanInterval", fixed(1000.0 * self.interval(dialect), 4))',
     notices="control.values.scan-interval",
@@ -101,7 +101,7 @@ for _type, _file in (("ins", "ins"), ("gps", "gps"), ("ground-truth", "ground_tr
     )
 plant(
     "sensors.battery.drain-double",
-    "usarsim_server/sessions/battery.py",
+    "usarsim_server/sessions/power.py",
     "return max(self._life - max(elapsed, 0.0), 0.0)",
     "return max(self._life - max(2.0 * elapsed, 0.0), 0.0)",
     notices="control.values.battery-drain",
@@ -109,7 +109,7 @@ plant(
 )
 plant(
     "sensors.battery.drain-none",
-    "usarsim_server/sessions/battery.py",
+    "usarsim_server/sessions/power.py",
     "return max(self._life - max(elapsed, 0.0), 0.0)",
     "return self._life",
     notices="control.values.battery-drain",

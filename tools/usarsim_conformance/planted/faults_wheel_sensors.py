@@ -2,9 +2,9 @@
 
 from usarsim_conformance.planted.faults import plant
 
-_ODOMETRY = "usarsim_server/sensors/odometry.py"
-_ENCODER = "usarsim_server/sensors/encoder.py"
-_TACHOMETER = "usarsim_server/sensors/tachometer.py"
+_ODOMETRY = "usarsim_server/sensors/wheels.py"
+_ENCODER = "usarsim_server/sensors/wheels.py"
+_TACHOMETER = "usarsim_server/sensors/wheels.py"
 _DISTANCE = "control.values.odometry-distance"
 _HEADING = "control.values.odometry-heading"
 _PATH = "control.values.odometry-path"

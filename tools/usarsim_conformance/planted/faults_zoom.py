@@ -3,7 +3,7 @@
 from usarsim_conformance.planted.faults import plant
 
 _MOUNT = "usarsim_server/sessions/cameras.py"
-_MESSAGE = "usarsim_server/protocol/messages/cameras.py"
+_MESSAGE = "usarsim_server/protocol/messages/sensors.py"
 _ZOOM = "control.values.camera-zoom"
 
 plant(

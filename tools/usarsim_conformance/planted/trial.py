@@ -20,8 +20,6 @@ from usarsim_conformance.runner import judge_all
 from usarsim_conformance.survey import Target
 from usarsim_conformance.verdicts import Failed, Result, Verdict
 
-__all__ = ["Outcome", "as_table", "try_faults"]
-
 _HANGS = 20.0
 """s of wall time without news of simulated time; planted faults stop no clock."""
 _GIVES_UP = 240.0

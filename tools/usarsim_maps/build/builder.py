@@ -30,17 +30,13 @@ from usarsim_maps.build.objects import (
     materials_of_objects,
 )
 from usarsim_maps.findings import Findings
-from usarsim_maps.meshes.model_error import note_error
-from usarsim_maps.names import NameBook
+from usarsim_maps.meshes.mesh_error import note_error
 from usarsim_maps.placing import matrix_of_pose
-from usarsim_maps.probe import BALL, Probe
 from usarsim_maps.scene import Heightfield, Plane, Scene
-from usarsim_maps.sheet import Entry, smoke_tables, write_sheet
+from usarsim_maps.sheet import BALL, Entry, NameBook, Probe, smoke_tables, write_sheet
 from usarsim_maps.textures import Finish, finish_materials
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.worlds.description import NamedObject
-
-__all__ = ["Built", "build"]
 
 Array = NDArray[np.float64]
 

@@ -10,21 +10,6 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-__all__ = [
-    "THINNEST",
-    "TOLERANCE",
-    "Cell",
-    "Face",
-    "Plane",
-    "Point",
-    "box_cell",
-    "clip",
-    "flip",
-    "plane_of",
-    "polygon_normal",
-    "split",
-]
-
 Point = tuple[float, float, float]
 
 TOLERANCE = 1e-4

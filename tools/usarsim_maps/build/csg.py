@@ -28,8 +28,6 @@ from usarsim_maps.build.cells import (
 from usarsim_maps.findings import Findings
 from usarsim_maps.scene import Brush, BrushOperation, Polygon, Solidity
 
-__all__ = ["Solid", "Surface", "brush_cells", "clip_to_box", "evaluate"]
-
 Array = NDArray[np.float64]
 
 MAX_CELLS = 60_000

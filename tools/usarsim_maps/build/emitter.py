@@ -17,11 +17,9 @@ from numpy.typing import NDArray
 
 from usarsim_maps.build.pieces import BoxPiece, Convex, FieldPiece, HullPiece, Piece
 from usarsim_maps.looks import Look, msh
-from usarsim_maps.names import safe
+from usarsim_maps.sheet import safe
 from usarsim_maps.textures import Finish
 from usarsim_server.simulation.frames import IDENTITY, Pose
-
-__all__ = ["Emitter", "Lamp", "attributes"]
 
 Array = NDArray[np.float64]
 

@@ -10,22 +10,10 @@ from numpy.typing import NDArray
 
 from usarsim_maps.build.objects import bounds_of_object
 from usarsim_maps.findings import Findings
-from usarsim_maps.names import NameBook, safe
-from usarsim_maps.probe import Probe
 from usarsim_maps.scene import LightKind, Scene, Start
-from usarsim_maps.sheet import Entry, rotation
+from usarsim_maps.sheet import Entry, NameBook, Probe, rotation, safe
 from usarsim_server.simulation.frames import Pose, Vector, quaternion_from_rpy, rpy_from_quaternion
 from usarsim_server.worlds.victims import PELVIS_HEIGHT
-
-__all__ = [
-    "Place",
-    "note_floor",
-    "path_node_entries",
-    "start_entries",
-    "victim_entries",
-    "within_reach",
-    "without_strays",
-]
 
 Array = NDArray[np.float64]
 

@@ -9,11 +9,9 @@ from dataclasses import replace
 from usarsim_maps.build.emitter import Lamp
 from usarsim_maps.build.lit_faces import Glow
 from usarsim_maps.findings import Findings
-from usarsim_maps.names import NameBook
 from usarsim_maps.scene import Light, LightKind
+from usarsim_maps.sheet import NameBook
 from usarsim_server.simulation.frames import Vector
-
-__all__ = ["MAX_LAMPS", "chosen_lights", "glows", "lamps"]
 
 MAX_LAMPS = 7
 """OpenGL's fixed lights are eight, and the headlight is one of them."""

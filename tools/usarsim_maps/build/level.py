@@ -15,11 +15,9 @@ from usarsim_maps.build.lit_faces import Glow
 from usarsim_maps.build.pieces import BoxPiece, FieldPiece, piece_of_cell
 from usarsim_maps.findings import Findings
 from usarsim_maps.looks import looks_of_grid, looks_of_level
-from usarsim_maps.names import NameBook
 from usarsim_maps.scene import Brush, Heightfield
+from usarsim_maps.sheet import NameBook
 from usarsim_server.simulation.frames import IDENTITY
-
-__all__ = ["GIANT", "GRIP", "SMOOTH", "add_brushes", "add_heightfield"]
 
 Array = NDArray[np.float64]
 

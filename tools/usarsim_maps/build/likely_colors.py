@@ -11,8 +11,6 @@ import re
 
 from usarsim_maps.scene import Color
 
-__all__ = ["likely_color"]
-
 _STUFF: tuple[tuple[str, tuple[float, float, float]], ...] = (
     ("wood plank parquet timber", (0.52, 0.38, 0.25)),
     ("brick", (0.58, 0.36, 0.28)),

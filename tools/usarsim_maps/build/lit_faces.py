@@ -17,14 +17,12 @@ from numpy.typing import NDArray
 
 from usarsim_server.simulation.frames import Vector
 
-__all__ = ["Glow", "cut_for_light"]
-
 Array = NDArray[np.float64]
 
 STEPS = 6
 """Pieces from a lamp to its reach."""
 
-SHORTEST, LONGEST = 0.25, 2.0
+SHORTEST_LIGHT, LONGEST = 0.25, 2.0
 """m: size of a piece."""
 
 THIN = 1e-3
@@ -54,7 +52,7 @@ def cut_for_light(points: Array, glows: Sequence[Glow]) -> list[Array]:
     for glow in glows:
         if not _lit(points, low, high, glow):
             continue
-        step = min(LONGEST, max(SHORTEST, glow.reach / STEPS))
+        step = min(LONGEST, max(SHORTEST_LIGHT, glow.reach / STEPS))
         for axis in range(3):
             first = max(low[axis], glow.position[axis] - glow.reach)
             last = min(high[axis], glow.position[axis] + glow.reach)

@@ -23,15 +23,13 @@ from usarsim_maps.build.pieces import (
 from usarsim_maps.build.soup import Soup, clean
 from usarsim_maps.findings import Findings
 from usarsim_maps.looks import Look, looks_of_mesh
-from usarsim_maps.names import NameBook
 from usarsim_maps.placing import matrix_of_pose, take_apart
 from usarsim_maps.scene import Box, Collision, Mesh, Part, Plane, Scene, SceneObject
 from usarsim_maps.shapes import outline_of, piece_of, points_of, size_of
+from usarsim_maps.sheet import NameBook
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.worlds.description import NamedObject
-
-__all__ = ["ObjectBuilder", "bounds_of_object", "materials_of_objects"]
 
 Array = NDArray[np.float64]
 

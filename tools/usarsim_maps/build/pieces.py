@@ -15,23 +15,6 @@ from usarsim_maps.build.cells import Cell
 from usarsim_maps.units import pose_of_matrix
 from usarsim_server.simulation.frames import Pose
 
-__all__ = [
-    "FLAT",
-    "BoxPiece",
-    "Convex",
-    "FieldPiece",
-    "HullPiece",
-    "Piece",
-    "bounding_box_piece",
-    "box_from_axes",
-    "depths_inside",
-    "hull_piece",
-    "moved",
-    "piece_of_cell",
-    "triangles_of",
-    "volumes",
-]
-
 Array = NDArray[np.float64]
 
 MAX_HULL_POINTS = 128

@@ -2,30 +2,123 @@
 
 A view from above, a slice at the height of a laser, and four views from the corners. What lies
 above people's heads is cut off; where that goes through something solid, the cut is dark.
+
+How high pictures can be cut: below the ceiling, where most of a map has a low one.
+
+Where the pictures of a world cut through what is solid: convex sections at one height.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
 
 import mujoco
 import numpy as np
 from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
-from usarsim_maps.build.preview_ceiling import ceiling
-from usarsim_maps.build.preview_cut import covered, cut_lines, sections
 from usarsim_maps.quiet import quiet
-from usarsim_server import atomic
+from usarsim_server import files as atomic
 from usarsim_server.simulation.frames import Pose
-from usarsim_server.simulation.rays.tessellation import triangles_of_all
+from usarsim_server.simulation.rays.triangles import triangles_of_all
 from usarsim_server.worlds.description import WorldDescription
 from usarsim_server.worlds.picture import png
 from usarsim_server.worlds.scene import build_scene
 
-__all__ = ["Preview", "write_previews"]
+PROBES = 64
+"""Along each side of a map."""
+
+ABOVE, NEAR = 0.05, 0.2
+"""m above the floor whence ceilings are looked for, and below which a floor is this one."""
+
+LEAST = 20
+"""Probes that have to stand on the floor."""
+
+
+def ceiling(scene: EmbreeScene, floor: float, lower: Array, upper: Array) -> float:
+    """m from a floor up to what half of it lies below; inf where half of it lies below nothing.
+
+    Args:
+        scene: triangles that are seen.
+        floor: m, its height.
+        lower: (3,) corner of the map. upper: the other one.
+    """
+    parts = (np.arange(PROBES) + 0.37) / PROBES  # between the lines of a builder's grid
+    x, y = np.meshgrid(*(lower[:2] + parts[:, None] * (upper - lower)[:2]).T)
+    start = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, floor + ABOVE)])
+    found = []
+    for way in (-1.0, 1.0):
+        ways = np.tile(np.array([0.0, 0.0, way], np.float32), (len(start), 1))
+        answer = scene.run(start.astype(np.float32), ways, output=1)
+        found.append(np.where(answer["primID"] >= 0, answer["tfar"], np.inf))
+    below, above = found
+    heights = above[below < NEAR]
+    return ABOVE + float(np.median(heights)) if len(heights) >= LEAST else np.inf
+
+
+Mask = NDArray[np.bool_]
+
+FELT = 3
+"""Group of the pieces that only collide."""
+
+CONVEX = {int(mujoco.mjtGeom.mjGEOM_BOX), int(mujoco.mjtGeom.mjGEOM_MESH)}
+"""Kinds of pieces; terrain, which is neither, is not cut."""
+
+NARROW = 1e-9
+"""m: sections with less between their corners are none."""
+
+
+def sections(model: mujoco.MjModel, data: mujoco.MjData, level: float) -> Iterator[Array]:
+    """Corners (k, 2), in order around it, of the cut through every fixed convex piece.
+
+    Args:
+        model: compiled. data: after `mj_forward`.
+        level: m, height of the cut.
+    """
+    chosen = (model.body_weldid[model.geom_bodyid] == 0) & (model.geom_group == FELT)
+    chosen &= np.isin(model.geom_type, list(CONVEX))
+    chosen &= np.abs(data.geom_xpos[:, 2] - level) <= model.geom_rbound
+    faces, owners = triangles_of_all(
+        model, np.flatnonzero(chosen).tolist(), data.geom_xpos, data.geom_xmat
+    )
+    ends, cut = cut_lines(faces, level)
+    owners = np.repeat(owners[cut], 2)
+    corners = ends.reshape(-1, 2)
+    order = np.argsort(owners, kind="stable")
+    owners, corners = owners[order], corners[order]
+    starts = np.flatnonzero(np.diff(owners, prepend=-1))
+    if not len(starts):
+        return
+    middles = np.minimum.reduceat(corners, starts) + np.maximum.reduceat(corners, starts)
+    away = corners - np.repeat(middles / 2.0, np.diff(starts, append=len(owners)), axis=0)
+    around = np.lexsort((np.arctan2(away[:, 1], away[:, 0]), owners))
+    yield from (part for part in np.split(corners[around], starts[1:]) if len(part) >= 6)
+
+
+def cut_lines(triangles: Array, level: float) -> tuple[Array, NDArray[np.intp]]:
+    """The lines in which triangles (n, 3, 3) meet a height: ends (k, 2, 2), and whose they are."""
+    above = triangles[:, :, 2] > level
+    cut = np.flatnonzero(above.any(axis=1) & ~above.all(axis=1))
+    start, end = triangles[cut], np.roll(triangles[cut], -1, axis=1)
+    crossed = above[cut] != np.roll(above[cut], -1, axis=1)  # two edges of each
+    p, q = start[crossed], end[crossed]
+    share = (level - p[:, 2]) / (q[:, 2] - p[:, 2])
+    places = p[:, :2] + (q - p)[:, :2] * share[:, None]
+    return places.reshape(-1, 2, 2), cut
+
+
+def covered(x: Array, y: Array, section: Array) -> Mask:
+    """Which of some places (any shape, m) lie in a convex section."""
+    inside = np.ones(x.shape, dtype=bool)
+    for (px, py), (qx, qy) in zip(section, np.roll(section, -1, axis=0), strict=True):
+        if abs(qx - px) + abs(qy - py) > NARROW:
+            inside &= (qx - px) * (y - py) - (qy - py) * (x - px) >= 0.0
+    return inside
+
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]

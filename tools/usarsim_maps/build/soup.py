@@ -14,8 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Soup", "clean", "components", "convex_polygons", "normals_areas"]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.int32]
 

@@ -17,11 +17,9 @@ from numpy.typing import NDArray
 
 from usarsim_maps.build.pieces import FieldPiece
 from usarsim_maps.build.soup import SAME_NORMAL, Soup, normals_areas
-from usarsim_maps.meshes.surface_error import SurfaceError
+from usarsim_maps.meshes.mesh_error import SurfaceError
 from usarsim_maps.orientation import Oriented
 from usarsim_maps.units import pose_of_matrix
-
-__all__ = ["as_terrain", "is_rolling"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int32]

@@ -8,8 +8,6 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["clip_ears", "triangulate"]
-
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Flat: TypeAlias = Sequence[tuple[float, float]]

@@ -16,8 +16,6 @@ from usarsim_maps.reader import Context
 from usarsim_server.errors import MapImportError
 from usarsim_server.files import is_regular
 
-__all__ = ["GazeboFiles", "gazebo_folders", "model_name"]
-
 VARIABLES = (
     "GAZEBO_MODEL_PATH",
     "GAZEBO_RESOURCE_PATH",

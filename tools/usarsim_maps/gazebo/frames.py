@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from usarsim_maps.findings import Findings
 from usarsim_maps.meshes.xml_text import Document, Node
 
-__all__ = ["Scope", "flag", "matrix_from", "rpy_matrix", "sound_matrix"]
-
 Array = NDArray[np.float64]
 
 

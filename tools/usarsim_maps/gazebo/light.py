@@ -12,8 +12,6 @@ from usarsim_maps.gazebo.frames import flag
 from usarsim_maps.meshes.xml_text import Document, Node
 from usarsim_maps.scene import Light, LightKind
 
-__all__ = ["dimmed", "light_of", "sun"]
-
 Array = NDArray[np.float64]
 
 DOWN = np.array([0.0, 0.0, -1.0])

@@ -15,8 +15,6 @@ from usarsim_maps.scene import Color, Material
 from usarsim_server.errors import MapImportError
 from usarsim_server.files import is_regular
 
-__all__ = ["Looks", "read_script"]
-
 MAX_SCRIPT_BYTES = 4 << 20
 
 OWN_SCRIPT = "gazebo.material"

@@ -16,8 +16,6 @@ from usarsim_maps.gazebo.places import person_words
 from usarsim_maps.meshes.xml_text import Document, Node, read_xml
 from usarsim_server.errors import MapImportError
 
-__all__ = ["Body", "Link", "Models", "Person"]
-
 Array = NDArray[np.float64]
 
 BUILTIN = ("sun", "ground_plane")

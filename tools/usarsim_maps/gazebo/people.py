@@ -13,8 +13,6 @@ from usarsim_maps.shapes import points_of
 from usarsim_maps.units import pose_of_matrix
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
 
-__all__ = ["victim_of"]
-
 Array = NDArray[np.float64]
 
 UPRIGHT = 1.2

@@ -18,15 +18,6 @@ from usarsim_maps.scene import Start, Victim
 from usarsim_server.errors import MapImportError
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
 
-__all__ = [
-    "Placement",
-    "commented_starts",
-    "find_placement",
-    "person_words",
-    "read_placement",
-    "starts_of",
-]
-
 MAX_BYTES = 1 << 20
 MAX_STARTS = 1_000
 

@@ -23,7 +23,6 @@ from usarsim_maps.gazebo.terrain import Terrain
 from usarsim_maps.meshes.xml_text import Document, Node, read_xml
 from usarsim_maps.placing import matrix_of_pose
 from usarsim_maps.reader import Context, Reader, register
-from usarsim_maps.reflect import reflect
 from usarsim_maps.scene import (
     Heightfield,
     Light,
@@ -35,9 +34,8 @@ from usarsim_maps.scene import (
     Start,
     Victim,
 )
+from usarsim_maps.textures import reflect
 from usarsim_maps.units import axis_matrix, pose_of_matrix
-
-__all__ = ["SdfReader"]
 
 Array = NDArray[np.float64]
 

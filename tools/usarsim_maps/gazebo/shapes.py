@@ -31,8 +31,6 @@ from usarsim_maps.scene import (
 )
 from usarsim_server.errors import MapImportError
 
-__all__ = ["PLACEHOLDER", "Shapes"]
-
 Array = NDArray[np.float64]
 
 PLACEHOLDER = Box((0.5, 0.5, 0.5))

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from usarsim_maps.build.triangulate import clip_ears
 from usarsim_maps.scene import Mesh
 
-__all__ = ["ball_mesh", "cone_mesh", "prism_mesh"]
-
 Array = NDArray[np.float64]
 
 AROUND, RINGS = 24, 12

@@ -19,8 +19,6 @@ from usarsim_maps.textures import open_picture
 from usarsim_maps.units import pose_of_matrix
 from usarsim_server.errors import MapImportError
 
-__all__ = ["Terrain"]
-
 Array = NDArray[np.float64]
 
 LARGEST = 1025

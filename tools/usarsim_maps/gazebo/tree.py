@@ -11,8 +11,6 @@ from typing import TypeAlias
 from usarsim_maps.files import MAX_INDEXED
 from usarsim_server.files import is_regular, read_regular
 
-__all__ = ["FolderTree", "Kind", "entries", "holds_model", "newest_version", "walk"]
-
 Kind: TypeAlias = Callable[[Path], bool]
 """What is wanted: a file, a model, anything."""
 

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from usarsim_maps.scene import Mesh
 
-__all__ = ["Rectangle", "free_places", "pooled", "rectangles", "wall_mesh"]
-
 Array = NDArray[np.float64]
 Cells = NDArray[np.bool_]
 

@@ -20,14 +20,11 @@ from usarsim_maps.grids.grid import Cells, free_places, pooled, rectangles, wall
 from usarsim_maps.grids.tiny_yaml import Value, read_yaml
 from usarsim_maps.meshes.mesh_files import Pictures
 from usarsim_maps.reader import Context, Reader, register
-from usarsim_maps.reflect import reflect
 from usarsim_maps.scene import Material, Part, Plane, Scene, SceneObject, Source, Start
-from usarsim_maps.textures import open_picture
+from usarsim_maps.textures import open_picture, reflect
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.files import ALLOW, is_regular
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
-
-__all__ = ["OccupancyReader"]
 
 Array = NDArray[np.float64]
 

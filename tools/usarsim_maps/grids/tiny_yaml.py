@@ -8,8 +8,6 @@ from typing import TypeAlias
 
 from usarsim_server.errors import MapImportError, at
 
-__all__ = ["Value", "read_yaml"]
-
 Value: TypeAlias = str | list[str]
 
 MAX_LINES = 10_000

@@ -21,8 +21,6 @@ from usarsim_maps.scene import Collision, Material, Mesh, Part, Scene, SceneObje
 from usarsim_maps.units import MIRROR, UU_PER_METRE, axis_matrix
 from usarsim_server.errors import MapImportError, at
 
-__all__ = ["AseReader"]
-
 Array = NDArray[np.float64]
 
 MAX_BYTES = 96 << 20

@@ -16,8 +16,6 @@ from usarsim_maps.units import UU_PER_METRE
 from usarsim_maps.unreal.library import EXTENSIONS, MeshPackage, load_package
 from usarsim_server.errors import MapImportError
 
-__all__ = ["PICTURES", "AssetLibrary", "merge_meshes"]
-
 PICTURES = (".png", ".tga", ".dds", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff")
 """Extensions of pictures, in the order of preference."""
 

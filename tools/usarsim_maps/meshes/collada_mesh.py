@@ -15,8 +15,6 @@ from usarsim_maps.meshes.xml_text import Document, Node
 from usarsim_maps.scene import Mesh
 from usarsim_server.errors import MapImportError
 
-__all__ = ["Geometry", "read_geometry"]
-
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 

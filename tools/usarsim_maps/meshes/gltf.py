@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_maps.meshes import gltf_draco
+from usarsim_maps.meshes import gltf_looks as gltf_draco
 from usarsim_maps.meshes.gltf_data import GltfFile, Item, load_gltf
-from usarsim_maps.meshes.gltf_materials import finish_materials
+from usarsim_maps.meshes.gltf_looks import finish_materials
 from usarsim_maps.meshes.mesh_files import (
     MAX_TRIANGLES,
     Axes,
@@ -27,8 +27,6 @@ from usarsim_maps.meshes.mesh_files import (
 from usarsim_maps.reader import Context, Reader, register
 from usarsim_maps.scene import Light, LightKind, Mesh, Part, Scene, SceneObject
 from usarsim_server.errors import MapImportError, at
-
-__all__ = ["GltfReader"]
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -19,8 +19,6 @@ from usarsim_maps.findings import Findings
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.files import ALLOW, Folders
 
-__all__ = ["GltfFile", "Item", "load_gltf"]
-
 Array = NDArray[np.float64]
 
 MAX_BYTES = 1 << 30

@@ -27,18 +27,6 @@ from usarsim_server.errors import MapImportError, at
 from usarsim_server.files import is_regular
 from usarsim_server.simulation.frames import Pose
 
-__all__ = [
-    "MAX_TRIANGLES",
-    "Axes",
-    "Markers",
-    "Pictures",
-    "axes_of",
-    "collision_of",
-    "make_mesh",
-    "too_large",
-    "with_hulls",
-]
-
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 

@@ -32,8 +32,6 @@ from usarsim_maps.reader import Context, Reader, register
 from usarsim_maps.scene import Material, Part, Scene, SceneObject
 from usarsim_server.errors import MapImportError, at
 
-__all__ = ["ObjReader", "read_mtl"]
-
 MAX_BYTES = 512 << 20
 MAX_MTL_BYTES = 16 << 20
 

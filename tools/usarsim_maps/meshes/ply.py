@@ -22,8 +22,6 @@ from usarsim_maps.reader import Context, Reader, register
 from usarsim_maps.scene import Material, Part, Scene, SceneObject
 from usarsim_server.errors import MapImportError, at
 
-__all__ = ["PlyReader"]
-
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 

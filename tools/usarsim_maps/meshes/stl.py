@@ -18,8 +18,6 @@ from usarsim_maps.reader import Context, Reader, register
 from usarsim_maps.scene import Part, Scene, SceneObject
 from usarsim_server.errors import MapImportError, at
 
-__all__ = ["StlReader"]
-
 Array = NDArray[np.float64]
 
 MAX_BYTES = 512 << 20

@@ -27,8 +27,6 @@ from usarsim_maps.reader import Context, Reader, need, register
 from usarsim_maps.scene import Material, Mesh, Part, Scene, SceneObject
 from usarsim_server.errors import MapImportError, at
 
-__all__ = ["TrimeshReader"]
-
 CURE = "the file is damaged, or written in a way that trimesh does not know; export it as glTF"
 
 

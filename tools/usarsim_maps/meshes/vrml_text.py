@@ -14,8 +14,6 @@ from usarsim_maps.files import decode, read_bytes
 from usarsim_maps.meshes.xml_text import MAX_DEPTH, MAX_ELEMENTS, Document, Node
 from usarsim_server.errors import MapImportError, at
 
-__all__ = ["read_vrml"]
-
 MAX_BYTES = 256 << 20
 CURE = "the file is damaged or cut off; export it again"
 

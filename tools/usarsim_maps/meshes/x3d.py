@@ -34,8 +34,6 @@ from usarsim_maps.reader import Context, Reader, register
 from usarsim_maps.scene import Material, Mesh, Part, Scene, SceneObject
 from usarsim_server.errors import MapImportError, at
 
-__all__ = ["X3dReader"]
-
 Array = NDArray[np.float64]
 
 MAX_DEPTH = 200

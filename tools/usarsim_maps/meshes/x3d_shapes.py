@@ -13,8 +13,6 @@ from usarsim_maps.meshes.mesh_files import make_mesh
 from usarsim_maps.meshes.xml_text import Document, Node
 from usarsim_maps.scene import Mesh
 
-__all__ = ["make_geometry"]
-
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Find = Callable[..., Node | None]

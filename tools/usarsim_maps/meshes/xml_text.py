@@ -20,8 +20,6 @@ from usarsim_maps.findings import Findings
 from usarsim_maps.numbers import read_numbers, read_whole
 from usarsim_server.errors import MapImportError, at
 
-__all__ = ["Document", "Node", "read_xml"]
-
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 

@@ -20,8 +20,6 @@ from usarsim_maps.unreal.map_actors import ActorKind, kind_of
 from usarsim_maps.unreal.package import Export, Package
 from usarsim_maps.unreal.properties import Properties, read_object
 
-__all__ = ["LevelReader", "actors_of", "level_of"]
-
 Array = NDArray[np.float64]
 
 NOT_SOLID, SEMISOLID, PORTAL = 0x08, 0x20, 0x0400_0000

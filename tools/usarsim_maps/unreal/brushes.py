@@ -15,8 +15,6 @@ from usarsim_maps.unreal.archive import Archive, PackageError
 from usarsim_maps.unreal.package import Export, Package
 from usarsim_maps.unreal.properties import read_object
 
-__all__ = ["BuiltLevel", "Face", "faces_of_model", "read_built_level"]
-
 Array = NDArray[np.float64]
 
 FARTHEST = 1e7

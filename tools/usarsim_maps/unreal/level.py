@@ -14,7 +14,6 @@ from usarsim_maps.build.likely_colors import likely_color
 from usarsim_maps.meshes.assets import AssetLibrary
 from usarsim_maps.placing import matrix_of_pose
 from usarsim_maps.reader import Context
-from usarsim_maps.reflect import reflect
 from usarsim_maps.scene import (
     Box,
     Brush,
@@ -30,6 +29,7 @@ from usarsim_maps.scene import (
     Start,
     Victim,
 )
+from usarsim_maps.textures import reflect
 from usarsim_maps.units import UU_PER_METRE, pose_of_matrix
 from usarsim_maps.unreal.map_actors import (
     VictimNames,
@@ -40,8 +40,6 @@ from usarsim_maps.unreal.map_actors import (
 )
 from usarsim_server.simulation.frames import Pose, Vector
 from usarsim_server.worlds.description import Smoke, SmokePuff
-
-__all__ = ["NO_COLLISION", "PLACEHOLDER", "Actor", "UnrealLevel", "light"]
 
 Array = NDArray[np.float64]
 

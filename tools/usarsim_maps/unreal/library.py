@@ -12,8 +12,6 @@ from usarsim_maps.unreal.meshes import read_mesh
 from usarsim_maps.unreal.package import AGAIN, MAX_PACKAGE, Export, Package, open_package
 from usarsim_server.errors import MapImportError, at
 
-__all__ = ["EXTENSIONS", "MeshPackage", "as_error", "load_package"]
-
 EXTENSIONS = (".upk", ".udk", ".u")
 """Of packages that may hold meshes."""
 

@@ -13,17 +13,6 @@ from usarsim_maps.scene import PathNode, Start, Victim
 from usarsim_maps.units import ROTATION_UNIT
 from usarsim_server.simulation.frames import Pose, wire_from_pose
 
-__all__ = [
-    "ActorKind",
-    "VictimNames",
-    "announced",
-    "is_victim_tag",
-    "kind_of",
-    "path_node_of",
-    "start_of",
-    "victim_of_tag",
-]
-
 
 class ActorKind(Enum):
     """Groups of actor classes."""

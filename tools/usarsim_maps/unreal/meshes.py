@@ -17,8 +17,6 @@ from usarsim_maps.unreal.archive import Archive, PackageError
 from usarsim_maps.unreal.package import Export, Package
 from usarsim_maps.unreal.properties import Properties, read_object
 
-__all__ = ["read_mesh"]
-
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 

@@ -6,10 +6,7 @@ from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from usarsim_maps.unreal.archive import Archive, PackageError
-from usarsim_maps.unreal.compression import LZO, TAG, ZLIB, inflate_part
-
-__all__ = ["NEWEST", "OLDEST", "Export", "Import", "Package", "open_package"]
+from usarsim_maps.unreal.archive import LZO, TAG, ZLIB, Archive, PackageError, inflate_part
 
 OLDEST, NEWEST = 700, 868
 """File versions that are read: the beta releases of UDK from 2010 to the last one of 2015. 832 and

@@ -10,8 +10,6 @@ from typing import TypeAlias
 from usarsim_maps.unreal.archive import Archive, PackageError
 from usarsim_maps.unreal.package import Export, Package
 
-__all__ = ["Properties", "Triple", "read_object"]
-
 Triple: TypeAlias = tuple[float, float, float]
 
 HAS_STACK = 0x0200_0000_0000_0000

@@ -15,14 +15,16 @@ from usarsim_maps.scene import Collision, Mesh, Part, Scene
 from usarsim_maps.units import pose_of_matrix, unreal_matrix, unreal_pose
 from usarsim_maps.unreal.level import NO_COLLISION, PLACEHOLDER, Actor, UnrealLevel
 from usarsim_maps.unreal.map_actors import ActorKind, kind_of
-from usarsim_maps.unreal.t3d_brush import actor_matrix, brush_of, polygons_of
-from usarsim_maps.unreal.t3d_light import light_of
-from usarsim_maps.unreal.t3d_mesh import mesh_of_block
+from usarsim_maps.unreal.t3d_actors import (
+    actor_matrix,
+    brush_of,
+    light_of,
+    mesh_of_block,
+    polygons_of,
+)
 from usarsim_maps.unreal.t3d_text import Block, T3dError, parse, reference, rotator, vector
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.simulation.frames import IDENTITY
-
-__all__ = ["T3dReader"]
 
 Array = NDArray[np.float64]
 

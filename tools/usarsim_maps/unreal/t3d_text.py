@@ -10,18 +10,6 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
-__all__ = [
-    "Block",
-    "T3dError",
-    "Value",
-    "numbers",
-    "parse",
-    "reference",
-    "rotator",
-    "value_of",
-    "vector",
-]
-
 MAX_DEPTH = 64
 MAX_LINES = 20_000_000
 HUGE = 1e12

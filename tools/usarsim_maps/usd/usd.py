@@ -14,8 +14,6 @@ from usarsim_maps.reader import Context, Reader, need, register
 from usarsim_maps.scene import Scene
 from usarsim_server.errors import MapImportError, at
 
-__all__ = ["UsdReader"]
-
 SMALLEST, LARGEST = 1e-6, 1e6
 """Metres per unit that are believed."""
 

@@ -7,14 +7,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from usarsim_server.cameras.probe import INSTALL, platforms_to_try, works
-from usarsim_server.doctor.commands import apt, root
-from usarsim_server.doctor.findings import Finding, Mark
-from usarsim_server.doctor.isolation import attempt
-from usarsim_server.doctor.registry import Context, check
+from usarsim_server.cameras.backend import INSTALL, platforms_to_try, works
+from usarsim_server.doctor.isolation import apt, attempt, root
+from usarsim_server.doctor.registry import Context, Finding, Mark, check
 from usarsim_server.settings import Settings
-
-__all__ = ["Device", "Drawing", "devices", "is_software", "judge"]
 
 TIMEOUT = 30.0
 SOFTWARE = ("llvmpipe", "softpipe", "swrast", "swiftshader", "software rasterizer")

@@ -11,12 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from usarsim_server.doctor import system
-from usarsim_server.doctor.findings import Finding, Mark
 from usarsim_server.doctor.isolation import Outcome, attempt
-from usarsim_server.doctor.registry import Context, check
+from usarsim_server.doctor.registry import Context, Finding, Mark, check
 from usarsim_server.options import OPTIONS
-
-__all__ = ["Cost", "judge_cameras", "judge_physics", "judge_rays", "judge_team", "team_size"]
 
 TIMEOUT = 60.0
 GROWING = 1.6

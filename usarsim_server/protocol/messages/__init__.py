@@ -16,25 +16,18 @@ from usarsim_server.protocol.messages.actuators import (
     effector_geometry,
     effector_status,
     gripper_item,
-    mission_package_configuration,
-    mission_package_geometry,
-    tool_changer_item,
-)
-from usarsim_server.protocol.messages.avatars import (
-    AvatarStatus,
-    avatar_bones,
-    avatar_status,
-)
-from usarsim_server.protocol.messages.cameras import CameraItem, camera_configuration
-from usarsim_server.protocol.messages.machines import (
     legged_status,
     machine_configuration,
     machine_geometry,
+    mission_package_configuration,
+    mission_package_geometry,
     nautic_status,
+    tool_changer_item,
 )
-from usarsim_server.protocol.messages.results import result, viewports_result
 from usarsim_server.protocol.messages.sensors import (
+    CameraItem,
     SensorMount,
+    camera_configuration,
     configuration,
     sensor_geometry,
     sensor_line,
@@ -52,15 +45,21 @@ from usarsim_server.protocol.messages.vehicles import (
     static_status,
 )
 from usarsim_server.protocol.messages.world import (
+    AvatarStatus,
+    ObjectStatus,
+    avatar_bones,
+    avatar_status,
     closest_path_node,
     die,
     greeting,
+    object_status,
     path_nodes,
+    result,
     start_poses,
     status_change,
     tick,
+    viewports_result,
 )
-from usarsim_server.protocol.messages.world_objects import ObjectStatus, object_status
 
 __all__ = [
     "ActuatorItem",

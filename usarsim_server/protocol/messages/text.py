@@ -8,19 +8,6 @@ from functools import lru_cache
 
 from usarsim_server.protocol.numbers import boolean, fixed, vector
 
-__all__ = [
-    "count",
-    "encode",
-    "flag",
-    "label",
-    "line",
-    "number",
-    "segment",
-    "time_segment",
-    "token",
-    "triple",
-]
-
 _BRACES = str.maketrans("{}", "()")
 # Blanks and ASCII control characters; bytes above 127 belong to names and pass through.
 _BLANKS = re.compile(r"[\x00-\x20\x7f]+")

@@ -17,18 +17,6 @@ from usarsim_server.protocol.messages.text import (
 )
 from usarsim_server.protocol.values import Dialect, Vector
 
-__all__ = [
-    "AerialStatus",
-    "GroundStatus",
-    "aerial_status",
-    "ground_configuration",
-    "ground_geometry",
-    "ground_status",
-    "static_configuration",
-    "static_geometry",
-    "static_status",
-]
-
 _DIGITS = 4
 _ACKERMAN = "AckermanSteered"
 _PLATFORMS = {Dialect.UT2004: "BaseMachine", Dialect.UDK: "StaticPlatform"}

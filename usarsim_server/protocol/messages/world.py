@@ -1,23 +1,30 @@
-"""Lines about world and game: NFO and DIE (protocol reference 4.2 and 4.12)."""
+"""Lines about world and game: NFO and DIE (protocol reference 4.2 and 4.12).
+
+The answer of a world controller to GetSTA (protocol reference 4.11).
+
+What people who walk about report: STA and BSTA (protocol reference 4.4 and 4.13).
+
+RES lines, which only the UT2004 generation sends (protocol reference 4.10).
+"""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 
-from usarsim_server.protocol.messages.text import count, line, segment, time_segment, token, triple
+from usarsim_server.protocol.dialects import FACETS
+from usarsim_server.protocol.messages.text import (
+    count,
+    flag,
+    line,
+    segment,
+    time_segment,
+    token,
+    triple,
+)
 from usarsim_server.protocol.numbers import vector
-from usarsim_server.protocol.values import Vector
-
-__all__ = [
-    "closest_path_node",
-    "die",
-    "greeting",
-    "path_nodes",
-    "start_poses",
-    "status_change",
-    "tick",
-]
+from usarsim_server.protocol.values import Dialect, Segment, Vector
 
 _POSE_DIGITS = 4
 _LEVEL_INFO = re.compile(r"\.levelinfo.*", re.IGNORECASE | re.DOTALL)
@@ -108,3 +115,145 @@ def _tagged_poses(key: str, poses: Sequence[tuple[str, Vector, Vector]]) -> str:
         for tag, location, rotation in poses
     ]
     return f"{head} {{{' '.join(groups)}}}"
+
+
+_DIGITS = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ObjectStatus:
+    """One object of a world controller.
+
+    Attributes:
+        name: as it was created.
+        size: extents, m, none of them negative.
+        location: m, wire frame. rotation: roll, pitch, yaw, rad.
+        memory: text that was given at its creation.
+    """
+
+    name: str
+    size: Vector
+    location: Vector
+    rotation: Vector
+    memory: str = ""
+
+
+def object_status(objects: Sequence[ObjectStatus]) -> str:
+    """STA of all objects that match; the bare head if there is none.
+
+    Braces are balanced and sizes positive, which the original's were not; what splits at any
+    brace reads both (5.2 no. 24). An empty memory keeps its blank, so that it is a key, too.
+    """
+    body: list[str] = []
+    for one in objects:
+        body += (
+            segment("Name", one.name),
+            triple("Size", [abs(extent) for extent in one.size], _DIGITS),
+            triple("Location", one.location, _DIGITS),
+            segment("Memory", one.memory or " ").replace("  ", " "),
+            triple("Rotation", one.rotation, _DIGITS),
+        )
+    return line("STA", *body)
+
+
+_TIME_DIGITS = 4
+_AVATARS_DIGITS = 2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AvatarStatus:
+    """Where an avatar is.
+
+    Attributes:
+        time: simulated s.
+        class_name: its class without package. name: the name of its INIT.
+        location: m, wire frame. orientation: roll, pitch, yaw, rad.
+        walking: whether it is under way.
+    """
+
+    time: float
+    class_name: str
+    name: str
+    location: Vector
+    orientation: Vector
+    walking: bool
+
+
+def avatar_status(status: AvatarStatus) -> str:
+    """STA of an avatar."""
+    return line(
+        "STA",
+        time_segment(status.time, _TIME_DIGITS),
+        segment("Type", status.class_name),
+        segment("Name", status.name),
+        triple("Location", status.location, _AVATARS_DIGITS),
+        triple("Orientation", status.orientation, _AVATARS_DIGITS),
+        flag("Walking", status.walking),
+    )
+
+
+def avatar_bones(time: float, name: str, bones: Sequence[tuple[str, Vector]]) -> str:
+    """BSTA of an avatar.
+
+    Args:
+        time: simulated s.
+        name: the name of its INIT.
+        bones: name and rotation (roll, pitch, yaw, rad, relative to the body) of its arm bones.
+    """
+    body: list[str] = []
+    for bone, rotation in bones:
+        body += (segment("Bone", bone), triple("Rotation", rotation, _AVATARS_DIGITS))
+    return line("BSTA", time_segment(time, _TIME_DIGITS), segment("Name", name), *body)
+
+
+_RESULTS_TIME_DIGITS = FACETS[Dialect.UT2004].time_digits
+# RDK reads the lower case spelling for these, MOAST the other for the rest (5.2 no. 19).
+_LOWER_CASE_STATUS = frozenset({"RFID", "RFIDReleaser"})
+
+
+def result(
+    time: float, wire_type: str, name: str | None, ok: bool, extra: Sequence[Segment] = ()
+) -> str:
+    """RES of a SET.
+
+    Args:
+        time: simulated s.
+        wire_type: Type, canonical spelling.
+        name: item name, None to leave it out.
+        ok: whether the item obeyed.
+        extra: segments behind the status, for example ID and Mem of an RFID tag.
+    """
+    status = "status" if wire_type in _LOWER_CASE_STATUS else "Status"
+    return line(
+        "RES",
+        time_segment(time, _RESULTS_TIME_DIGITS),
+        segment("Type", wire_type),
+        *(() if name is None else (segment("Name", name),)),
+        segment(status, _verdict(ok)),
+        *(segment(key, value) for key, value in extra),
+    )
+
+
+def viewports_result(
+    time: float,
+    viewports: Sequence[tuple[str, bool]],
+    config: tuple[str, bool] | None = None,
+) -> str:
+    """RES of `SET {Type Viewports}`.
+
+    Args:
+        time: simulated s.
+        viewports: camera (or Disabled, None) and success of each viewport.
+        config: SingleView or QuadView, and success (side channels reference 2.11).
+    """
+    body: list[str] = []
+    if config is not None:
+        body += (segment("Config", config[0]), segment("Status", _verdict(config[1])))
+    for index, (camera, ok) in enumerate(viewports, start=1):
+        body += (segment(f"Viewport{index}", camera), segment("Status", _verdict(ok)))
+    stamp = time_segment(time, _RESULTS_TIME_DIGITS)
+    return line("RES", stamp, segment("Type", "Viewports"), *body)
+
+
+def _verdict(ok: bool) -> str:
+    return "OK" if ok else "Failed"

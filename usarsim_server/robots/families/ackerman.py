@@ -27,16 +27,12 @@ from usarsim_server.robots.description import (
     RobotReport,
     Wheel,
 )
-from usarsim_server.robots.drive import SpeedScale
-from usarsim_server.robots.families.base import Conduct, Machine, StatusFacts
-from usarsim_server.robots.families.registry import register_family
-from usarsim_server.robots.families.wheeled import WheelConduct, WheeledFamily
+from usarsim_server.robots.families.base import Conduct, Machine, StatusFacts, register_family
+from usarsim_server.robots.families.wheeled import SpeedScale, WheelConduct, WheeledFamily
 from usarsim_server.robots.reading import parts
 from usarsim_server.robots.tables import TableReader
 from usarsim_server.simulation.articulation import JointOrder, Order
 from usarsim_server.simulation.frames import Pose
-
-__all__ = ["Ackerman", "SteeredConduct", "SteeredWheel", "Steering", "steered_wheels", "turn"]
 
 FRONT, REAR = "frontsteer", "rearsteer"
 GRID = 41

@@ -20,15 +20,13 @@ from usarsim_server.robots.families.base import (
     Machine,
     StatusFacts,
     balance_weight,
+    register_family,
 )
-from usarsim_server.robots.families.machine import MachineFamily
-from usarsim_server.robots.families.registry import register_family
+from usarsim_server.robots.families.wheeled import MachineFamily
 from usarsim_server.robots.tables import TableReader
 from usarsim_server.simulation.flight import CHANNELS, FlightLimits, VelocityHold
 from usarsim_server.simulation.frames import flip_point
-from usarsim_server.simulation.laws import LawModel
-
-__all__ = ["Aerial", "Flight"]
+from usarsim_server.simulation.motion_laws import LawModel
 
 FASTEST = 100.0
 """m/s and rad/s: beyond this a command is nonsense; the original did not limit it."""

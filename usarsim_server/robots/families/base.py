@@ -2,6 +2,11 @@
 
 A family knows the words of its vehicles on the wire, the law that turns DRIVE into targets, the
 tables of its own in robot files, and whatever it adds to the body in the physics.
+
+Which families of vehicles exist.
+
+A new file in this package is enough to add one; outside packages use the entry point group
+`usarsim_server.families` (see `usarsim_server.plugins`).
 """
 
 from __future__ import annotations
@@ -9,12 +14,15 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import ClassVar, Protocol
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+import usarsim_server.robots.families as package
+from usarsim_server.plugins import PluginTypes
 from usarsim_server.protocol.dialects import sta_period
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
@@ -27,10 +35,8 @@ from usarsim_server.robots.description import (
 )
 from usarsim_server.robots.tables import TableReader
 from usarsim_server.simulation.articulation import JointOrder
-from usarsim_server.simulation.laws import LawModel
+from usarsim_server.simulation.motion_laws import LawModel
 from usarsim_server.simulation.snapshot import RobotBody
-
-__all__ = ["Conduct", "Family", "Machine", "StatusFacts", "balance_weight"]
 
 Array = NDArray[np.float64]
 
@@ -216,3 +222,34 @@ def balance_weight(spec: mujoco.MjSpec, robot: RobotDescription) -> None:
     for body in spec.bodies:
         if body.name not in {"world", *loose}:
             body.gravcomp = 1.0
+
+
+GROUP = "usarsim_server.families"
+"""Entry point group for families of other packages."""
+
+TYPES: PluginTypes[Family] = PluginTypes("vehicle", Family, (package,), GROUP)
+
+register_family = TYPES.register
+"""Class decorator: make a family available under these kinds of a robot file."""
+
+families = TYPES.names
+"""All kinds a robot file may name, sorted."""
+
+
+@cache
+def find_family(kind: str, place: str = "") -> Family:
+    """The family of a kind.
+
+    Args:
+        kind: as robot files write it.
+        place: where it stands, for the error.
+
+    Raises:
+        RobotDescriptionError: if there is none.
+    """
+    return TYPES.find(kind, place)()
+
+
+def family_of(robot: RobotDescription) -> Family:
+    """The family of a robot class."""
+    return find_family(robot.kind)

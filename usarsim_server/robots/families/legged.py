@@ -11,13 +11,9 @@ from usarsim_server.protocol import messages
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import ActuatorDescription, RobotDescription, Wheel
-from usarsim_server.robots.families.base import Conduct, Machine, StatusFacts
-from usarsim_server.robots.families.machine import MachineFamily
-from usarsim_server.robots.families.registry import register_family
+from usarsim_server.robots.families.base import Conduct, Machine, StatusFacts, register_family
+from usarsim_server.robots.families.wheeled import MachineFamily
 from usarsim_server.robots.tables import TableReader
-
-__all__ = ["Legged", "Legs"]
-
 
 _log = Log("robot")
 

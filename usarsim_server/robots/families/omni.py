@@ -22,14 +22,11 @@ from usarsim_server.robots.families.ackerman import (
     Steering,
     steered_wheels,
 )
-from usarsim_server.robots.families.base import Conduct, Machine
-from usarsim_server.robots.families.registry import register_family
+from usarsim_server.robots.families.base import Conduct, Machine, register_family
 from usarsim_server.robots.families.wheeled import WheeledFamily
 from usarsim_server.robots.reading import parts
 from usarsim_server.robots.tables import TableReader
 from usarsim_server.simulation.articulation import JointOrder, Order
-
-__all__ = ["Omni"]
 
 
 class OmniConduct(SteeredConduct):

@@ -33,14 +33,12 @@ from usarsim_server.robots.description import (
     RobotDescription,
     Wheel,
 )
-from usarsim_server.robots.families.registry import register_family
+from usarsim_server.robots.families.base import register_family
 from usarsim_server.robots.families.wheeled import WheeledFamily
 from usarsim_server.robots.tables import TableReader
 from usarsim_server.robots.tracks import Roller, Track, lowest, read_tracks, runs, touching
-from usarsim_server.simulation.belts import MARK
-from usarsim_server.simulation.laws import Law, LawModel
-
-__all__ = ["SAG", "Drive", "Gear", "Tracked", "Treads"]
+from usarsim_server.simulation.ground import MARK
+from usarsim_server.simulation.motion_laws import Law, LawModel
 
 Array = NDArray[np.float64]
 

@@ -20,14 +20,12 @@ from usarsim_server.robots.families.base import (
     Machine,
     StatusFacts,
     balance_weight,
+    register_family,
 )
-from usarsim_server.robots.families.machine import MachineFamily
-from usarsim_server.robots.families.registry import register_family
+from usarsim_server.robots.families.wheeled import MachineFamily
 from usarsim_server.robots.tables import TableReader
 from usarsim_server.simulation.diving import CHANNELS, Diving, Hull
-from usarsim_server.simulation.laws import LawModel
-
-__all__ = ["Underwater", "Vessel"]
+from usarsim_server.simulation.motion_laws import LawModel
 
 
 @dataclass(frozen=True, slots=True)

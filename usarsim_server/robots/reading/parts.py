@@ -30,24 +30,6 @@ from usarsim_server.robots.description import (
 from usarsim_server.robots.tables import TableReader, nearest
 from usarsim_server.simulation.frames import Pose, flip_point, pose_from_wire
 
-__all__ = [
-    "check_weight",
-    "read_battery",
-    "read_casters",
-    "read_color",
-    "read_drive",
-    "read_items",
-    "read_link",
-    "read_platform_report",
-    "read_pose",
-    "read_report",
-    "read_rest_height",
-    "read_shape",
-    "read_shapes",
-    "read_wheels",
-    "wheel_place",
-]
-
 RESERVED_NAMES = frozenset({"base", "free"})
 """The chassis body and its joint; no wheel may take these names."""
 

@@ -9,14 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.simulation.objects import Names
-from usarsim_server.simulation.rays.batch import RayBatch, join
-from usarsim_server.simulation.rays.fans import RayFan, RayHits
 from usarsim_server.simulation.rays.moving import DynamicGeometry
+from usarsim_server.simulation.rays.query import RayBatch, RayFan, RayHits, join
 from usarsim_server.simulation.rays.scenery import StaticGeometry
 from usarsim_server.simulation.rays.triangles import Surfaces
 from usarsim_server.simulation.snapshot import Snapshot
-
-__all__ = ["RayQuery", "cast", "cast_all", "cast_scenery"]
 
 Array = NDArray[np.float64]
 

@@ -9,9 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.simulation.rays.batch import RayBatch
-
-__all__ = ["Spheres", "bounding_spheres", "meetings", "passing"]
+from usarsim_server.simulation.rays.query import RayBatch
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.intp]

@@ -5,32 +5,138 @@ built once per shape and shared by all that look the same, in this model generat
 ones as long as it is there. A ray is turned into the frame of every body whose bounding sphere it
 passes; so nothing is rebuilt when things move, and all rays at bodies of one shape, whoever sent
 them, are one call.
+
+Which visible geoms move as one piece, as far as looks go.
+
+Bodies without joints of their own are one piece with their parents. So is a wheel: a body that
+turns about an axis around which all its visible geoms are round looks the same however far it has
+turned. Rays then need not look at each wheel of each robot.
 """
 
 from __future__ import annotations
 
 import weakref
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.simulation.courtesy import breathe
 from usarsim_server.simulation.frames import rotation_matrices
+from usarsim_server.simulation.mailbox import breathe
 from usarsim_server.simulation.model import CompiledWorld
 from usarsim_server.simulation.objects import Objects
-from usarsim_server.simulation.rays.batch import RayBatch
 from usarsim_server.simulation.rays.culling import Spheres, bounding_spheres, meetings, passing
-from usarsim_server.simulation.rays.glass import is_glass
-from usarsim_server.simulation.rays.groups import Lump, find_lumps
+from usarsim_server.simulation.rays.query import RayBatch
 from usarsim_server.simulation.rays.scenery import is_visible
-from usarsim_server.simulation.rays.tessellation import shape_key, triangles
-from usarsim_server.simulation.rays.triangles import RoundPart, Surfaces, TriangleScene
+from usarsim_server.simulation.rays.triangles import (
+    RoundPart,
+    Surfaces,
+    TriangleScene,
+    is_glass,
+    shape_key,
+    triangles,
+)
 from usarsim_server.simulation.snapshot import Snapshot
 
-__all__ = ["DynamicGeometry"]
+BODIES_AT_A_TIME = 32
+"""Bodies between two pauses."""
+EXACT = 1e-6
+"""m by which a geom may be off the axis, and deviation of a unit vector from it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lump:
+    """Geoms that look rigid, in the frame of one body.
+
+    Attributes:
+        body: the body.
+        geoms: g geom ids.
+        places: (g, 3) m. turns: (g, 3, 3) rotation matrices.
+    """
+
+    body: int
+    geoms: tuple[int, ...]
+    places: Array
+    turns: Array
+
+
+def find_lumps(model: mujoco.MjModel, visible: Callable[[int], bool]) -> list[Lump]:
+    """The lumps of everything that moves, in the order of their bodies; none is empty.
+
+    Args:
+        model: compiled.
+        visible: tells of a geom id whether the geom counts.
+    """
+    carriers: dict[int, tuple[int, Array, Array]] = {}
+    turning: set[int] = set()
+    found: dict[int, list[tuple[int, Array, Array]]] = {}
+    for body in range(1, model.nbody):
+        if model.body_weldid[body] == 0:
+            continue
+        first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
+        geoms = [geom for geom in range(first, first + count) if visible(geom)]
+        parent = int(model.body_parentid[body])
+        carriers[body] = body, np.zeros(3), np.eye(3)
+        rigid = model.body_jntnum[body] == 0 and model.body_mocapid[body] < 0
+        wheel = not rigid and _is_round(model, body, geoms)
+        if parent in carriers and parent not in turning and (rigid or wheel):
+            carrier, place, turn = carriers[parent]
+            place = place + turn @ model.body_pos[body]
+            carriers[body] = carrier, place, turn @ _matrix(model.body_quat[body])
+            if wheel:
+                turning.add(body)
+        carrier, place, turn = carriers[body]
+        if body % BODIES_AT_A_TIME == 0:
+            breathe()
+        for geom in geoms:
+            own = turn @ _matrix(model.geom_quat[geom])
+            found.setdefault(carrier, []).append((geom, place + turn @ model.geom_pos[geom], own))
+    return [
+        Lump(
+            body,
+            tuple(geom for geom, _, _ in parts),
+            np.array([place for _, place, _ in parts]),
+            np.array([turn for _, _, turn in parts]),
+        )
+        for body, parts in sorted(found.items())
+    ]
+
+
+def _is_round(model: mujoco.MjModel, body: int, geoms: list[int]) -> bool:
+    """Whether a body turns on one hinge about which all its visible geoms are round."""
+    if model.body_jntnum[body] != 1:
+        return False
+    joint = int(model.body_jntadr[body])
+    if model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_HINGE:
+        return False
+    anchor, axis = model.jnt_pos[joint], model.jnt_axis[joint]
+    return all(_is_round_about(model, geom, anchor, axis) for geom in geoms)
+
+
+def _is_round_about(model: mujoco.MjModel, geom: int, anchor: Array, axis: Array) -> bool:
+    offset = model.geom_pos[geom] - anchor
+    if float(np.linalg.norm(offset - (offset @ axis) * axis)) > EXACT:
+        return False
+    kinds, kind, size = mujoco.mjtGeom, int(model.geom_type[geom]), model.geom_size[geom]
+    along = np.abs(_matrix(model.geom_quat[geom]).T @ axis)
+    if kind == kinds.mjGEOM_SPHERE:
+        return True
+    if kind in (kinds.mjGEOM_CYLINDER, kinds.mjGEOM_CAPSULE):
+        return bool(along[2] > 1.0 - EXACT)
+    if kind == kinds.mjGEOM_ELLIPSOID:
+        main = int(along.argmax())
+        across = np.delete(size, main)
+        return bool(along[main] > 1.0 - EXACT and abs(across[0] - across[1]) < EXACT)
+    return False
+
+
+def _matrix(quaternion: Array) -> Array:
+    turn = np.zeros(9)
+    mujoco.mju_quat2Mat(turn, quaternion)
+    return turn.reshape(3, 3)
+
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.intp]

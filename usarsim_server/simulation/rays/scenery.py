@@ -10,12 +10,8 @@ from numpy.typing import NDArray
 
 from usarsim_server.simulation.model import SHELF_NAME, CompiledWorld
 from usarsim_server.simulation.objects import Names, geom_names
-from usarsim_server.simulation.rays.fans import SceneryHit
-from usarsim_server.simulation.rays.glass import is_glass
-from usarsim_server.simulation.rays.tessellation import triangles
-from usarsim_server.simulation.rays.triangles import Surfaces, TriangleScene
-
-__all__ = ["StaticGeometry", "is_visible"]
+from usarsim_server.simulation.rays.query import SceneryHit
+from usarsim_server.simulation.rays.triangles import Surfaces, TriangleScene, is_glass, triangles
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.intp]

@@ -1,16 +1,30 @@
-"""Triangles as rays meet them: an Embree scene that knows which geom each triangle is of."""
+"""Triangles as rays meet them: an Embree scene that knows which geom each triangle is of.
+
+Triangles of MuJoCo geometry, for the ray scene.
+
+Flat shapes and meshes are exact. Round shapes are tessellated so finely that a facet lies less
+than a tolerance inside the true surface, up to a radius of some metres (`MAX_SEGMENTS`).
+
+Glass: what infrared light goes through, judged by names.
+
+The original let infrared sensors look through materials with "Trans" in their names (robots
+reference 2.2). Here whole words of a name count, so `WindowTrans_01` and `glass_door` are glass,
+`transport_box` and `hourglass` are not; a material may also end with one in one word, as imported
+maps have `framelessglass`.
+"""
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import mujoco
 import numpy as np
 from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
-
-__all__ = ["RoundPart", "Surfaces", "TriangleScene"]
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.intp]
@@ -125,3 +139,227 @@ def _round_off(
     if hits.normals is not None:
         outward = (start + distance[:, None] * way) / shape.axes @ shape.turn.T
         hits.normals[rays] = outward / np.linalg.norm(outward, axis=1)[:, None]
+
+
+TOLERANCE = 5e-4
+"""m between a tessellated and the true surface."""
+MAX_SEGMENTS = 256
+"""Of a full circle: enough for 6 m of radius, 3 m where a surface is curved both ways."""
+
+
+_ASKEW: Array = np.array([[2.0, -6.0, 3.0], [6.0, 3.0, 2.0], [-3.0, 2.0, 6.0]]) / 7.0
+"""A turn of balls, by which no corner lies on an axis (see `_revolve`)."""
+_PHASE = 0.123
+"""rad by which the corners of rings are off the axes, for the same reason."""
+_QUADS = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+"""Faces of a box whose corners are numbered by the signs of x, y, z (z fastest)."""
+
+
+def triangles(
+    model: mujoco.MjModel, geom: int, pos: Array, mat: Array, tolerance: float = TOLERANCE
+) -> Array:
+    """Triangles (n, 3, 3) of a geom in the world frame, m.
+
+    Args:
+        model: the compiled model.
+        geom: geom id; planes have no finite triangles and give an empty array.
+        pos: (3,) geom position. mat: (3, 3) geom orientation.
+        tolerance: of round shapes, m.
+    """
+    local = _local_triangles(model, geom, tolerance)
+    return local @ mat.T + pos if len(local) else np.zeros((0, 3, 3))
+
+
+def triangles_of_all(
+    model: mujoco.MjModel, geoms: Sequence[int], positions: Array, turns: Array
+) -> tuple[Array, NDArray[np.intp]]:
+    """Triangles (n, 3, 3) of many geoms in the world frame, and which geom each belongs to.
+
+    Args:
+        model: the compiled model.
+        geoms: geom ids. positions, turns: (ngeom, 3) and (ngeom, 9 or 3, 3) of all geoms.
+    """
+    chosen = np.asarray(geoms, dtype=np.intp)
+    turns = turns.reshape(-1, 3, 3)
+    boxes = chosen[model.geom_type[chosen] == mujoco.mjtGeom.mjGEOM_BOX]
+    unit = _box(np.ones(3)).reshape(-1, 3)
+    corners = np.einsum("gij,gkj->gki", turns[boxes], unit * model.geom_size[boxes][:, None])
+    corners += positions[boxes][:, None]
+    found = [corners.reshape(-1, 3, 3)]
+    owners = [np.repeat(boxes, len(unit) // 3)]
+    local: dict[int, Array] = {}
+    for geom in chosen[model.geom_type[chosen] != mujoco.mjtGeom.mjGEOM_BOX].tolist():
+        data = int(model.geom_dataid[geom])
+        if data >= 0 and model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
+            if data not in local:
+                local[data] = _mesh(model, data)
+            part = local[data] @ turns[geom].T + positions[geom]
+        else:
+            part = triangles(model, geom, positions[geom], turns[geom])
+        if len(part):
+            found.append(part)
+            owners.append(np.full(len(part), geom, dtype=np.intp))
+    return np.concatenate(found), np.concatenate(owners)
+
+
+def shape_key(
+    model: mujoco.MjModel, geoms: Sequence[int], frames: Array, shown: Sequence[bool]
+) -> bytes:
+    """Equal for things that look the same in their own frames, in any model.
+
+    Args:
+        model: the compiled model.
+        geoms: of one thing, g in number.
+        frames: (g, any) where each is in the frame of the thing, in numbers.
+        shown: which of them are there to be seen.
+    """
+    arrays = (model.geom_type, model.geom_size)
+    key = b"".join(array[list(geoms)].tobytes() for array in arrays)
+    key += frames.tobytes() + bytes(shown)
+    return key + b"".join(_mesh_content(model, geom) for geom in geoms)
+
+
+def _mesh_content(model: mujoco.MjModel, geom: int) -> bytes:
+    if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_MESH:
+        return b""
+    return _mesh(model, int(model.geom_dataid[geom])).tobytes()
+
+
+def _local_triangles(model: mujoco.MjModel, geom: int, tolerance: float) -> Array:
+    kind, size = int(model.geom_type[geom]), model.geom_size[geom]
+    types = mujoco.mjtGeom
+    if kind == types.mjGEOM_BOX:
+        return _box(size)
+    if kind == types.mjGEOM_MESH:
+        return _mesh(model, int(model.geom_dataid[geom]))
+    if kind == types.mjGEOM_HFIELD:
+        return _heightfield(model, int(model.geom_dataid[geom]))
+    if kind == types.mjGEOM_SPHERE:
+        return _ellipsoid(np.full(3, size[0]), tolerance)
+    if kind == types.mjGEOM_ELLIPSOID:
+        return _ellipsoid(size, tolerance)
+    if kind == types.mjGEOM_CAPSULE:
+        radius = float(size[0])
+        segments = _segments(radius, tolerance / 2)
+        return _revolve(_capsule_profile(radius, float(size[1]), segments), segments)
+    if kind == types.mjGEOM_CYLINDER:
+        radius, half = float(size[0]), float(size[1])
+        profile = np.array([[radius, -half], [radius, half]])
+        return _revolve(profile, _segments(radius, tolerance))
+    return np.zeros((0, 3, 3))
+
+
+def _segments(radius: float, tolerance: float) -> int:
+    """Segments of a full circle that keep the chord error below a tolerance."""
+    if radius <= tolerance:
+        return 8
+    needed = math.ceil(math.pi / math.acos(1.0 - tolerance / radius))
+    return max(12, min(MAX_SEGMENTS, needed))
+
+
+def _box(size: Array) -> Array:
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * size
+    faces = [(a, b, c) for a, b, c, _ in _QUADS] + [(a, c, d) for a, _, c, d in _QUADS]
+    answer: Array = corners[np.array(faces)]
+    return answer
+
+
+def _mesh(model: mujoco.MjModel, mesh: int) -> Array:
+    start, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+    vertices = model.mesh_vert[start : start + count].astype(float)
+    start, count = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
+    answer: Array = vertices[model.mesh_face[start : start + count]]
+    return answer
+
+
+def _heightfield(model: mujoco.MjModel, field: int) -> Array:
+    """The hills, and the sides and bottom of the block under them."""
+    rows, columns = int(model.hfield_nrow[field]), int(model.hfield_ncol[field])
+    start = model.hfield_adr[field]
+    sx, sy, top, base = model.hfield_size[field]
+    height = model.hfield_data[start : start + rows * columns].reshape(rows, columns) * top
+    x, y = np.meshgrid(np.linspace(-sx, sx, columns), np.linspace(-sy, sy, rows))
+    grid = np.stack([x, y, height], axis=-1)
+    a, b, c, d = grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]
+    hills = np.concatenate([np.stack([a, b, d], 2), np.stack([b, c, d], 2)]).reshape(-1, 3, 3)
+    rim = np.concatenate([grid[0, :-1], grid[:-1, -1], grid[-1, :0:-1], grid[:0:-1, 0]])
+    foot = rim * [1.0, 1.0, 0.0] - [0.0, 0.0, base]
+    after, below = np.roll(rim, -1, axis=0), np.roll(foot, -1, axis=0)
+    sides = np.concatenate([np.stack([rim, foot, below], 1), np.stack([rim, below, after], 1)])
+    corners = np.array([[-sx, -sy, -base], [-sx, sy, -base], [sx, sy, -base], [sx, -sy, -base]])
+    answer: Array = np.concatenate([hills, sides, corners[[[0, 1, 2], [0, 2, 3]]]])
+    return answer
+
+
+def _ellipsoid(semi_axes: Array, tolerance: float) -> Array:
+    # Curved both ways: the errors along and across add up.
+    count = _segments(float(semi_axes.max()), tolerance / 2)
+    angles = _latitudes(count)
+    angles = np.concatenate([-angles[::-1], angles])
+    unit = _revolve(np.stack([np.cos(angles), np.sin(angles)], axis=1), count)
+    return unit @ _ASKEW * semi_axes
+
+
+def _latitudes(count: int) -> Array:
+    """Rings of the upper half of a ball with so many segments, from the equator up; the last one
+    is so near to the pole that a flat lid closes it as well as any facet."""
+    steps = math.ceil(count / 4)
+    middles = np.arange(steps, dtype=np.float64) + 0.5
+    angles: Array = middles * (math.pi / 2 / steps)
+    return angles
+
+
+def _capsule_profile(radius: float, half: float, segments: int) -> Array:
+    angles = np.append(0.0, _latitudes(segments))
+    upper = np.stack([radius * np.cos(angles), half + radius * np.sin(angles)], axis=1)
+    lower = upper[::-1] * np.array([1.0, -1.0])
+    return np.concatenate([lower, upper])
+
+
+def _revolve(profile: Array, count: int) -> Array:
+    """Surface of revolution about z of a profile (n, 2) of radius and height, closed by flat lids.
+
+    No corner and no edge lies on the axis, along which people like to look: where many triangles
+    meet a ray may slip through between them. Hence the odd number of segments, at the least as many
+    as asked for, and lids without a corner in their middle.
+    """
+    count |= 1
+    angles = _PHASE + np.linspace(0.0, math.tau, count, endpoint=False)
+    ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    rings = np.concatenate(
+        [profile[:, None, :1] * ring[None], np.repeat(profile[:, None, 1:], count, 1)], axis=2
+    )
+    a, b = rings[:-1], np.roll(rings[:-1], -1, axis=1)
+    d, c = rings[1:], np.roll(rings[1:], -1, axis=1)
+    sides = np.concatenate([np.stack([a, b, c], 2), np.stack([a, c, d], 2)]).reshape(-1, 3, 3)
+    answer: Array = np.concatenate([sides, _lid(rings[0])[:, ::-1], _lid(rings[-1])])
+    return answer
+
+
+def _lid(ring: Array) -> Array:
+    """Triangles (k, 3, 3) that fill a ring of corners (n, 3)."""
+    first = np.broadcast_to(ring[0], (len(ring) - 2, 3))
+    return np.stack([first, ring[1:-1], ring[2:]], axis=1)
+
+
+WORDS = frozenset({"glass", "trans", "transparent", "translucent"})
+ENDS = ("glass", "trans")
+OPAQUE = frozenset({"fiberglass", "fibreglass", "hourglass"})
+
+_WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
+
+
+def words_of(name: str) -> list[str]:
+    """The words of a name in lower case: parted by capitals, digits and everything else."""
+    return [word.lower() for word in _WORD.findall(name)]
+
+
+def is_glass(model: mujoco.MjModel, geom: int) -> bool:
+    """Whether a geom is made of glass by its name or by that of its material."""
+    if not WORDS.isdisjoint(words_of(model.geom(geom).name)):
+        return True
+    material = int(model.geom_matid[geom])
+    if material < 0:
+        return False
+    words = words_of(model.mat(material).name)
+    return any(word in WORDS or (word.endswith(ENDS) and word not in OPAQUE) for word in words)

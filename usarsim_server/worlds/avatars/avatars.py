@@ -10,18 +10,15 @@ from dataclasses import dataclass
 from usarsim_server.errors import SpawnError
 from usarsim_server.protocol.names import name_key
 from usarsim_server.robots.labels import Labels
-from usarsim_server.simulation.clockwork import Listener
+from usarsim_server.simulation.clock import Listener
 from usarsim_server.simulation.frames import Pose, Vector, rpy_from_quaternion
 from usarsim_server.simulation.movers import Way
 from usarsim_server.simulation.simulation import Simulation
 from usarsim_server.simulation.snapshot import RobotBody, Snapshot
-from usarsim_server.worlds.avatars.classes import AvatarClass
-from usarsim_server.worlds.avatars.models import ADULT, CHEST, HEAD, avatar_model
-from usarsim_server.worlds.avatars.survey import ground_below
+from usarsim_server.worlds.avatars.bodies import ADULT, CHEST, HEAD, AvatarClass, avatar_model
 from usarsim_server.worlds.avatars.walk import Performance, Stance, Walk, body_poses
+from usarsim_server.worlds.avatars.ways import ground_below
 from usarsim_server.worlds.surroundings import Passer
-
-__all__ = ["Avatar", "Avatars"]
 
 RINGS = (0.0, 0.4, 0.8, 1.2, 1.8)
 """m: radii searched around a place that is taken."""

@@ -18,8 +18,6 @@ from usarsim_server.simulation.frames import Pose, Vector, quaternion_from_rpy
 from usarsim_server.worlds.description import WorldDescription
 from usarsim_server.worlds.machinery.machinery import Belt, Door, Lift, Obstacle, Spring
 
-__all__ = ["Leaf", "add_machinery", "leaves_of"]
-
 SUBSTANCES = {
     "wood": (0.72, 0.54, 0.36, 1.0),
     "metal": (0.55, 0.57, 0.60, 1.0),

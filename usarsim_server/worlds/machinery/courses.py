@@ -6,8 +6,6 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 
-__all__ = ["Course"]
-
 
 @dataclass(frozen=True)
 class Course:

@@ -6,13 +6,11 @@ import math
 from dataclasses import dataclass
 
 from usarsim_server.simulation.frames import Pose
+from usarsim_server.simulation.machines import Presence, Zone
 from usarsim_server.simulation.movers import Mover, Way
-from usarsim_server.simulation.presence import Presence, Zone
 from usarsim_server.worlds.machinery.bodies import Leaf, leaves_of
 from usarsim_server.worlds.machinery.courses import Course
 from usarsim_server.worlds.machinery.machinery import Door, Drive
-
-__all__ = ["DoorOperator"]
 
 BESIDE = 0.3
 """m by which the watched ground is wider than the doorway, on both sides."""

@@ -8,12 +8,10 @@ import math
 from dataclasses import dataclass, replace
 
 from usarsim_server.simulation.frames import Pose, Vector, quaternion_from_rpy
+from usarsim_server.simulation.machines import Presence, Zone
 from usarsim_server.simulation.movers import Mover
-from usarsim_server.simulation.presence import Presence, Zone
 from usarsim_server.worlds.machinery.courses import Course
 from usarsim_server.worlds.machinery.machinery import Lift
-
-__all__ = ["LiftOperator"]
 
 HEADROOM = 1.5
 """m above a platform in which something counts as being on it."""

@@ -10,8 +10,6 @@ from dataclasses import dataclass
 
 from usarsim_server.simulation.frames import Pose, Vector
 
-__all__ = ["Belt", "Door", "Drive", "Lift", "Machinery", "Obstacle", "Spring", "Timetable"]
-
 
 @dataclass(frozen=True, slots=True)
 class Timetable:
@@ -122,7 +120,7 @@ class Belt:
 
     @property
     def geom(self) -> str:
-        """Name of its geom: the name, or `tag:name` (see `simulation/belts.py`)."""
+        """Name of its geom: the name, or `tag:name` (see `simulation/ground.py`)."""
         return self.name if self.tag == self.name else f"{self.tag}:{self.name}"
 
 

@@ -8,11 +8,9 @@ import math
 from dataclasses import dataclass
 
 from usarsim_server.simulation.frames import Pose, Vector, quaternion_from_rpy
+from usarsim_server.simulation.machines import Presence, Zone
 from usarsim_server.simulation.movers import Mover
-from usarsim_server.simulation.presence import Presence, Zone
 from usarsim_server.worlds.machinery.machinery import Obstacle
-
-__all__ = ["ObstacleDriver", "travelling"]
 
 SOON = 0.05
 """s: how far ahead an obstacle looks to learn where it goes."""

@@ -11,8 +11,6 @@ from usarsim_server.worlds.machinery.lifts import LiftOperator
 from usarsim_server.worlds.machinery.machinery import Drive, Machinery
 from usarsim_server.worlds.machinery.obstacles import ObstacleDriver, travelling
 
-__all__ = ["Operators", "operators_of"]
-
 
 @dataclass(frozen=True, slots=True)
 class Operators:

@@ -18,8 +18,6 @@ from usarsim_server.worlds.machinery.machinery import (
 )
 from usarsim_server.worlds.tables import Table
 
-__all__ = ["read_machinery"]
-
 KINDS = ("sliding", "hinged")
 OPENERS = ("approach", "timetable", "push")
 SIDES = ("left", "right")

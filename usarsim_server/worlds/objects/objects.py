@@ -19,13 +19,15 @@ from usarsim_server.simulation.model import RobotModel
 from usarsim_server.simulation.movers import Way
 from usarsim_server.simulation.simulation import Simulation
 from usarsim_server.simulation.snapshot import Snapshot
-from usarsim_server.worlds.objects.classes import ObjectCatalog, ObjectClass
-from usarsim_server.worlds.objects.ground import drop_below
-from usarsim_server.worlds.objects.models import LARGEST_RIGID, object_model, object_size
+from usarsim_server.worlds.objects.bodies import (
+    LARGEST_RIGID,
+    ObjectCatalog,
+    ObjectClass,
+    object_model,
+    object_size,
+)
 from usarsim_server.worlds.objects.paths import Fall, Spin
-from usarsim_server.worlds.objects.world_object import Creation, Physics, WorldObject
-
-__all__ = ["WorldObjects"]
+from usarsim_server.worlds.objects.world_object import Creation, Physics, WorldObject, drop_below
 
 SMALLEST, LARGEST = 0.001, 50.0
 """m: extents that an object may have."""

@@ -24,7 +24,6 @@ from usarsim_server.simulation.frames import (
 
 Quaternion = tuple[float, float, float, float]
 
-__all__ = ["GRAVITY", "Fall", "Path", "Spin", "motion"]
 
 GRAVITY = 9.81
 """m/s^2."""

@@ -1,9 +1,13 @@
-"""Meshes of a stage: polygons, subsets, texture coordinates."""
+"""Meshes of a stage: polygons, subsets, texture coordinates.
+
+Cubes, spheres, cylinders and the like as shapes of the scene.
+"""
 
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -12,11 +16,9 @@ from pxr import UsdGeom, UsdShade
 
 from usarsim_maps.build.triangulate import triangulate
 from usarsim_maps.findings import Findings
-from usarsim_maps.scene import Mesh
+from usarsim_maps.scene import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 from usarsim_maps.usd.openusd.materials import Finish, Finishes
-from usarsim_maps.usd.openusd.values import NOW, array, numbers
-
-__all__ = ["MeshReader"]
+from usarsim_maps.usd.openusd.stage import NOW, array, number, numbers
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -172,3 +174,140 @@ def _primvar(
         if index.max(initial=0) < len(values):
             return values[index]
     return None
+
+
+SHAPES = {"Cube", "Sphere", "Cylinder", "Capsule", "Cone", "Plane"}
+"""Types of prims that are understood beside meshes."""
+
+AROUND = 24
+"""Corners around what becomes a mesh because it is scaled unevenly."""
+
+SAME = 1e-4
+"""Relative difference of scales that count as equal."""
+
+
+def shape_of(prim: Any, matrix: Array) -> tuple[Shape, Array] | None:
+    """A shape and the rigid matrix of its place; None if it has no size.
+
+    Shapes that the matrix shears, or scales so that they are no longer what they were, become
+    meshes.
+
+    Args:
+        prim: of one of the types `SHAPES`.
+        matrix: (4, 4) from its frame into that of its object.
+    """
+    found = _plain(prim)
+    if found is None:
+        return None
+    shape, turn = found
+    whole = matrix.copy()
+    whole[:3, :3] = whole[:3, :3] @ turn
+    scales = np.linalg.norm(whole[:3, :3], axis=0)
+    if not np.isfinite(whole).all() or scales.min() <= 1e-9:
+        return None
+    axes = whole[:3, :3] / scales
+    scaled = _scaled(shape, scales)
+    if isinstance(shape, Mesh) or scaled is None or np.abs(axes.T @ axes - np.eye(3)).max() > SAME:
+        return _tessellated(shape, prim.GetName()), whole
+    if np.linalg.det(axes) < 0.0:
+        axes[:, 0] *= -1.0  # they are their own mirror images
+    whole[:3, :3] = axes
+    return scaled, whole
+
+
+def _plain(prim: Any) -> tuple[Shape, Array] | None:
+    """The shape along z, and the rotation to its own axis."""
+    kind = prim.GetTypeName()
+    if kind == "Cube":
+        size = number(UsdGeom.Cube(prim).GetSizeAttr(), 2.0)
+        return (Box((size, size, size)), np.eye(3)) if size > 0.0 else None
+    if kind == "Sphere":
+        radius = number(UsdGeom.Sphere(prim).GetRadiusAttr(), 1.0)
+        return (Sphere(radius), np.eye(3)) if radius > 0.0 else None
+    if kind == "Plane":
+        plane = UsdGeom.Plane(prim)
+        x = number(plane.GetWidthAttr(), 2.0) / 2.0
+        y = number(plane.GetLengthAttr(), 2.0) / 2.0
+        corners = [[-x, -y, 0.0], [x, -y, 0.0], [x, y, 0.0], [-x, y, 0.0]]
+        triangles = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
+        mesh = Mesh(prim.GetName(), np.array(corners, dtype=float), triangles)
+        return mesh, _axis(plane)
+    if kind not in SHAPES:
+        return None
+    solid = getattr(UsdGeom, kind)(prim)
+    radius = number(solid.GetRadiusAttr(), 1.0 if kind != "Capsule" else 0.5)
+    height = number(solid.GetHeightAttr(), 2.0 if kind != "Capsule" else 1.0)
+    if radius <= 0.0 or height <= 0.0:
+        return None
+    if kind == "Cone":
+        half = height / 2.0
+        profile = [(0.0, -half), (radius, -half), (0.0, half)]
+        return _revolved(prim.GetName(), profile), _axis(solid)
+    shape = Cylinder(radius, height) if kind == "Cylinder" else Capsule(radius, height)
+    return shape, _axis(solid)
+
+
+def _axis(solid: Any) -> Array:
+    """Rotation from z to the axis of a shape."""
+    match solid.GetAxisAttr().Get(NOW):
+        case "X":
+            return np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+        case "Y":
+            return np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+    return np.eye(3)
+
+
+def _scaled(shape: Shape, scales: Array) -> Shape | None:
+    """The shape with scales along its axes, if there is one of its kind."""
+    x, y, z = scales.tolist()
+    level = abs(x - y) <= SAME * x
+    match shape:
+        case Box(size=(a, b, c)):
+            return Box((a * x, b * y, c * z))
+        case Sphere() if level and abs(x - z) <= SAME * x:
+            return Sphere(shape.radius * x)
+        case Cylinder() if level:
+            return Cylinder(shape.radius * x, shape.length * z)
+        case Capsule() if level and abs(x - z) <= SAME * x:
+            return replace(shape, radius=shape.radius * x, length=shape.length * x)
+    return None
+
+
+def _tessellated(shape: Shape, name: str) -> Mesh:
+    match shape:
+        case Mesh():
+            return shape
+        case Box(size=size):
+            corner = np.sqrt(0.5)
+            profile = [(0.0, -0.5), (corner, -0.5), (corner, 0.5), (0.0, 0.5)]
+            unit = _revolved(name, profile, 4, np.pi / 4.0)
+            return replace(unit, vertices=unit.vertices * np.array(size))
+        case Sphere(radius=radius):
+            return _revolved(name, _arc(radius, 0.0))
+        case Capsule(radius=radius, length=length):
+            return _revolved(name, _arc(radius, length / 2.0))
+        case Cylinder(radius=r, length=length):
+            half = length / 2.0
+            return _revolved(name, [(0.0, -half), (r, -half), (r, half), (0.0, half)])
+    raise TypeError(shape)
+
+
+def _arc(radius: float, half: float) -> list[tuple[float, float]]:
+    """Half a circle from pole to pole, its quarters moved apart."""
+    angles = np.linspace(0.0, np.pi / 2.0, AROUND // 4 + 1).tolist()
+    upper = [(radius * math.cos(a), radius * math.sin(a) + half) for a in angles]
+    return [(r, -z) for r, z in reversed(upper)] + upper
+
+
+def _revolved(
+    name: str, profile: list[tuple[float, float]], around: int = AROUND, phase: float = 0.0
+) -> Mesh:
+    """A mesh from radii and heights, from below to above, turned about z."""
+    angles = phase + np.arange(around) * 2.0 * np.pi / around
+    circle = np.column_stack([np.cos(angles), np.sin(angles)])
+    rings = [np.column_stack([circle * r, np.full(around, z)]) for r, z in profile]
+    number = np.arange(len(rings) * around).reshape(len(rings), around)
+    a, b = number[:-1], np.roll(number[:-1], -1, axis=1)
+    d, c = number[1:], np.roll(number[1:], -1, axis=1)
+    triangles = np.concatenate([np.stack([a, b, c], -1), np.stack([a, c, d], -1)]).reshape(-1, 3)
+    return Mesh(name, np.vstack(rings), triangles.astype(np.int32))

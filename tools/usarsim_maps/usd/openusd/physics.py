@@ -9,9 +9,7 @@ from pxr import UsdPhysics
 
 from usarsim_maps.meshes.mesh_files import collision_of
 from usarsim_maps.scene import Collision
-from usarsim_maps.usd.openusd.values import NOW, number, text
-
-__all__ = ["collision", "is_collider", "is_moved", "mass_of"]
+from usarsim_maps.usd.openusd.stage import NOW, number, text
 
 APPROXIMATIONS = {
     "boundingCube": Collision.BOX,

@@ -22,14 +22,10 @@ from usarsim_maps.placing import matrix_of_pose
 from usarsim_maps.reader import Context
 from usarsim_maps.scene import Collision, Light, Mesh, Part, Scene, SceneObject, Shape
 from usarsim_maps.usd.openusd import physics
-from usarsim_maps.usd.openusd.lights import LIGHTS, light_of
-from usarsim_maps.usd.openusd.materials import Finish, Finishes
-from usarsim_maps.usd.openusd.meshes import MeshReader
-from usarsim_maps.usd.openusd.shapes import SHAPES, shape_of
-from usarsim_maps.usd.openusd.values import NOW, array, matrix, text
+from usarsim_maps.usd.openusd.materials import LIGHTS, Finish, Finishes, light_of
+from usarsim_maps.usd.openusd.meshes import SHAPES, MeshReader, shape_of
+from usarsim_maps.usd.openusd.stage import NOW, array, matrix, text
 from usarsim_server.errors import MapImportError, at
-
-__all__ = ["StageReader"]
 
 Array = NDArray[np.float64]
 

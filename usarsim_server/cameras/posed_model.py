@@ -1,0 +1,121 @@
+"""The world as renderers need it: one compiled model, posed as in one snapshot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_server.cameras.view import CameraView
+from usarsim_server.simulation.frames import Pose
+from usarsim_server.simulation.model import CompiledWorld
+from usarsim_server.simulation.movers import mocap_bodies
+from usarsim_server.simulation.snapshot import RobotLayout, Snapshot
+
+Array = NDArray[np.float64]
+
+HIDDEN_GROUP = 5
+"""Geom group of what is parked. Pictures show groups 0, 1 and 2, as MuJoCo's own viewer does."""
+
+
+@dataclass(frozen=True, slots=True)
+class Lamp:
+    """A headlight that is on: it shines along x from its pose in the world."""
+
+    pose: Pose
+
+
+class Stage:
+    """A private copy of one model generation, for one thread.
+
+    Attributes:
+        model: nothing sleeps in it; parked robots and things are in `HIDDEN_GROUP`.
+        data: poses of the snapshot shown last; lights included.
+    """
+
+    def __init__(self, world: CompiledWorld) -> None:
+        self.generation = world.generation
+        self.model: mujoco.MjModel = world.model.__copy__()
+        self.model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+        self.data = mujoco.MjData(self.model)
+        mujoco.mj_forward(self.model, self.data)
+        self._layouts = world.layouts
+        self._groups = self.model.geom_group.copy()
+        self._mocap = mocap_bodies(self.model)
+        self._snapshot: Snapshot | None = None
+        self._fronts: dict[int, Pose] = {}
+
+    def show(self, snapshot: Snapshot) -> None:
+        """Pose everything as in a snapshot of this generation."""
+        if snapshot is self._snapshot:
+            return
+        model, data = self.model, self.data
+        data.qpos[:] = snapshot.qpos
+        data.mocap_pos[:] = snapshot.xpos[self._mocap]
+        data.mocap_quat[:] = snapshot.xquat[self._mocap]
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_camlight(model, data)
+        present = {layout.slot for layout in snapshot.layouts.values()}
+        for layout in self._layouts:
+            shown = self._groups[layout.geoms] if layout.slot in present else HIDDEN_GROUP
+            model.geom_group[layout.geoms] = shown
+        self._snapshot = snapshot
+
+    def visible(self) -> NDArray[np.bool_]:
+        """Which geoms (ngeom,) are drawn at all."""
+        material = self.model.geom_matid
+        alpha = self.model.geom_rgba[:, 3].copy()
+        alpha[material >= 0] = self.model.mat_rgba[material[material >= 0], 3]
+        seen: NDArray[np.bool_] = (self.model.geom_group <= 2) & (alpha > 0.0)
+        return seen
+
+    def place(self, view: CameraView) -> Pose | None:
+        """Where a camera is in the snapshot shown last; None if its robot is not there."""
+        if view.robot is None:
+            return view.pose
+        layout = self._layout(view.robot)
+        if layout is None:
+            return None
+        body = layout.base if view.link is None else layout.links.get(view.link.lower())
+        return None if body is None else self._pose(body) @ view.pose
+
+    def lamps(self, lit: Callable[[int], bool]) -> tuple[Lamp, ...]:
+        """The headlights that are on in the snapshot shown last.
+
+        Args:
+            lit: whether a robot, by its number, has its light on.
+        """
+        layouts = {} if self._snapshot is None else self._snapshot.layouts
+        return tuple(
+            Lamp(self._pose(layout.base) @ self._front(layout))
+            for robot, layout in layouts.items()
+            if lit(robot)
+        )
+
+    def _layout(self, robot: int) -> RobotLayout | None:
+        return None if self._snapshot is None else self._snapshot.layouts.get(robot)
+
+    def _pose(self, body: int) -> Pose:
+        x, y, z = self.data.xpos[body].tolist()
+        w, i, j, k = self.data.xquat[body].tolist()
+        return Pose((x, y, z), (w, i, j, k))
+
+    def _front(self, layout: RobotLayout) -> Pose:
+        """Middle of the foremost edge of a chassis, where its headlight is."""
+        if layout.slot not in self._fronts:
+            model = self.model
+            geoms = [g for g in layout.geoms if model.geom_bodyid[g] == layout.base]
+            ahead, height = 0.0, 0.0
+            for geom in geoms:
+                turn = np.zeros(9)
+                mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
+                middle, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
+                reach = float(np.abs(turn.reshape(3, 3)[0]) @ half)
+                front = float(model.geom_pos[geom, 0] + turn[:3] @ middle) + reach
+                if front > ahead:
+                    ahead, height = front, float(model.geom_pos[geom, 2])
+            self._fronts[layout.slot] = Pose((ahead + 0.01, 0.0, height))
+        return self._fronts[layout.slot]

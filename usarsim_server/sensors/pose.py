@@ -1,0 +1,147 @@
+"""The true pose, without noise (robots reference 2.5).
+
+Compass, altimeter and mission clock of the UDK generation (robots reference 2.5).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
+
+from usarsim_server.protocol.dialects import FACETS
+from usarsim_server.protocol.numbers import fixed, vector
+from usarsim_server.protocol.values import Dialect, Segment
+from usarsim_server.robots.description import ItemDescription
+from usarsim_server.sensors.base import Sensor, SensorContext, register
+from usarsim_server.sensors.inertial import each_turn
+from usarsim_server.simulation.frames import IDENTITY, wire_from_pose, wrap_signed
+from usarsim_server.simulation.rays.query import RayHits
+from usarsim_server.simulation.snapshot import RobotState
+
+
+@register("GroundTruth")
+class GroundTruth(Sensor):
+    """Pose of the robot's reference point in the world, or of the sensor itself.
+
+    Parameter: `of` = "robot" or "sensor".
+    """
+
+    wire_type: ClassVar[str] = "GroundTruth"
+    intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.05, Dialect.UDK: 0.1}
+    default_of: ClassVar[str] = "robot"
+
+    def __init__(self, item: ItemDescription, context: SensorContext) -> None:
+        super().__init__(item, context)
+        self.of = self.parameters.choice("of", self.default_of, ("robot", "sensor"))
+        self._location, self._orientation = wire_from_pose(IDENTITY)
+
+    def measure(self, robot: RobotState, hits: Sequence[RayHits]) -> bool:
+        """Keep the pose in the wire frame."""
+        pose = robot.pose if self.of == "robot" else self.world_pose(robot)
+        self._location, self._orientation = wire_from_pose(pose)
+        return True
+
+    def data(self, dialect: Dialect) -> tuple[Segment, ...]:
+        """Location and Orientation: two digits and whole turns, or three digits and signed."""
+        facets = FACETS[dialect]
+        digits = facets.ground_truth_digits
+        signed = facets.ground_truth_signed
+        orientation = self._orientation if signed else each_turn(self._orientation)
+        location = vector(self._location, digits)
+        return (("Location", location), ("Orientation", vector(orientation, digits)))
+
+    def configuration(self, dialect: Dialect) -> tuple[Segment, ...]:
+        """ScanInterval."""
+        return (("ScanInterval", fixed(self.interval(dialect), 4)),)
+
+
+@register("GroundTruthMovable")
+class GroundTruthMovable(GroundTruth):
+    """Pose of the sensor itself; on the wire it is a GroundTruth like the other."""
+
+    default_of: ClassVar[str] = "sensor"
+
+
+SEA_LEVEL = 111.0
+"""Height of every spawn place above the sea in the original, m."""
+
+
+@register("MagneticCompass")
+class MagneticCompass(Sensor):
+    """Heading relative to map north, signed, clockwise positive, rad.
+
+    The original converted twice and truncated, so it always said about zero: `literal` = true.
+    """
+
+    wire_type: ClassVar[str] = "MagneticCompass"
+
+    def __init__(self, item: ItemDescription, context: SensorContext) -> None:
+        super().__init__(item, context)
+        self.literal = self.parameters.flag("literal", False)
+        self._north = context.world.north
+        self._heading = 0.0
+
+    def measure(self, robot: RobotState, hits: Sequence[RayHits]) -> bool:
+        """Keep the heading."""
+        _, (_, _, yaw) = wire_from_pose(robot.pose)
+        self._heading = 0.0 if self.literal else wrap_signed(yaw - self._north)
+        return True
+
+    def data(self, dialect: Dialect) -> tuple[Segment, ...]:
+        """MagneticAngle, four digits."""
+        return (("MagneticAngle", fixed(self._heading, 4)),)
+
+
+@register("AltitudeSensor")
+class Altimeter(Sensor):
+    """Height above the place of the first reading, up positive, and above the sea, m.
+
+    Parameter: `sea_level`, height of that place above the sea.
+    """
+
+    wire_type: ClassVar[str] = "AltitudeSensor"
+
+    def __init__(self, item: ItemDescription, context: SensorContext) -> None:
+        super().__init__(item, context)
+        self.sea_level = self.parameters.number("sea_level", SEA_LEVEL)
+        self._start: float | None = None
+        self._relative = 0.0
+
+    def measure(self, robot: RobotState, hits: Sequence[RayHits]) -> bool:
+        """Keep the height of the robot's reference point."""
+        height = robot.pose.position[2]
+        if self._start is None:
+            self._start = height
+        self._relative = height - self._start
+        return True
+
+    def data(self, dialect: Dialect) -> tuple[Segment, ...]:
+        """relativeAltitude and absoluteAltitude (never below 0), four digits."""
+        absolute = max(self._relative + self.sea_level, 0.0)
+        return (
+            ("relativeAltitude", fixed(self._relative, 4)),
+            ("absoluteAltitude", fixed(absolute, 4)),
+        )
+
+
+@register("MissionTime")
+class MissionTime(Sensor):
+    """Whole minutes since the first reading."""
+
+    wire_type: ClassVar[str] = "MissionTime"
+
+    def __init__(self, item: ItemDescription, context: SensorContext) -> None:
+        super().__init__(item, context)
+        self._start: float | None = None
+        self._minutes = 0
+
+    def measure(self, robot: RobotState, hits: Sequence[RayHits]) -> bool:
+        """Keep the time."""
+        if self._start is None:
+            self._start = robot.time
+        self._minutes = int((robot.time - self._start) // 60.0)
+        return True
+
+    def data(self, dialect: Dialect) -> tuple[Segment, ...]:
+        """Minutes."""
+        return (("Minutes", str(self._minutes)),)

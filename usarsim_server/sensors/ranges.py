@@ -1,0 +1,338 @@
+"""What all sensors that measure distances share: limits, misses and noise.
+
+Range finders with one ray along the mount axis (robots reference 2.2).
+
+Ultrasonic ranging with a cone of rays and a limit of the angle of incidence.
+
+Robots reference 2.2. A wall reflects sound like a mirror, so an oblique surface gives no echo: a
+ray of the cone counts only if it meets its surface within `max_incidence` of the normal. UDK
+compared the normal with the ray's own direction, by which nearly all facing hits fail and only the
+centre ray remains; `literal = true` reproduces that.
+
+Line lasers: a fan of beams whose points are reported in the world (robots reference 2.3).
+
+Bundles of ray directions: computed once in the sensor's own frame, turned once per reading.
+
+Lists of points as text, fast enough for a thousand of them.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_server.protocol.numbers import fixed, ranges, vector
+from usarsim_server.protocol.values import Dialect, Segment
+from usarsim_server.robots.description import ItemDescription
+from usarsim_server.sensors.base import NOWHERE, Sensor, SensorContext, register
+from usarsim_server.sensors.inertial import announced_angle
+from usarsim_server.sensors.smoke import SmokeSight
+from usarsim_server.simulation.frames import IDENTITY, Pose, flip_point, wire_from_pose
+from usarsim_server.simulation.rays.query import RayFan, RayHits
+from usarsim_server.simulation.snapshot import RobotState
+
+Array = NDArray[np.float64]
+
+
+class Ranging(Sensor):
+    """A sensor of distances.
+
+    Parameters of the robot file: `min_range`, `max_range` (m); `noise` (m) and `noise_ratio`
+    (fraction of the distance): the larger of both is the standard deviation of a Gaussian error of
+    every echo. The original had no noise (robots reference 2.3), so both are 0 by default.
+    """
+
+    default_min_range: ClassVar[float] = 0.1
+    default_max_range: ClassVar[float]
+
+    def __init__(self, item: ItemDescription, context: SensorContext) -> None:
+        super().__init__(item, context)
+        read = self.parameters
+        self.min_range = read.number("min_range", self.default_min_range, minimum=0.0)
+        self.max_range = read.number("max_range", self.default_max_range, above=self.min_range)
+        self._sigma = read.number("noise", 0.0, minimum=0.0)
+        self._sigma_ratio = read.number("noise_ratio", 0.0, minimum=0.0)
+        self._rng = context.rng
+
+    def echoes(self, distances: Array) -> Array:
+        """Distances with noise, misses and everything too far set to the maximum range."""
+        ranges = np.minimum(distances, self.max_range)
+        if self._sigma > 0.0 or self._sigma_ratio > 0.0:
+            deviation = np.maximum(self._sigma, self._sigma_ratio * ranges)
+            noisy = ranges + deviation * self._rng.standard_normal(ranges.shape)
+            hit = distances < self.max_range
+            ranges = np.where(hit, np.clip(noisy, 0.0, self.max_range), self.max_range)
+        return ranges
+
+    def limits(self) -> tuple[Segment, ...]:
+        """The MaxRange and MinRange segments of CONF."""
+        return (("MaxRange", fixed(self.max_range, 4)), ("MinRange", fixed(self.min_range, 4)))
+
+
+class SingleRange(Ranging):
+    """A sensor with one distance per reading: sonar, infrared, range finder."""
+
+    batched: ClassVar[frozenset[Dialect]] = frozenset({Dialect.UT2004})
+    intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.1}
+
+    def __init__(self, item: ItemDescription, context: SensorContext) -> None:
+        super().__init__(item, context)
+        self.range = self.max_range
+
+    def measure(self, robot: RobotState, hits: Sequence[RayHits]) -> bool:
+        """Keep the distance of the nearest accepted echo (m)."""
+        self.range = self.distance(hits)
+        return True
+
+    def data(self, dialect: Dialect) -> tuple[Segment, ...]:
+        """Range, four digits in both dialects (protocol reference 2.2)."""
+        return (("Range", fixed(self.range, 4)),)
+
+    def configuration(self, dialect: Dialect) -> tuple[Segment, ...]:
+        """MaxRange and MinRange."""
+        return self.limits()
+
+    @abstractmethod
+    def distance(self, hits: Sequence[RayHits]) -> float:
+        """The reading (m) that the ray answers amount to."""
+
+
+_FLIP = np.array(flip_point((1.0, 1.0, 1.0)))
+
+AHEAD: Array = np.array([[1.0, 0.0, 0.0]])
+"""The one direction of a sensor that looks along its mount axis."""
+
+
+def wire_directions(yaw: Array | float, pitch: Array | float = 0.0) -> Array:
+    """Unit vectors (n, 3) in the simulation frame for wire yaw and pitch angles (rad).
+
+    Wire yaw grows to the right, wire pitch grows upward (protocol reference 2.5).
+    """
+    yaw, pitch = np.broadcast_arrays(np.atleast_1d(yaw), np.atleast_1d(pitch))
+    columns = (np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), -np.sin(pitch))
+    directions: Array = np.column_stack(columns) * _FLIP
+    return directions
+
+
+def cone_directions(half_angle: float, cones: int, rays_per_cone: int) -> Array:
+    """Axis and nested cones around it, (1 + cones * rays_per_cone, 3); the axis is row 0.
+
+    Half-angles grow in equal steps up to `half_angle` (rad); the rays of a cone have equal
+    distances in azimuth and start sideways, so every cone has rays in the horizontal plane.
+    """
+    opening = np.repeat(half_angle * np.arange(1, cones + 1) / max(cones, 1), rays_per_cone)
+    azimuth = np.tile(math.tau * np.arange(rays_per_cone) / max(rays_per_cone, 1), cones)
+    rings = np.column_stack(
+        (np.cos(opening), np.sin(opening) * np.cos(azimuth), np.sin(opening) * np.sin(azimuth))
+    )
+    return np.vstack((AHEAD, rings))
+
+
+def fan_at(
+    pose: Pose,
+    directions: Array,
+    max_range: float,
+    *,
+    starts: Array | None = None,
+    normals: bool = False,
+    through_glass: bool = False,
+    identify: bool = False,
+) -> RayFan:
+    """The fan of a sensor at a world pose.
+
+    Args:
+        pose: of the sensor in the world.
+        directions: (n, 3) unit vectors in the sensor's frame.
+        max_range: m.
+        starts: (n, 3) start points in the sensor's frame, m; all in its origin if None.
+        normals: also ask for surface normals.
+        through_glass: do not see glass.
+        identify: also ask what was hit.
+    """
+    turn = pose.matrix().T
+    origin = np.array(pose.position)
+    if starts is not None:
+        origin = starts @ turn + origin
+    return RayFan(origin, directions @ turn, max_range, normals, through_glass, identify)
+
+
+@register("RangeSensor")
+class RangeSensor(SingleRange):
+    """One ray; the minimum range is announced but not applied.
+
+    Parameters: those of `Ranging`; `smoke` and `smoke_budget`, see `SmokeSight`.
+    Source: RangeSensor.uc of robocup-usarsim, whose item type is `Range`.
+    """
+
+    wire_type: ClassVar[str] = "Range"
+    default_max_range: ClassVar[float] = 3.0
+    through_glass: ClassVar[bool] = False
+
+    def __init__(self, item: ItemDescription, context: SensorContext) -> None:
+        super().__init__(item, context)
+        self._sight = SmokeSight(self.parameters, context, "ignore")
+
+    def rays(self, robot: RobotState) -> Sequence[RayFan]:
+        """The single ray along the mount axis."""
+        pose = self.world_pose(robot)
+        fan = fan_at(pose, AHEAD, self.max_range, through_glass=self.through_glass)
+        return (self._sight.send(fan, robot.time),)
+
+    def distance(self, hits: Sequence[RayHits]) -> float:
+        """The distance as it is, or as smoke lets it appear."""
+        distances = self._sight.receive(hits[0].distances)
+        return float(self._sight.blank(self.echoes(distances))[0])
+
+
+@register("IR", "IRSensor")
+class InfraredSensor(RangeSensor):
+    """Looks through glass and keeps its reading within both limits."""
+
+    wire_type: ClassVar[str] = "IR"
+    default_min_range: ClassVar[float] = 0.2
+    default_max_range: ClassVar[float] = 1.5
+    through_glass: ClassVar[bool] = True
+
+    def distance(self, hits: Sequence[RayHits]) -> float:
+        """The distance, at least the minimum range."""
+        return max(super().distance(hits), self.min_range)
+
+    def configuration(self, dialect: Dialect) -> tuple[Segment, ...]:
+        """The limits; UDK sent the pair twice (protocol reference 4.8), and so do we there."""
+        return self.limits() * 2 if dialect is Dialect.UDK else self.limits()
+
+
+MAX_CONES = 10
+MAX_RAYS_PER_CONE = 16
+"""The original's sampling; finer is pointless and would only cost time."""
+
+
+@register("Sonar", "SonarSensor")
+class Sonar(SingleRange):
+    """Nearest echo within a cone, clamped to the range limits.
+
+    Parameters: those of `Ranging`, and `beam_angle` (rad, full cone), `max_incidence` (rad),
+    `cones` and `rays_per_cone` (sampling: 2 x 8 by default, the original's is 10 x 16), `literal`.
+    """
+
+    wire_type: ClassVar[str] = "Sonar"
+    intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.2}
+    default_max_range: ClassVar[float] = 5.0
+
+    def __init__(self, item: ItemDescription, context: SensorContext) -> None:
+        super().__init__(item, context)
+        read = self.parameters
+        self.beam_angle = read.number("beam_angle", 0.349, above=0.0, maximum=math.pi)
+        self.max_incidence = read.number("max_incidence", 0.17453, above=0.0, maximum=math.pi / 2)
+        self.cones = read.count("cones", 2, minimum=0, maximum=MAX_CONES)
+        self.rays_per_cone = read.count("rays_per_cone", 8, minimum=1, maximum=MAX_RAYS_PER_CONE)
+        self.literal = read.flag("literal", False)
+        cones = 0 if self.literal else self.cones
+        self._directions = cone_directions(self.beam_angle / 2, cones, self.rays_per_cone)
+        self._facing = math.cos(self.max_incidence)
+        self._sent = self._directions
+
+    def rays(self, robot: RobotState) -> Sequence[RayFan]:
+        """Axis and cones, with surface normals."""
+        fan = fan_at(self.world_pose(robot), self._directions, self.max_range, normals=True)
+        self._sent = fan.directions
+        return (fan,)
+
+    def distance(self, hits: Sequence[RayHits]) -> float:
+        """The centre ray, or a nearer ray of the cone that meets its surface squarely."""
+        answer = hits[0]
+        nearest = answer.distances[:1]
+        if answer.normals is not None:
+            against = np.einsum("ij,ij->i", answer.normals, self._sent)
+            square = answer.distances[against < -self._facing]
+            if square.size:
+                nearest = np.minimum(nearest, square.min())
+        return max(float(self.echoes(nearest)[0]), self.min_range)
+
+    def configuration(self, dialect: Dialect) -> tuple[Segment, ...]:
+        """The limits and the cone (protocol reference 4.8)."""
+        beam = fixed(announced_angle(self.beam_angle, dialect), 4)
+        if dialect is Dialect.UT2004:
+            return (*self.limits(), ("BeamAngle", beam))
+        return (
+            *self.limits(),
+            ("ScanInterval", fixed(self.interval(dialect), 4)),
+            ("beamAngle", beam),
+            ("maxAngleOfIncidence", fixed(self.max_incidence, 4)),
+            ("tracesPerCone", str(self.rays_per_cone)),
+            ("numberOfCones", str(self.cones)),
+        )
+
+
+def wire_points(points: Array) -> Array:
+    """Points (n, 3) of a simulation frame in the wire frame that belongs to it."""
+    turned: Array = points * _FLIP
+    return turned
+
+
+def point_texts(points: Array, digits: int) -> list[str]:
+    """Every point (n, 3) as `x,y,z`."""
+    texts = ranges(points, digits).split(",")
+    return [",".join(texts[i : i + 3]) for i in range(0, 3 * len(points), 3)]
+
+
+@register("LineLaser")
+class LineLaser(Ranging):
+    """True pose of the sensor and the point of every beam, in the world frame.
+
+    Beams run from -FOV/2, the left, to +FOV/2, both included. A beam without hit gives the point
+    at the maximum range, so that the number of points is constant. The original measured once and
+    repeated that text for ever: `literal` = true. The pieces of line into which it grouped the
+    points were drawn on its screen and never sent (LineLaser.uc of robocup-usarsim).
+
+    Parameters: those of `Ranging`, and `fov` (rad), `beams`, `literal`.
+    """
+
+    wire_type: ClassVar[str] = "LineLaser"
+    timed: ClassVar[frozenset[Dialect]] = NOWHERE
+    intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.1}
+    default_max_range: ClassVar[float] = 5.0
+
+    def __init__(self, item: ItemDescription, context: SensorContext) -> None:
+        super().__init__(item, context)
+        read = self.parameters
+        self.fov = read.number("fov", 1.570796, above=0.0, maximum=7.0)
+        self.beams = read.count("beams", 120, minimum=2, maximum=10_000)
+        self.literal = read.flag("literal", False)
+        self._directions = wire_directions(np.linspace(-self.fov / 2, self.fov / 2, self.beams))
+        self._pose = IDENTITY
+        self._points: Array | None = None
+
+    def rays(self, robot: RobotState) -> Sequence[RayFan]:
+        """One ray per beam; none once the literal sensor has measured."""
+        if self.literal and self._points is not None:
+            return ()
+        return (fan_at(self.world_pose(robot), self._directions, self.max_range),)
+
+    def measure(self, robot: RobotState, hits: Sequence[RayHits]) -> bool:
+        """Keep the pose and the points."""
+        if hits:
+            self._pose = self.world_pose(robot)
+            along = self._directions * self.echoes(hits[0].distances)[:, None]
+            self._points = along @ self._pose.matrix().T + np.array(self._pose.position)
+        return True
+
+    def data(self, dialect: Dialect) -> tuple[Segment, ...]:
+        """Location and Orientation, four digits, and Points, three digits."""
+        location, orientation = wire_from_pose(self._pose)
+        points = np.zeros((0, 3)) if self._points is None else wire_points(self._points)
+        return (
+            ("Location", vector(location, 4)),
+            ("Orientation", vector(orientation, 4)),
+            ("Points", "".join(f"[{text}]" for text in point_texts(points, 3))),
+        )
+
+    def configuration(self, dialect: Dialect) -> tuple[Segment, ...]:
+        """Limits, FOV and the number of beams (protocol reference 4.8)."""
+        fov = fixed(announced_angle(self.fov, dialect), 4)
+        return (*self.limits(), ("FOV", fov), ("Resolution", str(self.beams)))

@@ -1,0 +1,178 @@
+"""From sensors to lines: SEN of those that just measured, answers to GETGEO and GETCONF.
+
+Pure functions; the readings are in the sensors. Which instances share a line, which lines carry
+Time and how item names look follows from the classes and the dialect (protocol reference 4.5,
+4.7, 4.8).
+
+One reading of some sensors of a robot, in two halves: which rays they need, and the lines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from usarsim_server.protocol.messages import (
+    SensorMount,
+    configuration,
+    sensor_geometry,
+    sensor_line,
+)
+from usarsim_server.protocol.values import Dialect, Item
+from usarsim_server.robots.description import RobotDescription
+from usarsim_server.sensors.base import Sensor
+from usarsim_server.simulation.frames import Pose, wire_from_pose
+from usarsim_server.simulation.rays.query import RayFan, RayHits
+from usarsim_server.simulation.snapshot import RobotState
+
+HARD = "HARD"
+"""Mount of everything fixed to the body in `ut2004`."""
+
+
+def sen_lines(sensors: Sequence[Sensor], time: float, dialect: Dialect) -> list[str]:
+    """SEN lines of the sensors that have just measured something, without line ends.
+
+    Args:
+        sensors: in mount order; only those whose `measure` returned True.
+        time: simulated s of the measurement.
+        dialect: decides on batching, Time and names.
+
+    Returns:
+        One line per sensor, or one per type for batched types, where the first of them stands.
+    """
+    lines: list[str] = []
+    done: set[str] = set()
+    for sensor in sensors:
+        batch = dialect in sensor.batched
+        if batch and sensor.wire_type in done:
+            continue
+        group = [sensor]
+        if batch:
+            done.add(sensor.wire_type)
+            group = [other for other in sensors if other.wire_type == sensor.wire_type]
+        lines.append(_sen_line(group, time, dialect, batch))
+    return lines
+
+
+def geo_line(
+    sensors: Sequence[Sensor],
+    wire_type: str,
+    name: str | None,
+    robot: RobotDescription,
+    dialect: Dialect,
+) -> str | None:
+    """The answer to GETGEO: all sensors of a type, or the named one; None if there is none.
+
+    Poses are those of the mount: relative to the body, whatever the robot's pose in the world, or
+    relative to the link that carries the sensor.
+    """
+    found = find_sensors(sensors, wire_type, name)
+    if not found:
+        return None
+    mounts = []
+    for sensor in found:
+        pose, mount, link = carried(sensor.mount, sensor.link, robot, dialect)
+        location, rotation = wire_from_pose(pose)
+        mounts.append(SensorMount(sensor.wire_name(dialect), location, rotation, mount, link))
+    return sensor_geometry(dialect, found[0].wire_type, mounts)
+
+
+def conf_line(
+    sensors: Sequence[Sensor], wire_type: str, name: str | None, dialect: Dialect
+) -> str | None:
+    """The answer to GETCONF: all sensors of a type, or the named one; None if there is none."""
+    found = find_sensors(sensors, wire_type, name)
+    if not found:
+        return None
+    items = [Item(sensor.wire_name(dialect), sensor.configuration(dialect)) for sensor in found]
+    return configuration(found[0].wire_type, items)
+
+
+def find_sensors(sensors: Sequence[Sensor], wire_type: str, name: str | None) -> list[Sensor]:
+    """Sensors of a type, in mount order; with a name only those that bear it in any dialect.
+
+    Types and names are compared without case. A nickname counts if nobody bears the name.
+    """
+    wanted = wire_type.strip().lower()
+    found = [
+        sensor
+        for sensor in sensors
+        if sensor.wire_type.lower() == wanted or wanted in sensor.aliases
+    ]
+    if name is None:
+        return found
+    asked = name.strip().lower()
+    exact = [sensor for sensor in found if asked in _names(sensor)]
+    return exact or [sensor for sensor in found if asked in sensor.nicknames]
+
+
+def _sen_line(group: Sequence[Sensor], time: float, dialect: Dialect, batch: bool) -> str:
+    first = group[0]
+    return sensor_line(
+        dialect,
+        first.wire_type,
+        [sensor.item(dialect) for sensor in group],
+        time if dialect in first.timed else None,
+        first.time_digits[dialect],
+        batch,
+    )
+
+
+def _names(sensor: Sensor) -> set[str]:
+    return {sensor.name.lower(), *(sensor.wire_name(dialect).lower() for dialect in Dialect)}
+
+
+def carried(
+    pose: Pose, link: str | None, robot: RobotDescription, dialect: Dialect
+) -> tuple[Pose, str, int | None]:
+    """Pose, Mount and MountLink of GEO.
+
+    UDK named the actuator and the number of its link; it knew wheels only as parts of the vehicle,
+    so there what sits on a wheel is announced where it is on the body.
+
+    Args:
+        pose: relative to the link.
+        link: link that carries the item; None for the chassis.
+        robot: the class.
+        dialect: see above.
+    """
+    if dialect is Dialect.UT2004:
+        return pose, HARD if link is None else link, None
+    if link is None:
+        return pose, robot.name, None
+    found = robot.find_link(link)
+    if found is not None:
+        return pose, found[0].name, found[1]
+    for wheel in robot.wheels:
+        if wheel.name.lower() == link.lower():
+            return Pose(wheel.position) @ pose, robot.name, None
+    return pose, link, None
+
+
+class Survey:
+    """A reading under way.
+
+    Attributes:
+        fans: the rays of all sensors.
+    """
+
+    def __init__(self, sensors: Sequence[Sensor], state: RobotState) -> None:
+        """Ask the sensors for their rays.
+
+        Args:
+            sensors: in mount order.
+            state: of their robot.
+        """
+        self._sensors = sensors
+        self._state = state
+        wanted = [sensor.rays(state) for sensor in sensors]
+        self._counts = [len(rays) for rays in wanted]
+        self.fans: list[RayFan] = [fan for rays in wanted for fan in rays]
+
+    def lines(self, hits: Sequence[RayHits], dialect: Dialect) -> list[str]:
+        """Take the readings, given the answers to `fans` in order, and write them down."""
+        measured, begin = [], 0
+        for sensor, count in zip(self._sensors, self._counts, strict=True):
+            if sensor.measure(self._state, hits[begin : begin + count]):
+                measured.append(sensor)
+            begin += count
+        return sen_lines(measured, self._state.time, dialect)

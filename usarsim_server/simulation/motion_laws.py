@@ -1,0 +1,272 @@
+"""Laws of motion beside wheels and joints: rotors, propellers, buoyancy, tracks.
+
+A law belongs to one slot and is obeyed by the physics thread in every step. It may write forces on
+the bodies of its own robot (`data.xfrc_applied`), surface velocities of its own geoms and the
+friction of their contacts, and nothing else.
+
+A chassis on a free joint, as laws of motion see and push it.
+
+Plain numbers instead of arrays: a law runs in every step, and for three components NumPy is
+several times slower.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_server.simulation.frames import Vector
+
+Array = NDArray[np.float64]
+
+
+class Law(ABC):
+    """What moves one robot. Must be deterministic."""
+
+    def prepare(self, model: mujoco.MjModel, data: mujoco.MjData, command: Array) -> None:
+        """Before the first half of a step, which finds the contacts."""
+        return
+
+    def push(self, model: mujoco.MjModel, data: mujoco.MjData, command: Array) -> None:
+        """Between the halves: positions and velocities are up to date, forces count now."""
+        return
+
+    def feel(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """After the step: its contact forces are known."""
+        return
+
+    @abstractmethod
+    def release(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """The robot leaves or is put elsewhere: take back what was written, forget the rest."""
+
+    def state(self) -> Array:
+        """A copy of what the law remembers, as numbers."""
+        return np.zeros(0)
+
+    def restore(self, state: Array) -> None:
+        """Go back to a copied state."""
+        return
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LawModel:
+    """A law of a robot class.
+
+    Attributes:
+        make: makes the law for a slot from the compiled model and the prefix of all names of
+            that slot (`prefix + "base"` is its chassis).
+        channels: how many numbers it takes as a command; zeros until the first one.
+    """
+
+    make: Callable[[mujoco.MjModel, str], Law]
+    channels: int
+
+
+LawsState = tuple[Array, tuple[Array, ...], frozenset[int]]
+"""Commands, what the laws remember, and which slots have laws that hold."""
+
+
+class Laws:
+    """The laws of all slots of one model generation."""
+
+    def __init__(
+        self, model: mujoco.MjModel, slots: Iterable[tuple[str, tuple[LawModel, ...]]]
+    ) -> None:
+        """Make all laws.
+
+        Args:
+            model: compiled.
+            slots: prefix of names and laws of every slot.
+        """
+        self._model = model
+        self._laws: dict[int, list[tuple[Law, slice]]] = {}
+        self._span: dict[int, slice] = {}
+        channels = 0
+        for number, (prefix, models) in enumerate(slots):
+            begin = channels
+            for one in models:
+                place = slice(channels, channels + one.channels)
+                self._laws.setdefault(number, []).append((one.make(model, prefix), place))
+                channels = place.stop
+            self._span[number] = slice(begin, channels)
+        self._commands = np.zeros(channels)
+        self._active: set[int] = set()
+        self._running: list[tuple[Law, Array]] = []
+        self._feeling: list[Law] = []
+
+    def command(self, slot: int, values: Array) -> None:
+        """Set the command of a slot, all laws one after the other.
+
+        Raises:
+            ValueError: if the count is wrong or a value is not finite.
+        """
+        span = self._span[slot]
+        if values.shape != (span.stop - span.start,) or not np.isfinite(values).all():
+            raise ValueError(f"command does not fit: {values}")
+        self._commands[span] = values
+
+    def commanded(self, slot: int) -> bool:
+        """Whether the command of a slot asks for anything but zeros."""
+        return bool(self._commands[self._span[slot]].any())
+
+    def occupy(self, slot: int) -> None:
+        """A robot takes the slot: its laws hold from now on."""
+        if slot in self._laws:
+            self._active.add(slot)
+            self._list()
+
+    def forget(self, slot: int, data: mujoco.MjData) -> None:
+        """The robot of a slot was put elsewhere: its laws forget, its command stays."""
+        for law, _ in self._laws.get(slot, ()):
+            law.release(self._model, data)
+
+    def vacate(self, slot: int, data: mujoco.MjData) -> None:
+        """The laws of a slot hold no longer; its command is zero."""
+        self.forget(slot, data)
+        self._commands[self._span[slot]] = 0.0
+        if slot in self._active:
+            self._active.remove(slot)
+            self._list()
+
+    def _list(self) -> None:
+        self._running = [
+            (law, self._commands[place])
+            for slot in sorted(self._active)
+            for law, place in self._laws[slot]
+        ]
+        self._feeling = [law for law, _ in self._running if type(law).feel is not Law.feel]
+
+    def prepare(self, data: mujoco.MjData) -> None:
+        """Before the first half of every step."""
+        for law, command in self._running:
+            law.prepare(self._model, data, command)
+
+    def push(self, data: mujoco.MjData) -> None:
+        """Between the two halves of every step."""
+        if not self._running:
+            return
+        # A body that diverges is dealt with after the step (see `divergence.py`).
+        with np.errstate(all="ignore"):
+            for law, command in self._running:
+                law.push(self._model, data, command)
+
+    def feel(self, data: mujoco.MjData) -> None:
+        """After every step."""
+        for law in self._feeling:
+            law.feel(self._model, data)
+
+    def state(self) -> LawsState:
+        """A copy of everything that changes, for `restore`."""
+        laws = tuple(law.state() for one in self._laws.values() for law, _ in one)
+        return self._commands.copy(), laws, frozenset(self._active)
+
+    def restore(self, state: LawsState) -> None:
+        """Go back to a copied state of this generation."""
+        commands, laws, active = state
+        self._commands[:] = commands
+        if active != self._active:
+            self._active = set(active)
+            self._list()
+        every = [law for one in self._laws.values() for law, _ in one]
+        for law, kept in zip(every, laws, strict=True):
+            law.restore(kept)
+
+    def inherit(self, older: Laws) -> None:
+        """Take over the robots of an older generation, which sit in the same slots here."""
+        for slot in older._active:
+            self._commands[self._span[slot]] = older._commands[older._span[slot]]
+            pairs = zip(self._laws.get(slot, ()), older._laws.get(slot, ()), strict=True)
+            for (law, _), (old, _) in pairs:
+                law.restore(old.state())
+        self._active = set(older._active)
+        self._list()
+
+
+Motion = tuple[tuple[Vector, Vector, Vector], Vector, Vector]
+"""The axes of the body in the world (ahead, to the left, up), the velocity of its origin in the
+world (m/s), its turning rate in its own frame (rad/s)."""
+
+
+class FreeBody:
+    """One robot's chassis with everything on it.
+
+    Attributes:
+        mass: kg.
+        inertia: about the axes of the body through its origin, joints at home, kg m^2.
+    """
+
+    def __init__(self, model: mujoco.MjModel, base: str) -> None:
+        """Find it.
+
+        Args:
+            model: compiled.
+            base: name of the chassis.
+        """
+        self._body = body = int(model.body(base).id)
+        dof = int(model.body_dofadr[body])
+        coordinates = int(model.jnt_qposadr[model.body_jntadr[body]])
+        self._dofs = slice(dof, dof + 6)
+        self._place = slice(coordinates, coordinates + 3)
+        self._quaternion = slice(coordinates + 3, coordinates + 7)
+        self.mass = float(model.body_subtreemass[body])
+        a, b, c = model.dof_M0[dof + 3 : dof + 6].tolist()
+        self.inertia: Vector = (a, b, c)
+
+    def look(self, data: mujoco.MjData) -> Motion:
+        """How it stands and moves."""
+        w, x, y, z = data.qpos[self._quaternion].tolist()
+        vx, vy, vz, p, q, r = data.qvel[self._dofs].tolist()
+        axes = (
+            (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)),
+            (2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)),
+            (2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)),
+        )
+        return axes, (vx, vy, vz), (p, q, r)
+
+    def place(self, data: mujoco.MjData) -> Vector:
+        """Where its origin is, m."""
+        x, y, z = data.qpos[self._place].tolist()
+        return x, y, z
+
+    def push(self, data: mujoco.MjData, motion: Motion, force: Vector, torque: Vector) -> None:
+        """Push it until told otherwise.
+
+        Args:
+            data: positions are up to date.
+            motion: from `look`.
+            force: acts in the mass centre, N, in the world.
+            torque: N m, in the frame of the body.
+        """
+        cx, cy, cz = data.subtree_com[self._body].tolist()
+        ox, oy, oz = data.xpos[self._body].tolist()
+        moment = cross((cx - ox, cy - oy, cz - oz), force)
+        a, b, c = motion[0]
+        data.qfrc_applied[self._dofs] = (
+            *force,
+            torque[0] + dot(a, moment),
+            torque[1] + dot(b, moment),
+            torque[2] + dot(c, moment),
+        )
+
+    def release(self, data: mujoco.MjData) -> None:
+        """Let go of it."""
+        data.qfrc_applied[self._dofs] = 0.0
+
+
+def cross(a: Vector, b: Vector) -> Vector:
+    """The vector product."""
+    return (
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    )
+
+
+def dot(a: Vector, b: Vector) -> float:
+    """The scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

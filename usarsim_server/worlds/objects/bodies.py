@@ -1,0 +1,390 @@
+"""Classes of objects that a world controller can create, as plain values, and their file.
+
+`worlds/objects.toml` holds the shipped classes; an `objects.toml` in a world folder adds classes
+for that world, or replaces shipped ones (docs/world-controller.md).
+
+From a class of objects to a body in the physics, at any scale.
+
+A piece that stays what it is when it is stretched (a box along its axes, a ball into an
+ellipsoid) is one of MuJoCo's own shapes; everything else becomes a convex mesh.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import os
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_server import errors
+from usarsim_server.errors import WorldError
+from usarsim_server.simulation.frames import Pose, Vector, quaternion_from_rpy
+from usarsim_server.simulation.model import RobotModel
+from usarsim_server.tables import read_toml
+from usarsim_server.worlds.tables import Table
+
+SHEET = "objects.toml"
+
+SHAPES = ("box", "sphere", "cylinder", "cone", "wedge")
+"""Cylinder and cone stand on end; a wedge rises along its x axis from the edge at -x."""
+
+Color = Vector
+
+_SMALLEST, _LARGEST = 1e-3, 100.0  # m
+_LIGHTEST, _HEAVIEST = 1e-3, 1e5  # kg
+
+
+@dataclass(frozen=True, slots=True)
+class Material:
+    """A name for looks, and for sensors that judge by names: colour and opacity (0 to 1)."""
+
+    name: str
+    color: Color
+    opacity: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A convex piece of an object.
+
+    Attributes:
+        shape: one of `SHAPES`.
+        size: extents (m) along its own axes.
+        pose: of its centre, in the frame of the object.
+        color: None for the colour of the object.
+    """
+
+    shape: str
+    size: Vector
+    pose: Pose = Pose()  # noqa: RUF009 - immutable
+    color: Color | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectClass:
+    """One class; its origin is the middle of its bounding box.
+
+    Attributes:
+        name: as clients call it, without package.
+        parts: what it is made of.
+        size: extents (m) of the bounding box.
+        mass: kg.
+        color: red, green, blue.
+        friction: sliding friction; of two things that touch the larger counts.
+        rolling: length (m) of rolling resistance; 0 for things that do not roll.
+        aliases: further names.
+    """
+
+    name: str
+    parts: tuple[Part, ...]
+    size: Vector
+    mass: float
+    color: Color
+    friction: float = 0.5
+    rolling: float = 0.0
+    aliases: tuple[str, ...] = ()
+
+
+class ObjectCatalog:
+    """All classes and materials by name, whatever the case."""
+
+    def __init__(self, classes: Iterable[ObjectClass], materials: Iterable[Material]) -> None:
+        """Collect classes; a later one replaces an earlier one, alias or not."""
+        self._classes: dict[str, ObjectClass] = {}
+        self._names: dict[str, ObjectClass] = {}
+        for one in classes:
+            self._classes[one.name.lower()] = one
+            for name in (one.name, *one.aliases):
+                self._names[name.lower()] = one
+        self._materials = {material.name.lower(): material for material in materials}
+
+    def find(self, name: str) -> ObjectClass | None:
+        """The class of this name or alias; None if there is none."""
+        return self._names.get(name.strip().lower())
+
+    def material(self, name: str) -> Material | None:
+        """The material of this name; None if there is none."""
+        return self._materials.get(name.strip().lower())
+
+    @property
+    def classes(self) -> tuple[ObjectClass, ...]:
+        """All classes, in the order of their names."""
+        return tuple(self._classes[name] for name in sorted(self._classes))
+
+
+def load_objects(sheets: Iterable[Path]) -> ObjectCatalog:
+    """Read the files that exist; classes of later ones replace those of earlier ones.
+
+    Raises:
+        WorldError: naming file, key, what is wrong and what to write instead.
+    """
+    classes: list[ObjectClass] = []
+    materials: list[Material] = []
+    for sheet in sheets:
+        if os.path.lexists(sheet):
+            table = Table(sheet, read_toml(sheet, WorldError, "object"))
+            found = [_material(entry) for entry in table.tables("material")]
+            materials += found
+            own = [_object_class(entry) for entry in table.tables("object")]
+            table.finish()
+            _check_unique(sheet, own)
+            classes += own
+    return ObjectCatalog(classes, materials)
+
+
+def _material(table: Table) -> Material:
+    material = Material(
+        name=table.word("name"),
+        color=_color(table, None) or (0.5, 0.5, 0.5),
+        opacity=table.number("opacity", default=1.0, low=0.0, high=1.0),
+    )
+    table.finish()
+    return material
+
+
+def _object_class(table: Table) -> ObjectClass:
+    name = table.word("name")
+    aliases = table.words("aliases", default=())
+    parts = tuple(_part(entry) for entry in table.tables("part"))
+    if parts and table.has("shape"):
+        raise table.error("shape", "stands beside [[object.part]]", "keep one of the two")
+    parts = parts or (_shape(table),)
+    middle, size = _bounding_box(parts)
+    found = ObjectClass(
+        name=name,
+        parts=tuple(
+            replace(part, pose=Pose(_minus(part.pose.position, middle), part.pose.quaternion))
+            for part in parts
+        ),
+        size=size,
+        mass=table.number("mass", default=_weight(parts), low=_LIGHTEST, high=_HEAVIEST),
+        color=_color(table, (0.6, 0.6, 0.6)) or (0.6, 0.6, 0.6),
+        friction=table.number("friction", default=0.5, low=0.0, high=5.0),
+        rolling=table.number("rolling", default=0.0, low=0.0, high=1.0),
+        aliases=aliases,
+    )
+    table.finish()
+    return found
+
+
+def _part(table: Table) -> Part:
+    part = replace(
+        _shape(table),
+        pose=Pose(
+            table.vector("position", default=(0.0, 0.0, 0.0)),
+            quaternion_from_rpy(
+                *map(math.radians, table.vector("rotation_degrees", default=(0.0, 0.0, 0.0)))
+            ),
+        ),
+        color=_color(table, None),
+    )
+    table.finish()
+    return part
+
+
+def _shape(table: Table) -> Part:
+    shape = table.choice("shape", SHAPES)
+    size = table.vector("size")
+    if not all(_SMALLEST <= extent <= _LARGEST for extent in size):
+        raise table.error(
+            "size", f"{size} is out of range", f"write extents from {_SMALLEST} to {_LARGEST} m"
+        )
+    return Part(shape, size)
+
+
+def _color(table: Table, default: Color | None) -> Color | None:
+    if not table.has("color") and default is None:
+        return None
+    color = table.vector("color", default=default)
+    if not all(0.0 <= channel <= 1.0 for channel in color):
+        raise table.error("color", f"{color} is out of range", "write numbers from 0 to 1")
+    return color
+
+
+def _bounding_box(parts: Iterable[Part]) -> tuple[Vector, Vector]:
+    """Middle and extents of the box around all parts."""
+    lower, upper = [math.inf] * 3, [-math.inf] * 3
+    for part in parts:
+        turn = abs(part.pose.matrix())
+        half = turn @ [extent / 2.0 for extent in part.size]
+        for axis in range(3):
+            lower[axis] = min(lower[axis], part.pose.position[axis] - float(half[axis]))
+            upper[axis] = max(upper[axis], part.pose.position[axis] + float(half[axis]))
+    middle = [(low + high) / 2.0 for low, high in zip(lower, upper, strict=True)]
+    size = [round(high - low, 9) for low, high in zip(lower, upper, strict=True)]
+    return (middle[0], middle[1], middle[2]), (size[0], size[1], size[2])
+
+
+DENSITY = 100.0
+"""kg/m^3 of a class that names no mass: a box of cardboard with something in it."""
+
+
+def _weight(parts: Iterable[Part]) -> float:
+    return max(_LIGHTEST, min(_HEAVIEST, DENSITY * sum(math.prod(part.size) for part in parts)))
+
+
+def _minus(one: Vector, other: Vector) -> Vector:
+    return one[0] - other[0], one[1] - other[1], one[2] - other[2]
+
+
+def _check_unique(sheet: Path, classes: Iterable[ObjectClass]) -> None:
+    seen: dict[str, str] = {}
+    for one in classes:
+        for name in (one.name, *one.aliases):
+            other = seen.setdefault(name.lower(), name)
+            if other is not name:
+                problem = f"{name!r} stands there twice"
+                cure = "give every class its own names; capitals make no difference"
+                raise WorldError(errors.at(sheet, problem, cure, where=f"[[object]] {one.name}"))
+
+
+Array = NDArray[np.float64]
+
+LARGEST_RIGID = 5.0
+"""m: a rigid body that is larger would touch its neighbours where free slots are parked."""
+
+SEGMENTS = 32
+"""Corners of a round piece that has become a mesh."""
+RINGS = 8
+
+CONTACT_SOLREF = (0.02, 1.0)
+CONTACT_SOLIMP = (0.9, 0.95, 0.001, 0.5, 2.0)
+"""As robots and scenery have them (robots reference 4.10)."""
+
+
+def object_size(kind: ObjectClass, scale: Vector) -> Vector:
+    """Extents (m) of an object of a class at a scale."""
+    x, y, z = (extent * factor for extent, factor in zip(kind.size, scale, strict=True))
+    return x, y, z
+
+
+def object_model(
+    kind: ObjectClass, scale: Vector, rigid: bool, material: Material | None = None
+) -> RobotModel:
+    """The body of an object as the simulation wants it.
+
+    Args:
+        kind: its class.
+        scale: factors along the axes of the class, all above 0.
+        rigid: forces move it; otherwise it stays where it is put, or goes its own way.
+        material: looks that replace the class's own.
+    """
+    look = "" if material is None else material.name.lower()
+    key = f"object:{kind.name}:{','.join(map(repr, scale))}:{look}:{'rigid' if rigid else 'placed'}"
+    return RobotModel(
+        key=key,
+        build=_builder(kind, scale, rigid, material),
+        driven=(),
+        rest_height=object_size(kind, scale)[2] / 2.0,
+        kinematic=not rigid,
+        robot=False,
+    )
+
+
+def _builder(
+    kind: ObjectClass, scale: Vector, rigid: bool, material: Material | None
+) -> Callable[[], mujoco.MjSpec]:
+    def build() -> mujoco.MjSpec:
+        spec = mujoco.MjSpec()
+        base = spec.worldbody.add_body(name="base", mocap=not rigid)
+        if rigid:
+            base.add_freejoint(name="free")
+        if material is not None:
+            spec.add_material(name=material.name, rgba=[*material.color, material.opacity])
+        volumes = [_volume(part) for part in kind.parts]
+        mass = kind.mass * math.prod(scale)
+        for number, part in enumerate(kind.parts):
+            geom = _add_part(spec, base, part, scale, f"part{number}")
+            geom.mass = mass * volumes[number] / sum(volumes)
+            _finish(geom, kind, part, material)
+        return spec
+
+    return build
+
+
+def _finish(geom: mujoco.MjsGeom, kind: ObjectClass, part: Part, material: Material | None) -> None:
+    geom.friction = [kind.friction, 0.005 + kind.rolling, 0.0001 + kind.rolling]
+    # Rolling resistance needs all six dimensions of a contact.
+    geom.condim = 6 if kind.rolling else 3
+    geom.solref, geom.solimp = CONTACT_SOLREF, CONTACT_SOLIMP
+    if material is None:
+        geom.rgba = [*(part.color or kind.color), 1.0]
+    else:
+        geom.material = material.name
+
+
+def _add_part(
+    spec: mujoco.MjSpec, base: mujoco.MjsBody, part: Part, scale: Vector, name: str
+) -> mujoco.MjsGeom:
+    size, factors = np.array(part.size), np.array(scale)
+    kind = _own_shape(part, factors)
+    if kind is None:
+        points = _points(part) @ part.pose.matrix().T + np.array(part.pose.position)
+        spec.add_mesh(name=name, uservert=(points * factors).ravel())
+        return base.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name)
+    half = size * factors / 2.0
+    return base.add_geom(
+        type=kind,
+        size=[half[0], half[2], 0.0] if kind == mujoco.mjtGeom.mjGEOM_CYLINDER else half,
+        pos=np.array(part.pose.position) * factors,
+        quat=part.pose.quaternion,
+    )
+
+
+def _own_shape(part: Part, factors: Array) -> int | None:
+    """MuJoCo's shape for a piece at a scale; None if only a mesh will do."""
+    types = mujoco.mjtGeom
+    even = np.allclose(factors, factors[0], rtol=1e-9)
+    straight = abs(part.pose.quaternion[0]) > 1.0 - 1e-12
+    if not (even or straight):
+        return None
+    size = np.array(part.size) * factors
+    match part.shape:
+        case "box":
+            return int(types.mjGEOM_BOX)
+        case "sphere":
+            round_ = np.allclose(size, size[0], rtol=1e-9)
+            return int(types.mjGEOM_SPHERE if round_ else types.mjGEOM_ELLIPSOID)
+        case "cylinder" if math.isclose(size[0], size[1], rel_tol=1e-9):
+            return int(types.mjGEOM_CYLINDER)
+    return None
+
+
+def _points(part: Part) -> Array:
+    """Corners (n, 3) of a piece about its centre."""
+    half = np.array(part.size) / 2.0
+    angles = np.linspace(0.0, math.tau, SEGMENTS, endpoint=False)
+    ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    match part.shape:
+        case "box":
+            unit = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+        case "wedge":
+            unit = np.array(
+                [[x, y, z] for x, z in ((-1, -1), (1, -1), (1, 1)) for y in (-1, 1)], dtype=float
+            )
+        case "cylinder":
+            unit = np.concatenate([_lift(ring, -1.0), _lift(ring, 1.0)])
+        case "cone":
+            unit = np.concatenate([_lift(ring, -1.0), [[0.0, 0.0, 1.0]]])
+        case _:
+            heights = np.linspace(-math.pi / 2, math.pi / 2, RINGS + 1)[1:-1]
+            rings = [_lift(ring * math.cos(height), math.sin(height)) for height in heights]
+            unit = np.concatenate([*rings, [[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]])
+    points: Array = unit * half
+    return points
+
+
+def _lift(ring: Array, height: float) -> Array:
+    return np.column_stack([ring, np.full(len(ring), height)])
+
+
+def _volume(part: Part) -> float:
+    """m^3, unscaled."""
+    share = {"box": 1.0, "sphere": math.pi / 6, "cylinder": math.pi / 4, "cone": math.pi / 12}
+    return math.prod(part.size) * share.get(part.shape, 0.5)
