@@ -10,9 +10,8 @@ from pathlib import Path
 from usarsim_bench.figures import Plan, Report
 from usarsim_bench.hostile.attacks import ATTACKS
 from usarsim_bench.peers_command import add_peers
-from usarsim_bench.plot import as_svg
 from usarsim_bench.report import as_json, as_markdown, as_text
-from usarsim_bench.suite import ALL, LONG, MEASUREMENTS, PROFILE, QUICK, QUICK_SECONDS, take
+from usarsim_bench.suite import ALL, LONG, MEASUREMENTS, QUICK, QUICK_SECONDS, take
 from usarsim_server import __version__
 from usarsim_server import files as atomic
 from usarsim_server.cli.common import Subparsers, add_command
@@ -23,8 +22,6 @@ _EPILOG = (
     "themselves. Let nothing else run meanwhile: what other programs used is part of the report. "
     "Options may stand before or after the measurement."
 )
-PLOTTED = "growth"
-"""The measurement whose figures are curves, too."""
 ATTACKED = "hostile"
 """The measurement that tries many attacks."""
 _MOST_ROBOTS = 256
@@ -42,8 +39,8 @@ def add_parser(subparsers: Subparsers) -> None:
     _add_measurement(
         kinds,
         "all",
-        f"all of the following but {', '.join((*PROFILE, *LONG))}, peers and fidelity, some "
-        "50 minutes (the default)",
+        f"all of the following but {', '.join(LONG)}, peers and fidelity, some 50 minutes (the "
+        "default)",
     )
     _add_measurement(
         kinds, "quick", f"the same but for largest, {QUICK_SECONDS:g} s each, some 6 minutes"
@@ -84,7 +81,6 @@ def _hand_out(report: Report, arguments: argparse.Namespace) -> int:
     print(as_text(report))
     _write(report, getattr(arguments, "json", None), as_json)
     _write(report, getattr(arguments, "markdown", None), as_markdown)
-    _write_plots(report, getattr(arguments, "plots", None))
     if report.failed:
         raise UsarsimError(f"could not be measured: {', '.join(report.failed)} (reasons above)")
     return 0
@@ -93,10 +89,6 @@ def _hand_out(report: Report, arguments: argparse.Namespace) -> int:
 def _add_measurement(kinds: Subparsers, name: str, help_text: str) -> None:
     parser = add_command(kinds, name, help_text, run)
     _add_options(parser)
-    if name == PLOTTED:
-        parser.add_argument(
-            "--plots", metavar="DIR", type=Path, help="write the curves there, as SVG files"
-        )
     if name == ATTACKED:
         parser.add_argument(
             "--attack",
@@ -148,20 +140,6 @@ def _write(report: Report, file: Path | None, form: Callable[[Report], str]) -> 
         raise UsarsimError(
             f"{file}: cannot be written: {error.strerror} (name a file in a folder that exists)"
         ) from error
-
-
-def _write_plots(report: Report, folder: Path | None) -> None:
-    if folder is None:
-        return
-    for plot in (plot for section in report.sections for plot in section.plots):
-        file = folder / f"performance-{plot.key}.svg"
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            atomic.write_text(file, as_svg(plot))
-        except OSError as error:
-            raise UsarsimError(
-                f"{file}: cannot be written: {error.strerror} (name a folder that can be made)"
-            ) from error
 
 
 def _say(text: str) -> None:

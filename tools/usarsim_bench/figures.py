@@ -8,7 +8,6 @@ from datetime import datetime
 from typing import Literal
 
 from usarsim_bench.machine import Machine
-from usarsim_bench.plot import Plot
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +79,6 @@ class Section:
         setting: under which circumstances they were taken.
         figures: in the order to show them.
         failure: why there are none, or None.
-        plots: of the same figures, for those who want pictures.
         table: of the cases that the figures sum up, or None.
     """
 
@@ -89,7 +87,6 @@ class Section:
     setting: str
     figures: tuple[Figure, ...]
     failure: str | None = None
-    plots: tuple[Plot, ...] = ()
     table: Table | None = None
 
 

@@ -12,7 +12,6 @@ from usarsim_bench.errors import BenchError
 from usarsim_bench.figures import Plan, Report, Section
 from usarsim_bench.garage import measure_garage
 from usarsim_bench.groundtruth import measure_ground_truth
-from usarsim_bench.growth import measure_growth
 from usarsim_bench.hostile.measuring import measure_hostile
 from usarsim_bench.importing import measure_importing
 from usarsim_bench.jitter import measure_jitter
@@ -22,10 +21,8 @@ from usarsim_bench.machine import describe_machine
 from usarsim_bench.memory import measure_memory
 from usarsim_bench.physics import measure_physics
 from usarsim_bench.rays import measure_rays
-from usarsim_bench.readings import measure_readings
 from usarsim_bench.relay import measure_relay
 from usarsim_bench.rendering import measure_rendering
-from usarsim_bench.savings import measure_savings
 from usarsim_bench.sensors import measure_sensors
 from usarsim_bench.soak import measure_soak
 from usarsim_bench.spawn import measure_spawn
@@ -64,18 +61,12 @@ MEASUREMENTS: Mapping[str, tuple[Measurement, str]] = {
     "stepping": (measure_stepping, "the step loop against MuJoCo alone"),
     # What an hour leaves behind.
     "soak": (measure_soak, "memory while everything comes and goes for an hour"),
-    # Where the time goes, for docs/performance.md.
-    "growth": (measure_growth, "how cost grows with robots, beams, geoms and cameras"),
-    "savings": (measure_savings, "what it brings to turn something down"),
-    "readings": (measure_readings, "what one reading of every type of sensor costs"),
 }
 """Function and one line of help of each, in the order in which `all` takes them."""
 
-PROFILE = ("growth", "savings", "readings")
-"""What has no aims and is no part of `all`: it says where the time goes, not how fast it is."""
 LONG = ("soak",)
 """What takes an hour."""
-ALL = tuple(name for name in MEASUREMENTS if name not in (*PROFILE, *LONG))
+ALL = tuple(name for name in MEASUREMENTS if name not in LONG)
 QUICK = tuple(name for name in ALL if name != "largest")
 """What is measured when it is to be quick: a search for the largest team cannot be."""
 QUICK_SECONDS = 4.0

@@ -1,6 +1,6 @@
 """How much each thread of a running server uses of the processors.
 
-`python -m usarsim_bench.instruments.threads FILE serve ...` is `usarsim serve ...` that looks at
+`python -m usarsim_bench.threads FILE serve ...` is `usarsim serve ...` that looks at
 the processor time of its own threads four times a second. When it ends the file gets a JSON list of
 looks (`Look`). Threads are known by the names that the house gives them; those that Python did not
 start, such as the workers of a software renderer, and those that have ended count as `others`.
