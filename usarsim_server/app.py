@@ -33,7 +33,6 @@ from usarsim_server.radio.configuration import RadioOptions, read_radio, read_ra
 from usarsim_server.radio.event_log import EventLog
 from usarsim_server.radio.network import Network, RadioWorld
 from usarsim_server.radio.obstacles import SceneryObstacles
-from usarsim_server.radio.stations import stations_of
 from usarsim_server.robots.catalog import load_roster
 from usarsim_server.services.budget import Owners, Pace, WorkBudget, whole_share
 from usarsim_server.services.comserver import ComServerLimits, ComServerService
@@ -252,9 +251,8 @@ def assemble(settings: Settings) -> Assembly:
         services.append(_control_service(settings, world, assembly))
     if settings.image_port is not None:
         services.append(_image_service(settings, settings.image_port, assembly))
-    stations = stations_of(lambda: fleet.vehicles, simulation.look)
     obstacles = SceneryObstacles(simulation)
-    ground_truth = responder(GroundTruth(stations, obstacles).answers)
+    ground_truth = responder(GroundTruth(fleet.stations, obstacles).answers)
     pace = _pace(settings, simulation)
     instant = Instant(INSTANT / settings.speed, lambda: fleet.vehicles)
     if tells and settings.groundtruth_port is not None:
@@ -270,7 +268,7 @@ def assemble(settings: Settings) -> Assembly:
             )
         )
     if tells and settings.truth_port is not None:
-        actors = Actors(simulation, lambda: fleet.vehicles, surroundings.victims, avatars, objects)
+        actors = Actors(simulation, fleet.classes, surroundings.victims, avatars, objects)
         services.append(
             truth_service(
                 settings.host,
@@ -287,7 +285,7 @@ def assemble(settings: Settings) -> Assembly:
             _log.warning("a port is not opened: ground truth is switched off", setting=key)
     limits = WirelessLimits(idle=settings.idle_timeout)
     desk = Desk("wireless", ground_truth, limits.dialogue, instant, pace=pace) if tells else None
-    radio = RadioWorld(stations, obstacles, lambda: simulation.snapshot.time, settings.speed)
+    radio = RadioWorld(fleet.stations, obstacles, lambda: simulation.snapshot.time, settings.speed)
     services += _wireless_services(settings, radio, limits, desk, assembly.owners, pace)
     return replace(assembly, services=tuple(services))
 

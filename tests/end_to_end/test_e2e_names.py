@@ -8,7 +8,6 @@ import pytest
 
 from usarsim_server.protocol.names import LONGEST_NAME
 from usarsim_server.protocol.truth import Position, positions
-from usarsim_server.radio.stations import stations_of
 from usarsim_server.testing import Rehearsal, RehearsedClient
 
 
@@ -71,8 +70,7 @@ def test_a_name_with_fields_in_it_becomes_one_word(
     assert labels(stage) == ["Evil_Location_9,9,0_BatteryEmpty_False", "Be_ll"]
     assert sum("another name" in message for message in caplog.messages) == 2
     assert stage.assembly.fleet.find("Evil Location 9,9,0 BatteryEmpty False") is not None
-    assembly = stage.assembly
-    stations = stations_of(lambda: assembly.fleet.vehicles, assembly.simulation.look)()
+    stations = stage.assembly.fleet.stations()
     told = positions(Position(one.name, one.position) for one in stations)
     assert told.count(" Location ") == told.count(" BatteryEmpty ") == 2
 

@@ -26,7 +26,7 @@ class Scorer:
         one = stage.assembly
         self._actors = Actors(
             one.simulation,
-            lambda: one.fleet.vehicles,
+            one.fleet.classes,
             one.surroundings.victims,
             one.avatars,
             one.objects,

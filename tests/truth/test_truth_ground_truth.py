@@ -8,7 +8,7 @@ import pytest
 
 from usarsim_server.protocol.values import Vector
 from usarsim_server.radio.obstacles import SceneryObstacles
-from usarsim_server.radio.stations import Station, stations_of
+from usarsim_server.radio.stations import Station
 from usarsim_server.testing import Rehearsal
 from usarsim_server.truth.ground_truth import GroundTruth
 
@@ -120,8 +120,9 @@ def test_two_robots_of_one_name_are_told_apart_by_order() -> None:
 def positions(stage: Rehearsal) -> str:
     """The answer to GETPOS."""
     simulation = stage.assembly.simulation
-    stations = stations_of(lambda: stage.assembly.fleet.vehicles, simulation.look)
-    answer = GroundTruth(stations, SceneryObstacles(simulation)).answer("GETPOS")
+    answer = GroundTruth(stage.assembly.fleet.stations, SceneryObstacles(simulation)).answer(
+        "GETPOS"
+    )
     assert answer is not None
     return answer
 

@@ -14,10 +14,10 @@ from usarsim_server.cameras.board import CameraBoard
 from usarsim_server.cameras.view import Grid
 from usarsim_server.logs import Log
 from usarsim_server.protocol.names import name_key
+from usarsim_server.radio.stations import Station
 from usarsim_server.robots.catalog import Roster
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.families.base import family_of
-from usarsim_server.robots.labels import Labels
 from usarsim_server.robots.mjcf import build_spec
 from usarsim_server.sensors.base import Sensor, SensorContext, create_sensor
 from usarsim_server.sessions.power import BatteryGauge, Headlight
@@ -31,6 +31,7 @@ from usarsim_server.simulation.simulation import Simulation
 from usarsim_server.simulation.slots import always
 from usarsim_server.simulation.snapshot import RobotBody, Snapshot
 from usarsim_server.worlds.description import WorldDescription
+from usarsim_server.worlds.labels import Labels
 from usarsim_server.worlds.smoke import smoke_field
 from usarsim_server.worlds.surroundings import Surroundings
 
@@ -150,6 +151,26 @@ class Fleet:
         """All vehicles in the world, in the order of spawning."""
         with self._lock:
             return tuple(self._vehicles.values())
+
+    def classes(self) -> list[tuple[int, RobotDescription]]:
+        """Number in the simulation and class of all robots, in the order of spawning."""
+        return [(one.robot, one.description) for one in self.vehicles]
+
+    def stations(self) -> list[Station]:
+        """All robots of this moment as radio sees them, in the order of spawning; may block.
+
+        A robot is a station from the moment it is spawned until its connection closes (side
+        channels reference 3.2). Its battery counts as empty from its last whole second on.
+        """
+        # In this order: a robot that is counted is in the picture, unless it has just left.
+        present = self.vehicles
+        snapshot = self._simulation.look()
+        found = ((one, one.state(snapshot)) for one in present)
+        return [
+            Station(one.name, state.pose.position, one.gauge.empty(snapshot.time))
+            for one, state in found
+            if state is not None
+        ]
 
     @property
     def time(self) -> float:

@@ -12,8 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from usarsim_server.protocol import truth
-from usarsim_server.robots.description import ItemDescription
-from usarsim_server.sessions.robots import Vehicle
+from usarsim_server.robots.description import ItemDescription, RobotDescription
 from usarsim_server.simulation.frames import Pose, wire_from_pose
 from usarsim_server.simulation.simulation import Simulation
 from usarsim_server.simulation.snapshot import RobotBody, Snapshot
@@ -87,13 +86,17 @@ class _PawnNames:
             return name
 
 
+Robots = Sequence[tuple[int, RobotDescription]]
+"""Number in the simulation and class of every robot, in the order of spawning."""
+
+
 class Actors:
     """All actors of a world; may be used by any thread."""
 
     def __init__(
         self,
         simulation: Simulation,
-        vehicles: Callable[[], Sequence[Vehicle]],
+        robots: Callable[[], Robots],
         victims: Iterable[LiveVictim],
         avatars: Avatars,
         objects: WorldObjects,
@@ -102,13 +105,13 @@ class Actors:
 
         Args:
             simulation: the world.
-            vehicles: all robots in the order of spawning, as `Fleet.vehicles` has them.
+            robots: all robots of this moment.
             victims: people of the world, in the order of the world file. A name there that is a
                 class of the original and a number, `MaleVictim_3`, is kept.
             avatars, objects: of the world.
         """
         self._simulation = simulation
-        self._vehicles = vehicles
+        self._robots = robots
         self._avatars = avatars
         self._objects = objects
         self._names = _PawnNames()
@@ -131,19 +134,20 @@ class Actors:
         """
         query = truth.read_query(line)
         wanted = query.bare_class if query.class_name else PAWN
-        vehicles = self._vehicles()
+        robots = self._robots()
         snapshot = self._simulation.look()
         found = [
             actor.line()
-            for actor in self._all(snapshot, vehicles)
+            for actor in self._all(snapshot, robots)
             if wanted in actor.kinds and query.name in ("", actor.name)
         ]
         return truth.listing(found, snapshot.time)
 
-    def _all(self, snapshot: Snapshot, vehicles: Sequence[Vehicle]) -> Iterator[_Present]:
-        riding = [(one, state) for one in vehicles if (state := one.state(snapshot)) is not None]
-        for vehicle, state in riding:
-            yield self._robot(vehicle, state)
+    def _all(self, snapshot: Snapshot, robots: Robots) -> Iterator[_Present]:
+        states = [(*one, self._simulation.robot_state(one[0], snapshot)) for one in robots]
+        riding = [(number, robot, state) for number, robot, state in states if state is not None]
+        for number, robot, state in riding:
+            yield self._robot(number, robot, state)
         for body, class_name, name in self._victims:
             facts = self._simulation.object_facts(body, snapshot)
             if facts is not None:
@@ -155,14 +159,13 @@ class Actors:
         for thing, pose in self._objects.present(snapshot):
             kind = thing.kind
             yield _Present(thing.name, kind.name, _OBJECT | _lower(kind.name, *kind.aliases), pose)
-        for vehicle, state in riding:
-            yield from _items(vehicle, state)
+        for _, robot, state in riding:
+            yield from _items(robot, state)
 
-    def _robot(self, vehicle: Vehicle, state: RobotBody) -> _Present:
-        robot = vehicle.description
+    def _robot(self, body: int, robot: RobotDescription, state: RobotBody) -> _Present:
         family = [names for word, names in _FAMILIES.items() if robot.kind.startswith(word)]
         kinds = _VEHICLE.union(*family) | _lower(robot.name)
-        name = self._names.name(robot.name, vehicle.robot)
+        name = self._names.name(robot.name, body)
         return _Present(name, robot.name, kinds, state.pose)
 
     def _victim(self, victim: LiveVictim) -> tuple[str, str, str]:
@@ -176,9 +179,8 @@ class Actors:
         return body, class_name, self._names.name(class_name)
 
 
-def _items(vehicle: Vehicle, state: RobotBody) -> Iterator[_Present]:
+def _items(robot: RobotDescription, state: RobotBody) -> Iterator[_Present]:
     """Sensors and fixed effectors of a robot, under their own names."""
-    robot = vehicle.description
     for item in robot.items:
         yield _item(item, "sensor", state)
     for effector in robot.effectors:

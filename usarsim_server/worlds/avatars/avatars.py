@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 from usarsim_server.errors import SpawnError
 from usarsim_server.protocol.names import name_key
-from usarsim_server.robots.labels import Labels
 from usarsim_server.simulation.clock import Listener
 from usarsim_server.simulation.frames import Pose, Vector, rpy_from_quaternion
 from usarsim_server.simulation.movers import Way
@@ -18,6 +17,7 @@ from usarsim_server.simulation.snapshot import RobotBody, Snapshot
 from usarsim_server.worlds.avatars.bodies import ADULT, CHEST, HEAD, AvatarClass, avatar_model
 from usarsim_server.worlds.avatars.walk import Performance, Stance, Walk, body_poses
 from usarsim_server.worlds.avatars.ways import ground_below
+from usarsim_server.worlds.labels import Labels
 from usarsim_server.worlds.surroundings import Passer
 
 RINGS = (0.0, 0.4, 0.8, 1.2, 1.8)
