@@ -14,7 +14,7 @@ from usarsim_server.actuators.effector import Effector, create_effectors
 from usarsim_server.actuators.hands import ToolChanger
 from usarsim_server.protocol.messages import configuration, effector_geometry
 from usarsim_server.robots.description import EffectorDescription
-from usarsim_server.sensors.base import SetResult
+from usarsim_server.robots.mounting import SetResult
 from usarsim_server.simulation.articulation import Grip, HandState, JointOrder, Order
 from usarsim_server.simulation.frames import Vector
 

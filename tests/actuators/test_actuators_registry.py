@@ -22,7 +22,7 @@ from usarsim_server.actuators.effector import (
 from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.protocol.values import Item
 from usarsim_server.robots.description import EffectorDescription, RobotDescription
-from usarsim_server.sensors.base import SetResult
+from usarsim_server.robots.mounting import SetResult
 from usarsim_server.sessions.robots import robot_model
 from usarsim_server.simulation.articulation import Grip, HandModel
 

@@ -20,7 +20,8 @@ from sensor_fakes import (
 )
 
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.sensors.base import SetResult, sensor_types
+from usarsim_server.robots.mounting import SetResult
+from usarsim_server.sensors.base import sensor_types
 from usarsim_server.sensors.report import conf_line, find_sensors, geo_line, sen_lines
 from usarsim_server.simulation.frames import pose_from_wire
 

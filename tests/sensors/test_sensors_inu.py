@@ -7,7 +7,7 @@ import math
 import pytest
 from sensor_fakes import UDK, UT2004, FakeRobot, make, numbers, read, values
 
-from usarsim_server.sensors.base import SetResult
+from usarsim_server.robots.mounting import SetResult
 from usarsim_server.sensors.report import conf_line, sen_lines
 
 TURN = math.radians(18.0)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from sensor_fakes import UDK, UT2004, Box, FakeRobot, Pole, Scene, make, numbers, read, wall_ahead
 
 from usarsim_server.errors import RobotDescriptionError
-from usarsim_server.sensors.base import SetResult
+from usarsim_server.robots.mounting import SetResult
 from usarsim_server.sensors.report import conf_line, sen_lines
 from usarsim_server.simulation.frames import Pose, pose_from_wire
 from usarsim_server.simulation.objects import ObjectFacts

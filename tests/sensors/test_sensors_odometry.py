@@ -23,7 +23,7 @@ from sensor_fakes import (
 )
 
 from usarsim_server.robots.description import Wheel
-from usarsim_server.sensors.base import SetResult
+from usarsim_server.robots.mounting import SetResult
 from usarsim_server.sensors.report import sen_lines
 
 

@@ -24,7 +24,7 @@ from sensor_fakes import (
 )
 
 from usarsim_server.errors import RobotDescriptionError
-from usarsim_server.sensors.base import SetResult
+from usarsim_server.robots.mounting import SetResult
 from usarsim_server.sensors.report import conf_line, sen_lines
 
 TINY = {"width": 4, "height": 6, "frames": 3}

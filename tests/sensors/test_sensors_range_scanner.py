@@ -24,7 +24,7 @@ from sensor_fakes import (
 )
 
 from usarsim_server.errors import RobotDescriptionError
-from usarsim_server.sensors.base import SetResult
+from usarsim_server.robots.mounting import SetResult
 from usarsim_server.sensors.ranges import Sonar
 from usarsim_server.sensors.report import sen_lines
 from usarsim_server.sensors.scanners import beam_count

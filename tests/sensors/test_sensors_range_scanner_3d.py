@@ -23,7 +23,7 @@ from sensor_fakes import (
 )
 
 from usarsim_server.errors import RobotDescriptionError
-from usarsim_server.sensors.base import SetResult
+from usarsim_server.robots.mounting import SetResult
 from usarsim_server.sensors.report import conf_line, find_sensors, sen_lines
 
 SMALL = {"fov": 0.2, "resolution": 0.1, "vertical_fov": 0.1, "vertical_resolution": 0.1}

@@ -13,7 +13,7 @@ from life_fakes import Stage, person, wall
 from sensor_fakes import UDK, UT2004, FakeRobot, numbers
 
 from usarsim_server.protocol.messages import result
-from usarsim_server.sensors.base import SetReply, SetResult
+from usarsim_server.robots.mounting import SetReply, SetResult
 from usarsim_server.sensors.report import find_sensors, sen_lines
 from usarsim_server.worlds.description import RfidTag
 

@@ -9,7 +9,7 @@ import pytest
 from life_fakes import Stage, person, wall
 from sensor_fakes import UDK, UT2004, FakeRobot, numbers, values
 
-from usarsim_server.sensors.base import SetResult
+from usarsim_server.robots.mounting import SetResult
 from usarsim_server.sensors.report import sen_lines
 from usarsim_server.sensors.sound_gas import level
 from usarsim_server.worlds.description import Noise, SoundSource

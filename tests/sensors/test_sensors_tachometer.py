@@ -16,7 +16,7 @@ from sensor_fakes import (
     values,
 )
 
-from usarsim_server.sensors.base import SetResult
+from usarsim_server.robots.mounting import SetResult
 from usarsim_server.sensors.report import sen_lines
 
 SPEEDS = np.array([1.3, 1.2, -0.4, 0.0])

@@ -17,7 +17,7 @@ from usarsim_server.protocol.numbers import read_number
 from usarsim_server.protocol.requests import Act, Drive, LinkTarget, MisPkg, MultiDrive, Set
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import RobotDescription
-from usarsim_server.sensors.base import SetResult
+from usarsim_server.robots.mounting import SetResult
 from usarsim_server.simulation.articulation import JointOrder, Order
 from usarsim_server.simulation.snapshot import RobotBody
 

@@ -21,7 +21,7 @@ from usarsim_server.protocol.messages import EffectorMount, effector_status
 from usarsim_server.protocol.numbers import read_number
 from usarsim_server.protocol.values import Item
 from usarsim_server.robots.description import EffectorDescription, RobotDescription
-from usarsim_server.sensors.base import SetResult
+from usarsim_server.robots.mounting import SetResult
 from usarsim_server.sensors.parameters import Parameters
 from usarsim_server.simulation.articulation import HandModel, JointOrder, Order
 from usarsim_server.simulation.frames import flip_point, wire_from_pose

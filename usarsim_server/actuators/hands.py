@@ -15,7 +15,7 @@ from usarsim_server.actuators.effector import Effector, Machine, create_effector
 from usarsim_server.protocol.messages import effector_status, gripper_item, tool_changer_item
 from usarsim_server.protocol.values import Item
 from usarsim_server.robots.description import EffectorDescription, RobotDescription
-from usarsim_server.sensors.base import SetResult
+from usarsim_server.robots.mounting import SetResult
 from usarsim_server.simulation.articulation import Grip, HandModel
 from usarsim_server.simulation.frames import Pose, Vector
 from usarsim_server.simulation.snapshot import RobotBody

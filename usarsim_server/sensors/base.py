@@ -15,7 +15,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from enum import Enum
 from typing import ClassVar
 
 import numpy as np
@@ -24,6 +23,7 @@ import usarsim_server.sensors as package
 from usarsim_server.plugins import PluginTypes
 from usarsim_server.protocol.values import Dialect, Item, Segment
 from usarsim_server.robots.description import ItemDescription, RobotDescription
+from usarsim_server.robots.mounting import SetReply, SetResult
 from usarsim_server.sensors.parameters import Parameters
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.objects import ObjectFacts
@@ -35,24 +35,6 @@ from usarsim_server.worlds.surroundings import Surroundings
 
 EVERYWHERE = frozenset(Dialect)
 NOWHERE: frozenset[Dialect] = frozenset()
-
-
-class SetResult(Enum):
-    """Outcome of a SET command at one item."""
-
-    OK = "OK"
-    FAILED = "Failed"
-    UNKNOWN = "unknown opcode"
-    SCAN = "measure now"
-    """The opcode asks for one immediate report."""
-
-
-@dataclass(frozen=True, slots=True)
-class SetReply:
-    """Outcome of a SET command together with segments that RES carries behind the status."""
-
-    result: SetResult
-    segments: tuple[Segment, ...] = ()
 
 
 def _unknown(name: str, snapshot: Snapshot) -> ObjectFacts | None:

@@ -24,7 +24,8 @@ from usarsim_server.protocol.dialects import FACETS
 from usarsim_server.protocol.numbers import boolean, fixed, ranges, vector
 from usarsim_server.protocol.values import Dialect, Segment
 from usarsim_server.robots.description import ItemDescription
-from usarsim_server.sensors.base import SensorContext, SetResult, register
+from usarsim_server.robots.mounting import SetResult
+from usarsim_server.sensors.base import SensorContext, register
 from usarsim_server.sensors.inertial import announced_angle
 from usarsim_server.sensors.ranges import (
     AHEAD,

@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 from usarsim_server.protocol.numbers import fixed, vector
 from usarsim_server.protocol.values import Dialect, Segment
 from usarsim_server.robots.description import ItemDescription
-from usarsim_server.sensors.base import NOWHERE, Sensor, SensorContext, SetResult, register
+from usarsim_server.robots.mounting import SetResult
+from usarsim_server.sensors.base import NOWHERE, Sensor, SensorContext, register
 from usarsim_server.simulation.frames import (
     Vector,
     flip_point,

@@ -20,7 +20,8 @@ from usarsim_server.protocol.messages.text import token
 from usarsim_server.protocol.numbers import vector
 from usarsim_server.protocol.values import Dialect, Segment
 from usarsim_server.robots.description import ItemDescription
-from usarsim_server.sensors.base import NOWHERE, Sensor, SensorContext, SetResult, register
+from usarsim_server.robots.mounting import SetResult
+from usarsim_server.sensors.base import NOWHERE, Sensor, SensorContext, register
 from usarsim_server.sensors.people import in_sight, sight_lines, within_cone
 from usarsim_server.sensors.ranges import fan_at, wire_directions
 from usarsim_server.sensors.scanners import MIN_RESOLUTION, beam_count

@@ -19,13 +19,11 @@ from usarsim_server.protocol.messages import (
 )
 from usarsim_server.protocol.values import Dialect, Item
 from usarsim_server.robots.description import RobotDescription
+from usarsim_server.robots.mounting import carried
 from usarsim_server.sensors.base import Sensor
-from usarsim_server.simulation.frames import Pose, wire_from_pose
+from usarsim_server.simulation.frames import wire_from_pose
 from usarsim_server.simulation.rays.query import RayFan, RayHits
 from usarsim_server.simulation.snapshot import RobotState
-
-HARD = "HARD"
-"""Mount of everything fixed to the body in `ut2004`."""
 
 
 def sen_lines(sensors: Sequence[Sensor], time: float, dialect: Dialect) -> list[str]:
@@ -119,33 +117,6 @@ def _sen_line(group: Sequence[Sensor], time: float, dialect: Dialect, batch: boo
 
 def _names(sensor: Sensor) -> set[str]:
     return {sensor.name.lower(), *(sensor.wire_name(dialect).lower() for dialect in Dialect)}
-
-
-def carried(
-    pose: Pose, link: str | None, robot: RobotDescription, dialect: Dialect
-) -> tuple[Pose, str, int | None]:
-    """Pose, Mount and MountLink of GEO.
-
-    UDK named the actuator and the number of its link; it knew wheels only as parts of the vehicle,
-    so there what sits on a wheel is announced where it is on the body.
-
-    Args:
-        pose: relative to the link.
-        link: link that carries the item; None for the chassis.
-        robot: the class.
-        dialect: see above.
-    """
-    if dialect is Dialect.UT2004:
-        return pose, HARD if link is None else link, None
-    if link is None:
-        return pose, robot.name, None
-    found = robot.find_link(link)
-    if found is not None:
-        return pose, found[0].name, found[1]
-    for wheel in robot.wheels:
-        if wheel.name.lower() == link.lower():
-            return Pose(wheel.position) @ pose, robot.name, None
-    return pose, link, None
 
 
 class Survey:

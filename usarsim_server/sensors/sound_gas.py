@@ -15,7 +15,8 @@ from typing import ClassVar
 from usarsim_server.protocol.numbers import fixed, vector
 from usarsim_server.protocol.values import Dialect, Segment
 from usarsim_server.robots.description import ItemDescription
-from usarsim_server.sensors.base import Sensor, SensorContext, SetResult, register
+from usarsim_server.robots.mounting import SetResult
+from usarsim_server.sensors.base import Sensor, SensorContext, register
 from usarsim_server.sensors.people import in_sight, relative, sight_lines
 from usarsim_server.simulation.rays.query import RayFan, RayHits
 from usarsim_server.simulation.snapshot import RobotState

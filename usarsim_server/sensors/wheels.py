@@ -21,7 +21,8 @@ from usarsim_server.protocol.dialects import FACETS
 from usarsim_server.protocol.numbers import fixed, ranges, vector
 from usarsim_server.protocol.values import Dialect, Segment, Vector
 from usarsim_server.robots.description import ItemDescription, RobotDescription
-from usarsim_server.sensors.base import Sensor, SensorContext, SetResult, register
+from usarsim_server.robots.mounting import SetResult
+from usarsim_server.sensors.base import Sensor, SensorContext, register
 from usarsim_server.simulation.rays.query import RayHits
 from usarsim_server.simulation.snapshot import RobotState
 

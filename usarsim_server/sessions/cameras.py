@@ -22,7 +22,7 @@ from usarsim_server.protocol.numbers import read_number
 from usarsim_server.protocol.requests import Set
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import CameraDescription, RobotDescription
-from usarsim_server.sensors.report import carried
+from usarsim_server.robots.mounting import carried
 from usarsim_server.simulation.frames import wire_from_pose
 from usarsim_server.simulation.snapshot import RobotBody
 

@@ -26,7 +26,7 @@ from usarsim_server.protocol.requests import (
 )
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.families.base import StatusFacts, family_of
-from usarsim_server.sensors.base import SetReply, SetResult
+from usarsim_server.robots.mounting import SetReply, SetResult
 from usarsim_server.sensors.report import Survey, conf_line, find_sensors, geo_line
 from usarsim_server.sessions.cameras import CameraMount
 from usarsim_server.sessions.power import NO_BATTERY, Battery

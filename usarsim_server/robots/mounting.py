@@ -1,0 +1,62 @@
+"""What sensors, effectors and cameras have in common as items of a robot.
+
+Each of them sits on the chassis or on a link, which GEO tells in the words of the dialect, and
+answers a SET with an outcome.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from usarsim_server.protocol.values import Dialect, Segment
+from usarsim_server.robots.description import RobotDescription
+from usarsim_server.simulation.frames import Pose
+
+HARD = "HARD"
+"""Mount of everything fixed to the body in `ut2004`."""
+
+
+class SetResult(Enum):
+    """Outcome of a SET command at one item."""
+
+    OK = "OK"
+    FAILED = "Failed"
+    UNKNOWN = "unknown opcode"
+    SCAN = "measure now"
+    """The opcode asks for one immediate report."""
+
+
+@dataclass(frozen=True, slots=True)
+class SetReply:
+    """Outcome of a SET command together with segments that RES carries behind the status."""
+
+    result: SetResult
+    segments: tuple[Segment, ...] = ()
+
+
+def carried(
+    pose: Pose, link: str | None, robot: RobotDescription, dialect: Dialect
+) -> tuple[Pose, str, int | None]:
+    """Pose, Mount and MountLink of GEO.
+
+    UDK named the actuator and the number of its link; it knew wheels only as parts of the vehicle,
+    so there what sits on a wheel is announced where it is on the body.
+
+    Args:
+        pose: relative to the link.
+        link: link that carries the item; None for the chassis.
+        robot: the class.
+        dialect: see above.
+    """
+    if dialect is Dialect.UT2004:
+        return pose, HARD if link is None else link, None
+    if link is None:
+        return pose, robot.name, None
+    found = robot.find_link(link)
+    if found is not None:
+        return pose, found[0].name, found[1]
+    for wheel in robot.wheels:
+        if wheel.name.lower() == link.lower():
+            return Pose(wheel.position) @ pose, robot.name, None
+    return pose, link, None
