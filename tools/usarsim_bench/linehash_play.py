@@ -280,6 +280,58 @@ def _worlds(place: Grounds) -> Lines:
     return lines
 
 
+def _places(place: Grounds) -> Lines:
+    """Robots that start where they cannot stay, and one that falls out of the world."""
+    with place.rehearsal(max_robots=8, max_objects=4) as rehearsal:
+        wishes = {
+            "wall": "INIT {ClassName P3AT} {Name Wall} {Location 8,0.5,-0.3}",
+            "same": "INIT {ClassName P3AT} {Name Wall} {Location 8,0.5,-0.3} {Dialect udk}",
+            "outside": "INIT {ClassName P2AT} {Name Out} {Location 4000,0,-0.3}",
+            "sunk": "INIT {ClassName TeleMax} {Name Sunk} {Location -6,6,0.5} {Rotation 0,0.4,0}",
+            "tag": "INIT {Classname USARBot.P2DX} {Name Tag} {Start Nowhere}",
+            "nobody": "INIT {ClassName Nobody} {Location 1,1,1}",
+        }
+        clients = {name: Listener(rehearsal, f"{name}:1") for name in wishes}
+        for name, wish in wishes.items():
+            clients[name].say(wish)
+        rehearsal.run(0.6)
+        controller = Listener(rehearsal, "controller:1")
+        controller.say("INIT {ClassName USARBot.WorldController} {Name WC}")
+        for name in wishes:
+            clients[name].say("DRIVE {Left 2} {Right 2}", "INIT {ClassName Zerg} {Name Second}")
+        rehearsal.run(0.6)
+        controller.say(
+            "CONTROL {Type AbsMove} {Name Tag} {Location -8,-8,40}",
+            "CONTROL {Type AbsMove} {Name Out} {Location 8,0.5,-0.3}",
+            "CONTROL {Type RelMove} {Name Sunk} {Location 0,0,-1} {Rotation 3.1,0,0}",
+        )
+        clients["same"].close()
+        rehearsal.run(1.2)
+        clients["tag"].say("INIT {ClassName P2DX} {Name Again} {Location -8,-8,-0.3}")
+        clients["sunk"].say("DRIVE {Flip True}")
+        rehearsal.run(0.8)
+        return _heard(clients.items())
+
+
+def _plant(place: Grounds) -> Lines:
+    """Robots before a door and a flap, on a lift and on a belt of the world `plant`."""
+    with place.rehearsal(world="plant", max_robots=8) as rehearsal:
+        places = {
+            "gate": "-4.4,-2.0,-0.3",
+            "flap": "-4.4,3.2,-0.3",
+            "lift": "4.9,-2.0,-0.4",
+            "belt": "1.0,4.4,-0.4",
+        }
+        clients = {name: Listener(rehearsal, f"{name}:1") for name in places}
+        for name, where in places.items():
+            clients[name].say(f"INIT {{ClassName P3AT_real}} {{Name {name}}} {{Location {where}}}")
+        rehearsal.run(0.4)
+        for name in ("gate", "flap"):
+            clients[name].say("DRIVE {Left 100} {Right 100} {Normalized True}")
+        rehearsal.run(4.6)
+        return _heard(clients.items())
+
+
 def _lockstep(place: Grounds) -> Lines:
     """Ticks and their SYNC, for a robot of each dialect."""
     with place.rehearsal(lockstep=True, tick=0.1, max_robots=4, second_init="replace") as rehearsal:
@@ -298,6 +350,8 @@ def _lockstep(place: Grounds) -> Lines:
 
 SESSIONS: dict[str, Callable[[Grounds], Lines]] = {
     "Worlds": _worlds,
+    "Plant": _plant,
+    "Places": _places,
     "Grip": _grip,
     "Lockstep": _lockstep,
     "Control": _control,
