@@ -18,7 +18,7 @@ from usarsim_server.files import read_regular, reason
 from usarsim_server.options import OPTIONS, is_port, nearest
 from usarsim_server.protocol.dialects import DialectMode
 from usarsim_server.protocol.images import NORMAL, ImageType
-from usarsim_server.tables import parse_toml
+from usarsim_server.toml import parse_toml
 
 LONGEST_SIDE = 8192
 """Pixels of the full camera picture that can still be rendered everywhere."""

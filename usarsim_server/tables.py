@@ -1,29 +1,45 @@
-"""Reading TOML files: whatever is wrong with one is one error that names the place and a cure."""
+"""Reads tables of TOML files strictly: what is wrong becomes one error with file, place and cure.
+
+A table is read key by key (`Table.number`, `.text`, ...), or at once into a dataclass whose fields
+are declared with `field`. Reading a key makes it known; `finish` refuses all others. The check, the
+error texts, the help of an option and the key tables of `docs/` follow from the declaration:
+
+    @dataclass(frozen=True, slots=True)
+    class Lamp:
+        color: Vector = field(default=(1.0, 1.0, 1.0), low=0.0, high=1.0, help="red, green, blue")
+        kind: Literal["spot", "point"] = field(default="point", help="shape of its light")
+        reach: float = field(default=10.0, unit="m", above=0.0, help="where its light ends")
+        name: str | None = field(default=None, help="for world controllers")
+
+    table = Table(read_toml(path, WorldError), path, WorldError)
+    lamps = [one.read(Lamp) for one in table.tables("lamp")]  # read(Lamp, base) fills in from base
+    table.finish()                                            # so do the tables of `tables`, each
+
+What a declaration cannot say is read by a function, `field(parse=...)`, or by a getter.
+"""
 
 from __future__ import annotations
 
+import dataclasses
+import difflib
 import math
-import re
-import tomllib
+import typing
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any, TypeVar
 
 from usarsim_server.errors import UsarsimError, at
-from usarsim_server.files import MAX_TEXT, read_regular, reason
+from usarsim_server.fields import Limits, keys
 
-MAX_DEPTH = 40
-"""Lists and tables within each other. Robot files need eight; every check of a value that goes
-down by recursion stays far from Python's limit."""
+T = TypeVar("T")
+Vector = tuple[float, float, float]
 
-LARGEST = 2**256
-"""Whole numbers in files; TOML promises 64 bits, and those of some thousand digits Python refuses
-to print."""
+_FORBIDDEN = frozenset("{},:")
+"""Characters with a meaning on the wire or in names of geoms."""
 
-_DIGITS = re.compile(r"[0-9_]{60,}|0[xob][0-9A-Fa-f_]{60,}")
-_BRACKETS = re.compile(r"(?:[\[{][^\[\]{}\n]{0,40}){20}")
-_LONG_KEY = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]++[ \t]*+\.[ \t]*+){{{MAX_DEPTH}}}")
-"""A key of more parts; the time that tomllib needs for one grows with their square."""
-_FLATTEN = f"nest lists and tables at most {MAX_DEPTH} deep"
-_SHORTEN = "write fewer digits"
+_LONGEST_VALUE = 60
+"""Characters of a wrong value in an error."""
 
 
 def finite(value: object) -> float | None:
@@ -38,95 +54,385 @@ def finite(value: object) -> float | None:
     return number if math.isfinite(number) else None
 
 
-def read_toml(path: Path, error: type[UsarsimError], entry: str = "name") -> dict[str, object]:
-    """Parse a TOML file.
+def nearest(word: str, known: Iterable[str], cutoff: float = 0.6) -> str | None:
+    """The known word that one resembles most, whatever the case; None if it resembles none."""
+    by_lower = {one.lower(): one for one in known}
+    close = difflib.get_close_matches(word.lower(), by_lower, n=1, cutoff=cutoff)
+    return by_lower[close[0]] if close else None
 
-    Args:
-        path: the file.
-        error: what is raised.
-        entry: a list that such files have, for the cure.
 
-    Raises:
-        error: if it cannot be read or is not TOML.
+def suggest(word: str, known: Sequence[str]) -> str:
+    """The cure for an unknown word: the most similar known one, or all of them."""
+    close = nearest(word, known)
+    if close is not None:
+        return f"did you mean {close!r}?"
+    return f"known are: {', '.join(known)}" if known else "nothing is known here"
+
+
+class Table:
+    """One table of a file, read key by key.
+
+    All getters return the default where the key is absent; a getter without default raises then.
+    They raise the error of the table where the value does not fit.
     """
-    return parse_toml(read_text(path, error), path, error, entry)
+
+    def __init__(
+        self,
+        content: Mapping[str, object],
+        path: Path | str,
+        error: type[UsarsimError],
+        place: str = "",
+        *,
+        kind: str = "",
+        hyphens: bool = False,
+    ) -> None:
+        """Begin to read.
+
+        Args:
+            content: the parsed table.
+            path: the file, or where else the table stands, for errors.
+            error: class of all errors.
+            place: what the user calls this table, for example `[[victim]] 3`; empty for the top.
+            kind: of what the keys are, such as `a SICK`, for errors.
+            hyphens: keys may be written with hyphens for underscores.
+        """
+        self.path = path
+        self._content = content
+        self._error = error
+        self._place = place
+        self._kind = kind
+        self._hyphens = hyphens
+        self._known: dict[str, None] = {}
+
+    @property
+    def place(self) -> str:
+        """Where this table stands: `file` or `file: table`."""
+        return f"{self.path}: {self._place}" if self._place else str(self.path)
+
+    def error(self, key: str, problem: str, cure: str) -> UsarsimError:
+        """The error for a key of this table, or for the table (no key), to be raised."""
+        where = ": ".join(part for part in (self._place, key) if part)
+        return self._error(at(self.path, problem, cure, where=where or None))
+
+    def wrong(self, key: str, value: object, wanted: str, cure: str = "") -> UsarsimError:
+        """The error for a value that is not what is wanted."""
+        return self.error(key, f"{shown(value)} is not {wanted}", f"write {cure or wanted}")
+
+    def has(self, key: str) -> bool:
+        """Whether the key is written; asking makes it known."""
+        self._known[key] = None
+        return self._written(key) in self._content
+
+    def raw(self, key: str) -> object:
+        """The value as it stands in the file, or None; the caller checks it."""
+        return self._content[self._written(key)] if self.has(key) else None
+
+    def finish(self, hints: Mapping[str, str] | None = None) -> None:
+        """Refuse the first key that nobody asked for.
+
+        Args:
+            hints: cures for keys that users are likely to try although they do not exist.
+        """
+        known = {self._written(key): key for key in self._known}
+        for key in self._content:
+            if key not in known:
+                cure = (hints or {}).get(key)
+                if cure is None:
+                    close = nearest(key, self._known, 0.4)
+                    hint = "remove it;" if close is None else f"did you mean {close}?"
+                    cure = f"{hint} known keys: {', '.join(sorted(self._known)) or 'none'}"
+                kind = f" of {self._kind}" if self._kind else ""
+                raise self.error(key, f"unknown key{kind}", cure)
+
+    def rest(self, *also: str) -> dict[str, object]:
+        """All keys nobody asked for, for a reader that comes later; numbers are finite.
+
+        Args:
+            also: keys to hand on although somebody asked for them.
+        """
+        left = {k: v for k, v in self._content.items() if k not in self._known or k in also}
+        for key, value in left.items():
+            self._check_free(value, key)
+        self._known.update(dict.fromkeys(left))
+        return left
+
+    # ---- plain values ---------------------------------------------------------------------
+
+    def number(
+        self,
+        key: str,
+        default: float | None = None,
+        *,
+        low: float = -math.inf,
+        high: float = math.inf,
+        above: float = -math.inf,
+        unit: str = "",
+    ) -> float:
+        """A finite number in [low, high] that is also greater than `above`."""
+        limits = Limits(low, high, above, unit)
+        if not self.has(key):
+            return self._default(key, default, f"a number{limits}")
+        return self.check_number(key, self.raw(key), limits, default)
+
+    def count(self, key: str, default: int | None = None, *, low: int, high: int) -> int:
+        """A whole number in [low, high]."""
+        limits = Limits(low, high)
+        if not self.has(key):
+            return self._default(key, default, f"a whole number{limits}")
+        return self.check_count(key, self.raw(key), limits, default)
+
+    def flag(self, key: str, default: bool | None = None) -> bool:
+        """True or false."""
+        if not self.has(key):
+            return self._default(key, default, "true or false")
+        value = self.raw(key)
+        if not isinstance(value, bool):
+            raise self.wrong(key, value, "true or false")
+        return value
+
+    def text(self, key: str, default: str | None = None, *, lines: bool = False) -> str:
+        """A text; one without default must not be empty.
+
+        Args:
+            key: to read.
+            default: where it is absent.
+            lines: it may have several lines, and control characters.
+        """
+        if not self.has(key):
+            return self._default(key, default, '"..."')
+        value = self._text(key, self.raw(key), lines)
+        if default is None and not value.strip():
+            raise self.error(key, "is empty", "write some text")
+        return value
+
+    def texts(self, key: str, default: Sequence[str] = ()) -> tuple[str, ...]:
+        """A list of texts."""
+        values = self._list(key, 'a list of texts such as ["A", "B"]', default)
+        return tuple(self._text(key, value) for value in values)
+
+    def word(self, key: str, default: str | None = None) -> str:
+        """A name that can travel on the wire."""
+        return self._word(key, self.text(key, default))
+
+    def words(self, key: str, default: Sequence[str] = ()) -> tuple[str, ...]:
+        """A list of names that can travel on the wire."""
+        values = self._list(key, 'a list of names such as ["A", "B"]', default)
+        return tuple(self._word(key, self._text(key, value)) for value in values)
+
+    def choice(
+        self,
+        key: str,
+        options: Sequence[str],
+        default: str | None = None,
+        *,
+        any_case: bool = False,
+    ) -> str:
+        """One of several words, as `options` spells it.
+
+        Args:
+            key: to read.
+            options: the words.
+            default: where the key is absent.
+            any_case: upper and lower case count the same.
+        """
+        wanted = f"one of {', '.join(options)}"
+        if not self.has(key):
+            return self._default(key, default, wanted)
+        value = self._text(key, self.raw(key))
+        for option in options:
+            if value == option or (any_case and value.strip().lower() == option.lower()):
+                return option
+        close = nearest(value, options)
+        hint = "" if close is None else f"did you mean {close}? "
+        raise self.error(key, f"{shown(value)} is not known", f"{hint}write {wanted}")
+
+    # ---- lists of numbers -----------------------------------------------------------------
+
+    def numbers(
+        self,
+        key: str,
+        counts: Sequence[int] = (),
+        default: Sequence[float] | None = None,
+        *,
+        low: float = -math.inf,
+        high: float = math.inf,
+        above: float = -math.inf,
+        unit: str = "",
+    ) -> tuple[float, ...]:
+        """A list of finite numbers within limits, as many as one of `counts`; none: any number."""
+        if not self.has(key) and default is not None:
+            return tuple(default)
+        return self.check_numbers(key, counts, Limits(low, high, above, unit), self.check_number)
+
+    def vector(
+        self,
+        key: str,
+        default: Vector | None = None,
+        *,
+        low: float = -math.inf,
+        high: float = math.inf,
+    ) -> Vector:
+        """Three finite numbers."""
+        x, y, z = self.numbers(key, (3,), default, low=low, high=high)
+        return x, y, z
+
+    def interval(self, key: str) -> tuple[float, float]:
+        """Two finite numbers, the smaller one first."""
+        first, second = self.numbers(key, (2,))
+        if first >= second:
+            raise self.error(key, f"[{first}, {second}] is empty", "write the smaller number first")
+        return first, second
+
+    # ---- tables ---------------------------------------------------------------------------
+
+    def table(self, key: str) -> Table:
+        """A table below this one; empty if it is not written."""
+        place = f"{self._place}: {key}" if self._place else f"[{key}]"
+        return self._below(self.free(key), place)
+
+    def tables(self, key: str) -> list[Table]:
+        """A list of tables, written `[[key]]`; empty if there is none.
+
+        Each is named in its errors by number and, if it has one, by name.
+        """
+        values = self.raw(key) if self.has(key) else []
+        if not isinstance(values, list) or not all(isinstance(one, Mapping) for one in values):
+            raise self.wrong(key, values, f"a list of tables, each beginning with [[{key}]]")
+        outer = f"{self._place}: " if self._place else ""
+        return [
+            self._below(value, f"{outer}[[{key}]] {number}{_name(value)}")
+            for number, value in enumerate(values, start=1)
+        ]
+
+    def free(self, key: str) -> Mapping[str, object]:
+        """A table whose keys are nobody's business here."""
+        value = self.raw(key) if self.has(key) else {}
+        if not isinstance(value, Mapping):
+            raise self.wrong(key, value, f"a table, [{key}]")
+        return MappingProxyType(dict(value))
+
+    # ---- declared values ------------------------------------------------------------------
+
+    def read(self, cls: type[T], base: T | None = None, **given: object) -> T:
+        """The value whose declared fields stand in this table; `finish` is left to the caller.
+
+        Args:
+            cls: a dataclass with fields made by `field`.
+            base: where absent keys, and fields that are not declared, come from.
+            given: fields that are not read, by name.
+        """
+        values = dict(given)
+        for key in keys(typing.cast(Any, cls)):
+            if key.name not in given:
+                default = key.default() if base is None else getattr(base, key.name)
+                values[key.name] = key.read(self, default)
+        if base is not None:
+            return typing.cast(T, dataclasses.replace(typing.cast(Any, base), **values))
+        return cls(**values)
+
+    # ---- helpers --------------------------------------------------------------------------
+
+    def _below(self, content: Mapping[str, object], place: str) -> Table:
+        return Table(content, self.path, self._error, place, hyphens=self._hyphens)
+
+    def _written(self, key: str) -> str:
+        """The key as it is spelt in the file."""
+        hyphened = key.replace("_", "-")
+        return hyphened if self._hyphens and hyphened in self._content else key
+
+    def _default(self, key: str, default: T | None, wanted: str) -> T:
+        if default is None:
+            raise self.error(key, "is missing", f"add {key} = {wanted}")
+        return default
+
+    def check_number(
+        self, key: str, value: object, limits: Limits, default: float | None = None
+    ) -> float:
+        """A value as a finite number within limits."""
+        number = finite(value)
+        if number is not None and limits.hold(number):
+            return number
+        problem = "is out of range"
+        if number is None:
+            plain = isinstance(value, int | float) and not isinstance(value, bool)
+            problem = "is not a finite number" if plain else "is not a number"
+        cure = f"write a number{limits}{_example(key, default)}"
+        raise self.error(key, f"{shown(value)} {problem}", cure)
+
+    def check_count(
+        self, key: str, value: object, limits: Limits, default: int | None = None
+    ) -> int:
+        """A value as a whole number within limits."""
+        cure = f"a whole number{limits}{_example(key, default)}"
+        if isinstance(value, bool) or not isinstance(value, int):
+            raise self.wrong(key, value, "a whole number", cure)
+        if not limits.hold(value):
+            raise self.error(key, f"{shown(value)} is out of range", f"write {cure}")
+        return value
+
+    def check_numbers(
+        self,
+        key: str,
+        counts: Sequence[int],
+        limits: Limits,
+        read: Callable[[str, object, Limits], T],
+    ) -> tuple[T, ...]:
+        """The list under a key, each item read by `check_number` or `check_count`."""
+        wanted = "a list of numbers such as [1.0, 2.0]"
+        if counts:
+            example = ", ".join(f"{number}.0" for number in range(1, counts[0] + 1))
+            wanted = f"{' or '.join(map(str, counts))} numbers such as [{example}]"
+        values = self._list(key, wanted, None)
+        if counts and len(values) not in counts:
+            raise self.wrong(key, values, wanted)
+        return tuple(read(key, value, limits) for value in values)
+
+    def _text(self, key: str, value: object, lines: bool = False) -> str:
+        if not isinstance(value, str):
+            raise self.wrong(key, value, "text", "text in quotes")
+        if not lines and not value.isprintable():
+            raise self.error(key, "has control characters", "write one line of printable text")
+        return value
+
+    def _word(self, key: str, value: str) -> str:
+        bad = (c in _FORBIDDEN or c.isspace() for c in value)
+        if not value or not value.isascii() or any(bad):
+            cure = "use letters, digits, _ - + . and no blanks, braces, commas or colons"
+            raise self.error(key, f"{shown(value)} cannot travel on the wire", cure)
+        return value
+
+    def _list(self, key: str, wanted: str, default: Sequence[T] | None) -> Sequence[object]:
+        if not self.has(key):
+            return self._default(key, default, wanted)
+        values = self.raw(key)
+        if isinstance(values, str) or not isinstance(values, Sequence):
+            raise self.wrong(key, values, wanted)
+        return values
+
+    def _check_free(self, value: object, key: str) -> None:
+        if isinstance(value, Mapping):
+            for name, inner in value.items():
+                self._check_free(inner, f"{key}.{name}")
+        elif isinstance(value, list):
+            for inner in value:
+                self._check_free(inner, key)
+        elif isinstance(value, str):
+            self._text(key, value)
+        elif not isinstance(value, bool):
+            self.check_number(key, value, Limits())
 
 
-def read_text(path: Path, error: type[UsarsimError]) -> str:
-    """The text of a file that people write.
-
-    Raises:
-        error: if it cannot be read, is no regular file, longer than `MAX_TEXT` or not UTF-8.
-    """
-    try:
-        text = read_regular(path, MAX_TEXT).decode("utf-8-sig")
-        return text.replace("\r\n", "\n").replace("\r", "\n")
-    except OSError as cause:
-        problem = f"cannot be read: {reason(cause)}"
-        raise error(at(path, problem, "check the path and its rights")) from cause
-    except UnicodeDecodeError as cause:
-        problem = f"byte {cause.start} is not UTF-8"
-        raise error(at(path, problem, "save the file as UTF-8")) from cause
+def shown(value: object) -> str:
+    """A value as an error shows it, on one line."""
+    text = repr(value)
+    return text if len(text) <= _LONGEST_VALUE else text[: _LONGEST_VALUE - 3] + "..."
 
 
-def parse_toml(
-    text: str, path: Path, error: type[UsarsimError], entry: str = "name"
-) -> dict[str, object]:
-    """The table in the text of a TOML file.
-
-    Args:
-        text: of the file.
-        path: for errors.
-        error: what is raised.
-        entry: a list that such files have, for the cure.
-
-    Raises:
-        error: if it is not TOML, nested deeper than `MAX_DEPTH`, or has whole numbers beyond
-            `LARGEST`.
-    """
-    if _LONG_KEY.search(text) is not None:
-        where = _line(_LONG_KEY, text)
-        raise error(at(path, "is not valid TOML: a key of too many parts", _FLATTEN, where=where))
-    try:
-        table = tomllib.loads(text)
-    except (ValueError, RecursionError) as cause:
-        # Besides its own error tomllib lets those of int() and of the recursion limit through.
-        problem, _, place = str(cause).partition(" (at ")
-        cure = (
-            "mend the line; TOML writes key = value, text in quotes, "
-            f"[[{entry}]] for an entry of a list"
-        )
-        where = place.rstrip(")") or None
-        if isinstance(cause, RecursionError):
-            problem, cure, where = "nested too deeply", _FLATTEN, _line(_BRACKETS, text)
-        elif not isinstance(cause, tomllib.TOMLDecodeError):
-            problem, cure, where = "a number of too many digits", _SHORTEN, _line(_DIGITS, text)
-        raise error(at(path, f"is not valid TOML: {problem}", cure, where=where)) from None
-    _check_values(table, text, path, error)
-    return table
+def _example(key: str, default: float | None) -> str:
+    usable = default is not None and math.isfinite(default)
+    return f", for example {key} = {default}" if usable else ""
 
 
-def _check_values(
-    table: dict[str, object], text: str, path: Path, error: type[UsarsimError]
-) -> None:
-    level: list[object] = [table]
-    for _ in range(MAX_DEPTH):
-        below: list[object] = []
-        for value in level:
-            if isinstance(value, dict):
-                below.extend(value.values())
-            elif isinstance(value, list):
-                below.extend(value)
-            elif isinstance(value, int) and abs(value) >= LARGEST:
-                problem, where = "a whole number far too large", _line(_DIGITS, text)
-                raise error(at(path, problem, _SHORTEN, where=where))
-        level = below
-        if not level:
-            return
-    raise error(at(path, "nested too deeply", _FLATTEN, where=_line(_BRACKETS, text)))
-
-
-def _line(pattern: re.Pattern[str], text: str) -> str | None:
-    """The first line in which something is, if it can be found."""
-    found = pattern.search(text)
-    return None if found is None else f"line {text.count(chr(10), 0, found.start()) + 1}"
+def _name(table: Mapping[str, object]) -> str:
+    name = table.get("name")
+    return f" ({name})" if isinstance(name, str) and name.isprintable() and name else ""

@@ -32,7 +32,7 @@ from usarsim_maps.scene import (
 from usarsim_server.errors import MapImportError, WorldError
 from usarsim_server.files import is_regular
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
-from usarsim_server.tables import read_toml
+from usarsim_server.toml import read_toml
 from usarsim_server.worlds.media import read_smoke
 from usarsim_server.worlds.tables import Table
 from usarsim_server.worlds.victims import POSTURES

@@ -10,7 +10,7 @@ from usarsim_server.errors import SettingsError
 from usarsim_server.radio.fading import Fading, LinkShape
 from usarsim_server.radio.parameters import RadioParameters
 from usarsim_server.radio.propagation import Propagation, create_model
-from usarsim_server.tables import read_toml
+from usarsim_server.toml import read_toml
 
 DEFAULT_MODEL = "obstacle"
 

@@ -24,7 +24,7 @@ from usarsim_server.simulation.frames import (
     flip_point,
     quaternion_from_rpy,
 )
-from usarsim_server.tables import read_toml
+from usarsim_server.toml import read_toml
 from usarsim_server.worlds.description import (
     GeographicOrigin,
     NamedObject,

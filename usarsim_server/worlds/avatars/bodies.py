@@ -20,7 +20,7 @@ import mujoco
 from usarsim_server.errors import WorldError
 from usarsim_server.simulation.frames import Vector
 from usarsim_server.simulation.model import RobotModel
-from usarsim_server.tables import read_toml
+from usarsim_server.toml import read_toml
 from usarsim_server.worlds.tables import Table
 
 SHEET = "avatars.toml"

@@ -26,7 +26,7 @@ from usarsim_server import errors
 from usarsim_server.errors import WorldError
 from usarsim_server.simulation.frames import Pose, Vector, quaternion_from_rpy
 from usarsim_server.simulation.model import RobotModel
-from usarsim_server.tables import read_toml
+from usarsim_server.toml import read_toml
 from usarsim_server.worlds.tables import Table
 
 SHEET = "objects.toml"

@@ -1,0 +1,296 @@
+"""Declares the fields of a dataclass that stand in a file: one declaration serves all.
+
+From `speed: float = field(default=1.0, unit="m/s", low=0.0, help="...")` follow its reading and its
+checks (`tables.Table.read`), the texts of errors, the help of an option and the rows of tables in
+`docs/` (`markdown`).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import types
+import typing
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from functools import cache
+from typing import Any, Literal, TypeVar, overload
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Which numbers a key takes: from `low` to `high`, and more than `above`.
+
+    Attributes:
+        unit: of the numbers, for errors.
+        also: what else may be written, for errors.
+    """
+
+    low: float = -math.inf
+    high: float = math.inf
+    above: float = -math.inf
+    unit: str = ""
+    also: str = ""
+
+    def hold(self, number: float) -> bool:
+        """Whether a number is within."""
+        return self.low <= number <= self.high and number > self.above
+
+    def __str__(self) -> str:
+        """The limits in words, with a blank before; empty if there are none."""
+        if self.above > -math.inf:
+            text = f" greater than {_plain(self.above)}"
+            text += f" and of at most {_plain(self.high)}" if self.high < math.inf else ""
+        elif self.low > -math.inf and self.high < math.inf:
+            text = f" from {_plain(self.low)} to {_plain(self.high)}"
+        elif self.low > -math.inf:
+            text = f" of at least {_plain(self.low)}"
+        else:
+            text = f" of at most {_plain(self.high)}" if self.high < math.inf else ""
+        return f"{text} ({self.unit}){self.also}" if self.unit else text + self.also
+
+
+_REQUIRED: Any = object()
+"""The default of what has to be written."""
+
+Parse = Callable[[Any, str], Any]
+"""Reads the value of a key that is written, or raises the table's error."""
+
+
+@overload
+def field(*, default: T, **about: Any) -> T: ...
+@overload
+def field(*, factory: Callable[[], T], **about: Any) -> T: ...
+@overload
+def field(**about: Any) -> Any: ...
+def field(
+    *,
+    default: Any = _REQUIRED,
+    factory: Callable[[], Any] | None = None,
+    help: str = "",
+    unit: str = "",
+    low: float = -math.inf,
+    high: float = math.inf,
+    above: float = -math.inf,
+    counts: Sequence[int] = (),
+    choices: Sequence[str] = (),
+    any_case: bool = False,
+    words: Mapping[str, object] | None = None,
+    key: str = "",
+    parse: Parse | None = None,
+    expects: str = "",
+    convert: Callable[[Any], Any] | None = None,
+    **more: Any,
+) -> Any:
+    """Declare a field of a dataclass that stands in a file; how, its annotation says.
+
+    `bool`, `int`, `float`, `str`, a `Literal` or an `Enum` of words, `Vector`, tuples of numbers or
+    texts, and other dataclasses with declared fields (a table; a tuple of them is a list of
+    tables). `| None` with the default None makes a key optional.
+
+    Args:
+        default: where the key is absent; it must be there if there is neither this nor `factory`.
+        factory: makes the default.
+        help: one line: what it means.
+        unit: of a number.
+        low, high, above: limits of a number, or of each number of a list: low <= n <= high,
+            above < n.
+        counts: how many numbers a list may have.
+        choices: the words that a `str` may be.
+        any_case: upper and lower case of such words count the same.
+        words: words that may stand for a value beside ordinary ones, such as `{"off": None}`.
+        key: in files, if not the name of the field.
+        parse: reads what the annotation does not say.
+        expects: what to write, where the annotation does not say it.
+        convert: applied to what was read; defaults are converted already.
+        more: further facts for whoever asks `keys`.
+    """
+    also = "".join(f', or "{word}"' for word in words or {})
+    about = _About(
+        help=help,
+        limits=Limits(low, high, above, unit, also),
+        counts=tuple(counts),
+        choices=tuple(choices),
+        any_case=any_case,
+        words=words or {},
+        key=key,
+        parse=parse,
+        expects=expects,
+        convert=convert,
+        more=more,
+    )
+    metadata = {_About: about}
+    if factory is not None:
+        return dataclasses.field(default_factory=factory, metadata=metadata)
+    if default is _REQUIRED:
+        return dataclasses.field(metadata=metadata)
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+@dataclass(frozen=True, slots=True)
+class _About:
+    """The arguments of `field`."""
+
+    help: str
+    limits: Limits
+    counts: tuple[int, ...]
+    choices: tuple[str, ...]
+    any_case: bool
+    words: Mapping[str, object]
+    key: str
+    parse: Parse | None
+    expects: str
+    convert: Callable[[Any], Any] | None
+    more: Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Key:
+    """One declared field of a dataclass.
+
+    Attributes:
+        name: of the field.
+        key: in files.
+        default: makes the value of an absent key, `_REQUIRED` if it must be there.
+        wanted: what to write, in words.
+        help: one line.
+        more: whatever else was declared.
+    """
+
+    name: str
+    key: str
+    default: Callable[[], Any]
+    wanted: str
+    help: str
+    more: Mapping[str, Any]
+    _about: _About
+    _get: Callable[[Any, str, Any], Any]
+    _whole: bool
+    """The getter is asked even if the key is absent: a table whose keys may all be absent."""
+
+    @property
+    def required(self) -> bool:
+        """Whether the key must be there."""
+        return self.default() is _REQUIRED
+
+    def read(self, table: Any, default: Any) -> Any:
+        """The value in a table; `default` if the key is absent."""
+        about = self._about
+        if not table.has(self.key) and not (self._whole and default is not None):
+            if default is _REQUIRED:
+                raise table.error(self.key, "is missing", f"add {self.key} = {self.wanted}")
+            return default
+        word = table.raw(self.key)
+        if isinstance(word, str) and word in about.words:
+            return about.words[word]
+        value = self._get(table, self.key, None if default is _REQUIRED else default)
+        return value if about.convert is None else about.convert(value)
+
+
+@cache
+def keys(cls: type) -> tuple[Key, ...]:
+    """The declared fields of a dataclass, in order."""
+    hints = typing.get_type_hints(cls)
+    found = []
+    for one in dataclasses.fields(cls):
+        about = one.metadata.get(_About)
+        if about is None:
+            continue
+        hint = hints[one.name]
+        whole = dataclasses.is_dataclass(hint) and about.parse is None
+        wanted, get = _getter(hint, about)
+        found.append(
+            Key(
+                one.name,
+                about.key or one.name,
+                _default_of(one),
+                about.expects or wanted,
+                about.help,
+                about.more,
+                about,
+                get,
+                whole,
+            )
+        )
+    return tuple(found)
+
+
+def _default_of(one: dataclasses.Field[Any]) -> Callable[[], Any]:
+    if one.default_factory is not dataclasses.MISSING:
+        return one.default_factory
+    value = _REQUIRED if one.default is dataclasses.MISSING else one.default
+    return lambda: value
+
+
+def _getter(hint: Any, about: _About) -> tuple[str, Callable[[Any, str, Any], Any]]:
+    """What to write for a key of a type, and how to read it."""
+    parse, limits = about.parse, about.limits
+    if parse is not None:
+        return about.expects, lambda table, key, default: parse(table, key)
+    origin, parts = typing.get_origin(hint), typing.get_args(hint)
+    if origin in (types.UnionType, typing.Union):
+        return _getter(next(part for part in parts if part is not types.NoneType), about)
+    if origin is tuple:
+        return _list_getter(parts, about)
+    if dataclasses.is_dataclass(hint):
+        return "a table", lambda table, key, default: _inner(table.table(key), hint, default)
+    enum = hint if isinstance(hint, type) and issubclass(hint, Enum) else None
+    options = about.choices or (tuple(one.value for one in enum) if enum else parts)
+    if origin is Literal or options:
+
+        def choose(table: Any, key: str, default: object) -> object:
+            word = table.choice(key, options, any_case=about.any_case)
+            return word if enum is None else enum(word)
+
+        return f"one of {', '.join(options)}{limits.also}", choose
+    if hint is bool:
+        return "true or false", lambda table, key, default: table.flag(key)
+    if hint is int:
+        return f"a whole number{limits}", lambda table, key, default: table.check_count(
+            key, table.raw(key), limits, default
+        )
+    if hint is float:
+        return f"a number{limits}", lambda table, key, default: table.check_number(
+            key, table.raw(key), limits, None if about.convert else default
+        )
+    if hint is str:
+        return "text in quotes", lambda table, key, default: table.text(key, default)
+    if origin in (Mapping, dict):
+        return "a table", lambda table, key, default: table.free(key)
+    raise TypeError(f"nobody knows how to read a field of type {hint}; declare parse=")
+
+
+def _list_getter(
+    parts: tuple[Any, ...], about: _About
+) -> tuple[str, Callable[[Any, str, Any], Any]]:
+    """The same for tuples."""
+    element, limits = parts[0], about.limits
+    if dataclasses.is_dataclass(element):
+        return "a list of tables", lambda table, key, default: tuple(
+            _inner(one, element, None) for one in table.tables(key)
+        )
+    if element is str:
+        return "a list of texts", lambda table, key, default: table.texts(key)
+    counts = about.counts or (() if parts[-1] is Ellipsis else (len(parts),))
+    wanted = f"{' or '.join(map(str, counts)) or 'a list of'} numbers{limits}"
+
+    def read(table: Any, key: str, default: object) -> tuple[Any, ...]:
+        one = table.check_count if element is int else table.check_number
+        found: tuple[Any, ...] = table.check_numbers(key, counts, limits, one)
+        return found
+
+    return wanted, read
+
+
+def _inner(table: Any, cls: Any, base: Any) -> Any:
+    value = table.read(cls, base)
+    table.finish()
+    return value
+
+
+def _plain(number: float) -> str:
+    """A number as people write it; whole ones without exponent."""
+    return f"{number:.0f}" if number == int(number) and abs(number) < 1e19 else f"{number:g}"

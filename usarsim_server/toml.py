@@ -1,0 +1,119 @@
+"""Reads TOML files; whatever is wrong with one becomes one error that names the line and a cure."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+
+from usarsim_server.errors import UsarsimError, at
+from usarsim_server.files import MAX_TEXT, read_regular, reason
+
+MAX_DEPTH = 40
+"""Lists and tables within each other. Robot files need eight; every check of a value that goes
+down by recursion stays far from Python's limit."""
+
+LARGEST = 2**256
+"""Whole numbers in files; TOML promises 64 bits, and those of some thousand digits Python refuses
+to print."""
+
+_DIGITS = re.compile(r"[0-9_]{60,}|0[xob][0-9A-Fa-f_]{60,}")
+_BRACKETS = re.compile(r"(?:[\[{][^\[\]{}\n]{0,40}){20}")
+_LONG_KEY = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]++[ \t]*+\.[ \t]*+){{{MAX_DEPTH}}}")
+"""A key of more parts; the time that tomllib needs for one grows with their square."""
+_FLATTEN = f"nest lists and tables at most {MAX_DEPTH} deep"
+_SHORTEN = "write fewer digits"
+
+
+def read_toml(path: Path, error: type[UsarsimError], entry: str = "name") -> dict[str, object]:
+    """Parse a TOML file.
+
+    Args:
+        path: the file.
+        error: what is raised.
+        entry: a list that such files have, for the cure.
+
+    Raises:
+        error: if it cannot be read or is not TOML.
+    """
+    return parse_toml(read_text(path, error), path, error, entry)
+
+
+def read_text(path: Path, error: type[UsarsimError]) -> str:
+    """The text of a file that people write.
+
+    Raises:
+        error: if it cannot be read, is no regular file, longer than `MAX_TEXT` or not UTF-8.
+    """
+    try:
+        text = read_regular(path, MAX_TEXT).decode("utf-8-sig")
+        return text.replace("\r\n", "\n").replace("\r", "\n")
+    except OSError as cause:
+        problem = f"cannot be read: {reason(cause)}"
+        raise error(at(path, problem, "check the path and its rights")) from cause
+    except UnicodeDecodeError as cause:
+        problem = f"byte {cause.start} is not UTF-8"
+        raise error(at(path, problem, "save the file as UTF-8")) from cause
+
+
+def parse_toml(
+    text: str, path: Path, error: type[UsarsimError], entry: str = "name"
+) -> dict[str, object]:
+    """The table in the text of a TOML file.
+
+    Args:
+        text: of the file.
+        path: for errors.
+        error: what is raised.
+        entry: a list that such files have, for the cure.
+
+    Raises:
+        error: if it is not TOML, nested deeper than `MAX_DEPTH`, or has whole numbers beyond
+            `LARGEST`.
+    """
+    if _LONG_KEY.search(text) is not None:
+        where = _line(_LONG_KEY, text)
+        raise error(at(path, "is not valid TOML: a key of too many parts", _FLATTEN, where=where))
+    try:
+        table = tomllib.loads(text)
+    except (ValueError, RecursionError) as cause:
+        # Besides its own error tomllib lets those of int() and of the recursion limit through.
+        problem, _, place = str(cause).partition(" (at ")
+        cure = (
+            "mend the line; TOML writes key = value, text in quotes, "
+            f"[[{entry}]] for an entry of a list"
+        )
+        where = place.rstrip(")") or None
+        if isinstance(cause, RecursionError):
+            problem, cure, where = "nested too deeply", _FLATTEN, _line(_BRACKETS, text)
+        elif not isinstance(cause, tomllib.TOMLDecodeError):
+            problem, cure, where = "a number of too many digits", _SHORTEN, _line(_DIGITS, text)
+        raise error(at(path, f"is not valid TOML: {problem}", cure, where=where)) from None
+    _check_values(table, text, path, error)
+    return table
+
+
+def _check_values(
+    table: dict[str, object], text: str, path: Path, error: type[UsarsimError]
+) -> None:
+    level: list[object] = [table]
+    for _ in range(MAX_DEPTH):
+        below: list[object] = []
+        for value in level:
+            if isinstance(value, dict):
+                below.extend(value.values())
+            elif isinstance(value, list):
+                below.extend(value)
+            elif isinstance(value, int) and abs(value) >= LARGEST:
+                problem, where = "a whole number far too large", _line(_DIGITS, text)
+                raise error(at(path, problem, _SHORTEN, where=where))
+        level = below
+        if not level:
+            return
+    raise error(at(path, "nested too deeply", _FLATTEN, where=_line(_BRACKETS, text)))
+
+
+def _line(pattern: re.Pattern[str], text: str) -> str | None:
+    """The first line in which something is, if it can be found."""
+    found = pattern.search(text)
+    return None if found is None else f"line {text.count(chr(10), 0, found.start()) + 1}"
