@@ -113,4 +113,4 @@ class StandIn:
     def usage(self) -> Usage:
         """A look."""
         self.looks += 1
-        return Usage(float(self.looks), 0.0, 1000 * self.looks, 5, 9, 0.0, None)
+        return Usage(float(self.looks), 0.0, 1000 * self.looks, 5, 9, 0.0, 0.0)

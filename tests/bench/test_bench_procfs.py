@@ -1,4 +1,4 @@
-"""What Linux says about processes and the machine is read rightly."""
+"""Processes, loads and the machine."""
 
 from __future__ import annotations
 
@@ -11,13 +11,12 @@ from collections.abc import Iterator
 import psutil
 import pytest
 
-from usarsim_bench import procfs
 from usarsim_bench.errors import BenchError
 from usarsim_bench.machine import describe_machine
 from usarsim_bench.procfs import Usage, busy_seconds, load_between, usage
 
 
-def look(wall: float, cpu: float, own: float, busy: float | None) -> Usage:
+def look(wall: float, cpu: float, own: float, busy: float) -> Usage:
     """A look with some numbers that matter and others that do not."""
     return Usage(wall, cpu, 0, 1, 1, own, busy)
 
@@ -49,18 +48,6 @@ def child() -> Iterator[subprocess.Popen[str]]:
 
 
 class TestUsage:
-    def test_agrees_with_psutil(self, child: subprocess.Popen[str]) -> None:
-        """Memory, threads, descriptors and processor time are those that psutil finds."""
-        process = psutil.Process(child.pid)
-        # A fresh interpreter may still gain pages between two looks: ours lies between psutil's.
-        least = process.memory_info().rss
-        found, times = usage(child.pid), process.cpu_times()
-        most = process.memory_info().rss
-        assert 0.98 * least <= found.resident <= 1.02 * most
-        assert found.threads == process.num_threads()
-        assert found.descriptors == process.num_fds()
-        assert found.cpu == pytest.approx(times.user + times.system, abs=0.02)
-
     def test_counts_descriptors_and_threads(self, child: subprocess.Popen[str]) -> None:
         """One file and one thread more are seen as such."""
         before = usage(child.pid)
@@ -81,20 +68,7 @@ class TestUsage:
         after = usage(os.getpid())
         assert after.cpu - before.cpu >= 0.05
         assert after.own_cpu - before.own_cpu >= 0.1
-        assert after.busy is not None
-        assert before.busy is not None
         assert after.busy - before.busy >= 0.05
-
-    def test_name_with_blanks_and_parentheses(self, tmp_path: object) -> None:
-        """The command name, which may contain anything, does not shift the fields."""
-        program = os.path.join(str(tmp_path), "a) b (c")
-        os.symlink("/bin/sleep", program)
-        process = subprocess.Popen([program, "30"])
-        try:
-            assert usage(process.pid).threads == 1
-        finally:
-            process.kill()
-            process.wait()
 
     def test_of_a_process_that_is_gone(self) -> None:
         """A process that ended is an error that names it."""
@@ -103,20 +77,22 @@ class TestUsage:
         with pytest.raises(BenchError, match=f"process {process.pid} is gone"):
             usage(process.pid)
 
-    def test_without_machine_statistics(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        """A system that hides /proc/stat is no error; the share of others is unknown then."""
-        monkeypatch.setattr(procfs, "_busy", lambda: None)
-        before = usage(os.getpid())
-        time.sleep(0.01)
-        assert load_between(before, usage(os.getpid())).others is None
-
 
 class TestBusySeconds:
-    def test_of_a_known_line(self) -> None:
+    def test_of_known_times(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """Idle and waiting for disks are not work; what guests used is not counted twice."""
-        tick = 1.0 / os.sysconf("SC_CLK_TCK")
-        line = "cpu  1000 200 300 999999 888888 10 20 30 777 666"
-        assert busy_seconds(line) == pytest.approx((1000 + 200 + 300 + 10 + 20 + 30) * tick)
+        told = {
+            "user": 10.0,
+            "system": 3.0,
+            "steal": 0.5,
+            "idle": 99.0,
+            "iowait": 8.0,
+            "guest": 7.0,
+        }
+        none = dict.fromkeys(psutil.cpu_times()._fields, 0.0)
+        times = psutil.cpu_times()._replace(**{**none, **told})
+        monkeypatch.setattr(psutil, "cpu_times", lambda: times)
+        assert busy_seconds() == 13.5
 
 
 class TestLoad:

@@ -8,11 +8,15 @@ from pathlib import Path
 import pytest
 
 from usarsim_server.data import data_directory
-from usarsim_server.doctor.checks import machine as server
-from usarsim_server.doctor.checks.files import judge_plugin, judge_robots, judge_worlds
+from usarsim_server.doctor.checks.installation import (
+    judge_plugin,
+    judge_robots,
+    judge_worlds,
+)
+from usarsim_server.doctor.checks.server import judge_server
 from usarsim_server.doctor.isolation import Outcome
 from usarsim_server.doctor.registry import Mark
-from usarsim_server.doctor.team import server as try_server
+from usarsim_server.doctor.worker import server as try_server
 from usarsim_server.settings import Settings
 
 
@@ -76,7 +80,7 @@ def test_the_server_is_put_together_and_own_robots_are_tried(tmp_path: Path) -> 
         'extends = "P3AT"\nsensor = [{ type = "Sonnar", name = "S" }]\n'
     )
     settings = Settings(world="empty", robots=(tmp_path,))
-    start, good, odd = server.judge(Outcome(try_server(settings, "")))
+    start, good, odd = judge_server(Outcome(try_server(settings, "")))
     assert start.mark is Mark.OK
     assert start.text.endswith("with the world empty")
     assert good.text == "1 of your own can be put into the world"
@@ -88,9 +92,9 @@ def test_the_server_is_put_together_and_own_robots_are_tried(tmp_path: Path) -> 
 def test_a_server_that_would_not_start_says_why() -> None:
     """An error for users keeps its advice; a defect says of what kind it is."""
     told = Outcome(failure="nowhere: no such world", told=True, advice="known worlds: arena")
-    [finding] = server.judge(told)
+    [finding] = judge_server(told)
     assert finding.mark is Mark.PROBLEM
     assert finding.text == "would not start: nowhere: no such world"
     assert finding.advice == "known worlds: arena"
-    [defect] = server.judge(Outcome(failure="the process was ended by SIGSEGV"))
+    [defect] = judge_server(Outcome(failure="the process was ended by SIGSEGV"))
     assert defect.text == "would not start: a defect, the process was ended by SIGSEGV"

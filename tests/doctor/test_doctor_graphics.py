@@ -9,8 +9,14 @@ from pathlib import Path
 import pytest
 
 from usarsim_server.cameras import backend as probe
-from usarsim_server.doctor.checks import graphics
-from usarsim_server.doctor.checks.graphics import Device, Drawing, devices, is_software, judge
+from usarsim_server.doctor.checks import installation as graphics
+from usarsim_server.doctor.checks.installation import (
+    Device,
+    Drawing,
+    devices,
+    is_software,
+    judge_drawing,
+)
 from usarsim_server.doctor.isolation import Outcome
 from usarsim_server.doctor.registry import Context, Finding, Mark
 from usarsim_server.settings import Settings
@@ -22,7 +28,7 @@ CARD = Device("/dev/dri/renderD128", True)
 
 def only(drawing: Drawing, settings: Settings | None = None) -> Finding:
     """The one finding about a machine."""
-    [finding] = judge(drawing, settings or Settings())
+    [finding] = judge_drawing(drawing, settings or Settings())
     return finding
 
 
@@ -79,16 +85,16 @@ def test_software_and_hardware_are_told_apart() -> None:
 def test_a_card_that_does_not_draw_is_noted() -> None:
     """With a reason and a command for each: rights, the way of drawing, the driver."""
     closed = replace(MESA, cards=(replace(CARD, usable=False),))
-    _, note = judge(closed, Settings())
+    _, note = judge_drawing(closed, Settings())
     assert note.mark is Mark.NOTE
     assert "may not open it" in note.text
     assert "usermod -aG render" in (note.cure or "")
     osmesa = Drawing((("egl", "no libEGL"),), "osmesa", "llvmpipe", (CARD,))
-    _, note = judge(osmesa, Settings())
+    _, note = judge_drawing(osmesa, Settings())
     assert "only EGL can use it (no libEGL)" in note.text
     assert "libegl1" in (note.cure or "")
     nvidia = replace(MESA, cards=(Device("/dev/nvidia0", True),))
-    _, note = judge(nvidia, Settings())
+    _, note = judge_drawing(nvidia, Settings())
     assert "NVIDIA's EGL driver is missing" in note.text
 
 
@@ -105,10 +111,10 @@ def test_the_server_s_own_probe_is_asked_in_its_order(monkeypatch: pytest.Monkey
 
     for name in ("MUJOCO_GL", "PYOPENGL_PLATFORM"):
         monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr(graphics, "works", works)
+    monkeypatch.setattr(probe, "works", works)
     monkeypatch.setattr(graphics, "attempt", attempt)
     monkeypatch.setattr(graphics, "devices", lambda: ())
-    [finding] = graphics.look(Context(Settings()))
+    [finding] = graphics.look_at_graphics(Context(Settings()))
     assert asked == ["egl", "osmesa"]
     assert finding.values["backend"] == "osmesa"
     assert finding.values["renderer"] == "llvmpipe for gl:osmesa"

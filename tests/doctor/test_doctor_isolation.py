@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from usarsim_server.doctor import team as trials
+from usarsim_server.doctor import worker as trials
 from usarsim_server.doctor.isolation import Outcome, attempt
 from usarsim_server.doctor.worker import try_out
 from usarsim_server.errors import UsarsimError

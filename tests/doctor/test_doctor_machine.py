@@ -5,13 +5,13 @@ from __future__ import annotations
 import pytest
 
 from usarsim_server.doctor.checks.machine import (
+    Activity,
     judge_activity,
     judge_cores,
     judge_descriptors,
     judge_memory,
 )
 from usarsim_server.doctor.registry import Context, Mark
-from usarsim_server.doctor.system import Activity
 from usarsim_server.processes import Process
 from usarsim_server.settings import Settings
 

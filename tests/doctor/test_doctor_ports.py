@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from usarsim_server.doctor.checks.files import look_at_ports as look
+from usarsim_server.doctor.checks.machine import look_at_ports as look
 from usarsim_server.doctor.registry import Context, Finding, Mark
 from usarsim_server.settings import Settings
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from usarsim_server.doctor import team as trials
-from usarsim_server.doctor.checks.rates import (
+from usarsim_server.doctor.checks.server import (
     Cost,
     cost_of,
     judge_cameras,

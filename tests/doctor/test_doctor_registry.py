@@ -106,7 +106,7 @@ def test_two_checks_cannot_have_one_key(monkeypatch: pytest.MonkeyPatch) -> None
     """The second function that enters itself under a key is refused."""
     all_checks()
     monkeypatch.setattr(registry, "_CHECKS", dict(registry._CHECKS))
-    with pytest.raises(ValueError, match=r"'ports' is already that of .*checks\.ports"):
+    with pytest.raises(ValueError, match=r"'ports' is already that of .*checks\.machine"):
         check("ports", "Ports", 1)(fine)
 
 

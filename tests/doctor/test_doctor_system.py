@@ -1,15 +1,16 @@
-"""What `/proc` tells, read from made-up files, and from the real ones where that is certain."""
+"""Who listens on a port, who keeps the machine busy, what the container leaves of it."""
 
 from __future__ import annotations
 
 import os
 import socket
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from usarsim_server import processes
-from usarsim_server.doctor import system
+from usarsim_server.doctor.checks import machine as system
 
 NET_TCP = """\
   sl  local_address rem_address   st tx_queue rx_queue tr tm->when retrnsmt   uid  timeout inode
@@ -56,25 +57,25 @@ def test_our_own_socket_is_found() -> None:
     assert owner.process.pid == os.getpid()
 
 
-def test_activity_is_the_difference_of_two_looks(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_activity_is_the_difference_of_two_looks(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of two processors one was busy, nearly all of it with the program that is named."""
-
-    def write(total: int, idle: int, ticks: int) -> None:
-        (tmp_path / "stat").write_text(
-            f"cpu  {total - idle} 0 0 {idle} 0 0 0 0 0 0\ncpu0 1 0\ncpu1 1 0\nintr 5\n"
-        )
-        fields = f"55 (odd ) name) R {'0 ' * 10}{ticks} 0 0 0"
-        (tmp_path / "55/stat").write_text(fields)
-
-    (tmp_path / "55").mkdir()
-    (tmp_path / "55/comm").write_text("odd ) name\n")
-    write(1000, 500, 10)
-    monkeypatch.setattr("time.sleep", lambda seconds: write(1200, 600, 100))
-    seen = system.activity(0.5, tmp_path)
+    me = os.getpid()
+    looks = iter([{me: 1.0, 55: 0.1, 60: 2.0}, {me: 9.0, 55: 0.55, 60: 2.1, 61: 5.0}])
+    monkeypatch.setattr(system, "_spent", lambda: next(looks))
+    monkeypatch.setattr("psutil.cpu_count", lambda: 2)
+    monkeypatch.setattr("psutil.cpu_percent", lambda seconds: 50.0)
+    monkeypatch.setattr(system, "name", lambda proc, pid: f"program {pid}")
+    seen = system.activity(0.5)
     assert (seen.processors, seen.busy) == (2, 1.0)
-    assert seen.busiest == processes.Process(55, "odd ) name", 0.9)
+    assert seen.busiest is not None
+    assert (seen.busiest.pid, seen.busiest.name) == (55, "program 55")
+    assert seen.busiest.cores == pytest.approx(0.9)
+
+
+def test_a_real_program_is_seen() -> None:
+    """The parent of this process is among those that are watched."""
+    assert os.getppid() in system._spent()
+    assert system.activity(0.05).processors == os.cpu_count()
 
 
 @pytest.mark.parametrize(
@@ -96,11 +97,14 @@ def test_processors_are_bounded_by_the_container(
     assert system.cores(tmp_path) == (most or len(os.sched_getaffinity(0)))
 
 
-def test_memory_is_bounded_by_the_container(tmp_path: Path) -> None:
+def test_memory_is_bounded_by_the_container(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """What the container may still take counts, caches that would be given up do not."""
-    (tmp_path / "meminfo").write_text("MemTotal: 8000 kB\nMemAvailable: 6000 kB\nHugePages: 0\n")
-    assert system.available_memory(tmp_path, tmp_path) == (6000 * 1024, 8000 * 1024)
+    memory = SimpleNamespace(available=6000 * 1024, total=8000 * 1024)
+    monkeypatch.setattr("psutil.virtual_memory", lambda: memory)
+    assert system.available_memory(tmp_path) == (6000 * 1024, 8000 * 1024)
     (tmp_path / "memory.max").write_text("4096000\n")
     (tmp_path / "memory.current").write_text("3000000\n")
     (tmp_path / "memory.stat").write_text("anon 5\ninactive_file 1000000\n")
-    assert system.available_memory(tmp_path, tmp_path) == (2096000, 4096000)
+    assert system.available_memory(tmp_path) == (2096000, 4096000)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from usarsim_server.doctor.checks.machine import PACKAGES, Package, judge_package, judge_python
+from usarsim_server.doctor.checks.installation import PACKAGES, Package, judge_package, judge_python
 from usarsim_server.doctor.isolation import Outcome
 from usarsim_server.doctor.registry import Mark
 

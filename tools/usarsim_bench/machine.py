@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
+import psutil
+
 _PACKAGES = ("mujoco", "numpy", "embreex")
 
 
@@ -59,7 +61,7 @@ def describe_machine(server_version: str) -> Machine:
         processor=_processor(),
         cores=os.cpu_count() or 1,
         usable_cores=len(os.sched_getaffinity(0)),
-        memory=os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"),
+        memory=psutil.virtual_memory().total,
         system=f"{platform.system()} {platform.release()} {platform.machine()}",
         python=f"{platform.python_implementation()} {platform.python_version()}",
         packages={"usarsim-server": server_version} | {name: _version(name) for name in _PACKAGES},

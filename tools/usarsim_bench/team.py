@@ -148,10 +148,10 @@ def measure_team(plan: Plan) -> Section:
 
 def load_figures(load: Load) -> list[Figure]:
     """What else kept the machine busy, by which a reader can judge the other figures."""
-    figures = [Figure("Processor use of the clients", load.own, "cores", 2)]
-    if load.others is not None:
-        figures.append(Figure("Processor use of other programs", load.others, "cores", 2))
-    return figures
+    return [
+        Figure("Processor use of the clients", load.own, "cores", 2),
+        Figure("Processor use of other programs", load.others, "cores", 2),
+    ]
 
 
 def measure_largest(plan: Plan) -> Section:

@@ -4,7 +4,8 @@ A processor that lacks an instruction, half a graphics driver or a broken wheel 
 without any exception. So everything of that kind is done by a process that can be spared; if it
 dies on one trial, another one goes on with the next.
 
-Commands that mend things, written so that they can be pasted here.
+Beside that the commands that mend things, `pip`, `apt` and `root`, written so that they can be
+pasted into this shell.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""Which checks there are, and running them so that none can spoil the report.
+"""What checks find out, which checks there are, and running them so that none spoils the report.
 
-@check("disk", "Disk", order=25)
-def look(context: Context) -> Iterator[Finding]:
-    yield Finding("free space", Mark.OK, "12 GiB")
+A check is a function that yields findings, entered with a decorator:
 
-What checks find out: immutable values, without any form.
+    @check("disk", "Disk", order=25)
+    def look(context: Context) -> Iterator[Finding]:
+        yield Finding("free space", Mark.OK, "12 GiB")
 """
 
 from __future__ import annotations

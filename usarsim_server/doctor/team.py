@@ -1,33 +1,22 @@
 """A team of robots driving about, on which rates are measured in the calling thread.
 
 Physics and rays are taken by processor time, so that other programs disturb them little; pictures
-by the wall clock, because a graphics card takes none, and by the quickest of them.
-
-What is done in a process that can be spared (see `isolation.py`): one function per trial.
-
-Each takes the settings of the server and the argument of its name, and returns facts that can be
-written as JSON. The three rates share one world: `arena`, with a team that drives about.
+by the wall clock, because a graphics card takes none, and by the quickest of them. The three trials
+`physics`, `rays` and `cameras` (see `worker.py`) share one world: `arena`, with a team in it.
 """
 
 from __future__ import annotations
 
 import functools
-import importlib
 import math
-import os
 import time
-from dataclasses import asdict
-from importlib import metadata
 from statistics import median
-from typing import Any
 
 import numpy as np
 
 from usarsim_server.app import Assembly, assemble
 from usarsim_server.cameras.backend import Quality
 from usarsim_server.cameras.painter import Painter, PainterOptions
-from usarsim_server.doctor.registry import problem_and_advice
-from usarsim_server.errors import UsarsimError
 from usarsim_server.sessions.robots import Vehicle
 from usarsim_server.settings import Settings
 from usarsim_server.simulation.frames import Pose
@@ -35,6 +24,13 @@ from usarsim_server.simulation.rays.cast import RayQuery
 from usarsim_server.simulation.rays.query import RayFan
 from usarsim_server.simulation.snapshot import Snapshot
 
+WORLD = "arena"
+TEAM = 16
+SMALL_TEAM = 4
+"""Robots: what a robot costs is the difference between both teams."""
+BEAMS = 181
+MEASURED = 0.8
+"""s of wall time that each rate is taken for."""
 CLASS = "P3AT"
 CHUNK = 0.1
 """Simulated s between two looks at the clock and between two commands."""
@@ -212,83 +208,6 @@ def _half_circle(vehicle: Vehicle, snapshot: Snapshot, beams: int) -> RayFan:
     return RayFan(np.array(pose.position), flat @ pose.matrix().T, REACH)
 
 
-WORLD = "arena"
-TEAM = 16
-SMALL_TEAM = 4
-"""Robots: what a robot costs is the difference between both teams."""
-BEAMS = 181
-MEASURED = 0.8
-"""s of wall time that each rate is taken for."""
-MOST_CLASSES = 20
-"""Robot classes of the user's own that are tried out."""
-
-
-def package(settings: Settings, module: str) -> dict[str, object]:
-    """Import a module; which version of its distribution is installed."""
-    loaded = importlib.import_module(module)
-    for distribution in metadata.packages_distributions().get(module, ()):
-        return {"version": metadata.version(distribution)}
-    return {"version": str(getattr(loaded, "__version__", ""))}
-
-
-def gl(settings: Settings, platform: str) -> dict[str, object]:
-    """What an OpenGL context of a platform says about itself."""
-    os.environ["MUJOCO_GL"] = "disable"
-    os.environ["PYOPENGL_PLATFORM"] = platform
-    context: Any = importlib.import_module(f"mujoco.{platform}").GLContext(16, 16)
-    context.make_current()
-    calls: Any = importlib.import_module("OpenGL.GL")
-    asked = {"renderer": calls.GL_RENDERER, "vendor": calls.GL_VENDOR, "version": calls.GL_VERSION}
-    return {name: (calls.glGetString(what) or b"").decode() for name, what in asked.items()}
-
-
-def findings(settings: Settings, key: str) -> dict[str, object]:
-    """What a check finds that shall run here."""
-    from usarsim_server.doctor.registry import Context, all_checks
-
-    [one] = [one for one in all_checks() if one.key == key]
-    found = one.look(Context(settings))
-    return {"findings": [asdict(finding) | {"mark": finding.mark.value} for finding in found]}
-
-
-def server(settings: Settings, _: str) -> dict[str, object]:
-    """Put the server together as `serve` would, but open no port and let no time pass.
-
-    Robot classes of the user's own are put into the world, one after another.
-    """
-    from usarsim_server.app import assemble
-    from usarsim_server.robots.catalog import load_roster
-
-    started = time.perf_counter()
-    assembly = assemble(settings)
-    try:
-        seconds = time.perf_counter() - started
-        folders = [folder.resolve() for folder in settings.robots]
-        own = [
-            robot
-            for robot in load_roster(
-                settings.robots, allow_outside=settings.allow_outside
-            ).descriptions()
-            if robot.source.resolve().parent in folders
-        ]
-        broken: list[dict[str, str | None]] = []
-        for robot in own[:MOST_CLASSES]:
-            try:
-                vehicle = assembly.fleet.spawn(robot, None, assembly.world.starts[0].pose)
-                assembly.fleet.remove(vehicle)
-            except (UsarsimError, ValueError) as error:
-                problem, advice = problem_and_advice(str(error))
-                broken.append({"name": robot.name, "problem": problem, "advice": advice})
-        return {
-            "world": assembly.world.name,
-            "seconds": seconds,
-            "tried": len(own[:MOST_CLASSES]),
-            "broken": broken,
-        }
-    finally:
-        assembly.stop()
-
-
 def physics(settings: Settings, _: str) -> dict[str, object]:
     """Steps per s of processor time with a driving team, and what of that each robot costs."""
     team = _team(settings.timestep)
@@ -326,7 +245,5 @@ def cameras(settings: Settings, _: str) -> dict[str, object]:
 
 @functools.cache
 def _team(timestep: float) -> Team:
-    from usarsim_server.doctor.team import Team
-
     plain = Settings(world=WORLD, speed=math.inf, timestep=timestep, max_robots=TEAM)
     return Team(plain, TEAM)

@@ -1,21 +1,33 @@
 """The process that makes trials: reads what to do from standard input, writes a line for each.
 
 The order is a pickle of the trials' names and the settings; an answer is a JSON object with the
-fields of `isolation.Outcome` and `trial`, the name. A name is that of a function of `trials.py`,
-and what follows a colon is its argument.
+fields of `isolation.Outcome` and `trial`, the name. A name is that of a function of this file, or
+of `team.py` where rates are measured; what follows a colon is its argument. Each function takes the
+settings of the server and that argument, imports what it needs itself, and returns facts that can
+be written as JSON.
 """
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import pickle
 import sys
-from typing import TextIO
+import time
+from dataclasses import asdict
+from importlib import metadata
+from typing import Any, TextIO
 
 from usarsim_server.doctor.registry import problem_and_advice
 from usarsim_server.errors import UsarsimError
 from usarsim_server.settings import Settings
+
+RATES = ("physics", "rays", "cameras")
+"""Trials that are functions of `team.py`."""
+MOST_CLASSES = 20
+"""Robot classes of the user's own that are tried out."""
+_TEAM = "usarsim_server.doctor.team"
 
 
 def main() -> int:
@@ -33,11 +45,10 @@ def main() -> int:
 
 def try_out(name: str, settings: Settings) -> dict[str, object]:
     """Fields of the outcome of one trial."""
-    from usarsim_server.doctor import team as trials
-
     function, _, argument = name.partition(":")
     try:
-        return {"values": getattr(trials, function)(settings, argument)}
+        module = importlib.import_module(_TEAM if function in RATES else __name__)
+        return {"values": getattr(module, function)(settings, argument)}
     except UsarsimError as error:
         problem, advice = problem_and_advice(str(error))
         return {"failure": problem, "told": True, "advice": advice}
@@ -55,6 +66,72 @@ def _answer(stream: TextIO, name: str, outcome: dict[str, object]) -> None:
 
 def _one_line(text: str) -> str:
     return " ".join(text.split())
+
+
+def package(settings: Settings, module: str) -> dict[str, object]:
+    """Import a module; which version of its distribution is installed."""
+    loaded = importlib.import_module(module)
+    for distribution in metadata.packages_distributions().get(module, ()):
+        return {"version": metadata.version(distribution)}
+    return {"version": str(getattr(loaded, "__version__", ""))}
+
+
+def gl(settings: Settings, platform: str) -> dict[str, object]:
+    """What an OpenGL context of a platform says about itself."""
+    os.environ["MUJOCO_GL"] = "disable"
+    os.environ["PYOPENGL_PLATFORM"] = platform
+    context: Any = importlib.import_module(f"mujoco.{platform}").GLContext(16, 16)
+    context.make_current()
+    calls: Any = importlib.import_module("OpenGL.GL")
+    asked = {"renderer": calls.GL_RENDERER, "vendor": calls.GL_VENDOR, "version": calls.GL_VERSION}
+    return {name: (calls.glGetString(what) or b"").decode() for name, what in asked.items()}
+
+
+def findings(settings: Settings, key: str) -> dict[str, object]:
+    """What a check finds that shall run here."""
+    from usarsim_server.doctor.registry import Context, all_checks
+
+    [one] = [one for one in all_checks() if one.key == key]
+    found = one.look(Context(settings))
+    return {"findings": [asdict(finding) | {"mark": finding.mark.value} for finding in found]}
+
+
+def server(settings: Settings, _: str) -> dict[str, object]:
+    """Put the server together as `serve` would, but open no port and let no time pass.
+
+    Robot classes of the user's own are put into the world, one after another.
+    """
+    from usarsim_server.app import assemble
+    from usarsim_server.robots.catalog import load_roster
+
+    started = time.perf_counter()
+    assembly = assemble(settings)
+    try:
+        seconds = time.perf_counter() - started
+        folders = [folder.resolve() for folder in settings.robots]
+        own = [
+            robot
+            for robot in load_roster(
+                settings.robots, allow_outside=settings.allow_outside
+            ).descriptions()
+            if robot.source.resolve().parent in folders
+        ]
+        broken: list[dict[str, str | None]] = []
+        for robot in own[:MOST_CLASSES]:
+            try:
+                vehicle = assembly.fleet.spawn(robot, None, assembly.world.starts[0].pose)
+                assembly.fleet.remove(vehicle)
+            except (UsarsimError, ValueError) as error:
+                problem, advice = problem_and_advice(str(error))
+                broken.append({"name": robot.name, "problem": problem, "advice": advice})
+        return {
+            "world": assembly.world.name,
+            "seconds": seconds,
+            "tried": len(own[:MOST_CLASSES]),
+            "broken": broken,
+        }
+    finally:
+        assembly.stop()
 
 
 if __name__ == "__main__":

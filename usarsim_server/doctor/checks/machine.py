@@ -1,26 +1,30 @@
-"""The machine: processors, memory, how busy it is, how many sockets it allows.
+"""The machine: processors, memory, who keeps it busy, sockets, and whether the ports are free.
 
-Python and the libraries: which are there, whether they work, whether they will do.
-
-The server as a whole: put together with the given settings, without opening a port.
+Limits of a container are read below a folder that stands for `/sys/fs/cgroup`, so that tests can
+make one up. Ports are really opened, just as the server would, all at the same time. psutil is
+imported where it is used: without it the ports can still be looked at.
 """
 
 from __future__ import annotations
 
+import asyncio
+import errno
 import os
-import platform
-import re
-import sys
+import resource
+import socket
 from collections.abc import Iterator
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from usarsim_server import __version__
-from usarsim_server.doctor import system
-from usarsim_server.doctor.isolation import Outcome, attempt, pip, root
+from usarsim_server.doctor.isolation import root
 from usarsim_server.doctor.registry import Context, Finding, Mark, check, problem_and_advice
-from usarsim_server.errors import UsarsimError
+from usarsim_server.errors import ServiceError
+from usarsim_server.options import OPTIONS, Option, is_port
+from usarsim_server.processes import PROC, Process, name, port_taker
+from usarsim_server.services.listener import Endpoint, Listener
 
+CGROUP = Path("/sys/fs/cgroup")
 WATCHED = 0.4
 """s of wall time for which the machine is watched."""
 BUSY = 0.25
@@ -37,12 +41,90 @@ _GIB = float(1 << 30)
 
 @check("machine", "Machine", order=20)
 def look_at_machine(context: Context) -> Iterator[Finding]:
-    """Ask `/proc`."""
-    cores = system.cores()
-    yield judge_cores(cores, context)
-    yield judge_memory(*system.available_memory())
-    yield judge_activity(system.activity(WATCHED), os.getloadavg()[0])
-    yield judge_descriptors(system.descriptor_limit(), context.settings.connections)
+    """Ask the system, and watch it for a moment."""
+    yield judge_cores(cores(), context)
+    yield judge_memory(*available_memory())
+    yield judge_activity(activity(WATCHED), os.getloadavg()[0])
+    yield judge_descriptors(
+        resource.getrlimit(resource.RLIMIT_NOFILE)[0], context.settings.connections
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Activity:
+    """What went on during a short while.
+
+    Attributes:
+        processors: of the whole machine.
+        busy: how many of them were busy, on average.
+        busiest: the program that used most; None if none could be seen.
+    """
+
+    processors: int
+    busy: float
+    busiest: Process | None
+
+
+def cores(group: Path = CGROUP) -> float:
+    """Processors that this process may use: by affinity, and by the quota of its container."""
+    allowed = float(len(os.sched_getaffinity(0)))
+    quota = _quota(group)
+    return allowed if quota is None else min(allowed, quota)
+
+
+def _quota(group: Path) -> float | None:
+    with suppress(OSError, ValueError, IndexError):  # version 2: "200000 100000" or "max 100000"
+        quota, period = (group / "cpu.max").read_text().split()[:2]
+        return None if quota == "max" else int(quota) / int(period)
+    with suppress(OSError, ValueError):  # version 1: microseconds, -1 for none
+        microseconds = int((group / "cpu/cpu.cfs_quota_us").read_text())
+        period_us = int((group / "cpu/cpu.cfs_period_us").read_text())
+        return microseconds / period_us if microseconds > 0 and period_us > 0 else None
+    return None
+
+
+def available_memory(group: Path = CGROUP) -> tuple[int, int]:
+    """Bytes that can be had without swapping, and in all, within the limit of the container."""
+    import psutil
+
+    memory = psutil.virtual_memory()
+    free, total = memory.available, memory.total
+    with suppress(OSError, ValueError, KeyError):
+        limit = int((group / "memory.max").read_text())
+        used = int((group / "memory.current").read_text())
+        pairs = (line.split() for line in (group / "memory.stat").read_text().splitlines())
+        # Files that were read some time ago are given up as soon as somebody needs the room.
+        used -= {name: int(value) for name, value in pairs}["inactive_file"]
+        free, total = min(free, max(0, limit - used)), min(total, limit)
+    return free, total
+
+
+def activity(seconds: float) -> Activity:
+    """Watch for so many s what other programs do; this thread sleeps meanwhile."""
+    import psutil
+
+    processors, spent = psutil.cpu_count() or 1, _spent()
+    busy = psutil.cpu_percent(seconds) / 100.0 * processors
+    used = {
+        pid: (after - spent[pid]) / seconds
+        for pid, after in _spent().items()
+        if pid in spent and pid != os.getpid()
+    }
+    busiest = max(used, key=lambda pid: used[pid], default=None)
+    program = None if busiest is None else Process(busiest, name(PROC, busiest), used[busiest])
+    return Activity(processors, busy, program)
+
+
+def _spent() -> dict[int, float]:
+    """s of processor time that each program has used so far, as far as we may see."""
+    import psutil
+
+    found = {}
+    for process in psutil.process_iter():
+        with suppress(psutil.Error):
+            times = process.cpu_times()
+            found[process.pid] = times.user + times.system
+    return found
 
 
 def judge_cores(cores: float, context: Context) -> Finding:
@@ -67,7 +149,7 @@ def judge_memory(free: int, total: int) -> Finding:
     return Finding("memory", mark, text, "ps -eo pid,rss,args --sort=-rss | head", values=values)
 
 
-def judge_activity(seen: system.Activity, load: float) -> Finding:
+def judge_activity(seen: Activity, load: float) -> Finding:
     """What to say of what other programs do.
 
     Args:
@@ -105,159 +187,127 @@ def judge_descriptors(limit: int, connections: int) -> Finding:
     return Finding("sockets, files", Mark.WARNING, text, "ulimit -n 4096", values=values)
 
 
-OLDEST_PYTHON = (3, 11)
-VERSIONS_TIMEOUT = 60.0
+# -- ports ---------------------------------------------------------------------------------------
+
+TRIED = 200
+"""Ports above one that is taken, among which a free one is looked for."""
+
+_PORTS = tuple(filter(is_port, OPTIONS))
 
 
-@dataclass(frozen=True, slots=True)
-class Package:
-    """A library that the server uses.
+@check("ports", "Ports", order=30)
+def look_at_ports(context: Context) -> Iterator[Finding]:
+    """Open all ports of the settings, and close them again."""
+    yield from asyncio.run(_Round(context).findings())
 
-    Attributes:
-        name: of the distribution.
-        module: that is imported.
-        requirement: as `pyproject.toml` has it.
-        purpose: what it is for; of an optional one, what cannot be done without it.
-        optional: the server runs without it.
+
+class _Round:
+    """One round of opening everything.
+
+    What is open stays so until the end, so that two services with the same port are found out.
     """
 
-    name: str
-    module: str
-    requirement: str
-    purpose: str
-    optional: bool = False
+    def __init__(self, context: Context) -> None:
+        self._settings = context.settings
+        self._context = context
+        self._instead: dict[str, object] = {}
+        self._open: dict[int, Option] = {}
+        self._listeners: list[Listener] = []
+        self._spoken_for = {getattr(self._settings, one.key) for one in _PORTS}
 
-
-_MESHES = "maps in 3MF, OFF and XAML cannot be imported"
-
-PACKAGES = (
-    Package("mujoco", "mujoco", "mujoco>=3.16,<4", "the physics"),
-    Package("numpy", "numpy", "numpy>=1.26", "arrays"),
-    Package("embreex", "embreex", "embreex>=4.4.0", "the rays of range sensors"),
-    Package("opencv-python-headless", "cv2", "opencv-python-headless>=4.9", "camera pictures"),
-    Package("pillow", "PIL", "pillow>=10.1", "textures, and pictures in files"),
-    Package(
-        *("usd-core", "pxr", "usd-core>=24.8"),
-        "maps of Unreal 4 and 5 (.usd, .usda, .usdc, .usdz) cannot be imported",
-        optional=True,
-    ),
-    Package("trimesh", "trimesh", "trimesh>=4.5", _MESHES, optional=True),
-    Package("lxml", "lxml.etree", "lxml>=5", _MESHES, optional=True),
-    Package("networkx", "networkx", "networkx>=3", _MESHES, optional=True),
-    Package(
-        "DracoPy",
-        "DracoPy",
-        "DracoPy>=2",
-        "glTF compressed by Draco cannot be imported",
-        optional=True,
-    ),
-)
-
-
-@check("versions", "Versions", order=10)
-def look_at_versions(context: Context) -> Iterator[Finding]:
-    """Import everything in a process that may die of it, and compare versions."""
-    yield judge_python(sys.version_info[:3], sys.executable)
-    place = str(Path(__file__).resolve().parents[3])
-    yield Finding(
-        "usarsim-server", Mark.OK, f"{__version__}, in {place}", values={"version": __version__}
-    )
-    names = {package: f"package:{package.module}" for package in PACKAGES}
-    outcomes = attempt(tuple(names.values()), context.settings, VERSIONS_TIMEOUT)
-    for package, name in names.items():
-        yield judge_package(package, outcomes[name])
-
-
-def judge_python(version: tuple[int, ...], executable: str) -> Finding:
-    """What to say of a version of Python."""
-    text = f"{'.'.join(map(str, version))}, {executable}"
-    values = {"version": ".".join(map(str, version)), "machine": platform.machine()}
-    if version[:2] >= OLDEST_PYTHON:
-        return Finding("Python", Mark.OK, text, values=values)
-    oldest = ".".join(map(str, OLDEST_PYTHON))
-    cure = f"python{oldest} -m venv .venv && .venv/bin/pip install ."
-    return Finding("Python", Mark.PROBLEM, f"{text}: older than {oldest}", cure, values=values)
-
-
-def judge_package(package: Package, outcome: Outcome) -> Finding:
-    """What to say of a library after the trial to import it."""
-    bad = Mark.NOTE if package.optional else Mark.PROBLEM
-    if outcome.missing is not None and outcome.missing.partition(".")[0] == package.module:
-        text = f"{'optional, ' if package.optional else ''}not installed: {_loss(package)}"
-        return Finding(package.name, bad, text, pip(package.requirement))
-    if outcome.failure is not None:
-        # Optional or not: what is installed should work.
-        mark = Mark.WARNING if package.optional else Mark.PROBLEM
-        cure = pip("--force-reinstall", package.requirement)
-        return Finding(package.name, mark, f"cannot be imported: {outcome.failure}", cure)
-    version = str(outcome.values.get("version", ""))
-    values = {"version": version}
-    refusal = _refusal(package, version)
-    if refusal is not None:
-        mark = Mark.WARNING if package.optional else Mark.PROBLEM
-        return Finding(package.name, mark, refusal, pip(package.requirement), values=values)
-    return Finding(package.name, Mark.OK, version or "of an unknown version", values=values)
-
-
-def _loss(package: Package) -> str:
-    return package.purpose if package.optional else f"needed for {package.purpose}"
-
-
-def _refusal(package: Package, version: str) -> str | None:
-    """Why a version will not do; None if it will."""
-    if package.name == "mujoco":
-        # The server's own judgement, which knows of releases that diverge.
+    async def findings(self) -> list[Finding]:
+        """A finding for each service; if the host is wrong, one in all."""
         try:
-            from usarsim_server.simulation.model import check_mujoco_version
+            found = [await self._finding(option) for option in _PORTS]
+        except _WrongHostError as error:
+            problem, advice = problem_and_advice(str(error).partition(": ")[2])
+            return [Finding("host", Mark.PROBLEM, problem, advice=advice)]
+        finally:
+            for listener in self._listeners:
+                await listener.stop()
+        # One command mends all of it.
+        cure = self._context.serve(self._instead)
+        return [
+            replace(one, cure=cure) if one.values["option"] in self._instead else one
+            for one in found
+        ]
 
-            check_mujoco_version(version)
-        except UsarsimError as error:
-            return problem_and_advice(str(error))[0]
-        except ImportError:
-            pass  # another library is missing, which stands in a line of its own
-    bounds = dict(re.findall(r"(>=|<)([\d.]+)", package.requirement))
-    if version and _numbers(version) < _numbers(bounds[">="]):
-        return f"{version} is older than {bounds['>=']}"
-    if version and "<" in bounds and _numbers(version) >= _numbers(bounds["<"]):
-        return f"{version} is too new, {bounds['<']} and later will not do"
-    return None
+    async def _finding(self, option: Option) -> Finding:
+        number: int | None = getattr(self._settings, option.key)
+        if number is None:
+            values = _values(option, None)
+            return Finding("none", Mark.NOTE, f"{_service(option)}: off", values=values)
+        host = self._settings.host
+        listener = Listener(option.key, host, number, _hang_up, option=option.flag)
+        try:
+            endpoint = await listener.start()
+        except ServiceError as error:
+            return self._trouble(option, number, error)
+        self._listeners.append(listener)
+        self._open[endpoint.port] = option
+        return _free(option, number, endpoint)
+
+    def _trouble(self, option: Option, number: int, error: ServiceError) -> Finding:
+        cause = error.__cause__
+        reason = cause.errno if isinstance(cause, OSError) else None
+        if isinstance(cause, socket.gaierror | UnicodeError) or reason == errno.EADDRNOTAVAIL:
+            raise _WrongHostError(str(error)) from error
+        # As the services are made: without robot control, or a port asked for, the server ends.
+        needed = option.key == "port" or self._settings.demands(option.key)
+        mark = Mark.PROBLEM if needed else Mark.WARNING
+        after = "" if needed else "; the server goes on without"
+        values = _values(option, number) | {"free": False}
+        if reason != errno.EADDRINUSE:
+            problem, advice = problem_and_advice(str(error).partition(": ")[2])
+            text = f"{_service(option)}: {problem}{after}"
+            return Finding(str(number), mark, text, advice=advice, values=values)
+        if number in self._open:
+            who, values["taken_by"] = f"{self._open[number].flag} has the same port", None
+        else:
+            who, values["taken_by"] = port_taker(number)
+        self._instead[option.flag] = self._free_port(number)
+        text = f"{_service(option)}: taken, {who}{after}"
+        return Finding(str(number), mark, text, values=values)
+
+    def _free_port(self, taken: int) -> int:
+        """The next port that is free and that nobody here wants; 0, any free one, if none is."""
+        for number in range(taken + 1, min(taken + TRIED, 65536)):
+            if number not in self._spoken_for and _can_bind(self._settings.host, number):
+                self._spoken_for.add(number)
+                return number
+        return 0
 
 
-def _numbers(version: str) -> tuple[int, ...]:
-    """The numbers at the start of a version, as many as there are."""
-    found = re.match(r"\d+(\.\d+)*", version)
-    return tuple(int(part) for part in found[0].split(".")) if found else ()
+class _WrongHostError(ServiceError):
+    """No port at all can be opened there: an unknown name, or another machine's address."""
 
 
-TIMEOUT = 90.0
+async def _hang_up(client: socket.socket, peer: str) -> None:
+    """Who connects during this moment finds nobody."""
 
 
-@check("server", "Server", order=60)
-def look_at_server(context: Context) -> Iterator[Finding]:
-    """Let another process put it together."""
-    settings = context.settings
-    if Path(settings.world).expanduser().is_file():
-        text = f"{settings.world} is a map, which the server imports when it starts"
-        cure = f"usarsim import {settings.world}"
-        yield Finding("world", Mark.NOTE, f"{text}; this shows how that goes", cure)
-        return
-    yield from judge(attempt(["server"], settings, TIMEOUT)["server"])
+def _free(option: Option, number: int, endpoint: Endpoint) -> Finding:
+    reach = "this machine only" if endpoint.loopback else f"on {endpoint.host}"
+    text = f"{_service(option)}: free, {reach}"
+    return Finding(str(number or "any"), Mark.OK, text, values=_values(option, number))
 
 
-def judge(outcome: Outcome) -> Iterator[Finding]:
-    """What to say after the trial."""
-    if outcome.failure is not None:
-        text = outcome.failure if outcome.told else f"a defect, {outcome.failure}"
-        yield Finding("start", Mark.PROBLEM, f"would not start: {text}", advice=outcome.advice)
-        return
-    values = outcome.values
-    seconds = float(values["seconds"])
-    text = f"would start, in {seconds:.1f} s, with the world {values['world']}"
-    yield Finding("start", Mark.OK, text, values={"world": values["world"], "start_s": seconds})
-    broken = values["broken"]
-    if values["tried"] > len(broken):
-        text = f"{values['tried'] - len(broken)} of your own can be put into the world"
-        yield Finding("robots", Mark.OK, text)
-    for robot in broken:
-        text = f"cannot be put into the world: {robot['problem']}"
-        yield Finding(robot["name"], Mark.WARNING, text, advice=robot["advice"])
+def _can_bind(host: str, number: int) -> bool:
+    for family, kind, _, _, address in socket.getaddrinfo(
+        host, number, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+    ):
+        with socket.socket(family, kind) as trial:
+            trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                trial.bind(address)
+            except OSError:
+                return False
+    return True
+
+
+def _service(option: Option) -> str:
+    return option.help.removeprefix("port of ").removeprefix("the ")
+
+
+def _values(option: Option, number: int | None) -> dict[str, object]:
+    return {"option": option.flag, "port": number, "free": number is not None}

@@ -1,4 +1,7 @@
-"""How fast: physics, rays and camera pictures, measured, and what that is enough for."""
+"""The server: whether it starts with these settings, how fast it is, what that is enough for.
+
+Another process puts it together without opening a port, and measures physics, rays and pictures.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from usarsim_server.doctor import system
+from usarsim_server.doctor.checks.machine import cores
 from usarsim_server.doctor.isolation import Outcome, attempt
 from usarsim_server.doctor.registry import Context, Finding, Mark, check
 from usarsim_server.options import OPTIONS
 
+SERVER_TIMEOUT = 90.0
 TIMEOUT = 60.0
 GROWING = 1.6
 """Processor time by which a server grows, over that by which its physics and rays grow."""
@@ -44,8 +48,39 @@ class Cost:
     rays: float
 
 
+@check("server", "Server", order=60)
+def look_at_server(context: Context) -> Iterator[Finding]:
+    """Let another process put it together."""
+    settings = context.settings
+    if Path(settings.world).expanduser().is_file():
+        text = f"{settings.world} is a map, which the server imports when it starts"
+        cure = f"usarsim import {settings.world}"
+        yield Finding("world", Mark.NOTE, f"{text}; this shows how that goes", cure)
+        return
+    yield from judge_server(attempt(["server"], settings, SERVER_TIMEOUT)["server"])
+
+
+def judge_server(outcome: Outcome) -> Iterator[Finding]:
+    """What to say after the trial."""
+    if outcome.failure is not None:
+        text = outcome.failure if outcome.told else f"a defect, {outcome.failure}"
+        yield Finding("start", Mark.PROBLEM, f"would not start: {text}", advice=outcome.advice)
+        return
+    values = outcome.values
+    seconds = float(values["seconds"])
+    text = f"would start, in {seconds:.1f} s, with the world {values['world']}"
+    yield Finding("start", Mark.OK, text, values={"world": values["world"], "start_s": seconds})
+    broken = values["broken"]
+    if values["tried"] > len(broken):
+        text = f"{values['tried'] - len(broken)} of your own can be put into the world"
+        yield Finding("robots", Mark.OK, text)
+    for robot in broken:
+        text = f"cannot be put into the world: {robot['problem']}"
+        yield Finding(robot["name"], Mark.WARNING, text, advice=robot["advice"])
+
+
 @check("rates", "Measured rates", order=70, measures=True)
-def look(context: Context) -> Iterator[Finding]:
+def look_at_rates(context: Context) -> Iterator[Finding]:
     """Let another process measure, one rate after another."""
     settings = context.settings
     outcomes = attempt(("physics", "rays", "cameras"), settings, TIMEOUT)
@@ -55,7 +90,7 @@ def look(context: Context) -> Iterator[Finding]:
     yield judge_cameras(outcomes["cameras"], context)
     if physics.failure is None and rays.failure is None:
         cost = cost_of(physics.values, rays.values)
-        yield judge_team(cost, context, system.cores(), float(physics.values["core_left"]))
+        yield judge_team(cost, context, cores(), float(physics.values["core_left"]))
 
 
 def judge_physics(outcome: Outcome, context: Context) -> Finding:
