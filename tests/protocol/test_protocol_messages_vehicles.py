@@ -89,8 +89,8 @@ def test_exact_udk_form_of_skid_steer() -> None:
         "STA {Time 63.4021} {Battery 1187} {Type GroundVehicle} {LightToggle False} "
         "{LightIntensity 100} {FrontSteer 0} {RearSteer 0}"
     )
-    for dialect in Dialect:
-        assert ground_status(status, dialect, udk_order=True) == expected
+    assert ground_status(status, UDK, udk_order=True) == expected
+    assert ground_status(status, UT2004, udk_order=True) == ground_status(status, UT2004)
 
 
 def test_exact_udk_form_of_a_steered_robot() -> None:

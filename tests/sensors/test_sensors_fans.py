@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sensor_fakes import UDK, UT2004
 
-from usarsim_server.sensors.inertial import ANGLE_UNIT, angle_difference, announced_angle, each_turn
+from usarsim_server.protocol.dialects import ANGLE_UNIT, announced_angle
+from usarsim_server.sensors.inertial import angle_difference, each_turn
 from usarsim_server.sensors.ranges import AHEAD, cone_directions, fan_at, wire_directions
 from usarsim_server.simulation.frames import Pose, pose_from_wire
 

@@ -46,6 +46,19 @@ class Facets:
         ground_truth_digits: row "GroundTruth angles, digits".
         encoder_wraps: ticks are modulo one turn and items are named Wk (row "Encoder").
         panning_key: spelling in RangeScanner CONF (5.2 no. 11).
+        lamp_always_full: LightIntensity is 100 even while the lamp is off (4.3).
+        steering_as_commanded: STA tells commanded steering angles, otherwise measured ones (4.3).
+        tilt_commands: aircraft obey PitchAngle and RollAngle (3.4.4).
+        flight_in_degrees: CONF of aircraft tells angles in degrees (5.2 no. 16).
+        link_mounts: GEO names the link that carries an item, otherwise the actuator or the vehicle
+            (4.7).
+        package_type: type by which clients ask for actuators (4.8).
+        odometry_resolution: Odometry CONF tells EncoderResolution (4.8).
+        acceleration_orientation: the acceleration sensor tells Orientation (4.6, addendum).
+        infrared_limits: how often IR CONF tells both limits (4.8).
+        sonar_cone: Sonar CONF tells how the cone is sampled (4.8).
+        image_pairs: the range imager tells both axes of its image, otherwise those of a scanner
+            (4.6, 4.8).
     """
 
     sta_period: float
@@ -65,6 +78,17 @@ class Facets:
     ground_truth_digits: int
     encoder_wraps: bool
     panning_key: str
+    lamp_always_full: bool
+    steering_as_commanded: bool
+    tilt_commands: bool
+    flight_in_degrees: bool
+    link_mounts: bool
+    package_type: str
+    odometry_resolution: bool
+    acceleration_orientation: bool
+    infrared_limits: int
+    sonar_cone: bool
+    image_pairs: bool
 
 
 FACETS: Mapping[Dialect, Facets] = {
@@ -86,6 +110,17 @@ FACETS: Mapping[Dialect, Facets] = {
         ground_truth_digits=2,
         encoder_wraps=False,
         panning_key="Paning",
+        lamp_always_full=False,
+        steering_as_commanded=False,
+        tilt_commands=False,
+        flight_in_degrees=False,
+        link_mounts=True,
+        package_type="MisPkg",
+        odometry_resolution=True,
+        acceleration_orientation=True,
+        infrared_limits=1,
+        sonar_cone=False,
+        image_pairs=False,
     ),
     Dialect.UDK: Facets(
         sta_period=0.1,
@@ -105,18 +140,27 @@ FACETS: Mapping[Dialect, Facets] = {
         ground_truth_digits=3,
         encoder_wraps=True,
         panning_key="Panning",
+        lamp_always_full=True,
+        steering_as_commanded=True,
+        tilt_commands=True,
+        flight_in_degrees=True,
+        link_mounts=False,
+        package_type="Actuator",
+        odometry_resolution=False,
+        acceleration_orientation=False,
+        infrared_limits=2,
+        sonar_cone=True,
+        image_pairs=True,
     ),
 }
 """The table of protocol reference 5.3, one column per dialect."""
 
+ANGLE_UNIT = math.tau / 65536
+"""Smallest angle of the UDK engine, rad (protocol reference 2.4)."""
+
 _MAX_FOUR_DIGIT_BEAMS = 240
 """More beams than this print with two digits in every dialect (5.2 no. 14): RDK's line buffer
 holds 2048 characters, and 240 ranges such as `19.9999,` fill 1920 of them."""
-
-
-def sta_period(dialect: Dialect) -> float:
-    """Simulated seconds between two STA lines."""
-    return FACETS[dialect].sta_period
 
 
 def range_digits(dialect: Dialect, beams: int) -> int:
@@ -124,14 +168,13 @@ def range_digits(dialect: Dialect, beams: int) -> int:
     return 2 if beams > _MAX_FOUR_DIGIT_BEAMS else FACETS[dialect].range_digits
 
 
-def sticky_normalized(dialect: Dialect) -> bool:
-    """Whether ground vehicles remember Normalized until it is sent again."""
-    return FACETS[dialect].sticky_normalized
+def announced_angle(angle: float, dialect: Dialect) -> float:
+    """A configured angle (rad) as a dialect announces it.
 
-
-def partial_drive(dialect: Dialect) -> bool:
-    """Whether an absent member of a DRIVE pair keeps its value instead of voiding the command."""
-    return FACETS[dialect].partial_drive
+    UDK kept configured angles as whole angle units and so printed slightly less: pi as 3.1414
+    (protocol reference 2.1).
+    """
+    return int(angle / ANGLE_UNIT) * ANGLE_UNIT if dialect is Dialect.UDK else angle
 
 
 def sends_results(dialect: Dialect) -> bool:

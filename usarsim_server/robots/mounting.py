@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
+from usarsim_server.protocol.dialects import FACETS
 from usarsim_server.protocol.values import Dialect, Segment
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.simulation.frames import Pose
@@ -49,7 +50,7 @@ def carried(
         robot: the class.
         dialect: see above.
     """
-    if dialect is Dialect.UT2004:
+    if FACETS[dialect].link_mounts:
         return pose, HARD if link is None else link, None
     if link is None:
         return pose, robot.name, None

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NoReturn, TypeVar
 
-from usarsim_server import tables
+from usarsim_server import toml
 from usarsim_server.errors import RobotDescriptionError, at
 
 Vector = tuple[float, float, float]
@@ -34,7 +34,7 @@ def read_toml(path: Path) -> dict[str, object]:
     Raises:
         RobotDescriptionError: if it cannot be read or is not TOML.
     """
-    return tables.read_toml(path, RobotDescriptionError, "wheel")
+    return toml.read_toml(path, RobotDescriptionError, "wheel")
 
 
 def nearest(word: str, words: Sequence[str]) -> str:

@@ -20,13 +20,12 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.protocol.dialects import FACETS
+from usarsim_server.protocol.dialects import FACETS, announced_angle
 from usarsim_server.protocol.numbers import boolean, fixed, ranges, vector
 from usarsim_server.protocol.values import Dialect, Segment
 from usarsim_server.robots.description import ItemDescription
 from usarsim_server.robots.mounting import SetResult
 from usarsim_server.sensors.base import SensorContext, register
-from usarsim_server.sensors.inertial import announced_angle
 from usarsim_server.sensors.ranges import (
     AHEAD,
     Ranging,
@@ -108,12 +107,12 @@ class RangeImager(Ranging):
             ("Frames", str(0 if self._frame is None else self.frames)),
             ("Frame", str(self._frame or 0)),
         )
-        comma = "," if dialect is Dialect.UDK else ""
+        comma = "," if FACETS[dialect].image_pairs else ""
         text = "" if self._frame is None else ranges(self._depths, DIGITS) + comma
         depths = (("Range", text),) if text else ()
         resolution, fov = self._size(dialect)
         head = (("Resolution", resolution), ("FOV", fov))
-        if dialect is Dialect.UDK:
+        if FACETS[dialect].image_pairs:
             return (*head, *counts, *depths)
         return (*counts, *head, *depths)
 
@@ -121,7 +120,7 @@ class RangeImager(Ranging):
         """As a scanner in ut2004, with the size of the image in udk (protocol reference 4.8)."""
         resolution, fov = self._size(dialect)
         head = (*self.limits(), ("Resolution", resolution), ("Fov", fov))
-        if dialect is Dialect.UDK:
+        if FACETS[dialect].image_pairs:
             return head
         flags = ((FACETS[dialect].panning_key, boolean(True)), ("Tilting", boolean(False)))
         return (*head, *flags)
@@ -146,7 +145,7 @@ class RangeImager(Ranging):
         def angle(value: float) -> float:
             return announced_angle(value, dialect)
 
-        if dialect is Dialect.UDK:
+        if FACETS[dialect].image_pairs:
             fov = vector((angle(self.fov), angle(self.vertical_fov)), 4)
             return f"{self.width},{self.height}", fov
         return fixed(angle(self.fov / self.width), 4), fixed(angle(self.fov), 4)

@@ -21,6 +21,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.protocol.dialects import ANGLE_UNIT, FACETS
 from usarsim_server.protocol.numbers import fixed, vector
 from usarsim_server.protocol.values import Dialect, Segment
 from usarsim_server.robots.description import ItemDescription
@@ -61,19 +62,6 @@ class AccelerationMeter:
         if self._time is None or elapsed > 0.0:
             self._time, self._velocity = robot.time, velocity
         return elapsed
-
-
-ANGLE_UNIT = math.tau / 65536
-"""Smallest angle of the UDK engine, rad (protocol reference 2.4)."""
-
-
-def announced_angle(angle: float, dialect: Dialect) -> float:
-    """A configured angle (rad) as a dialect announces it.
-
-    UDK kept configured angles as whole angle units and so printed slightly less: pi as 3.1414
-    (protocol reference 2.1).
-    """
-    return int(angle / ANGLE_UNIT) * ANGLE_UNIT if dialect is Dialect.UDK else angle
 
 
 def angle_difference(new: Vector, old: Vector) -> Array:
@@ -291,7 +279,7 @@ class Acceleration(Sensor):
     def data(self, dialect: Dialect) -> tuple[Segment, ...]:
         """The vector, in `ut2004` also Orientation; four digits."""
         reading = ((self.key, vector(self._reading, 4)),)
-        if dialect is Dialect.UDK or not self.oriented:
+        if not (self.oriented and FACETS[dialect].acceleration_orientation):
             return reading
         return (*reading, ("Orientation", vector(each_turn(self._orientation), 4)))
 

@@ -26,11 +26,11 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.protocol.dialects import FACETS, announced_angle
 from usarsim_server.protocol.numbers import fixed, ranges, vector
 from usarsim_server.protocol.values import Dialect, Segment
 from usarsim_server.robots.description import ItemDescription
 from usarsim_server.sensors.base import NOWHERE, Sensor, SensorContext, register
-from usarsim_server.sensors.inertial import announced_angle
 from usarsim_server.sensors.smoke import SmokeSight
 from usarsim_server.simulation.frames import IDENTITY, Pose, flip_point, wire_from_pose
 from usarsim_server.simulation.rays.query import RayFan, RayHits
@@ -204,7 +204,7 @@ class InfraredSensor(RangeSensor):
 
     def configuration(self, dialect: Dialect) -> tuple[Segment, ...]:
         """The limits; UDK sent the pair twice (protocol reference 4.8), and so do we there."""
-        return self.limits() * 2 if dialect is Dialect.UDK else self.limits()
+        return self.limits() * FACETS[dialect].infrared_limits
 
 
 MAX_CONES = 10
@@ -257,7 +257,7 @@ class Sonar(SingleRange):
     def configuration(self, dialect: Dialect) -> tuple[Segment, ...]:
         """The limits and the cone (protocol reference 4.8)."""
         beam = fixed(announced_angle(self.beam_angle, dialect), 4)
-        if dialect is Dialect.UT2004:
+        if not FACETS[dialect].sonar_cone:
             return (*self.limits(), ("BeamAngle", beam))
         return (
             *self.limits(),

@@ -15,13 +15,12 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.protocol.dialects import FACETS, range_digits
+from usarsim_server.protocol.dialects import FACETS, announced_angle, range_digits
 from usarsim_server.protocol.numbers import boolean, fixed, ranges, vector
 from usarsim_server.protocol.values import Dialect, Segment
 from usarsim_server.robots.description import ItemDescription
 from usarsim_server.robots.mounting import SetResult
 from usarsim_server.sensors.base import EVERYWHERE, SensorContext, register
-from usarsim_server.sensors.inertial import announced_angle
 from usarsim_server.sensors.ranges import Ranging, fan_at, wire_directions
 from usarsim_server.sensors.smoke import SmokeSight
 from usarsim_server.simulation.rays.query import RayFan, RayHits

@@ -97,7 +97,7 @@ class Odometry(Sensor):
     def configuration(self, dialect: Dialect) -> tuple[Segment, ...]:
         """ScanInterval, and EncoderResolution in `ut2004`."""
         interval = ("ScanInterval", fixed(self.interval(dialect), 4))
-        if dialect is Dialect.UDK:
+        if not FACETS[dialect].odometry_resolution:
             return (interval,)
         return (interval, ("EncoderResolution", fixed(self.encoder_resolution, 4)))
 

@@ -22,6 +22,7 @@ from usarsim_server.cameras.spectators import extent, portrait_view
 from usarsim_server.errors import RobotDescriptionError, UsarsimError, at
 from usarsim_server.logs import Log
 from usarsim_server.protocol.commands import interpret
+from usarsim_server.protocol.dialects import FACETS
 from usarsim_server.protocol.grammar import parse_line
 from usarsim_server.protocol.requests import GetConf, GetGeo
 from usarsim_server.protocol.values import Dialect
@@ -166,7 +167,7 @@ class TestDrive(Closing):
         robot = self.robot
         kinds = [sensor.wire_type for sensor in self.vehicle.sensors]
         if any(actuator.package for actuator in robot.actuators):
-            kinds.append("MisPkg" if dialect is Dialect.UT2004 else "Actuator")
+            kinds.append(FACETS[dialect].package_type)
         kinds += [effector.wire_type for effector in create_effectors(robot)]
         kinds += ["Camera"] if robot.cameras else []
         return list(dict.fromkeys(kinds))

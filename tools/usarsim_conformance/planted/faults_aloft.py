@@ -63,7 +63,7 @@ plant(
 plant(
     "aloft.radians-in-udk",
     _AIR,
-    "math.radians(value) if angular is Dialect.UDK else value",
+    "value * (1.0 if angular is None else FACETS[angular].rotational_velocity_unit)",
     "value",
     notices="control.aerial.rotational-velocity",
     field="RotationalVelocity",
@@ -72,8 +72,8 @@ plant(
 plant(
     "aloft.degrees-in-ut2004",
     _AIR,
-    "math.radians(value) if angular is Dialect.UDK else value",
-    "math.radians(value) if angular is not None else value",
+    "value * (1.0 if angular is None else FACETS[angular].rotational_velocity_unit)",
+    "value * (1.0 if angular is None else math.radians(1.0))",
     notices="control.aerial.rotational-velocity",
     field="RotationalVelocity",
 )
@@ -110,7 +110,7 @@ plant(
 plant(
     "aloft.conf.radians-in-udk",
     _AIR,
-    "return math.degrees(value) if dialect is Dialect.UDK else value",
+    "return math.degrees(value) if FACETS[dialect].flight_in_degrees else value",
     "return value",
     notices="control.aerial.percent",
     field="MaxRotationalVelocity",

@@ -90,7 +90,7 @@ plant(
     notices="control.values.scan-interval",
     field="ScanInterval of Odometry",
 )
-for _type, _file in (("ins", "ins"), ("gps", "gps"), ("ground-truth", "ground_truth")):
+for _type, _file in (("ins", "inertial"), ("gps", "gps"), ("ground-truth", "pose")):
     plant(
         f"sensors.scan-interval.{_type}-doubled",
         f"usarsim_server/sensors/{_file}.py",

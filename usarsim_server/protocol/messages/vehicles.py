@@ -74,10 +74,10 @@ def ground_status(status: GroundStatus, dialect: Dialect, udk_order: bool = Fals
     Args:
         status: the robot's state.
         dialect: decides the digits of Time.
-        udk_order: exactly what the UDK server sent: no View, no joints, LightIntensity always 100,
-            a literal 0 for the angles of skid steer.
+        udk_order: in `udk`, exactly what the UDK server sent: no View, no joints, LightIntensity
+            always 100, a literal 0 for the angles of skid steer.
     """
-    if udk_order:
+    if udk_order and dialect is Dialect.UDK:
         return line(
             "STA",
             time_segment(status.time, FACETS[Dialect.UDK].time_digits),
@@ -105,7 +105,7 @@ def aerial_status(status: AerialStatus, dialect: Dialect, udk_order: bool = Fals
     The UDK form carries a Type, which the original lacked (5.2 no. 17).
     """
     kind = segment("Type", "AerialVehicle")
-    if udk_order:
+    if udk_order and dialect is Dialect.UDK:
         time = time_segment(status.time, FACETS[Dialect.UDK].time_digits)
         return line("STA", time, count("Battery", max(status.battery, 0)), kind)
     time = time_segment(status.time, FACETS[dialect].time_digits)

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
+from usarsim_server.protocol.dialects import FACETS
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import (
@@ -215,7 +216,7 @@ class CarConduct(SteeredConduct):
     def steer(self, drive: Drive, dialect: Dialect) -> None:
         """Obey; UDK wants all three members, elsewhere one that is absent keeps its value."""
         members = [_sent(one) for one in (drive.speed, drive.front_steer, drive.rear_steer)]
-        if dialect is Dialect.UDK and None in members:
+        if None in members and not FACETS[dialect].partial_drive:
             return
         self._scale.note(drive, dialect)
         speed = self._scale.read(members[0])
@@ -253,7 +254,7 @@ class CarConduct(SteeredConduct):
 
     def steering(self, facts: StatusFacts, dialect: Dialect) -> tuple[float | None, float | None]:
         """As commanded in udk, as they are in ut2004 (protocol reference 4.3)."""
-        if dialect is Dialect.UDK:
+        if FACETS[dialect].steering_as_commanded:
             return self._angles[0], self._angles[1]
         return self._measured(facts, True), self._measured(facts, False)
 

@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 
 from usarsim_server.protocol import messages
+from usarsim_server.protocol.dialects import FACETS
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import ActuatorDescription, RobotDescription, Wheel
@@ -83,7 +84,7 @@ class FlightConduct(Conduct):
             self._roll = gear.tilt * _sign(self._lateral)
             moved.append(True)
         for key, angle in (("_pitch", drive.pitch_angle), ("_roll", drive.roll_angle)):
-            if dialect is Dialect.UDK and angle is not None and not math.isnan(angle):
+            if FACETS[dialect].tilt_commands and angle is not None and not math.isnan(angle):
                 degrees = angle * math.degrees(gear.tilt) / 100.0 if percent else angle
                 setattr(self, key, math.radians(max(-80.0, min(80.0, degrees))))
                 moved.append(True)
@@ -104,7 +105,7 @@ class FlightConduct(Conduct):
         if percent:
             speed = max(-100.0, min(100.0, value)) * full / 100.0
         else:
-            speed = math.radians(value) if angular is Dialect.UDK else value
+            speed = value * (1.0 if angular is None else FACETS[angular].rotational_velocity_unit)
         setattr(self, key, max(-FASTEST, min(FASTEST, speed)))
         return True
 
@@ -128,7 +129,7 @@ class FlightConduct(Conduct):
                 view=facts.view,
             ),
             dialect,
-            udk_order=dialect is Dialect.UDK and facts.udk_order,
+            udk_order=facts.udk_order,
         )
 
 
@@ -207,4 +208,4 @@ def _sign(value: float) -> float:
 
 def _yaw_unit(value: float, dialect: Dialect) -> float:
     """Angles of aircraft are in degrees in udk, in radians in ut2004 (5.2 no. 16)."""
-    return math.degrees(value) if dialect is Dialect.UDK else value
+    return math.degrees(value) if FACETS[dialect].flight_in_degrees else value

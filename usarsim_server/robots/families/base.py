@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 import usarsim_server.robots.families as package
 from usarsim_server.plugins import PluginTypes
-from usarsim_server.protocol.dialects import sta_period
+from usarsim_server.protocol.dialects import FACETS
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import (
@@ -119,7 +119,7 @@ class Conduct(ABC):
 
     def light_intensity(self, dialect: Dialect) -> int:
         """Percent; udk prints the full one whether the lamp is lit or not (protocol 4.3)."""
-        return LIGHT_INTENSITY if self.light or dialect is Dialect.UDK else 0
+        return LIGHT_INTENSITY if self.light or FACETS[dialect].lamp_always_full else 0
 
 
 class Family(ABC):
@@ -145,7 +145,7 @@ class Family(ABC):
 
     def status_period(self, robot: RobotDescription, dialect: Dialect) -> float:
         """Simulated s between two STA lines."""
-        return sta_period(dialect)
+        return FACETS[dialect].sta_period
 
     @abstractmethod
     def geometry(self, robot: RobotDescription, dialect: Dialect) -> str:

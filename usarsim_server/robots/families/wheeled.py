@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.protocol import messages
+from usarsim_server.protocol.dialects import FACETS
 from usarsim_server.protocol.requests import Drive, WheelTarget
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import RobotDescription
@@ -98,7 +99,7 @@ class SpeedScale:
         In `ut2004` Normalized holds for the command that carries it, in `udk` until it is sent
         again (protocol reference 3.4).
         """
-        if dialect is Dialect.UT2004:
+        if not FACETS[dialect].sticky_normalized:
             self._percent = bool(drive.normalized)
             return
         if drive.normalized is not None:
@@ -162,7 +163,7 @@ class WheelDrive:
 
     def _set_sides(self, drive: Drive, dialect: Dialect) -> bool:
         left, right = self._scale.read(drive.left), self._scale.read(drive.right)
-        if dialect is Dialect.UDK and (left is None or right is None):
+        if (left is None or right is None) and not FACETS[dialect].partial_drive:
             return False
         if left is not None:
             self._targets[self._left] = left
@@ -218,7 +219,7 @@ class WheelConduct(Conduct):
                 steered=front is not None or rear is not None,
             ),
             dialect,
-            udk_order=dialect is Dialect.UDK and facts.udk_order,
+            udk_order=facts.udk_order,
         )
 
     def joints(self, facts: StatusFacts) -> tuple[tuple[str, float], ...]:
