@@ -18,12 +18,12 @@ from usarsim_bench.instruments.latency import STATIONS, code, instrumented
 from usarsim_bench.latency import CodedDriver, delays
 from usarsim_server.sessions.session import RobotAgent
 from usarsim_server.simulation.engine import Engine
-from usarsim_server.simulation.simulation import Simulation
+from usarsim_server.simulation.simulation import BodyHandle
 from usarsim_server.testing import Rehearsal
 
 METHODS = (
     (RobotAgent, "submit"),
-    (Simulation, "drive"),
+    (BodyHandle, "drive"),
     (Engine, "drive"),
     (Engine, "advance"),
 )
@@ -94,7 +94,7 @@ class TestInstrument:
             client = rehearsal.connect()
             client.send("INIT {ClassName USARBot.P3AT} {Location 0,0,-0.2}")
             client.send("DRIVE {Left 0.5} {Right 0.5}")
-            targets = rehearsal.assembly.simulation.wheel_targets(0)
+            targets = rehearsal.assembly.simulation.body(0).wheel_targets()
         assert targets.tolist() == [0.5] * 4
 
     def test_commands_without_speeds_are_not_recorded(self) -> None:

@@ -112,7 +112,7 @@ class Yard:
 
     def turn(self, robot: int, x: float, y: float, yaw: float) -> None:
         """Put a cart somewhere else."""
-        self.simulation.teleport(robot, standing(x, y, yaw))
+        self.simulation.body(robot).teleport(standing(x, y, yaw))
         self.simulation.settle()
 
     def look(self) -> Snapshot:

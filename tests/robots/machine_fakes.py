@@ -14,12 +14,13 @@ from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.families.base import Conduct, StatusFacts, family_of
 from usarsim_server.simulation.articulation import JointOrder, Order
+from usarsim_server.simulation.simulation import BodyHandle
 from usarsim_server.simulation.snapshot import RobotBody
 
 UT, UDK = Dialect.UT2004, Dialect.UDK
 
 
-class FakeMachine:
+class FakeMachine(BodyHandle):
     """Remembers what it was told.
 
     Attributes:
@@ -58,7 +59,7 @@ class Driver:
 
     def __init__(self, description: RobotDescription, dialect: Dialect = UT) -> None:
         self.machine = FakeMachine(description)
-        self.conduct: Conduct = family_of(description).conduct(self.machine)
+        self.conduct: Conduct = family_of(description).conduct(description, self.machine)
         self.dialect = dialect
 
     def send(self, **segments: Any) -> bool:

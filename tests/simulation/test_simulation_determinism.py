@@ -28,7 +28,7 @@ class Driver(Watcher):
     def wake(self, snapshot: Snapshot) -> None:
         """Look around, keep it, and choose the next command by it."""
         super().wake(snapshot)
-        state = self._world.robot_state(self._robot, snapshot)
+        state = self._world.body(self._robot).state(snapshot)
         assert state is not None
         fan = RayFan(np.array(state.pose.position), state.pose.matrix()[:, :1].T.copy(), 20.0)
         (hits,) = self._world.cast([fan], snapshot, self._robot)
@@ -37,7 +37,7 @@ class Driver(Watcher):
         ahead = float(hits.distances[0])
         count = len(self.snapshots) + self._phase
         targets = turn(2.0) if ahead < 1.0 or count % 7 == 0 else straight(1.0 + 0.3 * (count % 5))
-        self._world.drive(self._robot, targets)
+        self._world.body(self._robot).drive(targets)
 
 
 def play() -> str:
@@ -48,13 +48,13 @@ def play() -> str:
     for number in range(2):
         robot, _ = world.spawn(ROBOT, pose_at(0.0, 1.2 * number, 0.12))
         drivers.append(Driver(world, robot, 0.1 + 0.03 * number, number))
-        world.attach(robot, drivers[-1])
+        world.body(robot).attach(drivers[-1])
     world.run_until(1.0)
     third, _ = world.spawn(ROBOT, pose_at(-1.5, 0.5, 0.3, yaw=1.0))  # the model grows
     drivers.append(Driver(world, third, 0.05, 2))
-    world.attach(third, drivers[-1])
+    world.body(third).attach(drivers[-1])
     world.run_until(2.0)
-    world.teleport(0, pose_at(0.0, 3.0))
+    world.body(0).teleport(pose_at(0.0, 3.0))
     world.remove(third)
     world.run_until(3.0)
     total = hashlib.sha256()
@@ -107,7 +107,7 @@ class TestSameBits:
         for speed in (2.0, 2.0 + 1e-12):
             world = simulation()
             robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
-            world.drive(robot, straight(speed))
+            world.body(robot).drive(straight(speed))
             world.run_until(0.5)
             ends.append(world.look().qpos.tobytes())
         assert ends[0] != ends[1]
@@ -118,8 +118,8 @@ class TestSameBits:
         for period in (0.004, 0.052, 10.0):
             world = simulation(yard)
             robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
-            world.attach(robot, Watcher(period))
-            world.drive(robot, straight(3.0))
+            world.body(robot).attach(Watcher(period))
+            world.body(robot).drive(straight(3.0))
             world.run_until(1.0)
             ends.append(world.look().qpos)
         np.testing.assert_array_equal(ends[0], ends[1])
@@ -133,9 +133,9 @@ class TestSameBits:
             rogue, _ = world.spawn(ROGUE, pose_at(0.0, 0.0))
             robot, _ = world.spawn(ROBOT, pose_at(0.0, 1.5))
             watcher = Watcher(0.1)
-            world.attach(rogue, watcher)
-            world.drive(rogue, straight(5.0))
-            world.drive(robot, straight(2.0))
+            world.body(rogue).attach(watcher)
+            world.body(rogue).drive(straight(5.0))
+            world.body(robot).drive(straight(2.0))
             world.run_until(1.0)
             assert watcher.reasons == ["its state became non-finite"]
             ends.append(world.look().qpos)

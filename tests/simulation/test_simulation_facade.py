@@ -59,7 +59,7 @@ def wait_until(condition: Callable[[], bool]) -> None:
 def position(world: Simulation, robot: int) -> np.ndarray:
     """Where a robot is now."""
     snapshot = world.look()
-    state = world.robot_state(robot, snapshot)
+    state = world.body(robot).state(snapshot)
     assert state is not None
     return np.array(state.pose.position)
 
@@ -193,7 +193,7 @@ class TestSpawn:
         for visitors in (0, 5):
             world = simulation()
             robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
-            world.drive(robot, straight(3.0))
+            world.body(robot).drive(straight(3.0))
             for number in range(visitors):
                 world.run_until(0.1 * number)
                 world.spawn(ROBOT, pose_at(-5.0, 1.0 * number))
@@ -209,32 +209,32 @@ class TestRequests:
         """A robot drives from where it was put, and its commands can be read back."""
         world = simulation()
         robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
-        world.drive(robot, straight(3.0))
+        world.body(robot).drive(straight(3.0))
         world.settle()
-        np.testing.assert_array_equal(world.wheel_targets(robot), straight(3.0))
+        np.testing.assert_array_equal(world.body(robot).wheel_targets(), straight(3.0))
         world.run_until(1.0)
         assert position(world, robot)[0] > 0.2
-        world.teleport(robot, pose_at(-3.0, 1.0))
+        world.body(robot).teleport(pose_at(-3.0, 1.0))
         world.settle()
         np.testing.assert_allclose(position(world, robot), (-3.0, 1.0, RADIUS))
 
     def test_absent_robots_are_ignored(self) -> None:
         """Requests for a robot that is not there do nothing."""
         world = simulation()
-        world.drive(3, straight(1.0))
-        world.teleport(3, pose_at(0.0, 0.0))
+        world.body(3).drive(straight(1.0))
+        world.body(3).teleport(pose_at(0.0, 0.0))
         world.remove(3)
         world.run_until(0.1)
-        assert world.robot_state(3, world.look()) is None
+        assert world.body(3).state(world.look()) is None
 
     def test_senseless_requests_are_refused_at_once(self) -> None:
         """Numbers that are not finite are refused where they are given."""
         world = simulation()
         robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
         with pytest.raises(ValueError, match="finite"):
-            world.drive(robot, np.array([1.0, np.inf, 1.0, 1.0]))
+            world.body(robot).drive(np.array([1.0, np.inf, 1.0, 1.0]))
         with pytest.raises(ValueError, match="finite"):
-            world.teleport(robot, Pose((0.0, 0.0, float("inf"))))
+            world.body(robot).teleport(Pose((0.0, 0.0, float("inf"))))
 
     def test_a_bad_request_does_not_stop_the_world(
         self, start: Start, caplog: pytest.LogCaptureFixture
@@ -243,9 +243,9 @@ class TestRequests:
         world = start()
         robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
         with caplog.at_level(logging.ERROR, "usarsim"):
-            world.drive(robot, np.ones(3))
-            world.drive(robot, straight(2.0))
-            np.testing.assert_array_equal(world.wheel_targets(robot), straight(2.0))
+            world.body(robot).drive(np.ones(3))
+            world.body(robot).drive(straight(2.0))
+            np.testing.assert_array_equal(world.body(robot).wheel_targets(), straight(2.0))
         assert "request" in caplog.text
 
 
@@ -257,7 +257,7 @@ class TestListeners:
         world = simulation()
         robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
         watcher = Watcher(0.1)
-        world.attach(robot, watcher)
+        world.body(robot).attach(watcher)
         world.run_until(10.0)
         times = [snapshot.time for snapshot in watcher.snapshots]
         assert times[0] == pytest.approx(world.timestep)
@@ -268,7 +268,7 @@ class TestListeners:
         world = simulation()
         robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
         watcher = Watcher(0.033)
-        world.attach(robot, watcher)
+        world.body(robot).attach(watcher)
         world.run_until(20.0)
         times = np.array([snapshot.time for snapshot in watcher.snapshots])
         late = times - 0.033 * np.arange(len(times))
@@ -282,7 +282,7 @@ class TestListeners:
         for number in range(2):
             robot, _ = world.spawn(ROBOT, pose_at(0.0, 1.0 * number))
             watchers.append(Watcher(0.1))
-            world.attach(robot, watchers[-1])
+            world.body(robot).attach(watchers[-1])
         world.run_until(1.0)
         one, other = watchers
         assert len(one.snapshots) == len(other.snapshots) == 11
@@ -293,7 +293,7 @@ class TestListeners:
         world = start()
         robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
         watcher = SlowWatcher(0.1, 0.005, world.attention)
-        world.attach(robot, watcher)
+        world.body(robot).attach(watcher)
         wait_until(lambda: len(watcher.done) >= 20)
         world.remove(robot)
         wait_until(lambda: robot not in world.look().layouts)
@@ -308,7 +308,7 @@ class TestListeners:
         world = start(speed=speed)
         robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
         watcher = SlowWatcher(0.02, 0.03, lambda: None)
-        world.attach(robot, watcher)
+        world.body(robot).attach(watcher)
         ahead: list[float] = []
         while len(watcher.done) < 40:
             ahead.append(world.look().time - watcher.oldest)
@@ -325,7 +325,7 @@ class TestListeners:
         time.sleep(0.02)
         assert world.look().time == 0.0
         watcher = Watcher(0.1)
-        world.attach(robot, watcher)
+        world.body(robot).attach(watcher)
         wait_until(lambda: len(watcher.snapshots) > 3)
         assert watcher.snapshots[0].time == pytest.approx(world.timestep)
         world.remove(robot)
@@ -338,7 +338,7 @@ class TestListeners:
         """In lockstep no time passes while a robot is being made."""
         world = start()
         robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
-        world.attach(robot, Watcher(0.1))
+        world.body(robot).attach(Watcher(0.1))
         moments: list[float] = []
 
         def build() -> mujoco.MjSpec:
@@ -356,7 +356,7 @@ class TestListeners:
         """A listener of a robot that is gone is told so at once."""
         world = simulation()
         watcher = Watcher(0.1)
-        world.attach(5, watcher)
+        world.body(5).attach(watcher)
         world.settle()
         assert len(watcher.reasons) == 1
 
@@ -365,7 +365,7 @@ class TestListeners:
         world = simulation()
         robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
         watcher = Watcher(0.1)
-        world.attach(robot, watcher)
+        world.body(robot).attach(watcher)
         world.run_until(0.5)
         count = len(watcher.snapshots)
         world.remove(robot)
@@ -382,14 +382,14 @@ class TestLosses:
         world = simulation(mujoco.MjSpec, lower=(-10.0, -10.0, -3.0))
         robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0, 1.0))
         watcher, other = Watcher(0.02), Watcher(0.02)
-        world.attach(robot, watcher)
+        world.body(robot).attach(watcher)
         with caplog.at_level(logging.WARNING, "usarsim"):
             world.run_until(2.0)
         assert watcher.reasons == ["it fell out of the world"]
         assert robot not in world.look().layouts
         assert "robot removed" in caplog.text
         again, _ = world.spawn(ROBOT, pose_at(0.0, 0.0, 1.0))
-        world.attach(again, other)
+        world.body(again).attach(other)
         world.run_until(2.1)
         assert other.snapshots
 
@@ -399,10 +399,10 @@ class TestLosses:
         rogue, _ = world.spawn(ROGUE, pose_at(0.0, 0.0))
         robot, _ = world.spawn(ROBOT, pose_at(0.0, 2.0))
         watchers = Watcher(0.1), Watcher(0.1)
-        world.attach(rogue, watchers[0])
-        world.attach(robot, watchers[1])
-        world.drive(rogue, straight(5.0))
-        world.drive(robot, straight(2.0))
+        world.body(rogue).attach(watchers[0])
+        world.body(robot).attach(watchers[1])
+        world.body(rogue).drive(straight(5.0))
+        world.body(robot).drive(straight(2.0))
         world.run_until(2.0)
         assert len(watchers[0].reasons) == 1
         assert watchers[1].reasons == []
@@ -437,7 +437,7 @@ class TestSnapshots:
         world = simulation()
         robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
         watcher = Watcher(0.1)
-        world.attach(robot, watcher)
+        world.body(robot).attach(watcher)
         world.run_until(0.55)
         assert world.snapshot is watcher.snapshots[-1]
         assert world.look().time == pytest.approx(0.552)
@@ -459,7 +459,7 @@ class TestRunning:
         world = start()
         robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
         watcher = Watcher(0.5)
-        world.attach(robot, watcher)
+        world.body(robot).attach(watcher)
         wait_until(lambda: world.look().time > 5.0)
 
     def test_run_until_stops_at_the_step(self) -> None:
@@ -484,7 +484,7 @@ class TestRunning:
             world.spawn(ROBOT, pose_at(0.0, 0.0))
         with pytest.raises(UsarsimError, match="ended"):
             world.look()
-        world.drive(0, straight(1.0))
+        world.body(0).drive(straight(1.0))
         world.remove(0)
 
     def test_stop_by_hand(self) -> None:

@@ -630,7 +630,7 @@ class TestThreads:
         robots = []
         for number in range(4):
             robot, _ = world.spawn(ROBOT, pose_at(0.0, 1.0 * number))
-            world.drive(robot, straight(1.0))
+            world.body(robot).drive(straight(1.0))
             robots.append(robot)
         world.start()
         answers: list[tuple[int, Snapshot, list[RayFan], list[RayHits]]] = []

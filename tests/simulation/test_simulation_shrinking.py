@@ -186,7 +186,7 @@ class TestWhen:
         leaves, _ = world.spawn(OTHER, pose_at(2.0, 0.0))
         world.remove(leaves)
         watcher = Watcher(0.1)
-        world.attach(stays, watcher)
+        world.body(stays).attach(watcher)
         world.run_until(1.9)
         assert kinds(world) == [ROBOT.key, OTHER.key]
         world.run_until(3.0)
@@ -200,7 +200,7 @@ class TestWhen:
         """Controllers that reconnect do not make the model grow each time."""
         world = simulation()
         stays, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
-        world.attach(stays, Watcher(0.1))
+        world.body(stays).attach(Watcher(0.1))
         for turns in range(5):
             other, _ = world.spawn(OTHER, pose_at(2.0, 0.0))
             world.run_until(1.5 * turns + 0.5)
@@ -226,8 +226,8 @@ class TestWhen:
             world = simulation(yard)
             stays, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
             watcher = Watcher(0.05)
-            world.attach(stays, watcher)
-            world.drive(stays, turn(4.0))
+            world.body(stays).attach(watcher)
+            world.body(stays).drive(turn(4.0))
             for number in range(4):
                 other, _ = world.spawn(robot_model(f"kind {number}"), pose_at(-1.0, 2.0))
                 world.run_until(1.3 * (number + 1))
@@ -249,7 +249,7 @@ class TestWhen:
         model = weakref.ref(world.compiled(old))
         world.remove(leaves)
         watcher = Watcher(0.5)
-        world.attach(stays, watcher)
+        world.body(stays).attach(watcher)
         world.run_until(4.0)
         watcher.snapshots.clear()
         gc.collect()
@@ -271,10 +271,10 @@ class TestMeanwhile:
         try:
             stays, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
             leaves, _ = world.spawn(OTHER, pose_at(2.0, 0.0))
-            world.drive(stays, turn(3.0))
+            world.body(stays).drive(turn(3.0))
             world.remove(leaves)
             wait_for(world, [ROBOT.key])
-            assert world.wheel_targets(stays).tolist() == turn(3.0).tolist()
+            assert world.body(stays).wheel_targets().tolist() == turn(3.0).tolist()
         finally:
             world.stop()
 
@@ -303,7 +303,7 @@ class TestMeanwhile:
             thread.join(PATIENCE)
             assert kinds(world) == [OTHER.key]
             snapshot = world.look()
-            state = world.robot_state(second, snapshot)
+            state = world.body(second).state(snapshot)
             assert state is not None
             assert state.pose.position[2] == pytest.approx(0.11, abs=0.05)
             assert snapshot.generation == 1

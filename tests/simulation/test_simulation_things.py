@@ -59,7 +59,7 @@ def at(x: float, y: float = 0.0, z: float = HALF) -> Pose:
 
 def where(world: Simulation, number: int) -> np.ndarray:
     """Present position of a robot or thing."""
-    state = world.robot_state(number, world.look())
+    state = world.body(number).state(world.look())
     assert state is not None
     return np.array(state.pose.position)
 
@@ -234,11 +234,11 @@ class TestWays:
             x, y, z = pose.position
             return [lambda now: Pose((x + 0.5 * (now - time), y, z))]
 
-        world.follow(number, plan)
+        world.body(number).follow(plan)
         assert seen == [(pytest.approx(0.5), at(1.0))]
         world.run_until(2.5)
         assert where(world, number) == pytest.approx([2.0, 0.0, HALF], abs=1e-9)
-        world.follow(number, lambda time, pose: [])
+        world.body(number).follow(lambda time, pose: [])
         world.run_until(3.0)
         assert where(world, number) == pytest.approx([2.0, 0.0, HALF], abs=1e-9)
 
@@ -246,7 +246,7 @@ class TestWays:
         """What was put somewhere stays there."""
         world = simulation()
         number, _ = world.spawn(thing(), at(1.0))
-        world.follow(number, lambda time, pose: [lambda now: at(1.0 + now)])
+        world.body(number).follow(lambda time, pose: [lambda now: at(1.0 + now)])
         world.run_until(0.5)
         world.move(number, at(0.0, 4.0))
         world.run_until(1.5)
@@ -256,7 +256,7 @@ class TestWays:
         """Growth in the middle of a way does not show."""
         world = simulation()
         number, _ = world.spawn(thing(), at(0.0))
-        world.follow(number, lambda time, pose: [lambda now: at(now)])
+        world.body(number).follow(lambda time, pose: [lambda now: at(now)])
         world.run_until(1.0)
         world.spawn(thing(key="other"), at(0.0, 5.0))
         assert where(world, number)[0] == pytest.approx(1.0, abs=1e-9)
@@ -269,13 +269,13 @@ class TestWays:
         number, _ = world.spawn(thing(limb=True), at(1.0))
         turned = Pose((0.0, 2.0, 1.0), (math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0))
         world.move(number, turned)
-        state = world.robot_state(number, world.look())
+        state = world.body(number).state(world.look())
         assert state is not None
         assert state.link_pose("limb").position == pytest.approx((0.0, 2.0 - 2 * HALF, 1.0))
         ways = [lambda now: at(0.0), lambda now: at(0.0, z=1.0 + now)]
-        world.follow(number, lambda time, pose: ways)
+        world.body(number).follow(lambda time, pose: ways)
         world.run_until(0.5)
-        state = world.robot_state(number, world.look())
+        state = world.body(number).state(world.look())
         assert state is not None
         assert state.link_pose("LIMB").position == pytest.approx((0.0, 0.0, 1.5))
 
@@ -345,7 +345,7 @@ class TestSlots:
         world = simulation(hole, lower=(-50.0, -50.0, -5.0))
         number, _ = world.spawn(thing(rigid=True), at(3.0))
         robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
-        world.attach(robot, EveryTenth())
+        world.body(robot).attach(EveryTenth())
         world.run_until(2.0)
         assert number not in world.look().layouts
         assert robot in world.look().layouts
@@ -358,8 +358,8 @@ class TestSlots:
             robot, _ = world.spawn(ROBOT, pose_at(-1.0, 0.0))
             world.spawn(thing(rigid=True), at(0.0, 0.05))
             mover, _ = world.spawn(thing(), at(0.0, 3.0))
-            world.drive(robot, straight(4.0))
-            world.follow(mover, lambda time, pose: [lambda now: at(0.0, 3.0 - now)])
+            world.body(robot).drive(straight(4.0))
+            world.body(mover).follow(lambda time, pose: [lambda now: at(0.0, 3.0 - now)])
             world.run_until(2.5)
             ends.append(world.look())
         assert np.array_equal(ends[0].qpos, ends[1].qpos)

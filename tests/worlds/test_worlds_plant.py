@@ -32,7 +32,7 @@ def poses(stage: Rehearsal) -> list[Pose]:
     """Poses of the robots in the order of their coming."""
     simulation = stage.assembly.simulation
     snapshot = simulation.look()
-    states = [simulation.robot_state(robot, snapshot) for robot in sorted(snapshot.layouts)]
+    states = [simulation.body(robot).state(snapshot) for robot in sorted(snapshot.layouts)]
     return [state.pose for state in states if state is not None]
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from usarsim_server.actuators.base import Actuator, joint_order
-from usarsim_server.actuators.effector import Effector, Machine, create_effectors
+from usarsim_server.actuators.effector import Effector, create_effectors
 from usarsim_server.actuators.holdings import Change, Holdings
 from usarsim_server.protocol import messages
 from usarsim_server.protocol.dialects import sends_results
@@ -19,6 +19,7 @@ from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.mounting import SetResult
 from usarsim_server.simulation.articulation import JointOrder, Order
+from usarsim_server.simulation.simulation import BodyHandle
 from usarsim_server.simulation.snapshot import RobotBody
 
 ALL_JOINTS = frozenset({"alljoints", "allangles"})
@@ -28,13 +29,13 @@ JOINT_OPCODES = frozenset({"ANGLE", "TARGET"})
 class Articulation:
     """Actuators and effectors of one robot; used by one thread."""
 
-    def __init__(self, robot: RobotDescription, machine: Machine) -> None:
+    def __init__(self, robot: RobotDescription, body: BodyHandle) -> None:
         """Make the actuators and effectors that a robot file asks for.
 
         Raises:
             RobotDescriptionError: if an effector's type or parameters are wrong.
         """
-        self._machine = machine
+        self._body = body
         self.actuators = tuple(Actuator(one, robot) for one in robot.actuators if one.package)
         self.effectors = create_effectors(robot)
         self._holdings = Holdings(self.effectors)
@@ -102,7 +103,7 @@ class Articulation:
         }
         for effector in self.effectors:
             if effector.name.lower() == wanted or effector.description.item.link in carried:
-                effector.set("GRIP", str(gripper), self._machine)
+                effector.set("GRIP", str(gripper), self._body)
 
     def _command(self, orders: dict[str, JointOrder]) -> None:
         if self._followers:
@@ -112,11 +113,11 @@ class Articulation:
                 if leader in free:
                     orders[follower] = free[leader]
         if orders:
-            self._machine.command_joints(orders)
+            self._body.command_joints(orders)
 
     def _state(self, order: int) -> RobotBody | None:
         """The present state, but only if an order may need it: looking takes time."""
-        return self._machine.look() if order > Order.TORQUE else None
+        return self._body.look() if order > Order.TORQUE else None
 
     # -- SET ---------------------------------------------------------------------------------
 
@@ -132,7 +133,7 @@ class Articulation:
                 (effector.wire_type, effector.name, self._set(effector, opcode, request.params))
                 for effector in self._find(request.type, request.name)
             ]
-        state = self._machine.look() if results and sends_results(dialect) else None
+        state = self._body.look() if results and sends_results(dialect) else None
         return [
             messages.result(state.time, wire_type, name, result is not SetResult.FAILED)
             for wire_type, name, result in results
@@ -141,10 +142,10 @@ class Articulation:
 
     def _set(self, effector: Effector, opcode: str, params: str) -> SetResult:
         if effector.description.detached:
-            state = self._machine.look()
+            state = self._body.look()
             if state is None or not effector.attached(state):
                 return SetResult.FAILED
-        return effector.set(opcode, params, self._machine)
+        return effector.set(opcode, params, self._body)
 
     def _set_joints(self, name: str, opcode: str, params: str) -> list[tuple[str, str, SetResult]]:
         if name.lower() in ALL_JOINTS:
@@ -201,7 +202,7 @@ class Articulation:
 
     def _holder(self, tool: Effector) -> Effector | None:
         """What holds a detached effector at present."""
-        state = self._machine.look() if tool.description.detached else None
+        state = self._body.look() if tool.description.detached else None
         if state is None:
             return None
         held = (one for one in self.effectors if state.hand(one.name).holding == tool.name)

@@ -12,8 +12,7 @@ A new file in this package is enough to add a type; outside packages use the ent
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import usarsim_server.actuators as package
 from usarsim_server.plugins import PluginTypes
@@ -25,20 +24,8 @@ from usarsim_server.robots.mounting import SetResult
 from usarsim_server.sensors.parameters import Parameters
 from usarsim_server.simulation.articulation import HandModel, JointOrder, Order
 from usarsim_server.simulation.frames import flip_point, wire_from_pose
+from usarsim_server.simulation.simulation import BodyHandle
 from usarsim_server.simulation.snapshot import RobotBody
-
-
-class Machine(Protocol):
-    """The moving parts of one robot, as effectors and actuators use them."""
-
-    def command_joints(self, orders: Mapping[str, JointOrder]) -> None:
-        """Give orders to joints by name."""
-
-    def operate_hand(self, hand: str, close: bool) -> bool:
-        """Close or open a hand; whether it obeyed."""
-
-    def look(self) -> RobotBody | None:
-        """The present state; None if the robot has left the world."""
 
 
 class Effector(ABC):
@@ -75,22 +62,22 @@ class Effector(ABC):
     def configuration(self) -> Item:
         """Name and segments of CONF."""
 
-    def operate(self, close: bool, machine: Machine) -> bool:
+    def operate(self, close: bool, body: BodyHandle) -> bool:
         """Close or open: fingers, if it has any, then the hand; whether it obeyed."""
         orders = {}
         for finger in self.description.fingers:
             assert finger.limits is not None
             orders[finger.joint] = JointOrder(Order.POSITION, finger.limits[close])
         if orders:
-            machine.command_joints(orders)
-        return machine.operate_hand(self.name, close)
+            body.command_joints(orders)
+        return body.operate_hand(self.name, close)
 
-    def set(self, opcode: str, params: str, machine: Machine) -> SetResult:
+    def set(self, opcode: str, params: str, body: BodyHandle) -> SetResult:
         """Obey a SET command; `opcode` is upper case. Unknown opcodes change nothing."""
         if opcode not in ("CLOSE", "OPEN", "GRIP"):
             return SetResult.UNKNOWN
         close = opcode == "CLOSE" or (opcode == "GRIP" and read_number(params) != 0.0)
-        return SetResult.OK if self.operate(close, machine) else SetResult.FAILED
+        return SetResult.OK if self.operate(close, body) else SetResult.FAILED
 
     def attached(self, state: RobotBody) -> bool:
         """Whether it is part of the robot at present; a loose one neither acts nor reports."""

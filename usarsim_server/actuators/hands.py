@@ -11,13 +11,14 @@ import math
 from functools import cached_property
 from typing import ClassVar
 
-from usarsim_server.actuators.effector import Effector, Machine, create_effector, register_effector
+from usarsim_server.actuators.effector import Effector, create_effector, register_effector
 from usarsim_server.protocol.messages import effector_status, gripper_item, tool_changer_item
 from usarsim_server.protocol.values import Item
 from usarsim_server.robots.description import EffectorDescription, RobotDescription
 from usarsim_server.robots.mounting import SetResult
 from usarsim_server.simulation.articulation import Grip, HandModel
 from usarsim_server.simulation.frames import Pose, Vector
+from usarsim_server.simulation.simulation import BodyHandle
 from usarsim_server.simulation.snapshot import RobotBody
 
 DEFAULT_STRENGTH = 100.0
@@ -146,9 +147,9 @@ class ToolChanger(Effector):
             tools=tuple(self.tools),
         )
 
-    def set(self, opcode: str, params: str, machine: Machine) -> SetResult:
+    def set(self, opcode: str, params: str, body: BodyHandle) -> SetResult:
         """CLOSE and OPEN; a changer cannot GRIP."""
-        return SetResult.UNKNOWN if opcode == "GRIP" else super().set(opcode, params, machine)
+        return SetResult.UNKNOWN if opcode == "GRIP" else super().set(opcode, params, body)
 
     def configuration(self) -> Item:
         """Tolerances and opcodes."""

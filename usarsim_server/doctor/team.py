@@ -188,7 +188,7 @@ class Team:
         top = vehicle.description.drive.max_wheel_speed
         left, right = self._dice.uniform(-top, top, 2)
         wheels = vehicle.description.driven_wheels
-        vehicle.drive(np.array([left if wheel.side == "left" else right for wheel in wheels]))
+        vehicle.body.drive(np.array([left if wheel.side == "left" else right for wheel in wheels]))
 
 
 def _survey(vehicle: Vehicle, snapshot: Snapshot) -> list[RayFan]:

@@ -93,9 +93,9 @@ class Pilot:
         self._options = options
         self._log = log
         self._family = family_of(vehicle.description)
-        self._conduct = self._family.conduct(vehicle)
+        self._conduct = self._family.conduct(vehicle.description, vehicle.body)
         self._battery = _battery(vehicle, battery_life)
-        self._limbs = Articulation(vehicle.description, vehicle)
+        self._limbs = Articulation(vehicle.description, vehicle.body)
         self._cameras = CameraMount(
             vehicle.description, vehicle.robot, vehicle.cameras, vehicle.board, vehicle.look
         )
@@ -160,7 +160,7 @@ class Pilot:
         yaw = math.atan2(ahead[1], ahead[0])
         upright = (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2))
         lift = self.vehicle.description.rest_height + UPRIGHTING_LIFT
-        self.vehicle.teleport(Pose((x, y, z + lift), upright))
+        self.vehicle.body.teleport(Pose((x, y, z + lift), upright))
 
     def _obey_set(self, request: Set) -> list[str]:
         opcode = request.opcode
@@ -177,7 +177,7 @@ class Pilot:
             reply = answer if isinstance(answer, SetReply) else SetReply(answer)
             if reply.result is SetResult.SCAN:
                 survey = Survey([sensor], state)
-                hits = self.vehicle.cast(survey.fans, state.snapshot) if survey.fans else ()
+                hits = self.vehicle.body.cast(survey.fans, state.snapshot) if survey.fans else ()
                 lines += survey.lines(hits, self._dialect)
             if reply.result is not SetResult.UNKNOWN and sends_results(self._dialect):
                 ok = reply.result is not SetResult.FAILED

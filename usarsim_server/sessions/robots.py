@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from usarsim_server.actuators.effector import Effector, create_effectors
 from usarsim_server.cameras.board import CameraBoard
@@ -21,13 +20,11 @@ from usarsim_server.robots.families.base import family_of
 from usarsim_server.robots.mjcf import build_spec
 from usarsim_server.sensors.base import Sensor, SensorContext, create_sensor
 from usarsim_server.sessions.power import BatteryGauge, Headlight
-from usarsim_server.simulation.articulation import JointModel, JointOrder, ToolModel
-from usarsim_server.simulation.clock import Listener
+from usarsim_server.simulation.articulation import JointModel, ToolModel
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import RobotModel
 from usarsim_server.simulation.objects import ObjectFacts
-from usarsim_server.simulation.rays.query import RayFan, RayHits
-from usarsim_server.simulation.simulation import Simulation
+from usarsim_server.simulation.simulation import BodyHandle, Simulation
 from usarsim_server.simulation.slots import always
 from usarsim_server.simulation.snapshot import RobotBody, Snapshot
 from usarsim_server.worlds.description import WorldDescription
@@ -43,9 +40,8 @@ class Vehicle:
     Attributes:
         name: label, unique in the world; from INIT, or invented.
         description: its class.
-        robot: its number in the simulation.
+        body: its body in the simulation.
         sensors: in mount order.
-        simulation: the world it is in.
         gauge: shows how much is left in its battery.
         headlight: shows whether its lamp is lit.
         cameras: keys of its cameras on the board, in mount order.
@@ -54,49 +50,25 @@ class Vehicle:
 
     name: str
     description: RobotDescription
-    robot: int
+    body: BodyHandle
     sensors: tuple[Sensor, ...]
-    simulation: Simulation
     gauge: BatteryGauge = field(default_factory=BatteryGauge)
     headlight: Headlight = field(default_factory=Headlight)
     cameras: tuple[int, ...] = ()
     board: CameraBoard = field(default_factory=lambda: CameraBoard(Grid()))
 
+    @property
+    def robot(self) -> int:
+        """Its number in the simulation."""
+        return self.body.number
+
     def state(self, snapshot: Snapshot) -> RobotBody | None:
         """Its state in a snapshot; None if it is not in there."""
-        return self.simulation.robot_state(self.robot, snapshot)
+        return self.body.state(snapshot)
 
     def look(self) -> RobotBody | None:
         """Its present state; None if it has left the world."""
-        return self.state(self.simulation.look())
-
-    def cast(self, fans: Sequence[RayFan], snapshot: Snapshot) -> list[RayHits]:
-        """Answer ray fans; its own body is left out."""
-        return self.simulation.cast(fans, snapshot, self.robot)
-
-    def drive(self, targets: NDArray[np.float64]) -> None:
-        """Set the wheel speed targets (rad/s) of the driven wheels in part order."""
-        self.simulation.drive(self.robot, targets)
-
-    def command_joints(self, orders: Mapping[str, JointOrder]) -> None:
-        """Give orders to joints that are no wheels, by name."""
-        self.simulation.command_joints(self.robot, orders)
-
-    def command_law(self, values: NDArray[np.float64]) -> None:
-        """Set the command of what its family added to the physics."""
-        self.simulation.command_law(self.robot, values)
-
-    def operate_hand(self, hand: str, close: bool) -> bool:
-        """Close or open a hand; whether it obeyed."""
-        return self.simulation.operate_hand(self.robot, hand, close)
-
-    def teleport(self, pose: Pose) -> None:
-        """Move it to a pose, at rest."""
-        self.simulation.teleport(self.robot, pose)
-
-    def attach(self, listener: Listener) -> None:
-        """Have a listener woken with snapshots."""
-        self.simulation.attach(self.robot, listener)
+        return self.body.look()
 
 
 TRUE_POSE = "GroundTruth"
@@ -218,9 +190,8 @@ class Fleet:
             vehicle = Vehicle(
                 label,
                 description,
-                robot,
+                self._simulation.body(robot),
                 sensors,
-                self._simulation,
                 cameras=cameras,
                 board=self.board,
             )

@@ -511,7 +511,7 @@ class RobotAgent:
             vehicle.name,
             description.dialect,
             leave=lambda: self._fleet.remove(vehicle),
-            attach=vehicle.attach,
+            attach=vehicle.body.attach,
         )
 
     def _place(self, init: Init) -> Pose:

@@ -82,4 +82,6 @@ class SpecialRoles:
             log,
         )
         log.info("avatar spawned", avatar_class=kind.name, id=avatar.body)
-        return Casting(walker, avatar.name, Dialect.UDK, leave=walker.leave, attach=avatar.attach)
+        return Casting(
+            walker, avatar.name, Dialect.UDK, leave=walker.leave, attach=avatar.handle.attach
+        )

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from usarsim_server.logs import Log
 from usarsim_server.simulation.articulation import JointOrder
-from usarsim_server.simulation.divergence import SPEED_LIMIT, culprits, is_sound
+from usarsim_server.simulation.divergence import culprits, is_sound
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.ground import Belts, Traction, compensate
 from usarsim_server.simulation.growth import Growth, grow, inherit_sleep, laws_of
@@ -235,13 +235,11 @@ class Engine:
         """Set wheel speed targets (rad/s, part order; NaN: rolls freely) and wake the robot.
 
         Raises:
-            ValueError: if a target is beyond all sense or their count is wrong.
+            ValueError: if their count is wrong.
         """
         slot = self._active.get(robot)
         if slot is None:
             return
-        if (np.abs(targets) >= SPEED_LIMIT).any():
-            raise ValueError(f"wheel speed targets out of bounds: {targets}")
         self._servos.command(slot, targets)
         self._note_driven(slot)
         self._wake(slot)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from usarsim_server.logs import Log
 from usarsim_server.simulation.articulation import JointOrder
 from usarsim_server.simulation.clock import ClockOptions, Clockwork, Listener
+from usarsim_server.simulation.divergence import SPEED_LIMIT
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose, Vector
 from usarsim_server.simulation.machines import Machine
@@ -119,10 +120,9 @@ class Simulation:
         """The model that a snapshot belongs to, for who wants to draw it; not to be written to."""
         return compiled(snapshot)
 
-    def robot_state(self, robot: int, snapshot: Snapshot) -> RobotBody | None:
-        """A robot's window onto a snapshot; None if it is not in there."""
-        layout = snapshot.layouts.get(robot)
-        return None if layout is None else RobotBody(snapshot, layout)
+    def body(self, number: int) -> BodyHandle:
+        """The handle of a robot or another thing, by its number; made once by whoever keeps it."""
+        return BodyHandle(number, self, self._engine, self._mail, self._clockwork)
 
     def cast(self, fans: Sequence[RayFan], snapshot: Snapshot, robot: int | None) -> list[RayHits]:
         """Answer ray fans against the world of a snapshot; the robot's own body is left out."""
@@ -171,7 +171,7 @@ class Simulation:
         """
         return self._slots.spawn(model, pose, wanted)
 
-    def move(self, robot: int, pose: Pose) -> Pose:
+    def move(self, number: int, pose: Pose) -> Pose:
         """Move a robot or a thing, at rest, to where it would be put if it were spawned there.
 
         A robot gets the nearest free place, a thing this one or none.
@@ -182,73 +182,19 @@ class Simulation:
         Raises:
             SpawnError: if it is not in the world or the pose cannot be used.
         """
-        return self._slots.move(robot, pose)
+        return self._slots.move(number, pose)
 
-    def remove(self, robot: int) -> None:
-        """Take a robot out of the world soon; unknown robots are ignored."""
-        self._mail.post(lambda: self._clockwork.remove(robot))
-
-    def drive(self, robot: int, targets: NDArray[np.float64]) -> None:
-        """Set wheel speed targets (rad/s, driven wheels in part order) at the next step.
-
-        A wheel whose target is not a number rolls freely.
+    def reseat(self, number: int, model: RobotModel) -> None:
+        """Give a thing another body at the same pose, for example one that forces move.
 
         Raises:
-            ValueError: if a target is infinite.
+            SpawnError: if it is not in the world.
         """
-        if np.isinf(targets).any():
-            raise ValueError(f"wheel speed targets must be finite: {targets}")
-        self._mail.post(lambda: self._engine.drive(robot, targets))
+        self._slots.reseat(number, model)
 
-    def command_joints(self, robot: int, orders: Mapping[str, JointOrder]) -> None:
-        """Give orders to joints that are no wheels, by name in any case, at the next step.
-
-        Values beyond what a joint can do are taken for the limit; unknown joints are ignored.
-
-        Raises:
-            ValueError: if a value is not finite.
-        """
-        if not all(math.isfinite(order.value) for order in orders.values()):
-            raise ValueError(f"orders must be finite: {orders}")
-        taken = dict(orders)
-        self._mail.post(lambda: self._engine.command_joints(robot, taken))
-
-    def command_law(self, robot: int, values: NDArray[np.float64]) -> None:
-        """Command the laws of motion of a robot (see `laws.py`) at the next step.
-
-        Raises:
-            ValueError: if a value is not finite.
-        """
-        if not np.isfinite(values).all():
-            raise ValueError(f"a command must be finite: {values}")
-        self._mail.post(lambda: self._engine.command_law(robot, values))
-
-    def operate_hand(self, robot: int, hand: str, close: bool) -> bool:
-        """Close or open a hand; blocks until it is done.
-
-        Returns:
-            Whether it obeyed: a coupling closes only on a tool and opens only if it has one.
-        """
-        return self._mail.ask(lambda: self._engine.operate_hand(robot, hand, close))
-
-    def teleport(self, robot: int, pose: Pose) -> None:
-        """Move a robot to a pose, at rest, at the next step.
-
-        Raises:
-            ValueError: if the pose is not finite.
-        """
-        if not all(map(math.isfinite, (*pose.position, *pose.quaternion))):
-            raise ValueError(f"a pose must be finite: {pose}")
-
-        def move() -> None:
-            if robot in self._engine.active:
-                self._engine.teleport(robot, pose)
-
-        self._mail.post(move)
-
-    def wheel_targets(self, robot: int) -> NDArray[np.float64]:
-        """Commanded wheel speeds (rad/s) as the physics has them; for measurements."""
-        return self._mail.ask(lambda: self._engine.wheel_targets(robot))
+    def remove(self, number: int) -> None:
+        """Take a robot or a thing out of the world soon; unknown ones are ignored."""
+        self._mail.post(lambda: self._clockwork.remove(number))
 
     # -- bodies that go their own way --------------------------------------------------------
 
@@ -260,33 +206,6 @@ class Simulation:
         """
         self._mail.ask(lambda: self._engine.set_movers(movers, machines))
 
-    def follow(self, thing: int, plan: Callable[[float, Pose], Sequence[Way]]) -> None:
-        """Let a kinematic thing go its way from now on; blocks until it does.
-
-        Args:
-            thing: its number.
-            plan: given the present time (s) and pose, says where its bodies go, the base first;
-                no ways at all: it stays where it is. Called by the physics thread between two
-                steps; must return at once.
-
-        Raises:
-            KeyError: if it is not in the world.
-        """
-
-        def set_out() -> None:
-            engine = self._engine
-            engine.follow(thing, plan(engine.time, engine.pose(thing)))
-
-        self._mail.ask(set_out)
-
-    def reseat(self, thing: int, model: RobotModel) -> None:
-        """Give a thing another body at the same pose, for example one that forces move.
-
-        Raises:
-            SpawnError: if it is not in the world.
-        """
-        self._slots.reseat(thing, model)
-
     def run_belts(self, tag: str, factor: float) -> int:
         """Let conveyors run at so many times their speed in the scene (see `belts.py`).
 
@@ -296,10 +215,6 @@ class Simulation:
         return self._mail.ask(lambda: self._engine.run_belts(tag, factor))
 
     # -- listeners ---------------------------------------------------------------------------
-
-    def attach(self, robot: int, listener: Listener) -> None:
-        """Give a robot's listener the snapshots it asks for from now on."""
-        self._mail.post(lambda: self._clockwork.attach(robot, listener))
 
     def wake_together(self, together: Callable[[], AbstractContextManager[object]]) -> None:
         """Have all listeners that are due at one instant woken inside a context manager."""
@@ -339,6 +254,126 @@ class Simulation:
     def settle(self) -> None:
         """Carry out requests in the calling thread until every listener is idle (tests)."""
         self._clockwork.settle()
+
+
+class BodyHandle:
+    """One robot or another thing of a world, for any thread.
+
+    Orders are queued for the physics, which carries them out before its next step, in the order
+    in which they were given; a body that has left the world takes none.
+
+    Attributes:
+        number: its number in the simulation.
+    """
+
+    def __init__(
+        self,
+        number: int,
+        simulation: Simulation,
+        engine: Engine,
+        mail: Mailbox,
+        clockwork: Clockwork,
+    ) -> None:
+        self.number = number
+        self._simulation = simulation
+        self._engine = engine
+        self._mail = mail
+        self._clockwork = clockwork
+
+    def state(self, snapshot: Snapshot) -> RobotBody | None:
+        """Its state in a snapshot; None if it is not in there."""
+        layout = snapshot.layouts.get(self.number)
+        return None if layout is None else RobotBody(snapshot, layout)
+
+    def look(self) -> RobotBody | None:
+        """Its present state, None if it has left; blocks until the physics is between two steps."""
+        return self.state(self._simulation.look())
+
+    def cast(self, fans: Sequence[RayFan], snapshot: Snapshot) -> list[RayHits]:
+        """Answer ray fans against the world of a snapshot; it does not see itself."""
+        return self._simulation.cast(fans, snapshot, self.number)
+
+    def drive(self, targets: NDArray[np.float64]) -> None:
+        """Set wheel speed targets (rad/s, driven wheels in part order); NaN lets a wheel roll.
+
+        Raises:
+            ValueError: if a target is infinite or beyond all sense.
+        """
+        if (np.abs(targets) >= SPEED_LIMIT).any():
+            raise ValueError(f"wheel speed targets must be finite and sensible: {targets}")
+        self._mail.post(lambda: self._engine.drive(self.number, targets))
+
+    def command_joints(self, orders: Mapping[str, JointOrder]) -> None:
+        """Give orders to joints that are no wheels, by name in any case.
+
+        Values beyond what a joint can do are taken for the limit; unknown joints are ignored.
+
+        Raises:
+            ValueError: if a value is not finite.
+        """
+        if not all(math.isfinite(order.value) for order in orders.values()):
+            raise ValueError(f"orders must be finite: {orders}")
+        taken = dict(orders)
+        self._mail.post(lambda: self._engine.command_joints(self.number, taken))
+
+    def command_law(self, values: NDArray[np.float64]) -> None:
+        """Set the command of the laws that its family added to the physics (see `LawModel`).
+
+        Raises:
+            ValueError: if a value is not finite.
+        """
+        if not np.isfinite(values).all():
+            raise ValueError(f"a command must be finite: {values}")
+        self._mail.post(lambda: self._engine.command_law(self.number, values))
+
+    def operate_hand(self, hand: str, close: bool) -> bool:
+        """Close or open a hand; blocks until it is done.
+
+        Returns:
+            Whether it obeyed: a coupling closes only on a tool and opens only if it has one.
+        """
+        return self._mail.ask(lambda: self._engine.operate_hand(self.number, hand, close))
+
+    def teleport(self, pose: Pose) -> None:
+        """Move it to a pose, at rest.
+
+        Raises:
+            ValueError: if the pose is not finite.
+        """
+        if not all(map(math.isfinite, (*pose.position, *pose.quaternion))):
+            raise ValueError(f"a pose must be finite: {pose}")
+
+        def move() -> None:
+            if self.number in self._engine.active:
+                self._engine.teleport(self.number, pose)
+
+        self._mail.post(move)
+
+    def wheel_targets(self) -> NDArray[np.float64]:
+        """Commanded wheel speeds (rad/s) as the physics has them; for measurements."""
+        return self._mail.ask(lambda: self._engine.wheel_targets(self.number))
+
+    def follow(self, plan: Callable[[float, Pose], Sequence[Way]]) -> None:
+        """Let a kinematic thing go its way from now on; blocks until it does.
+
+        Args:
+            plan: given the present time (s) and pose, says where its bodies go, the base first;
+                no ways at all: it stays where it is. Called by the physics thread between two
+                steps; must return at once.
+
+        Raises:
+            KeyError: if it is not in the world.
+        """
+
+        def set_out() -> None:
+            engine = self._engine
+            engine.follow(self.number, plan(engine.time, engine.pose(self.number)))
+
+        self._mail.ask(set_out)
+
+    def attach(self, listener: Listener) -> None:
+        """Give a listener the snapshots it asks for from now on."""
+        self._mail.post(lambda: self._clockwork.attach(self.number, listener))
 
 
 def _log_warning(text: str) -> None:

@@ -144,7 +144,7 @@ class Actors:
         return truth.listing(found, snapshot.time)
 
     def _all(self, snapshot: Snapshot, robots: Robots) -> Iterator[_Present]:
-        states = [(*one, self._simulation.robot_state(one[0], snapshot)) for one in robots]
+        states = [(*one, self._simulation.body(one[0]).state(snapshot)) for one in robots]
         riding = [(number, robot, state) for number, robot, state in states if state is not None]
         for number, robot, state in riding:
             yield self._robot(number, robot, state)

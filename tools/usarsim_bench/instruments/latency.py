@@ -25,7 +25,7 @@ from usarsim_server.protocol.grammar import Command
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.sessions.session import RobotAgent
 from usarsim_server.simulation.engine import Engine
-from usarsim_server.simulation.simulation import Simulation
+from usarsim_server.simulation.simulation import BodyHandle
 
 STATIONS = ("received", "posted", "target", "stepped")
 """Handed to the robot's thread; decided by it; set as the wheels' target speed between two steps of
@@ -51,14 +51,14 @@ def instrumented() -> Iterator[Record]:
     record: Record = {station: [] for station in STATIONS}
     originals = (
         (RobotAgent, "submit", RobotAgent.submit),
-        (Simulation, "drive", Simulation.drive),
+        (BodyHandle, "drive", BodyHandle.drive),
         (Engine, "drive", Engine.drive),
         (Engine, "advance", Engine.advance),
     )
     waiting: list[int] = []
     try:
         setattr(RobotAgent, "submit", _on_submit(RobotAgent.submit, record["received"]))  # noqa: B010
-        setattr(Simulation, "drive", _on_post(Simulation.drive, record["posted"]))  # noqa: B010
+        setattr(BodyHandle, "drive", _on_post(BodyHandle.drive, record["posted"]))  # noqa: B010
         setattr(Engine, "drive", _on_target(Engine.drive, record["target"], waiting))  # noqa: B010
         setattr(Engine, "advance", _on_step(Engine.advance, record["stepped"], waiting))  # noqa: B010
         yield record
@@ -82,11 +82,11 @@ def _on_submit(
 
 
 def _on_post(
-    original: Callable[[Simulation, int, Array], None], passed: list[tuple[int, float]]
-) -> Callable[[Simulation, int, Array], None]:
-    def drive(simulation: Simulation, robot: int, targets: Array) -> None:
+    original: Callable[[BodyHandle, Array], None], passed: list[tuple[int, float]]
+) -> Callable[[BodyHandle, Array], None]:
+    def drive(body: BodyHandle, targets: Array) -> None:
         passed.append((code(targets[0]), time.perf_counter()))
-        original(simulation, robot, targets)
+        original(body, targets)
 
     return drive
 

@@ -192,7 +192,7 @@ def measure_watched(world: str, robots: int, cameras: int, seconds: float) -> Wa
         simulation.start()
         for vehicle in assembly.fleet.vehicles:
             wheels = vehicle.description.driven_wheels
-            vehicle.drive(np.array([0.6 if wheel.side == "left" else 1.2 for wheel in wheels]))
+            vehicle.body.drive(np.array([0.6 if wheel.side == "left" else 1.2 for wheel in wheels]))
         tiles = [assembly.board.grid.region(tile) for tile in range(cameras)]
         watches = [
             studio.watch(tile, lambda frame: told.append((time.perf_counter(), frame.time)))

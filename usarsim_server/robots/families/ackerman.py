@@ -28,12 +28,13 @@ from usarsim_server.robots.description import (
     RobotReport,
     Wheel,
 )
-from usarsim_server.robots.families.base import Conduct, Machine, StatusFacts, register_family
+from usarsim_server.robots.families.base import Conduct, StatusFacts, register_family
 from usarsim_server.robots.families.wheeled import SpeedScale, WheelConduct, WheeledFamily
 from usarsim_server.robots.reading import parts
 from usarsim_server.robots.tables import TableReader
 from usarsim_server.simulation.articulation import JointOrder, Order
 from usarsim_server.simulation.frames import Pose
+from usarsim_server.simulation.simulation import BodyHandle
 
 FRONT, REAR = "frontsteer", "rearsteer"
 GRID = 41
@@ -188,12 +189,12 @@ def _axles(wheels: Sequence[SteeredWheel]) -> tuple[float, float]:
 class SteeredConduct(WheelConduct):
     """Drives a robot some of whose wheels are steered."""
 
-    def __init__(self, machine: Machine) -> None:
-        super().__init__(machine)
-        gear = machine.description.gear
+    def __init__(self, robot: RobotDescription, body: BodyHandle) -> None:
+        super().__init__(robot, body)
+        gear = robot.gear
         assert isinstance(gear, Steering)
         self._gear = gear
-        self._limit = machine.description.drive.max_wheel_speed
+        self._limit = robot.drive.max_wheel_speed
         self._scale = SpeedScale(self._limit)
 
     def joints(self, facts: StatusFacts) -> tuple[tuple[str, float], ...]:
@@ -205,8 +206,8 @@ class SteeredConduct(WheelConduct):
 class CarConduct(SteeredConduct):
     """Speed, FrontSteer and RearSteer become wheel speeds and steering angles."""
 
-    def __init__(self, machine: Machine) -> None:
-        super().__init__(machine)
+    def __init__(self, robot: RobotDescription, body: BodyHandle) -> None:
+        super().__init__(robot, body)
         self._speed = 0.0
         self._angles = [0.0, 0.0]
         """FrontSteer and RearSteer as on the wire: positive to the right."""
@@ -239,8 +240,8 @@ class CarConduct(SteeredConduct):
         first = self._gear.wheels[0].radius
         treads = [abs(ratio) * wheel.radius / first for wheel, ratio in pairs if wheel.driven]
         highest = self._limit / max(treads)
-        self.machine.drive(driven * max(-highest, min(highest, self._speed)))
-        self.machine.command_joints(
+        self.body.drive(driven * max(-highest, min(highest, self._speed)))
+        self.body.command_joints(
             {
                 wheel.joint: JointOrder(Order.POSITION, wheel.sense * angle)
                 for wheel, angle in zip(self._gear.wheels, angles, strict=True)
@@ -250,7 +251,7 @@ class CarConduct(SteeredConduct):
 
     def stop(self) -> None:
         self._speed = 0.0
-        self.machine.drive(np.zeros(len(self.machine.description.driven_wheels)))
+        self.body.drive(np.zeros(len(self.robot.driven_wheels)))
 
     def steering(self, facts: StatusFacts, dialect: Dialect) -> tuple[float | None, float | None]:
         """As commanded in udk, as they are in ut2004 (protocol reference 4.3)."""
@@ -285,8 +286,8 @@ class Ackerman(WheeledFamily):
 
     wheel_sensors = False
 
-    def conduct(self, machine: Machine) -> Conduct:
-        return CarConduct(machine)
+    def conduct(self, robot: RobotDescription, body: BodyHandle) -> Conduct:
+        return CarConduct(robot, body)
 
     def read(
         self,

@@ -18,7 +18,6 @@ from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import ActuatorDescription, RobotDescription, Wheel
 from usarsim_server.robots.families.base import (
     Conduct,
-    Machine,
     StatusFacts,
     balance_weight,
     register_family,
@@ -28,6 +27,7 @@ from usarsim_server.robots.tables import TableReader
 from usarsim_server.simulation.flight import CHANNELS, FlightLimits, VelocityHold
 from usarsim_server.simulation.frames import flip_point
 from usarsim_server.simulation.motion_laws import LawModel
+from usarsim_server.simulation.simulation import BodyHandle
 
 FASTEST = 100.0
 """m/s and rad/s: beyond this a command is nonsense; the original did not limit it."""
@@ -59,9 +59,9 @@ class Flight:
 class FlightConduct(Conduct):
     """Members that are absent keep their value; without a command it hovers."""
 
-    def __init__(self, machine: Machine) -> None:
-        super().__init__(machine)
-        gear = machine.description.gear
+    def __init__(self, robot: RobotDescription, body: BodyHandle) -> None:
+        super().__init__(robot, body)
+        gear = robot.gear
         assert isinstance(gear, Flight)
         self._gear = gear
         self._linear = self._lateral = self._vertical = self._yaw = 0.0
@@ -112,7 +112,7 @@ class FlightConduct(Conduct):
     def _send(self, dead: bool) -> None:
         ahead, left, up = flip_point((self._linear, self._lateral, -self._vertical))
         roll, pitch, yaw = flip_point((self._roll, self._pitch, self._yaw))
-        self.machine.command_law(np.array([ahead, left, up, yaw, roll, pitch, float(dead)]))
+        self.body.command_law(np.array([ahead, left, up, yaw, roll, pitch, float(dead)]))
 
     def stop(self) -> None:
         """Without power the rotors stop."""
@@ -139,8 +139,8 @@ class Aerial(MachineFamily):
 
     wire_type: ClassVar[str] = "AerialVehicle"
 
-    def conduct(self, machine: Machine) -> Conduct:
-        return FlightConduct(machine)
+    def conduct(self, robot: RobotDescription, body: BodyHandle) -> Conduct:
+        return FlightConduct(robot, body)
 
     def configuration(self, robot: RobotDescription, dialect: Dialect) -> str:
         gear = robot.gear

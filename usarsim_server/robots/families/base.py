@@ -15,7 +15,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import mujoco
 import numpy as np
@@ -34,8 +34,8 @@ from usarsim_server.robots.description import (
     Wheel,
 )
 from usarsim_server.robots.tables import TableReader
-from usarsim_server.simulation.articulation import JointOrder
 from usarsim_server.simulation.motion_laws import LawModel
+from usarsim_server.simulation.simulation import BodyHandle
 from usarsim_server.simulation.snapshot import RobotBody
 
 Array = NDArray[np.float64]
@@ -68,35 +68,17 @@ class StatusFacts:
         return self.state.time
 
 
-class Machine(Protocol):
-    """The parts of one robot that a drive law commands; never blocks."""
-
-    @property
-    def description(self) -> RobotDescription:
-        """Its class."""
-
-    def drive(self, targets: Array) -> None:
-        """Set the wheel speed targets (rad/s) of the driven wheels in part order.
-
-        A wheel whose target is not a number rolls freely.
-        """
-
-    def command_joints(self, orders: dict[str, JointOrder]) -> None:
-        """Give orders to joints that are no wheels, by name."""
-
-    def command_law(self, values: Array) -> None:
-        """Set the command of the law that the family added to the physics (see `laws.py`)."""
-
-
 class Conduct(ABC):
     """Drives one robot on behalf of its pilot; remembers what it was last told.
 
     Attributes:
+        robot: its class. body: the handle that takes the orders.
         light: whether the headlight is on.
     """
 
-    def __init__(self, machine: Machine) -> None:
-        self.machine = machine
+    def __init__(self, robot: RobotDescription, body: BodyHandle) -> None:
+        self.robot = robot
+        self.body = body
         self.light = False
 
     def command(self, drive: Drive, dialect: Dialect) -> None:
@@ -136,7 +118,7 @@ class Family(ABC):
     wheel_sensors: ClassVar[bool] = False
 
     @abstractmethod
-    def conduct(self, machine: Machine) -> Conduct:
+    def conduct(self, robot: RobotDescription, body: BodyHandle) -> Conduct:
         """What drives one robot of this family."""
 
     @abstractmethod

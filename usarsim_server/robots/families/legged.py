@@ -11,9 +11,10 @@ from usarsim_server.protocol import messages
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import ActuatorDescription, RobotDescription, Wheel
-from usarsim_server.robots.families.base import Conduct, Machine, StatusFacts, register_family
+from usarsim_server.robots.families.base import Conduct, StatusFacts, register_family
 from usarsim_server.robots.families.wheeled import MachineFamily
 from usarsim_server.robots.tables import TableReader
+from usarsim_server.simulation.simulation import BodyHandle
 
 _log = Log("robot")
 
@@ -59,8 +60,8 @@ class Legged(MachineFamily):
 
     wire_type: ClassVar[str] = "LeggedRobot"
 
-    def conduct(self, machine: Machine) -> Conduct:
-        return LeggedConduct(machine)
+    def conduct(self, robot: RobotDescription, body: BodyHandle) -> Conduct:
+        return LeggedConduct(robot, body)
 
     def configuration(self, robot: RobotDescription, dialect: Dialect) -> str:
         gear = robot.gear

@@ -22,11 +22,12 @@ from usarsim_server.robots.families.ackerman import (
     Steering,
     steered_wheels,
 )
-from usarsim_server.robots.families.base import Conduct, Machine, register_family
+from usarsim_server.robots.families.base import Conduct, register_family
 from usarsim_server.robots.families.wheeled import WheeledFamily
 from usarsim_server.robots.reading import parts
 from usarsim_server.robots.tables import TableReader
 from usarsim_server.simulation.articulation import JointOrder, Order
+from usarsim_server.simulation.simulation import BodyHandle
 
 
 class OmniConduct(SteeredConduct):
@@ -35,10 +36,10 @@ class OmniConduct(SteeredConduct):
     A wheel that has not been named yet rolls along: clients of Player drive wheels 0 and 1 only.
     """
 
-    def __init__(self, machine: Machine) -> None:
-        super().__init__(machine)
+    def __init__(self, robot: RobotDescription, body: BodyHandle) -> None:
+        super().__init__(robot, body)
         self._wheels = [wheel for wheel in self._gear.wheels if wheel.driven]
-        self._names = [wheel.name.lower() for wheel in machine.description.driven_wheels]
+        self._names = [wheel.name.lower() for wheel in robot.driven_wheels]
         self._speeds = np.full(len(self._wheels), np.nan)
 
     def steer(self, drive: Drive, dialect: Dialect) -> None:
@@ -47,9 +48,9 @@ class OmniConduct(SteeredConduct):
         orders: dict[str, JointOrder] = {}
         moved = [self._turn(target, orders) for target in (*drive.wheels, *self._single(drive))]
         if any(moved):
-            self.machine.drive(self._speeds.copy())
+            self.body.drive(self._speeds.copy())
         if orders:
-            self.machine.command_joints(orders)
+            self.body.command_joints(orders)
 
     def _single(self, drive: Drive) -> tuple[WheelTarget, ...]:
         """The single joint form: Steer 1 is the steering axis of a wheel, 0 its spin."""
@@ -75,7 +76,7 @@ class OmniConduct(SteeredConduct):
 
     def stop(self) -> None:
         self._speeds[:] = 0.0
-        self.machine.drive(self._speeds.copy())
+        self.body.drive(self._speeds.copy())
 
 
 def _position(wheel: SteeredWheel, steer: float) -> float:
@@ -90,8 +91,8 @@ class Omni(WheeledFamily):
 
     wheel_sensors = False
 
-    def conduct(self, machine: Machine) -> Conduct:
-        return OmniConduct(machine)
+    def conduct(self, robot: RobotDescription, body: BodyHandle) -> Conduct:
+        return OmniConduct(robot, body)
 
     def read(
         self,

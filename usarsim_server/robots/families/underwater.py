@@ -17,7 +17,6 @@ from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import ActuatorDescription, RobotDescription, Wheel
 from usarsim_server.robots.families.base import (
     Conduct,
-    Machine,
     StatusFacts,
     balance_weight,
     register_family,
@@ -26,6 +25,7 @@ from usarsim_server.robots.families.wheeled import MachineFamily
 from usarsim_server.robots.tables import TableReader
 from usarsim_server.simulation.diving import CHANNELS, Diving, Hull
 from usarsim_server.simulation.motion_laws import LawModel
+from usarsim_server.simulation.simulation import BodyHandle
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,9 +51,9 @@ class Vessel:
 class VesselConduct(Conduct):
     """Members that are absent keep their value."""
 
-    def __init__(self, machine: Machine) -> None:
-        super().__init__(machine)
-        gear = machine.description.gear
+    def __init__(self, robot: RobotDescription, body: BodyHandle) -> None:
+        super().__init__(robot, body)
+        gear = robot.gear
         assert isinstance(gear, Vessel)
         self._gear = gear
         self._propeller = self._rudder = self._planes = 0.0
@@ -71,7 +71,7 @@ class VesselConduct(Conduct):
         gear = self._gear
         # The law turns the rudder to the left.
         rudder, planes = -gear.rudder_sense * self._rudder, gear.stern_plane_sense * self._planes
-        self.machine.command_law(np.array([self._propeller, rudder, planes]))
+        self.body.command_law(np.array([self._propeller, rudder, planes]))
 
     def stop(self) -> None:
         self._propeller = 0.0
@@ -96,8 +96,8 @@ class Underwater(MachineFamily):
 
     wire_type: ClassVar[str] = "NauticVehicle"
 
-    def conduct(self, machine: Machine) -> Conduct:
-        return VesselConduct(machine)
+    def conduct(self, robot: RobotDescription, body: BodyHandle) -> Conduct:
+        return VesselConduct(robot, body)
 
     def configuration(self, robot: RobotDescription, dialect: Dialect) -> str:
         gear = robot.gear

@@ -26,12 +26,12 @@ from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.families.base import (
     Conduct,
     Family,
-    Machine,
     StatusFacts,
     register_family,
 )
 from usarsim_server.robots.reading import parts
 from usarsim_server.simulation.articulation import Order
+from usarsim_server.simulation.simulation import BodyHandle
 
 
 class PlatformConduct(Conduct):
@@ -54,8 +54,8 @@ class Platform(Family):
     wheeled: ClassVar[bool] = False
     anchored: ClassVar[bool] = True
 
-    def conduct(self, machine: Machine) -> Conduct:
-        return PlatformConduct(machine)
+    def conduct(self, robot: RobotDescription, body: BodyHandle) -> Conduct:
+        return PlatformConduct(robot, body)
 
     def configuration(self, robot: RobotDescription, dialect: Dialect) -> str:
         return messages.static_configuration(dialect, robot.name)
@@ -192,17 +192,17 @@ class WheelDrive:
 class WheelConduct(Conduct):
     """Turns DRIVE into wheel speeds by side, or wheel by wheel."""
 
-    def __init__(self, machine: Machine) -> None:
-        super().__init__(machine)
-        self._law = WheelDrive(machine.description)
+    def __init__(self, robot: RobotDescription, body: BodyHandle) -> None:
+        super().__init__(robot, body)
+        self._law = WheelDrive(robot)
 
     def steer(self, drive: Drive, dialect: Dialect) -> None:
         targets = self._law.command(drive, dialect)
         if targets is not None:
-            self.machine.drive(targets)
+            self.body.drive(targets)
 
     def stop(self) -> None:
-        self.machine.drive(self._law.stop())
+        self.body.drive(self._law.stop())
 
     def status(self, facts: StatusFacts, dialect: Dialect) -> str:
         front, rear = self.steering(facts, dialect)
@@ -236,8 +236,8 @@ class WheeledFamily(Family):
 
     wheel_sensors: ClassVar[bool] = True
 
-    def conduct(self, machine: Machine) -> Conduct:
-        return WheelConduct(machine)
+    def conduct(self, robot: RobotDescription, body: BodyHandle) -> Conduct:
+        return WheelConduct(robot, body)
 
     def configuration(self, robot: RobotDescription, dialect: Dialect) -> str:
         report = robot.report

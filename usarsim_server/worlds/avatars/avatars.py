@@ -9,10 +9,9 @@ from dataclasses import dataclass
 
 from usarsim_server.errors import SpawnError
 from usarsim_server.protocol.names import name_key
-from usarsim_server.simulation.clock import Listener
 from usarsim_server.simulation.frames import Pose, Vector, rpy_from_quaternion
 from usarsim_server.simulation.movers import Way
-from usarsim_server.simulation.simulation import Simulation
+from usarsim_server.simulation.simulation import BodyHandle, Simulation
 from usarsim_server.simulation.snapshot import RobotBody, Snapshot
 from usarsim_server.worlds.avatars.bodies import ADULT, CHEST, HEAD, AvatarClass, avatar_model
 from usarsim_server.worlds.avatars.walk import Performance, Stance, Walk, body_poses
@@ -34,24 +33,23 @@ class Avatar:
     Attributes:
         name: unique among avatars; from INIT, or invented.
         kind: the class.
-        body: its number in the simulation.
-        simulation: the world it is in.
+        handle: its body in the simulation.
         begin: how it stands at first.
     """
 
     name: str
     kind: AvatarClass
-    body: int
-    simulation: Simulation
+    handle: BodyHandle
     begin: Stance
+
+    @property
+    def body(self) -> int:
+        """Its number in the simulation."""
+        return self.handle.number
 
     def state(self, snapshot: Snapshot) -> RobotBody | None:
         """Its state in a snapshot; None if it is not in there."""
-        return self.simulation.robot_state(self.body, snapshot)
-
-    def attach(self, listener: Listener) -> None:
-        """Have a listener woken with snapshots."""
-        self.simulation.attach(self.body, listener)
+        return self.handle.state(snapshot)
 
     def perform(self, plan: Callable[[float], Walk]) -> Walk:
         """Walk a walk from now on.
@@ -72,7 +70,7 @@ class Avatar:
             performance = Performance(walk, self.kind.height)
             return [_way(performance, number) for number in range(len(performance.poses(time)))]
 
-        self.simulation.follow(self.body, ways)
+        self.handle.follow(ways)
         return chosen[0]
 
 
@@ -138,7 +136,7 @@ class Avatars:
             with self._lock:
                 self._labels.give_back(label)
             raise
-        avatar = Avatar(label, kind, body, self._simulation, stance)
+        avatar = Avatar(label, kind, self._simulation.body(body), stance)
         with self._lock:
             self._avatars[name_key(label)] = avatar
         return avatar

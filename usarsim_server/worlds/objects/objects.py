@@ -74,7 +74,7 @@ class WorldObjects:
         snapshot = snapshot or self._simulation.look()
         found = []
         for one in tuple(self._objects.values()):
-            state = self._simulation.robot_state(one.body, snapshot)
+            state = self._simulation.body(one.body).state(snapshot)
             if state is not None:
                 found.append((one, state.pose))
         return found
@@ -352,7 +352,7 @@ class WorldObjects:
             return [steered.way()] if steered.moves else []
 
         try:
-            self._simulation.follow(one.body, plan)
+            self._simulation.body(one.body).follow(plan)
         except KeyError:
             self._remove([one])
             raise SpawnError("it has left the world") from None
