@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from mesh_samples import (
     FACES,
     WEDGE,
@@ -25,6 +27,7 @@ from mesh_samples import (
 from PIL import Image
 
 from usarsim_maps.findings import Findings
+from usarsim_maps.meshes.polygons import triangulate, triangulate_one
 from usarsim_maps.scene import Collision, Mesh
 
 
@@ -221,3 +224,22 @@ class TestBadFiles:
         """Whatever is wrong with a file, it is read or refused in one line."""
         text = "o a\nusemtl b\nvt 0 1\n" + wedge() + "f 1/1 2/1 3/1 4/1\n"
         survives(tmp_path, "map.obj", data.draw(damages(text.encode())))
+
+
+SIZES = st.integers(0, 7)
+NUMBERS = st.sampled_from([0.0, 1.0, -1.0, 0.5, 1e-9, 1e11, 1e13, 1e300, math.inf, math.nan])
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.lists(arrays(float, st.tuples(st.integers(0, 7), st.just(3)), elements=NUMBERS), max_size=3)
+)
+def test_any_polygon(rings: list[np.ndarray[tuple[int, ...], np.dtype[np.float64]]]) -> None:
+    """What encloses nothing, crosses itself or is at no place gives triangles of its corners."""
+    outline, *holes = rings or [np.zeros((0, 3))]
+    with np.errstate(all="ignore"):
+        found = triangulate_one(outline, holes)
+        every, owners = triangulate(outline, np.array([len(outline)]))
+    assert not len(found) or 0 <= found.min() <= found.max() < sum(map(len, rings))
+    assert not len(every) or 0 <= every.min() <= every.max() < len(outline)
+    assert not owners.any()

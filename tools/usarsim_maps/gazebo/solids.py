@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_maps.build.triangulate import clip_ears
+from usarsim_maps.meshes.polygons import triangulate_one
 from usarsim_maps.scene import Mesh
 
 Array = NDArray[np.float64]
@@ -60,7 +60,7 @@ def prism_mesh(outline: Array, height: float) -> Mesh:
         outline = outline[::-1]
     low = np.column_stack([outline, np.zeros(count)])
     high = np.column_stack([outline, np.full(count, height)])
-    top = clip_ears(high)
+    top = triangulate_one(high)
     faces = [(a + count, b + count, c + count) for a, b, c in top]
     faces += [(c, b, a) for a, b, c in top]
     for k in range(count):

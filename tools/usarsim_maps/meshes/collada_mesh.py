@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_maps.build.triangulate import clip_ears, triangulate
 from usarsim_maps.findings import Findings
 from usarsim_maps.meshes.mesh_files import MAX_TRIANGLES, too_large
+from usarsim_maps.meshes.polygons import triangulate, triangulate_one
 from usarsim_maps.meshes.xml_text import Document, Node
 from usarsim_maps.scene import Mesh
 from usarsim_server.errors import MapImportError
@@ -252,12 +252,12 @@ class _Mesh:
         for polygon in primitive.all("ph"):
             outline = self._corners(polygon.child("p"), inputs)
             holes = [self._corners(hole, inputs) for hole in polygon.all("h")]
-            corners = clip_ears(
+            corners = triangulate_one(
                 inputs.points[outline[:, inputs.vertex]],
                 [inputs.points[hole[:, inputs.vertex]] for hole in holes],
             )
             every = np.concatenate([outline, *holes])
-            found.append(every[np.array(corners, dtype=np.int64).reshape(-1, 3)])
+            found.append(every[corners])
         return np.concatenate(found)
 
     def _chains(self, primitive: Node, inputs: _Inputs) -> Integers:

@@ -16,7 +16,6 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_maps.build.triangulate import triangulate
 from usarsim_maps.files import read_text
 from usarsim_maps.meshes.mesh_files import (
     MAX_TRIANGLES,
@@ -27,6 +26,7 @@ from usarsim_maps.meshes.mesh_files import (
     too_large,
     with_hulls,
 )
+from usarsim_maps.meshes.polygons import triangulate
 from usarsim_maps.numbers import read_number
 from usarsim_maps.reader import Context, Reader, register
 from usarsim_maps.scene import Material, Part, Scene, SceneObject

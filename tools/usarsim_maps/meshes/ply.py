@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_maps.build.triangulate import triangulate
 from usarsim_maps.files import read_bytes
 from usarsim_maps.meshes.mesh_files import MAX_TRIANGLES, Pictures, axes_of, make_mesh, too_large
+from usarsim_maps.meshes.polygons import triangulate
 from usarsim_maps.numbers import read_number, read_whole
 from usarsim_maps.reader import Context, Reader, register
 from usarsim_maps.scene import Material, Part, Scene, SceneObject

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import UsdGeom, UsdShade
 
-from usarsim_maps.build.triangulate import triangulate
 from usarsim_maps.findings import Findings
+from usarsim_maps.meshes.polygons import triangulate
 from usarsim_maps.scene import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 from usarsim_maps.usd.openusd.materials import Finish, Finishes
 from usarsim_maps.usd.openusd.stage import NOW, array, number, numbers
