@@ -19,7 +19,6 @@ from usarsim_maps.convert import Request, import_map
 from usarsim_maps.findings import Findings
 from usarsim_maps.grids import occupancy
 from usarsim_maps.grids.grid import free_places, rectangles
-from usarsim_maps.grids.tiny_yaml import read_yaml
 from usarsim_maps.scene import Mesh, Scene
 from usarsim_server.cli import main
 from usarsim_server.simulation.frames import rpy_from_quaternion
@@ -139,15 +138,18 @@ class TestYaml:
     def test_yaml_as_people_write_it(self, tmp_path: Path) -> None:
         """Comments, quotes, block lists, lists over several lines, nested tables."""
         text = (
-            '---\n# a map\nimage: "my # map.pgm"  # beside\norigin:\n  - -1.0\n  - 2\n- 0\n'
+            '---\n# a map\nimage: "my # map.pgm"  # beside\norigin:\n  - -1.0\n  - 2\n  - 0\n'
             "other: [1,\n  2,\n  3]\nextra:\n  inner: 5\nempty:\n"
+            'windows: "C:\\maps\\a.pgm"\ntabs:\t1\n'
         )
-        assert read_yaml(tmp_path, text) == {
+        assert occupancy.read_yaml(tmp_path, text) == {
             "image": "my # map.pgm",
             "origin": ["-1.0", "2", "0"],
             "other": ["1", "2", "3"],
             "extra": "",
             "empty": "",
+            "windows": "C:/maps/a.pgm",
+            "tabs": "1",
         }
 
 
@@ -332,6 +334,13 @@ class TestBadFiles:
             ("image: map.pgm\nresolution: 0.1\norigin: [1, x]\n", "origin"),
             ("image: map.pgm\nresolution 0.1\n", "line 2"),
             ("image: [map.pgm\n", "map.yaml: line"),
+            ("- map.pgm\n", "line 1: '- map.pgm' is not understood"),
+            ('a: 1\nimage: "map.pgm\nresolution: 1\n', "line 2"),
+            ("a: 1\n\nimage: a: b\n", "line 3"),
+            ("a: 1\nb: \a\n", "line 2"),
+            ("a: 1\nb: &x [*x]\n", "line 2"),
+            ("a: 1\n? [b]\n: 2\n", "line 2"),
+            ("image: !!python/name:os.system x\n", "'x' is missing"),
         ],
     )
     def test_yaml(self, tmp_path: Path, text: str, told: str) -> None:

@@ -11,13 +11,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_maps.files import read_text
 from usarsim_maps.grids.grid import Cells, free_places, pooled, rectangles, wall_mesh
-from usarsim_maps.grids.tiny_yaml import Value, read_yaml
 from usarsim_maps.meshes.mesh_files import Pictures
 from usarsim_maps.reader import Context, Reader, register
 from usarsim_maps.scene import Material, Part, Plane, Scene, SceneObject, Source, Start
@@ -27,9 +27,11 @@ from usarsim_server.files import ALLOW, is_regular
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
 
 Array = NDArray[np.float64]
+Value: TypeAlias = str | list[str]
 
 MAX_TEXT_BYTES = 256 << 20
 MAX_YAML_BYTES = 1 << 20
+MAX_YAML_LINES = 10_000
 MAX_CELLS = 64 << 20
 MAX_WALLS = 20_000
 """Boxes; a map with more is made coarser until it has fewer."""
@@ -213,6 +215,43 @@ def _from_yaml(path: Path, context: Context, picture: Path | None) -> _Grid:
         False,
         (path, found),
     )
+
+
+def read_yaml(path: Path, text: str) -> dict[str, Value]:
+    """Keys of the outermost level; values stay texts, and what is nested deeper is empty.
+
+    Backslashes are those of paths, in quotes too.
+
+    Raises:
+        MapImportError: naming the line that makes no sense.
+    """
+    import yaml
+
+    lines = text.replace("\\", "/").expandtabs().split("\n")
+    if len(lines) > MAX_YAML_LINES:
+        raise MapImportError(at(path, f"{len(lines)} lines", "give the YAML file of a map"))
+    number = next((place for place, line in enumerate(lines) if line.strip()), 0)
+    try:
+        # Its base loader makes texts, lists and tables of whatever a tag asks for.
+        found = yaml.load("\n".join(lines), Loader=yaml.BaseLoader)
+    except yaml.MarkedYAMLError as error:
+        begun = isinstance(error, yaml.scanner.ScannerError) or "flow" in (error.context or "")
+        mark = (error.context_mark if begun else None) or error.problem_mark
+        found, number = "", number if mark is None else mark.line
+    except yaml.reader.ReaderError as error:
+        found, number = "", "\n".join(lines).count("\n", 0, error.position)
+    if not isinstance(found, dict | None):
+        number = min(number, len(lines) - 1)
+        problem = f"{lines[number].strip()[:60]!r} is not understood"
+        cure = "write lines such as `resolution: 0.05`"
+        raise MapImportError(at(path, problem, cure, where=f"line {number + 1}"))
+    return {key: _texts(value) for key, value in (found or {}).items()}
+
+
+def _texts(value: object) -> Value:
+    if isinstance(value, list):
+        return [item if isinstance(item, str) else "" for item in value]
+    return value if isinstance(value, str) else ""
 
 
 def _beside(path: Path, name: str) -> Path | None:
