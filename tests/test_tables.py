@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from pathlib import Path
 from typing import Any, Literal
 
 import pytest
+from key_tables import PAGES, rewritten
 
 from usarsim_server.errors import WorldError
 from usarsim_server.fields import field, keys
@@ -156,3 +158,10 @@ def test_keys_tell_what_was_declared() -> None:
     assert found["rate"].default() is None
     assert found["reach"].wanted == 'a number greater than 0 and of at most 50 (m), or "far"'
     assert found["bulb"].default() == Bulb()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_tables_of_keys_in_the_docs_are_those_of_the_declarations(page: Path) -> None:
+    """If not: python tests/key_tables.py."""
+    text = page.read_text(encoding="utf-8")
+    assert rewritten(text) == text

@@ -8,6 +8,7 @@ checks (`tables.Table.read`), the texts of errors, the help of an option and the
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 import types
 import typing
@@ -176,6 +177,20 @@ class Key:
         """Whether the key must be there."""
         return self.default() is _REQUIRED
 
+    @property
+    def default_text(self) -> str:
+        """The default as it would be written; empty if there is none."""
+        value = self.default()
+        word = next((word for word, meant in self._about.words.items() if meant == value), None)
+        if word is not None:
+            return f'"{word}"'
+        if value is _REQUIRED or value is None or value == ():
+            return ""
+        value = getattr(value, "value", value)
+        if isinstance(value, bool):
+            return str(value).lower()
+        return f"{value:g}" if isinstance(value, float) else json.dumps(value)
+
     def read(self, table: Any, default: Any) -> Any:
         """The value in a table; `default` if the key is absent."""
         about = self._about
@@ -216,6 +231,14 @@ def keys(cls: type) -> tuple[Key, ...]:
             )
         )
     return tuple(found)
+
+
+def markdown(*classes: type) -> str:
+    """The rows of all declared fields as a table of a page."""
+    rows = ["| Key | Value | Default | Meaning |", "|---|---|---|---|"]
+    for key in (key for cls in classes for key in keys(cls)):
+        rows.append(f"| `{key.key}` | {key.wanted} | {key.default_text} | {key.help} |")
+    return "\n".join(dict.fromkeys(rows)) + "\n"
 
 
 def _default_of(one: dataclasses.Field[Any]) -> Callable[[], Any]:
@@ -292,5 +315,6 @@ def _inner(table: Any, cls: Any, base: Any) -> Any:
 
 
 def _plain(number: float) -> str:
-    """A number as people write it; whole ones without exponent."""
-    return f"{number:.0f}" if number == int(number) and abs(number) < 1e19 else f"{number:g}"
+    """A number as people write it."""
+    short = isinstance(number, int) or (number == int(number) and abs(number) < 1e7)
+    return str(int(number)) if short else f"{number:g}"

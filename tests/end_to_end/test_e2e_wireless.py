@@ -295,4 +295,4 @@ def test_mistakes_in_the_settings_file(tmp_path: Path) -> None:
     file.write_text('world = "empty"\n[wireless]\nmodel = "obstacle"\nlatncy = 1\n')
     with pytest.raises(RuntimeError) as caught:
         ServerProcess("--config", str(file), "--wireless-port", "0")
-    assert f"{file}: [wireless]: latncy: no such setting of this model" in str(caught.value)
+    assert f"{file}: [wireless]: latncy: unknown key" in str(caught.value)

@@ -5,16 +5,17 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+from usarsim_server.errors import SettingsError
 from usarsim_server.protocol.values import Vector
+from usarsim_server.radio.models import Propagation, create_model
 from usarsim_server.radio.network import RadioWorld
-from usarsim_server.radio.parameters import RadioParameters
-from usarsim_server.radio.propagation import Propagation, create_model
 from usarsim_server.radio.stations import Station
+from usarsim_server.tables import Table
 
 
 def model(name: str = "obstacle", **keys: object) -> Propagation:
     """A model with some keys set; others that it does not know are an error."""
-    parameters = RadioParameters(keys, "test")
+    parameters = Table(keys, "test", SettingsError)
     made = create_model(name, parameters, "test")
     parameters.finish()
     return made

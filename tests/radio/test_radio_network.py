@@ -285,11 +285,14 @@ class TestSettings:
     @pytest.mark.parametrize(
         ("table", "words"),
         [
-            ({"model": 3}, "here: model: 3 is no text"),
+            ({"model": 3}, "here: model: 3 is not text"),
             ({"model": "x"}, "here: model: unknown propagation model 'x'"),
-            ({"loss": 1.0}, "here: loss: 1.0 does not fit"),
-            ({"seed": 1.5}, "here: seed: 1.5 does not fit"),
-            ({"latncy": 1}, "here: latncy: no such setting of this model (known keys: bandwidth"),
+            ({"loss": 1.0}, "here: loss: 1.0 is out of range"),
+            ({"seed": 1.5}, "here: seed: 1.5 is not a whole number"),
+            (
+                {"latncy": 1},
+                "latncy: unknown key of the wireless simulation (did you mean latency",
+            ),
         ],
     )
     def test_mistakes_are_told(self, table: dict[str, object], words: str) -> None:

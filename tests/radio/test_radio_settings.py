@@ -47,7 +47,7 @@ def test_a_radio_file_beside_the_settings(tmp_path: Path) -> None:
     (tmp_path / "radio.toml").write_text('model = "distance"\ncutof = -90\n')
     with pytest.raises(SettingsError) as caught:
         services(tmp_path / "lab.toml", 'wireless = "radio.toml"')
-    assert str(caught.value).startswith(f"{tmp_path}/radio.toml: cutof: no such setting")
+    assert str(caught.value).startswith(f"{tmp_path}/radio.toml: cutof: unknown key")
 
 
 @pytest.mark.parametrize("text", ["wireless = 3", 'wireless_model = ""', "wireless_log = true"])

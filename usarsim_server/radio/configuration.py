@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from usarsim_server.errors import SettingsError
+from usarsim_server.fields import field
 from usarsim_server.radio.fading import Fading, LinkShape
-from usarsim_server.radio.parameters import RadioParameters
-from usarsim_server.radio.propagation import Propagation, create_model
+from usarsim_server.radio.models import Propagation, create_model
+from usarsim_server.tables import Table
 from usarsim_server.toml import read_toml
 
 DEFAULT_MODEL = "obstacle"
@@ -23,28 +24,40 @@ class RadioOptions:
         model: propagation.
         fading: random part of the signal.
         shape: of the traffic that links carry.
-        poll: s of wall time between two looks at the world.
-        patience: s of wall time that a registered station may be missing in the simulator.
-        cache_distance: m that a station may move before obstacles are counted again.
-        share: part of a processor that all links together may use.
     """
 
     model: Propagation
     fading: Fading
     shape: LinkShape
-    poll: float = 0.25
-    patience: float = 1.0
-    cache_distance: float = 0.25
-    share: float = 0.15
+    poll: float = field(
+        default=0.25, unit="s", low=0.02, high=60.0, help="wall time between two looks at the world"
+    )
+    patience: float = field(
+        default=1.0,
+        unit="s",
+        low=0.0,
+        high=1e9,
+        help="wall time that a registered robot may be missing in the simulator",
+    )
+    cache_distance: float = field(
+        default=0.25,
+        unit="m",
+        low=0.0,
+        high=1000.0,
+        help="how far a robot may move before obstacles are counted again",
+    )
+    share: float = field(
+        default=0.15, low=0.01, high=64.0, help="of a processor that all links together may use"
+    )
 
 
 def read_radio(
-    table: Mapping[str, object], place: str, model: str | None = None, seed: int = 0
+    content: Mapping[str, object], place: str, model: str | None = None, seed: int = 0
 ) -> RadioOptions:
     """Read a table.
 
     Args:
-        table: keys as in docs/wireless.md; the model's own stand among them.
+        content: keys as in docs/wireless.md; the model's own stand among them.
         place: where it stands, for errors.
         model: name that wins over the table's.
         seed: of fading and loss, unless the table names one.
@@ -52,29 +65,13 @@ def read_radio(
     Raises:
         SettingsError: for the first thing that is wrong, with place and cure.
     """
-    parameters = RadioParameters(table, place)
-    written = parameters.text("model", DEFAULT_MODEL)
+    table = Table(content, place, SettingsError, kind="the wireless simulation", hyphens=True)
+    written = table.text("model", DEFAULT_MODEL)
     where = f"{place}: model" if model is None else "--wireless-model"
-    chosen = create_model(model or written, parameters, where)
-    options = RadioOptions(
-        model=chosen,
-        fading=Fading(
-            parameters.number("fading", 0.0, low=0.0, high=100.0),
-            parameters.number("fading_interval", 1.0, low=1e-3, high=1e6),
-            parameters.count("seed", seed, low=0, high=2**63 - 1),
-        ),
-        shape=LinkShape(
-            latency=parameters.number("latency", 0.0, low=0.0, high=60.0),
-            bandwidth=parameters.number("bandwidth", 0.0, low=0.0, high=1e12),
-            loss=parameters.number("loss", 0.0, low=0.0, high=0.9),
-            retry_delay=parameters.number("retry_delay", 0.02, low=0.0, high=60.0),
-        ),
-        poll=parameters.number("poll", 0.25, low=0.02, high=60.0),
-        patience=parameters.number("patience", 1.0, low=0.0, high=1e9),
-        cache_distance=parameters.number("cache_distance", 0.25, low=0.0, high=1000.0),
-        share=parameters.number("share", 0.15, low=0.01, high=64.0),
-    )
-    parameters.finish()
+    chosen = create_model(model or written, table, where)
+    fading = table.read(Fading, Fading(seed=seed))
+    options = table.read(RadioOptions, model=chosen, fading=fading, shape=table.read(LinkShape))
+    table.finish()
     return options
 
 

@@ -11,6 +11,8 @@ import random
 import struct
 from dataclasses import dataclass
 
+from usarsim_server.fields import field
+
 
 @dataclass(frozen=True, slots=True)
 class Fading:
@@ -18,16 +20,27 @@ class Fading:
 
     The deviation is a function of seed, pair and simulated time alone, the same in both
     directions: whoever asks, however often, it repeats.
-
-    Attributes:
-        deviation: standard deviation, dB; 0 for no fading.
-        interval: simulated s for which a value stays.
-        seed: chooses the values.
     """
 
-    deviation: float = 0.0
-    interval: float = 1.0
-    seed: int = 0
+    deviation: float = field(
+        default=0.0,
+        key="fading",
+        unit="dB",
+        low=0.0,
+        high=100.0,
+        help="standard deviation of Gaussian fading; 0: none",
+    )
+    interval: float = field(
+        default=1.0,
+        key="fading_interval",
+        unit="s",
+        low=1e-3,
+        high=1e6,
+        help="simulated time for which a value stays",
+    )
+    seed: int = field(
+        default=0, low=0, high=2**63 - 1, help="of fading and loss; default: that of the server"
+    )
 
     def of(self, one: str, other: str, time: float) -> float:
         """dB to add to the signal between two stations at a simulated time (s)."""
@@ -50,18 +63,25 @@ FRAME = 1500
 class LinkShape:
     """Properties of every link in either direction; times are simulated.
 
-    Attributes:
-        latency: s from one end to the other.
-        bandwidth: bytes/s; 0 for as much as the machine carries.
-        loss: probability that a frame gets lost, below 1. Links carry TCP, so nothing is missing
-            in the end: a lost frame is sent again, and that takes time.
-        retry_delay: s until a lost frame is sent again.
+    Links carry TCP, so nothing is missing in the end: a lost frame is sent again, which takes time.
     """
 
-    latency: float = 0.0
-    bandwidth: float = 0.0
-    loss: float = 0.0
-    retry_delay: float = 0.02
+    latency: float = field(
+        default=0.0, unit="s", low=0.0, high=60.0, help="from one end of a link to the other"
+    )
+    bandwidth: float = field(
+        default=0.0,
+        unit="bytes/s",
+        low=0.0,
+        high=1e12,
+        help="in either direction of each link; 0: whatever the machine carries",
+    )
+    loss: float = field(
+        default=0.0, low=0.0, high=0.9, help=f"probability that a frame of {FRAME} bytes is lost"
+    )
+    retry_delay: float = field(
+        default=0.02, unit="s", low=0.0, high=60.0, help="until a lost frame is sent again"
+    )
 
     @property
     def plain(self) -> bool:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from usarsim_server.protocol.values import Vector
 from usarsim_server.radio.event_log import Event, EventLog
 from usarsim_server.radio.fading import Fading
-from usarsim_server.radio.propagation import Propagation
+from usarsim_server.radio.models import Propagation
 from usarsim_server.radio.stations import ObstacleCounter, StationSource
 
 

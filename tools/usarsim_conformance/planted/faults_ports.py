@@ -3,7 +3,7 @@
 from usarsim_conformance.planted.faults import plant
 
 _GROUND = "usarsim_server/truth/ground_truth.py"
-_RADIO = "usarsim_server/radio/propagation.py"
+_RADIO = "usarsim_server/radio/models.py"
 _TRUTH = "usarsim_server/protocol/truth.py"
 _JPEG = "usarsim_server/cameras/encoding.py"
 _LENS = "usarsim_server/sessions/cameras.py"
@@ -58,40 +58,40 @@ plant(
 plant(
     "ports.radio.exponent",
     _RADIO,
-    "self.power - 10.0 * self.exponent",
-    "self.power - 20.0 * self.exponent",
+    "self.reference_power - 10.0 * self.path_loss_exponent",
+    "self.reference_power - 20.0 * self.path_loss_exponent",
     notices="wireless.getss.distance",
     field="Strength",
 )
 plant(
     "ports.radio.sign",
     _RADIO,
-    "self.power - 10.0 * self.exponent",
-    "self.power + 10.0 * self.exponent",
+    "self.reference_power - 10.0 * self.path_loss_exponent",
+    "self.reference_power + 10.0 * self.path_loss_exponent",
     notices="wireless.getss.distance",
     field="Strength",
 )
 plant(
     "ports.radio.power",
     _RADIO,
-    "power: float = -49.67",
-    "power: float = -39.67",
+    "default=-49.67",
+    "default=-39.67",
     notices="wireless.getss.distance",
     field="Strength",
 )
 plant(
     "ports.radio.reference",
     _RADIO,
-    "distance: float = 2.0",
-    "distance: float = 1.0",
+    "reference_distance: float = field(default=2.0",
+    "reference_distance: float = field(default=1.0",
     notices="wireless.getss.distance",
     field="Strength",
 )
 plant(
     "ports.radio.logarithm",
     _RADIO,
-    "* math.log10(distance / self.distance)",
-    "* math.log(distance / self.distance)",
+    "math.log10(distance / self.reference_distance)",
+    "math.log(distance / self.reference_distance)",
     notices="wireless.getss.distance",
     field="Strength",
 )
