@@ -12,14 +12,13 @@ from numpy.typing import NDArray
 from usarsim_server.logs import Log
 from usarsim_server.simulation.articulation import JointOrder
 from usarsim_server.simulation.divergence import culprits, is_sound
-from usarsim_server.simulation.frames import Pose
-from usarsim_server.simulation.ground import Belts, Traction, compensate
-from usarsim_server.simulation.growth import Growth, grow, inherit_sleep, laws_of
-from usarsim_server.simulation.limbs import Limbs
-from usarsim_server.simulation.machines import Machine, Machines
+from usarsim_server.simulation.frames import Pose, pose_of
+from usarsim_server.simulation.growth import Growth, WorldParts, grow, inherit_sleep
+from usarsim_server.simulation.machines import Machine
 from usarsim_server.simulation.model import (
     JOINT_WIDTH,
     VACANT,
+    WAKE,
     PhysicsOptions,
     RobotModel,
     compile_world,
@@ -27,16 +26,10 @@ from usarsim_server.simulation.model import (
     root_qpos,
     slot_prefix,
 )
-from usarsim_server.simulation.movers import Mover, MovingBodies, Way, carry_over
+from usarsim_server.simulation.movers import Mover, Way, carry_over
 from usarsim_server.simulation.snapshot import RobotLayout, Snapshot
-from usarsim_server.simulation.wheels import WheelServos
 
 Array = NDArray[np.float64]
-
-LOOK_STEPS = 5
-"""Steps between two looks whether anything is near a body that goes its own way."""
-WAKE = -0.0
-"""Written to a velocity of a sleeping body: equal to zero, but not byte by byte, so it wakes."""
 
 _log = Log("simulation")
 
@@ -50,6 +43,7 @@ class Engine:
     Attributes:
         world: the current model generation.
         data: live state; nobody else may touch it.
+        parts: what works on the bodies beside MuJoCo.
         steps: number of steps since the world started.
         after_batch: called after every batch of steps.
     """
@@ -64,13 +58,7 @@ class Engine:
         self._options = options
         self.world = compile_world(scenery, slots, options, generation=0)
         self.data = mujoco.MjData(self.world.model)
-        self._servos = WheelServos(self.world)
-        self._limbs = Limbs(self.world)
-        self._laws = laws_of(self.world)
-        self._moving = MovingBodies(self.world.model)
-        self._machines = Machines()
-        self._belts = Belts(self.world.model)
-        self._traction = Traction(self.world.model, options.surfaces)
+        self.parts = WorldParts(self.world, options)
         self._active: dict[int, int] = {}
         self._driven: set[int] = set()
         self._left: dict[int, int] = {}
@@ -99,7 +87,7 @@ class Engine:
     @property
     def movers(self) -> tuple[Mover, ...]:
         """What places the mocap bodies of the world before every step."""
-        return self._moving.movers
+        return self.parts.moving.movers
 
     def set_movers(self, movers: Sequence[Mover], machines: Sequence[Machine] = ()) -> None:
         """Replace all movers and machines; a body that nobody moves any more stays where it is.
@@ -107,8 +95,8 @@ class Engine:
         Raises:
             ValueError: if a body cannot be moved; the old ones stay.
         """
-        self._moving.replace([*movers, *(own for one in machines for own in one.movers)])
-        self._machines.replace(machines, self.world)
+        self.parts.moving.replace([*movers, *(own for one in machines for own in one.movers)])
+        self.parts.machines.replace(machines)
 
     def follow(self, robot: int, ways: Sequence[Way]) -> None:
         """Let the bodies of a kinematic thing go their ways, the base first; none: they stay.
@@ -120,7 +108,8 @@ class Engine:
         self._look()
         model = self.world.model
         pairs = zip(bodies, ways, strict=True) if ways else ()
-        self._moving.follow(robot, [Mover(model.body(body).name, way) for body, way in pairs])
+        movers = [Mover(model.body(body).name, way) for body, way in pairs]
+        self.parts.moving.follow(robot, movers)
 
     def pose(self, robot: int) -> Pose:
         """Present pose of an active robot or thing.
@@ -130,15 +119,12 @@ class Engine:
         """
         base = self.world.layouts[self._active[robot]].base
         self._look()
-        x, y, z = self.data.xpos[base].tolist()
-        w, i, j, k = self.data.xquat[base].tolist()
-        return Pose((x, y, z), (w, i, j, k))
+        return pose_of(self.data.xpos[base], self.data.xquat[base])
 
     def run_belts(self, tag: str, factor: float) -> int:
         """Let conveyors run at so many times their speed in the scene; how many there are."""
-        found = self._belts.run(tag, factor)
+        found = self.parts.belts.run(tag, factor)
         if found:
-            self._belts.apply(self.world.model)
             # Whatever lies on a belt that stood still may sleep.
             self.data.qvel[self.data.qvel == 0.0] = WAKE
         return found
@@ -163,14 +149,14 @@ class Engine:
         self._active[robot] = slot
         self._left.pop(slot, None)
         self._release(slot)
-        self._laws.occupy(slot)
+        self.parts.occupy(slot)
 
     def vacate(self, robot: int) -> None:
         """Park the robot's slot again; unknown robots are ignored."""
         slot = self._active.pop(robot, None)
         if slot is None:
             return
-        self._moving.follow(robot, ())
+        self.parts.moving.follow(robot, ())
         self._release(slot)
         self._put(slot, self.world.parking[slot])
         self._leave(slot)
@@ -225,10 +211,8 @@ class Engine:
         coordinates = _finite(root_qpos(pose))
         if robot not in self._active:
             return False
-        self._moving.follow(robot, ())
-        slot = self._active[robot]
-        self._laws.forget(slot, self.data)
-        self._put(slot, coordinates)
+        self.parts.moving.follow(robot, ())
+        self._put(self._active[robot], coordinates)
         return True
 
     def drive(self, robot: int, targets: Array) -> None:
@@ -240,13 +224,13 @@ class Engine:
         slot = self._active.get(robot)
         if slot is None:
             return
-        self._servos.command(slot, targets)
+        self.parts.wheels.command(slot, targets)
         self._note_driven(slot)
         self._wake(slot)
 
     def wheel_targets(self, robot: int) -> Array:
         """Commanded wheel speeds (rad/s) of an active robot."""
-        return self._servos.targets(self._active[robot])
+        return self.parts.wheels.targets(self._active[robot])
 
     def command_joints(self, robot: int, orders: Mapping[str, JointOrder]) -> None:
         """Give orders to joints of a robot by name and wake it; unknown joints are ignored.
@@ -256,18 +240,18 @@ class Engine:
         """
         slot = self._active.get(robot)
         if slot is not None:
-            self._limbs.command(slot, orders)
+            self.parts.joints.command(slot, orders)
             self._wake(slot)
 
     def command_law(self, robot: int, values: Array) -> None:
-        """Command the laws of motion of a robot (see `laws.py`) and wake it.
+        """Command the laws of motion of a robot (see `motion_laws.py`) and wake it.
 
         Raises:
             ValueError: if the count is wrong or a value is not finite.
         """
         slot = self._active.get(robot)
         if slot is not None:
-            self._laws.command(slot, values)
+            self.parts.laws.command(slot, values)
             self._note_driven(slot)
             self._wake(slot)
 
@@ -278,7 +262,7 @@ class Engine:
             return False
         self._look()
         self._wake(slot)
-        return self._limbs.operate(self.data, slot, hand, close)
+        return self.parts.hands.operate(self.data, slot, hand, close)
 
     def _wake(self, slot: int) -> None:
         dof = self.world.layouts[slot].dof
@@ -286,14 +270,12 @@ class Engine:
             self.data.qvel[dof] = WAKE
 
     def _release(self, slot: int) -> None:
-        self._servos.release(slot)
-        self._limbs.release(slot)
-        self._laws.vacate(slot, self.data)
+        self.parts.release(slot, self.data)
         self._note_driven(slot)
 
     def _note_driven(self, slot: int) -> None:
         """Robots that are told to drive must not sleep, however slow they are."""
-        driven = bool(self._servos.targets(slot).any()) or self._laws.commanded(slot)
+        driven = self.parts.drives(slot)
         if driven == (slot in self._driven):
             return
         (self._driven.add if driven else self._driven.remove)(slot)
@@ -314,13 +296,12 @@ class Engine:
             return
         self._touch(slot, True)
         self._settling.discard(slot)
-        self._limbs.drop(data, int(model.dof_treeid[layout.dof]))
         put(self.world, data, slot, coordinates)
         data.qpos[list(layout.joint_qpos.values())] = model.qpos0[list(layout.joint_qpos.values())]
         for dofs in (slice(layout.dof, layout.dof + 6), list(layout.joint_dof.values())):
             data.qvel[dofs] = WAKE
             data.qacc_warmstart[dofs] = 0.0
-        self._limbs.place(data, slot, coordinates)
+        self.parts.place(slot, data, pose_of(coordinates[:3], coordinates[3:]))
 
     # -- stepping ----------------------------------------------------------------------------
 
@@ -362,53 +343,31 @@ class Engine:
 
     def run(self, steps: int) -> None:
         """Part of `advance`: step, whatever comes of it; `steps` does not count these."""
-        model, data, servos = self.world.model, self.data, self._servos
-        moving, compensated = self._moving, self._options.compensation
-        traction, limbs, laws = self._traction, self._limbs, self._laws
-        patched = traction.near(data)
-        met = False
-        for number in range(steps):
-            if met or number % LOOK_STEPS == 0:
-                moving.apply(data, data.time)
-            if number % LOOK_STEPS == 0:
-                met = moving.near(data)
-            servos.update(data.qpos)
-            limbs.update(data)
-            laws.prepare(data)
+        model, data, parts = self.world.model, self.data, self.parts
+        before, between, after = parts.before, parts.between, parts.after
+        parts.begin(data)
+        for _ in range(steps):
+            for hook in before:
+                hook(data)
             mujoco.mj_step1(model, data)
-            servos.apply(data)
-            limbs.apply(data)
-            laws.push(data)
-            self._machines.decide(data)
-            if met:
-                moving.drag(data)
-            if patched:
-                traction.apply(data)
-            if compensated:
-                compensate(data)
+            for hook in between:
+                hook(data)
             mujoco.mj_step2(model, data)
-            laws.feel(data)
-            if patched:
-                traction.release(data)
-        limbs.feel(data)
+            for hook in after:
+                hook(data)
+        parts.end(data)
 
     def _remember(self) -> None:
         data = self.data
         self._before = (data.qpos.copy(), data.qvel.copy(), data.qacc_warmstart.copy())
-        self._servos_before = self._servos.state()
-        self._limbs_before = self._limbs.state(data)
-        self._machines_before = self._machines.state()
-        self._laws_before = self._laws.state()
+        self._parts_before = self.parts.state(data)
 
     def restore(self) -> None:
         """Part of containing divergence: go back to before the last batch."""
         data = self.data
         data.qpos[:], data.qvel[:], data.qacc_warmstart[:] = self._before
         data.time = self.time
-        self._servos.restore(self._servos_before)
-        self._limbs.restore(data, self._limbs_before)
-        self._machines.restore(self._machines_before)
-        self._laws.restore(self._laws_before)
+        self.parts.restore(data, self._parts_before)
 
     # -- containing divergence ---------------------------------------------------------------
 
@@ -417,9 +376,7 @@ class Engine:
         robots = self._robot_of_tree()
         if tree in robots:
             slot = self._active[robots[tree]]
-            self._servos.release(slot)
-            self._limbs.release(slot)
-            self._laws.vacate(slot, self.data)
+            self.parts.release(slot, self.data)
             self._put(slot, self.world.parking[slot])
         else:
             self._put_back(tree)
@@ -449,7 +406,7 @@ class Engine:
     def _put_back(self, tree: int) -> None:
         """Put a tree to where the model has it, at rest."""
         model, data = self.world.model, self.data
-        self._limbs.drop(data, tree)
+        self.parts.drop(tree, data)
         dofs = model.dof_treeid == tree
         for joint in np.unique(model.dof_jntid[dofs]):
             start = model.jnt_qposadr[joint]
@@ -482,16 +439,10 @@ class Engine:
         new.time = old.time
         new.qpos[growth.joints[1]] = old.qpos[growth.joints[0]]
         new.qvel[growth.dofs[1]] = old.qvel[growth.dofs[0]]
-        growth.servos.inherit(self._servos, growth.kept)
-        growth.limbs.inherit(new, self._limbs, old, growth.kept)
-        growth.laws.inherit(self._laws)
+        growth.parts.inherit(self.parts, growth.kept, new, old)
         others = tuple(slot_prefix(slot) for slot in growth.changed)
         carry_over(before.model, old, growth.world.model, new, others)
-        self.world, self.data, self._servos = growth.world, new, growth.servos
-        self._limbs, self._laws, self._traction = growth.limbs, growth.laws, growth.traction
-        self._moving.bind(self.world.model)
-        self._machines.bind(self.world)
-        self._belts.apply(self.world.model)
+        self.world, self.data, self.parts = growth.world, new, growth.parts
         for slot in self._driven:
             self._allow_sleep(slot, False)
         inherit_sleep(before.model, old, growth)
@@ -518,14 +469,14 @@ class Engine:
             xpos=_frozen(data.xpos),
             xquat=_frozen(data.xquat),
             layouts=self._layouts(),
-            torque=_frozen(self._limbs.torques()),
-            hands=self._limbs.hands(),
+            torque=_frozen(self.parts.joints.torques()),
+            hands=self.parts.hands.states(),
             world=self.world,
         )
 
     def _look(self) -> None:
         """Bring the poses of all bodies up to date."""
-        self._moving.apply(self.data, self.data.time)
+        self.parts.moving.apply(self.data, self.data.time)
         mujoco.mj_kinematics(self.world.model, self.data)
 
     def _layouts(self) -> dict[int, RobotLayout]:

@@ -9,8 +9,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.simulation.ground import Traction
-from usarsim_server.simulation.limbs import Limbs
+from usarsim_server.simulation.ground import Belts, Compensation, Traction
+from usarsim_server.simulation.hands import Hands
+from usarsim_server.simulation.joints import JointServos
+from usarsim_server.simulation.machines import Machines
 from usarsim_server.simulation.model import (
     VACANT,
     CompiledWorld,
@@ -21,11 +23,33 @@ from usarsim_server.simulation.model import (
     slot_prefix,
 )
 from usarsim_server.simulation.motion_laws import Laws
+from usarsim_server.simulation.movers import MovingBodies
+from usarsim_server.simulation.parts import Part, Parts
 from usarsim_server.simulation.wheels import WheelServos
 
 _SLEEP_FLAG = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
 _SLEEP_LISTS = ("tree_awake", "body_awake", "body_awake_ind", "parent_awake_ind", "dof_awake_ind")
 _SLEEP_COUNTS = ("ntree_awake", "nbody_awake", "nparent_awake", "nv_awake")
+
+
+class WorldParts(Parts):
+    """The parts of one model generation, by name for those who command them."""
+
+    def __init__(self, world: CompiledWorld, options: PhysicsOptions) -> None:
+        model = world.model
+        self.wheels = WheelServos(world)
+        self.joints = JointServos(world)
+        self.laws = Laws(model, [(slot_prefix(n), one.laws) for n, one in enumerate(world.slots)])
+        self.machines = Machines(world)
+        self.moving = MovingBodies(model)
+        self.belts = Belts(model)
+        self.hands = Hands(world)
+        # Machines decide before bodies go; contacts are changed by the ground, compensated last.
+        contacts: list[Part] = [Traction(model, options.surfaces)] if options.surfaces else []
+        if options.compensation:
+            contacts.append(Compensation())
+        first = (self.wheels, self.joints, self.laws, self.machines, self.moving, self.belts)
+        super().__init__(*first, *contacts, self.hands)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,7 +58,7 @@ class Growth:
 
     Attributes:
         world, data: the model and a state of it.
-        servos, limbs, laws, traction: what works on it.
+        parts: what works on it.
         joints: old and new coordinate indices of everything that exists in both.
         dofs: old and new velocity indices of everything that exists in both.
         kept: slots that are the same in both.
@@ -43,10 +67,7 @@ class Growth:
 
     world: CompiledWorld
     data: mujoco.MjData
-    servos: WheelServos
-    limbs: Limbs
-    laws: Laws
-    traction: Traction
+    parts: WorldParts
     joints: tuple[NDArray[np.intp], NDArray[np.intp]]
     dofs: tuple[NDArray[np.intp], NDArray[np.intp]]
     kept: tuple[int, ...]
@@ -86,11 +107,7 @@ def grow(
     data = mujoco.MjData(world.model)
     mujoco.mj_forward(world.model, data)
     joints, dofs = matching_joints(old.model, world.model, changed)
-    traction = Traction(world.model, options.surfaces)
-    return Growth(
-        *(world, data, WheelServos(world), Limbs(world), laws_of(world), traction, joints, dofs),
-        *(kept, changed),
-    )
+    return Growth(world, data, WorldParts(world, options), joints, dofs, kept, changed)
 
 
 def inherit_sleep(old_model: mujoco.MjModel, old: mujoco.MjData, growth: Growth) -> None:
@@ -143,10 +160,3 @@ def _asleep(tree: int, rings: NDArray[np.int32], twins: NDArray[np.intp]) -> int
         if one == tree:
             return int(twins[rings[tree]])
     return -1 - int(mujoco.mjMINAWAKE)
-
-
-def laws_of(world: CompiledWorld) -> Laws:
-    """The laws of motion of all slots."""
-    return Laws(
-        world.model, [(slot_prefix(number), one.laws) for number, one in enumerate(world.slots)]
-    )
