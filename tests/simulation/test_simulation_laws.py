@@ -76,11 +76,9 @@ def test_a_command_is_cut_in_pieces_for_the_laws_of_a_slot(model: mujoco.MjModel
     assert not laws.drives(0)
 
 
-@pytest.mark.parametrize(
-    "values", [[1.0], [1.0, 2.0, 3.0], [np.nan, 0.0], [np.inf, 0.0], [[1.0, 2.0]]]
-)
+@pytest.mark.parametrize("values", [[1.0], [1.0, 2.0, 3.0], [[1.0, 2.0]]])
 def test_commands_that_do_not_fit_change_nothing(model: mujoco.MjModel, values: object) -> None:
-    """A wrong count or a value that is not finite is refused, and the old command stays."""
+    """A wrong count is refused, and the old command stays."""
     laws, (counter, _) = laws_of(model, 1, 1)
     laws.occupy(0)
     laws.command(0, np.array([1.0, 1.0]))

@@ -233,11 +233,7 @@ class Engine:
         return self.parts.wheels.targets(self._active[robot])
 
     def command_joints(self, robot: int, orders: Mapping[str, JointOrder]) -> None:
-        """Give orders to joints of a robot by name and wake it; unknown joints are ignored.
-
-        Raises:
-            ValueError: if a value is not finite.
-        """
+        """Give orders to joints of a robot by name and wake it; unknown joints are ignored."""
         slot = self._active.get(robot)
         if slot is not None:
             self.parts.joints.command(slot, orders)
@@ -247,7 +243,7 @@ class Engine:
         """Command the laws of motion of a robot (see `motion_laws.py`) and wake it.
 
         Raises:
-            ValueError: if the count is wrong or a value is not finite.
+            ValueError: if the count is wrong.
         """
         slot = self._active.get(robot)
         if slot is not None:

@@ -97,12 +97,7 @@ class JointServos(Part):
         """Give orders to joints of a slot by name (any case); unknown names are ignored.
 
         Positions and speeds beyond the limits are taken for the limits, torques likewise.
-
-        Raises:
-            ValueError: if a value is not finite; then no order is taken.
         """
-        if not all(math.isfinite(order.value) for order in orders.values()):
-            raise ValueError(f"orders must be finite: {orders}")
         for name, (order, value) in orders.items():
             joint = self._index[slot].get(name.lower())
             if joint is not None:

@@ -104,10 +104,10 @@ class Laws(Part):
         """Set the command of a slot, all laws one after the other.
 
         Raises:
-            ValueError: if the count is wrong or a value is not finite.
+            ValueError: if the count is wrong.
         """
         span = self._span[slot]
-        if values.shape != (span.stop - span.start,) or not np.isfinite(values).all():
+        if values.shape != (span.stop - span.start,):
             raise ValueError(f"command does not fit: {values}")
         self._commands[span] = values
 
