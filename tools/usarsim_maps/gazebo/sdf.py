@@ -21,7 +21,6 @@ from usarsim_maps.gazebo.places import commented_starts, find_placement, starts_
 from usarsim_maps.gazebo.shapes import PLACEHOLDER, Shapes
 from usarsim_maps.gazebo.terrain import Terrain
 from usarsim_maps.meshes.xml_text import Document, Node, read_xml
-from usarsim_maps.placing import matrix_of_pose
 from usarsim_maps.reader import Context, Reader, register
 from usarsim_maps.scene import (
     Heightfield,
@@ -34,8 +33,7 @@ from usarsim_maps.scene import (
     Start,
     Victim,
 )
-from usarsim_maps.textures import reflect
-from usarsim_maps.units import axis_matrix, pose_of_matrix
+from usarsim_maps.units import axis_matrix, matrix_of_pose, pose_of_matrix, reflect
 
 Array = NDArray[np.float64]
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_maps.files import open_picture
 from usarsim_maps.gazebo.files import GazeboFiles
 from usarsim_maps.gazebo.frames import matrix_from
 from usarsim_maps.gazebo.looks import Looks
@@ -15,7 +16,6 @@ from usarsim_maps.gazebo.models import Link
 from usarsim_maps.meshes.mesh_files import Pictures
 from usarsim_maps.meshes.xml_text import Document, Node
 from usarsim_maps.scene import Heightfield, Material
-from usarsim_maps.textures import open_picture
 from usarsim_maps.units import pose_of_matrix
 from usarsim_server.errors import MapImportError
 

@@ -23,9 +23,9 @@ from usarsim_maps.meshes.mesh_files import (
 )
 from usarsim_maps.meshes.xml_text import Document, Node, read_xml
 from usarsim_maps.numbers import read_number, read_numbers
-from usarsim_maps.placing import axis_turn
 from usarsim_maps.reader import Context, Reader, register
 from usarsim_maps.scene import Color, Light, LightKind, Material, Part, Scene, SceneObject
+from usarsim_maps.units import axis_turn
 
 SHADERS = ("phong", "lambert", "blinn", "constant")
 GREY: Color = (0.7, 0.7, 0.7, 1.0)

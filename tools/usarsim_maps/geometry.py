@@ -1,4 +1,4 @@
-"""Shapes other than meshes: what MuJoCo calls them, and points around them."""
+"""Sizes of things: normals and areas of triangles, points of shapes, what MuJoCo calls them."""
 
 from __future__ import annotations
 
@@ -7,11 +7,23 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_maps.build.pieces import Convex, bounding_box_piece, hull_piece
-from usarsim_maps.build.soup import FARTHEST, LEAST_AREA, normals_areas
 from usarsim_maps.scene import Box, Capsule, Cylinder, Mesh, Part, Plane, Sphere
 
 Array = NDArray[np.float64]
+
+FARTHEST = 1e7
+"""m: a vertex beyond is a bad number, as one that is not finite is; MuJoCo refuses such meshes."""
+
+LEAST_AREA = 1e-8
+"""m^2: smaller triangles are dropped."""
+
+
+def normals_areas(vertices: Array, triangles: NDArray[np.integer]) -> tuple[Array, Array]:
+    """Unit normals (m, 3), zero where there is no area, and areas (m,) of triangles."""
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    cross = np.cross(b - a, c - a)
+    length = np.linalg.norm(cross, axis=1)
+    return cross / np.maximum(length, 1e-30)[:, None], length / 2.0
 
 
 def size_of(shape: object, linear: Array) -> tuple[str, tuple[float, ...]]:
@@ -61,11 +73,6 @@ def outline_of(shape: object, linear: Array) -> Array:
             for level, width in zip(levels, widths, strict=True)
         ]
     )
-
-
-def piece_of(shape: object, points: Array) -> Convex:
-    """The convex piece around the outline of a shape."""
-    return bounding_box_piece(points) if isinstance(shape, Box) else hull_piece(points)
 
 
 def points_of(part: Part) -> Array:

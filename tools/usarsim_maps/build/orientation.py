@@ -15,7 +15,8 @@ from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
 
-from usarsim_maps.build.soup import Soup, normals_areas
+from usarsim_maps.build.soup import Soup
+from usarsim_maps.geometry import normals_areas
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

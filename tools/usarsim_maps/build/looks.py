@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_maps.build.csg import Solid, Surface
-from usarsim_maps.build.lit_faces import Glow, cut_for_light
-from usarsim_maps.build.soup import FARTHEST, LEAST_AREA, normals_areas
+from usarsim_maps.build.light import Glow, cut_for_light
+from usarsim_maps.geometry import FARTHEST, LEAST_AREA, normals_areas
 from usarsim_maps.scene import Mesh, Polygon
 
 Array = NDArray[np.float64]
