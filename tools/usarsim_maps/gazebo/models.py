@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from usarsim_maps.findings import Findings
 from usarsim_maps.gazebo.files import GazeboFiles, model_name
 from usarsim_maps.gazebo.frames import Scope, flag, matrix_from
-from usarsim_maps.gazebo.places import person_words
+from usarsim_maps.gazebo.places import Person, person_words
 from usarsim_maps.meshes.xml_text import Document, Node, read_xml
 from usarsim_server.errors import MapImportError
 
@@ -34,14 +34,6 @@ class Link:
     node: Node
     document: Document
     scope: Scope
-
-
-@dataclass(frozen=True, slots=True)
-class Person:
-    """A model is somebody: figure, and posture if a name says it."""
-
-    figure: str
-    posture: str | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_maps.gazebo.models import Person
 from usarsim_maps.geometry import points_of
+from usarsim_maps.gazebo.places import Person
 from usarsim_maps.scene import Part, Victim
 from usarsim_maps.units import pose_of_matrix
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy

@@ -34,6 +34,14 @@ SITTING, LYING, STANDING = (
 )
 
 
+@dataclass(frozen=True, slots=True)
+class Person:
+    """A model is somebody: figure, and posture if a name says it."""
+
+    figure: str
+    posture: str | None
+
+
 def person_words(*names: str) -> tuple[bool, str, str | None]:
     """Whether names mean a person; the figure; and the posture, if they say one."""
     words: set[str] = set()
