@@ -366,8 +366,7 @@ class _Stage:
             "spot": LightKind.SPOT,
             "ambient": LightKind.AMBIENT,
         }
-        color = self._document.vector(lamp.child("color"), 3, 4)
-        values = np.ones(3) if color is None else color[:3]
+        values = self._document.vector_or(lamp.child("color"), np.ones(3), 3, 4)[:3]
         strength = float(values.max())
         if strength <= 0.0:
             return
