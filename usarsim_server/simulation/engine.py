@@ -13,7 +13,7 @@ from usarsim_server.logs import Log
 from usarsim_server.simulation.articulation import JointOrder
 from usarsim_server.simulation.divergence import culprits, is_sound
 from usarsim_server.simulation.frames import Pose, pose_of
-from usarsim_server.simulation.growth import Growth, WorldParts, grow, inherit_sleep
+from usarsim_server.simulation.growth import Growth, WorldParts, grow
 from usarsim_server.simulation.machines import Machine
 from usarsim_server.simulation.model import (
     JOINT_WIDTH,
@@ -27,6 +27,7 @@ from usarsim_server.simulation.model import (
     slot_prefix,
 )
 from usarsim_server.simulation.movers import Mover, Way, carry_over
+from usarsim_server.simulation.sleep import inherit_sleep
 from usarsim_server.simulation.snapshot import RobotLayout, Snapshot
 
 Array = NDArray[np.float64]
@@ -60,9 +61,7 @@ class Engine:
         self.data = mujoco.MjData(self.world.model)
         self.parts = WorldParts(self.world, options)
         self._active: dict[int, int] = {}
-        self._driven: set[int] = set()
         self._left: dict[int, int] = {}
-        self._settling = self._parked()
         self.after_batch: Callable[[], None] = _nothing
         self.steps = 0
         mujoco.mj_kinematics(self.world.model, self.data)
@@ -164,17 +163,7 @@ class Engine:
     def _leave(self, slot: int) -> None:
         """Note that a slot is free and parked from now on."""
         self._left[slot] = self.steps
-        if self.world.layouts[slot].dof >= 0:
-            self._settling.add(slot)
-
-    def _parked(self) -> set[int]:
-        """Free slots whose robots are subject to forces."""
-        taken = self._active.values()
-        return {
-            layout.slot
-            for layout in self.world.layouts
-            if layout.dof >= 0 and layout.slot not in taken
-        }
+        self.parts.sleep.park(slot)
 
     def free_since(self, seconds: float) -> list[int]:
         """Slots that nobody has been in for some simulated time, in order."""
@@ -226,7 +215,7 @@ class Engine:
             return
         self.parts.wheels.command(slot, targets)
         self._note_driven(slot)
-        self._wake(slot)
+        self.parts.sleep.wake(slot, self.data)
 
     def wheel_targets(self, robot: int) -> Array:
         """Commanded wheel speeds (rad/s) of an active robot."""
@@ -237,7 +226,7 @@ class Engine:
         slot = self._active.get(robot)
         if slot is not None:
             self.parts.joints.command(slot, orders)
-            self._wake(slot)
+            self.parts.sleep.wake(slot, self.data)
 
     def command_law(self, robot: int, values: Array) -> None:
         """Command the laws of motion of a robot (see `motion_laws.py`) and wake it.
@@ -249,7 +238,7 @@ class Engine:
         if slot is not None:
             self.parts.laws.command(slot, values)
             self._note_driven(slot)
-            self._wake(slot)
+            self.parts.sleep.wake(slot, self.data)
 
     def operate_hand(self, robot: int, hand: str, close: bool) -> bool:
         """Close or open a hand of a robot; whether it obeyed (see `Hands.operate`)."""
@@ -257,32 +246,15 @@ class Engine:
         if slot is None:
             return False
         self._look()
-        self._wake(slot)
+        self.parts.sleep.wake(slot, self.data)
         return self.parts.hands.operate(self.data, slot, hand, close)
-
-    def _wake(self, slot: int) -> None:
-        dof = self.world.layouts[slot].dof
-        if self.data.qvel[dof] == 0.0:
-            self.data.qvel[dof] = WAKE
 
     def _release(self, slot: int) -> None:
         self.parts.release(slot, self.data)
         self._note_driven(slot)
 
     def _note_driven(self, slot: int) -> None:
-        """Robots that are told to drive must not sleep, however slow they are."""
-        driven = self.parts.drives(slot)
-        if driven == (slot in self._driven):
-            return
-        (self._driven.add if driven else self._driven.remove)(slot)
-        self._allow_sleep(slot, not driven)
-
-    def _allow_sleep(self, slot: int, allowed: bool) -> None:
-        tree = self.world.model.dof_treeid[self.world.layouts[slot].dof]
-        policy = mujoco.mjtSleepPolicy
-        self.world.model.tree_sleep_policy[tree] = int(
-            policy.mjSLEEP_ALLOWED if allowed else policy.mjSLEEP_NEVER
-        )
+        self.parts.sleep.let_drive(slot, self.parts.drives(slot))
 
     def _put(self, slot: int, coordinates: Array) -> None:
         layout = self.world.layouts[slot]
@@ -290,8 +262,6 @@ class Engine:
         if layout.mocap.size:
             put(self.world, data, slot, coordinates)
             return
-        self._touch(slot, True)
-        self._settling.discard(slot)
         put(self.world, data, slot, coordinates)
         data.qpos[list(layout.joint_qpos.values())] = model.qpos0[list(layout.joint_qpos.values())]
         for dofs in (slice(layout.dof, layout.dof + 6), list(layout.joint_dof.values())):
@@ -300,24 +270,6 @@ class Engine:
         self.parts.place(slot, data, pose_of(coordinates[:3], coordinates[3:]))
 
     # -- stepping ----------------------------------------------------------------------------
-
-    def _touch(self, slot: int, touching: bool) -> None:
-        """Let a slot touch things, or leave it out of the search for contacts.
-
-        That search is what a sleeping robot costs most in.
-        """
-        bodies = list(self.world.layouts[slot].bodies)
-        model, (types, affinities) = self.world.model, self.world.masks
-        model.body_contype[bodies] = types[bodies] if touching else 0
-        model.body_conaffinity[bodies] = affinities[bodies] if touching else 0
-
-    def _let_rest(self) -> None:
-        """Leave parked slots that have fallen asleep out of the search for contacts."""
-        model, layouts = self.world.model, self.world.layouts
-        for slot in tuple(self._settling):
-            if self.data.tree_asleep[model.dof_treeid[layouts[slot].dof]] >= 0:
-                self._settling.remove(slot)
-                self._touch(slot, False)
 
     def advance(self, steps: int) -> list[int]:
         """Advance the world by a number of steps.
@@ -332,8 +284,7 @@ class Engine:
         self.run(steps)
         lost = [] if is_sound(self.data) else self._take_out(culprits(self, steps))
         self.steps += steps
-        if self._settling:
-            self._let_rest()
+        self.parts.sleep.let_rest(self.data)
         self.after_batch()
         return lost
 
@@ -439,16 +390,13 @@ class Engine:
         others = tuple(slot_prefix(slot) for slot in growth.changed)
         carry_over(before.model, old, growth.world.model, new, others)
         self.world, self.data, self.parts = growth.world, new, growth.parts
-        for slot in self._driven:
-            self._allow_sleep(slot, False)
-        inherit_sleep(before.model, old, growth)
+        inherit_sleep(old, self.world.model, new, growth.trees(before.model))
         new.qacc_warmstart[growth.dofs[1]] = old.qacc_warmstart[growth.dofs[0]]
         self._left = {slot: step for slot, step in self._left.items() if slot in growth.kept}
         for slot, kind in enumerate(self.world.slots):
             if kind is not VACANT and slot not in growth.kept:
                 self._left[slot] = self.steps
-        self._settling = self._parked()
-        self._let_rest()
+        self.parts.sleep.let_rest(new)
 
     # -- looking -----------------------------------------------------------------------------
 
