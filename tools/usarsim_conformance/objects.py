@@ -17,7 +17,8 @@ async def controller(case: Case) -> ControlClient:
         NotApplicable: if the server has none.
     """
     client = await case.connect()
-    await client.send("INIT {ClassName USARBot.WorldController} {Name WC} {Location 0,0,0}")
+    name = f"{{Name {case.new_name()}}} {{Location 0,0,0}}"
+    await client.send(f"INIT {{ClassName USARBot.WorldController}} {name}")
     await client.send("CONTROL {Type GetSTA} {Name NoSuchObject}")
     if await client.maybe(lambda line: line.head == "STA") is None:
         case.skip("the server has no world controller")

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from usarsim_conformance.case import Case
 from usarsim_conformance.control import ControlClient, Robot
 from usarsim_conformance.excursions import Equipment, Mount, Track, equipment, open_floor, spawn_far
+from usarsim_conformance.objects import controller
 from usarsim_conformance.lines import Line
 from usarsim_conformance.places import Place
 
@@ -143,21 +144,6 @@ class Surrounded:
         x, y = (point[n] - self.place.location[n] for n in (0, 1))
         cos, sin = math.cos(_YAW), math.sin(_YAW)
         return cos * x + sin * y, cos * y - sin * x, point[2] - self.height
-
-
-async def controller(case: Case) -> ControlClient:
-    """A connection that is a world controller.
-
-    Raises:
-        NotApplicable: if the server has none.
-    """
-    client = await case.connect()
-    name = case.new_name()
-    await client.send(f"INIT {{ClassName USARBot.WorldController}} {{Name {name}}}")
-    await client.send("CONTROL {Type GetSTA} {Name NoSuchObject}")
-    if await client.maybe(lambda line: line.head == "STA") is None:
-        case.skip("the server has no world controller")
-    return client
 
 
 class Builder:
