@@ -97,13 +97,13 @@ def test_what_was_sent_before_counts() -> None:
         other: asyncio.StreamWriter,
     ) -> None:
         await tell(clock, robot, 5.0)
-        for number in range(50):
+        for count in range(50):
             waiting = asyncio.create_task(wire.read(0.1))
             await asyncio.sleep(0)
             other.write(b"late\r\n")
-            robot.write(status(6.0 + number))
+            robot.write(status(6.0 + count))
             assert await waiting == b"late\r\n"
-            await heard(clock, 6.0 + number)
+            await heard(clock, 6.0 + count)
 
     told(story)
 

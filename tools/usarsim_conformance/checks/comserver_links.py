@@ -96,9 +96,9 @@ async def junk(case: Case) -> None:
 @comserver("link.close", "CLOSE closes both ends", "11.84, 5.4")
 async def close(case: Case) -> None:
     """`CLOSE;` of either robot closes the connections of both."""
-    for number in range(2):
+    for side in range(2):
         async with _link(case) as ends:
-            await ends[number].wire.send(b"CLOSE;")
+            await ends[side].wire.send(b"CLOSE;")
             for guest, whose in zip(ends, ("caller's", "other's"), strict=True):
                 case.expect(await guest.hung_up(), f"the {whose} end stays open after CLOSE")
 
@@ -106,9 +106,9 @@ async def close(case: Case) -> None:
 @comserver("link.hangup", "The end of one side ends the other", "5.4")
 async def hangup(case: Case) -> None:
     """If a robot hangs up, what it has sent arrives, and the other end is closed, too."""
-    for number in range(2):
+    for side in range(2):
         async with _link(case) as ends:
-            leaving, staying = ends[number], ends[1 - number]
+            leaving, staying = ends[side], ends[1 - side]
             await _send(leaving, b"last words")
             leaving.wire.close()
             await _hears(case, staying, b"last words")

@@ -42,7 +42,7 @@ async def _dive(robot: Robot, trip: Trip) -> None:
         trip.legs[name] = await ride(robot, command, seconds)
 
 
-async def _dive_in_percent(robot: Robot, trip: Trip) -> None:
+async def _dive_percent(robot: Robot, trip: Trip) -> None:
     trip.legs["ahead"] = await ride(robot, _drive(_PERCENT, extra=" {Normalized true}"), 4.0)
 
 
@@ -96,7 +96,7 @@ async def percent(case: Case) -> None:
         if not trip.conf.number("MaxPropeller") > 0.0:
             case.skip(f"CONF names no MaxPropeller: {trip.conf}")
         other = await on_open_floor(
-            case, "a dive in percent", trip.class_name, _dive_in_percent, _UP
+            case, "a dive in percent", trip.class_name, _dive_percent, _UP
         )
         plain, found = trip["ahead"].gone[0], other["ahead"].gone[0]
         case.expect(
