@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import TracebackType
 
 from usarsim_bench.errors import BenchError
-from usarsim_record.closing import Closing
+from usarsim_client.closing import Closing
 
 
 class CarefulClosing(Closing):

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from usarsim_bench.errors import BenchError
 from usarsim_bench.peer import Peer
-from usarsim_record.closing import Closing
+from usarsim_client.closing import Closing
 
 INSTALL_TIMEOUT = 600.0
 """s after which pip is given up; the largest wheel has 100 MB."""

@@ -17,7 +17,7 @@ from usarsim_bench.errors import BenchError
 from usarsim_bench.peer_runs import Outcome, run_workload
 from usarsim_bench.peer_work import ROVER, Work, write_robots, write_world
 from usarsim_bench.server import SERVE, Server
-from usarsim_record.closing import Closing
+from usarsim_client.closing import Closing
 
 HUMANOID = "Nao"
 JOINT_PERIOD = 0.02

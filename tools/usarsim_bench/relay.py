@@ -24,7 +24,7 @@ from usarsim_bench.recording import between, status_samples
 from usarsim_bench.server import SERVE, Server
 from usarsim_bench.statistics import percentile, real_time_factor
 from usarsim_bench.team import EDGE, ROBOTS, SETTLE, load_figures
-from usarsim_record.closing import Closing
+from usarsim_client.closing import Closing
 
 SECONDS = 10.0
 RATE = 100_000
