@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from usarsim_bench.hostile.attacks import ATTACKS
+from usarsim_bench.hostile.attackers import ATTACKS
 from usarsim_server.cameras.view import Grid
 from usarsim_server.cli.serve import add_parser
 from usarsim_server.services.comserver import ComServerLimits

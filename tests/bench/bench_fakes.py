@@ -10,7 +10,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
-from usarsim_bench.procfs import Usage
+from usarsim_bench.server import Usage
 from usarsim_server.testing import eventually
 
 STATUS = b"STA {Type GroundVehicle} {Time %.4f} {Battery 1}\r\n"

@@ -8,9 +8,9 @@ from bench_fakes import FakeServer
 from usarsim_bench import admission
 from usarsim_bench.admission import Visits, admission_figures, waits
 from usarsim_bench.crowd import Controller, Crowd
-from usarsim_bench.errors import BenchError
 from usarsim_bench.recording import first_reading
 from usarsim_bench.robot_files import SCOUT
+from usarsim_bench.server import BenchError
 
 EVEN = [n * 0.1 for n in range(200)]
 

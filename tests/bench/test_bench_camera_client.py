@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import pytest
 
 from usarsim_bench.camera_client import Picture, Viewer, summed_up
-from usarsim_bench.errors import BenchError
+from usarsim_bench.server import BenchError
 from usarsim_server.testing import eventually
 
 

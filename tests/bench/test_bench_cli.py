@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import sys
 from collections.abc import Sequence
@@ -13,10 +14,9 @@ from types import ModuleType
 import pytest
 
 from usarsim_bench import command as bench
-from usarsim_bench import suite
-from usarsim_bench.errors import BenchError
-from usarsim_bench.figures import Aim, Figure, Plan, Report, Section
-from usarsim_bench.machine import describe_machine
+from usarsim_bench import team
+from usarsim_bench.figures import Aim, Figure, Plan, Report, Section, describe_machine
+from usarsim_bench.server import BenchError
 from usarsim_bench.suite import ALL, MEASUREMENTS, QUICK_SECONDS
 from usarsim_server import __version__
 from usarsim_server.cli import main
@@ -75,9 +75,11 @@ class TestArguments:
 
     @pytest.mark.parametrize("name", list(MEASUREMENTS))
     def test_one_measurement(self, taken: Taken, name: str) -> None:
-        """A word chooses one measurement."""
+        """A word chooses one measurement, which is a function of its module."""
         assert main(["bench", name]) == 0
         assert taken.names == (name,)
+        module = importlib.import_module(f"usarsim_bench.{MEASUREMENTS[name][0]}")
+        assert callable(getattr(module, f"measure_{name}"))
 
     @pytest.mark.parametrize(
         "words",
@@ -167,10 +169,10 @@ class TestOutput:
         def fail(plan: Plan) -> Section:
             raise BenchError("the server died: it said nothing")
 
-        monkeypatch.setattr(suite, "MEASUREMENTS", {"team": (fail, "a team")})
+        monkeypatch.setattr(team, "measure_team", fail)
         assert main(["bench", "team"]) == 2
         told = capsys.readouterr()
-        assert "A team\nFAILED: the server died: it said nothing" in told.out
+        assert "of a team of 16\nFAILED: the server died: it said nothing" in told.out
         assert told.err == "error: could not be measured: team (reasons above)\n"
 
 

@@ -5,22 +5,21 @@ from __future__ import annotations
 import json
 import math
 import subprocess
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
 
 from usarsim_bench import delivery
+from usarsim_bench import delivery as instrument
 from usarsim_bench.camera_client import ViewerTrial
-from usarsim_bench.delivery import Loop, delivery_figures, rate_for
-from usarsim_bench.errors import BenchError
-from usarsim_bench.instruments import frames as instrument
-from usarsim_bench.instruments.frames import Frames, measure_frames
-from usarsim_bench.procfs import Load
+from usarsim_bench.delivery import Frames, delivery_figures, measure_frames, rate_for
 from usarsim_bench.robot_files import SURVEYOR, SURVEYOR_CAMERAS, write_scouts
+from usarsim_bench.server import BenchError, Load
 from usarsim_bench.team import TeamTrial
 from usarsim_server.errors import UsarsimError
 
-TRIAL = TeamTrial(4, 1.0, 0.99, Load(1.5, 0.2, None), 1.0, 1.0, 2**20, 0.0, 1.0)
+TRIAL = TeamTrial(4, 1.0, 0.99, Load(1.5, 0.2, 0.0), 1.0, 1.0, 2**20, 0.0, 1.0)
 
 
 def seen(pictures: float, news: float) -> ViewerTrial:
@@ -42,7 +41,7 @@ class TestDemand:
 class TestFigures:
     def test_new_pictures_against_the_mean_of_the_loops(self) -> None:
         """Copies of a picture are no delivery."""
-        loops = [Loop("egl", 90.0, 1.0), Loop("egl", 110.0, 1.1)]
+        loops = [Frames("egl", 16, 90.0, 1.0, 5e3), Frames("egl", 16, 110.0, 1.1, 5e3)]
         figures = {
             one.name: one
             for one in delivery_figures(TRIAL, [seen(60.0, 40.0), seen(50.0, 46.0)], loops)
@@ -55,7 +54,8 @@ class TestFigures:
 
     def test_without_opengl_there_is_no_ratio(self) -> None:
         """There is nothing to compare with; what arrived is told all the same."""
-        figures = delivery_figures(TRIAL, [seen(9.0, 8.0)], [Loop("rays", math.nan, math.nan)])
+        nothing = Frames("rays", 16, math.nan, math.nan, math.nan)
+        figures = delivery_figures(TRIAL, [seen(9.0, 8.0)], [nothing])
         assert all(math.isfinite(one.value) for one in figures)
         assert figures[0].name == "Server: new pictures of all cameras"
         assert all(one.aim is None for one in figures)
@@ -68,7 +68,7 @@ class TestLoop:
 
         def run(command: list[str], **_: object) -> subprocess.CompletedProcess[str]:
             told.append(command)
-            answer = {"renderer": "rays", "pictures": math.nan, "cores": math.nan}
+            answer = asdict(Frames("rays", 8, math.nan, math.nan, math.nan))
             return subprocess.CompletedProcess(command, 0, json.dumps(answer), "")
 
         monkeypatch.setattr(subprocess, "run", run)

@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 from bench_runs import measured
 
-from usarsim_bench import latency, memory, sensors, spawn, team
-from usarsim_bench.errors import BenchError
-from usarsim_bench.server import Server
+from usarsim_bench import admission as spawn
+from usarsim_bench import latency, memory, sensors, team
+from usarsim_bench.server import BenchError, Server
 
 
 @pytest.fixture

@@ -11,7 +11,9 @@ from pathlib import Path
 import pytest
 from bench_runs import measured
 
-from usarsim_bench import admission, jitter, lockstep, physics, team
+from usarsim_bench import admission, physics, team
+from usarsim_bench import swarm as jitter
+from usarsim_bench import swarm as lockstep
 
 
 @pytest.fixture(autouse=True)

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from usarsim_bench import groundtruth
-from usarsim_bench.errors import BenchError
 from usarsim_bench.groundtruth import Asker
+from usarsim_bench.server import BenchError
 from usarsim_server.cli import main
 
 

@@ -12,17 +12,16 @@ from pathlib import Path
 import pytest
 from bench_fakes import FakeServer
 
-from usarsim_bench.errors import BenchError
 from usarsim_bench.hostile import measuring
 from usarsim_bench.hostile.attack import MIB, Attack
-from usarsim_bench.hostile.attackers import Attackers
-from usarsim_bench.hostile.attacks import ATTACKS
+from usarsim_bench.hostile.attackers import ATTACKS, Attackers
 from usarsim_bench.hostile.control_attacks import CONTROL_ATTACKS
 from usarsim_bench.hostile.links import Damage, Link, Site, work
 from usarsim_bench.hostile.measuring import HEADS, Outcome, Span, outcome_row, verdict
 from usarsim_bench.hostile.newcomers import QUESTIONS, Newcomers
 from usarsim_bench.hostile.side_attacks import SIDE_ATTACKS
 from usarsim_bench.hostile.tally import Tally, intervals
+from usarsim_bench.server import BenchError
 from usarsim_server.cli import main
 from usarsim_server.testing import eventually
 

@@ -10,14 +10,12 @@ from typing import Any
 import pytest
 
 from usarsim_bench import importing
+from usarsim_bench import importing as instrument
 from usarsim_bench.camera_client import Picture
-from usarsim_bench.errors import BenchError
 from usarsim_bench.figures import Plan
-from usarsim_bench.importing import measure_importing
-from usarsim_bench.instruments import importing as instrument
+from usarsim_bench.importing import measure_import
 from usarsim_bench.map_sources import BRUSHES, MESHES, write_hall, write_yard
-from usarsim_bench.procfs import Load
-from usarsim_bench.suite import MEASUREMENTS
+from usarsim_bench.server import BenchError, Load
 from usarsim_bench.team import TeamTrial
 from usarsim_maps.convert import Request, import_map
 from usarsim_maps.reader import ImportOptions
@@ -91,7 +89,7 @@ def test_figures_of_the_section(monkeypatch: pytest.MonkeyPatch) -> None:
     answer(monkeypatch, json.dumps(RESULT))
     worlds: list[str] = []
     stand_ins(monkeypatch, worlds)
-    section = measure_importing(Plan(robots=2, seconds=3.0))
+    section = measure_import(Plan(robots=2, seconds=3.0))
     figures = {figure.name: figure for figure in section.figures}
     assert figures["Hall: import"].met is True
     assert figures["Hall: first import / second, from the cache"].value == pytest.approx(2000.0)
@@ -101,14 +99,13 @@ def test_figures_of_the_section(monkeypatch: pytest.MonkeyPatch) -> None:
     assert figures["Yard, 2 robots: real-time factor, lowest of all"].met is False
     assert figures["Yard, 2 robots: pictures of the tile"].value == pytest.approx(10.0)
     assert [Path(world).name for world in worlds] == ["hall", "yard"]
-    assert MEASUREMENTS["import"][0] is measure_importing
 
 
 def test_a_failure_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     """If the instrument fails the report says why."""
     answer(monkeypatch, "", 2, "hall.t3d: broken")
     with pytest.raises(BenchError, match=r"hall\.t3d: broken"):
-        measure_importing(Plan())
+        measure_import(Plan())
 
 
 def answer(monkeypatch: pytest.MonkeyPatch, output: str, code: int = 0, error: str = "") -> None:
@@ -139,7 +136,7 @@ def stand_ins(monkeypatch: pytest.MonkeyPatch, worlds: list[str]) -> None:
             pass
 
     def fake(server: object, crowd: object, robots: int, seconds: float) -> TeamTrial:
-        load = Load(process=0.5, own=0.1, others=None)
+        load = Load(process=0.5, own=0.1, others=0.0)
         return TeamTrial(robots, 0.99, 0.9, load, 10.0, 1e3, 2**20, 0.0, 1.0)
 
     for name in ("Server", "Crowd", "Viewer"):

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from usarsim_bench.errors import BenchError
-from usarsim_bench.jitter import jitter_figures
-from usarsim_bench.recording import sensor_samples
+from usarsim_bench.recording import Sample, period_errors, sensor_samples
 from usarsim_bench.robot_files import LASER_NAME
-from usarsim_bench.statistics import Sample, period_errors
+from usarsim_bench.server import BenchError
+from usarsim_bench.swarm import jitter_figures
 
 LATENCY = 0.003
 

@@ -11,11 +11,10 @@ import pytest
 from bench_fakes import FakeServer
 
 from usarsim_bench import latency
+from usarsim_bench import latency as instrument
 from usarsim_bench.crowd import Controller
-from usarsim_bench.errors import BenchError
-from usarsim_bench.instruments import latency as instrument
-from usarsim_bench.instruments.latency import STATIONS, code, instrumented
-from usarsim_bench.latency import CodedDriver, delays
+from usarsim_bench.latency import STATIONS, CodedDriver, code, delays, instrumented
+from usarsim_bench.server import BenchError
 from usarsim_server.sessions.session import RobotAgent
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.simulation import BodyHandle

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from usarsim_bench.errors import BenchError
-from usarsim_bench.lockstep import slowest
+from usarsim_bench.server import BenchError
+from usarsim_bench.swarm import slowest
 
 
 def test_is_that_of_the_slowest_robot() -> None:

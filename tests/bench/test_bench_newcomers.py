@@ -6,11 +6,10 @@ import pytest
 from bench_fakes import FakeServer, StandIn
 
 from usarsim_bench import memory
+from usarsim_bench.admission import disturbance
 from usarsim_bench.crowd import Crowd
-from usarsim_bench.errors import BenchError
 from usarsim_bench.memory import churn
-from usarsim_bench.procfs import Usage
-from usarsim_bench.spawn import disturbance
+from usarsim_bench.server import BenchError, Usage
 
 EVEN = [n * 0.1 for n in range(100)]
 
@@ -112,20 +111,20 @@ class TestGivingBack:
         class Shrinking(StandIn):
             def usage(self) -> Usage:
                 look = super().usage()
-                return Usage(0.0, 0.0, 0, max(5, 8 - look.threads), 12 - self.looks, 0.0, None)
+                return Usage(0.0, 0.0, 0, max(5, 8 - look.threads), 12 - self.looks, 0.0, 0.0)
 
         server = Shrinking()
-        left = memory._wait_until_back(server, Usage(0.0, 0.0, 0, 5, 9, 0.0, None))  # type: ignore[arg-type]
+        left = memory._wait_until_back(server, Usage(0.0, 0.0, 0, 5, 9, 0.0, 0.0))  # type: ignore[arg-type]
         assert (left.threads, left.descriptors) == (5, 9)
         assert server.looks == 3
 
     def test_gives_up_in_the_end(self) -> None:
         """What never comes back is reported as it is."""
-        late_look = Usage(1e12, 0.0, 0, 6, 9, 0.0, None)
+        late_look = Usage(1e12, 0.0, 0, 6, 9, 0.0, 0.0)
 
         class Stuck(StandIn):
             def usage(self) -> Usage:
                 return late_look
 
-        empty = Usage(0.0, 0.0, 0, 5, 9, 0.0, None)
+        empty = Usage(0.0, 0.0, 0, 5, 9, 0.0, 0.0)
         assert memory._wait_until_back(Stuck(), empty) is late_look  # type: ignore[arg-type]

@@ -14,10 +14,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from usarsim_bench.errors import BenchError
-from usarsim_bench.peer import Peer
-from usarsim_bench.peer_environments import Environments, NotInstalledError, find_python
-from usarsim_bench.peer_runs import Outcome, read_outcome, run_workload
+from usarsim_bench.peers.simulators import Environments, NotInstalledError, Peer, find_python
+from usarsim_bench.peers.work import Outcome, read_outcome, run_workload
+from usarsim_bench.server import BenchError
 from usarsim_server.testing import eventually
 
 HERE = sys.version_info[1]

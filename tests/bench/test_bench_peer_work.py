@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from usarsim_bench.comparing import compare
-from usarsim_bench.fidelity import rovers
-from usarsim_bench.fidelity.rovers import Counts
 from usarsim_bench.figures import Plan
-from usarsim_bench.peer import WORKLOADS, find_peers
-from usarsim_bench.peer_own import HUMANOID, OwnSide, joint_targets, joints_told
-from usarsim_bench.peer_work import BEAMS, MOST, ROVER, Box, plan_work, write_robots, write_world
+from usarsim_bench.peers import rovers
+from usarsim_bench.peers.comparing import compare
+from usarsim_bench.peers.own import HUMANOID, OwnSide, joint_targets, joints_told
+from usarsim_bench.peers.rovers import Counts
+from usarsim_bench.peers.simulators import PEERS, WORKLOADS
+from usarsim_bench.peers.work import BEAMS, MOST, ROVER, Box, plan_work, write_robots, write_world
 from usarsim_server.robots.catalog import load_roster
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.scene import build_scene
@@ -63,7 +63,7 @@ class TestPlan:
         """Every key that a workload reads from the work, its robot or its laser is there."""
         work = json.loads(plan_work(1, 1.0, 1.0).as_json())
         known = {*work, *work["robot"], *work["laser"], *work["boxes"][0]}
-        for peer in find_peers().values():
+        for peer in PEERS.values():
             text = (WORKLOADS / peer.workload).read_text(encoding="utf-8")
             for holder in ("work", "robot", "laser", "box"):
                 for part in text.split(f'{holder}["')[1:]:
@@ -176,7 +176,7 @@ class TestSockets:
 
 @pytest.mark.skipif(NETWORK not in os.environ, reason=f"needs the network: set {NETWORK}=1")
 @pytest.mark.timeout(1200)
-@pytest.mark.parametrize("name", list(find_peers()))
+@pytest.mark.parametrize("name", list(PEERS))
 def test_each_peer_does_the_work(name: str) -> None:
     """Installed for it, the simulator takes every scan or sends every message that is due."""
     report = compare(Plan(robots=2, seconds=2.0), "test", only=(name,))

@@ -5,26 +5,21 @@ from __future__ import annotations
 import ast
 import json
 import math
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
-from usarsim_bench import comparing
-from usarsim_bench.comparing import Measured, Tools, compare, own_section, peer_section
-from usarsim_bench.errors import BenchError
-from usarsim_bench.figures import Plan, Report, Section
-from usarsim_bench.machine import describe_machine
-from usarsim_bench.peer import Peer, find_peers
-from usarsim_bench.peer_environments import Environments, NotInstalledError
-from usarsim_bench.peer_own import HUMANOID, OwnSide
-from usarsim_bench.peer_runs import Outcome
-from usarsim_bench.peer_work import ROVER, Work, plan_work
+from usarsim_bench.figures import Plan, Report, Section, describe_machine
+from usarsim_bench.peers import comparing
+from usarsim_bench.peers.comparing import Measured, Tools, compare, own_section, peer_section
+from usarsim_bench.peers.own import HUMANOID, OwnSide
+from usarsim_bench.peers.simulators import PEERS, Environments, NotInstalledError, Peer
+from usarsim_bench.peers.work import ROVER, Outcome, Work, plan_work
 from usarsim_bench.report import as_json, as_markdown, as_text
+from usarsim_bench.server import BenchError
 from usarsim_bench.suite import MEASUREMENTS
 from usarsim_server.cli import main
 
@@ -101,12 +96,7 @@ def compared(*peers: Peer, robots: int | None = 4, **tools: object) -> Report:
 
 
 class TestRegistry:
-    def test_the_known_ones_are_found(self) -> None:
-        """Each file in the folder is a peer, by its own name."""
-        assert set(find_peers()) >= {"pybullet", "ir-sim", "rcsssmj"}
-        assert all(name == peer.name for name, peer in find_peers().items())
-
-    @pytest.mark.parametrize("peer", find_peers().values(), ids=lambda peer: peer.name)
+    @pytest.mark.parametrize("peer", PEERS.values(), ids=lambda peer: peer.name)
     def test_each_says_everything(self, peer: Peer) -> None:
         """Its program is there, versions have both bounds, and words say what is compared."""
         assert peer.script.is_file()
@@ -118,7 +108,7 @@ class TestRegistry:
         assert peer.home.startswith("https://")
         assert bool(peer.most) == bool(peer.most_because)
 
-    @pytest.mark.parametrize("peer", find_peers().values(), ids=lambda peer: peer.name)
+    @pytest.mark.parametrize("peer", PEERS.values(), ids=lambda peer: peer.name)
     def test_programs_know_nothing_of_ours(self, peer: Peer) -> None:
         """A workload runs where nothing of ours is installed, so it may not import it."""
         text = peer.script.read_text(encoding="utf-8")
@@ -131,47 +121,6 @@ class TestRegistry:
         ]
         assert names
         assert not [name for name in names if name.startswith("usarsim")]
-
-    def _package(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-        monkeypatch.syspath_prepend(str(folder.parent))
-        package = ModuleType(folder.name)
-        package.__path__ = [str(folder)]
-        monkeypatch.setitem(sys.modules, folder.name, package)
-        return package
-
-    def test_a_new_file_is_enough(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        """A plug-in needs no list; folders beside it are left alone."""
-        folder = tmp_path / "peers_a"
-        (folder / "workloads").mkdir(parents=True)
-        (folder / "workloads" / "__init__.py").touch()
-        name = Path(__file__).stem
-        monkeypatch.setitem(sys.modules, name, sys.modules[__name__])
-        (folder / "one.py").write_text(f"from {name} import ROVERS as PEER\n")
-        assert find_peers(self._package(folder, monkeypatch)) == {"wheels": ROVERS}
-
-    def test_a_file_without_a_peer_is_told(
-        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        """The error names the file and what it lacks."""
-        folder = tmp_path / "peers_b"
-        folder.mkdir()
-        (folder / "empty.py").touch()
-        with pytest.raises(ValueError, match=r"peers_b\.empty defines no PEER"):
-            find_peers(self._package(folder, monkeypatch))
-
-    def test_two_of_one_name_are_told(
-        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        """Environments and sections go by name, so names are unique."""
-        folder = tmp_path / "peers_c"
-        folder.mkdir()
-        monkeypatch.setitem(sys.modules, Path(__file__).stem, sys.modules[__name__])
-        for name in ("one", "two"):
-            (folder / f"{name}.py").write_text(
-                f"from {Path(__file__).stem} import ROVERS as PEER\n"
-            )
-        with pytest.raises(ValueError, match=r"peers_c\.two: .*'wheels'"):
-            find_peers(self._package(folder, monkeypatch))
 
 
 class TestArithmetic:

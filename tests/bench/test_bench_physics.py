@@ -9,12 +9,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from usarsim_bench.errors import BenchError
-from usarsim_bench.instruments import physics as instrument
-from usarsim_bench.instruments import stepping
-from usarsim_bench.instruments.physics import BareSteps, Bystander, compared
-from usarsim_bench.instruments.stepping import ROBOT_CLASS, Stopwatch
-from usarsim_bench.physics import physics_figures, within
+from usarsim_bench import physics as instrument
+from usarsim_bench import stepping
+from usarsim_bench.physics import BareSteps, Bystander, compared, physics_figures, within
+from usarsim_bench.server import BenchError
+from usarsim_bench.stepping import ROBOT_CLASS, Stopwatch
 from usarsim_server.robots.catalog import load_roster
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.worlds.loader import find_world, load_world

@@ -11,9 +11,8 @@ from collections.abc import Iterator
 import psutil
 import pytest
 
-from usarsim_bench.errors import BenchError
-from usarsim_bench.machine import describe_machine
-from usarsim_bench.procfs import Usage, busy_seconds, load_between, usage
+from usarsim_bench.figures import describe_machine
+from usarsim_bench.server import BenchError, Usage, busy_seconds, load_between, usage
 
 
 def look(wall: float, cpu: float, own: float, busy: float) -> Usage:
@@ -124,5 +123,5 @@ class TestMachine:
 
     def test_names_what_is_not_installed(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """A missing package is told as none, not an error."""
-        monkeypatch.setattr("usarsim_bench.machine._PACKAGES", ("no-such-package-at-all",))
+        monkeypatch.setattr("usarsim_bench.figures._PACKAGES", ("no-such-package-at-all",))
         assert describe_machine("0").packages["no-such-package-at-all"] == "none"

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from usarsim_bench import relay
-from usarsim_bench.errors import BenchError
 from usarsim_bench.relay import Radio, Traffic, round_trips, throughput
+from usarsim_bench.server import BenchError
 from usarsim_server.cli import main
 from usarsim_server.testing import PATIENCE, eventually
 

@@ -8,8 +8,7 @@ from datetime import UTC, datetime
 
 import pytest
 
-from usarsim_bench.figures import Aim, Figure, Report, Section
-from usarsim_bench.machine import Machine
+from usarsim_bench.figures import Aim, Figure, Machine, Report, Section
 from usarsim_bench.report import as_json, as_markdown, as_text
 
 MACHINE = Machine("Abacus | 2", 4, 2, 8 * 2**30, "Linux", "CPython", {"mujoco": "3.17.0"}, 0.5)

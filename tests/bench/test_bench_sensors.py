@@ -10,9 +10,7 @@ import pytest
 
 from usarsim_bench import sensors
 from usarsim_bench.crowd import Behaviour, wander
-from usarsim_bench.errors import BenchError
 from usarsim_bench.figures import Figure, Plan
-from usarsim_bench.procfs import Load
 from usarsim_bench.recording import Chunk
 from usarsim_bench.sensors import (
     BEAMS,
@@ -25,7 +23,7 @@ from usarsim_bench.sensors import (
     whole_scans,
     write_classes,
 )
-from usarsim_bench.server import Server
+from usarsim_bench.server import BenchError, Load, Server
 from usarsim_bench.team import TeamTrial
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.catalog import load_roster
@@ -153,7 +151,7 @@ class TestArrivals:
 
 def trial(robots: int, factor: float) -> TeamTrial:
     """A trial of 2 s, from 10 to 12."""
-    load = Load(0.5, 0.1, None)
+    load = Load(0.5, 0.1, 0.0)
     return TeamTrial(robots, factor, factor - 0.01, load, 100.0, 1e4, 2**20, 10.0, 12.0)
 
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from usarsim_bench.statistics import (
+from usarsim_bench.recording import (
     longest_extra_gap,
     percentile,
     period,

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from usarsim_bench import stepping
-from usarsim_bench.errors import BenchError
+from usarsim_bench import stepping as instrument
 from usarsim_bench.figures import Plan
-from usarsim_bench.instruments import stepping as instrument
-from usarsim_bench.instruments.stepping import HALVES, Stopwatch, main, measure
+from usarsim_bench.server import BenchError
+from usarsim_bench.stepping import HALVES, Stopwatch, main, measure
 from usarsim_server.worlds.loader import find_world, load_world
 
 

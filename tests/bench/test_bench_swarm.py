@@ -9,9 +9,8 @@ from bench_fakes import FakeServer
 
 from usarsim_bench import swarm
 from usarsim_bench.crowd import Crowd
-from usarsim_bench.errors import BenchError
 from usarsim_bench.figures import Plan
-from usarsim_bench.procfs import Load
+from usarsim_bench.server import BenchError, Load
 from usarsim_bench.swarm import measure_swarm, swarm_figures
 from usarsim_bench.team import TeamTrial, gather
 

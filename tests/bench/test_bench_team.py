@@ -8,11 +8,10 @@ from collections.abc import Callable
 import pytest
 from bench_fakes import FakeServer, StandIn
 
-from usarsim_bench import suite, team
+from usarsim_bench import memory, team
 from usarsim_bench.crowd import Crowd
-from usarsim_bench.errors import BenchError
 from usarsim_bench.figures import Figure, Plan, Section
-from usarsim_bench.procfs import Load, Usage
+from usarsim_bench.server import BenchError, Load, Usage
 from usarsim_bench.suite import MEASUREMENTS, take
 from usarsim_bench.team import TeamTrial, load_figures, measure_largest, measure_team
 
@@ -52,7 +51,7 @@ class TestTryTeam:
         class Busy(StandIn):
             def usage(self) -> Usage:
                 look = super().usage()
-                return Usage(look.wall, 0.7 * look.wall, look.resident, 1, 1, 0.0, None)
+                return Usage(look.wall, 0.7 * look.wall, look.resident, 1, 1, 0.0, 0.0)
 
         with FakeServer() as server, Crowd(server.port, 0) as crowd:
             trial = team.try_team(Busy(), crowd, 1, 0.6)  # type: ignore[arg-type]
@@ -85,7 +84,7 @@ class TestTryTeam:
 def trial(robots: int, factor: float) -> TeamTrial:
     """A trial with a factor and no matter what else."""
     return TeamTrial(
-        robots, factor, factor - 0.01, Load(0.5, 0.1, None), 100.0, 1e4, 2**20, 5.0, 7.0
+        robots, factor, factor - 0.01, Load(0.5, 0.1, 0.0), 100.0, 1e4, 2**20, 5.0, 7.0
     )
 
 
@@ -183,9 +182,8 @@ class TestTeam:
 
 
 class TestLoadFigures:
-    def test_others_are_left_out_where_unknown(self) -> None:
-        """No figure is made up for what the system does not say."""
-        assert [figure.value for figure in load_figures(Load(1.0, 0.25, None))] == [0.25]
+    def test_clients_and_others_are_told(self) -> None:
+        """What else kept the machine busy stands beside the figures."""
         assert [figure.value for figure in load_figures(Load(1.0, 0.25, 0.5))] == [0.25, 0.5]
 
 
@@ -194,15 +192,13 @@ class TestSuite:
         """Each measurement gets the plan; sections come in the order asked for."""
         seen: list[tuple[str, Plan]] = []
 
-        def pretended(key: str) -> suite.Measurement:
-            def measure(plan: Plan) -> Section:
+        for module, key in ((memory, "memory"), (team, "team")):
+
+            def measure(plan: Plan, key: str = key) -> Section:
                 seen.append((key, plan))
                 return Section(key, key, "", (Figure("Nothing", math.pi),))
 
-            return measure
-
-        table = {key: (pretended(key), "") for key in MEASUREMENTS}
-        monkeypatch.setattr(suite, "MEASUREMENTS", table)
+            monkeypatch.setattr(module, f"measure_{key}", measure)
         plan = Plan(robots=2)
         report = take(("memory", "team"), plan, "9.9")
         assert [section.key for section in report.sections] == ["memory", "team"]
@@ -221,11 +217,12 @@ class TestSuite:
         def succeed(plan: Plan) -> Section:
             return Section("b", "B", "", (Figure("Nothing", 1.0),))
 
-        monkeypatch.setattr(suite, "MEASUREMENTS", {"a": (fail, "first"), "b": (succeed, "")})
-        report = take(("a", "b"), Plan(), "0")
+        monkeypatch.setattr(memory, "measure_memory", fail)
+        monkeypatch.setattr(team, "measure_team", succeed)
+        report = take(("memory", "team"), Plan(), "0")
         assert [section.failure for section in report.sections] == ["no luck", None]
-        assert report.sections[0].title == "First"
-        assert report.failed == ["a"]
+        assert report.sections[0].title.startswith("Memory of 64 robots")
+        assert report.failed == ["memory"]
 
     def test_every_measurement_has_a_line_of_help(self) -> None:
         """The command line can explain all of them."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from usarsim_bench.camera_client import ViewerTrial
-from usarsim_bench.procfs import Load
+from usarsim_bench.cameras import TILE_SIZE, grid, tiles_of, watched_figures
+from usarsim_bench.server import Load
 from usarsim_bench.team import TeamTrial
-from usarsim_bench.watched import TILE_SIZE, grid, tiles_of, watched_figures
 
 
 @pytest.mark.parametrize(
@@ -33,7 +33,7 @@ def seen(pictures: float, news: float, wait: float) -> ViewerTrial:
 
 def test_the_worst_viewer_counts() -> None:
     """One client that is kept waiting is not hidden by the others."""
-    trial = TeamTrial(3, 0.9995, 0.98, Load(1.0, 0.1, None), 1.0, 1.0, 2**20, 0.0, 1.0)
+    trial = TeamTrial(3, 0.9995, 0.98, Load(1.0, 0.1, 0.0), 1.0, 1.0, 2**20, 0.0, 1.0)
     viewers = [seen(5.0, 4.9, 0.01), seen(4.0, 3.0, 0.05), seen(5.0, 4.8, 0.02)]
     figures = {one.name: one for one in watched_figures(trial, viewers)}
     assert figures["Real-time factor, lowest of all robots"].met is True

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from zlib import crc32
 
-from usarsim_bench.closing import CarefulClosing
-from usarsim_bench.errors import BenchError
-from usarsim_bench.statistics import percentile
+from usarsim_bench.recording import percentile
+from usarsim_bench.server import BenchError, CarefulClosing
 
 _ANSWER_TIMEOUT = 10.0
 _STOP_TIMEOUT = 15.0

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from usarsim_bench.figures import Plan, Report
-from usarsim_bench.hostile.attacks import ATTACKS
-from usarsim_bench.peers_command import add_peers
+from usarsim_bench.hostile.attackers import ATTACKS
+from usarsim_bench.peers.command import add_peers
 from usarsim_bench.report import as_json, as_markdown, as_text
 from usarsim_bench.suite import ALL, LONG, MEASUREMENTS, QUICK, QUICK_SECONDS, take
 from usarsim_server import __version__

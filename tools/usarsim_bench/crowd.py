@@ -16,9 +16,9 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from itertools import count
 
-from usarsim_bench.errors import BenchError
 from usarsim_bench.recording import Chunk, start_tags
-from usarsim_client.closing import Closing
+from usarsim_bench.server import BenchError
+from usarsim_record.closing import Closing
 
 DEFAULT_CLASS = "P3AT"
 DRIVE_PERIOD = 0.5

@@ -10,13 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from statistics import median
 
-from usarsim_bench.closing import CarefulClosing
 from usarsim_bench.crowd import DEFAULT_CLASS, Crowd
-from usarsim_bench.errors import BenchError
 from usarsim_bench.figures import Aim, Figure, Plan, Section
-from usarsim_bench.procfs import Load, load_between
-from usarsim_bench.server import Server
-from usarsim_bench.statistics import percentile
+from usarsim_bench.recording import percentile
+from usarsim_bench.server import BenchError, CarefulClosing, Load, Server, load_between
 from usarsim_bench.team import ROBOTS, SETTLE, load_figures
 
 SECONDS = 20.0
@@ -124,7 +121,7 @@ class Asker(CarefulClosing):
         self.finish()
 
 
-def measure_ground_truth(plan: Plan) -> Section:
+def measure_groundtruth(plan: Plan) -> Section:
     """A team at real time, left alone and asked about; `plan.seconds` of wall time for each."""
     robots, seconds = plan.robots or ROBOTS, plan.seconds or SECONDS
     with Server(plan.world, robots) as server, Crowd(server.port, plan.seed, keep=False) as crowd:

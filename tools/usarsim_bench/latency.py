@@ -1,21 +1,145 @@
-"""How long a DRIVE command takes from the client's socket to the wheels."""
+"""How long a DRIVE command takes from the client's socket to the wheels.
+
+`python -m usarsim_bench.latency FILE serve ...` is `usarsim serve ...` with stopwatches: when it
+ends, it writes at which moments every command passed four stations. Commands are told apart by the
+wheel speed they ask for: a client that sends a speed of its own with each can put its own clock's
+reading beside them, because the clock is shared by all processes of the machine (on Linux
+`time.perf_counter` reads CLOCK_MONOTONIC).
+"""
 
 from __future__ import annotations
 
 import json
 import random
+import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from statistics import median
 
+import numpy as np
+from numpy.typing import NDArray
+
 from usarsim_bench.crowd import DEFAULT_CLASS, DRIVE_PERIOD, Controller, Crowd
-from usarsim_bench.errors import BenchError
 from usarsim_bench.figures import Aim, Figure, Plan, Section
-from usarsim_bench.procfs import load_between
-from usarsim_bench.server import Server
-from usarsim_bench.statistics import percentile
+from usarsim_bench.recording import percentile
+from usarsim_bench.server import BenchError, Server, load_between
 from usarsim_bench.team import ROBOTS, SETTLE, load_figures
+from usarsim_server.cli import main as usarsim
+from usarsim_server.protocol.commands import interpret
+from usarsim_server.protocol.grammar import Command
+from usarsim_server.protocol.requests import Drive
+from usarsim_server.sessions.session import RobotAgent
+from usarsim_server.simulation.engine import Engine
+from usarsim_server.simulation.simulation import BodyHandle
+
+STATIONS = ("received", "posted", "target", "stepped")
+"""Handed to the robot's thread; decided by it; set as the wheels' target speed between two steps of
+the physics; taken up by the first step after that."""
+
+CODE_SCALE = 1e5
+"""Codes per rad/s: speeds are told apart by their first five digits after the point."""
+
+Record = dict[str, list[tuple[int, float]]]
+"""Code and moment (s, `time.perf_counter`) of every command, by station."""
+
+Array = NDArray[np.float64]
+
+
+def code(speed: float) -> int:
+    """The number that a command with this wheel speed (rad/s, either sign) bears."""
+    return round(abs(speed) * CODE_SCALE)
+
+
+@contextmanager
+def instrumented() -> Iterator[Record]:
+    """While inside, every server in this process records when DRIVE commands pass the stations."""
+    record: Record = {station: [] for station in STATIONS}
+    originals = (
+        (RobotAgent, "submit", RobotAgent.submit),
+        (BodyHandle, "drive", BodyHandle.drive),
+        (Engine, "drive", Engine.drive),
+        (Engine, "advance", Engine.advance),
+    )
+    waiting: list[int] = []
+    try:
+        setattr(RobotAgent, "submit", _on_submit(RobotAgent.submit, record["received"]))  # noqa: B010
+        setattr(BodyHandle, "drive", _on_post(BodyHandle.drive, record["posted"]))  # noqa: B010
+        setattr(Engine, "drive", _on_target(Engine.drive, record["target"], waiting))  # noqa: B010
+        setattr(Engine, "advance", _on_step(Engine.advance, record["stepped"], waiting))  # noqa: B010
+        yield record
+    finally:
+        for owner, name, original in originals:
+            setattr(owner, name, original)
+
+
+def _on_submit(
+    original: Callable[[RobotAgent, list[Command]], None], passed: list[tuple[int, float]]
+) -> Callable[[RobotAgent, list[Command]], None]:
+    def submit(agent: RobotAgent, commands: list[Command]) -> None:
+        moment = time.perf_counter()
+        original(agent, commands)
+        for command in commands:
+            request = interpret(command)
+            if isinstance(request, Drive) and request.left is not None:
+                passed.append((code(request.left), moment))
+
+    return submit
+
+
+def _on_post(
+    original: Callable[[BodyHandle, Array], None], passed: list[tuple[int, float]]
+) -> Callable[[BodyHandle, Array], None]:
+    def drive(body: BodyHandle, targets: Array) -> None:
+        passed.append((code(targets[0]), time.perf_counter()))
+        original(body, targets)
+
+    return drive
+
+
+def _on_target(
+    original: Callable[[Engine, int, Array], None],
+    passed: list[tuple[int, float]],
+    waiting: list[int],
+) -> Callable[[Engine, int, Array], None]:
+    def drive(engine: Engine, robot: int, targets: Array) -> None:
+        original(engine, robot, targets)
+        number = code(targets[0])
+        passed.append((number, time.perf_counter()))
+        waiting.append(number)
+
+    return drive
+
+
+def _on_step(
+    original: Callable[[Engine, int], list[int]],
+    passed: list[tuple[int, float]],
+    waiting: list[int],
+) -> Callable[[Engine, int], list[int]]:
+    def advance(engine: Engine, steps: int) -> list[int]:
+        if waiting:
+            moment = time.perf_counter()
+            passed.extend((number, moment) for number in waiting)
+            waiting.clear()
+        return original(engine, steps)
+
+    return advance
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run a subcommand of `usarsim` with stopwatches; returns its exit code.
+
+    Args:
+        arguments: the file to write, then those of `usarsim`.
+    """
+    file, *rest = arguments
+    with instrumented() as record:
+        result = usarsim(rest)
+    Path(file).write_text(json.dumps(record))
+    return result
+
 
 SAMPLES = 640
 """Commands to measure unless a time is given; 99th percentiles want some hundreds."""
@@ -23,7 +147,6 @@ SAMPLES = 640
 MEDIAN_AIM = Aim("<", 10.0)
 TAIL_AIM = Aim("<", 30.0)
 
-_INSTRUMENT = "usarsim_bench.instruments.latency"
 _LEAST, _MOST = 30_000, 120_000
 """Codes used: wheel speeds from 0.3 to 1.2 rad/s in steps of 1e-5, which every class can run."""
 _NAME = "DRIVE on the socket to changed target speed"
@@ -79,7 +202,7 @@ def measure_latency(plan: Plan) -> Section:
     driver = CodedDriver()
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "stations.json")
-        command = (_INSTRUMENT, str(file), "serve")
+        command = ("usarsim_bench.latency", str(file), "serve")
         with (
             Server(plan.world, robots, command) as server,
             Crowd(server.port, plan.seed, driver) as crowd,
@@ -126,3 +249,7 @@ def _stations(
             figures.append(Figure(f"{name}, median", 1e3 * median(found), "ms"))
             figures.append(Figure(f"{name}, 99th", 1e3 * percentile(found, 99.0), "ms"))
     return figures
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

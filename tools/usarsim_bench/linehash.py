@@ -26,9 +26,9 @@ from importlib import metadata
 from itertools import zip_longest
 from pathlib import Path
 
-from usarsim_bench.errors import BenchError
 from usarsim_bench.linehash_play import SESSIONS, Lines, grounds, play
 from usarsim_bench.linehash_yard import EVERY_SENSOR
+from usarsim_bench.server import BenchError
 
 PACKAGES = ("mujoco", "numpy", "embreex")
 _STORE = Path("tests", "bench", "line_hashes.json")

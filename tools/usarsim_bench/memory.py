@@ -8,9 +8,8 @@ from dataclasses import dataclass
 
 from usarsim_bench.crowd import DEFAULT_CLASS, Controller, Crowd
 from usarsim_bench.figures import Aim, Figure, Plan, Section
-from usarsim_bench.procfs import Usage
-from usarsim_bench.server import Server
-from usarsim_bench.statistics import trend
+from usarsim_bench.recording import trend
+from usarsim_bench.server import Server, Usage
 from usarsim_bench.swarm import TOGETHER
 from usarsim_bench.team import MIB, SETTLE, gather
 

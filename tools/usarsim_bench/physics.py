@@ -1,33 +1,217 @@
-"""The physics thread of a running server against bare MuJoCo; measured inside it by the server's
-own instrument (`usarsim_bench.instruments.physics`), which says what is compared with what."""
+"""What the physics thread of a running server costs beside a bare `mj_step` on the same scene.
+
+`python -m usarsim_bench.physics FILE serve ...` is `usarsim serve ...` whose physics
+thread pauses now and then and steps the scene that it has just reached with `mj_step` and nothing
+else: the same model with the wheels driven by MuJoCo's own velocity actuators at the commanded
+speeds, many steps in one call. So both sides are measured on one thread of one process, in turns,
+while clients drive the robots and read everything. What the thread spends between two pauses is all
+of its work: steps, snapshots, waking the robots' threads, requests, keeping time.
+
+Bare robots hop when they turn (see `stepping.py`): they have fewer contacts, but the solver needs
+more iterations. Therefore the time inside MuJoCo in the thread's own run is told, too; the two
+stopwatches on it cost the thread some microseconds per step, which are not taken off.
+
+When the server ends the file gets a JSON list of turns (`Turn`). Times are processor times, so that
+other programs disturb them little.
+"""
 
 from __future__ import annotations
 
 import json
+import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import mean, median
 
+import mujoco
+
 from usarsim_bench.crowd import DEFAULT_CLASS, Crowd
-from usarsim_bench.errors import BenchError
 from usarsim_bench.figures import Aim, Figure, Plan, Section
 from usarsim_bench.robot_files import SCOUT, SCOUT_SENSORS, scouts
-from usarsim_bench.server import Server
+from usarsim_bench.server import BenchError, Server
+from usarsim_bench.stepping import BARE_GAIN, Stopwatch, halves_timed, with_velocity_actuators
 from usarsim_bench.swarm import TOGETHER
 from usarsim_bench.team import SETTLE, gather
+from usarsim_server.cli import main as usarsim
+from usarsim_server.simulation.engine import Engine
+from usarsim_server.simulation.model import CompiledWorld
+
+SETTLE_STEPS = 50
+"""Steps after a pause that do not count: the thread catches up, and the caches are cold."""
+COUNTED_STEPS = 125
+"""Steps between two looks at the clock: half a second of simulated time."""
+WARM_STEPS = 4
+BARE_STEPS = 24
+"""Steps of a pause, first those that do not count: less than a tenth of a second, which the server
+may catch up."""
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """One stretch of the server's work and the pause behind it.
+
+    Attributes:
+        moment: of the pause, s, `time.perf_counter`, which all processes of the machine share.
+        robots: active ones.
+        thread: processor seconds of the physics thread per step.
+        engine: the part of it that was spent in `Engine.advance`.
+        mujoco: the part of that that was spent inside MuJoCo's two half steps: bare MuJoCo with the
+            same contacts, in the very same states; 0 if the engine steps otherwise.
+        bare: processor seconds of a bare step.
+        contacts: of the scene at the pause.
+    """
+
+    moment: float
+    robots: int
+    thread: float
+    engine: float
+    mujoco: float
+    bare: float
+    contacts: int
+
+
+class BareSteps:
+    """Bare MuJoCo on the scene of an engine."""
+
+    def __init__(self, gain: float) -> None:
+        """Take no scene yet.
+
+        Args:
+            gain: of the wheels' velocity actuators, N m s/rad.
+        """
+        self._gain = gain
+        self._world: CompiledWorld | None = None
+        self._model: mujoco.MjModel | None = None
+        self._data: mujoco.MjData | None = None
+
+    def spend(self, engine: Engine) -> float:
+        """Processor seconds of a bare step from the engine's present state, which stays as it is.
+
+        Args:
+            engine: between two steps.
+        """
+        model, data = self._scene(engine)
+        mujoco.mj_copyData(data, engine.world.model, engine.data)
+        model.tree_sleep_policy[:] = engine.world.model.tree_sleep_policy
+        data.ctrl[:] = 0.0
+        for robot, slot in engine.active.items():
+            data.ctrl[engine.world.layouts[slot].wheel_actuators] = engine.wheel_targets(robot)
+        mujoco.mj_step(model, data, nstep=WARM_STEPS)
+        begun = time.thread_time()
+        mujoco.mj_step(model, data, nstep=BARE_STEPS)
+        return (time.thread_time() - begun) / BARE_STEPS
+
+    def _scene(self, engine: Engine) -> tuple[mujoco.MjModel, mujoco.MjData]:
+        if self._world is not engine.world or self._model is None or self._data is None:
+            self._world = engine.world
+            self._model = with_velocity_actuators(engine, self._gain)
+            self._data = mujoco.MjData(self._model)
+        return self._model, self._data
+
+
+class Bystander:
+    """Watches one engine on its own thread and pauses it for the comparison.
+
+    Attributes:
+        turns: so far.
+    """
+
+    def __init__(self, bare: Callable[[Engine], float], watch: Stopwatch) -> None:
+        """Begin with a stretch that does not count.
+
+        Args:
+            bare: seconds of a bare step on the scene of an engine.
+            watch: adds up what is spent inside MuJoCo.
+        """
+        self.turns: list[Turn] = []
+        self._bare = bare
+        self._watch = watch
+        self._steps = -SETTLE_STEPS
+        self._begun = 0.0
+        self._inside = 0.0
+
+    def stepped(self, engine: Engine, steps: int, inside: float) -> None:
+        """Take note of steps that the engine has just made.
+
+        Args:
+            engine: whose steps they were.
+            steps: how many.
+            inside: processor seconds spent in them.
+        """
+        settling = self._steps < 0
+        self._steps += steps
+        if settling:
+            if self._steps >= 0:
+                self._watch.reset()
+                self._steps, self._inside, self._begun = 0, 0.0, time.thread_time()
+            return
+        self._inside += inside
+        if self._steps < COUNTED_STEPS:
+            return
+        thread = time.thread_time() - self._begun
+        mujoco_part = self._watch.seconds if self._watch.calls else 0.0
+        self.turns.append(
+            Turn(
+                moment=time.perf_counter(),
+                robots=len(engine.active),
+                thread=thread / self._steps,
+                engine=self._inside / self._steps,
+                mujoco=mujoco_part / self._steps,
+                bare=self._bare(engine),
+                contacts=int(engine.data.ncon),
+            )
+        )
+        self._steps = -SETTLE_STEPS
+
+
+@contextmanager
+def compared() -> Iterator[Bystander]:
+    """While inside, the engine that steps in this process is compared with bare MuJoCo."""
+    watch = Stopwatch()
+    bystander = Bystander(BareSteps(BARE_GAIN).spend, watch)
+    original = Engine.advance
+
+    def advance(engine: Engine, steps: int) -> list[int]:
+        begun = time.thread_time()
+        lost = original(engine, steps)
+        bystander.stepped(engine, steps, time.thread_time() - begun)
+        return lost
+
+    try:
+        setattr(Engine, "advance", advance)  # noqa: B010
+        with halves_timed(watch):
+            yield bystander
+    finally:
+        setattr(Engine, "advance", original)  # noqa: B010
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run a subcommand of `usarsim` with the comparison; returns its exit code.
+
+    Args:
+        arguments: the file to write, then those of `usarsim`.
+    """
+    file, *rest = arguments
+    with compared() as bystander:
+        result = usarsim(rest)
+    Path(file).write_text(json.dumps([asdict(turn) for turn in bystander.turns]))
+    return result
+
 
 ROBOTS = (16, 64)
 SECONDS = 20.0
 
 RATIO_AIM = Aim("<=", 1.10)
 
-_INSTRUMENT = "usarsim_bench.instruments.physics"
 
-Turn = Mapping[str, float]
+Told = Mapping[str, float]
 
 
-def within(turns: Sequence[Turn], robots: int, start: float, stop: float) -> list[Turn]:
+def within(turns: Sequence[Told], robots: int, start: float, stop: float) -> list[Told]:
     """The turns of a span of wall time in which a whole team was there.
 
     Raises:
@@ -59,10 +243,10 @@ def measure_physics(plan: Plan) -> Section:
     )
 
 
-def _turns(plan: Plan, robots: int, seconds: float) -> list[Turn]:
+def _turns(plan: Plan, robots: int, seconds: float) -> list[Told]:
     with tempfile.TemporaryDirectory() as folder, scouts() as classes:
         file = Path(folder, "turns.json")
-        command = (_INSTRUMENT, str(file), "serve", *classes)
+        command = ("usarsim_bench.physics", str(file), "serve", *classes)
         with Server(plan.world, robots, command) as server, Crowd(server.port, plan.seed) as crowd:
             gather(crowd, robots, (SCOUT,), TOGETHER)
             crowd.run(SETTLE)
@@ -70,7 +254,7 @@ def _turns(plan: Plan, robots: int, seconds: float) -> list[Turn]:
         return within(json.loads(file.read_text()), robots, start, stop)
 
 
-def physics_figures(robots: int, turns: Sequence[Turn]) -> list[Figure]:
+def physics_figures(robots: int, turns: Sequence[Told]) -> list[Figure]:
     """The figures of one size, from at least one turn."""
     name = f"{robots} robots"
     ratios = [turn["thread"] / turn["bare"] for turn in turns]
@@ -86,8 +270,12 @@ def physics_figures(robots: int, turns: Sequence[Turn]) -> list[Figure]:
     ]
 
 
-def _to_mujoco(name: str, turns: Sequence[Turn]) -> list[Figure]:
+def _to_mujoco(name: str, turns: Sequence[Told]) -> list[Figure]:
     ratios = [turn["thread"] / turn["mujoco"] for turn in turns if turn["mujoco"] > 0.0]
     if not ratios:
         return []
     return [Figure(f"{name}: physics thread / MuJoCo's part of it", median(ratios), "", 2)]
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

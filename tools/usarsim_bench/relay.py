@@ -1,7 +1,13 @@
-"""What the relays of the wireless simulation carry, beside a plain proxy, and what a team costs."""
+"""What the relays of the wireless simulation carry, beside a plain proxy, and what a team costs.
+
+The proxy, with asyncio streams, does nothing but read and write: `python -m usarsim_bench.relay
+PORT` listens on any free port, says which on standard output, and passes every connection on to
+PORT of this machine.
+"""
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import selectors
 import socket
@@ -17,14 +23,36 @@ from pathlib import Path
 from statistics import median
 
 from usarsim_bench.crowd import DEFAULT_CLASS, Controller, Crowd
-from usarsim_bench.errors import BenchError
 from usarsim_bench.figures import Aim, Figure, Plan, Section
-from usarsim_bench.procfs import load_between
-from usarsim_bench.recording import between, status_samples
-from usarsim_bench.server import SERVE, Server
-from usarsim_bench.statistics import percentile, real_time_factor
+from usarsim_bench.recording import between, percentile, real_time_factor, status_samples
+from usarsim_bench.server import SERVE, BenchError, Server, load_between
 from usarsim_bench.team import EDGE, ROBOTS, SETTLE, load_figures
-from usarsim_client.closing import Closing
+from usarsim_record.closing import Closing
+
+CHUNK = 64 * 1024
+
+
+async def serve(target: int) -> None:
+    """Listen and pass on until cancelled."""
+
+    async def join(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        there_reader, there_writer = await asyncio.open_connection("127.0.0.1", target)
+        with contextlib.suppress(OSError):
+            await asyncio.gather(_pump(reader, there_writer), _pump(there_reader, writer))
+        for one in (writer, there_writer):
+            one.close()
+
+    server = await asyncio.start_server(join, "127.0.0.1", 0)
+    print(server.sockets[0].getsockname()[1], flush=True)
+    await server.serve_forever()
+
+
+async def _pump(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    while data := await reader.read(CHUNK):
+        writer.write(data)
+        await writer.drain()
+    writer.write_eof()
+
 
 SECONDS = 10.0
 RATE = 100_000
@@ -317,7 +345,7 @@ def _proxy_link() -> Iterator[tuple[socket.socket, socket.socket]]:
     with socket.create_server(("127.0.0.1", 0)) as listening:
         listening.settimeout(_PATIENCE)
         port = str(listening.getsockname()[1])
-        command = [sys.executable, "-m", "usarsim_bench.proxy", port]
+        command = [sys.executable, "-m", "usarsim_bench.relay", port]
         process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         try:
             assert process.stdout is not None
@@ -346,3 +374,8 @@ def _receive(end: socket.socket, size: int) -> None:
         if not data:
             raise BenchError("a link of the wireless simulation was lost")
         size -= len(data)
+
+
+if __name__ == "__main__":
+    with contextlib.suppress(KeyboardInterrupt):
+        asyncio.run(serve(int(sys.argv[1])))

@@ -15,10 +15,9 @@ from pathlib import Path
 
 from usarsim_bench.crowd import DEFAULT_CLASS, Behaviour, Controller, Crowd, wander
 from usarsim_bench.figures import Aim, Figure, Plan, Section
-from usarsim_bench.recording import Chunk, lines, streams
+from usarsim_bench.recording import Chunk, lines, rate, streams
 from usarsim_bench.robot_files import write_class
 from usarsim_bench.server import SERVE, Server
-from usarsim_bench.statistics import rate
 from usarsim_bench.team import FACTOR_AIM, TeamTrial, load_figures, try_team
 
 ROBOTS = 4

@@ -1,16 +1,119 @@
-"""A server in a process of its own, known only by its ports and by what Linux says of it."""
+"""A server in a process of its own, known only by its ports and by what it uses of the machine.
+
+Beside that what all measurements share: the one error of this package, processor time and memory of
+a process, and running an instrument, which measures in a process of its own.
+"""
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Sequence
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any
 
-from usarsim_bench.closing import CarefulClosing
-from usarsim_bench.errors import BenchError
-from usarsim_bench.procfs import Usage, usage
+import psutil
+
+from usarsim_record.closing import Closing
+
+
+class BenchError(RuntimeError):
+    """A measurement could not be taken; says why."""
+
+
+class CarefulClosing(Closing):
+    """Something whose closing may find a fault of its own."""
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        try:
+            self.close()
+        except BenchError:
+            # What went wrong first says more.
+            if error is None:
+                raise
+
+
+@dataclass(frozen=True, slots=True)
+class Usage:
+    """A process and its machine at one moment."""
+
+    wall: float
+    """s, `time.perf_counter`."""
+    cpu: float
+    """s of processor time used so far, in user and system mode."""
+    resident: int
+    """Bytes of physical memory."""
+    threads: int
+    descriptors: int
+    own_cpu: float
+    """s of processor time that this very process has used so far."""
+    busy: float
+    """s of processor time that all programs of the machine have used so far."""
+
+
+@dataclass(frozen=True, slots=True)
+class Load:
+    """Processors kept busy between two looks, in cores: by the process watched, by this very
+    process, by everybody else."""
+
+    process: float
+    own: float
+    others: float
+
+
+def usage(pid: int) -> Usage:
+    """Look at a process.
+
+    Raises:
+        BenchError: if there is no such process.
+    """
+    try:
+        with (process := psutil.Process(pid)).oneshot():
+            times = process.cpu_times()
+            return Usage(
+                wall=time.perf_counter(),
+                cpu=times.user + times.system,
+                resident=process.memory_info().rss,
+                threads=process.num_threads(),
+                descriptors=process.num_fds(),
+                own_cpu=time.process_time(),
+                busy=busy_seconds(),
+            )
+    except psutil.Error as error:
+        raise BenchError(f"process {pid} is gone ({type(error).__name__})") from None
+
+
+def busy_seconds() -> float:
+    """Processor time of all programs, s; what guests used is in that of users already."""
+    times = psutil.cpu_times()
+    spare = sum(getattr(times, name, 0.0) for name in ("idle", "iowait", "guest", "guest_nice"))
+    return float(sum(times) - spare)
+
+
+def load_between(before: Usage, after: Usage) -> Load:
+    """Who used the processors between two looks.
+
+    Raises:
+        ValueError: if no time passed between them.
+    """
+    elapsed = after.wall - before.wall
+    if elapsed <= 0.0:
+        raise ValueError("a load needs two moments")
+    process = (after.cpu - before.cpu) / elapsed
+    own = (after.own_cpu - before.own_cpu) / elapsed
+    # Counted in ticks of 10 ms, so a quiet machine can come out slightly below zero.
+    return Load(process, own, max(0.0, (after.busy - before.busy) / elapsed - process - own))
+
 
 SERVE = ("usarsim_server.cli", "serve")
 """Module and arguments that run the plain server."""
@@ -105,3 +208,29 @@ class Server(CarefulClosing):
     def close(self) -> None:
         """See `stop`."""
         self.stop()
+
+
+def run_instrument(
+    module: str, arguments: Sequence[object], patience: float | None = None
+) -> list[dict[str, Any]]:
+    """Run a module that measures something; returns the JSON objects that it prints, one a line.
+
+    Args:
+        module: below `usarsim_bench`.
+        arguments: of its command line.
+        patience: s after which it is given up.
+
+    Raises:
+        BenchError: if it fails, with what it said, or takes too long.
+    """
+    command = [sys.executable, "-m", f"usarsim_bench.{module}", *map(str, arguments)]
+    try:
+        done = subprocess.run(
+            command, capture_output=True, text=True, check=False, timeout=patience
+        )
+    except subprocess.TimeoutExpired:
+        raise BenchError(f"the {module} instrument took more than {patience:g} s") from None
+    if done.returncode != 0:
+        said = done.stderr[-_SHOWN_ERRORS:].strip()
+        raise BenchError(f"the {module} instrument failed: {said}")
+    return [json.loads(line) for line in done.stdout.splitlines()]

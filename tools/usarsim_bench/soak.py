@@ -9,12 +9,10 @@ from dataclasses import dataclass, field
 from statistics import mean, median
 
 from usarsim_bench.crowd import DEFAULT_CLASS, Controller, Crowd
-from usarsim_bench.errors import BenchError
 from usarsim_bench.figures import Aim, Figure, Plan, Section
-from usarsim_bench.procfs import Usage, load_between
-from usarsim_bench.server import SERVE, Server
+from usarsim_bench.recording import trend
+from usarsim_bench.server import SERVE, BenchError, Server, Usage, load_between
 from usarsim_bench.soak_visitors import GUESTS, Visitors, all_classes
-from usarsim_bench.statistics import trend
 from usarsim_bench.team import MIB, SETTLE, gather
 
 ROBOTS = 4

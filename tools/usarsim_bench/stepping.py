@@ -1,14 +1,317 @@
-"""The server's step loop against MuJoCo alone; measured inside one process by the server's own
-instrument (`usarsim_bench.instruments.stepping`), which says what is compared with what."""
+"""What the server's own work costs on top of MuJoCo's: steps per second of the same scene.
+
+Three rates are taken in one process, on one thread, in turns, with the same robots driving:
+
+* **engine**: `Engine.advance`, that is MuJoCo's two half steps with wheel servos, contact
+  compensation and the check for divergence, in batches as long as those of a running server;
+* **mujoco**: the part of it that is spent inside `mj_step1` and `mj_step2`, taken on a twin of the
+  engine that goes through the very same states: bare MuJoCo with the same contacts;
+* **bare**: a loop of `mj_step` and nothing else, the wheels driven by MuJoCo's own velocity
+  actuators. Every repetition starts in the engine's state but then goes its own way: without
+  compensation robots that turn hop, are in the air much of the time, and so cost MuJoCo less.
+
+Rates are steps per second of processor time, so that other programs disturb them little.
+`python -m usarsim_bench.stepping` measures, in a process that does nothing else; `usarsim bench
+stepping` runs it and makes figures of what it prints.
+"""
 
 from __future__ import annotations
 
+import argparse
 import json
-import subprocess
 import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from statistics import mean, median
+from typing import Any
 
-from usarsim_bench.errors import BenchError
+import mujoco
+import numpy as np
+
 from usarsim_bench.figures import Aim, Figure, Plan, Section
+from usarsim_bench.server import run_instrument
+from usarsim_server.robots.catalog import load_roster
+from usarsim_server.robots.description import RobotDescription
+from usarsim_server.sessions.robots import robot_model
+from usarsim_server.simulation.clock import BATCH_STEPS
+from usarsim_server.simulation.engine import Engine
+from usarsim_server.simulation.model import PhysicsOptions
+from usarsim_server.simulation.placement import Placement
+from usarsim_server.worlds.description import WorldDescription
+from usarsim_server.worlds.loader import find_world, load_world
+from usarsim_server.worlds.scene import build_scene
+
+ROBOT_CLASS = "P3AT"
+BARE_GAIN = 100.0
+"""N m s/rad of the wheels of bare robots: MuJoCo's own velocity actuators let a robot run ahead of
+its wheels if they are much stiffer (see `simulation/wheels.py`)."""
+CHUNK_STEPS = 24
+"""Steps between two looks at the clock and between two commands: about a tenth of a second."""
+REPETITION_CHUNKS = 5
+WARM_UP_CHUNKS = 10
+COMMAND_CHANCE = 0.2
+"""Of each robot to get a new command between two chunks: two a second."""
+HALVES = ("mj_step1", "mj_step2")
+_CALIBRATION_CALLS = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class Stepping:
+    """One scene.
+
+    Attributes:
+        world, robots: the scene.
+        steps: of each loop, in all.
+        engine, mujoco, bare: steps per s of processor time, medians of the repetitions; see the
+            module.
+        contacts: mean number of contacts in the engine.
+        bare_contacts: the same in the bare loop.
+        to_mujoco: rate of the engine over that of MuJoCo's part, median of the repetitions.
+        to_bare: the same over the bare loop.
+    """
+
+    world: str
+    robots: int
+    steps: int
+    engine: float
+    mujoco: float
+    bare: float
+    contacts: float
+    bare_contacts: float
+    to_mujoco: float
+    to_bare: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Turn:
+    """One repetition: processor seconds of each loop, contacts per step."""
+
+    engine: float
+    mujoco: float
+    bare: float
+    contacts: float
+    bare_contacts: float
+
+
+def measure(world: str, robots: int, seconds: float, seed: int = 0) -> Stepping:
+    """Take the three rates on one scene.
+
+    Args:
+        world: name or folder.
+        robots: number of P3AT driving around.
+        seconds: simulated time that each loop is measured for; rounded to whole repetitions of
+            about half a second.
+        seed: of the commands.
+
+    Raises:
+        WorldError: if the world cannot be used.
+        RuntimeError: if the twin engines part, which would make the rates incomparable.
+    """
+    scene = _Scene(load_world(find_world(world)), robots, seed)
+    for _ in range(WARM_UP_CHUNKS):
+        scene.command()
+        scene.advance()
+    steps = REPETITION_CHUNKS * CHUNK_STEPS
+    turns = [scene.turn() for _ in range(max(1, round(seconds / (steps * scene.timestep))))]
+    return Stepping(
+        world=world,
+        robots=robots,
+        steps=steps * len(turns),
+        engine=median(steps / turn.engine for turn in turns),
+        mujoco=median(steps / turn.mujoco for turn in turns),
+        bare=median(steps / turn.bare for turn in turns),
+        contacts=mean(turn.contacts for turn in turns),
+        bare_contacts=mean(turn.bare_contacts for turn in turns),
+        to_mujoco=median(turn.mujoco / turn.engine for turn in turns),
+        to_bare=median(turn.bare / turn.engine for turn in turns),
+    )
+
+
+class Stopwatch:
+    """Adds up the processor time that functions take, less what taking the time takes.
+
+    Attributes:
+        calls: number of calls timed so far.
+    """
+
+    def __init__(self) -> None:
+        self.calls = 0
+        self._seconds = 0.0
+        self._overhead = 0.0
+        nothing = self.timed(lambda: None)
+        for _ in range(_CALIBRATION_CALLS):
+            nothing()
+        self._overhead = self._seconds / self.calls
+        self.reset()
+
+    @property
+    def seconds(self) -> float:
+        """Processor time of all calls since the last reset."""
+        return self._seconds - self.calls * self._overhead
+
+    def reset(self) -> None:
+        """Start again at zero."""
+        self.calls, self._seconds = 0, 0.0
+
+    def timed(self, function: Callable[..., Any]) -> Callable[..., Any]:
+        """The same function, with its time added up."""
+
+        def wrapper(*arguments: Any) -> Any:
+            start = time.thread_time()
+            result = function(*arguments)
+            self._seconds += time.thread_time() - start
+            self.calls += 1
+            return result
+
+        return wrapper
+
+
+@contextmanager
+def halves_timed(watch: Stopwatch) -> Iterator[None]:
+    """While inside, the two half steps of MuJoCo are timed, whoever in this process calls them."""
+    originals = {name: getattr(mujoco, name) for name in HALVES}
+    try:
+        for name, original in originals.items():
+            setattr(mujoco, name, watch.timed(original))
+        yield
+    finally:
+        for name, original in originals.items():
+            setattr(mujoco, name, original)
+
+
+class _Scene:
+    """Two equal engines that go through the same states, and the bare loop's model and data."""
+
+    def __init__(self, world: WorldDescription, robots: int, seed: int) -> None:
+        description = load_roster(()).find(ROBOT_CLASS)
+        assert description is not None  # shipped
+        self._top_speed = description.drive.max_wheel_speed
+        self._left = np.array([wheel.side == "left" for wheel in description.driven_wheels])
+        self._dice = np.random.default_rng(seed)
+        self._robots = range(robots)
+        self._engine = _engine(world, description, robots)
+        self._twin = _engine(world, description, robots)
+        self._watch = Stopwatch()
+        self._plain = with_velocity_actuators(self._engine, BARE_GAIN)
+        self._bare = mujoco.MjData(self._plain)
+        self._turns = 0
+        for robot in self._robots:
+            self._drive(robot)
+
+    @property
+    def timestep(self) -> float:
+        """Simulated s per step."""
+        return self._engine.timestep
+
+    def command(self) -> None:
+        """Give some robots new random wheel speeds, in all loops."""
+        for robot in self._robots:
+            if self._dice.random() < COMMAND_CHANCE:
+                self._drive(robot)
+
+    def _drive(self, robot: int) -> None:
+        left, right = self._dice.uniform(-self._top_speed, self._top_speed, 2)
+        targets = np.where(self._left, left, right)
+        self._engine.drive(robot, targets)
+        self._twin.drive(robot, targets)
+        self._bare.ctrl[self._engine.world.layouts[robot].wheel_actuators] = targets
+
+    def turn(self) -> _Turn:
+        """One repetition of all loops; they take turns in going first."""
+        ctrl = self._bare.ctrl.copy()
+        mujoco.mj_copyData(self._bare, self._engine.world.model, self._engine.data)
+        self._bare.ctrl[:] = ctrl
+        engine = inside = bare = contacts = bare_contacts = 0.0
+        self._turns += 1
+        for _ in range(REPETITION_CHUNKS):
+            self.command()
+            if self._turns % 2:
+                bare += self._step_bare()
+            seconds, seconds_inside = self.advance()
+            if not self._turns % 2:
+                bare += self._step_bare()
+            engine += seconds
+            inside += seconds_inside
+            contacts += self._engine.data.ncon / REPETITION_CHUNKS
+            bare_contacts += self._bare.ncon / REPETITION_CHUNKS
+        return _Turn(engine, inside, bare, contacts, bare_contacts)
+
+    def advance(self) -> tuple[float, float]:
+        """Run both engines for a chunk.
+
+        Returns:
+            Processor seconds of the engine, and of MuJoCo's part of it, taken on the twin.
+
+        Raises:
+            RuntimeError: if they do not end in the same state, or MuJoCo's part was not found.
+        """
+        seconds = _timed(lambda: _advance(self._engine))
+        self._watch.reset()
+        with halves_timed(self._watch):
+            _advance(self._twin)
+        if self._watch.calls != len(HALVES) * CHUNK_STEPS:
+            raise RuntimeError("the engine does not step by two halves")
+        if not np.array_equal(self._engine.data.qpos, self._twin.data.qpos):
+            raise RuntimeError("the twin engines parted")
+        return seconds, self._watch.seconds
+
+    def _step_bare(self) -> float:
+        model, data = self._plain, self._bare
+
+        def steps() -> None:
+            for _ in range(CHUNK_STEPS):
+                mujoco.mj_step(model, data)
+
+        return _timed(steps)
+
+
+def _engine(world: WorldDescription, description: RobotDescription, robots: int) -> Engine:
+    """An engine with robots on the world's start poses, in turn, or as near as there is room."""
+    model = robot_model(description)
+    engine = Engine(lambda: build_scene(world), PhysicsOptions(), [model] * robots)
+    placement = Placement(engine.world, world.lower, world.upper)
+    for robot in range(robots):
+        wanted = world.starts[robot % len(world.starts)].pose
+        engine.occupy(robot, robot, placement.find(engine.snapshot(), robot, wanted))
+    return engine
+
+
+def with_velocity_actuators(engine: Engine, gain: float) -> mujoco.MjModel:
+    """The engine's model with the wheels driven as plain MuJoCo does it, gain in N m s/rad."""
+    model = engine.world.model.__copy__()
+    for layout in engine.world.layouts:
+        model.dof_frictionloss[layout.wheel_dof] = 0.0
+        model.actuator_gainprm[layout.wheel_actuators, 0] = gain
+        model.actuator_biasprm[layout.wheel_actuators, :3] = (0.0, 0.0, -gain)
+    return model
+
+
+def _timed(work: Callable[[], None]) -> float:
+    start = time.thread_time()
+    work()
+    return time.thread_time() - start
+
+
+def _advance(engine: Engine) -> None:
+    for _ in range(CHUNK_STEPS // BATCH_STEPS):
+        engine.advance(BATCH_STEPS)
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Measure scenes and print one JSON object per line, one for each number of robots."""
+    parser = argparse.ArgumentParser(prog="python -m usarsim_bench.stepping")
+    parser.add_argument("--world", default="arena", help="name or folder (default arena)")
+    parser.add_argument("--robots", type=int, nargs="+", default=[1, 4, 16], metavar="N")
+    parser.add_argument("--seconds", type=float, default=10.0, help="simulated, for each loop")
+    parser.add_argument("--seed", type=int, default=0)
+    given = parser.parse_args(arguments)
+    for robots in given.robots:
+        result = measure(given.world, robots, given.seconds, given.seed)
+        print(json.dumps(asdict(result)), flush=True)
+    return 0
+
 
 ROBOTS = (1, 4, 16)
 SECONDS = 10.0
@@ -16,9 +319,6 @@ BARE_WORLD = "empty"
 """Measured besides the world asked for: a floor and nothing else."""
 
 RATIO_AIM = Aim(">=", 0.8)
-
-_INSTRUMENT = "usarsim_bench.instruments.stepping"
-_SHOWN_ERRORS = 2000
 
 
 def measure_stepping(plan: Plan) -> Section:
@@ -42,18 +342,12 @@ def measure_stepping(plan: Plan) -> Section:
     )
 
 
-def _scenes(
-    world: str, sizes: tuple[int, ...], seconds: float, seed: int
-) -> list[dict[str, float | int | str]]:
-    command = [sys.executable, "-m", _INSTRUMENT, "--world", world, "--seconds", str(seconds)]
-    command += ["--seed", str(seed), "--robots", *map(str, sizes)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode != 0:
-        raise BenchError(f"the stepping instrument failed: {done.stderr[-_SHOWN_ERRORS:].strip()}")
-    return [json.loads(line) for line in done.stdout.splitlines()]
+def _scenes(world: str, sizes: Sequence[int], seconds: float, seed: int) -> list[dict[str, Any]]:
+    words = ("--world", world, "--seconds", seconds, "--seed", seed, "--robots", *sizes)
+    return run_instrument("stepping", words)
 
 
-def _figures(scene: dict[str, float | int | str]) -> list[Figure]:
+def _figures(scene: dict[str, Any]) -> list[Figure]:
     robots = scene["robots"]
     place = f"{scene['world']}, {robots} robot{'s' if robots != 1 else ''}"
 
@@ -69,3 +363,7 @@ def _figures(scene: dict[str, float | int | str]) -> list[Figure]:
         figure("contacts, engine", "contacts", "", 1),
         figure("contacts, bare mj_step", "bare_contacts", "", 1),
     ]
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,8 +1,8 @@
-"""The process of the attackers.
+"""All attacks by name, and the process of the attackers.
 
-`python -m usarsim_bench.hostile.attackers NAME PORTS`, with the ports as a JSON object, does
-one attack on a server of this machine until its standard input ends; then it says on standard
-output what it did, as JSON.
+`python -m usarsim_bench.hostile.attackers NAME PORTS`, with the ports as a JSON object, does one
+attack on a server of this machine until its standard input ends; then it says on standard output
+what it did, as JSON.
 """
 
 from __future__ import annotations
@@ -16,10 +16,15 @@ import threading
 from collections.abc import Mapping
 from dataclasses import asdict
 
-from usarsim_bench.closing import CarefulClosing
-from usarsim_bench.errors import BenchError
-from usarsim_bench.hostile.attacks import ATTACKS
+from usarsim_bench.hostile.attack import Attack
+from usarsim_bench.hostile.control_attacks import CONTROL_ATTACKS
 from usarsim_bench.hostile.links import Damage, Site, work
+from usarsim_bench.hostile.side_attacks import SIDE_ATTACKS
+from usarsim_bench.server import BenchError, CarefulClosing
+
+ATTACKS: Mapping[str, Attack] = {one.name: one for one in (*CONTROL_ATTACKS, *SIDE_ATTACKS)}
+"""In the order in which they are tried."""
+
 
 _END_TIMEOUT = 20.0
 

@@ -7,17 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from usarsim_bench.crowd import Crowd
-from usarsim_bench.errors import BenchError
 from usarsim_bench.figures import Aim, Figure, Plan, Section, Table
 from usarsim_bench.hostile.attack import MIB, Attack
-from usarsim_bench.hostile.attackers import Attackers
-from usarsim_bench.hostile.attacks import ATTACKS
+from usarsim_bench.hostile.attackers import ATTACKS, Attackers
 from usarsim_bench.hostile.links import SHARE, Damage
 from usarsim_bench.hostile.newcomers import Newcomers
 from usarsim_bench.hostile.tally import Tally, intervals
-from usarsim_bench.procfs import load_between
 from usarsim_bench.robot_files import SCOUT, scouts
-from usarsim_bench.server import SERVE, Server
+from usarsim_bench.server import SERVE, BenchError, Server, load_between
 from usarsim_bench.swarm import TOGETHER
 from usarsim_bench.team import SETTLE, gather
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from statistics import median
 
-from usarsim_bench.errors import BenchError
 from usarsim_bench.recording import Chunk, lines, stream_of
+from usarsim_bench.server import BenchError
 
 _TIME = re.compile(rb"\{Time ([0-9.]+)\}")
 

@@ -1,1 +1,1 @@
-"""Other simulators, one file each, with the programs that they run in `workloads/`."""
+"""The same work done by other simulators; their programs are in `workloads/`."""

@@ -2,6 +2,6 @@
 
     python -I SCRIPT WORK.json RESULT.json
 
-`WORK.json` is what `usarsim_bench.peer_work` writes, `RESULT.json` what
-`usarsim_bench.peer_runs` reads.
+`WORK.json` is what `usarsim_bench.peers.work` writes, `RESULT.json` what
+`usarsim_bench.peers.work` reads.
 """

@@ -1,0 +1,235 @@
+"""Checks are found, chosen, run and judged."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+from collections.abc import Awaitable, Callable
+
+import pytest
+
+from usarsim_conformance import registry
+from usarsim_conformance.case import Case
+from usarsim_conformance.mutants.control_server import control_server
+from usarsim_conformance.registry import Check, all_checks, check, select
+from usarsim_conformance.report import Report
+from usarsim_conformance.runner import Progress, judge_all
+from usarsim_conformance.survey import Target
+from usarsim_conformance.verdicts import Failed, Severity, Verdict
+
+
+@pytest.fixture
+def fresh(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Checks made meanwhile are forgotten."""
+    monkeypatch.setattr(registry, "_CHECKS", dict(registry._CHECKS))
+
+
+def judged(
+    *ids: str, tell: Callable[[Progress], None] = lambda progress: None, gives_up: float = 60.0
+) -> Report:
+    """Some checks against a healthy small server."""
+    chosen = [one for one in registry._CHECKS.values() if one.id in ids]
+
+    async def run() -> Report:
+        async with control_server() as port:
+            target = Target(ports={"control": port}, robot="P2AT", dialect="ut2004")
+            return await judge_all(target, chosen, tell=tell, gives_up=gives_up)
+
+    return asyncio.run(run())
+
+
+@pytest.mark.usefixtures("fresh")
+class TestNewCheck:
+    def test_one_function_is_enough(self) -> None:
+        """A decorated function is a check: it is found, run, and its docstring is the rule."""
+
+        @check("control.kit.answers", "Answers", source="nowhere", dialects=registry.UT2004)
+        async def answers(case: Case) -> None:
+            """The server answers
+            requests."""
+            robot = await case.spawn()
+            line = await robot.client.ask("GETCONF {Type Robot}", "CONF {")
+            case.expect(line.get("Name") == "P2AT", f"{line}")
+
+        assert "control.kit.answers" in {one.id for one in all_checks()}
+        report = judged("control.kit.answers")
+        assert report.results[0].verdict is Verdict.PASS
+        assert report.rule("control.kit.answers").rule == "The server answers requests."
+
+    @pytest.mark.parametrize(
+        ("raise_it", "verdict"),
+        [
+            (lambda case: case.fail("seen"), Verdict.FAIL),
+            (lambda case: case.expect(0, "seen"), Verdict.FAIL),
+            (lambda case: case.skip("seen"), Verdict.NOT_APPLICABLE),
+            (lambda case: case.need(None, "seen"), Verdict.INCONCLUSIVE),
+            (lambda case: dict[str, int]()["seen"], Verdict.INCONCLUSIVE),
+        ],
+    )
+    def test_words_become_verdicts(
+        self, raise_it: Callable[[Case], object], verdict: Verdict
+    ) -> None:
+        """What a check says, or that it breaks, becomes a verdict with its reason."""
+
+        @check("control.kit.says", "Says", source="nowhere", dialects=registry.ONCE)
+        async def says(case: Case) -> None:
+            """Says something."""
+            raise_it(case)
+
+        result = judged("control.kit.says").results[0]
+        assert result.verdict is verdict
+        assert "seen" in result.reason
+
+    def test_a_check_that_never_ends(self) -> None:
+        """It is given up after its time, inconclusively."""
+
+        @check("control.kit.ever", "Ever", source="nowhere", dialects=registry.ONCE)
+        async def ever(case: Case) -> None:
+            """Never ends."""
+            await asyncio.sleep(60.0)
+
+        result = judged("control.kit.ever", gives_up=0.2).results[0]
+        assert (result.verdict, result.reason) == (Verdict.INCONCLUSIVE, "not judged within 0.2 s")
+
+    def test_exclusive_checks_run_alone(self) -> None:
+        """No other check is at work while an exclusive one is; the others work together."""
+        busy: list[str] = []
+        seen: dict[str, int] = {}
+
+        def make(name: str, exclusive: bool) -> Callable[[Case], Awaitable[None]]:
+            async def work(case: Case) -> None:
+                """Works."""
+                busy.append(name)
+                await asyncio.sleep(0.1)
+                seen[name] = len(busy)
+                busy.remove(name)
+
+            return check(name, "x", source="x", dialects=registry.ONCE, exclusive=exclusive)(work)
+
+        names = [f"control.kit.n{number}" for number in range(4)]
+        for name in names:
+            make(name, name.endswith("3"))
+        judged(*names)
+        assert seen["control.kit.n3"] == 1
+        assert max(seen.values()) > 1
+
+    def test_services_without_a_port(self) -> None:
+        """Checks of a service that nobody named do not apply."""
+
+        @check("images.kit.x", "x", source="x", service="images", dialects=registry.ONCE)
+        async def looks(case: Case) -> None:
+            """Looks."""
+            raise AssertionError("must not run")
+
+        assert judged("images.kit.x").results[0].verdict is Verdict.NOT_APPLICABLE
+
+    def test_shared_things_are_made_once(self) -> None:
+        """Checks that ask for the same thing get one; what went over the wire is shown to all."""
+        made: list[str] = []
+
+        async def make(case: Case) -> str:
+            made.append(case.dialect)
+            await (await case.connect()).send("HELLO")
+            return "thing"
+
+        async def ask(case: Case) -> None:
+            """Asks."""
+            case.fail(await case.shared("a thing", make))
+
+        for name in ("control.kit.a", "control.kit.b"):
+            check(name, "x", source="x", dialects=registry.UT2004)(ask)
+        report = judged("control.kit.a", "control.kit.b")
+        assert made == ["ut2004"]
+        for result in report.results:
+            assert result.reason == "thing"
+            assert any("HELLO" in entry for entry in result.transcript)
+
+    def test_progress_is_told(self) -> None:
+        """After every check its result and how many are done."""
+
+        @check("control.kit.p", "x", source="x", dialects=registry.ONCE)
+        async def passes(case: Case) -> None:
+            """Passes."""
+
+        told: list[Progress] = []
+        judged("control.kit.p", tell=told.append)
+        assert [(one.done, one.total, one.check.id) for one in told] == [(1, 1, "control.kit.p")]
+
+    @pytest.mark.parametrize(
+        ("id", "service", "dialects", "source"),
+        [
+            ("Control.X", "control", (), "x"),
+            ("control", "control", (), "x"),
+            ("control.kit.x", "radio", (), "x"),
+            ("control.kit.x", "control", ("ut99",), "x"),
+            ("control.kit.x", "control", (), ""),
+        ],
+    )
+    def test_mistakes_are_refused(
+        self, id: str, service: str, dialects: tuple[str, ...], source: str
+    ) -> None:
+        """A check with a wrong name, service or dialect, or without source, cannot be made."""
+
+        async def function(case: Case) -> None:
+            """A rule."""
+
+        with pytest.raises(ValueError, match=re.escape(id)):
+            check(id, "x", source=source, service=service, dialects=dialects)(function)
+
+    def test_a_name_is_taken_once(self) -> None:
+        """Two functions of different files cannot be the same check, nor one without a rule."""
+
+        async def function(case: Case) -> None:
+            """A rule."""
+
+        with pytest.raises(ValueError, match="two checks"):
+            check("control.connection.greeting", "x", source="x")(function)
+        function.__doc__ = None
+        with pytest.raises(ValueError, match="needs a rule"):
+            check("control.kit.x", "x", source="x")(function)
+
+
+class TestAll:
+    def test_checks_are_many(self) -> None:
+        """The control port alone is judged by more than 120 rules, all services by over 200."""
+        checks = all_checks()
+        assert sum(one.service == "control" for one in checks) >= 120
+        assert len(checks) >= 200
+        assert len({one.id for one in checks}) == len(checks)
+
+    @pytest.mark.parametrize("one", all_checks(), ids=lambda one: one.id)
+    def test_every_check_is_explained(self, one: Check) -> None:
+        """Names begin with the service; rule and title are sentences; a source is named."""
+        assert one.id.startswith(f"{one.service}.")
+        assert one.rule.endswith(".") or one.rule.endswith(".)")
+        assert len(one.title) <= 60
+        assert re.search(r"reference", one.source), one.source
+
+    @pytest.mark.parametrize(
+        ("pattern", "wanted"),
+        [
+            ("control.init.case", {"control.init.case"}),
+            ("init.case", {"control.init.case"}),
+            ("control.world.f*,*.init.second", {"control.world.form", "control.init.second"}),
+            ("nothing-like-it", set()),
+        ],
+    )
+    def test_patterns(self, pattern: str, wanted: set[str]) -> None:
+        """A plain word fits anywhere, signs stand for anything, commas part several."""
+        assert {one.id for one in select(all_checks(), pattern)} == wanted
+
+    def test_no_pattern_fits_all(self) -> None:
+        """Without a pattern all checks are chosen."""
+        assert select(all_checks(), None) == all_checks()
+
+
+def test_an_unreachable_server() -> None:
+    """Nobody at the port is told at once, and is no verdict on any rule."""
+    target = Target(ports={"control": 1}, robot="P2AT")
+    with pytest.raises(Failed, match=re.escape("no connection to 127.0.0.1:1")):
+        asyncio.run(judge_all(target, all_checks()[:1]))
+
+
+def test_severities_are_used() -> None:
+    """Rules differ in how bad it is to break them."""
+    assert {one.severity for one in all_checks()} == set(Severity)

@@ -1,0 +1,241 @@
+"""Cars: signs and radii of their steering against ground truth (protocol reference 3.4.2)."""
+
+from __future__ import annotations
+
+import math
+
+from usarsim_conformance.case import Case
+from usarsim_conformance.control import Robot
+from usarsim_conformance.registry import ONCE, check
+from usarsim_conformance.trips import Trip, near, of_classes, on_open_floor, ride
+from usarsim_conformance.verdicts import Severity
+
+CARS = ("Sedan", "Hummer", "FrontAckerman", "BasicAckermanRobot")
+"""Steered in front: an American car, a heavy one, one of the UDK generation; steered behind."""
+_WIDTHS = ("FrontAckerman", "BasicAckermanRobot")
+"""Classes of the UDK generation announce the width of the joint's range as the steering limit
+(protocol reference 4.8); those before them the largest angle."""
+_PACE = 1.2
+"""m/s."""
+_ANGLE = 0.3
+"""rad."""
+
+
+def _drive(speed: float, front: float = 0.0, rear: float = 0.0, extra: str = "") -> str:
+    return f"DRIVE {{Speed {speed:.4f}}} {{FrontSteer {front:.4f}}} {{RearSteer {rear:.4f}}}{extra}"
+
+
+async def _tour(robot: Robot, trip: Trip) -> None:
+    radius, most = trip.geo.number("WheelRadius"), trip.conf.number("MaxSpeed")
+    speed = min(0.7 * most, _PACE / radius)
+    seconds = 2.6 if speed * radius > 0.5 else 4.5
+    angles = {}
+    for axle in ("Front", "Rear"):
+        limit = trip.conf.number(f"Max{axle}Steer")
+        angles[axle] = min(_ANGLE, 0.4 * limit) if limit > 0.0 else 0.0
+    legs = {
+        "straight": (_drive(speed), seconds),
+        "back": (_drive(-speed), seconds),
+    }
+    for axle, front, rear in (("Front", 1.0, 0.0), ("Rear", 0.0, 1.0)):
+        angle = angles[axle]
+        if not angle:
+            continue
+        legs |= {
+            f"{axle} right": (_drive(speed, front * angle, rear * angle), seconds),
+            f"{axle} right back": (_drive(-speed, front * angle, rear * angle), seconds),
+            f"{axle} left": (_drive(speed, -front * angle, -rear * angle), seconds),
+        }
+    percent = 100.0 * min(_PACE / (most * radius), 0.5)
+    legs |= {
+        "percent": (_drive(percent, extra=" {Normalized true}"), seconds),
+        "halt": (_drive(0.0, extra=" {Normalized false}"), 1.0),
+        "most": (_drive(0.0, 9.0, 9.0), 2.0),
+        "least": (_drive(0.0, -9.0, -9.0), 3.0),
+    }
+    for name, (command, time) in legs.items():
+        trip.legs[name] = await ride(robot, command, time)
+
+
+async def _cars(case: Case) -> list[Trip]:
+    async def tour(case: Case, class_name: str) -> Trip:
+        return await on_open_floor(case, "a tour", class_name, _tour)
+
+    return await of_classes(case, CARS, tour)
+
+
+def _number(trip: Trip, leg: str, name: str) -> float:
+    """A number of a leg's command."""
+    return float(trip[leg].command.split(f"{{{name} ")[1].partition("}")[0])
+
+
+def _steered(trip: Trip) -> list[tuple[str, str, float]]:
+    """Leg, axle and the turn that its command asks for: clockwise positive."""
+    return [
+        (name, axle, math.copysign(1.0, _number(trip, name, "Speed"))
+         * math.copysign(1.0, _number(trip, name, f"{axle}Steer"))
+         * (1.0 if axle == "Front" else -1.0))
+        for name in trip.legs for axle in ("Front", "Rear") if name.startswith(axle)
+    ]  # fmt: skip
+
+
+async def _turns(case: Case, axle: str) -> None:
+    judged = 0
+    for trip in await _cars(case):
+        for leg, one, sign in _steered(trip):
+            if one != axle:
+                continue
+            judged += 1
+            turning = trip[leg].turning
+            case.expect(
+                sign * turning > 0.002,
+                f"{trip.class_name} with {trip[leg].command}: yaw changes by {turning:.3f} rad/s, "
+                f"which should be {'above' if sign > 0 else 'below'} 0: {axle}Steer",
+            )
+    if not judged:
+        case.skip(f"no car of {', '.join(CARS)} is steered by {axle}Steer")
+
+
+@check(
+    "control.ackerman.front-steer",
+    "Positive FrontSteer turns right",
+    source="protocol reference 3.4.2",
+    dialects=ONCE,
+)
+async def front_steer(case: Case) -> None:
+    """A positive FrontSteer turns the front wheels clockwise: driving ahead yaw grows, backwards it
+    shrinks; a negative one does the opposite."""
+    await _turns(case, "Front")
+
+
+@check(
+    "control.ackerman.rear-steer",
+    "Positive RearSteer turns rear wheels clockwise",
+    source="protocol reference 3.4.2",
+    dialects=ONCE,
+)
+async def rear_steer(case: Case) -> None:
+    """A positive RearSteer turns the rear wheels clockwise: driving ahead the car turns left and
+    yaw shrinks, backwards it grows; a negative one does the opposite."""
+    await _turns(case, "Rear")
+
+
+@check(
+    "control.ackerman.radius",
+    "WheelBase and angle give the radius",
+    source="robots reference 3.2 and 5.2, no. 40",
+    dialects=ONCE,
+    severity=Severity.SHOULD,
+)
+async def radius(case: Case) -> None:
+    """A car turns by tan(angle) / WheelBase per metre, WheelBase as in GEO, within 15 percent (cars
+    whose wheels all take the same angle slip a little)."""
+    for trip in await _cars(case):
+        base = trip.geo.number("WheelBase")
+        for leg, axle, _ in _steered(trip):
+            speed, turning = trip[leg].speed, trip[leg].turning
+            case.need(abs(speed) > 0.01, f"{trip.class_name} hardly moves")
+            wanted = math.tan(abs(_number(trip, leg, f"{axle}Steer"))) / base
+            found = abs(turning / speed)
+            case.expect(
+                near(found, wanted, 0.15),
+                f"{trip.class_name} with {trip[leg].command} turns on {1 / max(found, 1e-6):.2f} m,"
+                f" not on {1 / wanted:.2f} m: WheelBase {base} of GEO, or {axle}Steer",
+            )
+
+
+@check(
+    "control.ackerman.speed",
+    "Speed times WheelRadius is the speed",
+    source="protocol reference 6, no. 132 and 3.4.2",
+    dialects=ONCE,
+    severity=Severity.SHOULD,
+)
+async def speed(case: Case) -> None:
+    """Straight ahead and back a car runs at Speed times WheelRadius of GEO within 7 percent, and
+    along its own x."""
+    for trip in await _cars(case):
+        for leg in ("straight", "back"):
+            wanted = _number(trip, leg, "Speed") * trip.geo.number("WheelRadius")
+            ahead, right, _ = trip[leg].velocity
+            case.expect(
+                near(ahead, wanted, 0.07, 0.01) and abs(right) < 0.05 * abs(wanted) + 0.01,
+                f"{trip.class_name} with {trip[leg].command} runs {ahead:.3f} m/s ahead and "
+                f"{right:.3f} m/s right, not {wanted:.3f} ahead: Speed, or WheelRadius of GEO",
+            )
+
+
+@check(
+    "control.ackerman.percent",
+    "Normalized Speed is percent of MaxSpeed",
+    source="protocol reference 3.4 and 6, no. 146",
+    dialects=ONCE,
+    severity=Severity.SHOULD,
+)
+async def percent(case: Case) -> None:
+    """`{Speed p} {Normalized true}` runs at p percent of MaxSpeed of CONF times WheelRadius, within
+    7 percent."""
+    for trip in await _cars(case):
+        share = _number(trip, "percent", "Speed") / 100.0
+        wanted = share * trip.conf.number("MaxSpeed") * trip.geo.number("WheelRadius")
+        found = trip["percent"].speed
+        case.expect(
+            near(found, wanted, 0.07, 0.01),
+            f"{trip.class_name} at {100 * share:.1f} percent runs {found:.3f} m/s, not "
+            f"{wanted:.3f}: MaxSpeed of CONF",
+        )
+
+
+@check(
+    "control.ackerman.status",
+    "STA tells the steering angles",
+    source="protocol reference 4.3",
+    dialects=ONCE,
+)
+async def status(case: Case) -> None:
+    """FrontSteer and RearSteer of STA are the angles that the car was told, with their signs; the
+    axle that is not steered stays at 0."""
+    for trip in await _cars(case):
+        for leg, _, _ in _steered(trip):
+            for name in ("FrontSteer", "RearSteer"):
+                wanted, found = _number(trip, leg, name), trip[leg].status.number(name)
+                case.expect(
+                    abs(found - wanted) < 0.03,
+                    f"{trip.class_name} with {trip[leg].command}: {name} of STA is {found}",
+                )
+
+
+@check(
+    "control.ackerman.limits",
+    "CONF tells the steering limits",
+    source="protocol reference 4.8; robots reference 1.4",
+    dialects=ONCE,
+    severity=Severity.SHOULD,
+)
+async def limits(case: Case) -> None:
+    """Told to steer by 9 rad, STA tells the limit of CONF, on both sides: MaxFrontSteer and
+    MaxRearSteer are the largest angle, for classes of the UDK generation the width from the
+    smallest to the largest."""
+    for trip in await _cars(case):
+        for axle in ("Front", "Rear"):
+            told = trip.conf.number(f"Max{axle}Steer")
+            most, least = (trip[leg].status.number(f"{axle}Steer") for leg in ("most", "least"))
+            found = most - least if trip.class_name in _WIDTHS else max(most, -least)
+            case.expect(
+                near(found, told, 0.05, 0.01) and least <= 0.0 <= most,
+                f"{trip.class_name} steers from {least:.3f} to {most:.3f} rad, but "
+                f"Max{axle}Steer of CONF is {told}: {axle}Steer",
+            )
+
+
+@check(
+    "control.ackerman.steering-type",
+    "SteeringType of cars",
+    source="protocol reference 4.8",
+    dialects=ONCE,
+)
+async def steering_type(case: Case) -> None:
+    """SteeringType of CONF is AckermanSteered for cars."""
+    for trip in await _cars(case):
+        found = trip.conf.get("SteeringType")
+        case.expect(found == "AckermanSteered", f"SteeringType of {trip.class_name} is {found}")
