@@ -5,11 +5,10 @@ from __future__ import annotations
 import asyncio
 
 from usarsim_conformance.mutants.control_server import control_server
-from usarsim_conformance.registry import Check, all_checks
+from usarsim_conformance.registry import Check, Result, Verdict, all_checks
 from usarsim_conformance.report import Report
 from usarsim_conformance.runner import judge_all
 from usarsim_conformance.survey import Target
-from usarsim_conformance.verdicts import Result, Verdict
 
 _SERVERS = 8
 """Checks that want to be alone take long one by one; on several servers they need not wait."""

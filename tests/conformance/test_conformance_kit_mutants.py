@@ -9,10 +9,9 @@ import pytest
 
 from usarsim_conformance.mutants.control_faults import all_faults
 from usarsim_conformance.mutants.control_server import control_server
-from usarsim_conformance.registry import all_checks
+from usarsim_conformance.registry import Result, Verdict, all_checks
 from usarsim_conformance.runner import judge_all
 from usarsim_conformance.survey import Target
-from usarsim_conformance.verdicts import Result, Verdict
 
 _FAULTS = all_faults()
 _AT_A_TIME = 64

@@ -8,9 +8,8 @@ from pathlib import Path
 import pytest
 
 from usarsim_conformance.planted import Fault, all_faults
-from usarsim_conformance.planted.copy import PlantError, edited, edited_copy
 from usarsim_conformance.planted.faults import Edit
-from usarsim_conformance.planted.trial import as_table, try_faults
+from usarsim_conformance.planted.trial import PlantError, as_table, edited, edited_copy, try_faults
 from usarsim_conformance.registry import all_checks
 
 _FAULTS = {fault.name: fault for fault in all_faults()}
@@ -39,7 +38,7 @@ def test_faults_that_change_nothing_are_errors() -> None:
     with pytest.raises(PlantError, match="does not exist"):
         edited([Edit("robots/NoSuch.toml", "", "")])
     with pytest.raises(PlantError, match="neither in"):
-        edited([Edit("tools/usarsim_record/closing.py", "", "")])
+        edited([Edit("tools/usarsim_client/closing.py", "", "")])
 
 
 def test_copies_are_links_but_for_the_edit(tmp_path: Path) -> None:

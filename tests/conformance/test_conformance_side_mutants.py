@@ -9,11 +9,10 @@ import pytest
 
 from usarsim_conformance import side_images, side_lines
 from usarsim_conformance.mutants.side_faults import FAULTS, side_server
-from usarsim_conformance.registry import Check, all_checks
+from usarsim_conformance.registry import Check, Verdict, all_checks
 from usarsim_conformance.report import Report
 from usarsim_conformance.runner import judge_all
 from usarsim_conformance.survey import Target
-from usarsim_conformance.verdicts import Verdict
 
 CHECKS = {check.id: check for check in all_checks()}
 JPEG_FAULTS = {"image-cut-jpeg"}

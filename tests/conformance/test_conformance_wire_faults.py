@@ -16,8 +16,7 @@ from usarsim_conformance.mutants.side_faults import FAULTS as SIDE_FAULTS
 from usarsim_conformance.mutants.wire_faults import WireFault, all_wire_faults
 from usarsim_conformance.mutants.wire_trial import try_wire_faults
 from usarsim_conformance.own_server import OwnServer
-from usarsim_conformance.registry import all_checks
-from usarsim_conformance.verdicts import Result, Verdict
+from usarsim_conformance.registry import Result, Verdict, all_checks
 
 _FAULTS = all_wire_faults()
 _OPTIONS = {"own": (), "raw": ("--image-type", "RAW")}

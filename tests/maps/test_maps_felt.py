@@ -11,7 +11,7 @@ import pytest
 from built_worlds import build_world, cuboid_mesh, grid_mesh, mesh_of, scene_of, thing
 from numpy.typing import NDArray
 
-from usarsim_maps.meshes.mesh_error import model_error
+from usarsim_maps.build.mesh_error import model_error
 from usarsim_maps.scene import Mesh, Part, SceneObject
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
 

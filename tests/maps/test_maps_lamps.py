@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from t3d_maps import actor, level, room, start
 
-from usarsim_maps.build.lamps import chosen_lights, lamps
-from usarsim_maps.build.lit_faces import Glow, cut_for_light
+from usarsim_maps.build.light import Glow, chosen_lights, cut_for_light, lamps
 from usarsim_maps.findings import Findings
 from usarsim_maps.scene import Light, LightKind
 from usarsim_server.cameras import backend as probe

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from PIL import Image
 from t3d_maps import level, room, start
 
-from usarsim_maps.build.likely_colors import likely_color
+from usarsim_maps.unreal.names import likely_color
 
 
 @pytest.mark.parametrize(

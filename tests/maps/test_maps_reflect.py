@@ -11,7 +11,7 @@ from built_worlds import AXES, World, build_world, import_text, mesh_of, scene_o
 from t3d_maps import corner
 
 from usarsim_maps.scene import Heightfield, Light, PathNode, Start, Victim
-from usarsim_maps.textures import reflect
+from usarsim_maps.units import reflect
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
 from usarsim_server.worlds.description import Smoke, SmokePuff, SmokeVolume
 

@@ -11,7 +11,7 @@ from mesh_samples import read, upright
 from numpy.typing import NDArray
 from t3d_maps import corner
 
-from usarsim_maps.sheet import Probe
+from usarsim_maps.build.facts import Probe
 
 Array = NDArray[np.float64]
 

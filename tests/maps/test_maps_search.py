@@ -15,7 +15,7 @@ from t3d_maps import actor, level, start
 from usarsim_maps.convert import Request, import_map
 from usarsim_maps.files import AssetIndex
 from usarsim_maps.findings import Findings
-from usarsim_maps.gazebo.tree import FolderTree
+from usarsim_maps.gazebo.files import FolderTree
 from usarsim_maps.reader import ImportOptions
 from usarsim_server.cli import main
 from usarsim_server.errors import MapImportError

@@ -9,10 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from usarsim_maps.build.contact import FLOOR, LEAST, THICKNESS, UNDER, collide, slabs
+from usarsim_maps.build.orientation import orient
 from usarsim_maps.build.pieces import BoxPiece, HullPiece, Piece, hull_piece, volumes
-from usarsim_maps.build.soup import Soup, clean, components, convex_polygons, normals_areas
+from usarsim_maps.build.soup import Soup, clean, components, convex_polygons
 from usarsim_maps.build.terrain import as_terrain, is_rolling
-from usarsim_maps.orientation import orient
+from usarsim_maps.geometry import normals_areas
 from usarsim_maps.scene import Collision, Mesh
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
 

@@ -16,7 +16,7 @@ from usarsim_maps.build.csg import evaluate
 from usarsim_maps.findings import Findings
 from usarsim_maps.reader import Context, ImportOptions, read_scene
 from usarsim_maps.scene import Collision, LightKind, Mesh, Scene, Solidity
-from usarsim_maps.unreal.t3d_text import Block, T3dError, parse, reference, value_of, vector
+from usarsim_maps.unreal.grammar import Block, T3dError, parse, reference, value_of, vector
 from usarsim_server.errors import MapImportError
 from usarsim_server.simulation.frames import wire_from_pose
 

@@ -23,9 +23,9 @@ from unreal_fixture import (
 from usarsim_maps.findings import Findings
 from usarsim_maps.reader import read_scene
 from usarsim_maps.scene import LightKind
-from usarsim_maps.unreal.actors import level_of
 from usarsim_maps.unreal.brushes import read_built_level
 from usarsim_maps.unreal.library import load_package
+from usarsim_maps.unreal.udk import level_of
 from usarsim_server.simulation.frames import wire_from_pose
 
 # ---- brushes -------------------------------------------------------------------------------

@@ -13,9 +13,9 @@ from udk_maps import room
 from usarsim_maps.build.csg import evaluate
 from usarsim_maps.findings import Findings
 from usarsim_maps.reader import Context, read_scene
-from usarsim_maps.unreal.actors import level_of
 from usarsim_maps.unreal.brushes import read_built_level
 from usarsim_maps.unreal.library import load_package
+from usarsim_maps.unreal.udk import level_of
 from usarsim_server.testing import Rehearsal
 
 MAPS = os.environ.get("USARSIM_MAPS", "")

@@ -9,12 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from usarsim_maps.placing import matrix_of_pose, take_apart
 from usarsim_maps.units import (
     MIRROR,
     ROTATION_UNIT,
     axis_matrix,
+    matrix_of_pose,
     pose_of_matrix,
+    take_apart,
     unreal_matrix,
     unreal_points,
     unreal_pose,

@@ -11,9 +11,9 @@ import pytest
 from built_worlds import World, build_world
 
 from usarsim_maps.findings import Findings
+from usarsim_maps.geometry import points_of
 from usarsim_maps.reader import Context, ImportOptions, read_scene
 from usarsim_maps.scene import Scene, SceneObject
-from usarsim_maps.shapes import points_of
 
 pytest.importorskip("pxr.Usd", reason="usd-core is not installed: pip install usd-core")
 

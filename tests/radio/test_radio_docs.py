@@ -7,13 +7,9 @@ import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
-
-from usarsim_server.errors import SettingsError
 from usarsim_server.radio.configuration import read_radio
 from usarsim_server.radio.event_log import Event
-from usarsim_server.radio.models import TYPES, Propagation, model_names
-from usarsim_server.tables import Table
+from usarsim_server.radio.models import model_names
 
 TEXT = (Path(__file__).parents[2] / "docs" / "wireless.md").read_text(encoding="utf-8")
 
@@ -29,18 +25,6 @@ def test_the_example_of_settings_is_accepted() -> None:
     options = read_radio(table["wireless"], "docs/wireless.md")
     assert options.model.connects(options.model.strength(30.0, 0))
     assert not options.model.connects(options.model.strength(30.1, 0))
-
-
-def test_the_example_of_a_model_works(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The class of the example is a model that can be configured."""
-    monkeypatch.setattr(TYPES, "_types", dict(TYPES._types))
-    space: dict[str, type[Propagation]] = {}
-    exec(next(blocks("python")), space)
-    table = Table({"loss_per_metre": 1.0, "cutoff": -70}, "test", SettingsError)
-    tunnel = space["Tunnel"].read(table)
-    table.finish()
-    assert tunnel.strength(10.0, 1) == -58.0
-    assert tunnel.cutoff == -70.0
 
 
 def test_all_models_and_events_are_described() -> None:

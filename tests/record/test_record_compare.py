@@ -1,4 +1,4 @@
-"""What a replay calls the same and what not, without sockets."""
+"""What a replay calls the same and what not, and when a controller did something; no sockets."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from usarsim_record.compare import Row, Tolerance, compare
-from usarsim_record.digest import Digest, shape_of
+from usarsim_record.digest import Digest, Row, Tolerance, compare, shape_of
+from usarsim_record.recording import CLIENT, DATA, END, OPEN, SERVER, Event, SessionClock, cues
 
 STREAM = "STA {{Type GroundVehicle}} {{Time {time:.2f}}} {{Battery 1200}} {{Speed {speed:.4f}}}\r\n"
 
@@ -150,3 +150,37 @@ def test_forms_keep_everything_but_values(line: str) -> None:
     """The form of a line never raises and is the same for the same line."""
     assert shape_of(line) == shape_of(line)
     assert all(isinstance(part, str) for part in shape_of(line))
+
+
+def test_cues_follow_the_time_that_was_told() -> None:
+    """Before any time is told pauses count; then what was told, on any connection, since the first
+    time."""
+    events = [
+        Event(0.0, 1, OPEN),
+        Event(0.7, 1, DATA, CLIENT, b"INIT\r\n"),
+        Event(9.0, 1, DATA, SERVER, b"STA {Time 40.10}\r\n"),
+        Event(9.9, 1, DATA, CLIENT, b"DRIVE\r\n"),
+        Event(10.0, 1, DATA, SERVER, b"STA {Time 40.30}\r\nSEN {Type INS}\r\n"),
+        Event(10.5, 2, OPEN),
+        Event(10.6, 1, END, CLIENT),
+        Event(12.6, 2, DATA, CLIENT, b"GETPOS\r\n"),
+    ]
+    found = [(cue.elapsed, round(cue.pause, 3)) for cue in cues(events)]
+    assert found[1] == (None, 0.7)
+    assert found[3] == (0.0, 0.0)
+    assert round(found[5][0] or 0.0, 3) == 0.2
+    assert found[7] == (found[5][0], 2.0)
+
+
+def test_times_may_be_cut_anywhere() -> None:
+    """A time in two pieces is told when its end is there; who has left tells none."""
+    clock = SessionClock()
+    assert not clock.hear(1, b"STA {Type X} {Tim")
+    assert clock.hear(1, b"e 7.00}\r\n")
+    assert clock.elapsed == 0.0
+    clock.hear(1, b"STA {Time 8.00}")
+    clock.end(1)
+    assert not clock.telling
+    clock.hear(2, b"STA {Time 20.00}")
+    clock.hear(2, b"STA {Time 20.50}")
+    assert clock.elapsed == 1.5

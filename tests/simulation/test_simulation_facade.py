@@ -26,6 +26,7 @@ from sim_fakes import (
 
 from usarsim_server.errors import SpawnError, UsarsimError
 from usarsim_server.simulation import simulation as module
+from usarsim_server.simulation.articulation import JointOrder, Order
 from usarsim_server.simulation.clock import BATCH_STEPS, MAX_AHEAD
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import RobotModel
@@ -235,6 +236,12 @@ class TestRequests:
             world.body(robot).drive(np.array([1.0, np.inf, 1.0, 1.0]))
         with pytest.raises(ValueError, match="finite"):
             world.body(robot).teleport(Pose((0.0, 0.0, float("inf"))))
+        for value in (math.nan, math.inf):
+            with pytest.raises(ValueError, match="finite"):
+                world.body(robot).command_law(np.array([value, 0.0]))
+            lift = {"pan": JointOrder(Order(0), 0.3), "lift": JointOrder(Order(0), value)}
+            with pytest.raises(ValueError, match="finite"):
+                world.body(robot).command_joints(lift)
 
     def test_a_bad_request_does_not_stop_the_world(
         self, start: Start, caplog: pytest.LogCaptureFixture

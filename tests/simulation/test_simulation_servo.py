@@ -22,6 +22,7 @@ from sim_fakes import (
     whole_state,
 )
 
+from usarsim_server.simulation import growth
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.model import PhysicsOptions, compile_world
 from usarsim_server.simulation.wheels import HOLD_SPEED, WheelServos
@@ -29,6 +30,10 @@ from usarsim_server.simulation.wheels import HOLD_SPEED, WheelServos
 SLOPE = np.radians(15.0)
 HOVER = RADIUS / np.cos(SLOPE)
 """Height of the axles over the foot of a slope at which the wheels touch it, m."""
+
+
+NO_DATA = mujoco.MjData(mujoco.MjSpec().compile())
+"""Wheel servos keep nothing in the state of the physics."""
 
 
 def servos(*slots: object, timestep: float = 0.004) -> WheelServos:
@@ -102,7 +107,7 @@ class TestRamp:
         servo.command(1, straight(-1.0))
         for _ in range(30):
             servo.update(np.zeros(22))
-        servo.release(0)
+        servo.release(0, NO_DATA)
         servo.update(np.zeros(22))
         assert not servo.setpoints(0).any()
         np.testing.assert_array_equal(servo.setpoints(1), straight(-1.0))
@@ -207,12 +212,12 @@ class EveryStep(WheelServos):
 class TestShortcut:
     """Nothing is computed while every wheel runs at its commanded speed."""
 
-    def test_gives_the_same_motion(self) -> None:
+    def test_gives_the_same_motion(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """A drive with ramps, a stop, a brake and a removal is the same to the bit."""
         states = []
         for kind in (WheelServos, EveryStep):
+            monkeypatch.setattr(growth, "WheelServos", kind)
             engine = engine_with((0.0, 0.0), (0.0, 2.0), spare=1)
-            engine._servos = kind(engine.world)
             engine.drive(0, straight(2.0))
             engine.drive(1, turn(1.0))
             run(engine, 0.5)
@@ -231,7 +236,7 @@ class TestShortcut:
         engine = engine_with((0.0, 0.0), (2.0, 0.0))
         engine.drive(0, straight(2.0))
         run(engine, 0.5)
-        assert engine._servos._steady
+        assert engine.parts.wheels._steady
 
 
 class TestFree:
@@ -276,11 +281,11 @@ class TestState:
             servo.command(0, np.array([3.0, 0.0, -1.0, 2.0]))
             for _ in range(20):
                 servo.update(angles(0.5))
-        kept = other.state()
+        kept = other.state(NO_DATA)
         other.command(0, straight(9.0))
         for _ in range(50):
             other.update(angles(3.0))
-        other.restore(kept)
+        other.restore(NO_DATA, kept)
         for _ in range(90):
             one.update(angles(0.7))
             other.update(angles(0.7))
@@ -292,7 +297,7 @@ class TestState:
         few.command(0, straight(2.0))
         for _ in range(10):
             few.update(np.zeros(11))
-        many.inherit(few, [0])
+        many.inherit(few, [0], NO_DATA, NO_DATA)
         few.update(np.zeros(11))
         many.update(np.zeros(22))
         np.testing.assert_array_equal(many.setpoints(0), few.setpoints(0))

@@ -19,7 +19,7 @@ from typing import Any
 
 import psutil
 
-from usarsim_record.closing import Closing
+from usarsim_client.closing import Closing
 
 
 class BenchError(RuntimeError):

@@ -11,10 +11,9 @@ from typing import Any, NoReturn, TypeVar
 from usarsim_conformance.clock import SimulatedClock
 from usarsim_conformance.control import REPLY, ControlClient, Pose, Robot
 from usarsim_conformance.places import Place, Places
+from usarsim_conformance.registry import Failed, Inconclusive, NotApplicable
 from usarsim_conformance.survey import Survey, Target
-from usarsim_conformance.transcript import Transcript
-from usarsim_conformance.verdicts import Failed, Inconclusive, NotApplicable
-from usarsim_conformance.wire import Wire
+from usarsim_conformance.wire import Transcript, Wire
 
 ROLES: dict[str, tuple[str, ...]] = {
     "aerial": ("AirRobot", "ARDrone", "quadrotor"),

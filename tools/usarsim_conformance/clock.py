@@ -9,7 +9,7 @@ import re
 from collections.abc import AsyncIterator, Awaitable, Callable
 from typing import Any
 
-from usarsim_conformance.verdicts import Failed, Inconclusive
+from usarsim_conformance.registry import Failed, Inconclusive
 from usarsim_conformance.wire import Hangup, Wire
 
 HANGS = 60.0

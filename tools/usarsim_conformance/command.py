@@ -10,21 +10,24 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from usarsim_conformance.compare import compare, named_apart
-from usarsim_conformance.junit import as_junit
-from usarsim_conformance.own_server import OwnServer, StartError
-from usarsim_conformance.page import as_page
+from usarsim_conformance.own_server import OwnServer, StartError, judge_classes
+from usarsim_conformance.own_server import as_table as as_class_table
 from usarsim_conformance.places import place_from
 from usarsim_conformance.planted import all_faults, select_faults
 from usarsim_conformance.planted.trial import Outcome, as_table, try_faults
-from usarsim_conformance.registry import DIALECTS, Check, all_checks, select
+from usarsim_conformance.registry import DIALECTS, Check, Failed, all_checks, select
 from usarsim_conformance.report import Report, as_json, from_json
+from usarsim_conformance.reports import (
+    Teller,
+    as_junit,
+    as_list,
+    as_page,
+    as_text,
+    compare,
+    named_apart,
+)
 from usarsim_conformance.runner import judge_all
 from usarsim_conformance.survey import GROUND, Target
-from usarsim_conformance.sweep import as_table as as_class_table
-from usarsim_conformance.sweep import judge_classes
-from usarsim_conformance.terminal import Teller, as_list, as_text
-from usarsim_conformance.verdicts import Failed
 from usarsim_server import __version__
 from usarsim_server import files as atomic
 from usarsim_server.cli.common import Subparsers, add_command

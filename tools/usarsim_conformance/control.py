@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from usarsim_conformance.lines import Line, Lines
 from usarsim_conformance.places import Place
-from usarsim_conformance.verdicts import Failed, Inconclusive, NotApplicable
+from usarsim_conformance.registry import Failed, Inconclusive, NotApplicable
 from usarsim_conformance.wire import Hangup, Wire
 
 Wanted = str | Callable[[Line], bool]

@@ -17,7 +17,7 @@ from usarsim_conformance.control import Pose, Robot, pose_of, turned
 from usarsim_conformance.lines import Line
 from usarsim_conformance.places import Place
 from usarsim_conformance.recordings import wheels_of
-from usarsim_conformance.verdicts import Inconclusive, NotApplicable
+from usarsim_conformance.registry import Inconclusive, NotApplicable
 
 TYPES = (
     "Sonar", "IR", "Range", "RangeScanner", "IRScanner", "RangeScanner3D", "RangeImager", "PCL",

@@ -13,8 +13,8 @@ from usarsim_conformance.case import Case
 from usarsim_conformance.clock import Stalled
 from usarsim_conformance.lines import number
 from usarsim_conformance.places import LEAVES, Place
+from usarsim_conformance.registry import Inconclusive, NotApplicable
 from usarsim_conformance.side_lines import LineClient
-from usarsim_conformance.verdicts import Inconclusive, NotApplicable
 
 YAW = 0.6
 """rad; robots face neither axis of the world, so that exchanged or mirrored axes show."""

@@ -1,4 +1,5 @@
-"""One range against the ray that it should be of; for checks of sensors that measure distances."""
+"""One range against the ray that it should be of, and bounds that chance does not leave in the life
+of a kit."""
 
 from __future__ import annotations
 
@@ -9,7 +10,7 @@ from statistics import median
 
 from usarsim_conformance.case import Case
 from usarsim_conformance.excursions import Mount, bearer
-from usarsim_conformance.verdicts import NotApplicable
+from usarsim_conformance.registry import NotApplicable
 from usarsim_conformance.walls import Scene, Surrounded, Vector, among_walls, turned_by
 
 SLACK = 0.03
@@ -128,3 +129,17 @@ def values_of(found: Surrounded, type: str, key: str) -> Iterator[tuple[Scene, s
         for item, told in scene.track.items(type, key).items():
             if item in mounts:
                 yield scene, item, mounts[item], told[-1][1]
+
+
+CHANCE = 5.3
+"""Standard deviations of a normal variate that are exceeded once in ten million times."""
+
+
+def spread_bounds(samples: int) -> tuple[float, float]:
+    """Between which the mean square of so many unit normal variates stays.
+
+    The cube root of chi-square is nearly normal (Wilson and Hilferty 1931).
+    """
+    part = 2.0 / (9.0 * samples)
+    low, high = (1.0 - part + sign * CHANCE * math.sqrt(part) for sign in (-1.0, 1.0))
+    return max(low, 0.0) ** 3, high**3

@@ -10,7 +10,7 @@ from statistics import fmean, median
 from usarsim_conformance.case import PATIENCE, Case
 from usarsim_conformance.control import ControlClient, Pose, Robot, pose_of
 from usarsim_conformance.lines import Line
-from usarsim_conformance.verdicts import Failed, Inconclusive, NotApplicable
+from usarsim_conformance.registry import Failed, Inconclusive, NotApplicable
 
 _WATCHED = 1.7
 """s of simulated time; eight reports of a sensor with an interval of 0.2 s."""

@@ -1,4 +1,7 @@
-"""The checks: what a check is, the decorator that makes one, and how all are found."""
+"""What a check is, what it can find, the decorators that enter one, and how all are found.
+
+A check function says what it found by returning or by raising.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +12,66 @@ import pkgutil
 import re
 from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass
+from enum import Enum
+from functools import partial
 from typing import TYPE_CHECKING
-
-from usarsim_conformance.verdicts import Severity
 
 if TYPE_CHECKING:
     from usarsim_conformance.case import Case
+
+
+class Verdict(Enum):
+    """What a check found."""
+
+    PASS = "pass"
+    FAIL = "fail"
+    NOT_APPLICABLE = "not applicable"
+    INCONCLUSIVE = "inconclusive"
+
+
+class Severity(Enum):
+    """How bad it is to break a rule.
+
+    MUST: clients in the field stop working. SHOULD: some clients suffer, or the original's
+    behaviour differs for no good reason. INFORMATIVE: worth knowing, no fault.
+    """
+
+    MUST = "must"
+    SHOULD = "should"
+    INFORMATIVE = "informative"
+
+
+class Failed(Exception):  # noqa: N818  (a verdict, as the next two)
+    """The rule is broken; the text says what was seen and what was expected."""
+
+
+class NotApplicable(Exception):  # noqa: N818
+    """The rule says nothing about this server; the text says why."""
+
+
+class Inconclusive(Exception):  # noqa: N818
+    """The rule could not be judged; the text says what stood in the way."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Result:
+    """The verdict of one check in one dialect.
+
+    Attributes:
+        check: identifier of the check.
+        dialect: that the server was asked to speak; empty for checks to which it does not matter.
+        verdict: what was found.
+        reason: what was seen, for every verdict but a pass.
+        seconds: of wall time that the check took.
+        transcript: what was sent and received, shortened; kept for every verdict but a pass.
+    """
+
+    check: str
+    dialect: str
+    verdict: Verdict
+    reason: str = ""
+    seconds: float = 0.0
+    transcript: tuple[str, ...] = ()
 
 
 DIALECTS = ("ut2004", "udk", "gazebo")
@@ -136,4 +193,42 @@ def select(checks: Iterable[Check], pattern: str | None) -> tuple[Check, ...]:
     globs = [word if any(sign in word for sign in "*?[") else f"*{word}*" for word in words]
     return tuple(
         check for check in checks if any(fnmatch.fnmatchcase(check.id, glob) for glob in globs)
+    )
+
+
+Decorator = Callable[[Function], Function]
+
+
+def checks_of(
+    service: str, *, reference: str = "side channels reference"
+) -> Callable[..., Decorator]:
+    """A decorator like `registry.check` for one side channel.
+
+    Dialects play no part there, so every check runs once.
+
+    Args:
+        service: the channel; the identifiers begin with it.
+        reference: where the numbers of sources are found.
+    """
+    return partial(_check, service, reference)
+
+
+def _check(
+    service: str,
+    reference: str,
+    id: str,
+    title: str,
+    source: str,
+    severity: Severity = Severity.MUST,
+    *,
+    exclusive: bool = False,
+) -> Decorator:
+    return check(
+        f"{service}.{id}",
+        title,
+        source=f"{reference} {source}",
+        severity=severity,
+        dialects=ONCE,
+        service=service,
+        exclusive=exclusive,
     )

@@ -9,8 +9,7 @@ from dataclasses import asdict, dataclass
 from datetime import datetime
 from typing import Any
 
-from usarsim_conformance.registry import Check
-from usarsim_conformance.verdicts import Result, Severity, Verdict
+from usarsim_conformance.registry import Check, Result, Severity, Verdict
 
 _FORMAT = 1
 

@@ -13,11 +13,10 @@ from datetime import UTC, datetime
 from usarsim_conformance.case import Case, Run
 from usarsim_conformance.clock import HANGS, SimulatedClock, Stalled
 from usarsim_conformance.places import LEAVES, Places
-from usarsim_conformance.registry import Check
+from usarsim_conformance.registry import Check, Failed, Inconclusive, NotApplicable, Result, Verdict
 from usarsim_conformance.report import Report, Rule
 from usarsim_conformance.survey import Survey, Target, survey
-from usarsim_conformance.transcript import Transcript
-from usarsim_conformance.verdicts import Failed, Inconclusive, NotApplicable, Result, Verdict
+from usarsim_conformance.wire import Transcript
 
 _PARALLEL = 8
 """Checks at a time."""

@@ -17,7 +17,7 @@ from usarsim_conformance.case import Case
 from usarsim_conformance.control import Robot
 from usarsim_conformance.lines import Line
 from usarsim_conformance.places import Place
-from usarsim_conformance.verdicts import Failed, Inconclusive, NotApplicable
+from usarsim_conformance.registry import Failed, Inconclusive, NotApplicable
 from usarsim_conformance.wire import Wire
 
 OK = b"OK"

@@ -13,10 +13,8 @@ from usarsim_conformance.clock import SimulatedClock
 from usarsim_conformance.control import ControlClient
 from usarsim_conformance.lines import Line
 from usarsim_conformance.places import APART, Place, place_from, read_start_poses, spaced
-from usarsim_conformance.registry import DIALECTS
-from usarsim_conformance.transcript import Transcript
-from usarsim_conformance.verdicts import Failed
-from usarsim_conformance.wire import Wire
+from usarsim_conformance.registry import DIALECTS, Failed
+from usarsim_conformance.wire import Transcript, Wire
 
 GROUND = ("P2AT", "P3AT", "P2DX", "P3DX", "pioneer3at_with_sensors")
 """Classes tried, in this order, if the user names none; every known server had one of them."""

@@ -14,7 +14,7 @@ from usarsim_conformance.control import Robot, turned
 from usarsim_conformance.grounds import open_floor
 from usarsim_conformance.lines import Line
 from usarsim_conformance.places import Place
-from usarsim_conformance.verdicts import Inconclusive, NotApplicable
+from usarsim_conformance.registry import Inconclusive, NotApplicable
 
 Made = TypeVar("Made")
 

@@ -15,9 +15,8 @@ from usarsim_conformance.control import Pose
 from usarsim_conformance.excursions import Equipment, Mount, Track, equipment, spawn_far
 from usarsim_conformance.lines import numbers
 from usarsim_conformance.places import LEAVES, Place
-from usarsim_conformance.registry import DIALECTS
+from usarsim_conformance.registry import DIALECTS, NotApplicable
 from usarsim_conformance.side_lines import LineClient
-from usarsim_conformance.verdicts import NotApplicable
 from usarsim_conformance.walls import Vector, turned_by
 
 _ACTOR = re.compile(r"\{Name ([^{}]*)\} \{Class ([^{}]*)\} \{Time ([^{}]*)\} \{Location ([^{}]*)\}")

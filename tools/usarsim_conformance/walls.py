@@ -1,4 +1,5 @@
-"""A robot that stands still while a world controller puts a wall here and there, and the geometry.
+"""Objects that a world controller puts into the world (protocol reference 3.14): a wall here and
+there about a robot that stands still, and the geometry.
 
 The wall is a scaled box; where it really is, the server tells (GetSTA). The robot stands where its
 INIT said. So every range follows from numbers on the wire: the place of the wall, that of the
@@ -16,6 +17,76 @@ from usarsim_conformance.control import ControlClient, Robot
 from usarsim_conformance.excursions import Equipment, Mount, Track, equipment, open_floor, spawn_far
 from usarsim_conformance.lines import Line
 from usarsim_conformance.places import Place
+
+
+async def controller(case: Case) -> ControlClient:
+    """A connection that is a world controller.
+
+    Raises:
+        NotApplicable: if the server has none.
+    """
+    client = await case.connect()
+    name = f"{{Name {case.new_name()}}} {{Location 0,0,0}}"
+    await client.send(f"INIT {{ClassName USARBot.WorldController}} {name}")
+    await client.send("CONTROL {Type GetSTA} {Name NoSuchObject}")
+    if await client.maybe(lambda line: line.head == "STA") is None:
+        case.skip("the server has no world controller")
+    return client
+
+
+_BUILDS = 45.0
+"""s of simulated time for an answer behind a Create: servers may build what is new beside the
+running world, one thing after the other."""
+
+
+async def status_of(client: ControlClient, name: str) -> Line:
+    """What GetSTA tells of an object; a bare `STA` if it does not exist."""
+    return await client.ask(
+        f"CONTROL {{Type GetSTA}} {{Name {name}}}",
+        lambda line: line.head == "STA",
+        _BUILDS,
+        "STA",
+    )
+
+
+async def create(
+    case: Case,
+    client: ControlClient,
+    place: Place,
+    size: tuple[float, float, float],
+    extra: str = "",
+) -> str:
+    """A block, its middle at a place; its name.
+
+    Args:
+        case: the check.
+        client: a world controller.
+        place: of its middle.
+        size: m along x, y, z.
+        extra: further segments, with a blank before.
+
+    Raises:
+        NotApplicable: if there is no class Cube of one metre that can be scaled.
+    """
+    name = case.new_name()
+    scale = ",".join(f"{side:g}" for side in size)
+    physics = "" if "{Physics" in extra else " {Physics None}"
+    await client.send(
+        f"CONTROL {{Type Create}} {{ClassName Cube}} {{Name {name}}} {{Memory red}}"
+        f" {place.coordinates} {{Scale {scale}}}{physics} {{Permanent false}}{extra}"
+    )
+    line = await status_of(client, name)
+    if line.get("Name") != name:
+        case.skip(f"no object of class Cube could be created: {line}")
+    told = line.numbers("Size")
+    case.expect(
+        len(told) == 3
+        and all(abs(a - b) < 0.01 + 0.01 * b for a, b in zip(told, size, strict=True)),
+        f"Size of a Cube of 1 m with Scale {scale} is {line.get('Size')}",
+    )
+    case.need(all(map(math.isfinite, told)), f"Size is none: {line}")
+    return name
+
 
 Vector = tuple[float, float, float]
 
@@ -143,21 +214,6 @@ class Surrounded:
         x, y = (point[n] - self.place.location[n] for n in (0, 1))
         cos, sin = math.cos(_YAW), math.sin(_YAW)
         return cos * x + sin * y, cos * y - sin * x, point[2] - self.height
-
-
-async def controller(case: Case) -> ControlClient:
-    """A connection that is a world controller.
-
-    Raises:
-        NotApplicable: if the server has none.
-    """
-    client = await case.connect()
-    name = case.new_name()
-    await client.send(f"INIT {{ClassName USARBot.WorldController}} {{Name {name}}}")
-    await client.send("CONTROL {Type GetSTA} {Name NoSuchObject}")
-    if await client.maybe(lambda line: line.head == "STA") is None:
-        case.skip("the server has no world controller")
-    return client
 
 
 class Builder:

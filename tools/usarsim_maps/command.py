@@ -74,8 +74,8 @@ def run(arguments: argparse.Namespace) -> int:
         SettingsError: an option has no meaning.
     """
     from usarsim_maps.convert import Request, import_map
-    from usarsim_maps.progress import ProgressBar
     from usarsim_maps.reader import ImportOptions
+    from usarsim_maps.terminal import ProgressBar
 
     request = Request(
         source=arguments.source,

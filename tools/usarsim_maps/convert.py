@@ -12,14 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from usarsim_maps.build.builder import build
+from usarsim_maps.build.sheet import safe
 from usarsim_maps.cache import RECORD, ImportCache, default_cache
 from usarsim_maps.findings import Findings
-from usarsim_maps.progress import ProgressBar
-from usarsim_maps.quiet import quiet
 from usarsim_maps.reader import Context, ImportOptions, find_reader, read_scene, without_refused
 from usarsim_maps.report import Report, make_report
-from usarsim_maps.sheet import safe
 from usarsim_maps.sidecar import find_sidecar, load_sidecar
+from usarsim_maps.terminal import ProgressBar, quiet
 from usarsim_server import __version__
 from usarsim_server import files as atomic
 from usarsim_server.errors import MapImportError, at

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import io
 import itertools
 import os
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path, PurePosixPath, PureWindowsPath
+from typing import TYPE_CHECKING
 from urllib.parse import unquote
 
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.files import Folders, is_regular, open_regular, reason
+
+if TYPE_CHECKING:
+    from PIL.Image import Image as Picture
 
 MAX_BYTES = 1 << 30
 """Largest map or mesh file that is read; the largest known map of the leagues has 60 MB."""
@@ -22,6 +29,12 @@ MAX_NAME = 4096
 """Characters of a path in a map that are looked at; no system has longer ones."""
 
 HEAD = 4096
+
+MAX_PIXELS = 64 << 20
+"""Larger pictures are not opened: 64 megapixels take 192 MB."""
+
+FORMATS = ("PNG", "JPEG", "TGA", "DDS", "BMP", "TIFF", "WEBP", "GIF", "PPM", "MPO")
+"""That are decoded, whatever the name says. Pillow knows some that start other programs."""
 
 USUAL = {"meshes", "staticmeshes", "textures", "materials", "models", "assets", "images"}
 """Folders beside a map that are searched without being told."""
@@ -101,6 +114,41 @@ def decode(content: bytes) -> str:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError:
         return content.decode("latin-1")
+
+
+@contextlib.contextmanager
+def open_picture(source: Path | bytes, name: str, most: int = MAX_PIXELS) -> Iterator[Picture]:
+    """A picture while it is open; its pixels are not decoded before somebody asks for them.
+
+    Args:
+        source: a file, or what is in it.
+        name: for errors.
+        most: pixels that it may have.
+
+    Raises:
+        MapImportError: it cannot be opened, has more pixels, or, while it is open, is damaged.
+    """
+    from PIL import Image
+
+    cure = "save it again as PNG"
+    try:
+        with (
+            warnings.catch_warnings(),
+            io.BytesIO(source) if isinstance(source, bytes) else open_regular(source) as file,
+            Image.open(file, formats=FORMATS) as image,
+        ):
+            warnings.simplefilter("ignore")
+            if image.width * image.height > most:
+                problem = f"{image.width} x {image.height} pixels are too many"
+                raise MapImportError(at(name, problem, "reduce the picture"))
+            yield image
+    except MapImportError:
+        raise
+    except Image.DecompressionBombError:
+        raise MapImportError(at(name, "far too many pixels", "reduce the picture")) from None
+    except Exception as error:  # Pillow's decoders raise whatever they like
+        text = f"the picture cannot be read ({type(error).__name__}: {error})"
+        raise MapImportError(at(name, " ".join(text.split())[:300], cure)) from None
 
 
 class AssetIndex:

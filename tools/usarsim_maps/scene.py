@@ -24,6 +24,9 @@ Indices: TypeAlias = NDArray[np.int32]
 Color: TypeAlias = tuple[float, float, float, float]
 """Red, green, blue, opacity, each from 0 to 1."""
 
+NEUTRAL: Color = (0.62, 0.62, 0.60, 1.0)
+"""Colour of what has no material."""
+
 
 # ---- looks -----------------------------------------------------------------------------------
 

@@ -2,17 +2,22 @@
 
 Unreal: x forward, y right, z up (left-handed), lengths in Unreal units, angles in 65536ths of a
 turn. All functions return float64 arrays; lengths come out in metres.
+
+Whatever the format: matrices taken apart into a pose and what is baked into a mesh, and a whole
+scene as a mirror shows it.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.simulation.frames import Pose
+from usarsim_maps.scene import Heightfield, Polygon, Scene
+from usarsim_server.simulation.frames import Pose, Vector
 
 Array = NDArray[np.float64]
 
@@ -145,3 +150,103 @@ def _quaternion(turn: Array) -> tuple[float, float, float, float]:
         float(sign * y / length),
         float(sign * z / length),
     )
+
+
+def take_apart(matrix: Array) -> tuple[Pose, Array]:
+    """A pose and a linear map (3, 3), so that the matrix is the map followed by the pose.
+
+    The map is symmetric and holds scale, shear and reflection; it is exact for axis scales.
+    """
+    linear = matrix[:3, :3]
+    left, scales, right = np.linalg.svd(linear)
+    turn = left @ right
+    stretch = right.T @ np.diag(scales) @ right
+    if np.linalg.det(turn) < 0.0:
+        turn, stretch = -turn, -stretch
+    rigid = np.eye(4)
+    rigid[:3, :3], rigid[:3, 3] = turn, matrix[:3, 3]
+    return pose_of_matrix(rigid), np.round(stretch, 9) + 0.0
+
+
+def axis_turn(axis: Array, angle: float) -> Array:
+    """Rotation (3, 3) about an axis of any length by rad, Rodrigues' formula."""
+    length = float(np.linalg.norm(axis))
+    if length < 1e-12:
+        return np.eye(3)
+    x, y, z = axis / length
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    # Quarter turns come out exact, so that walls stay parallel to the axes.
+    s, c = np.round(np.sin(angle), 15), np.round(np.cos(angle), 15)
+    answer: Array = np.eye(3) + s * cross + (1.0 - c) * (cross @ cross)
+    return answer
+
+
+def matrix_of_pose(pose: Pose) -> Array:
+    """(4, 4)."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = pose.matrix()
+    matrix[:3, 3] = pose.position
+    return matrix
+
+
+def reflect(scene: Scene) -> Scene:
+    """The mirror image of a scene: y becomes -y, for maps whose handedness was lost on the way.
+
+    Faces still look outwards, headings turn the other way.
+    """
+    smoke = scene.smoke
+    mirror = np.diag([1.0, -1.0, 1.0, 1.0])
+    return replace(
+        scene,
+        source=replace(scene.source, mirrored=not scene.source.mirrored),
+        objects=tuple(
+            # S (pose matrix) = (S pose S) (S matrix); the builder turns faces round.
+            replace(
+                thing,
+                pose=_reflected(thing.pose),
+                parts=tuple(replace(part, matrix=mirror @ part.matrix) for part in thing.parts),
+            )
+            for thing in scene.objects
+        ),
+        brushes=tuple(
+            replace(brush, polygons=tuple(map(_reflected_polygon, brush.polygons)))
+            for brush in scene.brushes
+        ),
+        heightfields=tuple(map(_reflected_field, scene.heightfields)),
+        starts=tuple(replace(s, pose=_reflected(s.pose), turns=-s.turns) for s in scene.starts),
+        path_nodes=tuple(replace(n, position=_point(n.position)) for n in scene.path_nodes),
+        victims=tuple(replace(victim, pose=_reflected(victim.pose)) for victim in scene.victims),
+        lights=tuple(
+            replace(light, position=_point(light.position), direction=_point(light.direction))
+            for light in scene.lights
+        ),
+        smoke=replace(
+            smoke,
+            volumes=tuple(replace(v, pose=_reflected(v.pose)) for v in smoke.volumes),
+            puffs=tuple(replace(p, position=_point(p.position)) for p in smoke.puffs),
+        ),
+    )
+
+
+def _point(point: Vector) -> Vector:
+    x, y, z = point
+    return x, -y, z
+
+
+def _reflected(pose: Pose) -> Pose:
+    """S R S: turns about z and x change their sense."""
+    w, i, j, k = pose.quaternion
+    return Pose(_point(pose.position), (w, -i, j, -k))
+
+
+def _reflected_polygon(polygon: Polygon) -> Polygon:
+    vertices: Array = (polygon.vertices @ MIRROR)[::-1]
+    uvs = None if polygon.uvs is None else polygon.uvs[::-1]
+    return replace(polygon, vertices=vertices, uvs=uvs)
+
+
+def _reflected_field(field: Heightfield) -> Heightfield:
+    """Rows run along +y again, from what was the last one."""
+    length = (len(field.heights) - 1) * field.spacing[1]
+    pose = _reflected(field.pose) @ Pose((0.0, -length, 0.0))
+    return replace(field, heights=field.heights[::-1], pose=pose)

@@ -9,8 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from usarsim_record.compare import Row, Tolerance, compare
-from usarsim_record.digest import Digest
+from usarsim_record.digest import Digest, Row, Tolerance, compare
 from usarsim_record.recording import (
     DATA,
     END,
@@ -18,12 +17,14 @@ from usarsim_record.recording import (
     REFUSED,
     RESET,
     SERVER,
+    Cue,
     Event,
     Link,
     RecordError,
     Recording,
+    SessionClock,
+    cues,
 )
-from usarsim_record.session_clock import Cue, SessionClock, cues
 
 _HANGS = 60.0
 """s of wall time without a byte after which the server counts as hanging."""

@@ -7,7 +7,7 @@ import asyncio
 from collections.abc import Sequence
 from pathlib import Path
 
-from usarsim_record.compare import Tolerance
+from usarsim_record.digest import Tolerance
 from usarsim_record.player import Outcome, play
 from usarsim_record.recording import Link, RecordError, Recording, read
 from usarsim_server.cli.common import Subparsers, add_command, table

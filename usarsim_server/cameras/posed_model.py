@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.cameras.view import CameraView
-from usarsim_server.simulation.frames import Pose
+from usarsim_server.simulation.frames import Pose, pose_of, rotation_matrix
 from usarsim_server.simulation.model import CompiledWorld
 from usarsim_server.simulation.movers import mocap_bodies
 from usarsim_server.simulation.snapshot import RobotLayout, Snapshot
@@ -99,9 +99,7 @@ class Stage:
         return None if self._snapshot is None else self._snapshot.layouts.get(robot)
 
     def _pose(self, body: int) -> Pose:
-        x, y, z = self.data.xpos[body].tolist()
-        w, i, j, k = self.data.xquat[body].tolist()
-        return Pose((x, y, z), (w, i, j, k))
+        return pose_of(self.data.xpos[body], self.data.xquat[body])
 
     def _front(self, layout: RobotLayout) -> Pose:
         """Middle of the foremost edge of a chassis, where its headlight is."""
@@ -110,11 +108,10 @@ class Stage:
             geoms = [g for g in layout.geoms if model.geom_bodyid[g] == layout.base]
             ahead, height = 0.0, 0.0
             for geom in geoms:
-                turn = np.zeros(9)
-                mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
+                ahead_row = rotation_matrix(model.geom_quat[geom])[0]
                 middle, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
-                reach = float(np.abs(turn.reshape(3, 3)[0]) @ half)
-                front = float(model.geom_pos[geom, 0] + turn[:3] @ middle) + reach
+                reach = float(np.abs(ahead_row) @ half)
+                front = float(model.geom_pos[geom, 0] + ahead_row @ middle) + reach
                 if front > ahead:
                     ahead, height = front, float(model.geom_pos[geom, 2])
             self._fronts[layout.slot] = Pose((ahead + 0.01, 0.0, height))

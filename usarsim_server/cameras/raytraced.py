@@ -23,6 +23,7 @@ from usarsim_server.cameras.backend import NEAR, SKY, Shot, Wanted, far_plane
 from usarsim_server.cameras.posed_model import Stage
 from usarsim_server.cameras.shading import Paint, light_up
 from usarsim_server.cameras.view import Eye
+from usarsim_server.simulation.frames import rotation_matrix
 from usarsim_server.simulation.model import SHELF_NAME
 from usarsim_server.simulation.rays.triangles import shape_key, triangles
 
@@ -157,9 +158,7 @@ def _local(model: mujoco.MjModel, geom: int) -> Array:
     """Triangles of a geom in the frame of its body."""
     if not is_solid(model, geom):
         return np.zeros((0, 3, 3))
-    turn = np.zeros(9)
-    mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
-    return triangles(model, geom, model.geom_pos[geom], turn.reshape(3, 3))
+    return triangles(model, geom, model.geom_pos[geom], rotation_matrix(model.geom_quat[geom]))
 
 
 def is_solid(model: mujoco.MjModel, geom: int) -> bool:

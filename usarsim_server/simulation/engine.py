@@ -12,14 +12,13 @@ from numpy.typing import NDArray
 from usarsim_server.logs import Log
 from usarsim_server.simulation.articulation import JointOrder
 from usarsim_server.simulation.divergence import culprits, is_sound
-from usarsim_server.simulation.frames import Pose
-from usarsim_server.simulation.ground import Belts, Traction, compensate
-from usarsim_server.simulation.growth import Growth, grow, inherit_sleep, laws_of
-from usarsim_server.simulation.limbs import Limbs
-from usarsim_server.simulation.machines import Machine, Machines
+from usarsim_server.simulation.frames import Pose, pose_of
+from usarsim_server.simulation.growth import Growth, WorldParts, grow
+from usarsim_server.simulation.machines import Machine
 from usarsim_server.simulation.model import (
     JOINT_WIDTH,
     VACANT,
+    WAKE,
     PhysicsOptions,
     RobotModel,
     compile_world,
@@ -27,16 +26,11 @@ from usarsim_server.simulation.model import (
     root_qpos,
     slot_prefix,
 )
-from usarsim_server.simulation.movers import Mover, MovingBodies, Way, carry_over
+from usarsim_server.simulation.movers import Mover, Way, carry_over
+from usarsim_server.simulation.sleep import inherit_sleep
 from usarsim_server.simulation.snapshot import RobotLayout, Snapshot
-from usarsim_server.simulation.wheels import WheelServos
 
 Array = NDArray[np.float64]
-
-LOOK_STEPS = 5
-"""Steps between two looks whether anything is near a body that goes its own way."""
-WAKE = -0.0
-"""Written to a velocity of a sleeping body: equal to zero, but not byte by byte, so it wakes."""
 
 _log = Log("simulation")
 
@@ -50,6 +44,7 @@ class Engine:
     Attributes:
         world: the current model generation.
         data: live state; nobody else may touch it.
+        parts: what works on the bodies beside MuJoCo.
         steps: number of steps since the world started.
         after_batch: called after every batch of steps.
     """
@@ -64,17 +59,9 @@ class Engine:
         self._options = options
         self.world = compile_world(scenery, slots, options, generation=0)
         self.data = mujoco.MjData(self.world.model)
-        self._servos = WheelServos(self.world)
-        self._limbs = Limbs(self.world)
-        self._laws = laws_of(self.world)
-        self._moving = MovingBodies(self.world.model)
-        self._machines = Machines()
-        self._belts = Belts(self.world.model)
-        self._traction = Traction(self.world.model, options.surfaces)
+        self.parts = WorldParts(self.world, options)
         self._active: dict[int, int] = {}
-        self._driven: set[int] = set()
         self._left: dict[int, int] = {}
-        self._settling = self._parked()
         self.after_batch: Callable[[], None] = _nothing
         self.steps = 0
         mujoco.mj_kinematics(self.world.model, self.data)
@@ -99,7 +86,7 @@ class Engine:
     @property
     def movers(self) -> tuple[Mover, ...]:
         """What places the mocap bodies of the world before every step."""
-        return self._moving.movers
+        return self.parts.moving.movers
 
     def set_movers(self, movers: Sequence[Mover], machines: Sequence[Machine] = ()) -> None:
         """Replace all movers and machines; a body that nobody moves any more stays where it is.
@@ -107,8 +94,8 @@ class Engine:
         Raises:
             ValueError: if a body cannot be moved; the old ones stay.
         """
-        self._moving.replace([*movers, *(own for one in machines for own in one.movers)])
-        self._machines.replace(machines, self.world)
+        self.parts.moving.replace([*movers, *(own for one in machines for own in one.movers)])
+        self.parts.machines.replace(machines)
 
     def follow(self, robot: int, ways: Sequence[Way]) -> None:
         """Let the bodies of a kinematic thing go their ways, the base first; none: they stay.
@@ -120,7 +107,8 @@ class Engine:
         self._look()
         model = self.world.model
         pairs = zip(bodies, ways, strict=True) if ways else ()
-        self._moving.follow(robot, [Mover(model.body(body).name, way) for body, way in pairs])
+        movers = [Mover(model.body(body).name, way) for body, way in pairs]
+        self.parts.moving.follow(robot, movers)
 
     def pose(self, robot: int) -> Pose:
         """Present pose of an active robot or thing.
@@ -130,15 +118,12 @@ class Engine:
         """
         base = self.world.layouts[self._active[robot]].base
         self._look()
-        x, y, z = self.data.xpos[base].tolist()
-        w, i, j, k = self.data.xquat[base].tolist()
-        return Pose((x, y, z), (w, i, j, k))
+        return pose_of(self.data.xpos[base], self.data.xquat[base])
 
     def run_belts(self, tag: str, factor: float) -> int:
         """Let conveyors run at so many times their speed in the scene; how many there are."""
-        found = self._belts.run(tag, factor)
+        found = self.parts.belts.run(tag, factor)
         if found:
-            self._belts.apply(self.world.model)
             # Whatever lies on a belt that stood still may sleep.
             self.data.qvel[self.data.qvel == 0.0] = WAKE
         return found
@@ -163,14 +148,14 @@ class Engine:
         self._active[robot] = slot
         self._left.pop(slot, None)
         self._release(slot)
-        self._laws.occupy(slot)
+        self.parts.occupy(slot)
 
     def vacate(self, robot: int) -> None:
         """Park the robot's slot again; unknown robots are ignored."""
         slot = self._active.pop(robot, None)
         if slot is None:
             return
-        self._moving.follow(robot, ())
+        self.parts.moving.follow(robot, ())
         self._release(slot)
         self._put(slot, self.world.parking[slot])
         self._leave(slot)
@@ -178,17 +163,7 @@ class Engine:
     def _leave(self, slot: int) -> None:
         """Note that a slot is free and parked from now on."""
         self._left[slot] = self.steps
-        if self.world.layouts[slot].dof >= 0:
-            self._settling.add(slot)
-
-    def _parked(self) -> set[int]:
-        """Free slots whose robots are subject to forces."""
-        taken = self._active.values()
-        return {
-            layout.slot
-            for layout in self.world.layouts
-            if layout.dof >= 0 and layout.slot not in taken
-        }
+        self.parts.sleep.park(slot)
 
     def free_since(self, seconds: float) -> list[int]:
         """Slots that nobody has been in for some simulated time, in order."""
@@ -225,10 +200,8 @@ class Engine:
         coordinates = _finite(root_qpos(pose))
         if robot not in self._active:
             return False
-        self._moving.follow(robot, ())
-        slot = self._active[robot]
-        self._laws.forget(slot, self.data)
-        self._put(slot, coordinates)
+        self.parts.moving.follow(robot, ())
+        self._put(self._active[robot], coordinates)
         return True
 
     def drive(self, robot: int, targets: Array) -> None:
@@ -240,36 +213,32 @@ class Engine:
         slot = self._active.get(robot)
         if slot is None:
             return
-        self._servos.command(slot, targets)
+        self.parts.wheels.command(slot, targets)
         self._note_driven(slot)
-        self._wake(slot)
+        self.parts.sleep.wake(slot, self.data)
 
     def wheel_targets(self, robot: int) -> Array:
         """Commanded wheel speeds (rad/s) of an active robot."""
-        return self._servos.targets(self._active[robot])
+        return self.parts.wheels.targets(self._active[robot])
 
     def command_joints(self, robot: int, orders: Mapping[str, JointOrder]) -> None:
-        """Give orders to joints of a robot by name and wake it; unknown joints are ignored.
-
-        Raises:
-            ValueError: if a value is not finite.
-        """
+        """Give orders to joints of a robot by name and wake it; unknown joints are ignored."""
         slot = self._active.get(robot)
         if slot is not None:
-            self._limbs.command(slot, orders)
-            self._wake(slot)
+            self.parts.joints.command(slot, orders)
+            self.parts.sleep.wake(slot, self.data)
 
     def command_law(self, robot: int, values: Array) -> None:
-        """Command the laws of motion of a robot (see `laws.py`) and wake it.
+        """Command the laws of motion of a robot (see `motion_laws.py`) and wake it.
 
         Raises:
-            ValueError: if the count is wrong or a value is not finite.
+            ValueError: if the count is wrong.
         """
         slot = self._active.get(robot)
         if slot is not None:
-            self._laws.command(slot, values)
+            self.parts.laws.command(slot, values)
             self._note_driven(slot)
-            self._wake(slot)
+            self.parts.sleep.wake(slot, self.data)
 
     def operate_hand(self, robot: int, hand: str, close: bool) -> bool:
         """Close or open a hand of a robot; whether it obeyed (see `Hands.operate`)."""
@@ -277,34 +246,15 @@ class Engine:
         if slot is None:
             return False
         self._look()
-        self._wake(slot)
-        return self._limbs.operate(self.data, slot, hand, close)
-
-    def _wake(self, slot: int) -> None:
-        dof = self.world.layouts[slot].dof
-        if self.data.qvel[dof] == 0.0:
-            self.data.qvel[dof] = WAKE
+        self.parts.sleep.wake(slot, self.data)
+        return self.parts.hands.operate(self.data, slot, hand, close)
 
     def _release(self, slot: int) -> None:
-        self._servos.release(slot)
-        self._limbs.release(slot)
-        self._laws.vacate(slot, self.data)
+        self.parts.release(slot, self.data)
         self._note_driven(slot)
 
     def _note_driven(self, slot: int) -> None:
-        """Robots that are told to drive must not sleep, however slow they are."""
-        driven = bool(self._servos.targets(slot).any()) or self._laws.commanded(slot)
-        if driven == (slot in self._driven):
-            return
-        (self._driven.add if driven else self._driven.remove)(slot)
-        self._allow_sleep(slot, not driven)
-
-    def _allow_sleep(self, slot: int, allowed: bool) -> None:
-        tree = self.world.model.dof_treeid[self.world.layouts[slot].dof]
-        policy = mujoco.mjtSleepPolicy
-        self.world.model.tree_sleep_policy[tree] = int(
-            policy.mjSLEEP_ALLOWED if allowed else policy.mjSLEEP_NEVER
-        )
+        self.parts.sleep.let_drive(slot, self.parts.drives(slot))
 
     def _put(self, slot: int, coordinates: Array) -> None:
         layout = self.world.layouts[slot]
@@ -312,35 +262,14 @@ class Engine:
         if layout.mocap.size:
             put(self.world, data, slot, coordinates)
             return
-        self._touch(slot, True)
-        self._settling.discard(slot)
-        self._limbs.drop(data, int(model.dof_treeid[layout.dof]))
         put(self.world, data, slot, coordinates)
         data.qpos[list(layout.joint_qpos.values())] = model.qpos0[list(layout.joint_qpos.values())]
         for dofs in (slice(layout.dof, layout.dof + 6), list(layout.joint_dof.values())):
             data.qvel[dofs] = WAKE
             data.qacc_warmstart[dofs] = 0.0
-        self._limbs.place(data, slot, coordinates)
+        self.parts.place(slot, data, pose_of(coordinates[:3], coordinates[3:]))
 
     # -- stepping ----------------------------------------------------------------------------
-
-    def _touch(self, slot: int, touching: bool) -> None:
-        """Let a slot touch things, or leave it out of the search for contacts.
-
-        That search is what a sleeping robot costs most in.
-        """
-        bodies = list(self.world.layouts[slot].bodies)
-        model, (types, affinities) = self.world.model, self.world.masks
-        model.body_contype[bodies] = types[bodies] if touching else 0
-        model.body_conaffinity[bodies] = affinities[bodies] if touching else 0
-
-    def _let_rest(self) -> None:
-        """Leave parked slots that have fallen asleep out of the search for contacts."""
-        model, layouts = self.world.model, self.world.layouts
-        for slot in tuple(self._settling):
-            if self.data.tree_asleep[model.dof_treeid[layouts[slot].dof]] >= 0:
-                self._settling.remove(slot)
-                self._touch(slot, False)
 
     def advance(self, steps: int) -> list[int]:
         """Advance the world by a number of steps.
@@ -355,60 +284,37 @@ class Engine:
         self.run(steps)
         lost = [] if is_sound(self.data) else self._take_out(culprits(self, steps))
         self.steps += steps
-        if self._settling:
-            self._let_rest()
+        self.parts.sleep.let_rest(self.data)
         self.after_batch()
         return lost
 
     def run(self, steps: int) -> None:
         """Part of `advance`: step, whatever comes of it; `steps` does not count these."""
-        model, data, servos = self.world.model, self.data, self._servos
-        moving, compensated = self._moving, self._options.compensation
-        traction, limbs, laws = self._traction, self._limbs, self._laws
-        patched = traction.near(data)
-        met = False
-        for number in range(steps):
-            if met or number % LOOK_STEPS == 0:
-                moving.apply(data, data.time)
-            if number % LOOK_STEPS == 0:
-                met = moving.near(data)
-            servos.update(data.qpos)
-            limbs.update(data)
-            laws.prepare(data)
+        model, data, parts = self.world.model, self.data, self.parts
+        before, between, after = parts.before, parts.between, parts.after
+        parts.begin(data)
+        for _ in range(steps):
+            for hook in before:
+                hook(data)
             mujoco.mj_step1(model, data)
-            servos.apply(data)
-            limbs.apply(data)
-            laws.push(data)
-            self._machines.decide(data)
-            if met:
-                moving.drag(data)
-            if patched:
-                traction.apply(data)
-            if compensated:
-                compensate(data)
+            for hook in between:
+                hook(data)
             mujoco.mj_step2(model, data)
-            laws.feel(data)
-            if patched:
-                traction.release(data)
-        limbs.feel(data)
+            for hook in after:
+                hook(data)
+        parts.end(data)
 
     def _remember(self) -> None:
         data = self.data
         self._before = (data.qpos.copy(), data.qvel.copy(), data.qacc_warmstart.copy())
-        self._servos_before = self._servos.state()
-        self._limbs_before = self._limbs.state(data)
-        self._machines_before = self._machines.state()
-        self._laws_before = self._laws.state()
+        self._parts_before = self.parts.state(data)
 
     def restore(self) -> None:
         """Part of containing divergence: go back to before the last batch."""
         data = self.data
         data.qpos[:], data.qvel[:], data.qacc_warmstart[:] = self._before
         data.time = self.time
-        self._servos.restore(self._servos_before)
-        self._limbs.restore(data, self._limbs_before)
-        self._machines.restore(self._machines_before)
-        self._laws.restore(self._laws_before)
+        self.parts.restore(data, self._parts_before)
 
     # -- containing divergence ---------------------------------------------------------------
 
@@ -417,9 +323,7 @@ class Engine:
         robots = self._robot_of_tree()
         if tree in robots:
             slot = self._active[robots[tree]]
-            self._servos.release(slot)
-            self._limbs.release(slot)
-            self._laws.vacate(slot, self.data)
+            self.parts.release(slot, self.data)
             self._put(slot, self.world.parking[slot])
         else:
             self._put_back(tree)
@@ -449,7 +353,7 @@ class Engine:
     def _put_back(self, tree: int) -> None:
         """Put a tree to where the model has it, at rest."""
         model, data = self.world.model, self.data
-        self._limbs.drop(data, tree)
+        self.parts.drop(tree, data)
         dofs = model.dof_treeid == tree
         for joint in np.unique(model.dof_jntid[dofs]):
             start = model.jnt_qposadr[joint]
@@ -482,26 +386,17 @@ class Engine:
         new.time = old.time
         new.qpos[growth.joints[1]] = old.qpos[growth.joints[0]]
         new.qvel[growth.dofs[1]] = old.qvel[growth.dofs[0]]
-        growth.servos.inherit(self._servos, growth.kept)
-        growth.limbs.inherit(new, self._limbs, old, growth.kept)
-        growth.laws.inherit(self._laws)
+        growth.parts.inherit(self.parts, growth.kept, new, old)
         others = tuple(slot_prefix(slot) for slot in growth.changed)
         carry_over(before.model, old, growth.world.model, new, others)
-        self.world, self.data, self._servos = growth.world, new, growth.servos
-        self._limbs, self._laws, self._traction = growth.limbs, growth.laws, growth.traction
-        self._moving.bind(self.world.model)
-        self._machines.bind(self.world)
-        self._belts.apply(self.world.model)
-        for slot in self._driven:
-            self._allow_sleep(slot, False)
-        inherit_sleep(before.model, old, growth)
+        self.world, self.data, self.parts = growth.world, new, growth.parts
+        inherit_sleep(old, self.world.model, new, growth.trees(before.model))
         new.qacc_warmstart[growth.dofs[1]] = old.qacc_warmstart[growth.dofs[0]]
         self._left = {slot: step for slot, step in self._left.items() if slot in growth.kept}
         for slot, kind in enumerate(self.world.slots):
             if kind is not VACANT and slot not in growth.kept:
                 self._left[slot] = self.steps
-        self._settling = self._parked()
-        self._let_rest()
+        self.parts.sleep.let_rest(new)
 
     # -- looking -----------------------------------------------------------------------------
 
@@ -518,14 +413,14 @@ class Engine:
             xpos=_frozen(data.xpos),
             xquat=_frozen(data.xquat),
             layouts=self._layouts(),
-            torque=_frozen(self._limbs.torques()),
-            hands=self._limbs.hands(),
+            torque=_frozen(self.parts.joints.torques()),
+            hands=self.parts.hands.states(),
             world=self.world,
         )
 
     def _look(self) -> None:
         """Bring the poses of all bodies up to date."""
-        self._moving.apply(self.data, self.data.time)
+        self.parts.moving.apply(self.data, self.data.time)
         mujoco.mj_kinematics(self.world.model, self.data)
 
     def _layouts(self) -> dict[int, RobotLayout]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,14 +29,7 @@ class Pose:
 
     def matrix(self) -> Array:
         """Rotation matrix (3, 3) that turns local vectors into the parent frame."""
-        w, x, y, z = self.quaternion
-        return np.array(
-            (
-                *(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-                *(2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-                *(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-            )
-        ).reshape(3, 3)
+        return np.array(tuple(zip(*axes_of(*self.quaternion), strict=True)))
 
     def rotate(self, vector: Vector) -> Vector:
         """Turn a local vector into the parent frame."""
@@ -64,17 +58,40 @@ class Pose:
 
 IDENTITY = Pose()
 
+Number = TypeVar("Number", float, Array)
+
+
+def axes_of(
+    w: Number, x: Number, y: Number, z: Number
+) -> tuple[tuple[Number, Number, Number], ...]:
+    """Axes (ahead, to the left, up) of a frame in its parent, from its unit quaternion.
+
+    They are the columns of the rotation matrix. Plain numbers are far faster than arrays here.
+    """
+    return (
+        (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)),
+        (2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)),
+        (2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)),
+    )
+
 
 def rotation_matrices(quaternions: Array) -> Array:
     """Rotation matrices (n, 3, 3) of unit quaternions (n, 4), w x y z; see `Pose.matrix`."""
-    w, x, y, z = quaternions.T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
+    rows = list(zip(*axes_of(*quaternions.T), strict=True))
     answer: Array = np.moveaxis(np.array(rows), 2, 0)
     return answer
+
+
+def rotation_matrix(quaternion: Array) -> Array:
+    """Rotation matrix (3, 3) of a unit quaternion (4,), w x y z; see `Pose.matrix`."""
+    return np.array(tuple(zip(*axes_of(*quaternion.tolist()), strict=True)))
+
+
+def pose_of(position: Array, quaternion: Array) -> Pose:
+    """Pose from a position (3,) and a unit quaternion (4,), such as MuJoCo has for each body."""
+    x, y, z = position.tolist()
+    w, i, j, k = quaternion.tolist()
+    return Pose((x, y, z), (w, i, j, k))
 
 
 def _multiply(a: Quaternion, b: Quaternion) -> Quaternion:

@@ -52,6 +52,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.simulation.parts import Part
+
 
 @dataclass(frozen=True, slots=True)
 class Surface:
@@ -104,13 +106,10 @@ _INWARD = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
 """Directions into a patch from its edges at low x, low y, high x, high y."""
 
 
-class Traction:
+class Traction(Part):
     """All patches of a world, for one model generation; used by the physics thread."""
 
     def __init__(self, model: mujoco.MjModel, surfaces: Sequence[Surface]) -> None:
-        self._present = bool(surfaces)
-        if not surfaces:
-            return
         limits = np.array([(patch.x, patch.y, patch.z) for patch in surfaces], dtype=float)
         self._low, self._high = limits[:, :, 0].copy(), limits[:, :, 1].copy()
         self._friction = np.array([max(patch.friction, MIN_FRICTION) for patch in surfaces])
@@ -130,20 +129,20 @@ class Traction:
         self._timestep = float(model.opt.timestep)
         self._pushed: Indices = np.zeros(0, dtype=np.intp)
 
-    def near(self, data: mujoco.MjData) -> bool:
-        """Whether a body may touch a patch before the next call; cheap, once per batch."""
-        if not self._present:
-            return False
+    def begin(self, data: mujoco.MjData) -> None:
+        """See whether a body may touch a patch in this batch."""
         centres = data.qpos[self._places][:, None]
-        return bool(((centres > self._near_low) & (centres < self._near_high)).all(axis=2).any())
+        within = (centres > self._near_low) & (centres < self._near_high)
+        self._near = bool(within.all(axis=2).any())
+
+    def between(self, data: mujoco.MjData) -> None:
+        """Change contacts and set forces; before compensation."""
+        if self._near:
+            self._apply(data)
 
     # What has diverged is the engine's business, afterwards.
     @np.errstate(over="ignore", invalid="ignore")
-    def apply(self, data: mujoco.MjData) -> None:
-        """Change contacts and set forces; between `mj_step1` and `mj_step2`, before compensation.
-
-        The model must have the elliptic cone.
-        """
+    def _apply(self, data: mujoco.MjData) -> None:
         contact = data.contact
         bodies = self._body[contact.geom]
         fixed = self._fixed[bodies]
@@ -170,8 +169,8 @@ class Traction:
         self._pushed = pushed[real]
         data.xfrc_applied[self._pushed, :3] = force[real]
 
-    def release(self, data: mujoco.MjData) -> None:
-        """Take the forces away again; after `mj_step2`."""
+    def after(self, data: mujoco.MjData) -> None:
+        """Take the forces away again."""
         if self._pushed.size:
             data.xfrc_applied[self._pushed] = 0.0
             self._pushed = self._pushed[:0]
@@ -283,11 +282,12 @@ MARK = 1e-9
 """m/s, rad/s: what a geom must have at compile time whose surface is moved later; no belt."""
 
 
-class Belts:
-    """The belts of a world and how fast they run, for all model generations."""
+class Belts(Part):
+    """The belts of a world and how fast they run, for one model generation."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         """Find the belts of a scene; a MuJoCo without moving surfaces has none."""
+        self._model = model
         velocity = getattr(model, "geom_surfacevel", np.zeros((0, 6)))
         self._speeds: dict[str, NDArray[np.float64]] = {
             model.geom(geom).name: velocity[geom].copy()
@@ -296,19 +296,33 @@ class Belts:
         self._factors: dict[str, float] = {}
 
     def run(self, tag: str, factor: float) -> int:
-        """Note how many times their speed in the scene the belts of a tag run; how many obey."""
+        """Run the belts of a tag at so many times their speed in the scene; how many obey."""
         wanted = tag.lower()
         found = [
             name for name in self._speeds if name and name.lower().partition(":")[0] == wanted
         ] or [name for name in self._speeds if name.lower() == wanted]
         for name in found:
-            self._factors[name] = factor
+            self._run(name, factor)
         return len(found)
 
-    def apply(self, model: mujoco.MjModel) -> None:
-        """Let the belts of a model generation run as they were told."""
-        for name, factor in self._factors.items():
-            model.geom_surfacevel[model.geom(name).id] = factor * self._speeds[name]
+    def _run(self, name: str, factor: float) -> None:
+        self._factors[name] = factor
+        self._model.geom_surfacevel[self._model.geom(name).id] = factor * self._speeds[name]
+
+    def inherit(
+        self, older: Belts, slots: Sequence[int], data: mujoco.MjData, old: mujoco.MjData
+    ) -> None:
+        """Let the belts run on as they were told."""
+        for name, factor in older._factors.items():
+            self._run(name, factor)
+
+
+class Compensation(Part):
+    """Contact compensation, of one model generation; the last to change the contacts of a step."""
+
+    def between(self, data: mujoco.MjData) -> None:
+        """See `compensate`."""
+        compensate(data)
 
 
 def compensate(data: mujoco.MjData) -> None:

@@ -9,8 +9,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.simulation.ground import Traction
-from usarsim_server.simulation.limbs import Limbs
+from usarsim_server.simulation.ground import Belts, Compensation, Traction
+from usarsim_server.simulation.hands import Hands
+from usarsim_server.simulation.joints import JointServos
+from usarsim_server.simulation.machines import Machines
 from usarsim_server.simulation.model import (
     VACANT,
     CompiledWorld,
@@ -21,11 +23,31 @@ from usarsim_server.simulation.model import (
     slot_prefix,
 )
 from usarsim_server.simulation.motion_laws import Laws
+from usarsim_server.simulation.movers import MovingBodies
+from usarsim_server.simulation.parts import Part, Parts
+from usarsim_server.simulation.sleep import Sleep
 from usarsim_server.simulation.wheels import WheelServos
 
-_SLEEP_FLAG = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
-_SLEEP_LISTS = ("tree_awake", "body_awake", "body_awake_ind", "parent_awake_ind", "dof_awake_ind")
-_SLEEP_COUNTS = ("ntree_awake", "nbody_awake", "nparent_awake", "nv_awake")
+
+class WorldParts(Parts):
+    """The parts of one model generation, by name for those who command them."""
+
+    def __init__(self, world: CompiledWorld, options: PhysicsOptions) -> None:
+        model = world.model
+        self.wheels = WheelServos(world)
+        self.joints = JointServos(world)
+        self.laws = Laws(model, [(slot_prefix(n), one.laws) for n, one in enumerate(world.slots)])
+        self.machines = Machines(world)
+        self.moving = MovingBodies(model)
+        self.belts = Belts(model)
+        self.hands = Hands(world)
+        self.sleep = Sleep(world)
+        # Machines decide before bodies go; contacts are changed by the ground, compensated last.
+        contacts: list[Part] = [Traction(model, options.surfaces)] if options.surfaces else []
+        if options.compensation:
+            contacts.append(Compensation())
+        first = (self.wheels, self.joints, self.laws, self.machines, self.moving, self.belts)
+        super().__init__(*first, *contacts, self.hands, self.sleep)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,7 +56,7 @@ class Growth:
 
     Attributes:
         world, data: the model and a state of it.
-        servos, limbs, laws, traction: what works on it.
+        parts: what works on it.
         joints: old and new coordinate indices of everything that exists in both.
         dofs: old and new velocity indices of everything that exists in both.
         kept: slots that are the same in both.
@@ -43,10 +65,7 @@ class Growth:
 
     world: CompiledWorld
     data: mujoco.MjData
-    servos: WheelServos
-    limbs: Limbs
-    laws: Laws
-    traction: Traction
+    parts: WorldParts
     joints: tuple[NDArray[np.intp], NDArray[np.intp]]
     dofs: tuple[NDArray[np.intp], NDArray[np.intp]]
     kept: tuple[int, ...]
@@ -86,67 +105,4 @@ def grow(
     data = mujoco.MjData(world.model)
     mujoco.mj_forward(world.model, data)
     joints, dofs = matching_joints(old.model, world.model, changed)
-    traction = Traction(world.model, options.surfaces)
-    return Growth(
-        *(world, data, WheelServos(world), Limbs(world), laws_of(world), traction, joints, dofs),
-        *(kept, changed),
-    )
-
-
-def inherit_sleep(old_model: mujoco.MjModel, old: mujoco.MjData, growth: Growth) -> None:
-    """Bring a state up to date and let those sleep in it that slept in the old one.
-
-    MuJoCo has no call for that. It puts trees to sleep, and lists who is awake, when a state is
-    reset; what it does not work out while they sleep has to be there before.
-
-    Args:
-        old_model, old: the model that was.
-        growth: the one that is to be; its coordinates and velocities are the old ones already.
-    """
-    model, data, twins = growth.world.model, growth.data, growth.trees(old_model)
-    asleep = np.full(model.ntree, -1, dtype=data.tree_asleep.dtype)
-    new = np.setdiff1d(np.arange(model.ntree), twins)
-    # Each by itself: those beside which they were compiled may be elsewhere.
-    asleep[new] = np.where(data.tree_asleep[new] >= 0, new, data.tree_asleep[new])
-    for tree in np.flatnonzero(twins >= 0).tolist():
-        asleep[twins[tree]] = _asleep(tree, old.tree_asleep, twins)
-    policies, flags = model.tree_sleep_policy.copy(), model.opt.disableflags
-    policy = mujoco.mjtSleepPolicy
-    model.tree_sleep_policy[:] = np.where(asleep >= 0, policy.mjSLEEP_INIT, policy.mjSLEEP_NEVER)
-    # Where everybody is in a state that was reset, those who touch would keep each other awake.
-    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
-    lists = mujoco.MjData(model)
-    model.tree_sleep_policy[:], model.opt.disableflags = policies, flags
-    model.opt.enableflags &= ~_SLEEP_FLAG
-    mujoco.mj_fwdPosition(model, data)
-    mujoco.mj_fwdVelocity(model, data)
-    model.opt.enableflags |= _SLEEP_FLAG
-    for name in _SLEEP_LISTS:
-        getattr(data, name)[:] = getattr(lists, name)
-    for name in _SLEEP_COUNTS:
-        setattr(data, name, getattr(lists, name))
-    data.tree_asleep[:] = asleep
-
-
-def _asleep(tree: int, rings: NDArray[np.int32], twins: NDArray[np.intp]) -> int:
-    """The sleep of one tree: the next one of its ring, or how long it has been awake.
-
-    Trees that sleep in contact with each other are a ring, each with the number of the next.
-    """
-    if rings[tree] < 0:
-        return int(rings[tree])
-    one = tree
-    for _ in rings:
-        one = int(rings[one])
-        if one < 0 or twins[one] < 0:
-            break  # one of them is gone, which wakes the others
-        if one == tree:
-            return int(twins[rings[tree]])
-    return -1 - int(mujoco.mjMINAWAKE)
-
-
-def laws_of(world: CompiledWorld) -> Laws:
-    """The laws of motion of all slots."""
-    return Laws(
-        world.model, [(slot_prefix(number), one.laws) for number, one in enumerate(world.slots)]
-    )
+    return Growth(world, data, WorldParts(world, options), joints, dofs, kept, changed)

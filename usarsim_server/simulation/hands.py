@@ -27,8 +27,9 @@ from usarsim_server.simulation.articulation import (
     anchor_name,
     tie_name,
 )
-from usarsim_server.simulation.frames import Pose, Quaternion, Vector
-from usarsim_server.simulation.model import CompiledWorld, root_qpos
+from usarsim_server.simulation.frames import Pose, Quaternion, Vector, pose_of
+from usarsim_server.simulation.model import WAKE, CompiledWorld, root_qpos
+from usarsim_server.simulation.parts import Part
 
 SLIP_TIME = 0.04
 """s for which a pull has to be too strong; a knock is not a pull."""
@@ -60,7 +61,7 @@ HandsState = tuple[tuple[tuple[bool, int, bool], ...], NDArray[Any], NDArray[Any
 NOTHING = np.zeros(0)
 
 
-class Hands:
+class Hands(Part):
     """All hands and anchors of one model generation."""
 
     def __init__(self, world: CompiledWorld) -> None:
@@ -103,24 +104,24 @@ class Hands:
 
     # -- coming and going --------------------------------------------------------------------
 
-    def place(self, data: mujoco.MjData, slot: int, base: Pose) -> None:
+    def place(self, slot: int, data: mujoco.MjData, pose: Pose) -> None:
         """A slot goes to a new pose: its hands let go, others let go of it, its tools go along."""
-        self.drop(data, int(self._model.body_treeid[self._bases[slot]]))
+        self.drop(int(self._model.body_treeid[self._bases[slot]]), data)
         for hand in self._hands.get(slot, ()):
             self._let_go(data, hand)
             hand.closed = hand.lost = False
         if slot in self._anchors:
-            here, turn = base.position, base.inverse().quaternion
+            here, turn = pose.position, pose.inverse().quaternion
             self._tie(data, self._anchors[slot], 0, here, (0.0, 0.0, 0.0), turn)
         for tool in self._tools.get(slot, ()):
             body = self._body(slot, tool.body)
-            self._put(data, body, base @ tool.pose)
+            self._put(data, body, pose @ tool.pose)
             for hand in self._hands.get(slot, ()):
                 if hand.model.name == tool.holder:
                     self._hold_at_tip(data, hand, body)
                     hand.closed = True
 
-    def drop(self, data: mujoco.MjData, tree: int) -> None:
+    def drop(self, tree: int, data: mujoco.MjData) -> None:
         """Let go of a body that is about to be put somewhere else."""
         for hand in self._all:
             if hand.held >= 0 and self._model.body_treeid[hand.held] == tree:
@@ -146,7 +147,7 @@ class Hands:
             data.eq_active[ties] = active
 
     def inherit(
-        self, data: mujoco.MjData, older: Hands, old: mujoco.MjData, slots: Sequence[int]
+        self, older: Hands, slots: Sequence[int], data: mujoco.MjData, old: mujoco.MjData
     ) -> None:
         """Take over slots, which are the same there and here, from another generation."""
         for slot in slots:
@@ -170,16 +171,15 @@ class Hands:
         self._model.eq_data[tie] = older._model.eq_data[former]
         data.eq_active[tie] = old.eq_active[former]
 
-    def states(self, slot: int) -> dict[str, HandState]:
-        """What the hands of a slot are doing, by name."""
+    def states(self) -> dict[int, dict[str, HandState]]:
+        """What all hands are doing, by slot and name."""
         return {
-            hand.model.name: HandState(hand.closed, self._name(hand.held, slot))
-            for hand in self._hands.get(slot, ())
+            slot: {
+                hand.model.name: HandState(hand.closed, self._name(hand.held, slot))
+                for hand in hands
+            }
+            for slot, hands in self._hands.items()
         }
-
-    def slots(self) -> tuple[int, ...]:
-        """Slots that have hands."""
-        return tuple(self._hands)
 
     def _name(self, body: int, slot: int) -> str | None:
         """Name of a body for users: tools as the robot calls them, something in any case."""
@@ -233,11 +233,8 @@ class Hands:
 
     # -- between steps -----------------------------------------------------------------------
 
-    def update(self, data: mujoco.MjData) -> None:
-        """Let closed hands catch what they meet, and let go what is pulled too hard.
-
-        To be called after every few steps.
-        """
+    def end(self, data: mujoco.MjData) -> None:
+        """Let closed hands catch what they meet, and let go what is pulled too hard."""
         for hand in self._all:
             if not hand.closed:
                 continue
@@ -357,15 +354,13 @@ class Hands:
         self._wake(data, body)
 
     def _wake(self, data: mujoco.MjData, body: int) -> None:
-        """Let a body that is held no more, or is elsewhere, notice it (see `engine.WAKE`)."""
+        """Let a body that is held no more, or is elsewhere, notice it."""
         dofs = self._model.dof_treeid == self._model.body_treeid[body]
-        data.qvel[dofs & (data.qvel == 0.0)] = -0.0
+        data.qvel[dofs & (data.qvel == 0.0)] = WAKE
 
 
 def _pose(data: mujoco.MjData, body: int) -> Pose:
-    x, y, z = data.xpos[body].tolist()
-    w, i, j, k = data.xquat[body].tolist()
-    return Pose((x, y, z), (w, i, j, k))
+    return pose_of(data.xpos[body], data.xquat[body])
 
 
 def _fits(place: Pose, tool: Pose, distance: float, angle: float) -> bool:

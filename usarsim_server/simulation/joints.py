@@ -8,7 +8,7 @@ drive's largest force and no more. A torque is that force with the highest speed
 what yields is pushed along, what pushes back harder wins.
 
 As with the wheels, a speed servo of limited force is dry friction against a shaft that turns at
-the wanted speed (see `servo.py`): the joint's friction loss, its reference acceleration shifted
+the wanted speed (see `wheels.py`): the joint's friction loss, its reference acceleration shifted
 between the two halves of a step. The solver then finds the force that is really needed, so no
 gains have to be tuned to the load.
 """
@@ -24,7 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.simulation.articulation import JointOrder, Order
-from usarsim_server.simulation.model import CompiledWorld
+from usarsim_server.simulation.model import WAKE, CompiledWorld
+from usarsim_server.simulation.parts import Part
 
 Array = NDArray[np.float64]
 JointsState = tuple[NDArray[Any], ...]
@@ -43,7 +44,7 @@ DEAD_SPEED = 1e-4
 """rad/s or m/s below which a set point is not worth the work: 5 micrometres or microradians off."""
 
 
-class JointServos:
+class JointServos(Part):
     """Set points of all jointed robots of one model generation; used by the physics thread."""
 
     def __init__(self, world: CompiledWorld) -> None:
@@ -65,6 +66,7 @@ class JointServos:
         self._joints = np.array(joints, dtype=np.intp)
         self._roots = np.array(roots, dtype=np.intp)
         self._busy = self._roots[:0]
+        """First velocity index of each robot with a joint under way; indices may repeat."""
         self._coordinates = model.jnt_qposadr[self._joints].astype(np.intp)
         self._dofs = model.jnt_dofadr[self._joints].astype(np.intp)
         limited = model.jnt_limited[self._joints].astype(bool)
@@ -95,12 +97,7 @@ class JointServos:
         """Give orders to joints of a slot by name (any case); unknown names are ignored.
 
         Positions and speeds beyond the limits are taken for the limits, torques likewise.
-
-        Raises:
-            ValueError: if a value is not finite; then no order is taken.
         """
-        if not all(math.isfinite(order.value) for order in orders.values()):
-            raise ValueError(f"orders must be finite: {orders}")
         for name, (order, value) in orders.items():
             joint = self._index[slot].get(name.lower())
             if joint is not None:
@@ -122,7 +119,7 @@ class JointServos:
             self._rate[joint] = math.copysign(fastest, value) if value else 0.0
             self._push[joint] = abs(value)
 
-    def release(self, slot: int) -> None:
+    def release(self, slot: int, data: mujoco.MjData) -> None:
         """Forget all orders of a slot: its joints hold the position they start with."""
         chosen = list(self._index[slot].values())
         self._positioned[chosen] = True
@@ -148,17 +145,19 @@ class JointServos:
 
     # -- state -------------------------------------------------------------------------------
 
-    def state(self) -> JointsState:
+    def state(self, data: mujoco.MjData) -> JointsState:
         """A copy of everything that changes, for `restore`."""
         return tuple(array.copy() for array in self._arrays())
 
-    def restore(self, state: JointsState) -> None:
+    def restore(self, data: mujoco.MjData, state: JointsState) -> None:
         """Go back to a copied state of this generation."""
         for array, kept in zip(self._arrays(), state, strict=True):
             array[:] = kept
         self._begin()
 
-    def inherit(self, older: JointServos, slots: Sequence[int]) -> None:
+    def inherit(
+        self, older: JointServos, slots: Sequence[int], data: mujoco.MjData, old: mujoco.MjData
+    ) -> None:
         """Take over slots, which are the same there and here, from another generation."""
         here = [joint for slot in slots for joint in self._index[slot].values()]
         there = [joint for slot in slots for joint in older._index[slot].values()]
@@ -182,8 +181,14 @@ class JointServos:
 
     # -- stepping ----------------------------------------------------------------------------
 
-    def update(self, qpos: Array) -> None:
-        """Advance all set points by one time step."""
+    def before(self, data: mujoco.MjData) -> None:
+        """Advance all set points by one time step, and keep robots awake that have to move."""
+        self._update(data.qpos)
+        busy = self._busy
+        if busy.size:
+            data.qvel[busy[data.qvel[busy] == 0.0]] = WAKE
+
+    def _update(self, qpos: Array) -> None:
         if not len(self._joints):
             return
         if self._holding and self._waited < HOLD_STEPS:
@@ -214,8 +219,8 @@ class JointServos:
         self._shift[self._dofs] = np.where(size < DEAD_SPEED, 0.0, speed)
         self._moving = bool((size >= DEAD_SPEED).any())
 
-    def apply(self, data: mujoco.MjData) -> None:
-        """Hand the set points to the solver; to be called between `mj_step1` and `mj_step2`."""
+    def between(self, data: mujoco.MjData) -> None:
+        """Hand the set points to the solver."""
         if not (self._moving and data.nf):
             return
         rows = slice(data.ne, data.ne + data.nf)
@@ -224,14 +229,7 @@ class JointServos:
             shift[data.efc_type[rows] != mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF] = 0.0
         data.efc_aref[rows] += shift
 
-    def busy(self) -> NDArray[np.intp]:
-        """First velocity index of each robot with a joint under way; indices may repeat.
-
-        Such robots must not fall asleep.
-        """
-        return self._busy
-
-    def feel(self, data: mujoco.MjData) -> None:
+    def end(self, data: mujoco.MjData) -> None:
         """Note the forces of the drives in the last step, for `torques`."""
         if not (len(self._joints) and data.nf):
             return

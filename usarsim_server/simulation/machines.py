@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from usarsim_server.simulation.frames import Pose, Vector
 from usarsim_server.simulation.model import CompiledWorld
 from usarsim_server.simulation.movers import Mover
+from usarsim_server.simulation.parts import Part
 
 Array = NDArray[np.float64]
 
@@ -141,32 +142,27 @@ class Machine(Protocol):
         """Go back to an earlier decision."""
 
 
-class Machines:
+class Machines(Part):
     """All machines of a world; used by the physics thread."""
 
-    def __init__(self) -> None:
-        """Start without any."""
+    def __init__(self, world: CompiledWorld) -> None:
+        self._world = world
         self._machines: tuple[Machine, ...] = ()
         self._presences: tuple[Presence, ...] = ()
-        self._every = 1
+        self._every = max(1, round(DECISION_INTERVAL / float(world.model.opt.timestep)))
 
-    def replace(self, machines: Sequence[Machine], world: CompiledWorld) -> None:
+    def replace(self, machines: Sequence[Machine]) -> None:
         """Replace all machines.
 
         Raises:
             KeyError: if one of their bodies does not exist; the old ones stay.
         """
         new = tuple(machines)
-        self._presences = _presences(new, world)
+        self._presences = _presences(new, self._world)
         self._machines = new
-        self._every = max(1, round(DECISION_INTERVAL / float(world.model.opt.timestep)))
 
-    def bind(self, world: CompiledWorld) -> None:
-        """Look up all bodies in another model generation."""
-        self._presences = _presences(self._machines, world)
-
-    def decide(self, data: mujoco.MjData) -> None:
-        """Let all machines decide if it is time; between `mj_step1` and `mj_step2`."""
+    def between(self, data: mujoco.MjData) -> None:
+        """Let all machines decide if it is time."""
         if not self._machines:
             return
         if round(data.time / data.model.opt.timestep) % self._every:
@@ -175,14 +171,20 @@ class Machines:
             presence.look(data)
             machine.decide(data.time, presence)
 
-    def state(self) -> tuple[object, ...]:
+    def state(self, data: mujoco.MjData) -> tuple[object, ...]:
         """What all have decided, for `restore`."""
         return tuple(machine.state() for machine in self._machines)
 
-    def restore(self, state: tuple[object, ...]) -> None:
+    def restore(self, data: mujoco.MjData, state: tuple[object, ...]) -> None:
         """Go back to earlier decisions."""
         for machine, one in zip(self._machines, state, strict=True):
             machine.restore(one)
+
+    def inherit(
+        self, older: Machines, slots: Sequence[int], data: mujoco.MjData, old: mujoco.MjData
+    ) -> None:
+        """Go on with the same machines, whose bodies have other numbers now."""
+        self.replace(older._machines)
 
 
 def _presences(machines: Sequence[Machine], world: CompiledWorld) -> tuple[Presence, ...]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from usarsim_server.errors import UsarsimError
 from usarsim_server.simulation.articulation import HandModel, JointModel, ToolModel, add_ties
-from usarsim_server.simulation.frames import Pose
+from usarsim_server.simulation.frames import Pose, pose_of
 from usarsim_server.simulation.ground import Surface
 from usarsim_server.simulation.mailbox import breathe
 from usarsim_server.simulation.motion_laws import LawModel
@@ -41,6 +41,9 @@ SERVO_TIME = 0.02
 SERVO_IMPEDANCE = 0.95
 UNLIMITED_TORQUE = 1000.0
 """N m: stands for no limit."""
+
+WAKE = -0.0
+"""Written to a velocity of a sleeping body: equal to zero, but not byte by byte, so it wakes."""
 
 JOINT_WIDTH = {0: (7, 6), 1: (4, 3), 2: (1, 1), 3: (1, 1)}
 """Coordinates and velocities of a free, ball, slide and hinge joint."""
@@ -71,7 +74,7 @@ class RobotModel:
         key: identifies the class; slots of one key are interchangeable.
         build: makes a fresh MuJoCo specification whose root body is `base` with the free joint
             `free`; joints and velocity actuators of driven wheels carry the wheel's name. Gain
-            and force range of such an actuator describe the wheel's servo (see `servo.py`).
+            and force range of such an actuator describe the wheel's servo (see `wheels.py`).
         driven: names of the driven wheels in part order.
         rest_height: height of the reference point above a flat floor, m.
         wheel_acceleration: ramp of the wheel speed targets, rad/s^2.
@@ -80,11 +83,11 @@ class RobotModel:
         kinematic: a thing that goes its own way (see `movers.py`): its bodies, `base` first, are
             mocap bodies without joints, beside each other in the specification.
         robot: it counts as a robot; free slots of other things may be built anew as another key.
-        joints: drives of the joints that are no wheels (see `joint_servos.py`).
+        joints: drives of the joints that are no wheels (see `joints.py`).
         hands: what takes hold of things (see `hands.py`).
         tools: further root bodies of the specification, each on a free joint of its own.
         anchored: it stands fixed wherever it is put.
-        laws: what moves it beside wheels and joints (see `laws.py`).
+        laws: what moves it beside wheels and joints (see `motion_laws.py`).
     """
 
     key: str
@@ -191,7 +194,7 @@ def compile_world(
 
 
 def _convert_servos(model: mujoco.MjModel, layout: RobotLayout) -> None:
-    """Turn the velocity actuators of the driven wheels into friction losses (see `servo.py`).
+    """Turn the velocity actuators of the driven wheels into friction losses (see `wheels.py`).
 
     At the speed error e the solver exerts the torque e B d / ((1 - d) A), B and d being the
     constraint's damping and impedance and A the inverse inertia that the wheel feels; d is chosen
@@ -226,11 +229,10 @@ def put(
         data.qpos[layout.qpos : layout.qpos + 7] = coordinates
         return
     model = world.model
-    x, y, z, *quaternion = coordinates.tolist()
-    base = Pose((x, y, z), tuple(quaternion))
+    base = pose_of(coordinates[:3], coordinates[3:])
     for body in layout.mocap:
-        offset = tuple((model.body_pos[body] - world.parking[slot, :3]).tolist())
-        pose = base @ Pose(offset, tuple(model.body_quat[body].tolist()))
+        offset = model.body_pos[body] - world.parking[slot, :3]
+        pose = base @ pose_of(offset, model.body_quat[body])
         index = model.body_mocapid[body]
         data.mocap_pos[index], data.mocap_quat[index] = pose.position, pose.quaternion
 

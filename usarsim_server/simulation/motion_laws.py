@@ -13,14 +13,15 @@ several times slower.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.simulation.frames import Vector
+from usarsim_server.simulation.frames import Pose, Vector, axes_of
+from usarsim_server.simulation.parts import Part
 
 Array = NDArray[np.float64]
 
@@ -71,7 +72,7 @@ LawsState = tuple[Array, tuple[Array, ...], frozenset[int]]
 """Commands, what the laws remember, and which slots have laws that hold."""
 
 
-class Laws:
+class Laws(Part):
     """The laws of all slots of one model generation."""
 
     def __init__(
@@ -103,14 +104,14 @@ class Laws:
         """Set the command of a slot, all laws one after the other.
 
         Raises:
-            ValueError: if the count is wrong or a value is not finite.
+            ValueError: if the count is wrong.
         """
         span = self._span[slot]
-        if values.shape != (span.stop - span.start,) or not np.isfinite(values).all():
+        if values.shape != (span.stop - span.start,):
             raise ValueError(f"command does not fit: {values}")
         self._commands[span] = values
 
-    def commanded(self, slot: int) -> bool:
+    def drives(self, slot: int) -> bool:
         """Whether the command of a slot asks for anything but zeros."""
         return bool(self._commands[self._span[slot]].any())
 
@@ -120,14 +121,17 @@ class Laws:
             self._active.add(slot)
             self._list()
 
-    def forget(self, slot: int, data: mujoco.MjData) -> None:
+    def place(self, slot: int, data: mujoco.MjData, pose: Pose) -> None:
         """The robot of a slot was put elsewhere: its laws forget, its command stays."""
+        self._forget(slot, data)
+
+    def _forget(self, slot: int, data: mujoco.MjData) -> None:
         for law, _ in self._laws.get(slot, ()):
             law.release(self._model, data)
 
-    def vacate(self, slot: int, data: mujoco.MjData) -> None:
+    def release(self, slot: int, data: mujoco.MjData) -> None:
         """The laws of a slot hold no longer; its command is zero."""
-        self.forget(slot, data)
+        self._forget(slot, data)
         self._commands[self._span[slot]] = 0.0
         if slot in self._active:
             self._active.remove(slot)
@@ -141,13 +145,11 @@ class Laws:
         ]
         self._feeling = [law for law, _ in self._running if type(law).feel is not Law.feel]
 
-    def prepare(self, data: mujoco.MjData) -> None:
-        """Before the first half of every step."""
+    def before(self, data: mujoco.MjData) -> None:
         for law, command in self._running:
             law.prepare(self._model, data, command)
 
-    def push(self, data: mujoco.MjData) -> None:
-        """Between the two halves of every step."""
+    def between(self, data: mujoco.MjData) -> None:
         if not self._running:
             return
         # A body that diverges is dealt with after the step (see `divergence.py`).
@@ -155,18 +157,15 @@ class Laws:
             for law, command in self._running:
                 law.push(self._model, data, command)
 
-    def feel(self, data: mujoco.MjData) -> None:
-        """After every step."""
+    def after(self, data: mujoco.MjData) -> None:
         for law in self._feeling:
             law.feel(self._model, data)
 
-    def state(self) -> LawsState:
-        """A copy of everything that changes, for `restore`."""
+    def state(self, data: mujoco.MjData) -> LawsState:
         laws = tuple(law.state() for one in self._laws.values() for law, _ in one)
         return self._commands.copy(), laws, frozenset(self._active)
 
-    def restore(self, state: LawsState) -> None:
-        """Go back to a copied state of this generation."""
+    def restore(self, data: mujoco.MjData, state: LawsState) -> None:
         commands, laws, active = state
         self._commands[:] = commands
         if active != self._active:
@@ -176,7 +175,9 @@ class Laws:
         for law, kept in zip(every, laws, strict=True):
             law.restore(kept)
 
-    def inherit(self, older: Laws) -> None:
+    def inherit(
+        self, older: Laws, slots: Sequence[int], data: mujoco.MjData, old: mujoco.MjData
+    ) -> None:
         """Take over the robots of an older generation, which sit in the same slots here."""
         for slot in older._active:
             self._commands[self._span[slot]] = older._commands[older._span[slot]]
@@ -219,14 +220,9 @@ class FreeBody:
 
     def look(self, data: mujoco.MjData) -> Motion:
         """How it stands and moves."""
-        w, x, y, z = data.qpos[self._quaternion].tolist()
+        ahead, left, up = axes_of(*data.qpos[self._quaternion].tolist())
         vx, vy, vz, p, q, r = data.qvel[self._dofs].tolist()
-        axes = (
-            (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)),
-            (2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)),
-            (2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)),
-        )
-        return axes, (vx, vy, vz), (p, q, r)
+        return (ahead, left, up), (vx, vy, vz), (p, q, r)
 
     def place(self, data: mujoco.MjData) -> Vector:
         """Where its origin is, m."""

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.simulation.frames import Pose
+from usarsim_server.simulation.parts import Part
 from usarsim_server.simulation.rays.culling import bounding_spheres
 
 Array = NDArray[np.float64]
@@ -27,8 +28,10 @@ Array = NDArray[np.float64]
 Way = Callable[[float], Pose]
 """Pose in the world at a simulated time (s)."""
 
+LOOK_STEPS = 5
+"""Steps between two looks whether anything is near a body."""
 HASTE = 1.0
-"""m that two things may come nearer between two calls of `MovingBodies.near`: 20 ms at 50 m/s."""
+"""m that two things may come nearer between two such looks: 20 ms at 50 m/s."""
 JUMP = 20.0
 """m/s: whatever is faster was put somewhere else and drags nothing along."""
 
@@ -47,7 +50,7 @@ class Mover:
     pose: Way
 
 
-class MovingBodies:
+class MovingBodies(Part):
     """Everything that moves by itself, with the places of its bodies in one model generation.
 
     Movers belong to the world, or to one robot or thing in a slot (see `follow`).
@@ -58,6 +61,7 @@ class MovingBodies:
         self.movers: tuple[Mover, ...] = ()
         """Those of the world."""
         self._followers: dict[int, tuple[Mover, ...]] = {}
+        self._step, self._met = 0, False
         self._find()
 
     def replace(self, movers: Sequence[Mover]) -> None:
@@ -86,13 +90,11 @@ class MovingBodies:
             self._followers[owner] = tuple(movers)
         self._find()
 
-    def bind(self, model: mujoco.MjModel) -> None:
-        """Look up all bodies in another model generation.
-
-        Raises:
-            ValueError: if one of them is not in there.
-        """
-        self._model = model
+    def inherit(
+        self, older: MovingBodies, slots: Sequence[int], data: mujoco.MjData, old: mujoco.MjData
+    ) -> None:
+        """Go on with the same movers, whose bodies have other numbers now."""
+        self.movers, self._followers = older.movers, older._followers
         self._find()
 
     def _find(self) -> None:
@@ -122,6 +124,18 @@ class MovingBodies:
         self._roots = roots[loose]
         self._reach = radii[loose][:, None] + own + HASTE
 
+    def begin(self, data: mujoco.MjData) -> None:
+        self._step = 0
+
+    def before(self, data: mujoco.MjData) -> None:
+        """Place the bodies; while nothing is near one of them, only every few steps."""
+        looking = self._step % LOOK_STEPS == 0
+        self._step += 1
+        if looking or self._met:
+            self.apply(data, data.time)
+        if looking:
+            self._met = self._near(data)
+
     def apply(self, data: mujoco.MjData, time: float) -> None:
         """Put all bodies where they are at a time."""
         if not self._ways:
@@ -134,7 +148,7 @@ class MovingBodies:
             data.mocap_pos[index] = pose.position
             data.mocap_quat[index] = pose.quaternion
 
-    def near(self, data: mujoco.MjData) -> bool:
+    def _near(self, data: mujoco.MjData) -> bool:
         """Whether anything that moves by forces may meet a body before the next call.
 
         Otherwise nothing depends on where the bodies are meanwhile.
@@ -145,13 +159,12 @@ class MovingBodies:
         away = np.linalg.norm(places[:, None] - bodies, axis=2)
         return bool((away < self._reach).any())
 
-    def drag(self, data: mujoco.MjData) -> None:
+    def between(self, data: mujoco.MjData) -> None:
         """Tell the contacts how fast the bodies go in this step.
 
-        To be called between `mj_step1` and `mj_step2`, and before the contact compensation, which
-        judges by how fast things slide.
+        To be called before the contact compensation, which judges by how fast things slide.
         """
-        if not (self._ways and data.ncon):
+        if not (self._met and data.ncon):
             return
         contact = data.contact
         rows = self._row_of_geom[contact.geom]

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.simulation.frames import IDENTITY, Pose, Vector
+from usarsim_server.simulation.frames import IDENTITY, Pose, Vector, pose_of
 from usarsim_server.simulation.model import CompiledWorld
 from usarsim_server.simulation.snapshot import Snapshot
 
@@ -84,13 +84,11 @@ class Objects:
             robot = next((r for r, lay in snapshot.layouts.items() if lay.base == body), None)
             if robot is None:
                 return None
-        x, y, z = snapshot.xpos[body].tolist()
-        w, i, j, k = snapshot.xquat[body].tolist()
         place = IDENTITY if single is None else _geom_pose(self._model, single)
         material = int(self._model.geom_matid[geom])
         return ObjectFacts(
             name=self._name(body, single),
-            pose=Pose((x, y, z), (w, i, j, k)) @ place,
+            pose=pose_of(snapshot.xpos[body], snapshot.xquat[body]) @ place,
             material=self._material(body, material),
             size=self._size(body, single),
             robot=robot,
@@ -177,17 +175,11 @@ def _geom_pose(model: mujoco.MjModel, geom: int) -> Pose:
 
     The compiler moves the frame of a mesh to its mass centre and principal axes; that is undone.
     """
-    pose = _pose(model.geom_pos[geom], model.geom_quat[geom])
+    pose = pose_of(model.geom_pos[geom], model.geom_quat[geom])
     mesh = int(model.geom_dataid[geom])
     if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_MESH or mesh < 0:
         return pose
-    return pose @ _pose(model.mesh_pos[mesh], model.mesh_quat[mesh]).inverse()
-
-
-def _pose(position: Array, quaternion: Array) -> Pose:
-    x, y, z = position.tolist()
-    w, i, j, k = quaternion.tolist()
-    return Pose((x, y, z), (w, i, j, k))
+    return pose @ pose_of(model.mesh_pos[mesh], model.mesh_quat[mesh]).inverse()
 
 
 def _plane_size(model: mujoco.MjModel, geom: int) -> Vector:

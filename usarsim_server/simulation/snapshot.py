@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.simulation.articulation import HandState
-from usarsim_server.simulation.frames import Pose, Vector
+from usarsim_server.simulation.frames import Pose, Vector, pose_of
 
 if TYPE_CHECKING:
     from usarsim_server.simulation.model import CompiledWorld
@@ -191,6 +191,4 @@ class RobotBody:
         return self.snapshot.hands[self.layout.slot][name]
 
     def _body_pose(self, body: int) -> Pose:
-        x, y, z = self.snapshot.xpos[body].tolist()
-        w, i, j, k = self.snapshot.xquat[body].tolist()
-        return Pose((x, y, z), (w, i, j, k))
+        return pose_of(self.snapshot.xpos[body], self.snapshot.xquat[body])

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.simulation.model import CompiledWorld, RobotModel
+from usarsim_server.simulation.parts import Part
 
 HOLD_GAIN = 10.0
 """1/s: wheel speed asked for per radian of displacement while the brake holds."""
@@ -33,7 +34,7 @@ Array = NDArray[np.float64]
 ServoState = tuple[NDArray[Any], ...]
 
 
-class WheelServos:
+class WheelServos(Part):
     """Set points of every driven wheel of one model generation; used by the physics thread."""
 
     def __init__(self, world: CompiledWorld) -> None:
@@ -70,7 +71,7 @@ class WheelServos:
         self._couple()
         self._steady = False
 
-    def release(self, slot: int) -> None:
+    def release(self, slot: int, data: mujoco.MjData) -> None:
         """Forget everything about a slot: its wheels stand still without a brake."""
         span = self._span[slot]
         for array in (self._target, self._setpoint, self._idle):
@@ -94,18 +95,24 @@ class WheelServos:
         copy: Array = self._speed[self._dofs[self._span[slot]]].copy()
         return copy
 
-    def state(self) -> ServoState:
+    def drives(self, slot: int) -> bool:
+        """Whether a wheel of a slot is told to turn."""
+        return bool(self._target[self._span[slot]].any())
+
+    def state(self, data: mujoco.MjData) -> ServoState:
         """A copy of everything that changes, for `restore`."""
         return tuple(array.copy() for array in self._arrays())
 
-    def restore(self, state: ServoState) -> None:
+    def restore(self, data: mujoco.MjData, state: ServoState) -> None:
         """Go back to a copied state of this generation."""
         for array, kept in zip(self._arrays(), state, strict=True):
             array[:] = kept
         self._couple()
         self._steady = False
 
-    def inherit(self, older: WheelServos, slots: Sequence[int]) -> None:
+    def inherit(
+        self, older: WheelServos, slots: Sequence[int], data: mujoco.MjData, old: mujoco.MjData
+    ) -> None:
         """Take over slots, which are the same there and here, from another generation."""
         for array, former in zip(self._arrays(), older._arrays(), strict=True):
             for slot in slots:
@@ -127,6 +134,10 @@ class WheelServos:
             self._free,
         )
 
+    def before(self, data: mujoco.MjData) -> None:
+        """Advance all set points, see `update`."""
+        self.update(data.qpos)
+
     def update(self, qpos: Array) -> None:
         """Advance all set points by one time step."""
         if self._steady:
@@ -146,8 +157,8 @@ class WheelServos:
         # While every wheel runs at its commanded speed there is nothing to update.
         self._steady = not (change.any() or still.any())
 
-    def apply(self, data: mujoco.MjData) -> None:
-        """Hand the set points to the solver; to be called between `mj_step1` and `mj_step2`."""
+    def between(self, data: mujoco.MjData) -> None:
+        """Hand the set points to the solver."""
         if not (self._moving and data.nf):
             return
         rows = slice(data.ne, data.ne + data.nf)

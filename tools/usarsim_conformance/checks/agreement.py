@@ -9,11 +9,10 @@ from usarsim_conformance.case import Case
 from usarsim_conformance.control import Robot, pose_of, turned
 from usarsim_conformance.grounds import open_floor
 from usarsim_conformance.lines import number, numbers
-from usarsim_conformance.objects import controller, create, status_of
 from usarsim_conformance.places import Place
-from usarsim_conformance.side_checks import checks_of
+from usarsim_conformance.registry import NotApplicable, Severity, checks_of
 from usarsim_conformance.side_lines import STATION, LineClient, split_reply
-from usarsim_conformance.verdicts import NotApplicable, Severity
+from usarsim_conformance.walls import controller, create, status_of
 
 positions = checks_of("groundtruth")
 wireless = checks_of("wireless")

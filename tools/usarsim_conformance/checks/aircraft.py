@@ -7,9 +7,8 @@ from itertools import pairwise
 
 from usarsim_conformance.case import Case
 from usarsim_conformance.control import Robot
-from usarsim_conformance.registry import UDK, UNREAL, check
+from usarsim_conformance.registry import UDK, UNREAL, Severity, check
 from usarsim_conformance.trips import Trip, near, of_classes, on_open_floor, ride
-from usarsim_conformance.verdicts import Severity
 
 QUADROTORS = ("AirRobot", "ARDrone")
 BLIMPS = ("Passarola",)

@@ -6,9 +6,8 @@ import math
 
 from usarsim_conformance.case import Case
 from usarsim_conformance.control import Robot
-from usarsim_conformance.registry import UT2004, check
+from usarsim_conformance.registry import UT2004, Severity, check
 from usarsim_conformance.trips import Trip, near, of_classes, on_open_floor, ride
-from usarsim_conformance.verdicts import Severity
 
 CRAWLERS = ("Kenaf", "TeleMax")
 _FLIPPERS = ("FRFlipper", "FLFlipper", "RRFlipper", "RLFlipper")

@@ -10,8 +10,7 @@ from usarsim_conformance.case import Case
 from usarsim_conformance.control import Robot, turned
 from usarsim_conformance.places import Place
 from usarsim_conformance.recordings import driven, ground_told, standing, wheels_of
-from usarsim_conformance.registry import GAZEBO, ONCE, UDK, UNREAL, UT2004, check
-from usarsim_conformance.verdicts import Severity
+from usarsim_conformance.registry import GAZEBO, ONCE, UDK, UNREAL, UT2004, Severity, check
 
 _NUMBER = r"-?\d+\.\d+|-?\d+"
 

@@ -7,8 +7,7 @@ import re
 from usarsim_conformance.case import Case
 from usarsim_conformance.places import Place
 from usarsim_conformance.recordings import ground_told, standing, told
-from usarsim_conformance.registry import UDK, UNREAL, UT2004, check
-from usarsim_conformance.verdicts import Severity
+from usarsim_conformance.registry import UDK, UNREAL, UT2004, Severity, check
 
 _N4 = r"-?\d+\.\d{4}"
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from usarsim_conformance.case import Case
-from usarsim_conformance.registry import ONCE, UNREAL, check
-from usarsim_conformance.verdicts import Severity
+from usarsim_conformance.registry import ONCE, UNREAL, Severity, check
 
 
 async def _conf_answers(case: Case, command: str, reply: str = "CONF {") -> None:

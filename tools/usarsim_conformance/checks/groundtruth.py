@@ -10,9 +10,8 @@ from usarsim_conformance.case import Case
 from usarsim_conformance.control import Robot
 from usarsim_conformance.lines import numbers
 from usarsim_conformance.recordings import wheels_of
-from usarsim_conformance.side_checks import checks_of
+from usarsim_conformance.registry import Severity, checks_of
 from usarsim_conformance.side_lines import LineClient, split_reply, static_station
-from usarsim_conformance.verdicts import Severity
 
 truth = checks_of("groundtruth")
 

@@ -7,9 +7,8 @@ import re
 from usarsim_conformance.case import Case
 from usarsim_conformance.lines import number
 from usarsim_conformance.places import Place
-from usarsim_conformance.side_checks import checks_of
+from usarsim_conformance.registry import Severity, checks_of
 from usarsim_conformance.side_lines import LineClient, split_reply
-from usarsim_conformance.verdicts import Severity
 
 truth = checks_of("groundtruth")
 

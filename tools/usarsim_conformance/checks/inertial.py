@@ -18,9 +18,8 @@ from usarsim_conformance.excursions import (
     equipment,
     fly_about,
 )
-from usarsim_conformance.registry import UNREAL, check
-from usarsim_conformance.statistics_of import CHANCE, spread_bounds
-from usarsim_conformance.verdicts import NotApplicable, Severity
+from usarsim_conformance.ranging import CHANCE, spread_bounds
+from usarsim_conformance.registry import UNREAL, NotApplicable, Severity, check
 from usarsim_conformance.walls import turned_by
 
 _SIGMA = 0.05

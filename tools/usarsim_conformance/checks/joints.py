@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from usarsim_conformance.case import Case
 from usarsim_conformance.control import Robot
 from usarsim_conformance.lines import Line, number
-from usarsim_conformance.registry import ONCE, UNREAL, UT2004, check
+from usarsim_conformance.registry import ONCE, UNREAL, UT2004, Failed, Severity, check
 from usarsim_conformance.trips import Leg, Trip, near, of_classes, on_open_floor, ride
-from usarsim_conformance.verdicts import Failed, Severity
 
 ARMED = ("P2AT", "P3AT_arm")
 """A camera that pans and tilts, and an arm."""

@@ -8,8 +8,7 @@ from itertools import pairwise
 from usarsim_conformance.case import Case
 from usarsim_conformance.control import Robot, turned
 from usarsim_conformance.recordings import driven, ground_told, wheels_of
-from usarsim_conformance.registry import ONCE, UDK, UNREAL, UT2004, check
-from usarsim_conformance.verdicts import Severity
+from usarsim_conformance.registry import ONCE, UDK, UNREAL, UT2004, Severity, check
 
 _STILL = 0.02
 """m/s below which a robot stands; sensors print centimetres."""

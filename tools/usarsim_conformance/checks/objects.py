@@ -10,10 +10,9 @@ from usarsim_conformance.case import Case
 from usarsim_conformance.control import ControlClient, turned
 from usarsim_conformance.grounds import open_floor
 from usarsim_conformance.lines import Line, numbers
-from usarsim_conformance.objects import controller, create, status_of
 from usarsim_conformance.places import Place
-from usarsim_conformance.registry import ONCE, check
-from usarsim_conformance.verdicts import Severity
+from usarsim_conformance.registry import ONCE, Severity, check
+from usarsim_conformance.walls import controller, create, status_of
 
 _SOON = 30.0
 """s of simulated time for what a controller is obeyed in; slow machines take some of it."""

@@ -8,9 +8,8 @@ from statistics import fmean, linear_regression
 from usarsim_conformance.case import Case
 from usarsim_conformance.excursions import Track, bearer, equipment, spawn_far
 from usarsim_conformance.lines import Line, numbers
-from usarsim_conformance.registry import UNREAL, UT2004, check
-from usarsim_conformance.statistics_of import CHANCE, spread_bounds
-from usarsim_conformance.verdicts import Severity
+from usarsim_conformance.ranging import CHANCE, spread_bounds
+from usarsim_conformance.registry import UNREAL, UT2004, Severity, check
 from usarsim_conformance.visits import View, Visit, visit, watch_walker
 
 _NOISE = 0.05

@@ -8,8 +8,7 @@ from collections.abc import Callable
 from usarsim_conformance.case import Case
 from usarsim_conformance.control import Pose, Robot, turned
 from usarsim_conformance.lines import Line
-from usarsim_conformance.registry import ONCE, UDK, UNREAL, UT2004, check
-from usarsim_conformance.verdicts import Severity
+from usarsim_conformance.registry import ONCE, UDK, UNREAL, UT2004, Severity, check
 
 _HOVER = "DRIVE {AltitudeVelocity 0} {LinearVelocity 0} {LateralVelocity 0} {RotationalVelocity 0}"
 

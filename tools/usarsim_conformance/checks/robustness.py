@@ -9,8 +9,7 @@ import re
 from usarsim_conformance.case import Case
 from usarsim_conformance.clock import Stalled
 from usarsim_conformance.control import ControlClient, Robot
-from usarsim_conformance.registry import ONCE, check
-from usarsim_conformance.verdicts import Failed, Severity
+from usarsim_conformance.registry import ONCE, Failed, Severity, check
 
 _GARBAGE_LINES = 1000
 _LONG_LINE = 65536

@@ -8,9 +8,8 @@ from functools import partial
 from usarsim_conformance.case import Case
 from usarsim_conformance.control import Robot
 from usarsim_conformance.lines import Line
-from usarsim_conformance.registry import ONCE, check
+from usarsim_conformance.registry import ONCE, Severity, check
 from usarsim_conformance.trips import Trip, near, of_classes, on_open_floor, ride
-from usarsim_conformance.verdicts import Severity
 
 DIFFERENTIAL = ("P2DX", "P3DX")
 TRACKED = ("Kenaf", "TeleMax", "Talon", "Tarantula", "Matilda", "Rugbot", "crawler_robot")

@@ -12,9 +12,8 @@ from usarsim_conformance.case import Case
 from usarsim_conformance.control import Robot
 from usarsim_conformance.grounds import open_floor
 from usarsim_conformance.lines import numbers
-from usarsim_conformance.objects import controller, create
 from usarsim_conformance.places import Place
-from usarsim_conformance.side_checks import checks_of
+from usarsim_conformance.registry import NotApplicable, Severity, checks_of
 from usarsim_conformance.side_images import (
     ImageClient,
     Pixels,
@@ -23,7 +22,7 @@ from usarsim_conformance.side_images import (
     camera_robot,
     tiles_of,
 )
-from usarsim_conformance.verdicts import NotApplicable, Severity
+from usarsim_conformance.walls import controller, create
 
 images = checks_of("images")
 

@@ -8,8 +8,7 @@ from itertools import pairwise
 
 from usarsim_conformance.case import Case
 from usarsim_conformance.recordings import driven, senses, standing
-from usarsim_conformance.registry import DIALECTS, ONCE, UDK, UNREAL, UT2004, check
-from usarsim_conformance.verdicts import Severity
+from usarsim_conformance.registry import DIALECTS, ONCE, UDK, UNREAL, UT2004, Severity, check
 
 _OF_MOUNTS = ("ECTilt", "ECPan")
 """Encoders that count turns of a camera's mount (robots reference 2)."""

@@ -8,8 +8,7 @@ from usarsim_conformance.case import PATIENCE, Case
 from usarsim_conformance.control import Robot
 from usarsim_conformance.lines import Line
 from usarsim_conformance.recordings import items_of, standing, wheels_of
-from usarsim_conformance.registry import ONCE, UDK, UNREAL, UT2004, check
-from usarsim_conformance.verdicts import NotApplicable, Severity
+from usarsim_conformance.registry import ONCE, UDK, UNREAL, UT2004, NotApplicable, Severity, check
 
 _RESCUE = ("RescueP2AT", "P2AT_ATLANTA", "MultiView")
 """Classes of the original's contests; some carry an RFID reader."""

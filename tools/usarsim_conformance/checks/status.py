@@ -9,8 +9,7 @@ from usarsim_conformance.case import Case
 from usarsim_conformance.checks.values import lit
 from usarsim_conformance.lines import Line
 from usarsim_conformance.recordings import irregular, standing, watched
-from usarsim_conformance.registry import GAZEBO, ONCE, UDK, UNREAL, UT2004, check
-from usarsim_conformance.verdicts import Severity
+from usarsim_conformance.registry import GAZEBO, ONCE, UDK, UNREAL, UT2004, Severity, check
 
 _GROUND = re.compile(
     r"STA \{Type GroundVehicle\} \{Time \d+\.\d\d\} \{FrontSteer -?\d+\.\d{4}\}"

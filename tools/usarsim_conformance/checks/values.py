@@ -10,8 +10,7 @@ from usarsim_conformance.control import Robot
 from usarsim_conformance.lines import Line
 from usarsim_conformance.places import Place
 from usarsim_conformance.recordings import wheels_of
-from usarsim_conformance.registry import ONCE, UNREAL, UT2004, check
-from usarsim_conformance.verdicts import Inconclusive, Severity
+from usarsim_conformance.registry import ONCE, UNREAL, UT2004, Inconclusive, Severity, check
 
 
 @check(

@@ -1,15 +1,18 @@
-"""World controllers (protocol reference 6.10)."""
+"""World controllers (protocol reference 6.10) and people who walk (3.13, 4.4)."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import partial
 
-from usarsim_conformance.case import Case
-from usarsim_conformance.control import ControlClient
-from usarsim_conformance.objects import controller, status_of
-from usarsim_conformance.registry import ONCE, check
-from usarsim_conformance.verdicts import Severity
+from usarsim_conformance.case import PATIENCE, Case
+from usarsim_conformance.control import ControlClient, turned
+from usarsim_conformance.grounds import open_floor
+from usarsim_conformance.lines import Line
+from usarsim_conformance.places import Place
+from usarsim_conformance.registry import ONCE, NotApplicable, Severity, check
+from usarsim_conformance.walls import controller, status_of
 
 _HIGH = -40.0
 """m, wire z of the objects that checks create, out of every robot's way."""
@@ -165,3 +168,177 @@ async def cleans_up(case: Case) -> None:
     other = await controller(case)
     gone = await case.soon(partial(_gone, other, name), 3.0)
     case.expect(gone, "the object is still there 3 s later")
+
+
+_CLASS = "USARAvatarNewMale"
+
+
+@dataclass
+class _Walk:
+    """STA lines under each order, and where the avatar was put."""
+
+    place: Place
+    orders: dict[str, list[Line]]
+    goals: dict[str, tuple[float, float]]
+
+
+async def _walk(case: Case) -> _Walk:
+    found = await case.shared("an avatar's walk", _take_a_walk, dialect="")
+    if isinstance(found, NotApplicable):
+        raise found
+    return found
+
+
+async def _take_a_walk(case: Case) -> _Walk | NotApplicable:
+    try:
+        async with open_floor(case) as lot:
+            return await _order(case, lot)
+    except NotApplicable as error:
+        return error
+
+
+async def _order(case: Case, lot: Place) -> _Walk:
+    client = await case.connect()
+    await client.send(
+        f"INIT {{ClassName USARAvatar.{_CLASS}}} {{Name {case.new_name()}}} {lot.coordinates}"
+    )
+    first = await client.maybe(lambda line: line.head == "STA", PATIENCE)
+    if first is None:
+        return NotApplicable(f"no {_CLASS} can be spawned")  # type: ignore[return-value]
+    walk = _Walk(lot, {}, {})
+
+    def aimed(name: str, command: str, goal: tuple[float, float]) -> str:
+        x, y = (a + b for a, b in zip(lot.location[:2], goal, strict=True))
+        walk.goals[name] = (x, y)
+        return command.replace("<goal>", f"{{Location {x:.2f},{y:.2f}}}")
+
+    async def order(name: str, command: str, goal: tuple[float, float], seconds: float) -> None:
+        await client.send(aimed(name, command, goal))
+        await client.outcome(seconds=0.1)
+        walk.orders[name] = await _watch(client, seconds)
+
+    here = (0.0, 0.0)
+    await order("stands", "MOVE {Action Pause}", here, 0.5)
+    await order("walks", "MOVE {Type Walk_Forward} {Action New} <goal>", (7.0, 3.5), 2.2)
+    await order("pauses", "MOVE {Action Pause}", here, 1.0)
+    await order("resumes", "MOVE {Action Resume}", (7.0, 3.5), 1.0)
+    await order("runs", "MOVE {Type Run} {Action New} <goal>", (-5.0, -6.0), 2.4)
+    await order("backs", "MOVE {Type Walk_Backward} {Action New} <goal>", (4.0, -6.0), 2.4)
+    # In one piece: the second order comes before the first one is done, however slow the machine.
+    # The first place is 3 m off every straight way from where it can be by now to the second.
+    goes = aimed("goes", "MOVE {Type Run} {Action New} <goal>", (-1.0, 1.0))
+    both = f"{goes}\r\nMOVE {{Type Run}} {{Action Append}} <goal>"
+    await order("appends", both, (1.0, -3.0), 9.2)
+    return walk
+
+
+async def _watch(client: ControlClient, seconds: float) -> list[Line]:
+    return [line for line in await client.listen(seconds) if line.head == "STA"]
+
+
+def _place(line: Line) -> tuple[float, ...]:
+    return line.numbers("Location")
+
+
+def _speed(lines: list[Line]) -> float:
+    """m/s over the later half."""
+    first, last = lines[len(lines) // 2], lines[-1]
+    return math.dist(_place(first)[:2], _place(last)[:2]) / max(last.time - first.time, 1e-3)
+
+
+def _heading(lines: list[Line]) -> float:
+    """rad, where it goes over the later half."""
+    (ax, ay, _), (bx, by, _) = _place(lines[len(lines) // 2]), _place(lines[-1])
+    return math.atan2(by - ay, bx - ax)
+
+
+def _towards(lines: list[Line], goal: tuple[float, float]) -> float:
+    x, y, _ = _place(lines[len(lines) // 2])
+    return math.atan2(goal[1] - y, goal[0] - x)
+
+
+@check(
+    "control.avatar.walks",
+    "Avatars walk to the Location",
+    source="protocol reference 3.13",
+    dialects=ONCE,
+    severity=Severity.SHOULD,
+)
+async def walks(case: Case) -> None:
+    """An avatar goes straight to the Location of MOVE, walking, running or backwards, and Location
+    of STA tells so on both axes; running is faster than walking, both are what people do."""
+    walk = await _walk(case)
+    for order in ("walks", "runs", "backs"):
+        lines = walk.orders[order]
+        case.need(len(lines) > 5, "the avatar tells too little")
+        speed = _speed(lines)
+        case.expect(0.3 < speed < 7.0, f"Location of STA changes by {speed:.2f} m/s as it {order}")
+        off = turned(_towards(lines, walk.goals[order]), _heading(lines))
+        case.expect(
+            abs(off) < 0.2,
+            f"Location of STA shows that it {order} {off:.2f} rad to the right of where it should",
+        )
+    speeds = [_speed(walk.orders[order]) for order in ("walks", "runs")]
+    case.expect(speeds[1] > 1.2 * speeds[0], f"walking and running are {speeds} m/s: Type Run")
+
+
+@check(
+    "control.avatar.faces",
+    "Avatars face where they go",
+    source="protocol reference 3.13 and 4.4",
+    dialects=ONCE,
+    severity=Severity.SHOULD,
+)
+async def faces(case: Case) -> None:
+    """The yaw of an avatar's Orientation is where it goes, turned about for Walk_Backward."""
+    walk = await _walk(case)
+    for order, about in (("walks", 0.0), ("runs", 0.0), ("backs", math.pi)):
+        lines = walk.orders[order]
+        yaw = lines[-1].numbers("Orientation")[2]
+        off = turned(_heading(lines) + about, yaw)
+        case.expect(
+            abs(off) < 0.25, f"as it {order} its Orientation is off by {off:.2f} rad of yaw"
+        )
+
+
+@check(
+    "control.avatar.status",
+    "Walking tells whether it walks",
+    source="protocol reference 3.13 and 4.4",
+    dialects=ONCE,
+    severity=Severity.SHOULD,
+)
+async def status(case: Case) -> None:
+    """Walking of STA is True while an avatar goes and False while it stands; Pause stops it on the
+    spot, Resume lets it go on to the same place."""
+    walk = await _walk(case)
+    for order, wanted in (
+        ("stands", "False"), ("walks", "True"), ("pauses", "False"), ("resumes", "True"),
+        ("runs", "True"), ("appends", "False"),
+    ):  # fmt: skip
+        found = walk.orders[order][-1].get("Walking")
+        case.expect(found == wanted, f"Walking is {found} after the order {order!r}, not {wanted}")
+    still = _speed(walk.orders["pauses"])
+    case.expect(still < 0.05, f"Location of STA changes by {still:.2f} m/s while it pauses")
+    lines = walk.orders["resumes"]
+    off = turned(_towards(lines, walk.goals["resumes"]), _heading(lines))
+    case.expect(abs(off) < 0.3, f"after Resume it goes {off:.2f} rad aside of its way")
+
+
+@check(
+    "control.avatar.appends",
+    "Append comes after",
+    source="protocol reference 3.13",
+    dialects=ONCE,
+    severity=Severity.SHOULD,
+)
+async def appends(case: Case) -> None:
+    """MOVE with Action Append is done after what was ordered before: an avatar comes by the first
+    Location and ends at the second, standing on the floor."""
+    walk = await _walk(case)
+    lines = walk.orders["appends"]
+    first, last = walk.goals["goes"], walk.goals["appends"]
+    nearest = min(math.dist(_place(line)[:2], first) for line in lines)
+    case.expect(nearest < 0.4, f"Location of STA comes no nearer than {nearest:.2f} m to the first")
+    off = math.dist(_place(lines[-1])[:2], last)
+    case.expect(off < 0.3, f"Location of STA ends {off:.2f} m from the place of Append")

@@ -11,11 +11,10 @@ from usarsim_conformance.clock import SimulatedClock
 from usarsim_conformance.mutants.fault_proxy import proxied
 from usarsim_conformance.mutants.wire_faults import WireFault
 from usarsim_conformance.places import Places
-from usarsim_conformance.registry import all_checks
+from usarsim_conformance.registry import Result, all_checks
 from usarsim_conformance.runner import judge
 from usarsim_conformance.survey import Target, survey
-from usarsim_conformance.transcript import Transcript
-from usarsim_conformance.verdicts import Result
+from usarsim_conformance.wire import Transcript
 
 _HANGS = 120.0
 """s of wall time without news of simulated time."""

@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 from usarsim_maps.build.cells import Point
 from usarsim_maps.build.emitter import Emitter
 from usarsim_maps.build.facts import (
+    BALL,
     Place,
+    Probe,
     note_floor,
     path_node_entries,
     start_entries,
@@ -21,20 +23,20 @@ from usarsim_maps.build.facts import (
     within_reach,
     without_strays,
 )
-from usarsim_maps.build.lamps import chosen_lights, glows, lamps
 from usarsim_maps.build.level import MARGIN, add_brushes, add_heightfield, materials_of
+from usarsim_maps.build.light import chosen_lights, glows, lamps
+from usarsim_maps.build.materials import Finish, finish_materials
+from usarsim_maps.build.mesh_error import note_error
 from usarsim_maps.build.objects import (
     ObjectBuilder,
     bounds_of_object,
     is_giant,
     materials_of_objects,
 )
+from usarsim_maps.build.sheet import Entry, NameBook, smoke_tables, write_sheet
 from usarsim_maps.findings import Findings
-from usarsim_maps.meshes.mesh_error import note_error
-from usarsim_maps.placing import matrix_of_pose
 from usarsim_maps.scene import Heightfield, Plane, Scene
-from usarsim_maps.sheet import BALL, Entry, NameBook, Probe, smoke_tables, write_sheet
-from usarsim_maps.textures import Finish, finish_materials
+from usarsim_maps.units import matrix_of_pose
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.worlds.description import NamedObject
 

@@ -18,6 +18,8 @@ from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
 
+from usarsim_maps.build.mesh_error import MEDIAN, SurfaceError, drivable_points, surface_error
+from usarsim_maps.build.orientation import Oriented, orient
 from usarsim_maps.build.pieces import (
     FLAT,
     BoxPiece,
@@ -31,11 +33,10 @@ from usarsim_maps.build.pieces import (
     triangles_of,
     volumes,
 )
-from usarsim_maps.build.soup import Soup, components, convex_polygons, normals_areas
+from usarsim_maps.build.soup import Soup, components, convex_polygons
 from usarsim_maps.build.terrain import as_terrain, is_rolling
 from usarsim_maps.findings import Findings
-from usarsim_maps.meshes.mesh_error import MEDIAN, SurfaceError, drivable_points, surface_error
-from usarsim_maps.orientation import Oriented, orient
+from usarsim_maps.geometry import normals_areas
 from usarsim_maps.scene import Collision
 
 THICKNESS = 0.05

@@ -15,10 +15,10 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_maps.build.looks import Look, msh
+from usarsim_maps.build.materials import Finish
 from usarsim_maps.build.pieces import BoxPiece, Convex, FieldPiece, HullPiece, Piece
-from usarsim_maps.looks import Look, msh
-from usarsim_maps.sheet import safe
-from usarsim_maps.textures import Finish
+from usarsim_maps.build.sheet import safe
 from usarsim_server.simulation.frames import IDENTITY, Pose
 
 Array = NDArray[np.float64]
@@ -69,13 +69,6 @@ def place(pose: Pose) -> dict[str, object]:
     if pose.quaternion != IDENTITY.quaternion:
         found["quat"] = pose.quaternion
     return found
-
-
-@dataclass(frozen=True, slots=True)
-class Lamp:
-    """Attributes of a MuJoCo light."""
-
-    values: Mapping[str, object]
 
 
 @dataclass(slots=True)
@@ -201,12 +194,14 @@ class Emitter:
 
     # ---- writing ---------------------------------------------------------------------------
 
-    def write(self, name: str, lamps: Sequence[Lamp], extent: float, middle: Array) -> None:
+    def write(
+        self, name: str, lamps: Sequence[Mapping[str, object]], extent: float, middle: Array
+    ) -> None:
         """Write `scene.xml` and the files beside it.
 
         Args:
             name: of the model.
-            lamps: light sources.
+            lamps: attributes of light sources.
             extent: size of the playable part, m: what cameras and shadows are scaled by.
             middle: its middle.
         """
@@ -225,7 +220,7 @@ class Emitter:
             *(f'<model name="{part}" file="solids/{part}.xml"/>' for part in parts),
             "</asset>",
             "<worldbody>",
-            *(f"<light{attributes(lamp.values)}/>" for lamp in lamps),
+            *(f"<light{attributes(lamp)}/>" for lamp in lamps),
             *self._world,
             *(f'<frame><attach model="{part}" prefix="{part}:"/></frame>' for part in parts),
             "</worldbody>",

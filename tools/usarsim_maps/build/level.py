@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from usarsim_maps.build.cells import Cell, Point
 from usarsim_maps.build.csg import Solid, clip_to_box, evaluate
 from usarsim_maps.build.emitter import Emitter
-from usarsim_maps.build.lit_faces import Glow
+from usarsim_maps.build.light import Glow
+from usarsim_maps.build.looks import looks_of_grid, looks_of_level
 from usarsim_maps.build.pieces import BoxPiece, FieldPiece, piece_of_cell
+from usarsim_maps.build.sheet import NameBook
 from usarsim_maps.findings import Findings
-from usarsim_maps.looks import looks_of_grid, looks_of_level
 from usarsim_maps.scene import Brush, Heightfield
-from usarsim_maps.sheet import NameBook
 from usarsim_server.simulation.frames import IDENTITY
 
 Array = NDArray[np.float64]

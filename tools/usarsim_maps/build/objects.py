@@ -11,22 +11,23 @@ from numpy.typing import NDArray
 from usarsim_maps.build.contact import collide
 from usarsim_maps.build.emitter import FELT, SEEN, Emitter, attributes, place
 from usarsim_maps.build.level import GIANT, GRIP, SMOOTH
+from usarsim_maps.build.looks import Look, looks_of_mesh
 from usarsim_maps.build.pieces import (
     BoxPiece,
     Convex,
     FieldPiece,
     Piece,
     bounding_box_piece,
+    hull_piece,
     moved,
     volumes,
 )
+from usarsim_maps.build.sheet import NameBook
 from usarsim_maps.build.soup import Soup, clean
 from usarsim_maps.findings import Findings
-from usarsim_maps.looks import Look, looks_of_mesh
-from usarsim_maps.placing import matrix_of_pose, take_apart
+from usarsim_maps.geometry import outline_of, points_of, size_of
 from usarsim_maps.scene import Box, Collision, Mesh, Part, Plane, Scene, SceneObject
-from usarsim_maps.shapes import outline_of, piece_of, points_of, size_of
-from usarsim_maps.sheet import NameBook
+from usarsim_maps.units import matrix_of_pose, take_apart
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.worlds.description import NamedObject
@@ -144,7 +145,7 @@ class ObjectBuilder:
                 if part.visible:
                     seen += self._shape(part, pose, linear, None, {**SEEN, "mass": 0})
                 if part.collision is not Collision.NONE:
-                    felt.append(moved(piece_of(part.shape, points), pose))
+                    felt.append(moved(_piece(part.shape, points), pose))
         if not felt:
             felt = [self._stand_in(thing)]
         self._pieces += len(felt)
@@ -265,6 +266,11 @@ class ObjectBuilder:
         kind, size = size_of(part.shape, linear)
         head = {"name": next(labels) if labels else None, "type": kind, "size": size}
         return [f"<geom{attributes({**head, **place(pose), **values})}/>"]
+
+
+def _piece(shape: object, points: Array) -> Convex:
+    """The convex piece around the outline of a shape."""
+    return bounding_box_piece(points) if isinstance(shape, Box) else hull_piece(points)
 
 
 def _labels(name: str, names: NameBook) -> Iterator[str]:

@@ -21,7 +21,7 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
-from usarsim_maps.quiet import quiet
+from usarsim_maps.terminal import quiet
 from usarsim_server import files as atomic
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.rays.triangles import triangles_of_all

@@ -14,17 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_maps.geometry import FARTHEST, LEAST_AREA, normals_areas
+
 Array = NDArray[np.float64]
 Indices = NDArray[np.int32]
 
 WELD = 1e-5
 """m: vertices nearer than this are one."""
-
-FARTHEST = 1e7
-"""m: a vertex beyond is a bad number, as one that is not finite is; MuJoCo refuses such meshes."""
-
-LEAST_AREA = 1e-8
-"""m^2: smaller triangles are dropped."""
 
 SAME_NORMAL = 1e-3
 """rad between the normals of triangles that count as coplanar."""
@@ -79,14 +75,6 @@ def clean(vertices: Array, triangles: Indices) -> Soup:
     unique.sort()
     welded, origin = welded[unique], origin[unique]
     return Soup(points, welded.astype(np.int32), origin, count - len(origin))
-
-
-def normals_areas(vertices: Array, triangles: NDArray[np.integer]) -> tuple[Array, Array]:
-    """Unit normals (m, 3), zero where there is no area, and areas (m,) of triangles."""
-    a, b, c = (vertices[triangles[:, k]] for k in range(3))
-    cross = np.cross(b - a, c - a)
-    length = np.linalg.norm(cross, axis=1)
-    return cross / np.maximum(length, 1e-30)[:, None], length / 2.0
 
 
 def components(soup: Soup) -> list[NDArray[np.intp]]:

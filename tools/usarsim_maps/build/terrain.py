@@ -15,10 +15,11 @@ from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
 
+from usarsim_maps.build.mesh_error import SurfaceError
+from usarsim_maps.build.orientation import Oriented
 from usarsim_maps.build.pieces import FieldPiece
-from usarsim_maps.build.soup import SAME_NORMAL, Soup, normals_areas
-from usarsim_maps.meshes.mesh_error import SurfaceError
-from usarsim_maps.orientation import Oriented
+from usarsim_maps.build.soup import SAME_NORMAL, Soup
+from usarsim_maps.geometry import normals_areas
 from usarsim_maps.units import pose_of_matrix
 
 Array = NDArray[np.float64]

@@ -1,7 +1,11 @@
-"""The models of a Gazebo world: includes, nesting, joints (worlds reference 8; items 48, 49)."""
+"""The models of a Gazebo world: includes, nesting, joints (worlds reference 8; items 48, 49).
+
+Poses are numbers, and the names that they are relative to.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,12 +15,136 @@ from numpy.typing import NDArray
 
 from usarsim_maps.findings import Findings
 from usarsim_maps.gazebo.files import GazeboFiles, model_name
-from usarsim_maps.gazebo.frames import Scope, flag, matrix_from
-from usarsim_maps.gazebo.places import person_words
+from usarsim_maps.gazebo.places import Person, person_words
 from usarsim_maps.meshes.xml_text import Document, Node, read_xml
+from usarsim_maps.units import matrix_of_pose
 from usarsim_server.errors import MapImportError
+from usarsim_server.simulation.frames import Pose
 
 Array = NDArray[np.float64]
+
+
+def _rpy_matrix(position: Array, roll: float, pitch: float, yaw: float) -> Array:
+    """Matrix (4, 4) of a place and Rz(yaw) Ry(pitch) Rx(roll)."""
+    cr, sr = math.cos(roll), math.sin(roll)
+    cp, sp = math.cos(pitch), math.sin(pitch)
+    cy, sy = math.cos(yaw), math.sin(yaw)
+    matrix = np.eye(4)
+    matrix[:3, :3] = [
+        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+        [-sp, cp * sr, cp * cr],
+    ]
+    matrix[:3, 3] = position
+    return matrix
+
+
+def matrix_from(document: Document, node: Node | None, unit: float) -> Array:
+    """Matrix (4, 4) of a `pose` element; lengths times `unit`.
+
+    Where there is no element, or none that makes sense, nothing moves: that is the default of SDF.
+    """
+    found = sound_matrix(document, node, unit)
+    return np.eye(4) if found is None else found
+
+
+def sound_matrix(document: Document, node: Node | None, unit: float) -> Array | None:
+    """Matrix of a `pose` element; None if it is missing or, which is noted, makes no sense.
+
+    Angles may be left out.
+    """
+    if node is None or not node.text:
+        return None
+    quaternion = node.get("rotation_format") == "quat_xyzw"
+    values = document.vector(node, *((7,) if quaternion else (3, 6)))
+    if values is None:
+        return None
+    if quaternion:
+        x, y, z, w = values[3:] / max(float(np.linalg.norm(values[3:])), 1e-12)
+        px, py, pz = values[:3] * unit
+        return matrix_of_pose(Pose((px, py, pz), (w, x, y, z)))
+    angles = values[3:] if len(values) == 6 else np.zeros(3)
+    if flag(node.get("degrees"), False):
+        angles = np.radians(angles)
+    return _rpy_matrix(values[:3] * unit, *angles.tolist())
+
+
+def flag(text: str, default: bool) -> bool:
+    """A truth value as SDF writes it: `true`, `1`, `false`, `0`."""
+    word = text.strip().lower()
+    return default if not word else word in ("true", "1", "yes")
+
+
+@dataclass(slots=True)
+class Scope:
+    """The names that poses of one model, or of the world, may be relative to.
+
+    Attributes:
+        document: the file.
+        owner: `model` or `world` element.
+        unit: metres per unit of the file.
+    """
+
+    document: Document
+    owner: Node
+    unit: float
+    _nodes: dict[str, tuple[Node, str]] = field(default_factory=dict)
+    _known: dict[str, Array] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Collect links, frames, joints and models."""
+        for node in self.owner.children:
+            match node.tag:
+                case "link" | "model":
+                    entry = node.get("name"), ""
+                case "frame":
+                    entry = node.get("name"), node.get("attached_to")
+                case "joint":
+                    entry = node.get("name"), node.word("child")
+                case "include":
+                    entry = node.word("name") or node.word("uri").rstrip("/").rpartition("/")[2], ""
+                case _:
+                    continue
+            if entry[0]:
+                self._nodes.setdefault(entry[0], (node, entry[1]))
+
+    def matrix(self, name: str) -> Array:
+        """Where a named thing is in the frame of the owner.
+
+        Raises:
+            MapImportError: names refer to each other in a circle.
+        """
+        return self._find(name, ())
+
+    def place(self, node: Node, default: str = "") -> Array:
+        """Where a thing with a `pose` is, by `relative_to`, or by default."""
+        return self._place(node, default, ())
+
+    def _place(self, node: Node, default: str, above: tuple[str, ...]) -> Array:
+        pose = node.child("pose")
+        reference = "" if pose is None else (pose.get("relative_to") or pose.get("frame"))
+        base = self._find(reference or default, above)
+        answer: Array = base @ matrix_from(self.document, pose, self.unit)
+        return answer
+
+    def _find(self, name: str, above: tuple[str, ...]) -> Array:
+        if name in ("", "__model__", "world", "__root__"):
+            return np.eye(4)
+        if name in self._known:
+            return self._known[name]
+        if name in above:
+            problem = f"frames {name!r} and {above[-1]!r} refer to each other"
+            raise self.document.error(self.owner, problem, "correct relative_to and attached_to")
+        found = self._nodes.get(name)
+        if found is None:
+            self.document.findings.warn(
+                name[:80], "a frame of this name is not there; that of the model"
+            )
+            return np.eye(4)
+        node, default = found
+        self._known[name] = matrix = self._place(node, default, (*above, name))
+        return matrix
+
 
 BUILTIN = ("sun", "ground_plane")
 """Models that Gazebo brings along."""
@@ -34,14 +162,6 @@ class Link:
     node: Node
     document: Document
     scope: Scope
-
-
-@dataclass(frozen=True, slots=True)
-class Person:
-    """A model is somebody: figure, and posture if a name says it."""
-
-    figure: str
-    posture: str | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,7 +236,7 @@ class Models:
         Raises:
             MapImportError: includes go in a circle, or there are too many.
         """
-        scope = Scope(document, owner, self._unit, self._findings)
+        scope = Scope(document, owner, self._unit)
         if owner is document.root and len(list(owner.all("model"))) == 1:
             self._alone = owner.child("model")
         for node in owner.children:
@@ -207,7 +327,7 @@ class Models:
 
     def _placed(self, entry: _Entry, node: Node, scope: Scope) -> Array:
         """Where a model is in what is around it; the include's pose replaces the model's own."""
-        own = Scope(entry.document, entry.node, self._unit, self._findings)
+        own = Scope(entry.document, entry.node, self._unit)
         if node is entry.node:
             matrix = scope.place(node)
             frame = entry.node.get("placement_frame")
@@ -235,7 +355,7 @@ class Models:
         """Links of a model and of the models in it."""
         node, document = entry.node, entry.document
         name = f"{prefix}::{entry.name}" if prefix else entry.name
-        scope = Scope(document, node, self._unit, self._findings)
+        scope = Scope(document, node, self._unit)
         own = flag(node.word("static"), False) if entry.static is None else entry.static
         fixed = bool(static) or own
         whole = _Assembly() if assembly is None or fixed else assembly

@@ -1,6 +1,7 @@
 """Start poses and people of Gazebo worlds: elements, comments, text files beside the world.
 
-Values are in Gazebo's frame, which is the simulation's (worlds reference 3, item 50).
+People are models with a mesh; here they become victims. Values are in Gazebo's frame, which is the
+simulation's (worlds reference 3, item 50).
 """
 
 from __future__ import annotations
@@ -10,11 +11,16 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from usarsim_maps.files import read_text
 from usarsim_maps.findings import Findings
+from usarsim_maps.geometry import points_of
 from usarsim_maps.meshes.xml_text import Document
 from usarsim_maps.numbers import read_number
-from usarsim_maps.scene import Start, Victim
+from usarsim_maps.scene import Part, Start, Victim
+from usarsim_maps.units import pose_of_matrix
 from usarsim_server.errors import MapImportError
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
 
@@ -34,6 +40,14 @@ SITTING, LYING, STANDING = (
 )
 
 
+@dataclass(frozen=True, slots=True)
+class Person:
+    """A model is somebody: figure, and posture if a name says it."""
+
+    figure: str
+    posture: str | None
+
+
 def person_words(*names: str) -> tuple[bool, str, str | None]:
     """Whether names mean a person; the figure; and the posture, if they say one."""
     words: set[str] = set()
@@ -47,22 +61,24 @@ def person_words(*names: str) -> tuple[bool, str, str | None]:
     return bool(words & PERSON), "female" if words & FEMALE else "male", posture
 
 
-def starts_of(document: Document, findings: Findings, unit: float = 1.0) -> list[Start]:
+def starts_of(document: Document, unit: float = 1.0) -> list[Start]:
     """Start poses of a world: its `StartPose_n` elements in their order."""
     nodes = (n for n in document.root.walk() if n.tag.lower().startswith("startpose"))
-    return _starts([(node.tag, node.text) for node in nodes], findings, unit)
+    return _starts([(node.tag, node.text) for node in nodes], document.findings, unit)
 
 
-def commented_starts(document: Document, findings: Findings, unit: float = 1.0) -> list[Start]:
+def commented_starts(document: Document, unit: float = 1.0) -> list[Start]:
     """Start poses that stand in a comment of a world: a plug-in that was switched off."""
     texts = [
         ("comment", found[1])
         for _, comment in document.comments
         for found in _COMMENTED.finditer(comment)
     ]
-    starts = _starts(texts, findings, unit)
+    starts = _starts(texts, document.findings, unit)
     if starts:
-        findings.warn(document.path.name, "start poses were taken from a comment of the world")
+        document.findings.warn(
+            document.path.name, "start poses were taken from a comment of the world"
+        )
     return starts
 
 
@@ -212,3 +228,57 @@ def _score(
 
 def _plain(text: str) -> str:
     return re.sub(r"[^a-z0-9]", "", text.lower())
+
+
+Array = NDArray[np.float64]
+
+UPRIGHT = 1.2
+"""Height by greatest width of somebody who stands."""
+
+ABOVE = 0.2
+"""m above the lowest point of a figure, whence the floor below is looked for."""
+
+
+def victim_of(name: str, person: Person, matrix: Array, parts: Sequence[Part]) -> Victim:
+    """A victim where a model is.
+
+    Args:
+        name: of the model.
+        person: what its names say.
+        matrix: (4, 4) of the model in the world.
+        parts: its visible parts, matrices into the world; none if the model is missing.
+    """
+    yaw = _front(matrix)
+    points = [found for found in map(points_of, parts) if len(found)]
+    if not points:
+        x, y, z = matrix[:3, 3].tolist()
+        pose = Pose((x, y, z + ABOVE), quaternion_from_rpy(0.0, 0.0, yaw))
+        return Victim(name, pose, person.figure, person.posture)
+    cloud = np.concatenate(points)
+    low, high = cloud.min(axis=0), cloud.max(axis=0)
+    size = high - low
+    standing = size[2] > UPRIGHT * max(size[0], size[1])
+    if not standing:
+        yaw = _feet(cloud, matrix)
+    x, y, _ = ((low + high) / 2.0).tolist()
+    pose = Pose((x, y, float(low[2]) + ABOVE), quaternion_from_rpy(0.0, 0.0, yaw))
+    posture = person.posture or ("standing" if standing else "lying")
+    return Victim(name, pose, person.figure, posture)
+
+
+def _front(matrix: Array) -> float:
+    """Heading of a face: along x of the model, or along z where its y is up, as modellers do."""
+    turn = pose_of_matrix(matrix).matrix()
+    front = turn[:, 2] if int(np.argmax(np.abs(turn[2]))) == 1 else turn[:, 0]
+    return float(np.arctan2(front[1], front[0]))
+
+
+def _feet(cloud: Array, matrix: Array) -> float:
+    """Heading of the feet of somebody who lies: away from where the model's own up axis leads."""
+    flat = cloud[:, :2] - cloud[:, :2].mean(axis=0)
+    _, _, axes = np.linalg.svd(flat[:: max(1, len(flat) // 500)], full_matrices=False)
+    along = axes[0]
+    head = matrix[:2, :3][:, int(np.argmax(np.abs(along @ matrix[:2, :3])))]
+    if along @ head > 0.0:
+        along = -along
+    return float(np.arctan2(along[1], along[0]))

@@ -16,12 +16,12 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_maps.files import read_text
+from usarsim_maps.files import open_picture, read_text
 from usarsim_maps.grids.grid import Cells, free_places, pooled, rectangles, wall_mesh
 from usarsim_maps.meshes.mesh_files import Pictures
 from usarsim_maps.reader import Context, Reader, register
 from usarsim_maps.scene import Material, Part, Plane, Scene, SceneObject, Source, Start
-from usarsim_maps.textures import open_picture, reflect
+from usarsim_maps.units import reflect
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.files import ALLOW, is_regular
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy

@@ -23,9 +23,9 @@ from usarsim_maps.meshes.mesh_files import (
 )
 from usarsim_maps.meshes.xml_text import Document, Node, read_xml
 from usarsim_maps.numbers import read_number, read_numbers
-from usarsim_maps.placing import axis_turn
 from usarsim_maps.reader import Context, Reader, register
 from usarsim_maps.scene import Color, Light, LightKind, Material, Part, Scene, SceneObject
+from usarsim_maps.units import axis_turn
 
 SHADERS = ("phong", "lambert", "blinn", "constant")
 GREY: Color = (0.7, 0.7, 0.7, 1.0)
@@ -366,8 +366,7 @@ class _Stage:
             "spot": LightKind.SPOT,
             "ambient": LightKind.AMBIENT,
         }
-        color = self._document.vector(lamp.child("color"), 3, 4)
-        values = np.ones(3) if color is None else color[:3]
+        values = self._document.vector_or(lamp.child("color"), np.ones(3), 3, 4)[:3]
         strength = float(values.max())
         if strength <= 0.0:
             return

@@ -19,10 +19,9 @@ from numpy.typing import NDArray
 
 from usarsim_maps.files import AssetIndex
 from usarsim_maps.meshes.assets import PICTURES
-from usarsim_maps.placing import matrix_of_pose
 from usarsim_maps.reader import Context, ImportOptions
 from usarsim_maps.scene import Collision, Mesh, PathNode, SceneObject, Source, Start, Victim
-from usarsim_maps.units import MIRROR, axis_matrix, pose_of_matrix
+from usarsim_maps.units import MIRROR, axis_matrix, matrix_of_pose, pose_of_matrix
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.files import is_regular
 from usarsim_server.simulation.frames import Pose

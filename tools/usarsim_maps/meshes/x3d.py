@@ -29,9 +29,9 @@ from usarsim_maps.meshes.vrml_text import read_vrml
 from usarsim_maps.meshes.x3d_shapes import make_geometry
 from usarsim_maps.meshes.xml_text import Document, Node, read_xml
 from usarsim_maps.numbers import read_number, read_numbers
-from usarsim_maps.placing import axis_turn
 from usarsim_maps.reader import Context, Reader, register
 from usarsim_maps.scene import Material, Mesh, Part, Scene, SceneObject
+from usarsim_maps.units import axis_turn
 from usarsim_server.errors import MapImportError, at
 
 Array = NDArray[np.float64]

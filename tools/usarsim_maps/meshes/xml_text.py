@@ -143,6 +143,11 @@ class Document:
             return None
         return answer
 
+    def vector_or(self, node: Node | None, default: Array, *counts: int, far: float = FAR) -> Array:
+        """As `vector`, with a default for what is missing or bad."""
+        found = self.vector(node, *counts, far=far)
+        return default if found is None else found
+
     def number(self, node: Node | None, far: float = FAR) -> float | None:
         """The number of an element, as `vector`."""
         found = self.vector(node, 1, far=far)

@@ -10,9 +10,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_maps.build.likely_colors import likely_color
-from usarsim_maps.meshes.assets import AssetLibrary
-from usarsim_maps.placing import matrix_of_pose
 from usarsim_maps.reader import Context
 from usarsim_maps.scene import (
     Box,
@@ -29,11 +26,12 @@ from usarsim_maps.scene import (
     Start,
     Victim,
 )
-from usarsim_maps.textures import reflect
-from usarsim_maps.units import UU_PER_METRE, pose_of_matrix
-from usarsim_maps.unreal.map_actors import (
+from usarsim_maps.units import UU_PER_METRE, matrix_of_pose, pose_of_matrix, reflect
+from usarsim_maps.unreal.library import AssetLibrary
+from usarsim_maps.unreal.names import (
     VictimNames,
     is_victim_tag,
+    likely_color,
     path_node_of,
     start_of,
     victim_of_tag,

@@ -1,4 +1,11 @@
-"""Reads T3D, the text that Unreal editors of generations 1 to 3 export (worlds reference 4)."""
+"""Reads T3D, the text that Unreal editors of generations 1 to 3 export (worlds reference 4).
+
+Brushes and transformations of T3D actors (worlds reference 2.3 and 4).
+
+Lights of T3D actors, of all generations of the engine.
+
+Static meshes in text form: `Begin StaticMesh` of UE2's batch export (worlds reference 4.4).
+"""
 
 from __future__ import annotations
 
@@ -9,22 +16,249 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_maps.files import read_text
-from usarsim_maps.placing import matrix_of_pose
+from usarsim_maps.findings import Findings
 from usarsim_maps.reader import Context, Reader, register
-from usarsim_maps.scene import Collision, Mesh, Part, Scene
-from usarsim_maps.units import pose_of_matrix, unreal_matrix, unreal_pose
-from usarsim_maps.unreal.level import NO_COLLISION, PLACEHOLDER, Actor, UnrealLevel
-from usarsim_maps.unreal.map_actors import ActorKind, kind_of
-from usarsim_maps.unreal.t3d_actors import (
-    actor_matrix,
-    brush_of,
-    light_of,
-    mesh_of_block,
-    polygons_of,
+from usarsim_maps.scene import (
+    Brush,
+    BrushOperation,
+    Collision,
+    Light,
+    Mesh,
+    Part,
+    Polygon,
+    Scene,
+    Solidity,
 )
-from usarsim_maps.unreal.t3d_text import Block, T3dError, parse, reference, rotator, vector
+from usarsim_maps.units import (
+    matrix_of_pose,
+    pose_of_matrix,
+    unreal_matrix,
+    unreal_points,
+    unreal_pose,
+)
+from usarsim_maps.unreal.grammar import (
+    Block,
+    T3dError,
+    numbers,
+    parse,
+    reference,
+    rotator,
+    value_of,
+    vector,
+)
+from usarsim_maps.unreal.level import NO_COLLISION, PLACEHOLDER, Actor, UnrealLevel, light
+from usarsim_maps.unreal.names import ActorKind, kind_of
 from usarsim_server.errors import MapImportError, at
-from usarsim_server.simulation.frames import IDENTITY
+from usarsim_server.simulation.frames import IDENTITY, Pose
+
+NOT_SOLID, SEMISOLID, PORTAL, INVISIBLE = 0x08, 0x20, 0x0400_0000, 0x01
+"""Flags of brushes and polygons."""
+
+TEXTURE_SIZE = 128.0
+"""Unreal units of one repeat of a texture whose axes have length one."""
+
+OPERATIONS = {"csg_add": BrushOperation.ADD, "csg_subtract": BrushOperation.SUBTRACT}
+
+BIGGEST = 1e7
+"""UU: coordinates beyond this are nonsense (UE3's world ends at 262 144)."""
+
+
+def actor_matrix(actor: Block, scale: float) -> Array:
+    """(4, 4) from the actor's mirrored local frame in metres into the world (items 11, 12)."""
+    properties = actor.properties
+    scale3d = np.array(vector(properties.get("drawscale3d", ""), 1.0))
+    return unreal_matrix(
+        vector(properties.get("location", "")),
+        rotator(properties.get("rotation", "")),
+        (scale3d * actor.number("drawscale", 1.0)).tolist(),
+        vector(properties.get("prepivot", "")),
+        scale,
+        _brush_scale(properties.get("mainscale", "")),
+        _brush_scale(properties.get("postscale", "")),
+    )
+
+
+def _brush_scale(text: str) -> tuple[float, float, float]:
+    """The scale in `(Scale=(X=2),SheerAxis=SHEER_ZX)` of UE1 and UE2; sheer is not used."""
+    value = value_of(text)
+    inner = "" if isinstance(value, str) else value.get("scale", "")
+    if isinstance(inner, str):
+        return 1.0, 1.0, 1.0
+    parts = [numbers(str(inner.get(key, ""))) for key in ("x", "y", "z")]
+    x, y, z = (part[0] if part else 1.0 for part in parts)
+    return x, y, z
+
+
+def is_volume(actor_class: str) -> bool:
+    """Volumes act on logic; they are not solid (item 18)."""
+    return actor_class.lower().endswith("volume")
+
+
+def brush_of(actor: Block, scale: float, findings: Findings) -> Brush | None:
+    """The brush of an actor; None for the builder brush, which is a tool (item 17)."""
+    operation = OPERATIONS.get(actor.get("csgoper").lower())
+    name = actor.attributes.get("name") or actor.get("name") or "Brush"
+    if operation is None:
+        return None
+    polygons, flags = polygons_of(actor, scale, findings)
+    if not polygons:
+        findings.warn(name, "a brush without polygons was left out")
+        return None
+    flags |= int(actor.number("polyflags", 0.0))
+    solidity = Solidity.SOLID
+    if flags & (NOT_SOLID | PORTAL):
+        if operation is BrushOperation.SUBTRACT or flags & PORTAL:
+            return None
+        solidity = Solidity.NONSOLID
+    elif flags & SEMISOLID:
+        solidity = Solidity.SEMISOLID
+    return Brush(name, tuple(polygons), operation, solidity, actor.get("tag"))
+
+
+def polygons_of(actor: Block, scale: float, findings: Findings) -> tuple[list[Polygon], int]:
+    """Polygons of an actor's inner PolyList in the world, and the flags that all of them have.
+
+    The list at actor level is empty; the real one is inside `Begin Brush` (item 15).
+    """
+    lists = [plist for brush in actor.inner("brush") for plist in brush.inner("polylist")]
+    if not any(plist.children for plist in lists):
+        lists = list(actor.inner("polylist"))
+    matrix = actor_matrix(actor, scale)
+    # Mirroring into the simulation frame turns faces round, and so does a negative scale.
+    turn = -1 if np.linalg.det(matrix[:3, :3]) > 0.0 else 1
+    polygons: list[Polygon] = []
+    common = -1
+    for plist in lists:
+        for block in plist.inner("polygon"):
+            found = _polygon(block, scale)
+            if found is None:
+                findings.warn(
+                    actor.attributes.get("name", "Brush"), "a broken polygon was left out"
+                )
+                continue
+            local, uvs = found
+            common &= int(_first(block.attributes.get("flags", "0")))
+            world = local @ matrix[:3, :3].T + matrix[:3, 3]
+            material = reference(block.attributes.get("texture", ""))
+            polygons.append(Polygon(world[::turn], material, None if uvs is None else uvs[::turn]))
+    return polygons, common if polygons else 0
+
+
+def _polygon(block: Block, scale: float) -> tuple[Array, Array | None] | None:
+    """Corners in the mirrored local frame (m) and texture coordinates; None if it is broken."""
+    corners: list[list[float]] = []
+    axes: dict[str, list[float]] = {}
+    for _, line in block.lines:
+        word, _, rest = line.partition(" ")
+        word = word.lower()
+        if word == "vertex":
+            values = numbers(rest)
+            if len(values) < 3 or max(map(abs, values[:3])) > BIGGEST:
+                return None
+            corners.append(values[:3])
+        elif word in ("origin", "textureu", "texturev"):
+            axes[word] = numbers(rest)[:3]
+        elif word == "pan":
+            axes[word] = numbers(rest)[:2]
+    if len(corners) < 3:
+        return None
+    points = np.array(corners)
+    return unreal_points(points, scale), _uvs(points, axes)
+
+
+def _uvs(points: Array, axes: dict[str, list[float]]) -> Array | None:
+    u, v = axes.get("textureu", []), axes.get("texturev", [])
+    if len(u) < 3 or len(v) < 3:
+        return None
+    origin = axes.get("origin", [])
+    base = np.array(origin if len(origin) == 3 else [0.0, 0.0, 0.0])
+    pan = axes.get("pan", [])
+    offset = np.array(pan if len(pan) == 2 else [0.0, 0.0])
+    down = ((points - base) @ np.column_stack([u, v]) + offset) / TEXTURE_SIZE
+    answer: Array = down * np.array([1.0, -1.0])
+    return answer if np.isfinite(answer).all() else None
+
+
+def _first(text: str) -> float:
+    found = numbers(text)
+    return found[0] if found else 0.0
+
+
+UE1_RADIUS, UE1_BRIGHTNESS = 25.0, 64.0
+"""UU per step of LightRadius; LightBrightness of an ordinary lamp."""
+
+
+def light_of(name: str, kind: str, pose: Pose, owners: list[Block], scale: float) -> Light:
+    """A light from an actor and its components: UE3's values, or UE1's hue and brightness."""
+    radius = brightness = 0.0
+    color = (1.0, 1.0, 1.0)
+    for owner in owners:
+        radius = owner.number("radius", owner.number("lightradius", 0.0) * UE1_RADIUS) or radius
+        brightness = owner.number(
+            "brightness", owner.number("lightbrightness", 0.0) / UE1_BRIGHTNESS
+        ) or (brightness)
+        color = _color(owner) or color
+    cone = next((o.number("outerconeangle", 0.0) for o in reversed(owners)), 0.0)
+    return light(
+        name, kind, pose, scale, radius=radius, brightness=brightness, color=color, cone=cone
+    )
+
+
+def _color(owner: Block) -> tuple[float, float, float] | None:
+    value = value_of(owner.properties.get("lightcolor", ""))
+    if isinstance(value, str) or not value:
+        return None
+    parts = []
+    for key in "rgb":
+        member = value.get(key, "0")
+        text = member.strip() if isinstance(member, str) else "0"
+        parts.append(min(255.0, max(0.0, float(text) if text.isdigit() else 0.0)) / 255.0)
+    return parts[0], parts[1], parts[2]
+
+
+def mesh_of_block(block: Block, name: str, scale: float, findings: Findings) -> Mesh | None:
+    """The mesh of a `Begin StaticMesh` block; None if it has no triangles.
+
+    Each triangle names its texture and three `Vertex n x y z u v` lines. Their order is the
+    reverse of that of brushes, so the reflection into the simulation frame sets it right.
+    """
+    corners: list[list[list[float]]] = []
+    slots: list[int] = []
+    materials: dict[str, int] = {}
+    broken = 0
+    for triangle in block.inner("triangle"):
+        vertices = []
+        material = ""
+        for _, line in triangle.lines:
+            word, _, rest = line.replace("=", " ", 1).partition(" ")
+            match word.lower():
+                case "vertex":
+                    values = numbers(rest)
+                    if len(values) >= 4:
+                        vertices.append([*values[1:6], 0.0, 0.0][:5])
+                case "texture":
+                    material = rest.strip()
+        if len(vertices) != 3:
+            broken += 1
+            continue
+        corners.append(vertices)
+        slots.append(materials.setdefault(material, len(materials)))
+    if broken:
+        findings.warn(name, f"{broken} triangles without three vertices were left out")
+    if not corners:
+        return None
+    table = np.array(corners)
+    points = unreal_points(table[:, :, :3].reshape(-1, 3), scale)
+    uvs = table[:, :, 3:5] * np.array([1.0, -1.0]) + np.array([0.0, 1.0])
+    return Mesh(
+        name=name,
+        vertices=points,
+        triangles=np.arange(len(points), dtype=np.int32).reshape(-1, 3),
+        uvs=uvs,
+        slots=np.array(slots, dtype=np.int32),
+        materials=tuple(materials),
+    )
+
 
 Array = NDArray[np.float64]
 

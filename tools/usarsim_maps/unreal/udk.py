@@ -1,14 +1,11 @@
 """Reads maps and mesh packages of UDK as its editor saves them (worlds reference 5).
 
-Do the brushes of a level give what the editor has built from them?
-
-Two independent ways to the same answer: the order of the brushes with the winding number of each
-about a point, and the tree that is stored in the map (worlds reference 5.2).
+What the properties and components of the actors of a level say becomes a scene.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,84 +13,50 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_maps.reader import Context, Reader, register
-from usarsim_maps.scene import Brush, BrushOperation, Scene, Solidity
-from usarsim_maps.unreal.actors import LevelReader, level_of
+from usarsim_maps.scene import (
+    Brush,
+    BrushOperation,
+    Collision,
+    Mesh,
+    Part,
+    Polygon,
+    Scene,
+    Solidity,
+)
+from usarsim_maps.units import (
+    matrix_of_pose,
+    pose_of_matrix,
+    unreal_matrix,
+    unreal_points,
+    unreal_pose,
+)
 from usarsim_maps.unreal.archive import TAG, PackageError
-from usarsim_maps.unreal.brushes import BuiltLevel, read_built_level
-from usarsim_maps.unreal.level import UnrealLevel
-from usarsim_maps.unreal.library import as_error, load_package
+from usarsim_maps.unreal.brushes import (
+    BuiltLevel,
+    Face,
+    agreement,
+    faces_of_model,
+    read_built_level,
+)
+from usarsim_maps.unreal.level import NO_COLLISION, PLACEHOLDER, Actor, UnrealLevel, light
+from usarsim_maps.unreal.library import MeshPackage, as_error, load_package
+from usarsim_maps.unreal.names import ActorKind, kind_of
 from usarsim_maps.unreal.package import Export, Package
+from usarsim_maps.unreal.properties import Properties, read_object
 from usarsim_server.errors import MapImportError, at
 
 Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
-POINTS = 600
-"""Points that are looked at in a whole level."""
+NOT_SOLID, SEMISOLID, PORTAL = 0x08, 0x20, 0x0400_0000
+"""Flags of brushes and polygons."""
 
-MAX_BRUSHES = 2_000
-"""Levels with more are not compared: it would take seconds."""
+TEXTURE_SIZE = 128.0
+"""Unreal units of one repeat of a texture whose axes have length one."""
 
+OPERATIONS = {"csg_add": BrushOperation.ADD, "csg_subtract": BrushOperation.SUBTRACT}
 
-def agreement(brushes: Sequence[Brush], built: BuiltLevel, scale: float) -> tuple[int, int]:
-    """How many points brushes and tree agree about, and how many were asked.
-
-    Args:
-        brushes: of the level, in order, in metres.
-        built: the tree, in Unreal units.
-        scale: Unreal units per metre.
-    """
-    solids = [brush for brush in brushes if brush.solidity is not Solidity.NONSOLID]
-    if not solids or len(solids) > MAX_BRUSHES:
-        return 0, 0
-    generator = np.random.default_rng(0)
-    share = max(2, POINTS // len(solids))
-    points = np.concatenate([_sample(brush, share, generator) for brush in solids])
-    told = built.solid(points * [1.0, -1.0, 1.0] * scale)
-    return int((told == _program(solids, points, not built.outside)).sum()), len(points)
-
-
-def _sample(brush: Brush, count: int, generator: np.random.Generator) -> Array:
-    """Points in and close to a brush."""
-    corners = np.concatenate([polygon.vertices for polygon in brush.polygons])
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    margin = 0.05 * (high - low)
-    return generator.uniform(low - margin, high + margin, (count, 3))
-
-
-def _program(brushes: Sequence[Brush], points: Array, filled: bool) -> Bools:
-    """Carry out the brushes at some points; semisolid ones act last."""
-    solid = np.full(len(points), filled)
-    late = [brush for brush in brushes if brush.solidity is Solidity.SEMISOLID]
-    early = [brush for brush in brushes if brush.solidity is Solidity.SOLID]
-    for brush in (*early, *late):
-        corners = np.concatenate([polygon.vertices for polygon in brush.polygons])
-        low, high = corners.min(axis=0), corners.max(axis=0)
-        near = np.flatnonzero(((points > low) & (points < high)).all(axis=1))
-        if len(near):
-            covered = near[inside(brush, points[near])]
-            solid[covered] = brush.operation is BrushOperation.ADD
-    return solid
-
-
-def inside(brush: Brush, points: Array) -> Bools:
-    """Whether points (n, 3) are in a brush: its faces wind about them.
-
-    The sum of solid angles (van Oosterom and Strackee 1983) needs neither convex nor closed faces.
-    """
-    total = np.zeros(len(points))
-    for polygon in brush.polygons:
-        corners = polygon.vertices
-        for k in range(1, len(corners) - 1):
-            a, b, c = (corners[i] - points for i in (0, k, k + 1))
-            la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
-            volume = (a * np.cross(b, c)).sum(axis=1)
-            rest = la * lb * lc + (a * b).sum(axis=1) * lc
-            rest += (b * c).sum(axis=1) * la + (c * a).sum(axis=1) * lb
-            total += 2.0 * np.arctan2(volume, rest)
-    answer: Bools = np.abs(total) > 2.0 * np.pi
-    return answer
-
+ESSENTIAL = {ActorKind.BRUSH, ActorKind.START}
+"""A map whose walls or starts cannot be read is refused; without a lamp it can be used."""
 
 MAX_SUBLEVELS = 100
 
@@ -102,6 +65,9 @@ MAPS = (".udk", ".ut3", ".umap")
 
 ENOUGH = 0.98
 """Part of the points that brushes and the built level have to agree about."""
+
+MESH_COMPONENTS = {"staticmeshcomponent", "instancedstaticmeshcomponent"}
+MAX_COMPONENTS = 1_000
 
 
 @register("udk")
@@ -202,3 +168,303 @@ def _built(package: Package, level: Export, context: Context) -> BuiltLevel | No
     except PackageError as error:
         context.findings.warn("level", f"what the editor built cannot be read: {error}")
         return None
+
+
+def level_of(package: Package) -> Export | None:
+    """The level of a package; None if it is none of maps."""
+    return next(package.of_class("Level"), None)
+
+
+def actors_of(package: Package, level: Export) -> list[Export]:
+    """Actors in the order of the level, which is that of the brushes, each once.
+
+    Raises:
+        PackageError: the level cannot be read.
+    """
+    archive = read_object(package, level)[1]
+    archive.skip(4)  # owner
+    indices = archive.i32s(archive.count(4, "actors"))
+    found = dict.fromkeys(index for index in indices if index > 0)
+    return [export for export in map(package.export, found) if export is not None]
+
+
+class LevelReader:
+    """Takes the actors of one package into a level.
+
+    Attributes:
+        sublevels: packages that the level loads, as far as they have been met.
+    """
+
+    def __init__(
+        self,
+        package: Package,
+        source: Path,
+        level: UnrealLevel,
+        context: Context,
+        *,
+        main: bool = True,
+    ) -> None:
+        """The file's name is that of the package; `main` is false for sublevels."""
+        self.sublevels: list[str] = []
+        self._main = main
+        self._brushes: list[Brush] = []
+        self._package = package
+        self._level = level
+        self._context = context
+        self._findings = context.findings
+        self._own = MeshPackage(package, source.stem, level.scale)
+        self._add: dict[ActorKind, Callable[[Export, Properties], None]] = {
+            ActorKind.BRUSH: self._add_brush,
+            ActorKind.MESH: self._add_mesh,
+            ActorKind.MOVABLE: self._add_movable,
+            ActorKind.START: lambda e, p: level.add_start(self._actor(e, p)),
+            ActorKind.PATH_NODE: lambda e, p: level.add_node(self._actor(e, p)),
+            ActorKind.VICTIM: lambda e, p: level.add_victim(self._actor(e, p)),
+            ActorKind.LIGHT: self._add_light,
+            ActorKind.SMOKE: lambda e, p: level.add_smoke(self._actor(e, p)),
+            ActorKind.FOG: self._add_fog,
+            ActorKind.LEVEL: self._add_level,
+        }
+
+    def add_all(self, level: Export) -> None:
+        """All actors of the level.
+
+        Raises:
+            PackageError: the list of actors, a brush or a start cannot be read.
+        """
+        actors = actors_of(self._package, level)
+        for number, export in enumerate(actors):
+            if number % 200 == 0:
+                self._context.progress("actors", number / len(actors))
+            self._add_actor(export)
+        if not self._main and any(b.operation is BrushOperation.SUBTRACT for b in self._brushes):
+            text = "its brushes cut holes, which would reach into other levels; left out"
+            self._findings.warn(self._own.name, f"{text}: import this sublevel on its own")
+            return
+        for brush in self._brushes:
+            self._level.add_brush(brush)
+
+    def add_catalogue(self, gap: float = 0.5) -> int:
+        """All meshes of a package without a level, side by side; their number."""
+        place = 0.0
+        count = 0
+        for export in self._package.of_class("StaticMesh"):
+            mesh = self._read_mesh(export)
+            if mesh is None:
+                continue
+            low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+            matrix = np.eye(4)
+            matrix[:3, 3] = (-low[0], place - low[1], -low[2])
+            place += float(high[1] - low[1]) + gap
+            pose = pose_of_matrix(matrix)
+            actor = Actor(export.name, "StaticMesh", "", pose)
+            self._level.add_object(actor, matrix, [Part(mesh, matrix)])
+            self._findings.count("StaticMesh")
+            count += 1
+        return count
+
+    def _add_actor(self, export: Export) -> None:
+        actor_class = self._package.class_of(export)
+        kind = kind_of(actor_class)
+        handler = self._add.get(kind)
+        if handler is None:
+            self._findings.skip(actor_class)
+            return
+        self._findings.count(actor_class)
+        try:
+            handler(export, read_object(self._package, export)[0])
+        except PackageError as error:
+            if kind in ESSENTIAL:
+                problem = f"{export.name}: {error}"
+                raise PackageError(problem, error.offset, error.cure) from None
+            self._findings.warn(export.name, f"left out, for it cannot be read: {error}")
+
+    def _actor(self, export: Export, properties: Properties) -> Actor:
+        rotation = properties.rotator("rotation")
+        x, y, z = _scale(properties)
+        return Actor(
+            name=export.name,
+            kind=self._package.class_of(export),
+            tag=properties.text("tag"),
+            pose=unreal_pose(properties.vector("location"), rotation, self._level.scale),
+            yaw=rotation[1],
+            scale=(x, y, z),
+        )
+
+    # ---- solids ----------------------------------------------------------------------------
+
+    def _add_brush(self, export: Export, properties: Properties) -> None:
+        operation = OPERATIONS.get(properties.text("csgoper").lower())
+        if operation is None:  # the builder brush, which is a tool (item 17)
+            return
+        model = self._package.export(properties.reference("brush"))
+        if model is None:
+            raise PackageError("a brush without a model", export.offset)
+        faces, broken = faces_of_model(self._package, model)
+        if broken:
+            self._findings.warn(export.name, f"{broken} broken polygons were left out")
+        if not faces:
+            self._findings.warn(export.name, "a brush without polygons was left out")
+            return
+        flags = int(properties.number("polyflags", 0.0))
+        common = -1
+        for face in faces:
+            common &= face.flags
+        flags |= common
+        if flags & PORTAL or (flags & NOT_SOLID and operation is BrushOperation.SUBTRACT):
+            return
+        solidity = Solidity.SOLID
+        if flags & NOT_SOLID:
+            solidity = Solidity.NONSOLID
+        elif flags & SEMISOLID:
+            solidity = Solidity.SEMISOLID
+        matrix = self._matrix(properties)
+        polygons = tuple(self._polygon(face, matrix) for face in faces)
+        tag = properties.text("tag")
+        self._brushes.append(Brush(export.name, polygons, operation, solidity, tag))
+
+    def _polygon(self, face: Face, matrix: Array) -> Polygon:
+        points = unreal_points(face.points, self._level.scale)
+        world = points @ matrix[:3, :3].T + matrix[:3, 3]
+        axes = np.column_stack([face.u, face.v])
+        with np.errstate(all="ignore"):
+            uvs = (face.points - face.base) @ axes / TEXTURE_SIZE * [1.0, -1.0]
+        # Mirroring into the simulation frame turns faces round, and so does a negative scale.
+        turn = -1 if np.linalg.det(matrix[:3, :3]) > 0.0 else 1
+        return Polygon(
+            vertices=world[::turn],
+            material=self._package.path(face.material),
+            uvs=uvs[::turn] if np.isfinite(uvs).all() else None,
+        )
+
+    def _add_mesh(self, export: Export, properties: Properties) -> None:
+        self._add_object(export, properties, movable=False)
+
+    def _add_movable(self, export: Export, properties: Properties) -> None:
+        self._add_object(export, properties, movable=True)
+
+    def _add_object(self, export: Export, properties: Properties, movable: bool) -> None:
+        matrix = self._matrix(properties)
+        hidden = properties.flag("bhidden", False)
+        parts: list[Part] = []
+        for component in self._components(export, properties):
+            path = component.reference("staticmesh")
+            if path == 0:
+                continue
+            mesh = self._mesh(path)
+            if mesh is not None:
+                parts.append(
+                    Part(
+                        mesh,
+                        matrix @ self._offset(component),
+                        visible=not hidden and not component.flag("hiddengame", False),
+                        collision=_collision(properties, component),
+                        materials=self._overrides(component),
+                    )
+                )
+            elif self._context.options.placeholders:
+                parts.append(Part(PLACEHOLDER, matrix_of_pose(pose_of_matrix(matrix))))
+        self._level.add_object(self._actor(export, properties), matrix, parts, movable)
+
+    def _components(self, export: Export, properties: Properties) -> list[Properties]:
+        """Mesh components of an actor: those it names, else those that lie in it."""
+        indices = [properties.reference("staticmeshcomponent")]
+        indices += properties.references("components")
+        chosen = dict.fromkeys(index for index in indices if index > 0)
+        if not chosen:
+            chosen = dict.fromkeys(other.number + 1 for other in self._package.inside(export))
+        answer = []
+        for found in map(self._package.export, list(chosen)[:MAX_COMPONENTS]):
+            if found and self._package.class_of(found).lower() in MESH_COMPONENTS:
+                answer.append(read_object(self._package, found)[0])
+        return answer
+
+    def _mesh(self, index: int) -> Mesh | None:
+        """A mesh of this package, or of others in the asset folders."""
+        export = self._package.export(index)
+        if export is not None:
+            return self._read_mesh(export)
+        return self._level.library.mesh(self._package.path(index))
+
+    def _read_mesh(self, export: Export) -> Mesh | None:
+        name = self._package.path(export.number + 1)
+        found = self._own.read(export, name)
+        if isinstance(found, Mesh):
+            return found
+        self._findings.warn(name, f"the mesh was left out: {found}")
+        return None
+
+    def _matrix(self, properties: Properties) -> Array:
+        return unreal_matrix(
+            properties.vector("location"),
+            properties.rotator("rotation"),
+            _scale(properties),
+            properties.vector("prepivot"),
+            self._level.scale,
+        )
+
+    def _offset(self, component: Properties) -> Array:
+        """A component's own place in its actor."""
+        scale3d = np.array(component.vector("scale3d", 1.0))
+        return unreal_matrix(
+            component.vector("translation"),
+            component.rotator("rotation"),
+            (scale3d * component.number("scale", 1.0)).tolist(),
+            scale=self._level.scale,
+        )
+
+    def _overrides(self, component: Properties) -> dict[int, str]:
+        paths = enumerate(map(self._package.path, component.references("materials")))
+        return {slot: path for slot, path in paths if path and slot < 256}
+
+    # ---- light, air, the level itself ------------------------------------------------------
+
+    def _add_light(self, export: Export, properties: Properties) -> None:
+        actor = self._actor(export, properties)
+        component = self._component(properties, "lightcomponent")
+        self._level.add_light(
+            light(
+                actor.name,
+                actor.kind.lower(),
+                actor.pose,
+                self._level.scale,
+                radius=max(0.0, component.number("radius", 0.0)),
+                brightness=component.number("brightness", 0.0),
+                color=component.color("lightcolor") or (1.0, 1.0, 1.0),
+                cone=component.number("outerconeangle", 0.0),
+            )
+        )
+
+    def _add_fog(self, export: Export, properties: Properties) -> None:
+        component = self._component(properties, "component")
+        density = component.number("fogdensity", component.number("density", 0.0))
+        self._level.add_fog(self._actor(export, properties), density)
+
+    def _add_level(self, export: Export, properties: Properties) -> None:
+        if "killz" in properties:
+            self._level.kill_z = properties.number("killz", 0.0) / self._level.scale
+        self._level.title = self._level.title or properties.text("title")
+        for index in properties.references("streaminglevels"):
+            streaming = self._package.export(index)
+            if streaming is not None:
+                name = read_object(self._package, streaming)[0].text("packagename")
+                self.sublevels += [name] if name else []
+
+    def _component(self, properties: Properties, name: str) -> Properties:
+        export = self._package.export(properties.reference(name))
+        if export is None:
+            return Properties(self._package)
+        return read_object(self._package, export)[0]
+
+
+def _scale(properties: Properties) -> tuple[float, float, float]:
+    size = properties.number("drawscale", 1.0)
+    x, y, z = properties.vector("drawscale3d", 1.0)
+    return x * size, y * size, z * size
+
+
+def _collision(actor: Properties, component: Properties) -> Collision:
+    solid = actor.flag("bcollideactors", True) and actor.flag("bblockactors", True)
+    solid &= component.flag("collideactors", True) and component.flag("blockactors", True)
+    solid &= actor.text("collisiontype").lower() not in NO_COLLISION
+    return Collision.AUTO if solid else Collision.NONE

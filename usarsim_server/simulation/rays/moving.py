@@ -23,7 +23,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.simulation.frames import rotation_matrices
+from usarsim_server.simulation.frames import rotation_matrices, rotation_matrix
 from usarsim_server.simulation.mailbox import breathe
 from usarsim_server.simulation.model import CompiledWorld
 from usarsim_server.simulation.objects import Objects
@@ -84,14 +84,14 @@ def find_lumps(model: mujoco.MjModel, visible: Callable[[int], bool]) -> list[Lu
         if parent in carriers and parent not in turning and (rigid or wheel):
             carrier, place, turn = carriers[parent]
             place = place + turn @ model.body_pos[body]
-            carriers[body] = carrier, place, turn @ _matrix(model.body_quat[body])
+            carriers[body] = carrier, place, turn @ rotation_matrix(model.body_quat[body])
             if wheel:
                 turning.add(body)
         carrier, place, turn = carriers[body]
         if body % BODIES_AT_A_TIME == 0:
             breathe()
         for geom in geoms:
-            own = turn @ _matrix(model.geom_quat[geom])
+            own = turn @ rotation_matrix(model.geom_quat[geom])
             found.setdefault(carrier, []).append((geom, place + turn @ model.geom_pos[geom], own))
     return [
         Lump(
@@ -120,7 +120,7 @@ def _is_round_about(model: mujoco.MjModel, geom: int, anchor: Array, axis: Array
     if float(np.linalg.norm(offset - (offset @ axis) * axis)) > EXACT:
         return False
     kinds, kind, size = mujoco.mjtGeom, int(model.geom_type[geom]), model.geom_size[geom]
-    along = np.abs(_matrix(model.geom_quat[geom]).T @ axis)
+    along = np.abs(rotation_matrix(model.geom_quat[geom]).T @ axis)
     if kind == kinds.mjGEOM_SPHERE:
         return True
     if kind in (kinds.mjGEOM_CYLINDER, kinds.mjGEOM_CAPSULE):
@@ -130,12 +130,6 @@ def _is_round_about(model: mujoco.MjModel, geom: int, anchor: Array, axis: Array
         across = np.delete(size, main)
         return bool(along[main] > 1.0 - EXACT and abs(across[0] - across[1]) < EXACT)
     return False
-
-
-def _matrix(quaternion: Array) -> Array:
-    turn = np.zeros(9)
-    mujoco.mju_quat2Mat(turn, quaternion)
-    return turn.reshape(3, 3)
 
 
 Array = NDArray[np.float64]

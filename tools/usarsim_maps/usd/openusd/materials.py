@@ -16,9 +16,9 @@ from pxr import Ar, Sdf, UsdGeom, UsdLux, UsdShade
 
 from usarsim_maps.findings import Findings
 from usarsim_maps.meshes.mesh_files import Axes, Pictures
-from usarsim_maps.scene import Color, Light, LightKind, Material
-from usarsim_maps.textures import NEUTRAL
-from usarsim_maps.usd.openusd.stage import NOW, array, number, numbers, read_resource
+from usarsim_maps.scene import NEUTRAL, Color, Light, LightKind, Material
+from usarsim_maps.usd.openusd.stage import read_resource
+from usarsim_maps.usd.openusd.values import NOW, array, number, numbers
 from usarsim_server.files import is_regular
 
 Array = NDArray[np.float64]

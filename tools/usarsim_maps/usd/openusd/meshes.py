@@ -18,7 +18,7 @@ from usarsim_maps.findings import Findings
 from usarsim_maps.meshes.polygons import triangulate
 from usarsim_maps.scene import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 from usarsim_maps.usd.openusd.materials import Finish, Finishes
-from usarsim_maps.usd.openusd.stage import NOW, array, number, numbers
+from usarsim_maps.usd.openusd.values import NOW, array, number, numbers
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -1,24 +1,11 @@
-"""Opening stages: archives checked before they are, errors told, variants chosen.
-
-Values of a stage as plain Python: attributes, matrices, names.
-
-Reads everything in a stage once, as a program of its own.
-
-The library's reader of binary files can crash or never end on damaged ones. `stage.py` lets it do
-so here, in another process. Arguments: the file, then folders searched for references. It writes
-one line of JSON: which files the stage is composed of, as `[[file that names it, file], ...]`.
-"""
+"""Opening stages: archives checked before they are, errors told, variants chosen."""
 
 from __future__ import annotations
 
 import contextlib
 import json
-import math
-import os
 import re
-import resource
 import signal
-import stat
 import subprocess
 import sys
 import zipfile
@@ -26,9 +13,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-from pxr import Ar, Sdf, Tf, Usd, UsdUtils
+from pxr import Ar, Tf, Usd, UsdUtils
 
 from usarsim_maps.files import MAX_BYTES, check_size, read_bytes, read_head
 from usarsim_maps.findings import Findings
@@ -254,121 +239,3 @@ def read_resource(path: str) -> bytes | None:
         return None
     with asset:
         return bytes(asset.GetBuffer())
-
-
-Array = NDArray[np.float64]
-
-NOW = Usd.TimeCode.EarliestTime()
-"""Animated values are taken at their first moment."""
-
-
-def matrix(value: Any) -> Array:
-    """(4, 4) for column vectors; the library's are for rows."""
-    answer: Array = np.array(value, dtype=float).T
-    return answer
-
-
-def array(attribute: Any, *shape: int) -> Array | None:
-    """A list of numbers, its first axis of any length; None if there is none of that shape."""
-    return numbers(attribute.Get(NOW) if attribute else None, *shape)
-
-
-def numbers(value: Any, *shape: int) -> Array | None:
-    """A value as a list of numbers; None if it is none of that shape.
-
-    Damaged and careless files give attributes values of any type.
-    """
-    if value is None:
-        return None
-    try:
-        found: Array = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        return None
-    if found.size == 0:
-        found = found.reshape(0, *shape)
-    return found if found.shape[1:] == shape and found.ndim == len(shape) + 1 else None
-
-
-def number(attribute: Any, default: float) -> float:
-    """A finite number."""
-    value = attribute.Get(NOW) if attribute else None
-    if isinstance(value, (int, float)) and math.isfinite(value):
-        return float(value)
-    return default
-
-
-def text(prim: Any, name: str) -> str:
-    """A string or token of an attribute by name; empty by default."""
-    attribute = prim.GetAttribute(name)
-    value = attribute.Get(NOW) if attribute else None
-    return str(value) if isinstance(value, str) else ""
-
-
-def authored(prim: Any, name: str) -> bool:
-    """Whether somebody has given an attribute a value."""
-    attribute = prim.GetAttribute(name)
-    return bool(attribute and attribute.HasAuthoredValue())
-
-
-MOST_LAYERS = 20_000
-"""Files of one stage."""
-
-MEMORY = 12 << 30
-"""Bytes of address space; the library's threads reserve some of it."""
-
-
-def main(source: str, folders: list[str]) -> int:
-    """0 also for files that the library refuses: it will say why again."""
-    with contextlib.suppress(ValueError, OSError):
-        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
-    silent = UsdUtils.CoalescingDiagnosticDelegate()
-    try:
-        context = Ar.ResolverContext(Ar.DefaultResolverContext(folders))
-        with Ar.ResolverContextBinder(context):
-            named, whole = parts(source)
-        print(json.dumps(named), flush=True)
-        if not whole:
-            return 0
-        stage = Usd.Stage.Open(source, context)
-        for prim in stage.TraverseAll() if stage else ():
-            for attribute in prim.GetAuthoredAttributes():
-                attribute.Get(Usd.TimeCode.EarliestTime())
-    except (Tf.ErrorException, MemoryError):
-        pass
-    del silent
-    return 0
-
-
-def parts(source: str) -> tuple[list[tuple[str, str]], bool]:
-    """Files that a stage is composed of, in pairs with the one that names them, before it is.
-
-    Nothing but regular files is opened: the library would wait for ever for what a pipe says.
-
-    Returns:
-        The pairs, and whether all of them are regular files.
-    """
-    found: list[tuple[str, str]] = []
-    seen, todo, whole = {source}, [source], True
-    while todo and len(seen) < MOST_LAYERS:
-        asker = todo.pop()
-        layer = Sdf.Layer.FindOrOpen(asker)
-        for name in layer.GetCompositionAssetDependencies() if layer else ():
-            written = Sdf.ComputeAssetPathRelativeToLayer(layer, name)
-            path = str(Ar.GetResolver().Resolve(written)) or written
-            if path in seen:
-                continue
-            seen.add(path)
-            outer = Ar.SplitPackageRelativePathOuter(path)[0]
-            with contextlib.suppress(OSError, ValueError):
-                regular = stat.S_ISREG(os.stat(outer).st_mode)
-                whole &= regular
-                found.append((asker, outer))
-                if regular:
-                    todo.append(path)
-    return found, whole
-
-
-if __name__ == "__main__":
-    code = main(sys.argv[1], sys.argv[2:])
-    # Nothing has to be tidied up, and taking a large stage apart takes long.
-    os._exit(code)

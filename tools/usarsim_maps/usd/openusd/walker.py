@@ -18,13 +18,21 @@ from usarsim_maps.meshes.mesh_files import (
     collision_of,
     too_large,
 )
-from usarsim_maps.placing import matrix_of_pose
 from usarsim_maps.reader import Context
 from usarsim_maps.scene import Collision, Light, Mesh, Part, Scene, SceneObject, Shape
-from usarsim_maps.usd.openusd import physics
+from usarsim_maps.units import matrix_of_pose
 from usarsim_maps.usd.openusd.materials import LIGHTS, Finish, Finishes, light_of
 from usarsim_maps.usd.openusd.meshes import SHAPES, MeshReader, shape_of
-from usarsim_maps.usd.openusd.stage import NOW, array, matrix, text
+from usarsim_maps.usd.openusd.values import (
+    NOW,
+    array,
+    collision,
+    is_collider,
+    is_moved,
+    mass_of,
+    matrix,
+    text,
+)
 from usarsim_server.errors import MapImportError, at
 
 Array = NDArray[np.float64]
@@ -199,7 +207,7 @@ class StageReader:
 
     def _shape(self, prim: Any, place: _Place) -> None:
         guide = UsdGeom.Imageable(prim).ComputePurpose() == UsdGeom.Tokens.guide
-        if guide and not physics.is_collider(prim):
+        if guide and not is_collider(prim):
             self._findings.skip("guide that does not collide")
             return
         self._parts += 1
@@ -210,9 +218,9 @@ class StageReader:
         key = f"{owner.GetPath()}{place.suffix}"
         if key not in self._things:
             name = f"{owner.GetName()}{place.suffix}"
-            moved = physics.is_moved(owner)
+            moved = is_moved(owner)
             self._things[key] = _Thing(owner, self._matrix(owner, place), name, place.suffix, moved)
-        felt = physics.collision(prim)
+        felt = collision(prim)
         announced = collision_of(prim.GetName())
         if announced is not None:
             guide, felt = True, announced
@@ -259,7 +267,7 @@ class StageReader:
             tag=text(thing.prim, "usarsim:tag"),
             kind=_kind(thing.prim),
             movable=thing.movable,
-            mass=physics.mass_of(thing.prim, self._kilograms),
+            mass=mass_of(thing.prim, self._kilograms),
             friction=friction,
         )
 
@@ -331,7 +339,7 @@ def _owner(prim: Any) -> Any:
     """
     chosen = model = None
     for here in _chain(prim):
-        if physics.is_moved(here):
+        if is_moved(here):
             return here
         if here.IsInstance() or Usd.ModelAPI(here).GetKind() == Kind.Tokens.component:
             model = here

@@ -1,0 +1,198 @@
+"""What Unreal's actor classes mean to a robot world, whatever file they come from.
+
+Shared by the readers of T3D text and of binary packages (worlds reference 3).
+
+Colours after names: what Wood_16 looks like when its picture is not there.
+
+Maps of Unreal name the materials of their surfaces and hold no pictures of them. Where those are
+missing a floor of wood and a wall of concrete should still not be one grey: cameras, and who drives
+by them, tell rooms apart by that.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter
+from enum import Enum
+
+from usarsim_maps.scene import Color, PathNode, Start, Victim
+from usarsim_maps.units import ROTATION_UNIT
+from usarsim_server.simulation.frames import Pose, wire_from_pose
+
+
+class ActorKind(Enum):
+    """Groups of actor classes."""
+
+    BRUSH = "brush"
+    VOLUME = "volume"
+    MESH = "mesh"
+    MOVABLE = "movable mesh"
+    START = "start"
+    PATH_NODE = "path node"
+    VICTIM = "victim"
+    LIGHT = "light"
+    SMOKE = "smoke"
+    FOG = "fog"
+    LEVEL = "level"
+    OTHER = "other"
+
+
+MOVABLE = {"kactor", "kactorspawnable", "kactorfromstatic", "kactor_ball", "fracturedkactor"}
+MESHES = {"staticmeshactor", "interpactor", "mover", "staticmeshcollectionactor"}
+LEVELS = {"worldinfo", "levelinfo", "zoneinfo", "skyzoneinfo"}
+LIGHTS = {"light", "spotlight", "pointlight", "skylight", "sunlight", "triggerlight"}
+
+
+def kind_of(actor_class: str) -> ActorKind:
+    """The group of an actor class, by its name alone (package prefixes do not count)."""
+    name = actor_class.rpartition(".")[2].lower()
+    if name.endswith("volume"):
+        return ActorKind.VOLUME
+    if name == "brush":
+        return ActorKind.BRUSH
+    if name in MOVABLE or name.startswith("kactor"):
+        return ActorKind.MOVABLE
+    if name in MESHES or name.startswith("staticmeshactor"):
+        return ActorKind.MESH
+    if name.endswith("playerstart"):
+        return ActorKind.START
+    if name.endswith("pathnode"):
+        return ActorKind.PATH_NODE
+    if name.endswith("victim"):
+        return ActorKind.VICTIM
+    if name in LIGHTS or name.endswith(("light", "lighttoggleable")):
+        return ActorKind.LIGHT
+    if "smoke" in name:
+        return ActorKind.SMOKE
+    if name.endswith("heightfog"):
+        return ActorKind.FOG
+    if name in LEVELS:
+        return ActorKind.LEVEL
+    return ActorKind.OTHER
+
+
+def announced(name: str, tag: str, actor_class: str) -> str:
+    """What clients are told: the Tag, unless it is the class default, then the Name."""
+    plain = actor_class.rpartition(".")[2].lower()
+    if not tag or tag.lower() in (plain, "none", "playerstart", "pathnode"):
+        return name
+    return tag
+
+
+def start_of(name: str, tag: str, actor_class: str, pose: Pose, yaw: float = 0.0) -> Start:
+    """A start pose by the naming rule (item 25); yaw in rotation units is told unwrapped (8)."""
+    _, (_, _, wrapped) = wire_from_pose(pose)
+    turns = round((yaw * ROTATION_UNIT - wrapped) / math.tau)
+    return Start(announced(name, tag, actor_class), pose, max(-1000, min(1000, turns)))
+
+
+def path_node_of(name: str, tag: str, actor_class: str, pose: Pose) -> PathNode:
+    """A path node by the same rule (item 26)."""
+    return PathNode(announced(name, tag, actor_class), pose.position)
+
+
+PACKAGE = "victimpackage."
+"""Path nodes whose tags begin so are people in the modules of the world generator."""
+
+LYING = ("lay", "lying", "dead", "sleep", "prone", "collapse")
+SITTING = ("sit", "hugknees", "kneel", "crouch", "squat")
+WAVING = ("wave", "waving", "push", "scratch")
+
+
+class VictimNames:
+    """Names `MaleVictim_0`, `FemaleVictim_0`, ... as clients know them."""
+
+    def __init__(self) -> None:
+        self._next: Counter[str] = Counter()
+
+    def take(self, female: bool) -> str:
+        """The next name."""
+        word = "FemaleVictim" if female else "MaleVictim"
+        self._next[word] += 1
+        return f"{word}_{self._next[word] - 1}"
+
+
+def is_victim_tag(tag: str) -> bool:
+    """Whether a path node is a person (item 26)."""
+    return tag.lower().startswith(PACKAGE)
+
+
+def victim_of_tag(tag: str, pose: Pose, names: VictimNames) -> Victim:
+    """A person from a tag such as `VictimPackage.animation.GenericMale_AnimTree_hugKnees`."""
+    words = tag.lower()
+    female = "female" in words
+    animation = words.rpartition("_")[2]
+    posture = "standing"
+    if any(word in animation for word in LYING):
+        posture = "lying"
+    elif any(word in animation for word in SITTING):
+        posture = "sitting"
+    properties: dict[str, object] = {"animation": tag.rpartition("_")[2]}
+    if any(word in animation for word in WAVING):
+        properties["motion"] = "wave"
+    return Victim(
+        name=names.take(female),
+        pose=pose,
+        figure="female" if female else "male",
+        posture=posture,
+        status="Dead" if "dead" in animation else "Alive",
+        properties=properties,
+    )
+
+
+_STUFF: tuple[tuple[str, tuple[float, float, float]], ...] = (
+    ("wood plank parquet timber", (0.52, 0.38, 0.25)),
+    ("brick", (0.58, 0.36, 0.28)),
+    ("conc concrete cement", (0.56, 0.56, 0.54)),
+    ("slate", (0.36, 0.39, 0.43)),
+    ("marble", (0.80, 0.78, 0.74)),
+    ("asphalt tarmac", (0.28, 0.28, 0.29)),
+    ("tile tiles", (0.70, 0.66, 0.58)),
+    ("gold", (0.68, 0.56, 0.30)),
+    ("rust rusty", (0.46, 0.30, 0.21)),
+    ("metal steel wire wires chainlink", (0.48, 0.51, 0.55)),
+    ("grass turf lawn", (0.28, 0.45, 0.22)),
+    ("carpet fabric cloth cubicle", (0.42, 0.46, 0.53)),
+    ("sand", (0.74, 0.66, 0.48)),
+    ("dirt mud soil", (0.42, 0.33, 0.24)),
+    ("rock stone gravel rubble", (0.50, 0.48, 0.45)),
+    ("water", (0.25, 0.38, 0.45)),
+    ("plaster stucco", (0.76, 0.73, 0.67)),
+    ("white", (0.88, 0.88, 0.86)),
+    ("black", (0.10, 0.10, 0.10)),
+    ("red", (0.66, 0.18, 0.15)),
+    ("green", (0.22, 0.50, 0.25)),
+    ("blue", (0.18, 0.32, 0.62)),
+    ("yellow", (0.82, 0.70, 0.20)),
+    ("ceiling roof", (0.80, 0.80, 0.78)),
+    ("wall walls", (0.74, 0.70, 0.61)),
+    ("floor ground", (0.47, 0.44, 0.40)),
+)
+"""Words and colours (red, green, blue as on screens); what things are made of comes before where
+they are, so that a wall of brick is brick."""
+
+_WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+")
+
+LONG = 4
+"""Letters from which on a word may be the beginning or end of one in the name (`concwall`)."""
+
+
+def likely_color(name: str) -> Color | None:
+    """The colour that a material probably has.
+
+    Args:
+        name: `Package.Group.Name`; only the last part counts.
+
+    Returns:
+        None if the name says nothing.
+    """
+    words = [word.lower() for word in _WORD.findall(name.rpartition(".")[2])]
+    for stuff, color in _STUFF:
+        if any(_fits(word, key) for key in stuff.split() for word in words):
+            return (*color, 1.0)
+    return None
+
+
+def _fits(word: str, key: str) -> bool:
+    return word == key or (len(key) >= LONG and (word.startswith(key) or word.endswith(key)))
