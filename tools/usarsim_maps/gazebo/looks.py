@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from usarsim_maps.files import read_text
 from usarsim_maps.gazebo.files import GazeboFiles
 from usarsim_maps.gazebo.models import flag
-from usarsim_maps.meshes.assets import PICTURES
-from usarsim_maps.meshes.mesh_files import Pictures
+from usarsim_maps.meshes.mesh_files import PICTURES, Pictures
 from usarsim_maps.meshes.xml_text import Document, Node
 from usarsim_maps.scene import Color, Light, LightKind, Material
 from usarsim_server.errors import MapImportError

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_maps.files import AssetIndex, read_text
+from usarsim_maps.meshes.mesh_files import broken
 from usarsim_maps.reader import Context, Reader, register
 from usarsim_maps.scene import Collision, Material, Mesh, Part, Scene, SceneObject, Source
 from usarsim_maps.units import MIRROR, UU_PER_METRE, axis_matrix
@@ -133,16 +134,16 @@ def _parse(source: Path, text: str) -> tuple[list[_Geom], list[list[tuple[str, s
             case "*MESH_FACE" if geoms:
                 face = _FACE.match(rest)
                 if face is None:
-                    raise _broken(source, number, f"{line[:60]!r} is no face")
+                    raise broken(source, f"{line[:60]!r} is no face", number)
                 geoms[-1].faces.append((int(face[1]), int(face[2]), int(face[3])))
                 slot = _SLOT.search(rest)
                 geoms[-1].slots.append(int(slot[1]) if slot else 0)
                 items += 1
         depth += line.count("{") - line.count("}")
         if items > MAX_ITEMS:
-            raise _broken(source, number, f"more than {MAX_ITEMS} vertices and faces")
+            raise broken(source, f"more than {MAX_ITEMS} vertices and faces", number)
     if depth > 0:
-        raise _broken(source, text.count("\n") + 1, "the file ends inside a block")
+        raise broken(source, "the file ends inside a block", text.count("\n") + 1)
     return geoms, materials
 
 
@@ -159,16 +160,11 @@ def _numbers(
     """So many numbers; those behind the first `whole` ones may be senseless, and are NaN then."""
     found = _NUMBERS.findall(_NOTHING.sub(SENSELESS, text))
     if len(found) < count:
-        raise _broken(source, line, f"{text[:60]!r} has fewer than {count} numbers")
+        raise broken(source, f"{text[:60]!r} has fewer than {count} numbers", line)
     values = [value if abs(value := float(word)) < FAR else math.nan for word in found]
     if any(map(math.isnan, values[:count][:whole])):
-        raise _broken(source, line, f"{text[:60]!r} has a number without meaning")
+        raise broken(source, f"{text[:60]!r} has a number without meaning", line)
     return values
-
-
-def _broken(source: Path, line: int, problem: str) -> MapImportError:
-    cure = "the file is damaged or cut off; export it again"
-    return MapImportError(at(source, problem, cure, where=f"line {line}"))
 
 
 def _materials(

@@ -11,20 +11,19 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_maps.meshes.collada_mesh import Geometry, read_geometry
+from usarsim_maps.meshes.collada_mesh import read_geometry
 from usarsim_maps.meshes.mesh_files import (
-    MAX_TRIANGLES,
     Axes,
     Markers,
     Pictures,
     axes_of,
-    too_large,
+    check_count,
     with_hulls,
 )
 from usarsim_maps.meshes.xml_text import Document, Node, read_xml
 from usarsim_maps.numbers import read_number, read_numbers
 from usarsim_maps.reader import Context, Reader, register
-from usarsim_maps.scene import Color, Light, LightKind, Material, Part, Scene, SceneObject
+from usarsim_maps.scene import Color, Light, LightKind, Material, Mesh, Part, Scene, SceneObject
 from usarsim_maps.units import axis_turn
 
 SHADERS = ("phong", "lambert", "blinn", "constant")
@@ -195,7 +194,7 @@ class _Stage:
                 self._ids.setdefault(name, node)
         self._pictures = Pictures(document.path, context)
         self._materials = read_materials(document, self._ids, self._pictures)
-        self._geometries: dict[str, Geometry | None] = {}
+        self._geometries: dict[str, Mesh | None] = {}
         self._triangles = self._shown = 0
         self._objects: list[SceneObject] = []
         self._lights: list[Light] = []
@@ -213,9 +212,7 @@ class _Stage:
             source=self._axes.source(self._document.path, "COLLADA", self._pictures.files),
             objects=with_hulls(self._objects),
             materials=dict(self._materials),
-            starts=tuple(self._markers.starts),
-            path_nodes=tuple(self._markers.path_nodes),
-            victims=tuple(self._markers.victims),
+            **self._markers.fields(),
             lights=tuple(self._lights),
         )
 
@@ -304,18 +301,15 @@ class _Stage:
         if key not in self._geometries:
             found = read_geometry(self._document, self._ids, geometry, self._context.findings)
             self._geometries[key] = found
-            self._triangles += 0 if found is None else len(found.mesh.triangles)
-            if self._triangles > MAX_TRIANGLES:
-                raise too_large(self._document.path, self._triangles)
+            self._triangles += 0 if found is None else len(found.triangles)
+            check_count(self._document.path, self._triangles)
         known = self._geometries[key]
         if known is None:
             return
         pose, local = self._axes.place(matrix)
         bound = dict(self._bound(instance))
-        materials = {
-            slot: bound.get(symbol, symbol) for slot, symbol in enumerate(known.mesh.materials)
-        }
-        part = Part(known.mesh, local @ bind, materials=materials)
+        materials = {slot: bound.get(symbol, symbol) for slot, symbol in enumerate(known.materials)}
+        part = Part(known, local @ bind, materials=materials)
         self._context.findings.count("mesh node")
         self._objects.append(SceneObject(name, (part,), pose, kind="node"))
 

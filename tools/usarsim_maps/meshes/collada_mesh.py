@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_maps.findings import Findings
-from usarsim_maps.meshes.mesh_files import MAX_TRIANGLES, too_large
+from usarsim_maps.meshes.mesh_files import MeshBuilder, check_count
 from usarsim_maps.meshes.polygons import triangulate, triangulate_one
 from usarsim_maps.meshes.xml_text import Document, Node
 from usarsim_maps.scene import Mesh
@@ -19,13 +19,6 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 PRIMITIVES = ("triangles", "polylist", "polygons", "tristrips", "trifans")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Geometry:
-    """A mesh in the file's units and axes; its materials are symbols."""
-
-    mesh: Mesh
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,8 +34,10 @@ class _Inputs:
 
 def read_geometry(
     document: Document, ids: Mapping[str, Node], geometry: Node, findings: Findings
-) -> Geometry | None:
-    """The mesh of a `geometry`; None if it has no triangles.
+) -> Mesh | None:
+    """The mesh of a `geometry` in the file's units and axes; None if it has no triangles.
+
+    Its materials are symbols.
 
     Raises:
         MapImportError: naming the line of what is broken.
@@ -63,47 +58,24 @@ class _Mesh:
         self._findings = findings
         self._sources: dict[int, Array] = {}
 
-    def read(self, geometry: Node, mesh: Node) -> Geometry | None:
+    def read(self, geometry: Node, mesh: Node) -> Mesh | None:
         """All primitives of a mesh in one."""
-        points, triangles, uvs, slots = [], [], [], []
-        symbols: dict[str, int] = {}
-        count, textured = 0, False
-        blocks: dict[int, int] = {}
+        whole = MeshBuilder()
         for primitive in mesh.children:
             if primitive.tag not in PRIMITIVES:
                 if primitive.tag in ("lines", "linestrips"):
                     self._findings.skip(primitive.tag)
                 continue
             inputs = self._inputs(mesh, primitive)
-            if inputs is None:
+            rows = None if inputs is None else self._rows(primitive, inputs)
+            if inputs is None or rows is None or not len(rows):
                 continue
-            rows = self._rows(primitive, inputs)
-            if not len(rows):
-                continue
-            if id(inputs.points) not in blocks:
-                blocks[id(inputs.points)] = count
-                points.append(inputs.points)
-                count += len(inputs.points)
-            triangles.append(rows[:, :, inputs.vertex] + blocks[id(inputs.points)])
-            texture = np.zeros((len(rows), 3, 2))
+            uvs = None
             if inputs.uvs is not None and inputs.texture is not None:
-                texture = self._textured(primitive, inputs.uvs, rows[:, :, inputs.texture])
-                textured = True
-            uvs.append(texture)
-            symbol = primitive.get("material")
-            slots.append(np.full(len(rows), symbols.setdefault(symbol, len(symbols))))
-        if not triangles:
-            return None
-        return Geometry(
-            Mesh(
-                name=geometry.get("name") or geometry.get("id") or "geometry",
-                vertices=np.concatenate(points),
-                triangles=np.concatenate(triangles).astype(np.int32),
-                uvs=np.concatenate(uvs) if textured else None,
-                slots=np.concatenate(slots).astype(np.int32),
-                materials=tuple(symbols),
-            )
-        )
+                uvs = self._textured(primitive, inputs.uvs, rows[:, :, inputs.texture])
+            corners = rows[:, :, inputs.vertex]
+            whole.add(inputs.points, corners, uvs, [primitive.get("material")])
+        return whole.mesh(geometry.get("name") or geometry.get("id") or "geometry")
 
     def _textured(self, primitive: Node, uvs: Array, corners: Integers) -> Array:
         """Texture coordinates (m, 3, 2) of triangles; those that are not there become the first."""
@@ -215,8 +187,7 @@ class _Mesh:
                 found = self._polygons(primitive, inputs)
             case _:
                 found = self._chains(primitive, inputs)
-        if len(found) > MAX_TRIANGLES:
-            raise too_large(self._document.path, len(found))
+        check_count(self._document.path, len(found))
         return found
 
     def _corners(self, indices: Node | None, inputs: _Inputs) -> Integers:

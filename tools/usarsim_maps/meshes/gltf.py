@@ -6,27 +6,28 @@ count on nodes: `tag`, `movable`, `mass`, `friction`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_maps.meshes import gltf_looks as gltf_draco
-from usarsim_maps.meshes.gltf_data import GltfFile, Item, load_gltf
-from usarsim_maps.meshes.gltf_looks import finish_materials
+from usarsim_maps.meshes.gltf_data import DRACO, DracoPrimitive, GltfFile, Item, load_gltf
 from usarsim_maps.meshes.mesh_files import (
-    MAX_TRIANGLES,
     Axes,
     Markers,
+    MeshBuilder,
     Pictures,
     axes_of,
-    too_large,
+    check_count,
     with_hulls,
 )
 from usarsim_maps.reader import Context, Reader, register
-from usarsim_maps.scene import Light, LightKind, Mesh, Part, Scene, SceneObject
+from usarsim_maps.scene import Light, LightKind, Material, Mesh, Part, Scene, SceneObject
 from usarsim_server.errors import MapImportError, at
+from usarsim_server.simulation.frames import Pose
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -34,19 +35,11 @@ Integers = NDArray[np.int64]
 MAX_OBJECTS = 100_000
 
 UNDERSTOOD = {
-    "KHR_lights_punctual",
-    "KHR_materials_emissive_strength",
-    "KHR_materials_ior",
-    "KHR_materials_pbrSpecularGlossiness",
-    "KHR_materials_specular",
-    "KHR_materials_transmission",
-    "KHR_materials_unlit",
-    "KHR_materials_volume",
-    "KHR_mesh_quantization",
-    "KHR_texture_transform",
-    "EXT_mesh_gpu_instancing",
-    gltf_draco.EXTENSION,
-}
+    "KHR_lights_punctual", "KHR_materials_emissive_strength", "KHR_materials_ior",
+    "KHR_materials_pbrSpecularGlossiness", "KHR_materials_specular", "KHR_materials_transmission",
+    "KHR_materials_unlit", "KHR_materials_volume", "KHR_mesh_quantization",
+    "KHR_texture_transform", "EXT_mesh_gpu_instancing", DRACO,
+}  # fmt: skip
 """Extensions that a file may require."""
 
 REST = {
@@ -118,9 +111,7 @@ class _Stage:
             ),
             objects=with_hulls(self._objects),
             materials={material.name: material for material, _ in self._materials},
-            starts=tuple(self._markers.starts),
-            path_nodes=tuple(self._markers.path_nodes),
-            victims=tuple(self._markers.victims),
+            **self._markers.fields(),
             lights=tuple(self._lights),
         )
 
@@ -239,33 +230,18 @@ class _Stage:
         return self._meshes[number]
 
     def _build(self, item: Item) -> Mesh | None:
-        points, corners, uvs, slots = [], [], [], []
-        names: dict[str, int] = {}
-        count, textured = 0, False
+        whole = MeshBuilder()
         for primitive in item.items("primitives"):
             found = self._primitive(primitive)
             if found is None:
                 continue
             vertices, triangles, texture, material = found
-            points.append(vertices)
-            corners.append(triangles + count)
-            count += len(vertices)
-            textured |= texture is not None
-            uvs.append(np.zeros((len(triangles), 3, 2)) if texture is None else texture[triangles])
-            slots.append(np.full(len(triangles), names.setdefault(material, len(names))))
+            whole.add(
+                vertices, triangles, None if texture is None else texture[triangles], [material]
+            )
             self._triangles += len(triangles)
-            if self._triangles > MAX_TRIANGLES:
-                raise too_large(self._file.path, self._triangles)
-        if not points:
-            return None
-        return Mesh(
-            name=item.text("name") or f"mesh{item.number}",
-            vertices=np.concatenate(points),
-            triangles=np.concatenate(corners).astype(np.int32),
-            uvs=np.concatenate(uvs) if textured else None,
-            slots=np.concatenate(slots).astype(np.int32),
-            materials=tuple(names),
-        )
+            check_count(self._file.path, self._triangles)
+        return whole.mesh(item.text("name") or f"mesh{item.number}")
 
     def _primitive(self, item: Item) -> tuple[Array, Integers, Array | None, str] | None:
         """Vertices, triangles, texture coordinates per vertex, material; None for lines."""
@@ -276,8 +252,8 @@ class _Stage:
             self._context.findings.skip("points and lines")
             return None
         packed = None
-        if gltf_draco.EXTENSION in item.item("extensions").value:
-            packed = gltf_draco.DracoPrimitive(self._file, item)
+        if DRACO in item.item("extensions").value:
+            packed = DracoPrimitive(self._file, item)
         vertices = self._values("POSITION", place, packed)
         if vertices.shape[1] != 3:
             raise item.error("positions that are no triples")
@@ -307,7 +283,7 @@ class _Stage:
             texture = None
         return vertices, _triangles(chain, int(mode)), texture, name
 
-    def _values(self, name: str, accessor: int, packed: gltf_draco.DracoPrimitive | None) -> Array:
+    def _values(self, name: str, accessor: int, packed: DracoPrimitive | None) -> Array:
         """An attribute, from its accessor or from the compressed buffer."""
         if packed is not None:
             return packed.attribute(name, accessor)
@@ -345,14 +321,123 @@ def _matrix(node: Item) -> Array | None:
 def _compose(translation: Array, rotation: Array, scale: Array) -> Array:
     """Translation, rotation (x, y, z, w) and scale as a matrix."""
     x, y, z, w = rotation / max(float(np.linalg.norm(rotation)), 1e-12)
-    turn = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
     matrix = np.eye(4)
-    matrix[:3, :3] = turn * scale
+    matrix[:3, :3] = Pose(quaternion=(w, x, y, z)).matrix() * scale
     matrix[:3, 3] = translation
     return matrix
+
+
+# ---- materials -----------------------------------------------------------------------------
+
+REPEAT, MIRRORED = 10497, 33648
+
+
+@dataclass(frozen=True, slots=True)
+class Mapping:
+    """How a material uses texture coordinates.
+
+    Attributes:
+        channel: number of the set of coordinates.
+        offset, scale: of KHR_texture_transform.
+        rotation: rad, anticlockwise in the picture.
+    """
+
+    channel: int = 0
+    offset: tuple[float, float] = (0.0, 0.0)
+    scale: tuple[float, float] = (1.0, 1.0)
+    rotation: float = 0.0
+
+    def apply(self, uvs: Array) -> Array:
+        """Coordinates (n, 2) with v upwards; in the file v counts downwards."""
+        c, s = math.cos(self.rotation), math.sin(self.rotation)
+        scaled = uvs * np.array(self.scale)
+        turned = scaled @ np.array([[c, s], [-s, c]]).T + np.array(self.offset)
+        answer: Array = turned * np.array([1.0, -1.0]) + np.array([0.0, 1.0])
+        return answer
+
+
+def finish_materials(file: GltfFile, pictures: Pictures) -> list[tuple[Material, Mapping]]:
+    """All materials in the order of the file; names are made unique.
+
+    A picture that cannot be had is a finding.
+
+    Raises:
+        MapImportError: the list of materials is none.
+    """
+    taken: set[str] = set()
+    answer = []
+    for item in file.items("materials"):
+        name = item.text("name") or "material"
+        if name in taken:
+            name = f"{name}-{item.number}"
+        taken.add(name)
+        answer.append(_material(file, item, name, pictures))
+    return answer
+
+
+def _material(
+    file: GltfFile, item: Item, name: str, pictures: Pictures
+) -> tuple[Material, Mapping]:
+    findings = pictures.context.findings
+    base, color, picture = item.item("pbrMetallicRoughness"), "baseColorFactor", "baseColorTexture"
+    older = item.item("extensions").item("KHR_materials_pbrSpecularGlossiness")
+    if older.value:
+        base, color, picture = older, "diffuseFactor", "diffuseTexture"
+    r, g, b, a = np.clip(base.vector(color, (1.0, 1.0, 1.0, 1.0), findings), 0.0, 1.0).tolist()
+    if item.text("alphaMode") != "BLEND":
+        a = 1.0
+    passed = item.item("extensions").item("KHR_materials_transmission")
+    a = min(a, 1.0 - 0.8 * (passed.positive("transmissionFactor") or 0.0))
+    material = Material(name, (_srgb(r), _srgb(g), _srgb(b), max(0.0, a)))
+    texture = base.item(picture)
+    try:
+        number = texture.index("index", file.items("textures"))
+        if number is not None:
+            return _textured(file, material, file.items("textures")[number], texture, pictures)
+    except MapImportError as error:
+        findings.warn(file.path.name, f"{error}; the picture of {name!r} was left out")
+    return material, Mapping()
+
+
+def _textured(
+    file: GltfFile, material: Material, entry: Item, use: Item, pictures: Pictures
+) -> tuple[Material, Mapping]:
+    source = entry.index("source", file.items("images"))
+    for word in ("EXT_texture_webp", "MSFT_texture_dds"):
+        if source is None:
+            source = entry.item("extensions").item(word).index("source", file.items("images"))
+    if source is None:
+        return material, Mapping()
+    image = file.items("images")[source]
+    sampler = entry.index("sampler", file.items("samplers"))
+    repeat = True
+    if sampler is not None:
+        wrap = file.items("samplers")[sampler].number_of("wrapS", REPEAT)
+        repeat = wrap in (REPEAT, MIRRORED)
+    path, content = None, None
+    uri = image.text("uri")
+    view = image.index("bufferView", file.items("bufferViews"))
+    if uri.startswith("data:"):
+        content = file.resource(image, uri)
+    elif uri:
+        path = pictures.find(uri)
+    elif view is not None:
+        content = file.view(view)
+    change = use.item("extensions").item("KHR_texture_transform")
+    findings = pictures.context.findings
+    u, v = change.vector("offset", (0.0, 0.0), findings)
+    su, sv = change.vector("scale", (1.0, 1.0), findings)
+    mapping = Mapping(
+        channel=change.number_of("texCoord", use.number_of("texCoord", 0)),
+        offset=(u, v),
+        scale=(su, sv),
+        rotation=change.number_or("rotation", 0.0),
+    )
+    return Material(material.name, material.color, path, content, repeat), mapping
+
+
+def _srgb(value: float) -> float:
+    """Colour factors are linear; screens are not."""
+    if value <= 0.0031308:
+        return 12.92 * value
+    return float(1.055 * value ** (1.0 / 2.4) - 0.055)

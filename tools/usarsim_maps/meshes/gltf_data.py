@@ -16,10 +16,13 @@ from numpy.typing import NDArray
 
 from usarsim_maps.files import AssetIndex, read_bytes
 from usarsim_maps.findings import Findings
+from usarsim_maps.meshes.mesh_files import CURE, broken
+from usarsim_maps.reader import need
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.files import ALLOW, Folders
 
 Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
 MAX_BYTES = 1 << 30
 MAX_JSON = 128 << 20
@@ -29,7 +32,6 @@ MAX_VALUES = 100_000_000
 FAR = 1e12
 """Larger numbers in nodes have no meaning."""
 
-CURE = "the file is damaged or cut off; export it again"
 
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
@@ -318,12 +320,11 @@ def load_gltf(path: Path, folders: Folders) -> GltfFile:
     try:
         value = json.loads(text.decode("utf-8-sig"))
     except UnicodeDecodeError:
-        raise MapImportError(at(path, "the JSON is not UTF-8", CURE)) from None
+        raise broken(path, "the JSON is not UTF-8") from None
     except json.JSONDecodeError as error:
-        where = f"line {error.lineno}"
-        raise MapImportError(at(path, f"no sound JSON: {error.msg}", CURE, where=where)) from None
+        raise broken(path, f"no sound JSON: {error.msg}", error.lineno) from None
     except ValueError as error:  # absurdly long numbers
-        raise MapImportError(at(path, f"no sound JSON: {error}"[:200], CURE)) from None
+        raise broken(path, f"no sound JSON: {error}"[:200]) from None
     root = Item(path, "", value if isinstance(value, dict) else {})
     version = root.item("asset").text("version")
     if not version.startswith("2"):
@@ -342,7 +343,7 @@ def _chunks(path: Path, content: bytes) -> tuple[bytes, bytes | None]:
             raise MapImportError(at(path, problem, "export as glTF 2.0"))
         if length > len(content):
             problem = f"{length} bytes are announced, {len(content)} are there"
-            raise MapImportError(at(path, problem, CURE))
+            raise broken(path, problem)
         place = 12
         while place + 8 <= length:
             size, kind = struct.unpack_from("<II", content, place)
@@ -355,5 +356,53 @@ def _chunks(path: Path, content: bytes) -> tuple[bytes, bytes | None]:
                 chunk = content[place : place + size]
             place += size
     if text is None:
-        raise MapImportError(at(path, "a GLB file without a whole JSON part", CURE))
+        raise broken(path, "a GLB file without a whole JSON part")
     return text, chunk
+
+
+# ---- compressed meshes --------------------------------------------------------------------
+
+DRACO = "KHR_draco_mesh_compression"
+
+NONE = 1 << 31
+"""An attribute that no buffer has."""
+
+
+class DracoPrimitive:
+    """What is in the compressed buffer of a primitive.
+
+    Attributes:
+        chain: (3 n,) vertex numbers of its triangles.
+    """
+
+    def __init__(self, file: GltfFile, primitive: Item) -> None:
+        """Decompress it.
+
+        Raises:
+            MapImportError: DracoPy is not installed, or the buffer is damaged.
+        """
+        draco = need("DracoPy", file.path, "meshes compressed by Draco")
+        self._file = file
+        self._item = primitive.item("extensions").item(DRACO)
+        view = self._item.index("bufferView", file.items("bufferViews"))
+        if view is None:
+            raise self._item.error("no buffer view")
+        try:
+            self._mesh = draco.decode(file.view(view))
+            faces = np.asarray(self._mesh.faces, np.int64)
+        except Exception as error:  # a library of C++ behind several layers: it says what it likes
+            raise self._item.error(f"Draco cannot decompress it: {error}"[:200]) from None
+        self.chain: Integers = faces.reshape(-1)
+
+    def attribute(self, name: str, accessor: int) -> Array:
+        """Values (n, width) of `POSITION` or another attribute, in the types of its accessor.
+
+        Raises:
+            MapImportError: the buffer has no such attribute.
+        """
+        number = self._item.item("attributes").number_of(name, NONE)
+        found = self._mesh.get_attribute_by_unique_id(number)
+        if found is None:
+            raise self._item.error(f"attribute {number} ({name}) is not in the compressed buffer")
+        values = np.asarray(found["data"])
+        return self._file.as_accessor(accessor, values)

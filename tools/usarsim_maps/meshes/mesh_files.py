@@ -12,22 +12,28 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PureWindowsPath
+from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_maps.files import AssetIndex
-from usarsim_maps.meshes.assets import PICTURES
 from usarsim_maps.reader import Context, ImportOptions
-from usarsim_maps.scene import Collision, Mesh, PathNode, SceneObject, Source, Start, Victim
+from usarsim_maps.scene import Collision, Mesh, PathNode, Scene, SceneObject, Source, Start, Victim
 from usarsim_maps.units import MIRROR, axis_matrix, matrix_of_pose, pose_of_matrix
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.files import is_regular
 from usarsim_server.simulation.frames import Pose
 
 Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
+Integers = NDArray[np.integer[Any]]
+
+CURE = "the file is damaged or cut off; export it again"
+
+PICTURES = (".png", ".tga", ".dds", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff")
+"""Extensions of pictures, in the order of preference."""
+
 
 MAX_TRIANGLES = 8_000_000
 """Of one file; more would take gigabytes."""
@@ -148,10 +154,103 @@ def make_mesh(
     )
 
 
-def too_large(source: Path, count: int) -> MapImportError:
-    """The error for a file with too many triangles."""
-    problem = f"{count} triangles are more than {MAX_TRIANGLES}"
-    return MapImportError(at(source, problem, "simplify the mesh, or split it"))
+class MeshBuilder:
+    """Collects triangles in blocks, each with its materials, into one mesh."""
+
+    def __init__(self) -> None:
+        self._points: list[Array] = []
+        self._blocks: list[tuple[Integers, Array | None, Integers]] = []
+        self._first: dict[int, int] = {}
+        self._materials: dict[str, int] = {}
+
+    def add(
+        self,
+        points: Array,
+        triangles: Integers,
+        uvs: Array | None = None,
+        materials: Sequence[str] = ("",),
+        slots: Integers | None = None,
+    ) -> None:
+        """Add triangles (m, 3) of points (n, 3); the same array of points is stored once.
+
+        Args:
+            points: all or more of those that the triangles use.
+            triangles: indices into them.
+            uvs: (m, 3, 2), v upwards.
+            materials: names of those that the slots mean.
+            slots: (m,) numbers of materials; None: all triangles have the first one.
+        """
+        if id(points) not in self._first:
+            self._first[id(points)] = sum(map(len, self._points))
+            self._points.append(points)
+        known = self._materials
+        table = np.array([known.setdefault(name, len(known)) for name in materials])
+        own = np.zeros(len(triangles), np.int64) if slots is None else slots
+        chosen = table[np.clip(own, 0, len(table) - 1)]
+        self._blocks.append((triangles + self._first[id(points)], uvs, chosen))
+
+    def mesh(self, name: str, hulls: Sequence[Array] = ()) -> Mesh | None:
+        """All of it; None if nothing was added."""
+        if not self._blocks:
+            return None
+        triangles, uvs, slots = zip(*self._blocks, strict=True)
+        textured = any(own is not None for own in uvs)
+        plain = (np.zeros((len(t), 3, 2)) if u is None else u for t, u, _ in self._blocks)
+        return Mesh(
+            name=name,
+            vertices=np.concatenate(self._points),
+            triangles=np.concatenate(triangles).astype(np.int32),
+            uvs=np.concatenate(list(plain)) if textured else None,
+            slots=np.concatenate(slots).astype(np.int32),
+            materials=tuple(self._materials),
+            hulls=tuple(hulls),
+        )
+
+
+def merge_meshes(scene: Scene, name: str) -> Mesh | None:
+    """One mesh out of everything visible in a scene, hulls of the artist included.
+
+    Parts that are solid and not visible become hulls. None if there is no mesh at all.
+    """
+    merged, hulls = MeshBuilder(), []
+    for thing in scene.objects:
+        for part in thing.parts:
+            mesh = part.shape
+            if not isinstance(mesh, Mesh):
+                continue
+            matrix = matrix_of_pose(thing.pose) @ part.matrix
+            linear, offset = matrix[:3, :3], matrix[:3, 3]
+            if not part.visible:
+                hulls.append(mesh.vertices @ linear.T + offset)
+                continue
+            hulls += [np.asarray(hull) @ linear.T + offset for hull in mesh.hulls]
+            turned = -1 if np.linalg.det(linear) < 0.0 else 1
+            names = enumerate(mesh.materials or ("",))
+            merged.add(
+                mesh.vertices @ linear.T + offset,
+                mesh.triangles[:, ::turned],
+                None if mesh.uvs is None else mesh.uvs[:, ::turned],
+                [part.materials.get(slot, name) for slot, name in names],
+                mesh.slots,
+            )
+    return merged.mesh(name, hulls)
+
+
+def check_count(source: Path, count: int) -> None:
+    """Refuse a file with too many triangles.
+
+    Raises:
+        MapImportError: it has.
+    """
+    if count > MAX_TRIANGLES:
+        problem = f"{count} triangles are more than {MAX_TRIANGLES}"
+        raise MapImportError(at(source, problem, "simplify the mesh, or split it"))
+
+
+def broken(source: Path, problem: str, where: int | str | None = None) -> MapImportError:
+    """The error for a damaged file: file, line or other place, problem, and the usual cure."""
+    place = f"line {where}" if isinstance(where, int) else where
+    return MapImportError(at(source, problem, CURE, where=place))
 
 
 # ---- pictures --------------------------------------------------------------------------------
@@ -284,6 +383,10 @@ class Markers:
         self.starts: list[Start] = []
         self.path_nodes: list[PathNode] = []
         self.victims: list[Victim] = []
+
+    def fields(self) -> dict[str, Any]:
+        """All that was found, by the fields of a scene."""
+        return {name: tuple(found) for name, found in vars(self).items()}
 
     def take(self, name: str, pose: Pose, tag: str = "") -> str | None:
         """The kind of a marker, `start`, `path node` or `victim`; None if it is none.

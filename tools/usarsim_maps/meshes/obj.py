@@ -22,15 +22,15 @@ from usarsim_maps.meshes.mesh_files import (
     Axes,
     Pictures,
     axes_of,
+    broken,
+    check_count,
     make_mesh,
-    too_large,
     with_hulls,
 )
 from usarsim_maps.meshes.polygons import triangulate
 from usarsim_maps.numbers import read_number
 from usarsim_maps.reader import Context, Reader, register
 from usarsim_maps.scene import Material, Part, Scene, SceneObject
-from usarsim_server.errors import MapImportError, at
 
 MAX_BYTES = 512 << 20
 MAX_MTL_BYTES = 16 << 20
@@ -38,7 +38,6 @@ MAX_MTL_BYTES = 16 << 20
 _COMMENT = re.compile(r"(?<!\d\.)#.*")
 """From a hash on, unless it is that of `-1.#IND`."""
 
-CURE = "the file is damaged or cut off; export it again"
 
 MAP_OPTIONS = {
     "-o": 3, "-s": 3, "-t": 3, "-mm": 2, "-bm": 1, "-boost": 1, "-texres": 1, "-clamp": 1,
@@ -83,7 +82,7 @@ class ObjReader(Reader):
         known, libraries = _materials(source, file.libraries, context, pictures)
         objects = [file.build(group, axes) for group in file.groups if group.sizes]
         if not objects:
-            raise MapImportError(at(source, "there are no faces in this file", CURE))
+            raise broken(source, "there are no faces in this file")
         context.findings.count("mesh", len(objects))
         used = dict.fromkeys(name for name in file.materials if name)
         return Scene(
@@ -139,7 +138,7 @@ class _File:
                 if not self._again(words):
                     self._refuse(number, f"{' '.join(words)[:60]!r} is no sound line")
             if corners > 4 * MAX_TRIANGLES:
-                raise too_large(self._source, corners)
+                check_count(self._source, corners)
 
     def _again(self, words: list[str]) -> bool:
         """Try numbers with decimal commas, and what C prints for none; whether that helped."""
@@ -156,7 +155,7 @@ class _File:
         return True
 
     def _refuse(self, line: int, problem: str) -> NoReturn:
-        raise MapImportError(at(self._source, problem, CURE, where=f"line {line}")) from None
+        raise broken(self._source, problem, line) from None
 
     def _enter(self, name: str) -> None:
         name = name or self._source.stem
@@ -222,8 +221,7 @@ class _File:
         points = self._all_points
         vertices = np.array(group.vertices)
         triangles, owner = triangulate(points[vertices], np.array(group.sizes))
-        if len(triangles) > MAX_TRIANGLES:
-            raise too_large(self._source, len(triangles))
+        check_count(self._source, len(triangles))
         textures = np.array(group.textures)[triangles]
         uvs = None
         if self._uvs and (textures >= 0).any():

@@ -15,7 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_maps.files import read_bytes
-from usarsim_maps.meshes.mesh_files import MAX_TRIANGLES, Pictures, axes_of, make_mesh, too_large
+from usarsim_maps.meshes.mesh_files import (
+    MAX_TRIANGLES,
+    Pictures,
+    axes_of,
+    broken,
+    check_count,
+    make_mesh,
+)
 from usarsim_maps.meshes.polygons import triangulate
 from usarsim_maps.numbers import read_number, read_whole
 from usarsim_maps.reader import Context, Reader, register
@@ -31,7 +38,6 @@ MAX_PROPERTIES = 200
 SHADES = 4
 """Steps per colour channel that coloured vertices are rounded to; each colour is a material."""
 
-CURE = "the file is damaged or cut off; export it again"
 
 TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2",
@@ -84,7 +90,7 @@ class PlyReader(Reader):
         tables, pictures = _parse(source, read_bytes(source, MAX_BYTES))
         vertex, face = tables.get("vertex"), tables.get("face")
         if vertex is None or not {"x", "y", "z"} <= vertex.columns.keys():
-            raise MapImportError(at(source, "no vertices with x, y and z", CURE))
+            raise broken(source, "no vertices with x, y and z")
         points = np.column_stack([vertex.columns[axis] for axis in "xyz"])
         corners, sizes, uvs = _corners(source, vertex, face, tables.get("tristrips"), len(points))
         triangles, _ = triangulate(points[corners], sizes)
@@ -137,7 +143,7 @@ def _parse(source: Path, content: bytes) -> tuple[dict[str, _Table], list[str]]:
 def _header(source: Path, content: bytes) -> tuple[str, list[_Element], list[str], int]:
     end = content.find(b"end_header", 0, MAX_HEADER)
     if not content.startswith(b"ply") or end < 0:
-        raise MapImportError(at(source, "no header of a PLY file", CURE))
+        raise broken(source, "no header of a PLY file")
     start = content.find(b"\n", end) + 1
     if not start:
         start = end + len(b"end_header\r")
@@ -169,15 +175,15 @@ def _header(source: Path, content: bytes) -> tuple[str, list[_Element], list[str
                     raise ValueError
         except (KeyError, ValueError, IndexError):
             problem = f"{line[:60]!r} is no sound line of a header"
-            raise MapImportError(at(source, problem, CURE, where=f"line {number}")) from None
+            raise broken(source, problem, number) from None
     if not order or any(len(e.properties) > MAX_PROPERTIES for e in elements):
-        raise MapImportError(at(source, "the header has no format that is known", CURE))
+        raise broken(source, "the header has no format that is known")
     return order, elements, pictures, start
 
 
 def _short(source: Path, element: _Element) -> MapImportError:
     problem = f"the file ends before {element.count} of element {element.name!r}"
-    return MapImportError(at(source, problem, CURE))
+    return broken(source, problem)
 
 
 # ---- values ----------------------------------------------------------------------------------
@@ -195,36 +201,62 @@ def _ascii(
             values = _numbers(words[place:end]).reshape(element.count, width)
             columns = {p.name: values[:, k] for k, p in enumerate(element.properties)}
             return _Table(columns, {}), end
-        plain: dict[str, list[bytes]] = {p.name: [] for p in element.properties if not p.count}
-        lists: dict[str, tuple[list[int], list[bytes]]] = {
-            p.name: ([], []) for p in element.properties if p.count
-        }
-        for _ in range(element.count):
-            for item in element.properties:
-                if not item.count:
-                    plain[item.name].append(words[place])
-                    place += 1
-                    continue
-                length = read_whole(words[place])
-                if not 0 <= length <= len(words) - place - 1:
-                    raise IndexError
-                sizes, values_of = lists[item.name]
-                sizes.append(length)
-                values_of.extend(words[place + 1 : place + 1 + length])
-                place += 1 + length
-        columns = {name: _numbers(values) for name, values in plain.items()}
-        tables = {
-            name: (np.array(sizes, dtype=np.int64), _numbers(values))
-            for name, (sizes, values) in lists.items()
-        }
+        reader = _Reader(words, place)
+        return _rows(element, reader), reader.place
     except ValueError as error:
-        raise MapImportError(at(source, f"{error}"[:100], CURE, where=element.name)) from None
+        raise broken(source, f"{error}"[:100], element.name) from None
     except IndexError:
         raise _short(source, element) from None
-    return _Table(columns, tables), place
 
 
-def _numbers(words: Sequence[bytes]) -> Array:
+class _Reader:
+    """Values one after another: words of a text, or bytes in the order `<` or `>`."""
+
+    def __init__(self, content: Any, place: int, order: str = "") -> None:
+        self._content = content
+        self._order = order
+        self.place = place
+
+    def take(self, kind: str, count: int) -> list[Any]:
+        """So many values; an IndexError if there are not so many."""
+        end = self.place + count * (np.dtype(kind).itemsize if self._order else 1)
+        if count < 0 or end > len(self._content):
+            raise IndexError
+        piece = self._content[self.place : end]
+        self.place = end
+        return np.frombuffer(piece, self._order + kind).tolist() if self._order else list(piece)
+
+    def length(self, kind: str) -> int:
+        """The number of values that follow; a ValueError if a word is no whole one."""
+        (value,) = self.take(kind, 1)
+        if not self._order:
+            return read_whole(value)
+        if not 0.0 <= value <= len(self._content):
+            raise IndexError
+        return int(value)
+
+
+def _rows(element: _Element, reader: _Reader) -> _Table:
+    """An element value by value, with lists of any lengths."""
+    plain: dict[str, list[Any]] = {p.name: [] for p in element.properties if not p.count}
+    lists: dict[str, tuple[list[int], list[Any]]] = {
+        p.name: ([], []) for p in element.properties if p.count
+    }
+    for _ in range(element.count):
+        for item in element.properties:
+            if not item.count:
+                plain[item.name] += reader.take(item.kind, 1)
+                continue
+            length = reader.length(item.count)
+            lists[item.name][0].append(length)
+            lists[item.name][1].extend(reader.take(item.kind, length))
+    return _Table(
+        {name: _numbers(values) for name, values in plain.items()},
+        {name: (np.array(n, np.int64), _numbers(values)) for name, (n, values) in lists.items()},
+    )
+
+
+def _numbers(words: Sequence[Any]) -> Array:
     """Values of words, also of those with decimal commas."""
     try:
         return np.array(words, dtype=float)
@@ -288,39 +320,12 @@ def _irregular(
     source: Path, element: _Element, content: bytes, start: int, order: str
 ) -> tuple[_Table, int]:
     if element.count > 2 * MAX_TRIANGLES:
-        raise too_large(source, element.count)
-    plain: dict[str, list[Array]] = {p.name: [] for p in element.properties if not p.count}
-    lists: dict[str, tuple[list[int], list[Array]]] = {
-        p.name: ([], []) for p in element.properties if p.count
-    }
-    kinds = [(np.dtype(order + (p.count or "u1")), np.dtype(order + p.kind), p)
-             for p in element.properties]  # fmt: skip
+        check_count(source, element.count)
+    reader = _Reader(content, start, order)
     try:
-        for _ in range(element.count):
-            for counter, kind, item in kinds:
-                if not item.count:
-                    plain[item.name].append(np.frombuffer(content, kind, 1, start))
-                    start += kind.itemsize
-                    continue
-                announced = float(np.frombuffer(content, counter, 1, start)[0])
-                start += counter.itemsize
-                if not 0 <= announced * kind.itemsize <= len(content) - start:
-                    raise ValueError
-                length = int(announced)
-                sizes, values = lists[item.name]
-                sizes.append(length)
-                if length:
-                    values.append(np.frombuffer(content, kind, length, start))
-                start += length * kind.itemsize
-    except ValueError:
+        return _rows(element, reader), reader.place
+    except IndexError:
         raise _short(source, element) from None
-    nothing = np.zeros(0)
-    columns = {name: np.concatenate([nothing, *found]) for name, found in plain.items()}
-    tables = {
-        name: (np.array(sizes, dtype=np.int64), np.concatenate([nothing, *found]))
-        for name, (sizes, found) in lists.items()
-    }
-    return _Table(columns, tables), start
 
 
 # ---- faces -----------------------------------------------------------------------------------
@@ -341,9 +346,9 @@ def _corners(
     if not np.isfinite(values).all() or (
         len(values) and not 0 <= values.min() <= values.max() <= count - 1
     ):
-        raise MapImportError(at(source, f"a face refers to none of the {count} vertices", CURE))
+        raise broken(source, f"a face refers to none of the {count} vertices")
     if int(np.maximum(sizes - 2, 0).sum()) > MAX_TRIANGLES:
-        raise too_large(source, int(sizes.sum()))
+        check_count(source, int(sizes.sum()))
     corners = np.rint(values).astype(np.int64)
     wedge = table.get("texcoord")
     if wedge is not None and np.array_equal(wedge[0], 2 * sizes):

@@ -12,17 +12,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_maps.files import read_bytes
-from usarsim_maps.meshes.mesh_files import MAX_TRIANGLES, axes_of, make_mesh, too_large, with_hulls
+from usarsim_maps.meshes.mesh_files import (
+    MAX_TRIANGLES,
+    axes_of,
+    broken,
+    check_count,
+    make_mesh,
+    with_hulls,
+)
 from usarsim_maps.numbers import read_number
 from usarsim_maps.reader import Context, Reader, register
 from usarsim_maps.scene import Part, Scene, SceneObject
-from usarsim_server.errors import MapImportError, at
 
 Array = NDArray[np.float64]
 
 MAX_BYTES = 512 << 20
 HEADER = 84
-CURE = "the file is damaged or cut off; export it again"
 
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("extra", "<u2")])
 
@@ -52,7 +57,7 @@ class StlReader(Reader):
             mesh = make_mesh(name, points, inverse.reshape(-1, 3), linear=axes.linear)
             objects.append(SceneObject(name, (Part(mesh),), kind="mesh"))
         if not objects:
-            raise MapImportError(at(source, "there are no triangles in this file", CURE))
+            raise broken(source, "there are no triangles in this file")
         context.findings.count("mesh", len(objects))
         return Scene(source=axes.source(source, "STL"), objects=with_hulls(objects))
 
@@ -67,14 +72,13 @@ def _is_text(content: bytes) -> bool:
 
 def _binary(source: Path, content: bytes) -> tuple[str, Array]:
     if len(content) < HEADER:
-        raise MapImportError(at(source, f"{len(content)} bytes are no STL file", CURE))
+        raise broken(source, f"{len(content)} bytes are no STL file")
     count = int.from_bytes(content[80:HEADER], "little")
     there = (len(content) - HEADER) // _FACET.itemsize
     if count > there:
         problem = f"{count} triangles are announced, {there} are there"
-        raise MapImportError(at(source, problem, CURE))
-    if count > MAX_TRIANGLES:
-        raise too_large(source, count)
+        raise broken(source, problem)
+    check_count(source, count)
     facets = np.frombuffer(content, _FACET, count, HEADER)
     with np.errstate(invalid="ignore"):
         return source.stem, facets["corners"].astype(float)
@@ -96,7 +100,7 @@ def _text(source: Path, content: bytes) -> list[tuple[str, Array]]:
                     values = []
                 if len(values) != 3 or not solids:
                     problem = f"{line[:60].decode('latin-1')!r} is no vertex"
-                    raise MapImportError(at(source, problem, CURE, where=f"line {number}"))
+                    raise broken(source, problem, number)
                 solids[-1][1].extend(values)
                 count += 1
             case b"solid":
@@ -107,9 +111,9 @@ def _text(source: Path, content: bytes) -> list[tuple[str, Array]]:
                 closed = True
             case b"endfacet" if count % 3:
                 problem = "a facet without three vertices"
-                raise MapImportError(at(source, problem, CURE, where=f"line {number}"))
+                raise broken(source, problem, number)
     if count % 3 or not closed:
-        raise MapImportError(at(source, "the file ends in the middle of a solid", CURE))
+        raise broken(source, "the file ends in the middle of a solid")
     if count > 3 * MAX_TRIANGLES:
-        raise too_large(source, count // 3)
+        check_count(source, count // 3)
     return [(name, np.array(values).reshape(-1, 3, 3)) for name, values in solids]

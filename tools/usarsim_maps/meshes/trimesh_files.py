@@ -16,11 +16,10 @@ import numpy as np
 
 from usarsim_maps.files import MAX_BYTES, read_bytes
 from usarsim_maps.meshes.mesh_files import (
-    MAX_TRIANGLES,
     Axes,
     axes_of,
+    check_count,
     make_mesh,
-    too_large,
     with_hulls,
 )
 from usarsim_maps.reader import Context, Reader, need, register
@@ -101,8 +100,7 @@ def _scene(
             made = geometry[key]
             faces = np.asarray(getattr(made, "faces", ()), np.int64).reshape(-1, 3)
             count += len(faces)
-            if count > MAX_TRIANGLES:
-                raise too_large(source, count)
+            check_count(source, count)
             meshes[key] = None if not len(faces) else _mesh(key, made, faces, materials)
         mesh = meshes[key]
         if mesh is None:

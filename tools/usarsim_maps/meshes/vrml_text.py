@@ -11,11 +11,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from usarsim_maps.files import decode, read_bytes
+from usarsim_maps.meshes.mesh_files import broken
 from usarsim_maps.meshes.xml_text import MAX_DEPTH, MAX_ELEMENTS, Document, Node
 from usarsim_server.errors import MapImportError, at
 
 MAX_BYTES = 256 << 20
-CURE = "the file is damaged or cut off; export it again"
 
 _TOKEN = re.compile(
     r'(?P<space>[\s,]+|#[^\n]*)|(?P<text>"(?:[^"\\]|\\.)*")|(?P<mark>[\[\]{}])'
@@ -79,7 +79,7 @@ class _Parser:
 
     def _error(self, problem: str, line: int | None = None) -> MapImportError:
         where = f"line {self._line if line is None else line}"
-        return MapImportError(at(self._path, problem, CURE, where=where))
+        return broken(self._path, problem, where)
 
     def _expect(self, mark: str) -> None:
         if self._next != mark:

@@ -17,12 +17,11 @@ from numpy.typing import NDArray
 from usarsim_maps.files import AssetIndex, read_head
 from usarsim_maps.findings import Findings
 from usarsim_maps.meshes.mesh_files import (
-    MAX_TRIANGLES,
     Axes,
     Markers,
     Pictures,
     axes_of,
-    too_large,
+    check_count,
     with_hulls,
 )
 from usarsim_maps.meshes.vrml_text import read_vrml
@@ -142,9 +141,7 @@ class _Stage:
             source=self._axes.source(files[0], "X3D", [*files, *self._pictures.files]),
             objects=with_hulls(self._objects),
             materials=self._materials,
-            starts=tuple(self._markers.starts),
-            path_nodes=tuple(self._markers.path_nodes),
-            victims=tuple(self._markers.victims),
+            **self._markers.fields(),
         )
 
     def _meant(self, node: Node) -> Node:
@@ -229,8 +226,7 @@ class _Stage:
         if id(geometry) not in self._meshes:
             mesh = make_geometry(self._document, geometry, self._field_of(geometry))
             self._triangles += 0 if mesh is None else len(mesh.triangles)
-            if self._triangles > MAX_TRIANGLES:
-                raise too_large(self._document.path, self._triangles)
+            check_count(self._document.path, self._triangles)
             self._meshes[id(geometry)] = mesh
         mesh = self._meshes[id(geometry)]
         if mesh is None:

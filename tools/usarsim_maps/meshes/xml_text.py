@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from usarsim_maps.files import decode, read_bytes
 from usarsim_maps.findings import Findings
+from usarsim_maps.meshes.mesh_files import CURE, broken
 from usarsim_maps.numbers import read_numbers, read_whole
 from usarsim_server.errors import MapImportError, at
 
@@ -30,7 +31,6 @@ MAX_ELEMENTS = 3_000_000
 FAR = 1e9
 """Larger numbers in a pose, a size or a colour have no meaning."""
 
-CURE = "the file is damaged or cut off; export it again"
 
 _DECLARED = re.compile(rb"<\?xml[^>]{0,200}?encoding\s*=\s*[\"']([A-Za-z0-9._-]{1,40})[\"']")
 _CONTROL = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff\ud800-\udfff]")
@@ -216,7 +216,7 @@ def read_xml(
                 return _parse(path, _mended(text), findings)
             except expat.ExpatError:
                 pass
-        raise MapImportError(at(path, problem, CURE, where=where)) from None
+        raise broken(path, problem, where) from None
 
 
 def _text(content: bytes) -> str:

@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 from pxr import Kind, Tf, Usd, UsdGeom
 
 from usarsim_maps.meshes.mesh_files import (
-    MAX_TRIANGLES,
     Axes,
     Markers,
     Pictures,
+    check_count,
     collision_of,
-    too_large,
 )
 from usarsim_maps.reader import Context
 from usarsim_maps.scene import Collision, Light, Mesh, Part, Scene, SceneObject, Shape
@@ -275,8 +274,7 @@ class StageReader:
         """A shape, its matrix, and its finish unless the shape knows its own."""
         if prim.GetTypeName() == "Mesh":
             mesh = self._meshes.read(prim)
-            if self._meshes.triangles > MAX_TRIANGLES:
-                raise too_large(self._source, self._meshes.triangles)
+            check_count(self._source, self._meshes.triangles)
             return None if mesh is None else (mesh, local, None)
         found = shape_of(prim, local)
         if found is None:
