@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from usarsim_maps.build.builder import Built, build
 from usarsim_maps.findings import Findings
 from usarsim_maps.reader import Context, ImportOptions, read_scene
-from usarsim_maps.scene import Mesh, Part, Scene, SceneObject, Source, Start
+from usarsim_maps.scene import Mesh, Part, Scene, SceneObject, Source
 from usarsim_server.simulation.frames import IDENTITY, Pose, Vector
 from usarsim_server.simulation.model import PhysicsOptions
 from usarsim_server.simulation.rays.query import RayFan
 from usarsim_server.simulation.simulation import Simulation, SimulationOptions
-from usarsim_server.worlds.description import WorldDescription
+from usarsim_server.worlds.description import StartPose, WorldDescription
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.scene import build_scene
 
@@ -92,7 +92,7 @@ def build_world(folder: Path, scene: Scene, findings: Findings | None = None) ->
     return World(build(scene, place, findings), findings, scene)
 
 
-def scene_of(*objects: SceneObject, starts: Sequence[Start] = (), **more: object) -> Scene:
+def scene_of(*objects: SceneObject, starts: Sequence[StartPose] = (), **more: object) -> Scene:
     """A scene of objects."""
     source = Source(Path("map.test"), "test")
     return Scene(source, objects=objects, starts=tuple(starts), **more)  # type: ignore[arg-type]

@@ -31,21 +31,19 @@ from usarsim_maps.scene import (
     LightKind,
     Material,
     Part,
-    PathNode,
     Plane,
     SceneObject,
     Shape,
     Sphere,
-    Start,
-    Victim,
+    map_victim,
 )
 from usarsim_server.errors import MapImportError
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
-from usarsim_server.worlds.description import Smoke, SmokePuff, SmokeVolume
+from usarsim_server.worlds.description import PathNode, Smoke, SmokePuff, SmokeVolume, StartPose
 from usarsim_server.worlds.victims import PELVIS_HEIGHT
 
 FLOOR = thing(cuboid_mesh((-5, -5, -0.2), (5, 5, 0.0)), "floor")
-HERE = Start("Here", Pose((0.0, 0.0, 0.3)))
+HERE = StartPose("Here", Pose((0.0, 0.0, 0.3)))
 
 
 def turned(degrees: float) -> tuple[float, float, float, float]:
@@ -283,7 +281,7 @@ class TestFeeling:
         heights = 0.3 * np.sin(x) + 0.2 * np.cos(y)
         field = Heightfield("hills", heights, (0.5, 0.5), Pose((-10, -5, 1.0)), tag="T")
         world = build_world(
-            tmp_path, scene_of(starts=[Start("S", Pose((0, 0, 2)))], heightfields=(field,))
+            tmp_path, scene_of(starts=[StartPose("S", Pose((0, 0, 2)))], heightfields=(field,))
         )
         for place in ((-3.0, 1.0, 5.0), (4.5, -2.5, 5.0)):
             seen, felt = world.rays(place, AXES[5:])[0], world.solid_rays(place, AXES[5:])[0]
@@ -299,7 +297,7 @@ class TestFeeling:
         )
         assert len(ground.triangles) > 100_000
         world = build_world(
-            tmp_path, scene_of(thing(ground, "ground"), starts=[Start("S", Pose((0, 0, 5)))])
+            tmp_path, scene_of(thing(ground, "ground"), starts=[StartPose("S", Pose((0, 0, 5)))])
         )
         assert world.built.pieces == 1
         assert world.built.memory < 200.0
@@ -324,9 +322,9 @@ class TestTelling:
         """A start in a solid, or without floor below, is reported by name (item 71)."""
         starts = [
             HERE,
-            Start("Buried", Pose((0, 0, -0.1))),
-            Start("Lost", Pose((9.0, 0, 1.0))),
-            Start("Far", Pose((900.0, 0, 1.0))),
+            StartPose("Buried", Pose((0, 0, -0.1))),
+            StartPose("Lost", Pose((9.0, 0, 1.0))),
+            StartPose("Far", Pose((900.0, 0, 1.0))),
         ]
         world = build_world(tmp_path, scene_of(FLOOR, starts=starts))
         text = world.texts()
@@ -349,9 +347,9 @@ class TestTelling:
         """The posture follows the room there is; scale and heading are kept (item 28)."""
         shelf = thing(cuboid_mesh((2, -2, 1.2), (4, 2, 1.4)), "shelf")
         people = (
-            Victim("MaleVictim_0", Pose((-2, 0, 0.4), turned(90)), scale=(1.2, 1.2, 1.2)),
-            Victim("FemaleVictim_0", Pose((3, 0, 0.4)), "female"),
-            Victim("MaleVictim_1", Pose((-2, 2, 0.5)), posture="lying", status="Dead"),
+            map_victim("MaleVictim_0", Pose((-2, 0, 0.4), turned(90)), scale=(1.2, 1.2, 1.2)),
+            map_victim("FemaleVictim_0", Pose((3, 0, 0.4)), "female"),
+            map_victim("MaleVictim_1", Pose((-2, 2, 0.5)), posture="lying", status="Dead"),
         )
         world = build_world(tmp_path, scene_of(FLOOR, shelf, starts=[HERE], victims=people))
         first, second, third = world.description.victims

@@ -234,7 +234,7 @@ class TestNodes:
             '<node name="Sun"><rotate>1 0 0 90</rotate><instance_light url="#sun"/></node>'
         )
         scene = read(write(tmp_path, document(wedge(), nodes, more=more)))
-        assert scene.starts[0].name == "PlayerStart_2"
+        assert scene.starts[0].tag == "PlayerStart_2"
         assert scene.starts[0].pose.position == pytest.approx((1.0, 2.0, 3.0))
         assert scene.lights[0].kind is LightKind.DIRECTIONAL
         assert scene.lights[0].direction == pytest.approx((0.0, 1.0, 0.0))

@@ -11,11 +11,12 @@ from built_worlds import build_world, cuboid_mesh, grid_mesh, scene_of, thing
 from t3d_maps import brush, level, start, two_rooms
 
 from usarsim_maps.convert import Request, import_map
-from usarsim_maps.scene import Scene, SceneObject, Start
+from usarsim_maps.scene import Scene, SceneObject
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.testing import Rehearsal, RehearsedClient
+from usarsim_server.worlds.description import StartPose
 
-HERE = Start("Here", Pose((0.0, 0.0, 0.3)))
+HERE = StartPose("Here", Pose((0.0, 0.0, 0.3)))
 
 
 class Ride:

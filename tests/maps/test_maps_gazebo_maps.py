@@ -99,7 +99,7 @@ def test_victims_stand_where_the_figures_do() -> None:
     """The figure with roll 1.57 stands, for Gazebo ignores its up axis; it faces its z axis."""
     scene = read(MAPS / "RC2016VRL_Final_RUN2_RETRY.world")
     assert [victim.name for victim in scene.victims] == ["V1", "V2", "V3", "V4"]
-    assert {victim.figure for victim in scene.victims} == {"female"}
+    assert {victim.properties["figure"] for victim in scene.victims} == {"female"}
     assert {victim.posture for victim in scene.victims} == {"standing"}
     yaws = [rpy_from_quaternion(victim.pose.quaternion)[2] for victim in scene.victims]
     assert yaws == pytest.approx([0.0, -math.pi / 2, -math.pi / 2, math.pi / 2], abs=0.01)

@@ -173,13 +173,13 @@ class TestNodes:
         value = document(nodes=nodes, scenes=[{"nodes": [0, 1, 2, 3, 4, 5]}])
         findings = Findings()
         scene = read(write(tmp_path, value), findings)
-        assert [start.name for start in scene.starts] == ["PlayerStart.001", "Gate"]
+        assert [start.tag for start in scene.starts] == ["PlayerStart.001", "Gate"]
         assert scene.starts[0].pose.position == pytest.approx((1.0, 3.0, 2.0))
         assert rpy_from_quaternion(scene.starts[0].pose.quaternion) == pytest.approx(
             (0.0, 0.0, math.pi / 2)
         )
-        assert scene.victims[0].figure == "female"
-        assert scene.path_nodes[0].name == "PathNode_4"
+        assert scene.victims[0].properties["figure"] == "female"
+        assert scene.path_nodes[0].tag == "PathNode_4"
         assert findings.classes["empty node"] == 1
 
     def test_custom_properties(self, tmp_path: Path) -> None:

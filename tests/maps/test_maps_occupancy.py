@@ -280,7 +280,7 @@ class TestStarts:
         scene = read(write(tmp_path, room(), yaml=yaml))
         places = np.array([start.pose.position[:2] for start in scene.starts])
         assert np.abs(places[0]).max() < 0.1
-        assert [start.name for start in scene.starts] == [f"RobotStart{k}" for k in (1, 2, 3, 4)]
+        assert [start.tag for start in scene.starts] == [f"RobotStart{k}" for k in (1, 2, 3, 4)]
         apart = np.linalg.norm(places[:, None] - places[None], axis=2)
         assert (apart[np.triu_indices(4, 1)] > 1.0).all()
 

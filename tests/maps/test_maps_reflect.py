@@ -10,10 +10,10 @@ import pytest
 from built_worlds import AXES, World, build_world, import_text, mesh_of, scene_of, thing
 from t3d_maps import corner
 
-from usarsim_maps.scene import Heightfield, Light, PathNode, Start, Victim
+from usarsim_maps.scene import Heightfield, Light, map_victim
 from usarsim_maps.units import reflect
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
-from usarsim_server.worlds.description import Smoke, SmokePuff, SmokeVolume
+from usarsim_server.worlds.description import PathNode, Smoke, SmokePuff, SmokeVolume, StartPose
 
 TURNED = Pose((1.0, 2.0, 0.5), quaternion_from_rpy(0.3, -0.2, 0.7))
 
@@ -53,7 +53,9 @@ def test_objects_and_terrain_are_mirrored(tmp_path: Path) -> None:
     hills = (0.3 * np.arange(9) % 0.7)[None, :] + (0.2 * np.arange(7) % 0.5)[:, None]
     field = Heightfield("hills", hills, (1.0, 1.0), Pose((-4.0, -2.0, -1.0)))
     scene = scene_of(
-        thing(wedge, "wedge", TURNED), starts=[Start("S", Pose((0, 0, 3)))], heightfields=(field,)
+        thing(wedge, "wedge", TURNED),
+        starts=[StartPose("S", Pose((0, 0, 3)))],
+        heightfields=(field,),
     )
     plain, other = build_world(tmp_path, scene), build_world(tmp_path, reflect(scene))
     one, two = heights(plain, False), heights(other, True)
@@ -68,8 +70,8 @@ def test_twice_is_nothing() -> None:
         (SmokePuff("p", (1, 2, 3), (1, 1, 1), 5, 0.1, 1),),
     )
     scene = replace(
-        scene_of(starts=[Start("S", TURNED)], smoke=smoke),
-        victims=(Victim("V", TURNED),),
+        scene_of(starts=[StartPose("S", TURNED)], smoke=smoke),
+        victims=(map_victim("V", TURNED),),
         path_nodes=(PathNode("N", (1.0, 2.0, 3.0)),),
         lights=(Light("L", position=(1.0, 2.0, 3.0), direction=(0.1, 0.2, -1.0)),),
     )

@@ -37,7 +37,7 @@ class TestPlaces:
         """A plug-in that was switched off still tells the starts, with a warning."""
         findings = Findings()
         scene = load(tmp_path, f"<!-- {PLUGIN} -->" + model("m", BOX), findings)
-        assert [start.name for start in scene.starts] == ["Gate", "Roof"]
+        assert [start.tag for start in scene.starts] == ["Gate", "Roof"]
         assert "comment" in findings.warnings()[0].text
 
     def test_a_start_without_sense(self, tmp_path: Path) -> None:
@@ -59,7 +59,7 @@ class TestPlaces:
         one, two = read_placement(write(tmp_path, self.FILE, "_Placement.txt"))
         assert (one.title, two.title) == ("Day 1", "Day 2")
         assert one.starts[0].pose.position == (1.0, -2.0, 0.3)
-        assert [start.name for start in two.starts] == ["StartPoint1", "StartPoint2"]
+        assert [start.tag for start in two.starts] == ["StartPoint1", "StartPoint2"]
         assert two.victims[0].pose.position == (-5.0, 6.0, 0.0)
 
     def test_the_section_by_title(self, tmp_path: Path) -> None:
@@ -108,7 +108,11 @@ class TestPlaces:
         )
         scene = load(tmp_path, text)
         (victim,) = scene.victims
-        assert (victim.name, victim.figure, victim.posture) == ("V1", "female", posture)
+        assert (victim.name, victim.properties["figure"], victim.posture) == (
+            "V1",
+            "female",
+            posture,
+        )
         assert not [t for t in scene.objects if t.name == "V1"]
         if posture == "lying":
             # Rolled by a quarter turn the head is at -y, the feet at +y.

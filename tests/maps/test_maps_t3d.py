@@ -260,7 +260,7 @@ class TestPlaces:
                 start("PlayerStart_0", (0, 0, 80), yaw=81920),
             ),
         )
-        assert [one.name for one in scene.starts] == ["PlayerStart_7", "Station", "PlayerStart_0"]
+        assert [one.tag for one in scene.starts] == ["PlayerStart_7", "Station", "PlayerStart_0"]
         location, rotation = wire_from_pose(scene.starts[0].pose)
         assert location == pytest.approx((1.0, 2.0, -0.32))
         assert rotation == pytest.approx((0.0, 0.0, math.pi / 2))
@@ -284,9 +284,9 @@ class TestPlaces:
                 actor("PathNode", "PathNode_4", (0, 0, 0), f'Tag="{package}Male_AnimTree_Dead"'),
             ),
         )
-        assert [node.name for node in scene.path_nodes] == ["PathNode_0", "Gate"]
+        assert [node.tag for node in scene.path_nodes] == ["PathNode_0", "Gate"]
         assert scene.path_nodes[1].position == pytest.approx((1.0, 0.0, 0.0))
-        people = [(v.name, v.figure, v.posture, v.status) for v in scene.victims]
+        people = [(v.name, v.properties["figure"], v.posture, v.status) for v in scene.victims]
         assert people == [
             ("FemaleVictim_0", "female", "lying", "Alive"),
             ("MaleVictim_0", "male", "sitting", "Alive"),
@@ -304,9 +304,9 @@ class TestPlaces:
                 actor("MaleVictim", "MaleVictim_5", (0, 0, 80), "DrawScale=1.5"),
             ),
         )
-        assert [(v.name, v.figure, v.scale) for v in scene.victims] == [
-            ("FemaleVictim_2", "female", (1.0, 1.0, 0.8)),
-            ("MaleVictim_5", "male", (1.5, 1.5, 1.5)),
+        assert [(v.name, v.properties["figure"], v.scale) for v in scene.victims] == [
+            ("FemaleVictim_2", "female", pytest.approx(0.8 ** (1 / 3))),
+            ("MaleVictim_5", "male", pytest.approx(1.5)),
         ]
 
     def test_lights(self, tmp_path: Path) -> None:

@@ -457,7 +457,7 @@ class TestUnreal:
         text = start("S", (0, 0, 60)).replace("(X=0,Y=0,Z=60)", "(X=250,5,Y=20,25,Z=60,0)")
         scene = self.scene(tmp_path, text, actor("MaleVictim", "V", (0, 0, 0), "DrawScale=1,5"))
         assert scene.starts[0].pose.position == pytest.approx((1.002, -0.081, 0.24))
-        assert scene.victims[0].scale == (1.5, 1.5, 1.5)
+        assert scene.victims[0].scale == pytest.approx(1.5)
 
     def test_ase(self, tmp_path: Path) -> None:
         """Modellers write `-1.#IND` for places and texture places that they do not know."""

@@ -202,7 +202,7 @@ def test_starts(tmp_path: Path) -> None:
     made = room()
     made.start("PlayerStart_1", (250, 500, 250), "RobotStart1", yaw=81920)
     starts = scene_of(tmp_path, made).starts
-    assert [start.name for start in starts] == ["PlayerStart_0", "RobotStart1"]
+    assert [start.tag for start in starts] == ["PlayerStart_0", "RobotStart1"]
     assert starts[1].pose.position == (1.0, -2.0, 1.0)
     assert starts[1].turns == 1
     place, (_, _, yaw) = wire_from_pose(starts[1].pose)
@@ -221,10 +221,11 @@ def test_nodes_and_victims(tmp_path: Path) -> None:
     scale = [("DrawScale3D", vector(1, 1, 2)), ("DrawScale", 0.5)]
     made.actor("MaleVictim", "MaleVictim_0", [("Location", vector(250, 0, 0)), *scale])
     scene = scene_of(tmp_path, made)
-    assert [(n.name, n.position) for n in scene.path_nodes] == [("PathNode_3", (0.0, -1.0, 0.0))]
+    assert [(n.tag, n.position) for n in scene.path_nodes] == [("PathNode_3", (0.0, -1.0, 0.0))]
     female, male = scene.victims
-    assert (female.figure, female.posture) == ("female", "sitting")
-    assert (male.name, male.figure, male.scale) == ("MaleVictim_0", "male", (0.5, 0.5, 1.0))
+    assert (female.properties["figure"], female.posture) == ("female", "sitting")
+    assert (male.name, male.properties["figure"]) == ("MaleVictim_0", "male")
+    assert male.scale == pytest.approx(0.25 ** (1 / 3))
 
 
 def test_lights_and_air(tmp_path: Path) -> None:
@@ -264,5 +265,5 @@ def test_two_rooms_of_text_still_work(tmp_path: Path) -> None:
     """The text reader shares the level with this one: its map is what it was."""
     (tmp_path / "two.t3d").write_text(two_rooms())
     scene = read_scene(tmp_path / "two.t3d")
-    assert [start.name for start in scene.starts] == ["Entry", "PlayerStart_1"]
+    assert [start.tag for start in scene.starts] == ["Entry", "PlayerStart_1"]
     assert len(scene.brushes) == 3

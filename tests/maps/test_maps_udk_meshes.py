@@ -261,7 +261,7 @@ def test_sublevels(tmp_path: Path) -> None:
         (tmp_path / "Annex.udk").write_bytes(inner.content())
         findings = Findings()
         scene = scene_of(tmp_path, made, findings)
-        assert [start.name for start in scene.starts] == ["PlayerStart_0", "Second"]
+        assert [start.tag for start in scene.starts] == ["PlayerStart_0", "Second"]
         assert len(scene.brushes) == (1 if cutting else 2)
         assert cutting == any("cut holes" in w.text for w in findings.warnings())
         assert tmp_path / "Annex.udk" in scene.source.files

@@ -58,7 +58,7 @@ def test_soccer_map(tmp_path: Path) -> None:
     world = build_world(tmp_path, read_scene(SOCCER, Context(findings=findings)), findings)
     assert findings.classes["StaticMeshActor"] == 19
     assert [brush.name for brush in world.scene.brushes] == ["Brush_4", "Brush0", "Brush9"]
-    assert [start.name for start in world.scene.starts] == ["PlayerStart_0"]
+    assert [start.tag for start in world.scene.starts] == ["PlayerStart_0"]
     (place,) = world.built.places
     assert place.height == pytest.approx(0.576, abs=1e-3)
     assert place.overlap == 0.0

@@ -265,7 +265,7 @@ def test_places(tmp_path: Path) -> None:
     UsdGeom.Xform.Define(stage, "/World/VictimRoom")
     box(stage, "/World/VictimRoom/Wall", (0, 0, 0), (10, 10, 10))
     scene = saved(stage)
-    assert [start.name for start in scene.starts] == [
+    assert [start.tag for start in scene.starts] == [
         "PlayerStart",
         "PlayerStart_3",
         "playerstart2",
@@ -274,8 +274,9 @@ def test_places(tmp_path: Path) -> None:
     ]
     assert scene.starts[1].pose.position == pytest.approx((1.0, 2.0, 0.3))
     assert scene.starts[1].pose.rotate((1, 0, 0)) == pytest.approx((0, 1, 0))
-    assert [node.name for node in scene.path_nodes] == ["PathNode_1"]
-    assert [(v.name, v.figure) for v in scene.victims] == [("FemaleVictim_0", "female")]
+    assert [node.tag for node in scene.path_nodes] == ["PathNode_1"]
+    assert [v.name for v in scene.victims] == ["FemaleVictim_0"]
+    assert scene.victims[0].properties["figure"] == "female"
     assert [thing.name for thing in scene.objects] == ["Floor", "VictimRoom"]
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.simulation.frames import IDENTITY, Pose, Vector
-from usarsim_server.worlds.description import Smoke
+from usarsim_server.worlds.description import PathNode, Smoke, StartPose, Victim
 
 Array: TypeAlias = NDArray[np.float64]
 Indices: TypeAlias = NDArray[np.int32]
@@ -298,55 +298,35 @@ class Light:
     shadows: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Start:
-    """A start pose.
+def map_victim(
+    name: str,
+    pose: Pose,
+    figure: str = "male",
+    posture: str = "",
+    scale: Vector = (1.0, 1.0, 1.0),
+    status: str = "Alive",
+    properties: Mapping[str, object] | None = None,
+) -> Victim:
+    """A person as a map has it.
 
-    Attributes:
-        name: what clients are told: the Tag unless it is the class default, then the actor's name
-            (worlds reference 3).
-        pose: exactly as in the map; the builder finds the floor below.
-        turns: whole turns that the map's yaw (on the wire) is beyond [-pi, pi]; clients are told
-            the angle as the map has it.
-    """
-
-    name: str
-    pose: Pose
-    turns: int = 0
-
-
-@dataclass(frozen=True, slots=True)
-class PathNode:
-    """A node of the walking graph; named by the rule of `Start`."""
-
-    name: str
-    position: Vector
-    neighbours: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class Victim:
-    """A person.
-
-    Attributes:
+    Args:
         name: as in the map.
         pose: of the actor or model in the map: feet or middle, the builder finds the floor.
         figure: `male` or `female`.
-        posture: `standing`, `sitting` or `lying`; None: the builder decides by the room there is.
+        posture: `standing`, `sitting` or `lying`; empty: the builder decides by the room there is.
         scale: of the figure along x, y, z.
         status: as victim sensors tell it.
         properties: as in `world.toml`.
-        height: m of `pose` above what the person stands or lies on; None: unknown.
     """
-
-    name: str
-    pose: Pose
-    figure: str = "male"
-    posture: str | None = None
-    scale: Vector = (1.0, 1.0, 1.0)
-    status: str = "Alive"
-    properties: Mapping[str, object] = field(default_factory=dict)
-    height: float | None = None
+    size = float(np.prod(np.abs(scale))) ** (1.0 / 3.0)
+    return Victim(
+        name=name,
+        pose=pose,
+        posture=posture,
+        status=status,
+        properties={"figure": figure, **(properties or {})},
+        scale=min(10.0, max(0.1, size or 1.0)),
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -388,7 +368,10 @@ class Scene:
             reference 4.2).
         heightfields: terrain.
         materials: by name; names that parts use and that are missing here become neutral grey.
-        starts, path_nodes, victims, lights: in the order of the file.
+        starts, path_nodes: in the order of the file; poses exactly as in the map, the builder finds
+            the floor below. Tags are what clients are told: the map's Tag unless it is the class
+            default, then the actor's name (worlds reference 3).
+        victims, lights: in the order of the file; victims are made by `map_victim`.
         smoke: fog and smoke.
         kill_z: height below which nothing lives, m; None: unknown.
         title: for the world's sheet; empty: made from the file's name.
@@ -400,7 +383,7 @@ class Scene:
     filled: bool | None = None
     heightfields: tuple[Heightfield, ...] = ()
     materials: Mapping[str, Material] = field(default_factory=dict)
-    starts: tuple[Start, ...] = ()
+    starts: tuple[StartPose, ...] = ()
     path_nodes: tuple[PathNode, ...] = ()
     victims: tuple[Victim, ...] = ()
     lights: tuple[Light, ...] = ()

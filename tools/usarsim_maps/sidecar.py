@@ -22,17 +22,16 @@ from usarsim_maps.scene import (
     LightKind,
     Material,
     Part,
-    PathNode,
     Scene,
     SceneObject,
     Source,
-    Start,
-    Victim,
+    map_victim,
 )
 from usarsim_server.errors import MapImportError, WorldError
 from usarsim_server.files import is_regular
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
 from usarsim_server.toml import read_toml
+from usarsim_server.worlds.description import PathNode, StartPose, Victim
 from usarsim_server.worlds.media import read_smoke
 from usarsim_server.worlds.tables import Table
 from usarsim_server.worlds.victims import POSTURES
@@ -237,19 +236,19 @@ def _pose(table: Table) -> Pose:
     return Pose(table.vector("position"), quaternion_from_rpy(*angles))
 
 
-def _start(table: Table) -> Start:
-    start = Start(table.word("tag"), _pose(table))
+def _start(table: Table) -> StartPose:
+    start = StartPose(table.word("tag"), _pose(table))
     table.finish()
     return start
 
 
 def _victim(table: Table) -> Victim:
     size = table.number("scale", default=1.0, low=0.1, high=10.0)
-    victim = Victim(
+    victim = map_victim(
         name=table.word("name"),
         pose=_pose(table),
         figure=table.text("figure", default="male"),
-        posture=table.choice("posture", POSTURES) if table.has("posture") else None,
+        posture=table.choice("posture", POSTURES) if table.has("posture") else "",
         scale=(size, size, size),
         status=table.word("status", default="Alive"),
         properties=dict(table.free("properties")),

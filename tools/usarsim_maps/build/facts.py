@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from usarsim_maps.build.objects import bounds_of_object
 from usarsim_maps.build.sheet import Entry, NameBook, rotation, safe
 from usarsim_maps.findings import Findings
-from usarsim_maps.scene import LightKind, Scene, Start
+from usarsim_maps.scene import LightKind, Scene
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.simulation.frames import Pose, Vector, quaternion_from_rpy, rpy_from_quaternion
+from usarsim_server.worlds.description import StartPose
 from usarsim_server.worlds.victims import PELVIS_HEIGHT
 
 Array = NDArray[np.float64]
@@ -71,9 +72,9 @@ def within_reach(scene: Scene, bounds: tuple[Array, Array], findings: Findings) 
 
     return replace(
         scene,
-        starts=tuple(s for s in scene.starts if near("start pose", s.name, s.pose.position)),
+        starts=tuple(s for s in scene.starts if near("start pose", s.tag, s.pose.position)),
         victims=tuple(v for v in scene.victims if near("victim", v.name, v.pose.position)),
-        path_nodes=tuple(n for n in scene.path_nodes if near("path node", n.name, n.position)),
+        path_nodes=tuple(n for n in scene.path_nodes if near("path node", n.tag, n.position)),
         lights=tuple(
             light
             for light in scene.lights
@@ -142,13 +143,13 @@ def start_entries(
     if not inside:
         inside = [_default_start(probe, bounds)]
         findings.warn(
-            inside[0].name,
+            inside[0].tag,
             "the map has no start pose; this one was made, add others with a sidecar file",
         )
     for start in inside:
-        tag = book.take(start.name)
-        if tag.lower() != start.name.lower():
-            findings.warn(start.name, f"start pose is called {tag} on the wire")
+        tag = book.take(start.tag)
+        if tag.lower() != start.tag.lower():
+            findings.warn(start.tag, f"start pose is called {tag} on the wire")
         position = start.pose.position
         facing = rotation(start.pose)
         entries.append(
@@ -158,20 +159,20 @@ def start_entries(
         places.append(Place(tag, height, overlap))
         if height > FLOOR_BELOW:
             findings.warn(
-                start.name,
+                start.tag,
                 f"no floor within {FLOOR_BELOW:g} m below this start pose: robots will fall; give "
                 "another with a sidecar file",
             )
         if overlap > 0.02:
             findings.warn(
-                start.name,
+                start.tag,
                 "something solid is in the place of this start pose: robots will appear beside it, "
                 "or fall; give another with a sidecar file",
             )
     return entries, places
 
 
-def _default_start(probe: Probe, bounds: tuple[Array, Array]) -> Start:
+def _default_start(probe: Probe, bounds: tuple[Array, Array]) -> StartPose:
     """A free place on a floor, as near as possible to the middle of the map."""
     low, high = bounds
     middle = (low + high) / 2.0
@@ -191,9 +192,9 @@ def _default_start(probe: Probe, bounds: tuple[Array, Array]) -> Start:
                 continue
             place = (point[0], point[1], point[2] - height + HOVER + 0.15)
             if probe.overlap(place, 0.35) == 0.0:
-                return Start("Start", Pose((place[0], place[1], point[2] - height + HOVER)))
+                return StartPose("Start", Pose((place[0], place[1], point[2] - height + HOVER)))
     x, y, z = (float(middle[0]), float(middle[1]), float(high[2]) + HOVER)
-    return Start("Start", Pose((x, y, z)))
+    return StartPose("Start", Pose((x, y, z)))
 
 
 def _within(point: Vector, bounds: tuple[Array, Array], slack: float = OUTSIDE) -> bool:
@@ -208,27 +209,23 @@ def victim_entries(scene: Scene, probe: Probe, findings: Findings) -> list[Entry
     entries: list[Entry] = []
     for victim in scene.victims:
         x, y, z = victim.pose.position
-        height = victim.height
-        if height is None:
-            height = probe.height((x, y, z + 0.05)) - 0.05
+        height = probe.height((x, y, z + 0.05)) - 0.05
         if not math.isfinite(height) or height > 3.0:
             findings.warn(victim.name, "no floor below this victim; it stays where it is")
             height = 0.0
         floor = z - height
         posture = victim.posture or _posture(probe, (x, y, floor))
-        scale = float(np.prod(np.abs(victim.scale))) ** (1.0 / 3.0)
-        scale = min(10.0, max(0.1, scale or 1.0))
         _, _, yaw = rpy_from_quaternion(victim.pose.quaternion)
         upright = Pose((x, y, floor), quaternion_from_rpy(0.0, 0.0, yaw))
         entries.append(
             {
                 "name": book.take(victim.name),
-                "position": _exact((x, y, floor + PELVIS_HEIGHT[posture] * scale)),
+                "position": _exact((x, y, floor + PELVIS_HEIGHT[posture] * victim.scale)),
                 **rotation(upright),
                 "posture": posture,
                 "status": safe(victim.status),
-                "scale": scale if abs(scale - 1.0) > 1e-9 else None,
-                "properties": {"figure": victim.figure, **victim.properties},
+                "scale": victim.scale if abs(victim.scale - 1.0) > 1e-9 else None,
+                "properties": victim.properties,
             }
         )
     return entries
@@ -247,17 +244,17 @@ def path_node_entries(scene: Scene, findings: Findings) -> list[Entry]:
     book = NameBook()
     tags: dict[str, str] = {}
     for node in scene.path_nodes:
-        tag = book.take(node.name)
-        tags.setdefault(node.name, tag)
-        if tag.lower() != node.name.lower():
-            findings.warn(node.name, f"path node is called {tag} on the wire")
+        tag = book.take(node.tag)
+        tags.setdefault(node.tag, tag)
+        if tag.lower() != node.tag.lower():
+            findings.warn(node.tag, f"path node is called {tag} on the wire")
     book = NameBook()
     entries: list[Entry] = []
     for node in scene.path_nodes:
         known = [tags[name] for name in node.neighbours if name in tags]
         entries.append(
             {
-                "tag": book.take(node.name),
+                "tag": book.take(node.tag),
                 "position": _exact(node.position),
                 "neighbours": known or None,
             }

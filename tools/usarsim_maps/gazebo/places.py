@@ -19,10 +19,11 @@ from usarsim_maps.findings import Findings
 from usarsim_maps.geometry import points_of
 from usarsim_maps.meshes.xml_text import Document
 from usarsim_maps.numbers import read_number
-from usarsim_maps.scene import Part, Start, Victim
+from usarsim_maps.scene import Part, map_victim
 from usarsim_maps.units import pose_of_matrix
 from usarsim_server.errors import MapImportError
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
+from usarsim_server.worlds.description import StartPose, Victim
 
 MAX_BYTES = 1 << 20
 MAX_STARTS = 1_000
@@ -61,13 +62,13 @@ def person_words(*names: str) -> tuple[bool, str, str | None]:
     return bool(words & PERSON), "female" if words & FEMALE else "male", posture
 
 
-def starts_of(document: Document, unit: float = 1.0) -> list[Start]:
+def starts_of(document: Document, unit: float = 1.0) -> list[StartPose]:
     """Start poses of a world: its `StartPose_n` elements in their order."""
     nodes = (n for n in document.root.walk() if n.tag.lower().startswith("startpose"))
     return _starts([(node.tag, node.text) for node in nodes], document.findings, unit)
 
 
-def commented_starts(document: Document, unit: float = 1.0) -> list[Start]:
+def commented_starts(document: Document, unit: float = 1.0) -> list[StartPose]:
     """Start poses that stand in a comment of a world: a plug-in that was switched off."""
     texts = [
         ("comment", found[1])
@@ -82,7 +83,7 @@ def commented_starts(document: Document, unit: float = 1.0) -> list[Start]:
     return starts
 
 
-def _starts(texts: list[tuple[str, str]], findings: Findings, unit: float) -> list[Start]:
+def _starts(texts: list[tuple[str, str]], findings: Findings, unit: float) -> list[StartPose]:
     starts = []
     for tag, text in texts[:MAX_STARTS]:
         start = _start(text, unit)
@@ -93,7 +94,7 @@ def _starts(texts: list[tuple[str, str]], findings: Findings, unit: float) -> li
     return starts
 
 
-def _start(text: str, unit: float) -> Start | None:
+def _start(text: str, unit: float) -> StartPose | None:
     """`NAME x,y,z roll,pitch,yaw`; the angles may be left out."""
     words = text.replace(",", " ").split()
     if not words:
@@ -101,7 +102,7 @@ def _start(text: str, unit: float) -> Start | None:
     values = _floats(words[1:])
     if len(values) != len(words) - 1 or not (len(values) == 3 or len(values) >= 6):
         return None
-    return Start(words[0], _pose(values, unit))
+    return StartPose(words[0], _pose(values, unit))
 
 
 def _floats(words: Iterable[str]) -> list[float]:
@@ -141,7 +142,7 @@ class Placement:
     path: Path
     title: str
     words: list[str] = field(default_factory=list)
-    starts: list[Start] = field(default_factory=list)
+    starts: list[StartPose] = field(default_factory=list)
     victims: list[Victim] = field(default_factory=list)
 
 
@@ -198,9 +199,9 @@ def read_placement(path: Path) -> list[Placement]:
         if len(values) < 3:
             continue
         if name.lower().startswith("victim") and len(section.victims) < MAX_STARTS:
-            section.victims.append(Victim(name, _pose(values, 1.0)))
+            section.victims.append(map_victim(name, _pose(values, 1.0)))
         elif name.lower().startswith("start") and len(section.starts) < MAX_STARTS:
-            section.starts.append(Start(name, _pose(values, 1.0)))
+            section.starts.append(StartPose(name, _pose(values, 1.0)))
     return [section for section in sections if section.starts or section.victims]
 
 
@@ -253,7 +254,7 @@ def victim_of(name: str, person: Person, matrix: Array, parts: Sequence[Part]) -
     if not points:
         x, y, z = matrix[:3, 3].tolist()
         pose = Pose((x, y, z + ABOVE), quaternion_from_rpy(0.0, 0.0, yaw))
-        return Victim(name, pose, person.figure, person.posture)
+        return map_victim(name, pose, person.figure, person.posture)
     cloud = np.concatenate(points)
     low, high = cloud.min(axis=0), cloud.max(axis=0)
     size = high - low
@@ -263,7 +264,7 @@ def victim_of(name: str, person: Person, matrix: Array, parts: Sequence[Part]) -
     x, y, _ = ((low + high) / 2.0).tolist()
     pose = Pose((x, y, float(low[2]) + ABOVE), quaternion_from_rpy(0.0, 0.0, yaw))
     posture = person.posture or ("standing" if standing else "lying")
-    return Victim(name, pose, person.figure, posture)
+    return map_victim(name, pose, person.figure, posture)
 
 
 def _front(matrix: Array) -> float:

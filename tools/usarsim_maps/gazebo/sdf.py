@@ -32,11 +32,10 @@ from usarsim_maps.scene import (
     Scene,
     SceneObject,
     Source,
-    Start,
-    Victim,
 )
 from usarsim_maps.units import axis_matrix, matrix_of_pose, pose_of_matrix, reflect
 from usarsim_server.errors import MapImportError
+from usarsim_server.worlds.description import StartPose, Victim
 
 Array = NDArray[np.float64]
 
@@ -320,7 +319,7 @@ class _World:
                 if child.tag not in IGNORED:
                     self._findings.skip(child.tag)
 
-    def _places(self) -> tuple[list[Start], list[Victim]]:
+    def _places(self) -> tuple[list[StartPose], list[Victim]]:
         """Start poses and victims: of the world, else of a text file beside it."""
         document, findings, victims = self._document, self._findings, self._victims
         starts = starts_of(document, self._unit)
@@ -333,7 +332,7 @@ class _World:
             starts = commented_starts(document, self._unit)
         return list(self._turned(starts)), victims
 
-    def _turned(self, starts: list[Start]) -> Iterator[Start]:
+    def _turned(self, starts: list[StartPose]) -> Iterator[StartPose]:
         for start in starts:
             matrix = self._root @ matrix_of_pose(start.pose)
-            yield Start(start.name, pose_of_matrix(matrix))
+            yield StartPose(start.tag, pose_of_matrix(matrix))

@@ -20,11 +20,12 @@ from usarsim_maps.files import open_picture, read_text
 from usarsim_maps.grids.grid import Cells, free_places, pooled, rectangles, wall_mesh
 from usarsim_maps.meshes.mesh_files import Pictures
 from usarsim_maps.reader import Context, Reader, register
-from usarsim_maps.scene import Material, Part, Plane, Scene, SceneObject, Source, Start
+from usarsim_maps.scene import Material, Part, Plane, Scene, SceneObject, Source
 from usarsim_maps.units import reflect
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.files import ALLOW, is_regular
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
+from usarsim_server.worlds.description import StartPose
 
 Array = NDArray[np.float64]
 Value: TypeAlias = str | list[str]
@@ -130,7 +131,7 @@ class OccupancyReader(Reader):
         return reflect(scene) if context.options.mirror else scene
 
 
-def _starts(grid: _Grid) -> list[Start]:
+def _starts(grid: _Grid) -> list[StartPose]:
     """Start poses in free places; none if there is no room."""
     places: list[tuple[float, float]] = []
     for room in (ROOM, 0.6 * ROOM):
@@ -138,7 +139,7 @@ def _starts(grid: _Grid) -> list[Start]:
     starts = []
     for number, (x, y) in enumerate(places, start=1):
         pose = grid.corner @ Pose((x, y, HOVER))
-        starts.append(Start(f"RobotStart{number}", pose))
+        starts.append(StartPose(f"RobotStart{number}", pose))
     return starts
 
 

@@ -20,11 +20,12 @@ from numpy.typing import NDArray
 
 from usarsim_maps.files import AssetIndex
 from usarsim_maps.reader import Context, ImportOptions
-from usarsim_maps.scene import Collision, Mesh, PathNode, Scene, SceneObject, Source, Start, Victim
+from usarsim_maps.scene import Collision, Mesh, Scene, SceneObject, Source, map_victim
 from usarsim_maps.units import MIRROR, axis_matrix, matrix_of_pose, pose_of_matrix
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.files import is_regular
 from usarsim_server.simulation.frames import Pose
+from usarsim_server.worlds.description import PathNode, StartPose, Victim
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.integer[Any]]
@@ -380,7 +381,7 @@ class Markers:
     """Collects starts, path nodes and victims from nodes without geometry."""
 
     def __init__(self) -> None:
-        self.starts: list[Start] = []
+        self.starts: list[StartPose] = []
         self.path_nodes: list[PathNode] = []
         self.victims: list[Victim] = []
 
@@ -399,13 +400,13 @@ class Markers:
         plain = re.sub(r"[^a-z]", "", name.lower())
         word = tag or name
         if plain.startswith(("playerstart", "robotstart", "startpose", "startpoint")):
-            self.starts.append(Start(word, pose))
+            self.starts.append(StartPose(word, pose))
             return "start"
         if plain.startswith("pathnode"):
             self.path_nodes.append(PathNode(word, pose.position))
             return "path node"
         if plain.startswith(("malevictim", "femalevictim", "victim")):
             figure = "female" if "female" in plain else "male"
-            self.victims.append(Victim(word, pose, figure))
+            self.victims.append(map_victim(word, pose, figure))
             return "victim"
         return None

@@ -19,12 +19,10 @@ from usarsim_maps.scene import (
     LightKind,
     Material,
     Part,
-    PathNode,
     Scene,
     SceneObject,
     Source,
-    Start,
-    Victim,
+    map_victim,
 )
 from usarsim_maps.units import UU_PER_METRE, matrix_of_pose, pose_of_matrix, reflect
 from usarsim_maps.unreal.library import AssetLibrary
@@ -37,7 +35,7 @@ from usarsim_maps.unreal.names import (
     victim_of_tag,
 )
 from usarsim_server.simulation.frames import Pose, Vector
-from usarsim_server.worlds.description import Smoke, SmokePuff
+from usarsim_server.worlds.description import PathNode, Smoke, SmokePuff, StartPose, Victim
 
 Array = NDArray[np.float64]
 
@@ -145,7 +143,7 @@ class UnrealLevel:
         self._victim_names = VictimNames()
         self._objects: list[SceneObject] = []
         self._brushes: list[Brush] = []
-        self._starts: list[Start] = []
+        self._starts: list[StartPose] = []
         self._nodes: list[PathNode] = []
         self._victims: list[Victim] = []
         self._lights: list[Light] = []
@@ -204,7 +202,7 @@ class UnrealLevel:
     def add_victim(self, actor: Actor) -> None:
         """A `MaleVictim` or `FemaleVictim` (item 28)."""
         figure = "female" if "female" in actor.kind.lower() else "male"
-        self._victims.append(Victim(actor.name, actor.pose, figure, scale=actor.scale))
+        self._victims.append(map_victim(actor.name, actor.pose, figure, scale=actor.scale))
 
     def add_light(self, lamp: Light) -> None:
         """A lamp."""

@@ -16,9 +16,10 @@ import re
 from collections import Counter
 from enum import Enum
 
-from usarsim_maps.scene import Color, PathNode, Start, Victim
+from usarsim_maps.scene import Color, map_victim
 from usarsim_maps.units import ROTATION_UNIT
 from usarsim_server.simulation.frames import Pose, wire_from_pose
+from usarsim_server.worlds.description import PathNode, StartPose, Victim
 
 
 class ActorKind(Enum):
@@ -80,11 +81,11 @@ def announced(name: str, tag: str, actor_class: str) -> str:
     return tag
 
 
-def start_of(name: str, tag: str, actor_class: str, pose: Pose, yaw: float = 0.0) -> Start:
+def start_of(name: str, tag: str, actor_class: str, pose: Pose, yaw: float = 0.0) -> StartPose:
     """A start pose by the naming rule (item 25); yaw in rotation units is told unwrapped (8)."""
     _, (_, _, wrapped) = wire_from_pose(pose)
     turns = round((yaw * ROTATION_UNIT - wrapped) / math.tau)
-    return Start(announced(name, tag, actor_class), pose, max(-1000, min(1000, turns)))
+    return StartPose(announced(name, tag, actor_class), pose, max(-1000, min(1000, turns)))
 
 
 def path_node_of(name: str, tag: str, actor_class: str, pose: Pose) -> PathNode:
@@ -131,7 +132,7 @@ def victim_of_tag(tag: str, pose: Pose, names: VictimNames) -> Victim:
     properties: dict[str, object] = {"animation": tag.rpartition("_")[2]}
     if any(word in animation for word in WAVING):
         properties["motion"] = "wave"
-    return Victim(
+    return map_victim(
         name=names.take(female),
         pose=pose,
         figure="female" if female else "male",
