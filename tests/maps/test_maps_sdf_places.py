@@ -21,10 +21,10 @@ class TestPlaces:
     def test_start_poses(self, tmp_path: Path) -> None:
         """Elements of the plug-in are start poses in the simulation's frame (item 50)."""
         first, second = load(tmp_path, PLUGIN + model("m", BOX)).starts
-        assert first.name == "Gate"
+        assert first.tag == "Gate"
         assert first.pose.position == (1.5, -2.0, 0.3)
         assert rpy_from_quaternion(first.pose.quaternion)[2] == pytest.approx(3.14)
-        assert (second.name, second.pose.position) == ("Roof", (1.0, 2.0, 3.0))
+        assert (second.tag, second.pose.position) == ("Roof", (1.0, 2.0, 3.0))
 
     def test_on_the_wire(self, tmp_path: Path) -> None:
         """Clients are told the same place with y and z turned round (items 27, 50)."""
