@@ -254,7 +254,7 @@ def victim_of(name: str, person: Person, matrix: Array, parts: Sequence[Part]) -
     if not points:
         x, y, z = matrix[:3, 3].tolist()
         pose = Pose((x, y, z + ABOVE), quaternion_from_rpy(0.0, 0.0, yaw))
-        return map_victim(name, pose, person.figure, person.posture)
+        return map_victim(name, pose, person.figure, person.posture or "")
     cloud = np.concatenate(points)
     low, high = cloud.min(axis=0), cloud.max(axis=0)
     size = high - low
