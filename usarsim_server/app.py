@@ -28,7 +28,6 @@ from usarsim_server.files import is_regular
 from usarsim_server.logs import Log
 from usarsim_server.protocol import messages
 from usarsim_server.protocol.names import name_key
-from usarsim_server.protocol.requests import Init
 from usarsim_server.radio.configuration import RadioOptions, read_radio, read_radio_file
 from usarsim_server.radio.event_log import EventLog
 from usarsim_server.radio.network import Network, RadioWorld
@@ -40,7 +39,6 @@ from usarsim_server.services.control import ControlLimits, ControlService
 from usarsim_server.services.dialogue import Desk, DialogueLimits, Instant
 from usarsim_server.services.images import ImageService
 from usarsim_server.services.limits import SpawnGate, address_of
-from usarsim_server.services.outbox import OutboxLimits
 from usarsim_server.services.ready import Service, run_services
 from usarsim_server.services.relay import Road
 from usarsim_server.services.truth import (
@@ -51,13 +49,13 @@ from usarsim_server.services.truth import (
 )
 from usarsim_server.services.wireless import WirelessLimits, WirelessService
 from usarsim_server.sessions.dispatcher import Dispatcher
+from usarsim_server.sessions.outbox import Outbox, OutboxLimits
 from usarsim_server.sessions.robot_role import PilotOptions
 from usarsim_server.sessions.robots import Fleet
-from usarsim_server.sessions.role import BEAT, UNPACED_BEAT, Casting, RoleFactory
-from usarsim_server.sessions.session import AgentOptions, Mouth, RobotAgent
-from usarsim_server.sessions.special_roles import SpecialRoles
+from usarsim_server.sessions.roles import RoleOptions, Roles
+from usarsim_server.sessions.schedule import BEAT, UNPACED_BEAT
+from usarsim_server.sessions.session import AgentOptions, RobotAgent
 from usarsim_server.settings import Settings
-from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.memory import share_heaps
 from usarsim_server.simulation.model import PhysicsOptions
 from usarsim_server.simulation.simulation import Simulation, SimulationOptions
@@ -108,10 +106,10 @@ class Assembly:
         simulation: the physics; its thread is started by `run`, or not at all in tests.
         fleet: the robots.
         surroundings: people, tags and sounds of the world.
+        roles: makes what INIT asks for.
         studio: renders what somebody looks at; `run` opens it.
-        services: what listens.
-        gate: limits how many robots come per second.
         dispatcher: serves the agents.
+        services: what listens.
         agents: those of all connections so far that still exist.
     """
 
@@ -120,12 +118,10 @@ class Assembly:
     simulation: Simulation
     fleet: Fleet
     surroundings: Surroundings
-    objects: WorldObjects
-    avatars: Avatars
+    roles: Roles
     studio: Studio
-    services: tuple[Service, ...]
-    gate: SpawnGate
     dispatcher: Dispatcher
+    services: tuple[Service, ...] = ()
     agents: weakref.WeakSet[RobotAgent] = field(default_factory=weakref.WeakSet)
 
     @property
@@ -139,45 +135,13 @@ class Assembly:
         return {name_key(name): address_of(peer).strip("[]") for name, peer in robots if name}
 
     def make_agent(
-        self, peer: str, outbox: Mouth, on_backlog_low: Callable[[], None]
+        self, peer: str, outbox: Outbox, on_backlog_low: Callable[[], None]
     ) -> RobotAgent:
         """The agent of a new control connection."""
         options = _agent_options(self.settings)
-        agent = RobotAgent(
-            peer,
-            outbox,
-            on_backlog_low,
-            self.fleet,
-            self.world,
-            self.dispatcher,
-            options,
-            self._behind_gate(
-                peer,
-                SpecialRoles(
-                    self.objects,
-                    self.avatars,
-                    self.fleet,
-                    self.world,
-                    self.simulation,
-                    self.settings.clean_on_close,
-                    options.pilot.quiet_period,
-                ),
-            ),
-        )
+        agent = RobotAgent(peer, outbox, on_backlog_low, self.roles, self.dispatcher.call, options)
         self.agents.add(agent)
         return agent
-
-    def _behind_gate(self, peer: str, roles: RoleFactory) -> RoleFactory:
-        """Makes roles, and lets robots be made, no faster than the gate allows."""
-
-        def cast(init: Init, pose: Pose, log: Log) -> Casting | None:
-            self.gate.admit(peer)
-            casting = roles(init, pose, log)
-            if casting is None and self.fleet.describe(init.class_name) is None:
-                self.gate.forget(peer)  # a class that does not exist costs nothing
-            return casting
-
-        return cast
 
     def stop(self) -> None:
         """Stop rendering and physics, and wait for the threads that serve the agents.
@@ -234,19 +198,9 @@ def assemble(settings: Settings) -> Assembly:
         simulation.attention if math.isinf(settings.speed) else _nobody_waits,
     )
     simulation.wake_together(dispatcher.together)
-    assembly = Assembly(
-        settings,
-        world,
-        simulation,
-        fleet,
-        surroundings,
-        objects,
-        avatars,
-        studio,
-        (),
-        gate,
-        dispatcher,
-    )
+    options = _role_options(settings)
+    roles = Roles(world, simulation, fleet, objects, avatars, gate.admit, gate.forget, options)
+    assembly = Assembly(settings, world, simulation, fleet, surroundings, roles, studio, dispatcher)
     if settings.port is not None:
         services.append(_control_service(settings, world, assembly))
     if settings.image_port is not None:
@@ -488,19 +442,25 @@ def _radio_options(settings: Settings) -> RadioOptions:
 
 
 def _agent_options(settings: Settings) -> AgentOptions:
+    return AgentOptions(
+        dialect=settings.dialect,
+        replace_robot=settings.second_init == "replace",
+        tick=settings.tick if settings.lockstep else None,
+    )
+
+
+def _role_options(settings: Settings) -> RoleOptions:
     # The quiet period is promised in wall time; the simulation knows only its own.
     paced = not math.isinf(settings.speed)
     factor = settings.speed if paced else 1.0
-    return AgentOptions(
-        dialect=settings.dialect,
-        tick=settings.tick if settings.lockstep else None,
-        replace_robot=settings.second_init == "replace",
-        start_at_first_pose=settings.default_start == "first",
+    return RoleOptions(
         pilot=PilotOptions(
             quiet_period=settings.quiet_period * factor,
             beat=BEAT if paced else UNPACED_BEAT,
             udk_sta_order=settings.sta_order == "udk",
         ),
+        start_at_first_pose=settings.default_start == "first",
+        clean_on_close=settings.clean_on_close,
     )
 
 

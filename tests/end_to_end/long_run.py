@@ -41,7 +41,7 @@ class Listener(RehearsedClient):
         self.digest = hashlib.sha256()
         self.heard = 0
 
-    def put_reply(self, line: bytes) -> None:
+    def hear(self, line: bytes) -> None:
         """Add a line to the hash."""
         self.digest.update(line)
         self.heard += 1

@@ -122,5 +122,5 @@ def test_objects_and_people_have_clean_names_too(
     kind = "USARAvatar.USARAvatarNewMale"
     start(stage, "Bob Location 1,1,1", 8.0, kind)
     start(stage, "bob_location_1,1,1", 10.0, kind)
-    names = [avatar.name for avatar, _ in stage.assembly.avatars.present()]
+    names = [avatar.name for avatar, _ in stage.assembly.roles.avatars.present()]
     assert names == ["Bob_Location_1,1,1", "bob_location_1,1,1_2"]

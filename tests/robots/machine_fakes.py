@@ -69,7 +69,9 @@ class Driver:
     def obey(self, drive: Drive) -> bool:
         """The same with a request."""
         before = self.machine.orders
-        self.conduct.command(drive, self.dialect)
+        if drive.light is not None:
+            self.conduct.light = drive.light
+        self.conduct.steer(drive, self.dialect)
         return self.machine.orders > before
 
     def status(self, joints: Mapping[str, float] | None = None, battery: int = 1200) -> str:

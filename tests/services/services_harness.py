@@ -11,7 +11,7 @@ from collections.abc import Callable
 from usarsim_server.protocol.grammar import Command
 from usarsim_server.services.control import ControlLimits, ControlService
 from usarsim_server.services.listener import Endpoint
-from usarsim_server.services.outbox import Outbox
+from usarsim_server.sessions.outbox import Outbox
 from usarsim_server.testing import PATIENCE, eventually
 
 GREETING = b"NFO {Gametype BotDeathMatch} {Level arena} {TimeLimit 20}\r\n"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import threading
 
-from usarsim_server.services.outbox import LoopCalls
+from usarsim_server.services.replies import LoopCalls
 
 
 def test_all_are_made_in_the_order_they_came() -> None:

@@ -11,7 +11,7 @@ from services_harness import GREETING, eventually, fill, words
 
 from usarsim_server.services import listener
 from usarsim_server.services.control import ControlLimits
-from usarsim_server.services.outbox import OutboxLimits
+from usarsim_server.sessions.outbox import OutboxLimits
 
 SLOW = OutboxLimits(stream_bytes=64 * 1024)
 

@@ -14,7 +14,7 @@ from services_harness import GREETING, FakeAgent, eventually, fill, words
 from usarsim_server.services import control as control_module
 from usarsim_server.services import listener as listener_module
 from usarsim_server.services.control import ControlLimits, ControlService
-from usarsim_server.services.outbox import OutboxLimits
+from usarsim_server.sessions.outbox import OutboxLimits
 from usarsim_server.testing import PATIENCE
 
 SLOW = OutboxLimits(stream_bytes=64 * 1024)

@@ -17,7 +17,7 @@ from usarsim_server.errors import ServiceError, UsarsimError
 from usarsim_server.protocol.framing import LineFramer
 from usarsim_server.services.dialogue import Desk, DialogueLimits, DialogueService, Instant
 from usarsim_server.services.listener import Endpoint
-from usarsim_server.services.outbox import ReplyBuffer
+from usarsim_server.services.replies import ReplyBuffer
 from usarsim_server.services.truth import ground_truth_service, responder, truth_service
 from usarsim_server.testing import PATIENCE
 

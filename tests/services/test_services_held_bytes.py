@@ -24,9 +24,9 @@ from usarsim_server.services.comserver import ComServerLimits
 from usarsim_server.services.control import ControlLimits
 from usarsim_server.services.dialogue import MAX_REQUEST, DialogueLimits
 from usarsim_server.services.images import ImageLimits
-from usarsim_server.services.outbox import OutboxLimits
 from usarsim_server.services.relay import Road
 from usarsim_server.services.wireless import WirelessLimits
+from usarsim_server.sessions.outbox import OutboxLimits
 
 CLIENTS = 8
 OURS = 300 * 1024

@@ -11,14 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from usarsim_server.services.outbox import (
-    GRACE,
-    LEAST_READ,
-    PIECE,
-    Outbox,
-    OutboxLimits,
-    ReplyBuffer,
-)
+from usarsim_server.services.replies import PIECE, ReplyBuffer
+from usarsim_server.sessions.outbox import GRACE, LEAST_READ, Outbox, OutboxLimits
 from usarsim_server.testing import PATIENCE
 
 STREAM_BYTES = 100

@@ -187,7 +187,7 @@ def test_an_avatar_leaves_with_its_connection(stage: Rehearsal) -> None:
         assert statuses(client)[-1].name == "Ghost"
         leave(stage, client)
         assert len(stage.assembly.simulation.look().layouts) == before
-        assert stage.assembly.avatars.present() == []
+        assert stage.assembly.roles.avatars.present() == []
 
 
 def test_other_requests_are_ignored(stage: Rehearsal) -> None:
@@ -429,7 +429,7 @@ def test_controllers_and_avatars_together(stage: Rehearsal) -> None:
     assert control(wc, "GetSTA") == ["STA"]
     control(wc, "KillAll")
     assert statuses(client)
-    assert [one.name for one, _ in stage.assembly.avatars.present()] == ["Walker"]
+    assert [one.name for one, _ in stage.assembly.roles.avatars.present()] == ["Walker"]
     leave(stage, wc, client)
 
 
@@ -437,7 +437,7 @@ def test_facts_bear_the_name(stage: Rehearsal) -> None:
     """Sensors that recognise what they see are told who it is, whichever limb they hit."""
     client = avatar(stage, "60,0,-1", Name="Anna")
     stage.run(0.1)
-    (found,) = (one for one, _ in stage.assembly.avatars.present())
+    (found,) = (one for one, _ in stage.assembly.roles.avatars.present())
     snapshot = stage.assembly.simulation.look()
     slot = snapshot.layouts[found.body].slot
     for body in ("base", "shin_left"):

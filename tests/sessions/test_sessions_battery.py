@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from usarsim_server.sessions.power import NO_BATTERY, Battery, BatteryGauge
+from usarsim_server.sessions.robots import NO_BATTERY, Battery, Power
 
 
 def test_value_falls_by_one_a_second_from_1200() -> None:
@@ -35,16 +35,6 @@ def test_sums_of_time_steps_do_not_lose_a_second() -> None:
     assert Battery(1200.0).remaining_seconds(elapsed) == 1199
 
 
-def test_energy_drains_evenly() -> None:
-    """1 MJ over 1200 s is a constant drain of 833.3 W (2.10)."""
-    battery = Battery(1200.0, 1.0e6)
-    assert battery.remaining_energy(0.0) == 1.0e6
-    drain = battery.remaining_energy(10.0) - battery.remaining_energy(11.0)
-    assert drain == pytest.approx(833.333, abs=0.001)
-    assert battery.remaining_energy(1200.0) == 0.0
-    assert battery.remaining_energy(5000.0) == 0.0
-
-
 def test_empty_at_the_end_of_life_and_not_before() -> None:
     """At zero the battery is empty, and it stays so (5.4 #111)."""
     battery = Battery(60.0)
@@ -67,7 +57,6 @@ def test_silly_life_is_an_empty_battery(life: float) -> None:
     """A life that is no positive number is an empty battery, not an error."""
     battery = Battery(life)
     assert battery.remaining_seconds(0.0) == 0
-    assert battery.remaining_energy(0.0) == 0.0
     assert battery.empty(0.0)
 
 
@@ -88,17 +77,17 @@ def test_value_never_rises_and_empty_agrees_with_it(life: float, one: float, oth
     battery = Battery(life)
     early, late = sorted((one, other))
     assert battery.remaining_seconds(early) >= battery.remaining_seconds(late) >= 0
-    assert battery.remaining_energy(early) >= battery.remaining_energy(late) >= 0.0
     if battery.empty(late):
         assert battery.remaining_seconds(late) == 0
 
 
-def test_a_gauge_shows_what_it_is_connected_to() -> None:
+def test_power_shows_the_battery_from_the_first_snapshot_on() -> None:
     """Side channels 64: empty from the last whole second on, as STA prints it; robots without a
     battery, or whose pilot has not begun, never."""
-    gauge = BatteryGauge()
-    assert not gauge.empty(1e9)
-    assert gauge.seconds(0.0) == NO_BATTERY
-    gauge.connect(Battery(3.0).remaining_seconds)
-    assert [gauge.seconds(time) for time in (0.0, 1.5, 2.5, 9.0)] == [3, 1, 0, 0]
-    assert [gauge.empty(time) for time in (0.0, 1.9, 2.1, 9.0)] == [False, False, True, True]
+    power = Power()
+    assert power.seconds(1e9) == NO_BATTERY
+    power.battery = Battery(3.0)
+    assert power.seconds(1e9) == NO_BATTERY
+    power.spawned = 1.0
+    assert [power.seconds(time) for time in (1.0, 2.5, 3.5, 9.0)] == [3, 1, 0, 0]
+    assert [power.empty(time) for time in (1.0, 3.9, 4.0, 9.0)] == [False, False, True, True]

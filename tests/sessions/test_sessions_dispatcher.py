@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pytest
 
-from usarsim_server.sessions.dispatcher import AT_ONCE, Dispatcher, Task
-from usarsim_server.simulation.rays.cast import RayQuery
-from usarsim_server.simulation.rays.query import RayFan, RayHits
+from usarsim_server.sessions.dispatcher import AT_ONCE, Dispatcher
+from usarsim_server.simulation.rays.query import PendingReport, RayFan, RayHits
 from usarsim_server.simulation.snapshot import Snapshot
 
 NOTHING = np.zeros(0)
@@ -40,16 +39,19 @@ class Caller:
         self.rounds = 1
         self.done = threading.Event()
 
-    def begin(self, apart: bool) -> Task | None:
-        """Want a report of one fan."""
+    def execute(self, apart: bool) -> None:
+        """Note who executes."""
         self.threads.append(threading.current_thread().name)
         self.log.append(f"begin {self.name}")
+
+    def next_report(self) -> PendingReport | None:
+        """Want a report of one fan."""
         if self.now is None:
             return None
         fans = [] if self.broken == "silent" else [fan(float(self.name))]
-        return Task(self.now, RayQuery(fans, self.name), self.finish)
+        return PendingReport(self.now, self.name, fans, self.finish)
 
-    def finish(self, hits: Sequence[RayHits]) -> Callable[[], None]:
+    def finish(self, hits: Sequence[RayHits]) -> list[str]:
         """Write it down."""
         if self.broken == "finish":
             raise RuntimeError("a defect")
@@ -57,7 +59,12 @@ class Caller:
         assert [float(one.distances[0]) for one in hits] == (
             [] if self.broken == "silent" else [float(self.name)]
         )
-        return lambda: self.log.append(f"told {self.name}")
+        return ["a line"]
+
+    def tell(self, lines: Sequence[bytes]) -> None:
+        """Note that it is handed over."""
+        assert lines == [b"a line\r\n"]
+        self.log.append(f"told {self.name}")
 
     def fail(self, error: Exception) -> None:
         """Keep it."""
@@ -81,10 +88,10 @@ class World:
         self.poison: int | None = None
         self.rests = 0
 
-    def cast_all(self, queries: Sequence[RayQuery], now: Snapshot) -> list[list[RayHits]]:
+    def cast_all(self, queries: Sequence[PendingReport]) -> list[list[RayHits]]:
         """Answer all queries."""
         self.batches.append([query.robot for query in queries])
-        self.instants.append(now.time)
+        self.instants.append(queries[0].snapshot.time)
         if any(query.robot == self.poison for query in queries):
             raise ValueError("poisoned rays")
         return [[RayHits(np.array([one.origin[0]])) for one in query.fans] for query in queries]
@@ -168,14 +175,14 @@ def test_what_takes_long_gets_a_thread_of_its_own(dispatcher: Dispatcher) -> Non
     log: list[str] = []
     slow, quick = Caller(0, snapshot(), log), Caller(1, snapshot(), log)
     slow.slow, gate = True, threading.Event()
-    original = slow.begin
+    original = slow.execute
 
-    def begin(apart: bool) -> Task | None:
+    def execute(apart: bool) -> None:
         assert apart
         gate.wait(TIMEOUT)
-        return original(apart)
+        original(apart)
 
-    slow.begin = begin  # type: ignore[method-assign]
+    slow.execute = execute  # type: ignore[method-assign]
     dispatcher.call(slow)
     serve(dispatcher, [quick])
     assert not slow.done.is_set()

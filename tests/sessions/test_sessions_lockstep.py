@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from usarsim_server.sessions.lockstep import Ticks
+from usarsim_server.sessions.schedule import Ticks
 
 
 def test_without_lockstep_nothing_waits() -> None:

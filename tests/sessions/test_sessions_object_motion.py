@@ -85,7 +85,7 @@ def test_a_robot_pushes_a_crate(stage: Rehearsal, client: RehearsedClient) -> No
 def test_what_falls_out_of_the_world_is_gone(stage: Rehearsal, client: RehearsedClient) -> None:
     """A lost object is not reported any more, and its name is free."""
     create(client, "a", "0,0,-1", Physics="RigidBody")
-    body = stage.assembly.objects.find("a")
+    body = stage.assembly.roles.objects.find("a")
     assert body is not None
     stage.assembly.simulation.remove(body.body)
     stage.settle()

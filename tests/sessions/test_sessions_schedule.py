@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from usarsim_server.sessions.role import BEAT, Schedule, first_report
+from usarsim_server.sessions.schedule import BEAT, Schedule, first_report
 
 INTERVALS = st.lists(st.sampled_from([0.0, 0.05, 0.1, 0.2, 0.25, 0.3, 1.0]), min_size=1, max_size=8)
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from usarsim_server.protocol.grammar import parse_line
-from usarsim_server.sessions.session import RobotAgent
+from usarsim_server.sessions.outbox import Outbox
 from usarsim_server.testing import Rehearsal, RehearsedClient, running_server
 
 
@@ -438,10 +438,10 @@ def test_one_handler_failing_does_not_touch_another(
     other.send("INIT {ClassName P2AT} {Location 130,0,-0.3}")
     client.send("INIT {ClassName P2AT} {Location 130,4,-0.3}")
 
-    def fail(self: RobotAgent, command: object) -> list[str]:
+    def fail(request: object) -> list[str]:
         raise RuntimeError("a defect")
 
-    monkeypatch.setattr(client.agent, "_execute", fail.__get__(client.agent))
+    monkeypatch.setattr(client.agent._role, "obey", fail)
     client.send("GETCONF {Type Robot}")
     other.take()
     stage.run(1.0)
@@ -458,22 +458,12 @@ def eventually(true: Callable[[], bool]) -> bool:
     return true()
 
 
-class Deaf:
-    """A client that does not listen."""
-
-    def put_reply(self, line: bytes) -> None:
-        """Lose a reply."""
-
-    def put_stream(self, line: bytes) -> None:
-        """Lose a streamed line."""
-
-
 def test_who_hangs_up_while_waiting_gets_no_robot() -> None:
     """An INIT whose client has left before its turn came makes no robot, and no larger world that
     others would wait for."""
     with running_server(world="empty") as (assembly, _):
         slots = assembly.simulation._slots
-        agent = assembly.make_agent("hasty", Deaf(), lambda: None)
+        agent = assembly.make_agent("hasty", Outbox(), lambda: None)
         with slots._lock:  # somebody else's class is being compiled
             agent.submit(parse_line(b"INIT {ClassName P3AT} {Location 0,0,-0.3}"))
             assert eventually(lambda: slots.busy)

@@ -287,7 +287,7 @@ def test_sensors_see_objects(stage: Rehearsal, client: RehearsedClient) -> None:
 def test_facts_about_objects_bear_their_names(stage: Rehearsal, client: RehearsedClient) -> None:
     """Sensors that recognise objects are told the name of the object."""
     create(client, "Target", "0,0,-0.15", Material="Red")
-    found = stage.assembly.objects.find("target")
+    found = stage.assembly.roles.objects.find("target")
     assert found is not None
     snapshot = stage.assembly.simulation.look()
     layout = snapshot.layouts[found.body]
@@ -427,7 +427,7 @@ def test_what_has_just_left_is_no_trouble(
     """An object that the physics took away a moment ago is refused, and the controller lives."""
     create(client, "a", "1,0,-0.15", Physics="RigidBody")
     control(client, "AddWP", Name="a", WP="2,0,-0.15")
-    found = stage.assembly.objects.find("a")
+    found = stage.assembly.roles.objects.find("a")
     assert found is not None
     stage.assembly.simulation.remove(found.body)
     stage.settle()
@@ -444,14 +444,14 @@ def test_a_second_init_can_change_the_role() -> None:
         client.send("INIT {ClassName P2AT} {Location 0,0,-0.3}")
         stage.run(0.5)
         assert client.take("STA {Type GroundVehicle}")
-        assert stage.assembly.objects.present() == []
+        assert stage.assembly.roles.objects.present() == []
         client.send("INIT {ClassName USARAvatar.Worker} {Location 0,3,-1}")
         stage.run(0.5)
         assert "{Type USARAvatarWorker}" in client.take("STA")[-1]
         assert stage.assembly.fleet.vehicles == ()
         client.send("INIT {ClassName USARBot.WorldController}")
         assert status(client) == {}
-        assert stage.assembly.avatars.present() == []
+        assert stage.assembly.roles.avatars.present() == []
 
 
 def test_conveyors(tmp_path: Path) -> None:

@@ -39,10 +39,10 @@ from sim_fakes import (
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.model import PhysicsOptions
 from usarsim_server.simulation.rays import moving as moving_geometry
-from usarsim_server.simulation.rays.cast import RayQuery, cast, cast_all
+from usarsim_server.simulation.rays.cast import cast, cast_all
 from usarsim_server.simulation.rays.culling import Spheres
 from usarsim_server.simulation.rays.moving import DynamicGeometry
-from usarsim_server.simulation.rays.query import RayBatch, RayFan, RayHits, join
+from usarsim_server.simulation.rays.query import PendingReport, RayBatch, RayFan, RayHits, join
 from usarsim_server.simulation.rays.scenery import StaticGeometry
 from usarsim_server.simulation.snapshot import Snapshot
 from usarsim_server.worlds.loader import load_world
@@ -375,15 +375,16 @@ class TestBatches:
         engine = engine_with(*[(1.5 * k, 0.3 * k) for k in range(5)], scenery=yard)
         static, dynamic = StaticGeometry(engine.world), DynamicGeometry(engine.world)
         snapshot, dice = engine.snapshot(), np.random.default_rng(3)
-        queries = [RayQuery([], 1), RayQuery([RayFan(np.zeros(3), np.zeros((0, 3)), 1.0)], 2)]
+        empty = RayFan(np.zeros(3), np.zeros((0, 3)), 1.0)
+        queries = [PendingReport(snapshot, 1), PendingReport(snapshot, 2, [empty])]
         for robot in (0, 1, 2, 3, 4, None, 99):
             x, y, z = snapshot.xpos[engine.world.layouts[(robot or 0) % 5].base]
             angles = np.linspace(-1.5, 1.5, 181)
             scan = np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=1)
             fans = [RayFan(np.array([x, y, z]), scan, 20.0), *narrow_fans(dice)]
             fans.append(RayFan(np.array([x, y, z]), scan[80:90], 5.0, normals=True, identify=True))
-            queries.append(RayQuery(fans, robot))
-        together = cast_all(queries, snapshot, static, dynamic)
+            queries.append(PendingReport(snapshot, robot, fans))
+        together = cast_all(queries, static, dynamic)
         for query, answers in zip(queries, together, strict=True):
             alone = cast(query.fans, snapshot, query.robot, static, dynamic)
             for fan, one, other in zip(query.fans, answers, alone, strict=True):

@@ -28,8 +28,8 @@ class Scorer:
             one.simulation,
             one.fleet.classes,
             one.surroundings.victims,
-            one.avatars,
-            one.objects,
+            one.roles.avatars,
+            one.roles.objects,
         )
 
     def ask(self, query: str = "") -> list[tuple[str, str, list[float], list[float]]]:
@@ -113,7 +113,7 @@ def test_victims_with_names_of_their_own_get_an_engines(arena: Rehearsal) -> Non
         for name, figure in names.items()
     ]
     one = arena.assembly
-    actors = Actors(one.simulation, lambda: (), people, one.avatars, one.objects)
+    actors = Actors(one.simulation, lambda: (), people, one.roles.avatars, one.roles.objects)
     assert [(class_name, name) for _, class_name, name in actors._victims] == [
         ("MaleVictim", "MaleVictim_3"),
         ("MaleVictim", "MaleVictim_2"),

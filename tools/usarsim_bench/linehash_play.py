@@ -56,10 +56,9 @@ class Listener(RehearsedClient):
         self.heard: list[bytes] = []
         super().__init__(rehearsal, name)
 
-    def put_reply(self, line: bytes) -> None:
-        """Take a line (called by the agent)."""
+    def hear(self, line: bytes) -> None:
         self.heard.append(line)
-        super().put_reply(line)
+        super().hear(line)
 
     def say(self, *commands: str) -> None:
         """Send commands, each when the one before has been executed."""

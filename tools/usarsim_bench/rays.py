@@ -16,7 +16,7 @@ import json
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from statistics import median
 
@@ -32,7 +32,7 @@ from usarsim_bench.server import run_instrument
 from usarsim_server.app import assemble
 from usarsim_server.settings import Settings
 from usarsim_server.simulation.model import SHELF_NAME
-from usarsim_server.simulation.rays.cast import RayQuery
+from usarsim_server.simulation.rays.query import PendingReport
 from usarsim_server.simulation.rays.scenery import is_visible
 from usarsim_server.simulation.rays.triangles import triangles
 from usarsim_server.simulation.simulation import Simulation
@@ -105,17 +105,17 @@ def measure(
         state = vehicle.state(snapshot)
         if state is not None:
             fans = [fan for sensor in vehicle.sensors for fan in sensor.rays(state)]
-            queries.append(RayQuery(fans, vehicle.robot))
+            queries.append(PendingReport(snapshot, vehicle.robot, fans))
     lasers = [
-        RayQuery([fan for fan in query.fans if len(fan.directions) > 100], query.robot)
+        replace(query, fans=[fan for fan in query.fans if len(fan.directions) > 100])
         for query in queries
     ]
     whole, fixed = bare_scene(simulation, snapshot), bare_scene(simulation, None)
     rates = _in_turns(
         [
-            (_count(queries), lambda: simulation.cast_all(queries, snapshot)),
+            (_count(queries), lambda: simulation.cast_all(queries)),
             (_count(queries), _bare(whole, queries)),
-            (_count(lasers), lambda: simulation.cast_all(lasers, snapshot)),
+            (_count(lasers), lambda: simulation.cast_all(lasers)),
             (_count(lasers), _bare(whole, lasers)),
             (
                 _count(queries),
@@ -156,7 +156,9 @@ def bare_scene(simulation: Simulation, snapshot: Snapshot | None) -> rtcore_scen
     return scene
 
 
-def _bare(scene: rtcore_scene.EmbreeScene, queries: Sequence[RayQuery]) -> Callable[[], object]:
+def _bare(
+    scene: rtcore_scene.EmbreeScene, queries: Sequence[PendingReport]
+) -> Callable[[], object]:
     fans = [fan for query in queries for fan in query.fans]
     origins: Rays = np.concatenate(
         [np.broadcast_to(fan.origin, fan.directions.shape) for fan in fans]
@@ -165,7 +167,7 @@ def _bare(scene: rtcore_scene.EmbreeScene, queries: Sequence[RayQuery]) -> Calla
     return lambda: scene.run(origins, directions, output=1)
 
 
-def _count(queries: Sequence[RayQuery]) -> int:
+def _count(queries: Sequence[PendingReport]) -> int:
     return sum(len(fan.directions) for query in queries for fan in query.fans)
 
 

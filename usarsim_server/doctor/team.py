@@ -20,8 +20,7 @@ from usarsim_server.cameras.painter import Painter, PainterOptions
 from usarsim_server.sessions.robots import Vehicle
 from usarsim_server.settings import Settings
 from usarsim_server.simulation.frames import Pose
-from usarsim_server.simulation.rays.cast import RayQuery
-from usarsim_server.simulation.rays.query import RayFan
+from usarsim_server.simulation.rays.query import PendingReport, RayFan
 from usarsim_server.simulation.snapshot import Snapshot
 
 WORLD = "arena"
@@ -113,7 +112,7 @@ class Team:
             for robot, fan in fans:
                 simulation.cast([fan], snapshot, robot)
             clock.append(time.thread_time())
-            simulation.cast_all([RayQuery([fan], robot) for robot, fan in fans], snapshot)
+            simulation.cast_all([PendingReport(snapshot, robot, [fan]) for robot, fan in fans])
             clock.append(time.thread_time())
             for robot, survey in surveys:
                 simulation.cast(survey, snapshot, robot)

@@ -46,6 +46,9 @@ class Facets:
         ground_truth_digits: row "GroundTruth angles, digits".
         encoder_wraps: ticks are modulo one turn and items are named Wk (row "Encoder").
         panning_key: spelling in RangeScanner CONF (5.2 no. 11).
+        flip: DRIVE Flip sets an overturned robot back on its wheels (3.4).
+        limb_period: s of simulated time between two ASTA and two EFF lines (4.9); None: actuators
+            report as often as STA, effectors on request only.
         lamp_always_full: LightIntensity is 100 even while the lamp is off (4.3).
         steering_as_commanded: STA tells commanded steering angles, otherwise measured ones (4.3).
         tilt_commands: aircraft obey PitchAngle and RollAngle (3.4.4).
@@ -78,6 +81,8 @@ class Facets:
     ground_truth_digits: int
     encoder_wraps: bool
     panning_key: str
+    flip: bool
+    limb_period: float | None
     lamp_always_full: bool
     steering_as_commanded: bool
     tilt_commands: bool
@@ -110,6 +115,8 @@ FACETS: Mapping[Dialect, Facets] = {
         ground_truth_digits=2,
         encoder_wraps=False,
         panning_key="Paning",
+        flip=True,
+        limb_period=None,
         lamp_always_full=False,
         steering_as_commanded=False,
         tilt_commands=False,
@@ -140,6 +147,8 @@ FACETS: Mapping[Dialect, Facets] = {
         ground_truth_digits=3,
         encoder_wraps=True,
         panning_key="Panning",
+        flip=False,
+        limb_period=0.1,
         lamp_always_full=True,
         steering_as_commanded=True,
         tilt_commands=True,
@@ -161,6 +170,17 @@ ANGLE_UNIT = math.tau / 65536
 _MAX_FOUR_DIGIT_BEAMS = 240
 """More beams than this print with two digits in every dialect (5.2 no. 14): RDK's line buffer
 holds 2048 characters, and 240 ranges such as `19.9999,` fill 1920 of them."""
+
+
+def limb_periods(dialect: Dialect, status: float) -> tuple[float, float]:
+    """Simulated s between two lines of an actuator and of an effector; 0: on request only.
+
+    Args:
+        dialect: of the client.
+        status: s between two STA lines of the robot.
+    """
+    period = FACETS[dialect].limb_period
+    return (status, 0.0) if period is None else (period, period)
 
 
 def range_digits(dialect: Dialect, beams: int) -> int:

@@ -1,10 +1,8 @@
 """From sensors to lines: SEN of those that just measured, answers to GETGEO and GETCONF.
 
-Pure functions; the readings are in the sensors. Which instances share a line, which lines carry
+Functions; the readings are in the sensors. Which instances share a line, which lines carry
 Time and how item names look follows from the classes and the dialect (protocol reference 4.5,
 4.7, 4.8).
-
-One reading of some sensors of a robot, in two halves: which rays they need, and the lines.
 """
 
 from __future__ import annotations
@@ -22,7 +20,7 @@ from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.mounting import carried
 from usarsim_server.sensors.base import Sensor
 from usarsim_server.simulation.frames import wire_from_pose
-from usarsim_server.simulation.rays.query import RayFan, RayHits
+from usarsim_server.simulation.rays.query import PendingReport, RayHits
 from usarsim_server.simulation.snapshot import RobotState
 
 
@@ -119,31 +117,25 @@ def _names(sensor: Sensor) -> set[str]:
     return {sensor.name.lower(), *(sensor.wire_name(dialect).lower() for dialect in Dialect)}
 
 
-class Survey:
-    """A reading under way.
+def pending_report(
+    sensors: Sequence[Sensor], state: RobotState, robot: int, dialect: Dialect
+) -> PendingReport:
+    """Take readings of some sensors: now the rays they need, later their SEN lines.
 
-    Attributes:
-        fans: the rays of all sensors.
+    Args:
+        sensors: in mount order.
+        state: of their robot.
+        robot: its number in the simulation.
+        dialect: of the lines.
     """
+    wanted = [sensor.rays(state) for sensor in sensors]
 
-    def __init__(self, sensors: Sequence[Sensor], state: RobotState) -> None:
-        """Ask the sensors for their rays.
-
-        Args:
-            sensors: in mount order.
-            state: of their robot.
-        """
-        self._sensors = sensors
-        self._state = state
-        wanted = [sensor.rays(state) for sensor in sensors]
-        self._counts = [len(rays) for rays in wanted]
-        self.fans: list[RayFan] = [fan for rays in wanted for fan in rays]
-
-    def lines(self, hits: Sequence[RayHits], dialect: Dialect) -> list[str]:
-        """Take the readings, given the answers to `fans` in order, and write them down."""
+    def finish(hits: Sequence[RayHits]) -> list[str]:
         measured, begin = [], 0
-        for sensor, count in zip(self._sensors, self._counts, strict=True):
-            if sensor.measure(self._state, hits[begin : begin + count]):
+        for sensor, rays in zip(sensors, wanted, strict=True):
+            if sensor.measure(state, hits[begin : begin + len(rays)]):
                 measured.append(sensor)
-            begin += count
-        return sen_lines(measured, self._state.time, dialect)
+            begin += len(rays)
+        return sen_lines(measured, state.time, dialect)
+
+    return PendingReport(state.snapshot, robot, [fan for rays in wanted for fan in rays], finish)

@@ -46,9 +46,9 @@ from usarsim_server.services.limits import (
     raise_descriptor_limit,
 )
 from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits
-from usarsim_server.services.outbox import PIECE, ReplyBuffer
 from usarsim_server.services.radio_watch import RadioWatch
 from usarsim_server.services.relay import KERNEL_BUFFER, Traffic, dial
+from usarsim_server.services.replies import PIECE, ReplyBuffer
 
 _BLOCK = 4 * 1024
 """Bytes read at a time from a link; the worst of them, messages without payload, take half a

@@ -39,7 +39,8 @@ from usarsim_server.services.limits import (
     work_cost,
 )
 from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits, hung_up
-from usarsim_server.services.outbox import LoopCalls, Outbox, OutboxLimits
+from usarsim_server.services.replies import LoopCalls
+from usarsim_server.sessions.outbox import Outbox, OutboxLimits
 
 _CHUNK = 2048
 """Bytes read at a time. Parsing them holds the event loop for half a millisecond; beside a client

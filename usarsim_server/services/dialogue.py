@@ -30,7 +30,7 @@ from usarsim_server.services.budget import (
 )
 from usarsim_server.services.limits import Clock, InputRates, input_cost
 from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits
-from usarsim_server.services.outbox import PIECE, ReplyBuffer
+from usarsim_server.services.replies import PIECE, ReplyBuffer
 
 CHUNK = 2048
 """Bytes read at a time: at most some hundred requests, which wait here while one is answered."""

@@ -40,10 +40,10 @@ from usarsim_server.services.limits import (
     raise_descriptor_limit,
 )
 from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits
-from usarsim_server.services.outbox import PIECE, ReplyBuffer
 from usarsim_server.services.radio_watch import RadioWatch
 from usarsim_server.services.relay import Road, Traffic
 from usarsim_server.services.relay_port import RelayPort
+from usarsim_server.services.replies import PIECE, ReplyBuffer
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,9 +13,9 @@ from usarsim_server.logs import Log
 from usarsim_server.protocol import messages
 from usarsim_server.protocol.requests import Goto, Move, Request
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.sessions.role import Reading, Schedule, first_report
+from usarsim_server.sessions.schedule import Role, Schedule, first_report
 from usarsim_server.simulation.frames import Vector, flip_point, wire_from_pose
-from usarsim_server.simulation.rays.cast import RayQuery
+from usarsim_server.simulation.rays.query import PendingReport
 from usarsim_server.simulation.simulation import Simulation
 from usarsim_server.simulation.snapshot import Snapshot
 from usarsim_server.worlds.avatars.avatars import Avatar, Avatars
@@ -68,16 +68,16 @@ class _Errand:
     manner: _Manner
 
 
-class Walker:
+class Walker(Role):
     """Conducts one avatar on behalf of one client.
 
     Attributes:
-        dialect: of no consequence here; kept for whoever asks.
         schedule: of STA and BSTA, which come together.
         slow: where it may walk is surveyed with many rays.
     """
 
     slow = True
+    dialect = Dialect.UDK
 
     def __init__(
         self,
@@ -98,7 +98,7 @@ class Walker:
             quiet_period: simulated s after spawning without reports (1.8).
             log: names the connection and the avatar.
         """
-        self.dialect = Dialect.UDK
+        self.name, self.body = avatar.name, avatar.handle
         self._avatar = avatar
         self._avatars = avatars
         self._nodes = nodes
@@ -115,12 +115,7 @@ class Walker:
 
     # -- the role of a connection ------------------------------------------------------------
 
-    def take_news(self) -> list[str]:
-        """Nothing comes up while reporting."""
-        return []
-
     def leave(self) -> None:
-        """The connection is gone."""
         self._avatars.remove(self._avatar)
 
     def obey(self, request: Request) -> list[str]:
@@ -134,8 +129,7 @@ class Walker:
                 self._log.debug("an avatar ignores", request=type(request).__name__)
         return []
 
-    def read(self, snapshot: Snapshot, due: Sequence[int]) -> Reading | None:
-        """STA and BSTA if they are due at a snapshot."""
+    def read(self, snapshot: Snapshot, due: Sequence[int]) -> PendingReport | None:
         state = self._avatar.state(snapshot)
         if state is None or not due:
             return None
@@ -157,7 +151,7 @@ class Walker:
             messages.avatar_status(status),
             messages.avatar_bones(snapshot.time, self._avatar.name, bones),
         ]
-        return Reading(RayQuery(()), lambda hits: told)
+        return PendingReport(snapshot, finish=lambda hits: told)
 
     # -- going -------------------------------------------------------------------------------
 

@@ -16,64 +16,21 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import Protocol
 
 from usarsim_server.logs import Log
-from usarsim_server.simulation.rays.cast import RayQuery
-from usarsim_server.simulation.rays.query import RayHits
-from usarsim_server.simulation.snapshot import Snapshot
+from usarsim_server.protocol.messages import encode
+from usarsim_server.sessions.session import RobotAgent
+from usarsim_server.simulation.rays.query import PendingReport, RayHits
 
 AT_ONCE = 16
 """Reports that are worked out together; so what is ready first does not wait for very many."""
 
-CastAll = Callable[[Sequence[RayQuery], Snapshot], list[list[RayHits]]]
-"""Answers the queries of many viewers at one instant, see `Simulation.cast_all`."""
+CastAll = Callable[[Sequence[PendingReport]], list[list[RayHits]]]
+"""Answers the rays of many reports about one instant, see `Simulation.cast_all`."""
+
+Waiting = tuple[RobotAgent, PendingReport]
 
 _log = Log("robots")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Task:
-    """A report that waits for its rays.
-
-    Attributes:
-        snapshot: the instant it is about.
-        query: the rays.
-        finish: writes the report, given the answers to the fans of the query, in order; what it
-            returns hands it over. So those who send all reports are woken once, when all are
-            written.
-    """
-
-    snapshot: Snapshot
-    query: RayQuery
-    finish: Callable[[Sequence[RayHits]], Callable[[], None]]
-
-
-class Served(Protocol):
-    """A connection as the dispatcher sees it. Only one thread at a time serves it."""
-
-    @property
-    def slow(self) -> bool:
-        """Whether what it has to do next may take long."""
-
-    def begin(self, apart: bool) -> Task | None:
-        """Execute commands that wait, and say what the report that is due needs, if one is.
-
-        Must not raise.
-
-        Args:
-            apart: it has a thread of its own. Otherwise whatever is slow is left for then.
-        """
-
-    def fail(self, error: Exception) -> None:
-        """It cannot go on; must not raise."""
-
-    def pause(self) -> bool:
-        """Called when nothing is left to do: False if something has come in meanwhile.
-
-        After True nobody serves it until it calls again.
-        """
 
 
 class Dispatcher:
@@ -90,13 +47,13 @@ class Dispatcher:
         self._cast_all = cast_all
         self._rested = rested
         self._signal = threading.Condition()
-        self._calls: deque[Served] = deque()
+        self._calls: deque[RobotAgent] = deque()
         self._held = 0
         self._thread: threading.Thread | None = None
         self._extra: set[threading.Thread] = set()
         self._stopping = False
 
-    def call(self, caller: Served) -> None:
+    def call(self, caller: RobotAgent) -> None:
         """Have a caller served soon; it must not call again before `pause` was True. Any thread."""
         with self._signal:
             self._calls.append(caller)
@@ -137,7 +94,7 @@ class Dispatcher:
         while callers := self._take():
             self._serve(callers)
 
-    def _take(self) -> list[Served]:
+    def _take(self) -> list[RobotAgent]:
         """Who has called, in that order; nobody at the end."""
         with self._signal:
             while (self._held or not self._calls) and not self._stopping:
@@ -148,33 +105,36 @@ class Dispatcher:
             self._calls.clear()
             return callers
 
-    def _serve(self, callers: Sequence[Served]) -> None:
-        prompt: list[Served] = []
-        tasks: list[tuple[Served, Task]] = []
+    def _serve(self, callers: Sequence[RobotAgent]) -> None:
+        prompt: list[RobotAgent] = []
+        waiting: list[Waiting] = []
         for caller in callers:
             if caller.slow:
                 self._start_extra(caller)
                 continue
-            task = caller.begin(apart=False)
+            report = _begin(caller, apart=False)
             prompt.append(caller)
-            if task is not None:
-                tasks.append((caller, task))
-        if tasks:
+            if report is not None:
+                waiting.append((caller, report))
+        if waiting:
             self._rested()  # the world may go on: what is left is only written down
-        for start in range(0, len(tasks), AT_ONCE):
-            self._work_off(tasks[start : start + AT_ONCE])
+        for start in range(0, len(waiting), AT_ONCE):
+            self._work_off(waiting[start : start + AT_ONCE])
         for caller in prompt:
             self._let_go(caller)
         self._rested()
 
-    def _work_off(self, tasks: Sequence[tuple[Served, Task]]) -> None:
-        """Cast the rays of some tasks, those of one instant together, and finish them."""
-        instants: dict[int, list[tuple[Served, Task]]] = {}
-        for one in tasks:
+    def _work_off(self, waiting: Sequence[Waiting]) -> None:
+        """Cast the rays of some reports, those of one instant together, and finish them.
+
+        All are written before the first is handed over, so that those who send them are woken once.
+        """
+        instants: dict[int, list[Waiting]] = {}
+        for one in waiting:
             instants.setdefault(id(one[1].snapshot), []).append(one)
         for group in instants.values():
             try:
-                answers = self._cast(group)
+                answers = self._cast([report for _, report in group])
             except Exception as error:
                 if len(group) == 1:
                     group[0][0].fail(error)
@@ -182,31 +142,30 @@ class Dispatcher:
                     for one in group:
                         self._work_off([one])
                 continue
-            written: list[tuple[Served, Callable[[], None]]] = []
-            for (caller, task), hits in zip(group, answers, strict=True):
+            written: list[tuple[RobotAgent, list[bytes]]] = []
+            for (caller, report), hits in zip(group, answers, strict=True):
                 try:
-                    written.append((caller, task.finish(hits)))
+                    written.append((caller, [encode(line) for line in report.finish(hits)]))
                 except Exception as error:
                     caller.fail(error)
-            for caller, hand_over in written:
+            for caller, lines in written:
                 try:
-                    hand_over()
+                    caller.tell(lines)
                 except Exception as error:
                     caller.fail(error)
 
-    def _cast(self, group: Sequence[tuple[Served, Task]]) -> Sequence[Sequence[RayHits]]:
-        queries = [task.query for _, task in group]
-        if not any(query.fans for query in queries):
-            return [()] * len(queries)
-        return self._cast_all(queries, group[0][1].snapshot)
+    def _cast(self, reports: Sequence[PendingReport]) -> Sequence[Sequence[RayHits]]:
+        if not any(report.fans for report in reports):
+            return [()] * len(reports)
+        return self._cast_all(reports)
 
-    def _let_go(self, caller: Served) -> None:
+    def _let_go(self, caller: RobotAgent) -> None:
         if not caller.pause():
             self.call(caller)
 
     # -- threads for what takes long ---------------------------------------------------------
 
-    def _start_extra(self, caller: Served) -> None:
+    def _start_extra(self, caller: RobotAgent) -> None:
         thread = threading.Thread(
             target=self._serve_alone, args=(caller,), name="robot-alone", daemon=True
         )
@@ -222,7 +181,7 @@ class Dispatcher:
             _log.warning("no thread for what takes long", reason=str(error))
             self._serve_to_the_end(caller)
 
-    def _serve_alone(self, caller: Served) -> None:
+    def _serve_alone(self, caller: RobotAgent) -> None:
         try:
             self._serve_to_the_end(caller)
         finally:
@@ -230,11 +189,21 @@ class Dispatcher:
                 self._extra.discard(threading.current_thread())
             self._rested()
 
-    def _serve_to_the_end(self, caller: Served) -> None:
+    def _serve_to_the_end(self, caller: RobotAgent) -> None:
         while not self._stopping:
-            task = caller.begin(apart=True)
-            if task is not None:
+            report = _begin(caller, apart=True)
+            if report is not None:
                 self._rested()
-                self._work_off([(caller, task)])
+                self._work_off([(caller, report)])
             if caller.pause():
                 return
+
+
+def _begin(caller: RobotAgent, apart: bool) -> PendingReport | None:
+    """Have a caller execute what waits; the report that is due then, if one is."""
+    try:
+        caller.execute(apart)
+        return caller.next_report()
+    except Exception as error:
+        caller.fail(error)
+        return None

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from usarsim_server.actuators.articulation import Articulation
 from usarsim_server.logs import Log
 from usarsim_server.protocol import messages
-from usarsim_server.protocol.dialects import sends_results
+from usarsim_server.protocol.dialects import FACETS, limb_periods, sends_results
 from usarsim_server.protocol.requests import (
     Act,
     Drive,
@@ -27,20 +27,17 @@ from usarsim_server.protocol.requests import (
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.families.base import StatusFacts, family_of
 from usarsim_server.robots.mounting import SetReply, SetResult
-from usarsim_server.sensors.report import Survey, conf_line, find_sensors, geo_line
+from usarsim_server.sensors.report import conf_line, find_sensors, geo_line, pending_report
 from usarsim_server.sessions.cameras import CameraMount
-from usarsim_server.sessions.power import NO_BATTERY, Battery
-from usarsim_server.sessions.robots import Vehicle
-from usarsim_server.sessions.role import BEAT, Reading, Schedule, first_report
+from usarsim_server.sessions.robots import Battery, Vehicle
+from usarsim_server.sessions.schedule import BEAT, Role, Schedule, first_report
 from usarsim_server.simulation.frames import Pose
-from usarsim_server.simulation.rays.cast import RayQuery
-from usarsim_server.simulation.rays.query import RayHits
+from usarsim_server.simulation.rays.query import PendingReport, RayHits
+from usarsim_server.simulation.simulation import BodyHandle
 from usarsim_server.simulation.snapshot import RobotBody, Snapshot
 
 UPRIGHTING_LIFT = 0.05
 """m that a flipped robot is set down from."""
-UDK_LIMB_PERIOD = 0.1
-"""Simulated s between two ASTA and two EFF lines (protocol reference 4.9)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,14 +55,15 @@ class PilotOptions:
     udk_sta_order: bool = False
 
 
-class Pilot:
+class Pilot(Role):
     """Conducts one vehicle on behalf of one client.
 
     Attributes:
         schedule: of STA, of every sensor, of actuators and of effectors, in that order.
     """
 
-    slow = False
+    body: BodyHandle
+    schedule: Schedule
 
     def __init__(
         self,
@@ -89,23 +87,25 @@ class Pilot:
         """
         self._asked = asked
         self.vehicle = vehicle
+        self.name, self.body = vehicle.name, vehicle.body
         self._dialect = dialect
         self._options = options
         self._log = log
         self._family = family_of(vehicle.description)
         self._conduct = self._family.conduct(vehicle.description, vehicle.body)
-        self._battery = _battery(vehicle, battery_life)
+        given = vehicle.description.battery
+        life = battery_life if battery_life is not None or given is None else given.life
+        self._power = vehicle.power
+        self._power.battery = None if life is None else Battery(life)
+        self._power.spawned = None
         self._limbs = Articulation(vehicle.description, vehicle.body)
         self._cameras = CameraMount(
             vehicle.description, vehicle.robot, vehicle.cameras, vehicle.board, vehicle.look
         )
         self._sensors = vehicle.sensors
         self.schedule = Schedule(self._intervals(), self._first_report)
-        self._spawned: float | None = None
         self._dead = False
         self._news: list[str] = []
-        vehicle.gauge.connect(self._remaining)
-        vehicle.headlight.connect(lambda: self._conduct.light and not self._dead)
 
     # -- requests ----------------------------------------------------------------------------
 
@@ -121,13 +121,17 @@ class Pilot:
             self.schedule.set_intervals(self._intervals())
 
     def obey(self, request: Request) -> list[str]:
-        """Carry out a request; returns the reply lines."""
         if self._dead:
             # A robot without power takes no orders (protocol reference 3.1, column B).
             return []
         match request:
             case Drive():
-                self._obey_drive(request)
+                if request.light is not None:
+                    self._conduct.light = self._power.lit = request.light
+                self._conduct.steer(request, self._dialect)
+                self._limbs.drive(request)
+                if request.flip and FACETS[self._dialect].flip:
+                    self._flip()
             case MisPkg() | Act() | MultiDrive():
                 self._limbs.obey(request)
             case Set():
@@ -140,12 +144,6 @@ class Pilot:
             case _:
                 self._log.debug("request has no effect", request=type(request).__name__)
         return []
-
-    def _obey_drive(self, request: Drive) -> None:
-        self._conduct.command(request, self._dialect)
-        self._limbs.drive(request)
-        if request.flip and self._dialect is Dialect.UT2004:
-            self._flip()
 
     def _flip(self) -> None:
         """Set an overturned robot back on its wheels where it lies (protocol reference 3.4)."""
@@ -176,9 +174,8 @@ class Pilot:
             answer = sensor.set(opcode, request.params, state)
             reply = answer if isinstance(answer, SetReply) else SetReply(answer)
             if reply.result is SetResult.SCAN:
-                survey = Survey([sensor], state)
-                hits = self.vehicle.body.cast(survey.fans, state.snapshot) if survey.fans else ()
-                lines += survey.lines(hits, self._dialect)
+                scan = pending_report([sensor], state, self.body.number, self._dialect)
+                lines += scan.finish(self.body.cast(scan.fans, scan.snapshot) if scan.fans else ())
             if reply.result is not SetResult.UNKNOWN and sends_results(self._dialect):
                 ok = reply.result is not SetResult.FAILED
                 lines.append(
@@ -207,12 +204,11 @@ class Pilot:
 
     # -- reports -----------------------------------------------------------------------------
 
-    def read(self, snapshot: Snapshot, due: Sequence[int]) -> Reading | None:
-        """Begin the report that is due at a snapshot, see `Role.read`."""
+    def read(self, snapshot: Snapshot, due: Sequence[int]) -> PendingReport | None:
         state = self.vehicle.state(snapshot)
         if state is None:
             return None
-        if self._spawned is None:
+        if self._power.spawned is None:
             self._begin(state)
             return None
         if not due:
@@ -221,23 +217,24 @@ class Pilot:
         status = [self._status(state)] if due[0] == 0 else []
         self._check_battery(snapshot.time)
         if self._dead:
-            return Reading(RayQuery(()), lambda hits: status)
+            return PendingReport(snapshot, finish=lambda hits: status)
         last = len(self._sensors)
-        survey = Survey([self._sensors[i - 1] for i in due if 0 < i <= last], state)
+        sensors = [self._sensors[i - 1] for i in due if 0 < i <= last]
+        report = pending_report(sensors, state, self.body.number, self._dialect)
 
-        def lines(hits: Sequence[RayHits]) -> list[str]:
-            told = status + survey.lines(hits, self._dialect)
+        def finish(hits: Sequence[RayHits]) -> list[str]:
+            told = status + report.finish(hits)
             if last + 1 in due:
                 told += self._limbs.actuator_lines(self._dialect, state)
             if last + 2 in due:
                 told += self._limbs.effector_lines(state)
             return told
 
-        return Reading(RayQuery(survey.fans, self.vehicle.robot), lines)
+        return replace(report, finish=finish)
 
     def _begin(self, state: RobotBody) -> None:
         """Start the clock; dead reckoning starts from the pose of this moment."""
-        self._spawned = state.time
+        self._power.spawned = state.time
         for sensor in self._sensors:
             if not sensor.rays(state):
                 sensor.measure(state, ())
@@ -261,9 +258,11 @@ class Pilot:
         self._news.append(messages.status_change(time, event, wire_type, name))
 
     def take_news(self) -> list[str]:
-        """Lines about changes since the last call; unlike streamed lines they must arrive."""
         news, self._news = self._news, []
         return news
+
+    def leave(self) -> None:
+        self.vehicle.leave()
 
     def _battery_name(self) -> str:
         return next((one.name for one in self._sensors if one.wire_type == "Battery"), "Battery")
@@ -272,9 +271,7 @@ class Pilot:
         """Intervals of the streams in the order of the schedule, s."""
         sensors = [sensor.interval(self._dialect) for sensor in self._sensors]
         status = self._family.status_period(self.vehicle.description, self._dialect)
-        udk = self._dialect is Dialect.UDK
-        actuators = UDK_LIMB_PERIOD if udk else status
-        effectors = UDK_LIMB_PERIOD if udk else 0.0
+        actuators, effectors = limb_periods(self._dialect, status)
         return [
             status,
             *sensors,
@@ -286,29 +283,15 @@ class Pilot:
         facts = StatusFacts(
             state=state,
             joints=self._limbs.joints(state),
-            battery=self._remaining(state.time),
+            battery=self._power.seconds(state.time),
             view=self._cameras.view,
             udk_order=self._options.udk_sta_order,
         )
         return self._conduct.status(facts, self._dialect)
 
-    def _remaining(self, time: float) -> int:
-        if self._battery is None or self._spawned is None:
-            return NO_BATTERY
-        return self._battery.remaining_seconds(time - self._spawned)
-
     def _check_battery(self, time: float) -> None:
-        if self._dead or self._battery is None or self._spawned is None:
-            return
-        if self._battery.empty(time - self._spawned):
-            self._dead = True
+        if not self._dead and self._power.empty(time):
+            self._dead, self._power.lit = True, False
             self._conduct.stop()
             self._log.info("battery is empty")
             self.announce(time, "BatteryEmpty", "Battery", self._battery_name())
-
-
-def _battery(vehicle: Vehicle, life: float | None) -> Battery | None:
-    description = vehicle.description.battery
-    if life is not None:
-        return Battery(life=life) if description is None else Battery(life, description.energy)
-    return None if description is None else Battery(description.life, description.energy)

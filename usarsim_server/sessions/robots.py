@@ -1,7 +1,13 @@
-"""All robots of a world: classes become bodies, bodies get names, numbers and random streams."""
+"""All robots of a world: classes become bodies, bodies get names, numbers and random streams.
+
+A robot's battery drains evenly from the moment of spawning, whatever the robot does: the original
+divides the stored energy by a moving average of the drain that starts at the nominal drain and
+never leaves it, so the printed value falls by one a second (robots reference 2.10).
+"""
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -19,7 +25,6 @@ from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.families.base import family_of
 from usarsim_server.robots.mjcf import build_spec
 from usarsim_server.sensors.base import Sensor, SensorContext, create_sensor
-from usarsim_server.sessions.power import BatteryGauge, Headlight
 from usarsim_server.simulation.articulation import JointModel, ToolModel
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import RobotModel
@@ -32,6 +37,57 @@ from usarsim_server.worlds.labels import Labels
 from usarsim_server.worlds.smoke import smoke_field
 from usarsim_server.worlds.surroundings import Surroundings
 
+NO_BATTERY = 99999
+"""What STA prints for a robot without a battery, and the most it prints for one with it."""
+
+_SLACK = 1e-6
+"""s: 1200 s less 0.3 s less 0.7 s is 1199 s, although not in binary."""
+
+
+class Battery:
+    """A charge that lasts `life` s of simulated time after spawning; none if that is no number."""
+
+    def __init__(self, life: float) -> None:
+        self._life = max(life, 0.0) if math.isfinite(life) else 0.0
+
+    def remaining_seconds(self, elapsed: float) -> int:
+        """Whole seconds of life left `elapsed` simulated seconds after spawning, for STA."""
+        return min(int(self._remaining(elapsed) + _SLACK), NO_BATTERY)
+
+    def empty(self, elapsed: float) -> bool:
+        """Whether nothing is left: sensors fall silent and the robot stops."""
+        return self._remaining(elapsed) <= _SLACK
+
+    def _remaining(self, elapsed: float) -> float:
+        return max(self._life - max(elapsed, 0.0), 0.0)
+
+
+@dataclass(slots=True, eq=False)
+class Power:
+    """Battery and headlight of one robot: set by its pilot alone, read by any thread.
+
+    Attributes:
+        battery: None for a robot without one.
+        spawned: simulated time of its first snapshot; None before.
+        lit: the headlight is on and has power; DRIVE switches it, cameras see what it shines on.
+    """
+
+    battery: Battery | None = None
+    spawned: float | None = None
+    lit: bool = False
+
+    def seconds(self, time: float) -> int:
+        """Whole seconds of life left at a simulated time (s)."""
+        if self.battery is None or self.spawned is None:
+            return NO_BATTERY
+        return self.battery.remaining_seconds(time - self.spawned)
+
+    def empty(self, time: float) -> bool:
+        """Whether nothing is left at a simulated time (s): it stops, its sensors fall silent."""
+        if self.battery is None or self.spawned is None:
+            return False
+        return self.battery.empty(time - self.spawned)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Vehicle:
@@ -42,20 +98,20 @@ class Vehicle:
         description: its class.
         body: its body in the simulation.
         sensors: in mount order.
-        gauge: shows how much is left in its battery.
-        headlight: shows whether its lamp is lit.
+        leave: takes it out of the world; a second call does nothing.
         cameras: keys of its cameras on the board, in mount order.
         board: all cameras of the world.
+        power: its battery and headlight.
     """
 
     name: str
     description: RobotDescription
     body: BodyHandle
     sensors: tuple[Sensor, ...]
-    gauge: BatteryGauge = field(default_factory=BatteryGauge)
-    headlight: Headlight = field(default_factory=Headlight)
-    cameras: tuple[int, ...] = ()
-    board: CameraBoard = field(default_factory=lambda: CameraBoard(Grid()))
+    leave: Callable[[], None]
+    cameras: tuple[int, ...]
+    board: CameraBoard
+    power: Power = field(default_factory=Power)
 
     @property
     def robot(self) -> int:
@@ -139,7 +195,7 @@ class Fleet:
         snapshot = self._simulation.look()
         found = ((one, one.state(snapshot)) for one in present)
         return [
-            Station(one.name, state.pose.position, one.gauge.empty(snapshot.time))
+            Station(one.name, state.pose.position, one.power.seconds(snapshot.time) <= 0)
             for one, state in found
             if state is not None
         ]
@@ -192,8 +248,9 @@ class Fleet:
                 description,
                 self._simulation.body(robot),
                 sensors,
-                cameras=cameras,
-                board=self.board,
+                lambda: self.remove(vehicle),
+                cameras,
+                self.board,
             )
             self._vehicles[robot] = vehicle
         if placed.position != pose.position:
@@ -237,7 +294,7 @@ class Fleet:
     def lit(self, robot: int) -> bool:
         """Whether the headlight of a robot, by its number in the simulation, is on."""
         vehicle = self._vehicles.get(robot)
-        return vehicle is not None and vehicle.headlight.lit
+        return vehicle is not None and vehicle.power.lit
 
     def move(self, name: str, change: Callable[[Pose], Pose]) -> bool:
         """Put a vehicle somewhere else, at rest, or beside it; whether there is one.

@@ -1,8 +1,8 @@
-"""The handler of one connection: a mailbox that owns at most one robot, or another role such as
-that of a world controller. The dispatcher serves it whenever something has come in.
+"""The handler of one connection: a mailbox that owns at most one role, such as a robot. The
+dispatcher serves it whenever something has come in.
 
 Commands keep their order, whether they come before, with or after INIT. So do snapshots: each one
-that is shown is reported on. A handler that is late holds the world back, see `clockwork.py`.
+that is shown is reported on. A handler that is late holds the world back, see `clock.py`.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ import math
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import Protocol
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 from usarsim_server.errors import UsarsimError
 from usarsim_server.logs import Log
@@ -32,35 +32,18 @@ from usarsim_server.protocol.requests import (
     Unknown,
 )
 from usarsim_server.sessions.cameras import bind_view
-from usarsim_server.sessions.dispatcher import Dispatcher, Task
-from usarsim_server.sessions.lockstep import Ticks
-from usarsim_server.sessions.robot_role import Pilot, PilotOptions
-from usarsim_server.sessions.robots import Fleet, Vehicle
-from usarsim_server.sessions.role import Casting, Role, RoleFactory, robots_only
-from usarsim_server.simulation.frames import Pose, pose_from_wire, wire_from_pose
-from usarsim_server.simulation.rays.query import RayHits
+from usarsim_server.sessions.outbox import Outbox
+from usarsim_server.sessions.robot_role import Pilot
+from usarsim_server.sessions.roles import Roles
+from usarsim_server.sessions.schedule import Role, Ticks
+from usarsim_server.simulation.rays.query import PendingReport
 from usarsim_server.simulation.snapshot import Snapshot
-from usarsim_server.worlds.description import WorldDescription
 
 DIE_FELL = "DmgType_Fell"
 FLOOD = 64
 """Commands waiting from which on a client is served apart from the others."""
 BESIDE_REPORT = 16
 """Commands that are executed before a report that is due."""
-
-
-class Mouth(Protocol):
-    """Where an agent's lines go; must never block."""
-
-    @property
-    def crowded(self) -> bool:
-        """Whether so much waits for a client that reads that a world without pace should wait."""
-
-    def put_reply(self, line: bytes) -> None:
-        """Queue a line that must arrive."""
-
-    def put_stream(self, line: bytes) -> None:
-        """Queue a line that may give way to newer ones."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,15 +53,11 @@ class AgentOptions:
     Attributes:
         dialect: how the dialect is chosen.
         replace_robot: a second INIT replaces the robot instead of being ignored.
-        start_at_first_pose: INIT without place uses the first start pose, not the origin.
-        pilot: see `PilotOptions`.
         tick: simulated s between two ticks of lockstep; None without lockstep.
     """
 
     dialect: DialectMode = DialectMode.AUTO
     replace_robot: bool = False
-    start_at_first_pose: bool = False
-    pilot: PilotOptions = field(default_factory=PilotOptions)
     tick: float | None = None
 
 
@@ -98,51 +77,51 @@ class _Report:
 
 
 class RobotAgent:
-    """Executes the commands of one connection and reports on its robot."""
+    """Executes the commands of one connection and reports on what it is in the world.
+
+    Attributes:
+        peer: `host:port` of the client.
+        outbox: takes the lines.
+        due: simulated time of the next snapshot wanted.
+        work: processor time that the commands of this client have taken so far, s.
+    """
 
     def __init__(
         self,
         peer: str,
-        mouth: Mouth,
+        outbox: Outbox,
         on_backlog_low: Callable[[], None],
-        fleet: Fleet,
-        world: WorldDescription,
-        dispatcher: Dispatcher,
+        roles: Roles,
+        call: Callable[[RobotAgent], None],
         options: AgentOptions,
-        roles: RoleFactory = robots_only,
     ) -> None:
         """Make an agent that has nothing to do yet.
 
         Args:
-            peer: names the connection in the log.
-            mouth: takes the lines.
-            on_backlog_low: called when the mailbox has become empty.
-            fleet: makes the robot.
-            world: for start poses and path nodes.
-            dispatcher: serves it.
+            peer, outbox: see the attributes.
+            on_backlog_low: called, from any thread, when commands have been taken.
+            roles: makes what INIT asks for.
+            call: has this agent served soon, see `Dispatcher.call`.
             options: see there.
-            roles: makes what is no robot, such as a world controller.
         """
-        self._peer = peer
-        self._mouth = mouth
+        self.peer = peer
+        self.outbox = outbox
+        self.due = math.inf
+        self.work = 0.0
         self._on_backlog_low = on_backlog_low
-        self._fleet = fleet
-        self._world = world
-        self._dispatcher = dispatcher
-        self._options = options
         self._roles = roles
+        self._ask_to_be_served = call
+        self._options = options
         self._log = Log("robot", connection=peer)
         self._selector = DialectSelector(options.dialect)
         self._role: Role | None = None
-        self._leave: Callable[[], None] = _nothing
-        self._vehicle: Vehicle | None = None
         self._lock = threading.Lock()
         self._commands: deque[Command] = deque()
         self._submitted = self._taken = 0
         """Weight of all commands submitted, and of those begun or forgotten."""
-        self._work = 0.0
         self._reports: deque[_Report] = deque()
         """Those that are not finished; the first one may be under way."""
+        self._told: _Report | None = None
         self._lost: str | None = None
         self._called = False
         self._begun = False
@@ -150,43 +129,37 @@ class RobotAgent:
         self._planning = False
         self._closed = False
         self._ended = False
-        self._due = math.inf
         self._ticks = Ticks(options.tick)
         self._barred = False
         """In lockstep, what follows a SYNC waits until its tick has passed."""
+        self._handlers: Mapping[type[Request], Callable[[Any], list[str]]] = {
+            Init: self._initialise,
+            GetStartPoses: roles.start_poses,
+            GetPathNodes: roles.path_nodes,
+            GetClosestPathNode: roles.closest_path_node,
+            Set: self._set,
+            Sync: self._synchronise,
+            Unknown: self._ignore,
+        }
+        """What the connection itself obeys; everything else is its role's."""
 
     # -- mailbox, any thread -----------------------------------------------------------------
 
     @property
-    def peer(self) -> str:
-        """`host:port` of the client."""
-        return self._peer
-
-    @property
     def robot(self) -> str | None:
         """The name of its robot; None as long as there is none."""
-        vehicle = self._vehicle
-        return None if vehicle is None else vehicle.name
+        role = self._role
+        return role.name if isinstance(role, Pilot) else None
 
     @property
     def backlog(self) -> int:
-        """Weight of the commands submitted and not yet begun."""
+        """Weight of the commands submitted and not yet begun, see `Command.weight`."""
         return self._submitted - self._taken
-
-    @property
-    def work(self) -> float:
-        """Processor time that the commands of this client have taken so far, s."""
-        return self._work
 
     @property
     def has_role(self) -> bool:
         """Whether the connection is a robot or something else in the world, or becomes so."""
         return self._role is not None or self._called
-
-    @property
-    def due(self) -> float:
-        """Simulated time of the next snapshot wanted."""
-        return self._due
 
     @property
     def horizon(self) -> float:
@@ -215,7 +188,7 @@ class RobotAgent:
             self._log.warning("lockstep goes on without a client that sends no SYNC")
 
     def submit(self, commands: list[Command]) -> None:
-        """Take over commands, in the order they came."""
+        """Take over commands, in the order they came; never blocks."""
         with self._lock:
             if self._closed:
                 return
@@ -228,7 +201,7 @@ class RobotAgent:
         with self._lock:
             role = self._role
             if role is None or role.schedule is None or self._closed:
-                self._due = math.inf
+                self.due = math.inf
                 return
             streams = role.schedule.take_due(snapshot.time)
             self._reports.append(_Report(snapshot, streams, self._ticks.passes(snapshot.time)))
@@ -239,24 +212,28 @@ class RobotAgent:
         """The robot was taken out of the world."""
         with self._lock:
             self._lost = reason
-            self._due = math.inf
+            self.due = math.inf
             self._call()
-
-    def _forget_reports(self) -> None:
-        """Nobody is to be told anything any more (lock held)."""
-        self._reports.clear()
-        self._under_way = 0
-        self._due = math.inf
 
     def settled(self) -> bool:
         """Whether nothing is left to do but, perhaps, to write a report."""
         with self._lock:
             quiet = not self._called or (self._begun and not self._pending())
-        return quiet and not self._mouth.crowded
+        return quiet and not self.outbox.crowded
 
     def idle(self) -> bool:
         """Whether all commands and snapshots have been dealt with, and a goodbye too."""
         return not self._called
+
+    def close(self) -> None:
+        """The client is gone: the robot leaves the world, commands are forgotten; never blocks."""
+        with self._lock:
+            self._closed = True
+            self._forget()
+            self._call()
+        role = self._role
+        if isinstance(role, Pilot):
+            role.leave()  # at once: who serves it may be busy
 
     def _pending(self) -> bool:
         """Whether something waits to be begun (lock held)."""
@@ -264,24 +241,22 @@ class RobotAgent:
         waiting = waiting or (bool(self._commands) and not self._barred)
         return waiting or (self._closed and not self._ended)
 
-    def close(self) -> None:
-        """The client is gone: the robot leaves the world."""
-        with self._lock:
-            self._closed = True
-            self._commands.clear()
-            self._taken = self._submitted
-            self._forget_reports()
-            self._call()
-        vehicle = self._vehicle
-        if vehicle is not None:
-            # At once; who serves it may be busy.
-            self._fleet.remove(vehicle)
-
     def _call(self) -> None:
         """Ask to be served (lock held)."""
         if not self._called and not self._ended:
             self._called, self._begun = True, False
-            self._dispatcher.call(self)
+            self._ask_to_be_served(self)
+
+    def _forget(self) -> None:
+        """Nothing is to be executed any more, and nobody is to be told anything (lock held)."""
+        self._commands.clear()
+        self._taken = self._submitted
+        self._forget_reports()
+
+    def _forget_reports(self) -> None:
+        self._reports.clear()
+        self._under_way = 0
+        self.due = math.inf
 
     # -- being served, one thread at a time --------------------------------------------------
 
@@ -297,87 +272,13 @@ class RobotAgent:
             return False
         return command.word == "INIT" or (self._role is not None and self._role.slow)
 
-    def begin(self, apart: bool) -> Task | None:
-        """Execute what waits; the report that is due, if there is one."""
+    def execute(self, apart: bool) -> None:
+        """Execute commands that wait.
+
+        Args:
+            apart: it has a thread of its own. Otherwise whatever is slow is left for then.
+        """
         self._begun = False
-        try:
-            return self._begin(apart)
-        except Exception as error:
-            self.fail(error)
-            return None
-        finally:
-            self._begun = True
-
-    def _begin(self, apart: bool) -> Task | None:
-        if self._closed:
-            self._end()
-            return None
-        self._execute_waiting(apart)
-        with self._lock:
-            role = self._role
-            report = self._reports[0] if self._reports else None
-            self._under_way = int(report is not None)
-            lost = None
-            if report is None:  # what was seen of a robot is told before its end
-                lost, self._lost = self._lost, None
-        if lost is not None:
-            self._lose(lost)
-        if report is None or role is None:
-            return None
-        reading = role.read(report.snapshot, report.streams)
-        if reading is None:
-            self._tell((), report)
-            return None
-
-        def finish(hits: Sequence[RayHits]) -> Callable[[], None]:
-            lines = [messages.encode(line) for line in reading.lines(hits)]
-            return lambda: self._tell(lines, report)
-
-        return Task(report.snapshot, reading.query, finish)
-
-    def _tell(self, streamed: Sequence[bytes], report: _Report) -> None:
-        """Hand over what a report has found."""
-        if self._role is None:
-            return
-        # News first: the CONF of a camera must not look like the answer to a question that the
-        # first SEN provokes.
-        for news in self._role.take_news():
-            self._mouth.put_reply(messages.encode(news))
-        for line in streamed:
-            self._mouth.put_stream(line)
-        if report.tick:
-            self._mouth.put_reply(messages.encode(messages.tick(report.snapshot.time)))
-        with self._lock:
-            if self._reports:  # else the robot has left meanwhile
-                self._reports.popleft()
-            self._under_way = 0
-            if report.tick:
-                self._barred = False
-
-    def pause(self) -> bool:
-        """Nothing is left to do; False if something has come in meanwhile."""
-        with self._lock:
-            self._called = self._pending() and not self._ended
-            return not self._called
-
-    def fail(self, error: Exception) -> None:
-        """One robot's defect must not take the others along."""
-        self._log.exception("the robot's handler failed", error)
-        self._end()
-
-    def _end(self) -> None:
-        """Leave the world and listen to nobody any more."""
-        try:
-            self._dismiss()
-        except Exception as error:
-            self._log.exception("the robot could not leave", error)
-        with self._lock:
-            self._closed = self._ended = True
-            self._commands.clear()
-            self._taken = self._submitted
-            self._forget_reports()
-
-    def _execute_waiting(self, apart: bool) -> None:
         executed, started = 0, time.thread_time()
         while executed < FLOOD and self._commands and not (self._closed or self._barred):
             slow = self._comes_slow()
@@ -392,60 +293,97 @@ class RobotAgent:
                 break
             executed += 1
             self._taken += command.weight
-            without_role = self._role is None
-            self._planning = slow
+            role, self._planning = self._role, slow
             try:
-                replies = self._execute(command)
+                request = interpret(command)
+                self._selector.observe(request)
+                self._set_dialect()
+                handler = self._handlers.get(type(request))
+                if handler is not None:
+                    replies = handler(request)
+                else:
+                    replies = role.obey(request) if role is not None else self._ignore(request)
             finally:
                 self._planning = False
             for line in replies:
-                self._mouth.put_reply(messages.encode(line))
-            if without_role and self._role is not None:
+                self.outbox.put_reply(messages.encode(line))
+            if role is None and self._role is not None:
                 # The rate of INITs pays for building a robot: its client does not owe for that.
                 started = time.thread_time()
         if executed:
-            self._work += time.thread_time() - started
+            self.work += time.thread_time() - started
             self._on_backlog_low()
 
-    def _execute(self, command: Command) -> list[str]:
-        request = interpret(command)
-        self._selector.observe(request)
-        self._set_dialect()
-        match request:
-            case Init():
-                self._initialise(request)
-                return []
-            case GetStartPoses():
-                return [self._start_poses()]
-            case GetPathNodes():
-                return [self._path_nodes()]
-            case GetClosestPathNode():
-                return self._closest_path_node(request)
-            case Sync():
-                self._synchronise(request)
-                return []
-            case Unknown():
-                self._log.info("unknown command ignored", command=command.text)
-                return []
-            case Set() if self._vehicle is None:
-                # Any connection may choose what picture clients see; robots answer it, too.
-                bind_view(self._fleet.board, request)
-        return self._obey(request)
+    def next_report(self) -> PendingReport | None:
+        """What the report that is due needs; None if none is."""
+        try:
+            if self._closed:
+                self._end()
+                return None
+            with self._lock:
+                role = self._role
+                report = self._reports[0] if self._reports else None
+                self._told, self._under_way = report, int(report is not None)
+                lost = None
+                if report is None:  # what was seen of a robot is told before its end
+                    lost, self._lost = self._lost, None
+            if lost is not None:
+                self._lose(lost)
+            if report is None or role is None:
+                return None
+            pending = role.read(report.snapshot, report.streams)
+            if pending is None:
+                self.tell(())
+            return pending
+        finally:
+            self._begun = True
 
-    def _obey(self, request: Request) -> list[str]:
-        if self._role is None:
-            self._log.debug("ignored: no robot yet", request=type(request).__name__)
-            return []
-        return self._role.obey(request)
-
-    def _synchronise(self, request: Sync) -> None:
-        now = self._fleet.time
+    def tell(self, streamed: Sequence[bytes]) -> None:
+        """Hand over what the report under way has found."""
+        report = self._told
+        if self._role is None or report is None:
+            return
+        # News first: the CONF of a camera must not look like the answer to a question that the
+        # first SEN provokes.
+        for news in self._role.take_news():
+            self.outbox.put_reply(messages.encode(news))
+        for line in streamed:
+            self.outbox.put_stream(line)
+        if report.tick:
+            self.outbox.put_reply(messages.encode(messages.tick(report.snapshot.time)))
         with self._lock:
-            heard = self._role is not None and self._ticks.answer(request.ticks, now)
-            self._barred = heard
-            self._set_due()
-        if not heard:
-            self._log.debug("SYNC ignored: nobody waits for it")
+            if self._reports:  # else the robot has left meanwhile
+                self._reports.popleft()
+            self._under_way = 0
+            if report.tick:
+                self._barred = False
+
+    def pause(self) -> bool:
+        """Called when nothing is left to do: False if something has come in meanwhile.
+
+        After True nobody serves it until it calls again.
+        """
+        with self._lock:
+            self._called = self._pending() and not self._ended
+            return not self._called
+
+    def fail(self, error: Exception) -> None:
+        """One robot's defect must not take the others along."""
+        self._log.exception("the robot's handler failed", error)
+        self._end()
+        self._begun = True
+
+    def _end(self) -> None:
+        """Leave the world and listen to nobody any more."""
+        try:
+            self._dismiss()
+        except Exception as error:
+            self._log.exception("the robot could not leave", error)
+        with self._lock:
+            self._closed = self._ended = True
+            self._forget()
+
+    # -- what the connection itself obeys ----------------------------------------------------
 
     def _set_dialect(self) -> None:
         if self._role is not None and self._role.dialect is not self._selector.current:
@@ -458,120 +396,78 @@ class RobotAgent:
         """Look forward to the next report (lock held)."""
         role = self._role
         if role is None or role.schedule is None or self._closed:
-            self._due = math.inf
+            self.due = math.inf
         else:
-            self._due = min(role.schedule.due, self._ticks.due)
+            self.due = min(role.schedule.due, self._ticks.due)
 
-    # -- INIT --------------------------------------------------------------------------------
-
-    def _initialise(self, init: Init) -> None:
+    def _initialise(self, init: Init) -> list[str]:
         if self._role is not None:
             if not self._options.replace_robot:
                 self._log.info("second INIT ignored", second=init.class_name)
-                return
+                return []
             self._dismiss()
         try:
-            pose = self._place(init)
-            casting = self._roles(init, pose, self._log) or self._robot(init, pose)
+            role = self._roles.make(init, self.peer, lambda: not self._closed, self._log)
         except UsarsimError as error:
             self._log.warning(f"INIT failed: {error}", robot_class=init.class_name)
-            return
-        if casting is None:
+            return []
+        if role is None:
             self._log.warning("INIT failed: unknown class", robot_class=init.class_name)
-            return
-        self._selector.initialised(casting.dialect, init)
-        self._log = self._log.bind(robot=casting.name)
-        casting.role.dialect = self._selector.current
-        self._leave = casting.leave
-        now = self._fleet.time
+            return []
+        self._selector.initialised(role.dialect, init)
+        self._log = self._log.bind(robot=role.name)
+        role.dialect = self._selector.current
+        now = self._roles.fleet.time
         with self._lock:
-            self._role = casting.role
-            if casting.attach is not None:
+            self._role = role
+            if role.body is not None:
                 # What follows INIT counts from the tick of which the client is told first.
                 self._barred = self._ticks.begin(now)
             self._set_due()
         if self._closed:
             self._dismiss()
-        elif casting.attach is not None:
-            casting.attach(self)
+        elif role.body is not None:
+            role.body.attach(self)
+        return []
 
-    def _robot(self, init: Init, pose: Pose) -> Casting | None:
-        """A vehicle of the class that INIT names; None if there is no such class."""
-        description = self._fleet.describe(init.class_name)
-        if description is None:
-            return None
-        asked = self._fleet.time
-        vehicle = self._fleet.spawn(description, init.name, pose, lambda: not self._closed)
-        log = self._log.bind(robot=vehicle.name)
-        pilot = Pilot(vehicle, description.dialect, self._options.pilot, init.battery, log, asked)
-        self._vehicle = vehicle
-        log.info("robot spawned", robot_class=description.name, id=vehicle.robot)
-        return Casting(
-            pilot,
-            vehicle.name,
-            description.dialect,
-            leave=lambda: self._fleet.remove(vehicle),
-            attach=vehicle.body.attach,
-        )
+    def _set(self, request: Set) -> list[str]:
+        """Any connection may choose what picture clients see; robots answer it, too."""
+        role = self._role
+        if not isinstance(role, Pilot):
+            bind_view(self._roles.fleet.board, request)
+        return role.obey(request) if role is not None else self._ignore(request)
 
-    def _place(self, init: Init) -> Pose:
-        """Where INIT wants the robot (protocol reference 3.2)."""
-        starts = self._world.starts
-        if init.start is not None:
-            start = self._world.start(init.start)
-            if start is not None:
-                return start.pose
-            self._log.warning("unknown start pose, the first one is used", start=init.start)
-            if starts:
-                return starts[0].pose
-        elif init.location is None and self._options.start_at_first_pose and starts:
-            return starts[0].pose
-        zero = (0.0, 0.0, 0.0)
-        return pose_from_wire(init.location or zero, init.rotation or zero)
+    def _synchronise(self, request: Sync) -> list[str]:
+        now = self._roles.fleet.time
+        with self._lock:
+            heard = self._role is not None and self._ticks.answer(request.ticks, now)
+            self._barred = heard
+            self._set_due()
+        if not heard:
+            self._log.debug("SYNC ignored: nobody waits for it")
+        return []
+
+    def _ignore(self, request: Request) -> list[str]:
+        if isinstance(request, Unknown):
+            self._log.info("unknown command ignored", command=request.word)
+        else:
+            self._log.debug("ignored: no robot yet", request=type(request).__name__)
+        return []
 
     def _dismiss(self) -> None:
         with self._lock:
-            self._role = self._vehicle = None
+            role, self._role = self._role, None
             self._ticks.end()
             self._barred = False
             self._forget_reports()
-        leave, self._leave = self._leave, _nothing
-        leave()
-        self._log = Log("robot", connection=self._peer)
+        if role is not None:
+            role.leave()
+        self._log = Log("robot", connection=self.peer)
 
     def _lose(self, reason: str) -> None:
         """The simulation took the robot away; the connection stays and may INIT again."""
         if self._role is None:
             return
         self._log.warning("robot removed", reason=reason)
-        self._mouth.put_reply(messages.encode(messages.die("None", DIE_FELL)))
+        self.outbox.put_reply(messages.encode(messages.die("None", DIE_FELL)))
         self._dismiss()
-
-    # -- the world ---------------------------------------------------------------------------
-
-    def _start_poses(self) -> str:
-        return messages.start_poses([(start.tag, *start.announced) for start in self._world.starts])
-
-    def _path_nodes(self) -> str:
-        zero = (0.0, 0.0, 0.0)
-        return messages.path_nodes(
-            [
-                (node.tag, wire_from_pose(Pose(node.position))[0], zero)
-                for node in self._world.path_nodes
-            ]
-        )
-
-    def _closest_path_node(self, request: GetClosestPathNode) -> list[str]:
-        nodes = self._world.path_nodes
-        if request.location is None or not nodes:
-            return []
-        x, y, _ = pose_from_wire(request.location).position
-        nearest = min(
-            nodes, key=lambda node: math.hypot(node.position[0] - x, node.position[1] - y)
-        )
-        location, _ = wire_from_pose(Pose(nearest.position))
-        return [messages.closest_path_node(nearest.tag, location)]
-
-
-def _nothing() -> None:
-    """What a connection without a role takes along when it leaves."""

@@ -5,7 +5,7 @@ Only GetSTA answers. Whatever cannot be done is refused silently on the wire and
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 
 from usarsim_server.errors import UsarsimError
 from usarsim_server.logs import Log
@@ -15,7 +15,7 @@ from usarsim_server.protocol.numbers import read_bool, read_number, read_vector
 from usarsim_server.protocol.requests import Control, Request
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.sessions.robots import Fleet
-from usarsim_server.sessions.role import Reading
+from usarsim_server.sessions.schedule import Role
 from usarsim_server.simulation.frames import (
     Pose,
     Vector,
@@ -24,7 +24,6 @@ from usarsim_server.simulation.frames import (
     wire_from_pose,
 )
 from usarsim_server.simulation.simulation import Simulation
-from usarsim_server.simulation.snapshot import Snapshot
 from usarsim_server.worlds.description import WorldDescription
 from usarsim_server.worlds.objects.objects import WorldObjects
 from usarsim_server.worlds.objects.world_object import Creation, Physics
@@ -39,17 +38,16 @@ def is_world_controller(class_name: str) -> bool:
     return class_name.lower() == CLASS_NAME
 
 
-class WorldController:
+class WorldController(Role):
     """Carries out the CONTROL requests of one connection, in their order.
 
     Attributes:
-        dialect: of no consequence here; kept for whoever asks.
-        schedule: it wants no snapshots.
         slow: what it is told to create may have to be compiled.
     """
 
     slow = True
-    schedule = None
+    name = "WorldController"
+    dialect = Dialect.UT2004
 
     def __init__(
         self,
@@ -70,7 +68,6 @@ class WorldController:
             clean_on_close: remove what this connection created when it goes.
             log: names the connection.
         """
-        self.dialect = Dialect.UT2004
         self._objects = objects
         self._fleet = fleet
         self._world = world
@@ -93,16 +90,7 @@ class WorldController:
 
     # -- the role of a connection ------------------------------------------------------------
 
-    def read(self, snapshot: Snapshot, due: Sequence[int]) -> Reading | None:
-        """A controller streams nothing."""
-        return None
-
-    def take_news(self) -> Reply:
-        """Nor has it news."""
-        return []
-
     def obey(self, request: Request) -> Reply:
-        """Carry out a request; returns the reply lines."""
         if not isinstance(request, Control):
             self._log.debug("a world controller ignores", request=type(request).__name__)
             return []
@@ -117,7 +105,6 @@ class WorldController:
             return []
 
     def leave(self) -> None:
-        """The connection is gone."""
         if self._clean_on_close:
             count = self._objects.leave(self)
             self._log.debug("objects removed with their controller", count=count)

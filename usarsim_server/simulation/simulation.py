@@ -33,8 +33,8 @@ from usarsim_server.simulation.model import (
 )
 from usarsim_server.simulation.movers import Mover, Way
 from usarsim_server.simulation.objects import ObjectFacts
-from usarsim_server.simulation.rays.cast import RayQuery, cast, cast_all, cast_scenery
-from usarsim_server.simulation.rays.query import RayFan, RayHits, SceneryHit
+from usarsim_server.simulation.rays.cast import cast, cast_all, cast_scenery
+from usarsim_server.simulation.rays.query import PendingReport, RayFan, RayHits, SceneryHit
 from usarsim_server.simulation.rays.scenery import StaticGeometry
 from usarsim_server.simulation.slots import SlotLimits, Slots, always, compiled
 from usarsim_server.simulation.snapshot import RobotBody, Snapshot
@@ -128,9 +128,9 @@ class Simulation:
         """Answer ray fans against the world of a snapshot; the robot's own body is left out."""
         return cast(fans, snapshot, robot, self._static, self._slots.geometry(snapshot))
 
-    def cast_all(self, queries: Sequence[RayQuery], snapshot: Snapshot) -> list[list[RayHits]]:
-        """Answer the queries of many viewers against the world of a snapshot, as one batch."""
-        return cast_all(queries, snapshot, self._static, self._slots.geometry(snapshot))
+    def cast_all(self, reports: Sequence[PendingReport]) -> list[list[RayHits]]:
+        """Answer the rays of many reports, at least one, about the same instant, as one batch."""
+        return cast_all(reports, self._static, self._slots.geometry(reports[0].snapshot))
 
     def cast_scenery(self, fans: Sequence[RayFan]) -> list[RayHits]:
         """Answer ray fans against the part of the world that never moves."""

@@ -29,6 +29,7 @@ from usarsim_server.protocol.framing import LineFramer
 from usarsim_server.protocol.grammar import parse_line
 from usarsim_server.services.listener import Endpoint
 from usarsim_server.services.ready import run_services
+from usarsim_server.sessions.outbox import Outbox
 from usarsim_server.sessions.session import RobotAgent
 from usarsim_server.settings import Settings
 
@@ -97,30 +98,28 @@ class Closing:
 
 
 class RehearsedClient:
-    """One connection of a `Rehearsal`.
+    """One connection of a `Rehearsal`; whatever it is sent it reads at once.
 
     Attributes:
         lines: everything the server has said so far, without line ends.
         agent: the agent that executes the commands.
-        crowded: never; whatever is said is read at once.
     """
-
-    crowded = False
 
     def __init__(self, rehearsal: Rehearsal, peer: str) -> None:
         self.lines: list[str] = []
         self._rehearsal = rehearsal
         self._framer = LineFramer()
-        self.agent: RobotAgent = rehearsal.assembly.make_agent(peer, self, _nothing)
+        self._outbox = Outbox(self._read)
+        self.agent: RobotAgent = rehearsal.assembly.make_agent(peer, self._outbox, _nothing)
         rehearsal.await_client(self)
 
-    def put_reply(self, line: bytes) -> None:
-        """Take a reply (called by the agent)."""
-        self.lines.append(line.decode("latin-1").removesuffix("\r\n"))
+    def _read(self) -> None:
+        while (line := self._outbox.take()) is not None:
+            self.hear(line)
 
-    def put_stream(self, line: bytes) -> None:
-        """Take a streamed line (called by the agent)."""
-        self.put_reply(line)
+    def hear(self, line: bytes) -> None:
+        """Take a line (called by the thread that says it)."""
+        self.lines.append(line.decode("latin-1").removesuffix("\r\n"))
 
     def send(self, *texts: str) -> None:
         """Send command lines and wait until they have been executed; time stands still."""

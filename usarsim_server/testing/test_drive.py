@@ -159,7 +159,7 @@ class TestDrive(Closing):
             self._rehearsal.run(0.1)
             if reading is None:
                 continue
-            for line in reading.lines(self.vehicle.body.cast(reading.query.fans, snapshot)):
+            for line in reading.finish(self.vehicle.body.cast(reading.fans, snapshot)):
                 if line.startswith("STA"):
                     return line
 

@@ -317,7 +317,7 @@ for _type, _file in (("ins", "inertial"), ("gps", "gps"), ("ground-truth", "pose
     )
 plant(
     "sensors.battery.drain-double",
-    "usarsim_server/sessions/power.py",
+    "usarsim_server/sessions/robots.py",
     "return max(self._life - max(elapsed, 0.0), 0.0)",
     "return max(self._life - max(2.0 * elapsed, 0.0), 0.0)",
     notices="control.values.battery-drain",
@@ -325,7 +325,7 @@ plant(
 )
 plant(
     "sensors.battery.drain-none",
-    "usarsim_server/sessions/power.py",
+    "usarsim_server/sessions/robots.py",
     "return max(self._life - max(elapsed, 0.0), 0.0)",
     "return self._life",
     notices="control.values.battery-drain",

@@ -81,15 +81,9 @@ class Conduct(ABC):
         self.body = body
         self.light = False
 
-    def command(self, drive: Drive, dialect: Dialect) -> None:
-        """Obey a DRIVE; members of other families are ignored."""
-        if drive.light is not None:
-            self.light = drive.light
-        self.steer(drive, dialect)
-
     @abstractmethod
     def steer(self, drive: Drive, dialect: Dialect) -> None:
-        """Obey what concerns motion."""
+        """Obey what concerns motion in a DRIVE; members of other families are ignored."""
 
     @abstractmethod
     def stop(self) -> None:

@@ -3,32 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.simulation.objects import Names
 from usarsim_server.simulation.rays.moving import DynamicGeometry
-from usarsim_server.simulation.rays.query import RayBatch, RayFan, RayHits, join
+from usarsim_server.simulation.rays.query import PendingReport, RayBatch, RayFan, RayHits, join
 from usarsim_server.simulation.rays.scenery import StaticGeometry
 from usarsim_server.simulation.rays.triangles import Surfaces
 from usarsim_server.simulation.snapshot import Snapshot
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RayQuery:
-    """What one viewer wants to know.
-
-    Attributes:
-        fans: in any number.
-        robot: number of the robot that asks, whose own body is left out; None for nobody's.
-    """
-
-    fans: Sequence[RayFan]
-    robot: int | None = None
 
 
 def cast(
@@ -39,24 +25,21 @@ def cast(
     dynamic: DynamicGeometry,
 ) -> list[RayHits]:
     """Answer fans against the whole world as it is in a snapshot, the robot itself left out."""
-    return cast_all([RayQuery(fans, robot)], snapshot, static, dynamic)[0]
+    return _answer(fans, [robot] * len(fans), snapshot, static, dynamic)
 
 
 def cast_all(
-    queries: Sequence[RayQuery],
-    snapshot: Snapshot,
-    static: StaticGeometry,
-    dynamic: DynamicGeometry,
+    reports: Sequence[PendingReport], static: StaticGeometry, dynamic: DynamicGeometry
 ) -> list[list[RayHits]]:
-    """Answer the fans of many viewers at one instant, all rays as one batch.
+    """Answer the fans of many reports about one instant, all rays as one batch.
 
     Returns:
-        The answers to each query, in the order of its fans.
+        The answers for each report, in the order of its fans.
     """
-    fans = [fan for query in queries for fan in query.fans]
-    viewers = [query.robot for query in queries for _ in query.fans]
-    answers = iter(_answer(fans, viewers, snapshot, static, dynamic))
-    return [[next(answers) for _ in query.fans] for query in queries]
+    fans = [fan for report in reports for fan in report.fans]
+    viewers = [report.robot for report in reports for _ in report.fans]
+    answers = iter(_answer(fans, viewers, reports[0].snapshot, static, dynamic))
+    return [[next(answers) for _ in report.fans] for report in reports]
 
 
 def cast_scenery(fans: Sequence[RayFan], static: StaticGeometry) -> list[RayHits]:

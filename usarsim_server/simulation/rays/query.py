@@ -1,18 +1,19 @@
-"""Ray queries: the questions sensors ask of the geometry, and the answers.
+"""Ray queries: what sensors ask of the geometry, the answers, and the report that waits for them.
 
-The caster itself lives in `raycaster.py`; sensors and their tests need only these values.
-
-Many fans as one batch: flat arrays of rays, and which fan each belongs to.
+`cast.py` answers; sensors and their tests need only these values. Many fans become one batch: flat
+arrays of rays, and which fan each belongs to.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+
+from usarsim_server.simulation.snapshot import Snapshot
 
 Array = NDArray[np.float64]
 
@@ -55,6 +56,24 @@ class RayHits:
     distances: Array
     normals: Array | None = None
     names: tuple[str | None, ...] | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PendingReport:
+    """What is to be told about one instant as soon as its rays are answered.
+
+    Attributes:
+        snapshot: the instant.
+        robot: number of the robot that reports, whose own body the rays do not meet; None for
+            nobody's.
+        fans: the rays, in any number.
+        finish: writes the lines, given the answers to the fans in order.
+    """
+
+    snapshot: Snapshot
+    robot: int | None = None
+    fans: Sequence[RayFan] = ()
+    finish: Callable[[Sequence[RayHits]], list[str]] = lambda hits: []
 
 
 @dataclass(frozen=True, slots=True)

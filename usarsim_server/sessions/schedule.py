@@ -1,26 +1,89 @@
-"""What a connection can be: the conductor of a robot, or something else that obeys and reports.
-
-When a robot's streams are due, in simulated time.
-"""
+"""What a connection can be in the world, and when it reports and answers, in simulated time."""
 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Protocol
 
-from usarsim_server.logs import Log
-from usarsim_server.protocol.requests import Init, Request
+from usarsim_server.protocol.requests import Request
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.simulation.clock import Listener
-from usarsim_server.simulation.frames import Pose
-from usarsim_server.simulation.rays.cast import RayQuery
-from usarsim_server.simulation.rays.query import RayHits
+from usarsim_server.simulation.rays.query import PendingReport
+from usarsim_server.simulation.simulation import BodyHandle
 from usarsim_server.simulation.snapshot import Snapshot
 
 TOLERANCE = 1e-6
-"""s: a stream is due at the step whose time rounds to its own."""
+"""s: a tick is at the step whose time rounds to its own."""
+
+
+class Ticks:
+    """How far one client in lockstep lets the world go: the world stops at every tick until the
+    client has answered.
+
+    Not thread-safe, but `horizon` may be read by any thread.
+
+    Attributes:
+        horizon: time of the tick up to which the world may go; infinity if it need not wait.
+    """
+
+    def __init__(self, period: float | None) -> None:
+        """Wait for nothing.
+
+        Args:
+            period: simulated s between ticks; None without lockstep.
+        """
+        self._period = period
+        self._told = True
+        self.horizon = math.inf
+
+    @property
+    def due(self) -> float:
+        """Time of the tick that the client is still to be told of; infinity if there is none."""
+        return math.inf if self._told else self.horizon
+
+    def begin(self, now: float) -> bool:
+        """The client has something in the world: that waits for it at the next tick, or now.
+
+        Returns:
+            Whether it does: False without lockstep.
+        """
+        if self._period is None:
+            return False
+        self.horizon = math.ceil((now - TOLERANCE) / self._period) * self._period
+        self._told = False
+        return True
+
+    def end(self) -> None:
+        """It has nothing there any more."""
+        self.horizon, self._told = math.inf, True
+
+    def let_go(self) -> bool:
+        """Do not wait for it until it answers again; whether it was waited for."""
+        waited = not math.isinf(self.horizon)
+        self.end()
+        return waited
+
+    def passes(self, now: float) -> bool:
+        """Whether the client is to be told that a tick has passed; it is told once."""
+        if self._told or now < self.horizon - TOLERANCE:
+            return False
+        self._told = True
+        if self._period is not None:  # who came late need not answer the ticks that he missed
+            last = math.floor((now + TOLERANCE) / self._period) * self._period
+            self.horizon = max(self.horizon, last)
+        return True
+
+    def answer(self, ticks: int, now: float) -> bool:
+        """The client lets so many further ticks pass; False without lockstep."""
+        if self._period is None:
+            return False
+        if math.isinf(self.horizon):
+            self.begin(now)
+        self.horizon = (round(self.horizon / self._period) + ticks) * self._period
+        self._told = False
+        return True
+
+
 BEAT = 0.02
 """Simulated s between instants at which streams begin: a part of all usual intervals. So those of
 many robots fall due together and are worked out together, in at most 50 batches a second."""
@@ -109,39 +172,31 @@ class Schedule:
         return taken
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Reading:
-    """A report under way: its rays are still to be cast.
+class Role(ABC):
+    """What a connection is in the world: a robot, an avatar, a world controller.
+
+    Deals with the requests of one connection; used by one thread at a time.
 
     Attributes:
-        query: the rays; none for most that are no robots.
-        lines: writes the streamed lines, given the answers to the fans of the query, in order.
+        name: names it in the log.
+        dialect: of everything it writes, at first that of the era that its class comes from.
+            May be changed at any time, but not while the physics asks the schedule.
+        slow: its requests may take long; they are carried out by a thread of their own then.
+        body: whose snapshots it wants; None: it reports nothing.
+        schedule: when it wants them; the physics takes from it what is due.
     """
 
-    query: RayQuery
-    lines: Callable[[Sequence[RayHits]], list[str]]
-
-
-class Role(Protocol):
-    """Deals with the requests of one connection; used by one thread at a time."""
-
+    name: str
     dialect: Dialect
-    """Of everything it writes; may be changed at any time."""
-    slow: bool
-    """Whether its requests may take long; they are carried out by a thread of their own then."""
+    slow = False
+    body: BodyHandle | None = None
+    schedule: Schedule | None = None
 
-    @property
-    def schedule(self) -> Schedule | None:
-        """When it wants snapshots; None for never.
-
-        The physics takes from it what is due. Setting `dialect` changes it, so that must not happen
-        at the same time.
-        """
-
+    @abstractmethod
     def obey(self, request: Request) -> list[str]:
         """Carry out a request; returns the reply lines."""
 
-    def read(self, snapshot: Snapshot, due: Sequence[int]) -> Reading | None:
+    def read(self, snapshot: Snapshot, due: Sequence[int]) -> PendingReport | None:
         """Begin the report that is due at a snapshot.
 
         Args:
@@ -151,38 +206,12 @@ class Role(Protocol):
         Returns:
             The report; None if there is nothing to tell.
         """
+        return None
 
     def take_news(self) -> list[str]:
-        """Lines that came up while reporting and must arrive."""
+        """Lines that came up while reporting and must arrive, unlike streamed ones."""
+        return []
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Casting:
-    """A role that a connection has been given.
-
-    Attributes:
-        role: the role.
-        name: names it in the log.
-        dialect: of the era that its class comes from.
-        leave: takes everything that belongs to it out of the world; called by whoever
-            serves the connection.
-        attach: has a listener woken with snapshots; None if it wants none.
-    """
-
-    role: Role
-    name: str
-    dialect: Dialect
-    leave: Callable[[], None]
-    attach: Callable[[Listener], None] | None = None
-
-
-RoleFactory = Callable[[Init, Pose, Log], Casting | None]
-"""Makes the role that INIT asks for, at the pose it means; None if it asks for a robot.
-
-Raises `UsarsimError` if the role cannot be played.
-"""
-
-
-def robots_only(init: Init, pose: Pose, log: Log) -> Casting | None:
-    """The factory of a server that knows robots and nothing else."""
-    return None
+    @abstractmethod
+    def leave(self) -> None:
+        """Take everything that belongs to it out of the world; a second call does nothing."""
