@@ -62,7 +62,7 @@ def test_a_lamp_lights_the_floor_below_it(tmp_path: Path, renderer: str) -> None
 def test_falloff() -> None:
     """Lamps fade about as Unreal's do, (1 - (d / reach)^2)^2, up to their reach."""
     (lamp,) = lamps([Light("L", reach=4.0)])
-    constant, linear, square = np.asarray(lamp.values["attenuation"]).tolist()
+    constant, linear, square = np.asarray(lamp["attenuation"]).tolist()
     distance = np.linspace(0.0, 4.0, 50)
     ours = 1.0 / (constant + linear * distance + square * distance**2)
     assert np.abs(ours - (1.0 - (distance / 4.0) ** 2) ** 2).max() < 0.18
@@ -73,7 +73,7 @@ def test_a_crowd_of_lamps_does_not_dazzle() -> None:
 
     def strengths(apart: float) -> list[float]:
         lights = [Light(f"L{n}", position=(n * apart, 0, 2), reach=3.0) for n in range(7)]
-        return [float(np.asarray(lamp.values["diffuse"]).max()) for lamp in lamps(lights)]
+        return [float(np.asarray(lamp["diffuse"]).max()) for lamp in lamps(lights)]
 
     assert strengths(100.0) == pytest.approx([0.8] * 7, abs=0.01)
     assert len(set(strengths(0.1))) == 1
@@ -84,7 +84,7 @@ def test_suns_are_not_dimmed_by_lamps() -> None:
     """Light without a place keeps its strength."""
     lights = [Light("S", LightKind.DIRECTIONAL, brightness=0.5)]
     lights += [Light(f"L{n}", reach=5.0) for n in range(6)]
-    assert lamps(lights)[0].values["diffuse"] == pytest.approx((0.4, 0.4, 0.4))
+    assert lamps(lights)[0]["diffuse"] == pytest.approx((0.4, 0.4, 0.4))
 
 
 def test_parallel_suns_are_one_where_there_are_too_many() -> None:

@@ -16,7 +16,7 @@ from usarsim_maps.build.csg import evaluate
 from usarsim_maps.findings import Findings
 from usarsim_maps.reader import Context, ImportOptions, read_scene
 from usarsim_maps.scene import Collision, LightKind, Mesh, Scene, Solidity
-from usarsim_maps.unreal.grammar import Block, T3dError, parse, reference, value_of, vector
+from usarsim_maps.unreal.grammar import Block, T3dError, parse, reference, value_of
 from usarsim_server.errors import MapImportError
 from usarsim_server.simulation.frames import wire_from_pose
 
@@ -104,9 +104,10 @@ class TestGrammar:
 
     def test_missing_members_have_their_default(self) -> None:
         """A vector without Y has Y = 0; a scale has 1."""
-        assert vector("(X=5,Z=1)") == (5.0, 0.0, 1.0)
-        assert vector("(X=5)", 1.0) == (5.0, 1.0, 1.0)
-        assert vector("nonsense") == (0.0, 0.0, 0.0)
+        block = Block("", 0, properties={"a": "(X=5,Z=1)", "b": "(X=5)", "c": "nonsense"})
+        assert block.vector("a") == (5.0, 0.0, 1.0)
+        assert block.vector("b", 1.0) == (5.0, 1.0, 1.0)
+        assert block.vector("c") == (0.0, 0.0, 0.0)
 
     def test_references(self) -> None:
         """`Class'Path'` is the path, None is nothing."""

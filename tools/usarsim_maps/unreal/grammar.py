@@ -56,9 +56,22 @@ class Block:
         """Children of a kind (lower case)."""
         return (child for child in self.children if child.kind == kind)
 
-    def get(self, key: str, default: str = "") -> str:
-        """A property (lower case key), as text without quotes."""
-        return unquote(self.properties.get(key, default))
+    def text(self, key: str) -> str:
+        """A property (lower case key), as text without quotes; empty if it is missing."""
+        return unquote(self.properties.get(key, ""))
+
+    def __contains__(self, key: object) -> bool:
+        return key in self.properties
+
+    def vector(self, key: str, default: float = 0.0) -> tuple[float, float, float]:
+        """`(X=1,Y=2,Z=3)`; members that are missing have the default."""
+        x, y, z = _members(self.properties.get(key, ""), ("x", "y", "z"), default)
+        return x, y, z
+
+    def rotator(self, key: str) -> tuple[float, float, float]:
+        """`(Pitch=1,Yaw=2,Roll=3)` in rotation units."""
+        pitch, yaw, roll = _members(self.properties.get(key, ""), ("pitch", "yaw", "roll"), 0.0)
+        return pitch, yaw, roll
 
     def number(self, key: str, default: float) -> float:
         """A numeric property; the default where it is missing or no number."""
@@ -66,7 +79,7 @@ class Block:
 
     def flag(self, key: str, default: bool) -> bool:
         """A boolean property."""
-        text = self.get(key).strip().lower()
+        text = self.text(key).strip().lower()
         return default if not text else text in ("true", "1", "yes")
 
 
@@ -197,18 +210,6 @@ def _items(text: str) -> Iterator[str]:
             yield text[start:index]
             start = index + 1
     yield text[start:]
-
-
-def vector(text: str, default: float = 0.0) -> tuple[float, float, float]:
-    """`(X=1,Y=2,Z=3)`; members that are missing have the default."""
-    x, y, z = _members(text, ("x", "y", "z"), default)
-    return x, y, z
-
-
-def rotator(text: str) -> tuple[float, float, float]:
-    """`(Pitch=1,Yaw=2,Roll=3)` in rotation units."""
-    pitch, yaw, roll = _members(text, ("pitch", "yaw", "roll"), 0.0)
-    return pitch, yaw, roll
 
 
 def _members(text: str, keys: tuple[str, str, str], default: float) -> list[float]:

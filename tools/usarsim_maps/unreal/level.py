@@ -1,4 +1,7 @@
-"""A level of Unreal being put together, whatever kind of file its actors come from."""
+"""A level of Unreal being put together, whatever kind of file its actors come from.
+
+What an actor's properties mean is told here once; `t3d.py` and `udk.py` only get at them.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,19 +18,31 @@ from usarsim_maps.reader import Context
 from usarsim_maps.scene import (
     Box,
     Brush,
+    BrushOperation,
+    Collision,
     Color,
     Light,
     LightKind,
     Material,
     Part,
+    Polygon,
     Scene,
     SceneObject,
+    Solidity,
     Source,
     map_victim,
 )
-from usarsim_maps.units import UU_PER_METRE, matrix_of_pose, pose_of_matrix, reflect
+from usarsim_maps.units import (
+    UU_PER_METRE,
+    matrix_of_pose,
+    pose_of_matrix,
+    reflect,
+    unreal_matrix,
+    unreal_pose,
+)
 from usarsim_maps.unreal.library import AssetLibrary
 from usarsim_maps.unreal.names import (
+    ActorKind,
     VictimNames,
     is_victim_tag,
     likely_color,
@@ -45,6 +61,14 @@ PLACEHOLDER = Box((0.5, 0.5, 0.5))
 NO_COLLISION = {"collide_nocollision", "collide_touchall", "collide_touchallbutweapons"}
 """Values of `CollisionType` of what is not solid."""
 
+NOT_SOLID, SEMISOLID, PORTAL = 0x08, 0x20, 0x0400_0000
+"""Flags of brushes and polygons."""
+
+OPERATIONS = {"csg_add": BrushOperation.ADD, "csg_subtract": BrushOperation.SUBTRACT}
+
+TEXTURE_SIZE = 128.0
+"""Unreal units of one repeat of a texture whose axes have length one."""
+
 PLAIN: Color = (0.7, 0.7, 0.7, 1.0)
 """Of materials of which nothing is known."""
 
@@ -53,6 +77,20 @@ DEFAULT_REACH = 1024.0
 
 DEFAULT_FOG = 0.02
 """UE3's density of fog, in thousandths per unit to the base 2."""
+
+
+class Values(Protocol):
+    """Properties of an actor or component, by name in lower case, as either kind of file has them.
+
+    What is missing, or of another type than is asked for, is the default.
+    """
+
+    def __contains__(self, name: str) -> bool: ...
+    def number(self, name: str, default: float) -> float: ...
+    def flag(self, name: str, default: bool) -> bool: ...
+    def text(self, name: str) -> str: ...
+    def vector(self, name: str, default: float = 0.0) -> Vector: ...
+    def rotator(self, name: str) -> Vector: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +110,58 @@ class Actor:
     pose: Pose
     yaw: float = 0.0
     scale: Vector = (1.0, 1.0, 1.0)
+
+    @classmethod
+    def of(cls, name: str, kind: str, values: Values, scale: float) -> Actor:
+        """An actor by its properties; `scale` is Unreal units per metre."""
+        rotation = values.rotator("rotation")
+        pose = unreal_pose(values.vector("location"), rotation, scale)
+        return cls(name, kind, values.text("tag"), pose, rotation[1], draw_scale(values))
+
+
+def draw_scale(values: Values) -> Vector:
+    """DrawScale times DrawScale3D."""
+    size = values.number("drawscale", 1.0)
+    x, y, z = values.vector("drawscale3d", 1.0)
+    return x * size, y * size, z * size
+
+
+def component_matrix(component: Values, scale: float) -> Array:
+    """(4, 4), a component's own place in its actor (UE3)."""
+    size = component.number("scale", 1.0)
+    x, y, z = component.vector("scale3d", 1.0)
+    return unreal_matrix(
+        component.vector("translation"),
+        component.rotator("rotation"),
+        (x * size, y * size, z * size),
+        scale=scale,
+    )
+
+
+def collision_of(actor: Values, component: Values) -> Collision:
+    """Whether a mesh is solid."""
+    solid = actor.flag("bcollideactors", True) and actor.flag("bblockactors", True)
+    solid &= component.flag("collideactors", True) and component.flag("blockactors", True)
+    solid &= actor.text("collisiontype").lower() not in NO_COLLISION
+    return Collision.AUTO if solid else Collision.NONE
+
+
+def solidity_of(flags: int, operation: BrushOperation) -> Solidity | None:
+    """How a brush with these flags takes part; None if not at all."""
+    if flags & PORTAL or (flags & NOT_SOLID and operation is BrushOperation.SUBTRACT):
+        return None
+    if flags & NOT_SOLID:
+        return Solidity.NONSOLID
+    return Solidity.SEMISOLID if flags & SEMISOLID else Solidity.SOLID
+
+
+def world_polygon(local: Array, uvs: Array | None, material: str, matrix: Array) -> Polygon:
+    """A polygon in the world; `local` corners are in the mirrored frame of its actor, m."""
+    world = local @ matrix[:3, :3].T + matrix[:3, 3]
+    # Mirroring into the simulation frame turns faces round, and so does a negative scale.
+    turn = -1 if np.linalg.det(matrix[:3, :3]) > 0.0 else 1
+    known = uvs is not None and bool(np.isfinite(uvs).all())
+    return Polygon(world[::turn], material, uvs[::turn] if uvs is not None and known else None)
 
 
 def light(
@@ -127,6 +217,9 @@ class UnrealLevel:
         kill_z: m. title: of the map.
         whole_map: it is a level, not a package of meshes.
     """
+
+    PLAIN = frozenset({ActorKind.START, ActorKind.PATH_NODE, ActorKind.VICTIM, ActorKind.SMOKE})
+    """Kinds of actors that `add_actor` takes."""
 
     def __init__(self, source: Path, context: Context, title: str) -> None:
         """Start empty; `title` is that of the format."""
@@ -188,27 +281,45 @@ class UnrealLevel:
             )
         )
 
-    def add_start(self, actor: Actor) -> None:
-        """A `PlayerStart`."""
-        self._starts.append(start_of(actor.name, actor.tag, actor.kind, actor.pose, actor.yaw))
+    def add_actor(self, kind: ActorKind, actor: Actor) -> bool:
+        """An actor that is all in its place, name and scale; False if it is of another kind."""
+        match kind:
+            case ActorKind.START:
+                start = start_of(actor.name, actor.tag, actor.kind, actor.pose, actor.yaw)
+                self._starts.append(start)
+            case ActorKind.PATH_NODE if is_victim_tag(actor.tag):  # a person (item 26)
+                self._victims.append(victim_of_tag(actor.tag, actor.pose, self._victim_names))
+            case ActorKind.PATH_NODE:
+                self._nodes.append(path_node_of(actor.name, actor.tag, actor.kind, actor.pose))
+            case ActorKind.VICTIM:  # a `MaleVictim` or `FemaleVictim` (item 28)
+                figure = "female" if "female" in actor.kind.lower() else "male"
+                self._victims.append(map_victim(actor.name, actor.pose, figure, scale=actor.scale))
+            case ActorKind.SMOKE:
+                self._add_smoke(actor)
+            case _:
+                return False
+        return True
 
-    def add_node(self, actor: Actor) -> None:
-        """A `PathNode`, which may be a person (item 26)."""
-        if is_victim_tag(actor.tag):
-            self._victims.append(victim_of_tag(actor.tag, actor.pose, self._victim_names))
-        else:
-            self._nodes.append(path_node_of(actor.name, actor.tag, actor.kind, actor.pose))
-
-    def add_victim(self, actor: Actor) -> None:
-        """A `MaleVictim` or `FemaleVictim` (item 28)."""
-        figure = "female" if "female" in actor.kind.lower() else "male"
-        self._victims.append(map_victim(actor.name, actor.pose, figure, scale=actor.scale))
+    def add_info(self, values: Values) -> None:
+        """What the actor of the level itself says."""
+        if "killz" in values:
+            self.kill_z = values.number("killz", 0.0) / self.scale
+        self.title = self.title or values.text("title")
 
     def add_light(self, lamp: Light) -> None:
         """A lamp."""
         self._lights.append(lamp)
 
-    def add_smoke(self, actor: Actor) -> None:
+    def add_fog(self, actor: Actor, density: float) -> None:
+        """Fog over the whole level; density in thousandths per unit to the base 2, or 0."""
+        density = density or DEFAULT_FOG
+        self._haze = min(1.0, max(1e-6, density / 1000.0 * self.scale * math.log(2.0)))
+        self._findings.warn(
+            actor.name,
+            f"fog became a haze of {self._haze:.2g}/m everywhere; a sidecar can change it",
+        )
+
+    def _add_smoke(self, actor: Actor) -> None:
         """Local smoke; the map does not say how large it is."""
         x, y, z = actor.pose.position
         width, depth, height = (max(0.1, abs(value)) for value in actor.scale)
@@ -224,15 +335,6 @@ class UnrealLevel:
             )
         )
         self._findings.warn(actor.name, "smoke got a size of its own; the map does not say it")
-
-    def add_fog(self, actor: Actor, density: float) -> None:
-        """Fog over the whole level; density in thousandths per unit to the base 2, or 0."""
-        density = density or DEFAULT_FOG
-        self._haze = min(1.0, max(1e-6, density / 1000.0 * self.scale * math.log(2.0)))
-        self._findings.warn(
-            actor.name,
-            f"fog became a haze of {self._haze:.2g}/m everywhere; a sidecar can change it",
-        )
 
     def scene(self) -> Scene:
         """What was found."""

@@ -1,12 +1,8 @@
-"""What Unreal's actor classes mean to a robot world, whatever file they come from.
+"""What Unreal's names mean to a robot world, whatever file they come from (worlds reference 3).
 
-Shared by the readers of T3D text and of binary packages (worlds reference 3).
-
-Colours after names: what Wood_16 looks like when its picture is not there.
-
-Maps of Unreal name the materials of their surfaces and hold no pictures of them. Where those are
-missing a floor of wood and a wall of concrete should still not be one grey: cameras, and who drives
-by them, tell rooms apart by that.
+Classes and tags of actors say what they are. Names of materials say what they look like: maps
+hold no pictures of them, and where those are missing a floor of wood and a wall of concrete should
+still not be one grey: cameras, and who drives by them, tell rooms apart by that.
 """
 
 from __future__ import annotations

@@ -1,15 +1,9 @@
-"""Reads T3D, the text that Unreal editors of generations 1 to 3 export (worlds reference 4).
-
-Brushes and transformations of T3D actors (worlds reference 2.3 and 4).
-
-Lights of T3D actors, of all generations of the engine.
-
-Static meshes in text form: `Begin StaticMesh` of UE2's batch export (worlds reference 4.4).
-"""
+"""Reads T3D, the text that Unreal editors of generations 1 to 3 export (worlds reference 4)."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,64 +12,250 @@ from numpy.typing import NDArray
 from usarsim_maps.files import read_text
 from usarsim_maps.findings import Findings
 from usarsim_maps.reader import Context, Reader, register
-from usarsim_maps.scene import (
-    Brush,
-    BrushOperation,
-    Collision,
-    Light,
-    Mesh,
-    Part,
-    Polygon,
-    Scene,
-    Solidity,
+from usarsim_maps.scene import Brush, Mesh, Part, Polygon, Scene
+from usarsim_maps.units import matrix_of_pose, pose_of_matrix, unreal_matrix, unreal_points
+from usarsim_maps.unreal.grammar import Block, T3dError, numbers, parse, reference, value_of
+from usarsim_maps.unreal.level import (
+    OPERATIONS,
+    PLACEHOLDER,
+    TEXTURE_SIZE,
+    Actor,
+    UnrealLevel,
+    collision_of,
+    component_matrix,
+    draw_scale,
+    light,
+    solidity_of,
+    world_polygon,
 )
-from usarsim_maps.units import (
-    matrix_of_pose,
-    pose_of_matrix,
-    unreal_matrix,
-    unreal_points,
-    unreal_pose,
-)
-from usarsim_maps.unreal.grammar import (
-    Block,
-    T3dError,
-    numbers,
-    parse,
-    reference,
-    rotator,
-    value_of,
-    vector,
-)
-from usarsim_maps.unreal.level import NO_COLLISION, PLACEHOLDER, Actor, UnrealLevel, light
 from usarsim_maps.unreal.names import ActorKind, kind_of
 from usarsim_server.errors import MapImportError, at
-from usarsim_server.simulation.frames import IDENTITY, Pose
+from usarsim_server.simulation.frames import IDENTITY
 
-NOT_SOLID, SEMISOLID, PORTAL, INVISIBLE = 0x08, 0x20, 0x0400_0000, 0x01
-"""Flags of brushes and polygons."""
+Array = NDArray[np.float64]
 
-TEXTURE_SIZE = 128.0
-"""Unreal units of one repeat of a texture whose axes have length one."""
-
-OPERATIONS = {"csg_add": BrushOperation.ADD, "csg_subtract": BrushOperation.SUBTRACT}
+MAX_BYTES = 96 << 20
+"""Blocks take about ten times the memory of their text."""
 
 BIGGEST = 1e7
 """UU: coordinates beyond this are nonsense (UE3's world ends at 262 144)."""
 
+UE1_RADIUS, UE1_BRIGHTNESS = 25.0, 64.0
+"""UU per step of LightRadius; LightBrightness of an ordinary lamp."""
 
-def actor_matrix(actor: Block, scale: float) -> Array:
-    """(4, 4) from the actor's mirrored local frame in metres into the world (items 11, 12)."""
-    properties = actor.properties
-    scale3d = np.array(vector(properties.get("drawscale3d", ""), 1.0))
-    return unreal_matrix(
-        vector(properties.get("location", "")),
-        rotator(properties.get("rotation", "")),
-        (scale3d * actor.number("drawscale", 1.0)).tolist(),
-        vector(properties.get("prepivot", "")),
-        scale,
-        _brush_scale(properties.get("mainscale", "")),
-        _brush_scale(properties.get("postscale", "")),
-    )
+
+@register("t3d")
+class T3dReader(Reader):
+    """Levels, and static meshes that were exported as T3D."""
+
+    title = "Unreal T3D"
+    extensions = (".t3d",)
+
+    @classmethod
+    def recognises(cls, head: bytes) -> bool:
+        """It begins with `Begin Map`, `Begin Object` or the like."""
+        text = head.replace(b"\0", b"").lstrip(b"\xef\xbb\xbf\xff\xfe \t\r\n").lower()
+        return text.startswith((b"begin map", b"begin level", b"begin staticmesh", b"begin actor"))
+
+    def read(self, source: Path, context: Context) -> Scene:
+        """See `Reader.read`; an error names the line (item 73)."""
+        try:
+            root = parse(
+                read_text(source, MAX_BYTES), lambda part: context.progress("reading", part)
+            )
+        except T3dError as error:
+            cure = "the file is damaged or cut off; export it again"
+            raise MapImportError(at(source, str(error), cure, where=f"line {error.line}")) from None
+        level = _Level(source, context, self.title)
+        level.add_all(root)
+        return level.scene()
+
+
+class _Level:
+    """A level being filled from blocks."""
+
+    def __init__(self, source: Path, context: Context, title: str) -> None:
+        self._source = source
+        self._context = context
+        self._findings = context.findings
+        self._level = UnrealLevel(source, context, title)
+        self._scale = self._level.scale
+        self._add: dict[ActorKind, Callable[[Block, Actor], None]] = {
+            ActorKind.BRUSH: self._add_brush,
+            ActorKind.MESH: self._add_object,
+            ActorKind.MOVABLE: partial(self._add_object, movable=True),
+            ActorKind.LIGHT: self._add_light,
+            ActorKind.FOG: self._add_fog,
+            ActorKind.LEVEL: lambda block, actor: self._level.add_info(block),
+        }
+
+    def scene(self) -> Scene:
+        """What was found."""
+        return self._level.scene()
+
+    def add_all(self, root: Block) -> None:
+        """Everything in the file, actors in the order of the level."""
+        actors: list[Block] = []
+        todo = list(root.children)
+        while todo:
+            block = todo.pop(0)
+            if block.kind in ("map", "level"):
+                todo[:0] = block.children
+            elif block.kind == "actor":
+                actors.append(block)
+            elif block.kind == "staticmesh":
+                self._add_static_mesh(block)
+            elif block.kind not in ("surface",):
+                self._findings.skip(f"block {block.kind}")
+        self._level.whole_map = bool(actors)
+        for number, block in enumerate(actors):
+            if number % 200 == 0:
+                self._context.progress("actors", number / len(actors))
+            actor_class = block.attributes.get("class", "?")
+            kind = kind_of(actor_class)
+            name = block.attributes.get("name") or block.text("name") or actor_class
+            actor = Actor.of(name, block.attributes.get("class", ""), block, self._scale)
+            if kind in self._add:
+                self._add[kind](block, actor)
+            elif not self._level.add_actor(kind, actor):
+                self._findings.skip(actor_class)
+                continue
+            self._findings.count(actor_class)
+
+    # ---- solids ----------------------------------------------------------------------------
+
+    def _add_brush(self, block: Block, actor: Actor) -> None:
+        """The next step of the program, unless it is the builder brush, which is a tool (17)."""
+        operation = OPERATIONS.get(block.text("csgoper").lower())
+        if operation is None:
+            return
+        name = block.attributes.get("name") or block.text("name") or "Brush"
+        polygons, flags = self._polygons(block)
+        if not polygons:
+            self._findings.warn(name, "a brush without polygons was left out")
+            return
+        solidity = solidity_of(flags | int(block.number("polyflags", 0.0)), operation)
+        if solidity is not None:
+            brush = Brush(name, tuple(polygons), operation, solidity, actor.tag)
+            self._level.add_brush(brush)
+
+    def _polygons(self, block: Block) -> tuple[list[Polygon], int]:
+        """Polygons of an actor's inner PolyList in the world, and the flags that all of them have.
+
+        The list at actor level is empty; the real one is inside `Begin Brush` (item 15).
+        """
+        lists = [plist for brush in block.inner("brush") for plist in brush.inner("polylist")]
+        if not any(plist.children for plist in lists):
+            lists = list(block.inner("polylist"))
+        matrix = self._matrix(block)
+        polygons: list[Polygon] = []
+        common = -1
+        for inner in (polygon for plist in lists for polygon in plist.inner("polygon")):
+            found = _polygon(inner, self._scale)
+            if found is None:
+                name = block.attributes.get("name", "Brush")
+                self._findings.warn(name, "a broken polygon was left out")
+                continue
+            common &= int(_first(inner.attributes.get("flags", "0")))
+            material = reference(inner.attributes.get("texture", ""))
+            polygons.append(world_polygon(*found, material, matrix))
+        return polygons, common if polygons else 0
+
+    def _matrix(self, block: Block) -> Array:
+        """(4, 4) from the actor's mirrored local frame in metres into the world (items 11, 12)."""
+        return unreal_matrix(
+            block.vector("location"),
+            block.rotator("rotation"),
+            draw_scale(block),
+            block.vector("prepivot"),
+            self._scale,
+            _brush_scale(block.properties.get("mainscale", "")),
+            _brush_scale(block.properties.get("postscale", "")),
+        )
+
+    def _add_object(self, block: Block, actor: Actor, movable: bool = False) -> None:
+        """A static mesh; its name is in a component (UE3) or on the actor (UE2)."""
+        if block.text("deletestatus") or block.flag("bdeleteme", False):
+            return
+        parts = []
+        matrix = self._matrix(block)
+        owners = [child for child in block.inner("object") if "staticmesh" in child.properties]
+        for owner in owners or [block]:
+            path = reference(owner.properties.get("staticmesh", ""))
+            if not path:
+                if list(block.inner("brush")):
+                    parts += self._brush_part(block)
+                continue
+            mesh = self._level.library.mesh(path)
+            local = matrix @ component_matrix(owner, self._scale) if owner is not block else matrix
+            if mesh is None:
+                if self._context.options.placeholders:
+                    parts.append(Part(PLACEHOLDER, matrix_of_pose(pose_of_matrix(matrix))))
+                continue
+            parts.append(
+                Part(
+                    mesh,
+                    local,
+                    visible=not block.flag("bhidden", False),
+                    collision=collision_of(block, owner),
+                    materials=_overrides(owner),
+                )
+            )
+        self._level.add_object(actor, matrix, parts, movable)
+
+    def _brush_part(self, block: Block) -> list[Part]:
+        """A mover of UE1 or UE2: polygons that do not take part in the level's CSG."""
+        polygons, _ = self._polygons(block)
+        triangles = []
+        count = 0
+        for polygon in polygons:
+            size = len(polygon.vertices)
+            triangles += [(count, count + k, count + k + 1) for k in range(1, size - 1)]
+            count += size
+        if not triangles:
+            return []
+        vertices = np.concatenate([polygon.vertices for polygon in polygons])
+        return [Part(Mesh("mover", vertices, np.array(triangles, dtype=np.int32)))]
+
+    def _add_static_mesh(self, block: Block) -> None:
+        """A file that holds a mesh instead of a level."""
+        name = block.attributes.get("name", self._source.stem)
+        mesh = mesh_of_block(block, name, self._scale, self._findings)
+        if mesh is not None:
+            actor = Actor(name, "StaticMesh", "", IDENTITY)
+            self._level.add_object(actor, np.eye(4), [Part(mesh)])
+
+    # ---- air and light ---------------------------------------------------------------------
+
+    def _add_light(self, block: Block, actor: Actor) -> None:
+        """An actor and its components: UE3's values, or UE1's hue and brightness."""
+        owners = [block]
+        for inner in block.inner("object"):
+            if "light" in inner.attributes.get("class", "").lower():
+                owners.append(inner)
+        radius = brightness = 0.0
+        color = (1.0, 1.0, 1.0)
+        for owner in owners:
+            steps, strength = owner.number("lightradius", 0.0), owner.number("lightbrightness", 0.0)
+            radius = owner.number("radius", steps * UE1_RADIUS) or radius
+            brightness = owner.number("brightness", strength / UE1_BRIGHTNESS) or brightness
+            color = _color(owner) or color
+        self._level.add_light(
+            light(
+                actor.name,
+                actor.kind.lower(),
+                actor.pose,
+                self._scale,
+                radius=radius,
+                brightness=brightness,
+                color=color,
+                cone=next((o.number("outerconeangle", 0.0) for o in reversed(owners)), 0.0),
+            )
+        )
+
+    def _add_fog(self, block: Block, actor: Actor) -> None:
+        density = max((b.number("fogdensity", 0.0) for b in block.inner("object")), default=0.0)
+        self._level.add_fog(actor, density or block.number("fogdensity", 0.0))
 
 
 def _brush_scale(text: str) -> tuple[float, float, float]:
@@ -87,61 +267,6 @@ def _brush_scale(text: str) -> tuple[float, float, float]:
     parts = [numbers(str(inner.get(key, ""))) for key in ("x", "y", "z")]
     x, y, z = (part[0] if part else 1.0 for part in parts)
     return x, y, z
-
-
-def is_volume(actor_class: str) -> bool:
-    """Volumes act on logic; they are not solid (item 18)."""
-    return actor_class.lower().endswith("volume")
-
-
-def brush_of(actor: Block, scale: float, findings: Findings) -> Brush | None:
-    """The brush of an actor; None for the builder brush, which is a tool (item 17)."""
-    operation = OPERATIONS.get(actor.get("csgoper").lower())
-    name = actor.attributes.get("name") or actor.get("name") or "Brush"
-    if operation is None:
-        return None
-    polygons, flags = polygons_of(actor, scale, findings)
-    if not polygons:
-        findings.warn(name, "a brush without polygons was left out")
-        return None
-    flags |= int(actor.number("polyflags", 0.0))
-    solidity = Solidity.SOLID
-    if flags & (NOT_SOLID | PORTAL):
-        if operation is BrushOperation.SUBTRACT or flags & PORTAL:
-            return None
-        solidity = Solidity.NONSOLID
-    elif flags & SEMISOLID:
-        solidity = Solidity.SEMISOLID
-    return Brush(name, tuple(polygons), operation, solidity, actor.get("tag"))
-
-
-def polygons_of(actor: Block, scale: float, findings: Findings) -> tuple[list[Polygon], int]:
-    """Polygons of an actor's inner PolyList in the world, and the flags that all of them have.
-
-    The list at actor level is empty; the real one is inside `Begin Brush` (item 15).
-    """
-    lists = [plist for brush in actor.inner("brush") for plist in brush.inner("polylist")]
-    if not any(plist.children for plist in lists):
-        lists = list(actor.inner("polylist"))
-    matrix = actor_matrix(actor, scale)
-    # Mirroring into the simulation frame turns faces round, and so does a negative scale.
-    turn = -1 if np.linalg.det(matrix[:3, :3]) > 0.0 else 1
-    polygons: list[Polygon] = []
-    common = -1
-    for plist in lists:
-        for block in plist.inner("polygon"):
-            found = _polygon(block, scale)
-            if found is None:
-                findings.warn(
-                    actor.attributes.get("name", "Brush"), "a broken polygon was left out"
-                )
-                continue
-            local, uvs = found
-            common &= int(_first(block.attributes.get("flags", "0")))
-            world = local @ matrix[:3, :3].T + matrix[:3, 3]
-            material = reference(block.attributes.get("texture", ""))
-            polygons.append(Polygon(world[::turn], material, None if uvs is None else uvs[::turn]))
-    return polygons, common if polygons else 0
 
 
 def _polygon(block: Block, scale: float) -> tuple[Array, Array | None] | None:
@@ -182,26 +307,6 @@ def _uvs(points: Array, axes: dict[str, list[float]]) -> Array | None:
 def _first(text: str) -> float:
     found = numbers(text)
     return found[0] if found else 0.0
-
-
-UE1_RADIUS, UE1_BRIGHTNESS = 25.0, 64.0
-"""UU per step of LightRadius; LightBrightness of an ordinary lamp."""
-
-
-def light_of(name: str, kind: str, pose: Pose, owners: list[Block], scale: float) -> Light:
-    """A light from an actor and its components: UE3's values, or UE1's hue and brightness."""
-    radius = brightness = 0.0
-    color = (1.0, 1.0, 1.0)
-    for owner in owners:
-        radius = owner.number("radius", owner.number("lightradius", 0.0) * UE1_RADIUS) or radius
-        brightness = owner.number(
-            "brightness", owner.number("lightbrightness", 0.0) / UE1_BRIGHTNESS
-        ) or (brightness)
-        color = _color(owner) or color
-    cone = next((o.number("outerconeangle", 0.0) for o in reversed(owners)), 0.0)
-    return light(
-        name, kind, pose, scale, radius=radius, brightness=brightness, color=color, cone=cone
-    )
 
 
 def _color(owner: Block) -> tuple[float, float, float] | None:
@@ -258,210 +363,6 @@ def mesh_of_block(block: Block, name: str, scale: float, findings: Findings) -> 
         slots=np.array(slots, dtype=np.int32),
         materials=tuple(materials),
     )
-
-
-Array = NDArray[np.float64]
-
-MAX_BYTES = 96 << 20
-"""Blocks take about ten times the memory of their text."""
-
-
-@register("t3d")
-class T3dReader(Reader):
-    """Levels, and static meshes that were exported as T3D."""
-
-    title = "Unreal T3D"
-    extensions = (".t3d",)
-
-    @classmethod
-    def recognises(cls, head: bytes) -> bool:
-        """It begins with `Begin Map`, `Begin Object` or the like."""
-        text = head.replace(b"\0", b"").lstrip(b"\xef\xbb\xbf\xff\xfe \t\r\n").lower()
-        return text.startswith((b"begin map", b"begin level", b"begin staticmesh", b"begin actor"))
-
-    def read(self, source: Path, context: Context) -> Scene:
-        """See `Reader.read`; an error names the line (item 73)."""
-        try:
-            root = parse(
-                read_text(source, MAX_BYTES), lambda part: context.progress("reading", part)
-            )
-        except T3dError as error:
-            cure = "the file is damaged or cut off; export it again"
-            raise MapImportError(at(source, str(error), cure, where=f"line {error.line}")) from None
-        level = _Level(source, context, self.title)
-        level.add_all(root)
-        return level.scene()
-
-
-class _Level:
-    """A level being filled from blocks."""
-
-    def __init__(self, source: Path, context: Context, title: str) -> None:
-        self._source = source
-        self._context = context
-        self._findings = context.findings
-        self._level = UnrealLevel(source, context, title)
-        self._scale = self._level.scale
-        level = self._level
-        self._add: dict[ActorKind, Callable[[Block, Actor], None]] = {
-            ActorKind.BRUSH: self._add_brush,
-            ActorKind.MESH: self._add_mesh,
-            ActorKind.MOVABLE: self._add_movable,
-            ActorKind.START: lambda block, actor: level.add_start(actor),
-            ActorKind.PATH_NODE: lambda block, actor: level.add_node(actor),
-            ActorKind.VICTIM: lambda block, actor: level.add_victim(actor),
-            ActorKind.LIGHT: self._add_light,
-            ActorKind.SMOKE: lambda block, actor: level.add_smoke(actor),
-            ActorKind.FOG: self._add_fog,
-            ActorKind.LEVEL: self._add_level,
-        }
-
-    def scene(self) -> Scene:
-        """What was found."""
-        return self._level.scene()
-
-    def add_all(self, root: Block) -> None:
-        """Everything in the file, actors in the order of the level."""
-        actors: list[Block] = []
-        todo = list(root.children)
-        while todo:
-            block = todo.pop(0)
-            if block.kind in ("map", "level"):
-                todo[:0] = block.children
-            elif block.kind == "actor":
-                actors.append(block)
-            elif block.kind == "staticmesh":
-                self._add_static_mesh(block)
-            elif block.kind not in ("surface",):
-                self._findings.skip(f"block {block.kind}")
-        self._level.whole_map = bool(actors)
-        for number, block in enumerate(actors):
-            if number % 200 == 0:
-                self._context.progress("actors", number / len(actors))
-            actor_class = block.attributes.get("class", "?")
-            handler = self._add.get(kind_of(actor_class))
-            if handler is None:
-                self._findings.skip(actor_class)
-                continue
-            self._findings.count(actor_class)
-            handler(block, self._actor(block, actor_class))
-
-    def _actor(self, block: Block, actor_class: str) -> Actor:
-        properties = block.properties
-        rotation = rotator(properties.get("rotation", ""))
-        scale = np.array(vector(properties.get("drawscale3d", ""), 1.0))
-        x, y, z = (scale * block.number("drawscale", 1.0)).tolist()
-        return Actor(
-            name=block.attributes.get("name") or block.get("name") or actor_class,
-            kind=block.attributes.get("class", ""),
-            tag=block.get("tag"),
-            pose=unreal_pose(vector(properties.get("location", "")), rotation, self._scale),
-            yaw=rotation[1],
-            scale=(x, y, z),
-        )
-
-    # ---- solids ----------------------------------------------------------------------------
-
-    def _add_brush(self, block: Block, actor: Actor) -> None:
-        brush = brush_of(block, self._scale, self._findings)
-        if brush is not None:
-            self._level.add_brush(brush)
-
-    def _add_mesh(self, block: Block, actor: Actor) -> None:
-        self._add_object(block, actor, movable=False)
-
-    def _add_movable(self, block: Block, actor: Actor) -> None:
-        self._add_object(block, actor, movable=True)
-
-    def _add_object(self, block: Block, actor: Actor, movable: bool) -> None:
-        """A static mesh; its name is in a component (UE3) or on the actor (UE2)."""
-        if block.get("deletestatus") or block.flag("bdeleteme", False):
-            return
-        parts = []
-        matrix = actor_matrix(block, self._scale)
-        owners = [child for child in block.inner("object") if "staticmesh" in child.properties]
-        for owner in owners or [block]:
-            path = reference(owner.properties.get("staticmesh", ""))
-            if not path:
-                if list(block.inner("brush")):
-                    parts += self._brush_part(block)
-                continue
-            mesh = self._level.library.mesh(path)
-            local = matrix @ _component_matrix(owner, self._scale) if owner is not block else matrix
-            if mesh is None:
-                if self._context.options.placeholders:
-                    parts.append(Part(PLACEHOLDER, matrix_of_pose(pose_of_matrix(matrix))))
-                continue
-            parts.append(
-                Part(
-                    mesh,
-                    local,
-                    visible=not block.flag("bhidden", False),
-                    collision=_collision(block, owner),
-                    materials=_overrides(owner),
-                )
-            )
-        self._level.add_object(actor, matrix, parts, movable)
-
-    def _brush_part(self, block: Block) -> list[Part]:
-        """A mover of UE1 or UE2: polygons that do not take part in the level's CSG."""
-        polygons, _ = polygons_of(block, self._scale, self._findings)
-        triangles = []
-        count = 0
-        for polygon in polygons:
-            size = len(polygon.vertices)
-            triangles += [(count, count + k, count + k + 1) for k in range(1, size - 1)]
-            count += size
-        if not triangles:
-            return []
-        vertices = np.concatenate([polygon.vertices for polygon in polygons])
-        return [Part(Mesh("mover", vertices, np.array(triangles, dtype=np.int32)))]
-
-    def _add_static_mesh(self, block: Block) -> None:
-        """A file that holds a mesh instead of a level."""
-        name = block.attributes.get("name", self._source.stem)
-        mesh = mesh_of_block(block, name, self._scale, self._findings)
-        if mesh is not None:
-            actor = Actor(name, "StaticMesh", "", IDENTITY)
-            self._level.add_object(actor, np.eye(4), [Part(mesh)])
-
-    # ---- air and light ---------------------------------------------------------------------
-
-    def _add_light(self, block: Block, actor: Actor) -> None:
-        components = [
-            b for b in block.inner("object") if "light" in b.attributes.get("class", "").lower()
-        ]
-        self._level.add_light(
-            light_of(actor.name, actor.kind.lower(), actor.pose, [block, *components], self._scale)
-        )
-
-    def _add_fog(self, block: Block, actor: Actor) -> None:
-        density = max((b.number("fogdensity", 0.0) for b in block.inner("object")), default=0.0)
-        self._level.add_fog(actor, density or block.number("fogdensity", 0.0))
-
-    def _add_level(self, block: Block, actor: Actor) -> None:
-        if "killz" in block.properties:
-            self._level.kill_z = block.number("killz", 0.0) / self._scale
-        self._level.title = self._level.title or block.get("title")
-
-
-def _component_matrix(component: Block, scale: float) -> Array:
-    """A component's own offset in its actor (UE3)."""
-    properties = component.properties
-    scale3d = np.array(vector(properties.get("scale3d", ""), 1.0))
-    return unreal_matrix(
-        vector(properties.get("translation", "")),
-        rotator(properties.get("rotation", "")),
-        (scale3d * component.number("scale", 1.0)).tolist(),
-        scale=scale,
-    )
-
-
-def _collision(actor: Block, owner: Block) -> Collision:
-    off = not actor.flag("bcollideactors", True) or not owner.flag("collideactors", True)
-    off |= not actor.flag("bblockactors", True) or not owner.flag("blockactors", True)
-    off |= actor.get("collisiontype").lower() in NO_COLLISION
-    return Collision.NONE if off else Collision.AUTO
 
 
 def _overrides(owner: Block) -> dict[int, str]:

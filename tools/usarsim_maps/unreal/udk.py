@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,19 +17,16 @@ from usarsim_maps.reader import Context, Reader, register
 from usarsim_maps.scene import (
     Brush,
     BrushOperation,
-    Collision,
     Mesh,
     Part,
     Polygon,
     Scene,
-    Solidity,
 )
 from usarsim_maps.units import (
     matrix_of_pose,
     pose_of_matrix,
     unreal_matrix,
     unreal_points,
-    unreal_pose,
 )
 from usarsim_maps.unreal.archive import TAG, PackageError
 from usarsim_maps.unreal.brushes import (
@@ -38,7 +36,19 @@ from usarsim_maps.unreal.brushes import (
     faces_of_model,
     read_built_level,
 )
-from usarsim_maps.unreal.level import NO_COLLISION, PLACEHOLDER, Actor, UnrealLevel, light
+from usarsim_maps.unreal.level import (
+    OPERATIONS,
+    PLACEHOLDER,
+    TEXTURE_SIZE,
+    Actor,
+    UnrealLevel,
+    collision_of,
+    component_matrix,
+    draw_scale,
+    light,
+    solidity_of,
+    world_polygon,
+)
 from usarsim_maps.unreal.library import MeshPackage, as_error, load_package
 from usarsim_maps.unreal.names import ActorKind, kind_of
 from usarsim_maps.unreal.package import Export, Package
@@ -46,14 +56,6 @@ from usarsim_maps.unreal.properties import Properties, read_object
 from usarsim_server.errors import MapImportError, at
 
 Array = NDArray[np.float64]
-
-NOT_SOLID, SEMISOLID, PORTAL = 0x08, 0x20, 0x0400_0000
-"""Flags of brushes and polygons."""
-
-TEXTURE_SIZE = 128.0
-"""Unreal units of one repeat of a texture whose axes have length one."""
-
-OPERATIONS = {"csg_add": BrushOperation.ADD, "csg_subtract": BrushOperation.SUBTRACT}
 
 ESSENTIAL = {ActorKind.BRUSH, ActorKind.START}
 """A map whose walls or starts cannot be read is refused; without a lamp it can be used."""
@@ -215,13 +217,9 @@ class LevelReader:
         self._own = MeshPackage(package, source.stem, level.scale)
         self._add: dict[ActorKind, Callable[[Export, Properties], None]] = {
             ActorKind.BRUSH: self._add_brush,
-            ActorKind.MESH: self._add_mesh,
-            ActorKind.MOVABLE: self._add_movable,
-            ActorKind.START: lambda e, p: level.add_start(self._actor(e, p)),
-            ActorKind.PATH_NODE: lambda e, p: level.add_node(self._actor(e, p)),
-            ActorKind.VICTIM: lambda e, p: level.add_victim(self._actor(e, p)),
+            ActorKind.MESH: self._add_object,
+            ActorKind.MOVABLE: partial(self._add_object, movable=True),
             ActorKind.LIGHT: self._add_light,
-            ActorKind.SMOKE: lambda e, p: level.add_smoke(self._actor(e, p)),
             ActorKind.FOG: self._add_fog,
             ActorKind.LEVEL: self._add_level,
         }
@@ -266,13 +264,16 @@ class LevelReader:
     def _add_actor(self, export: Export) -> None:
         actor_class = self._package.class_of(export)
         kind = kind_of(actor_class)
-        handler = self._add.get(kind)
-        if handler is None:
+        if kind not in self._add and kind not in UnrealLevel.PLAIN:
             self._findings.skip(actor_class)
             return
         self._findings.count(actor_class)
         try:
-            handler(export, read_object(self._package, export)[0])
+            properties = read_object(self._package, export)[0]
+            if kind in self._add:
+                self._add[kind](export, properties)
+            else:
+                self._level.add_actor(kind, self._actor(export, properties))
         except PackageError as error:
             if kind in ESSENTIAL:
                 problem = f"{export.name}: {error}"
@@ -280,16 +281,8 @@ class LevelReader:
             self._findings.warn(export.name, f"left out, for it cannot be read: {error}")
 
     def _actor(self, export: Export, properties: Properties) -> Actor:
-        rotation = properties.rotator("rotation")
-        x, y, z = _scale(properties)
-        return Actor(
-            name=export.name,
-            kind=self._package.class_of(export),
-            tag=properties.text("tag"),
-            pose=unreal_pose(properties.vector("location"), rotation, self._level.scale),
-            yaw=rotation[1],
-            scale=(x, y, z),
-        )
+        kind = self._package.class_of(export)
+        return Actor.of(export.name, kind, properties, self._level.scale)
 
     # ---- solids ----------------------------------------------------------------------------
 
@@ -311,13 +304,9 @@ class LevelReader:
         for face in faces:
             common &= face.flags
         flags |= common
-        if flags & PORTAL or (flags & NOT_SOLID and operation is BrushOperation.SUBTRACT):
+        solidity = solidity_of(flags, operation)
+        if solidity is None:
             return
-        solidity = Solidity.SOLID
-        if flags & NOT_SOLID:
-            solidity = Solidity.NONSOLID
-        elif flags & SEMISOLID:
-            solidity = Solidity.SEMISOLID
         matrix = self._matrix(properties)
         polygons = tuple(self._polygon(face, matrix) for face in faces)
         tag = properties.text("tag")
@@ -325,25 +314,12 @@ class LevelReader:
 
     def _polygon(self, face: Face, matrix: Array) -> Polygon:
         points = unreal_points(face.points, self._level.scale)
-        world = points @ matrix[:3, :3].T + matrix[:3, 3]
         axes = np.column_stack([face.u, face.v])
         with np.errstate(all="ignore"):
             uvs = (face.points - face.base) @ axes / TEXTURE_SIZE * [1.0, -1.0]
-        # Mirroring into the simulation frame turns faces round, and so does a negative scale.
-        turn = -1 if np.linalg.det(matrix[:3, :3]) > 0.0 else 1
-        return Polygon(
-            vertices=world[::turn],
-            material=self._package.path(face.material),
-            uvs=uvs[::turn] if np.isfinite(uvs).all() else None,
-        )
+        return world_polygon(points, uvs, self._package.path(face.material), matrix)
 
-    def _add_mesh(self, export: Export, properties: Properties) -> None:
-        self._add_object(export, properties, movable=False)
-
-    def _add_movable(self, export: Export, properties: Properties) -> None:
-        self._add_object(export, properties, movable=True)
-
-    def _add_object(self, export: Export, properties: Properties, movable: bool) -> None:
+    def _add_object(self, export: Export, properties: Properties, movable: bool = False) -> None:
         matrix = self._matrix(properties)
         hidden = properties.flag("bhidden", False)
         parts: list[Part] = []
@@ -356,9 +332,9 @@ class LevelReader:
                 parts.append(
                     Part(
                         mesh,
-                        matrix @ self._offset(component),
+                        matrix @ component_matrix(component, self._level.scale),
                         visible=not hidden and not component.flag("hiddengame", False),
-                        collision=_collision(properties, component),
+                        collision=collision_of(properties, component),
                         materials=self._overrides(component),
                     )
                 )
@@ -398,19 +374,9 @@ class LevelReader:
         return unreal_matrix(
             properties.vector("location"),
             properties.rotator("rotation"),
-            _scale(properties),
+            draw_scale(properties),
             properties.vector("prepivot"),
             self._level.scale,
-        )
-
-    def _offset(self, component: Properties) -> Array:
-        """A component's own place in its actor."""
-        scale3d = np.array(component.vector("scale3d", 1.0))
-        return unreal_matrix(
-            component.vector("translation"),
-            component.rotator("rotation"),
-            (scale3d * component.number("scale", 1.0)).tolist(),
-            scale=self._level.scale,
         )
 
     def _overrides(self, component: Properties) -> dict[int, str]:
@@ -441,9 +407,7 @@ class LevelReader:
         self._level.add_fog(self._actor(export, properties), density)
 
     def _add_level(self, export: Export, properties: Properties) -> None:
-        if "killz" in properties:
-            self._level.kill_z = properties.number("killz", 0.0) / self._level.scale
-        self._level.title = self._level.title or properties.text("title")
+        self._level.add_info(properties)
         for index in properties.references("streaminglevels"):
             streaming = self._package.export(index)
             if streaming is not None:
@@ -455,16 +419,3 @@ class LevelReader:
         if export is None:
             return Properties(self._package)
         return read_object(self._package, export)[0]
-
-
-def _scale(properties: Properties) -> tuple[float, float, float]:
-    size = properties.number("drawscale", 1.0)
-    x, y, z = properties.vector("drawscale3d", 1.0)
-    return x * size, y * size, z * size
-
-
-def _collision(actor: Properties, component: Properties) -> Collision:
-    solid = actor.flag("bcollideactors", True) and actor.flag("bblockactors", True)
-    solid &= component.flag("collideactors", True) and component.flag("blockactors", True)
-    solid &= actor.text("collisiontype").lower() not in NO_COLLISION
-    return Collision.AUTO if solid else Collision.NONE
