@@ -89,7 +89,7 @@ def test_absent_keys_come_from_the_base() -> None:
         ({"shape": "x"}, "shape: 'x' is not known (write one of spot, point)"),
         (
             {"reach": 0},
-            "reach: 0 is out of range (write a number greater than 0 and of at most 50 (m), or "
+            "reach: 0 is out of range (write a number greater than 0 and of at most 50 m, or "
             '"far", for example reach = 10.0)',
         ),
         ({"reach": "near"}, "reach: 'near' is not a number"),
@@ -156,7 +156,7 @@ def test_keys_tell_what_was_declared() -> None:
     assert "number" not in found
     assert found["name"].required
     assert found["rate"].default() is None
-    assert found["reach"].wanted == 'a number greater than 0 and of at most 50 (m), or "far"'
+    assert found["reach"].wanted == 'a number greater than 0 and of at most 50 m, or "far"'
     assert found["bulb"].default() == Bulb()
 
 

@@ -51,7 +51,8 @@ class Limits:
             text = f" of at least {_plain(self.low)}"
         else:
             text = f" of at most {_plain(self.high)}" if self.high < math.inf else ""
-        return f"{text} ({self.unit}){self.also}" if self.unit else text + self.also
+        unit = self.unit and (f" {self.unit}" if text else f" in {self.unit}")
+        return text + unit + self.also
 
 
 _REQUIRED: Any = object()
@@ -71,6 +72,7 @@ def field(
     *,
     default: Any = _REQUIRED,
     factory: Callable[[], Any] | None = None,
+    absent: Any = _REQUIRED,
     help: str = "",
     unit: str = "",
     low: float = -math.inf,
@@ -95,6 +97,7 @@ def field(
     Args:
         default: where the key is absent; it must be there if there is neither this nor `factory`.
         factory: makes the default.
+        absent: where the key is absent, of a field that has no default.
         help: one line: what it means.
         unit: of a number.
         low, high, above: limits of a number, or of each number of a list: low <= n <= high,
@@ -107,10 +110,12 @@ def field(
         parse: reads what the annotation does not say.
         expects: what to write, where the annotation does not say it.
         convert: applied to what was read; defaults are converted already.
-        more: further facts for whoever asks `keys`.
+        more: further facts for whoever asks `keys`; `rows` are further rows of a page's table, for
+            keys that `parse` reads beside this one.
     """
     also = "".join(f', or "{word}"' for word in words or {})
     about = _About(
+        absent=absent,
         help=help,
         limits=Limits(low, high, above, unit, also),
         counts=tuple(counts),
@@ -135,6 +140,7 @@ def field(
 class _About:
     """The arguments of `field`."""
 
+    absent: Any
     help: str
     limits: Limits
     counts: tuple[int, ...]
@@ -184,7 +190,9 @@ class Key:
         word = next((word for word, meant in self._about.words.items() if meant == value), None)
         if word is not None:
             return f'"{word}"'
-        if value is _REQUIRED or value is None or value == ():
+        if value is _REQUIRED:
+            return "required"
+        if value is None or value in ((), {}, "", math.inf):
             return ""
         value = getattr(value, "value", value)
         if isinstance(value, bool):
@@ -238,13 +246,15 @@ def markdown(*classes: type) -> str:
     rows = ["| Key | Value | Default | Meaning |", "|---|---|---|---|"]
     for key in (key for cls in classes for key in keys(cls)):
         rows.append(f"| `{key.key}` | {key.wanted} | {key.default_text} | {key.help} |")
+        rows += (f"| `{row[0]}` | {' | '.join(row[1:])} |" for row in key.more.get("rows", ()))
     return "\n".join(dict.fromkeys(rows)) + "\n"
 
 
 def _default_of(one: dataclasses.Field[Any]) -> Callable[[], Any]:
     if one.default_factory is not dataclasses.MISSING:
         return one.default_factory
-    value = _REQUIRED if one.default is dataclasses.MISSING else one.default
+    absent = one.metadata[_About].absent
+    value = absent if one.default is dataclasses.MISSING else one.default
     return lambda: value
 
 
@@ -261,8 +271,9 @@ def _getter(hint: Any, about: _About) -> tuple[str, Callable[[Any, str, Any], An
     if dataclasses.is_dataclass(hint):
         return "a table", lambda table, key, default: _inner(table.table(key), hint, default)
     enum = hint if isinstance(hint, type) and issubclass(hint, Enum) else None
-    options = about.choices or (tuple(one.value for one in enum) if enum else parts)
-    if origin is Literal or options:
+    options = about.choices or (tuple(one.value for one in enum) if enum else ())
+    options = parts if origin is Literal else options
+    if options:
 
         def choose(table: Any, key: str, default: object) -> object:
             word = table.choice(key, options, any_case=about.any_case)

@@ -54,10 +54,11 @@ def finite(value: object) -> float | None:
     return number if math.isfinite(number) else None
 
 
-def nearest(word: str, known: Iterable[str], cutoff: float = 0.6) -> str | None:
+def nearest(word: str, known: Iterable[str]) -> str | None:
     """The known word that one resembles most, whatever the case; None if it resembles none."""
     by_lower = {one.lower(): one for one in known}
-    close = difflib.get_close_matches(word.lower(), by_lower, n=1, cutoff=cutoff)
+    close = difflib.get_close_matches(word.lower(), by_lower, n=1)
+    close += [one for one in by_lower if len(word) > 2 and one.startswith(word.lower())]
     return by_lower[close[0]] if close else None
 
 
@@ -138,7 +139,7 @@ class Table:
             if key not in known:
                 cure = (hints or {}).get(key)
                 if cure is None:
-                    close = nearest(key, self._known, 0.4)
+                    close = nearest(key, self._known)
                     hint = "remove it;" if close is None else f"did you mean {close}?"
                     cure = f"{hint} known keys: {', '.join(sorted(self._known)) or 'none'}"
                 kind = f" of {self._kind}" if self._kind else ""
@@ -293,7 +294,7 @@ class Table:
     def tables(self, key: str) -> list[Table]:
         """A list of tables, written `[[key]]`; empty if there is none.
 
-        Each is named in its errors by number and, if it has one, by name.
+        Each is named in its errors by number and, if it has one, by name or tag.
         """
         values = self.raw(key) if self.has(key) else []
         if not isinstance(values, list) or not all(isinstance(one, Mapping) for one in values):
@@ -329,6 +330,22 @@ class Table:
         if base is not None:
             return typing.cast(T, dataclasses.replace(typing.cast(Any, base), **values))
         return cls(**values)
+
+    def one(self, key: str, cls: type[T]) -> T:
+        """The declared value in a table below this one, all of whose keys may be absent."""
+        inner = self.table(key)
+        value = inner.read(cls)
+        inner.finish()
+        return value
+
+    def all(self, key: str, what: type[T] | Callable[[Table], T]) -> tuple[T, ...]:
+        """The values of a list of tables: declared ones of a class, or read by a function."""
+        found = []
+        for inner in self.tables(key):
+            read: Callable[[Any], Any] = what
+            found.append(inner.read(what) if isinstance(what, type) else read(inner))
+            inner.finish()
+        return tuple(found)
 
     # ---- helpers --------------------------------------------------------------------------
 
@@ -434,5 +451,5 @@ def _example(key: str, default: float | None) -> str:
 
 
 def _name(table: Mapping[str, object]) -> str:
-    name = table.get("name")
+    name = table.get("name", table.get("tag"))
     return f" ({name})" if isinstance(name, str) and name.isprintable() and name else ""

@@ -277,7 +277,7 @@ color = [1.0, 0.0, 0.0]
             ("sale = 3", "did you mean scale"),
             ('replace = ["walls"]', "'walls' is unknown"),
             ('[[object]]\nmatch = "a"\ncollision = "soft"', "write one of auto"),
-            ("assets = 3", "no list of texts"),
+            ("assets = 3", "not a list of texts"),
             ("[[start]]\ntag = 3", "tag"),
             ("x = [", "not valid TOML"),
             ("x = " + "[" * 5000, "not valid TOML"),

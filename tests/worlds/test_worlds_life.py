@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from world_files import HEAD, START, VICTIM, write_world
+from world_files import HEAD, START, VICTIM, nameless, write_world
 
 from usarsim_server.errors import WorldError
 from usarsim_server.simulation.frames import Pose
@@ -28,7 +28,7 @@ def error_of(directory: Path, sheet: str) -> str:
     """What the loader says about a sheet."""
     with pytest.raises(WorldError) as caught:
         load_world(write_world(directory, HEAD + START + sheet))
-    text = str(caught.value)
+    text = nameless(caught.value)
     assert "\n" not in text
     return text
 

@@ -13,7 +13,7 @@ import pytest
 from shipped_worlds import NAMES, Built, build
 
 from usarsim_server.simulation.frames import rpy_from_quaternion
-from usarsim_server.worlds.life import PARTS
+from usarsim_server.worlds.description import PARTS
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.machinery.machinery import Spring
 from usarsim_server.worlds.scene import build_scene, movable_bodies

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
 from usarsim_server.worlds.description import (
+    PARTS,
     Noise,
     RfidTag,
     SoundSource,
@@ -23,7 +24,7 @@ from usarsim_server.worlds.description import (
     Victim,
     WorldDescription,
 )
-from usarsim_server.worlds.life import PARTS, Walk, traits_of
+from usarsim_server.worlds.life import Walk, traits_of
 from usarsim_server.worlds.loader import find_world, load_world
 from usarsim_server.worlds.scene import build_scene
 from usarsim_server.worlds.surroundings import MAX_TAGS, Surroundings, beginnings

@@ -11,9 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
-from usarsim_server.worlds.description import Victim
-from usarsim_server.worlds.life import PARTS
-from usarsim_server.worlds.victims import PELVIS_HEIGHT, POSTURES, add_victim, part_of
+from usarsim_server.worlds.description import PARTS, POSTURES, Victim
+from usarsim_server.worlds.victims import PELVIS_HEIGHT, add_victim, part_of
 
 FLOOR = '<mujoco><worldbody><geom name="floor" type="plane" size="0 0 1"/></worldbody></mujoco>'
 NAMES = [f"{figure}Victim_{n}" for n in range(12) for figure in ("Male", "Female")]

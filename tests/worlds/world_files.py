@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 SCENE = """<mujoco model="yard">
@@ -30,3 +31,8 @@ def write_world(
     (folder / "world.toml").write_text(sheet, encoding="utf-8")
     (folder / "scene.xml").write_text(scene, encoding="utf-8")
     return folder
+
+
+def nameless(error: BaseException) -> str:
+    """What an error says, without the names that stand beside the numbers of tables."""
+    return re.sub(r"(\]\] \d+) \([^)]*\)", r"\1", str(error))

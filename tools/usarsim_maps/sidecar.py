@@ -27,14 +27,13 @@ from usarsim_maps.scene import (
     Source,
     map_victim,
 )
-from usarsim_server.errors import MapImportError, WorldError
+from usarsim_server.errors import MapImportError
 from usarsim_server.files import is_regular
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
+from usarsim_server.tables import Table
 from usarsim_server.toml import read_toml
-from usarsim_server.worlds.description import PathNode, StartPose, Victim
+from usarsim_server.worlds.description import POSTURES, PathNode, StartPose, Victim
 from usarsim_server.worlds.media import read_smoke
-from usarsim_server.worlds.tables import Table
-from usarsim_server.worlds.victims import POSTURES
 
 SUFFIX = ".usarsim.toml"
 """`map.t3d` has its sidecar in `map.usarsim.toml`."""
@@ -175,20 +174,14 @@ def load_sidecar(path: Path) -> Sidecar:
     Raises:
         MapImportError: naming key, what is wrong and what to write instead.
     """
-    data = read_toml(path, MapImportError, "start")
-    try:
-        return _read(path, Table(path, data))
-    except MapImportError:
-        raise
-    except WorldError as error:
-        raise MapImportError(str(error)) from None
+    return _read(path, Table(read_toml(path, MapImportError, "start"), path, MapImportError))
 
 
 def _read(path: Path, table: Table) -> Sidecar:
-    scale = table.number("scale", default=0.0, low=0.0, high=1e9) or None
+    scale = table.number("scale", 0.0, low=0.0, high=1e9) or None
     up = table.choice("up", ("X", "Y", "Z")) if table.has("up") else None
     materials = table.table("material")
-    replaces = frozenset(table.words("replace", default=()))
+    replaces = frozenset(table.words("replace"))
     unknown = sorted(replaces - set(REPLACEABLE))
     if unknown:
         raise table.error(
@@ -198,10 +191,10 @@ def _read(path: Path, table: Table) -> Sidecar:
         path=path,
         scale=scale,
         up=up,
-        mirror=table.flag("mirror", default=False) if table.has("mirror") else None,
-        assets=tuple(path.parent / name for name in _texts(table, "assets")),
-        placeholders=table.flag("placeholders", default=False),
-        wall_height=table.number("wall_height", default=0.0, low=0.0, high=100.0) or None,
+        mirror=table.flag("mirror", False) if table.has("mirror") else None,
+        assets=tuple(path.parent / name for name in table.texts("assets")),
+        placeholders=table.flag("placeholders", False),
+        wall_height=table.number("wall_height", 0.0, low=0.0, high=100.0) or None,
         additions=Scene(
             source=Source(path, "sidecar"),
             starts=tuple(map(_start, table.tables("start"))),
@@ -210,8 +203,8 @@ def _read(path: Path, table: Table) -> Sidecar:
             lights=tuple(map(_light, table.tables("light"))),
             smoke=read_smoke(table.tables("smoke")),
             materials=dict(_materials(path, table, materials)),
-            filled=table.flag("filled", default=False) if table.has("filled") else None,
-            title=table.text("title", default=""),
+            filled=table.flag("filled", False) if table.has("filled") else None,
+            title=table.text("title", ""),
         ),
         replaces=replaces,
         rules=tuple(map(_rule, table.tables("object"))),
@@ -220,18 +213,9 @@ def _read(path: Path, table: Table) -> Sidecar:
     return sidecar
 
 
-def _texts(table: Table, key: str) -> list[str]:
-    value = table.raw(key)
-    if value is None:
-        return []
-    if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
-        raise table.error(key, f"{value!r} is no list of texts", 'write a list such as ["meshes"]')
-    return value
-
-
 def _pose(table: Table) -> Pose:
-    roll, pitch, yaw = table.vector("rotation_degrees", default=(0.0, 0.0, 0.0))
-    yaw = table.number("yaw_degrees", default=yaw)
+    roll, pitch, yaw = table.vector("rotation_degrees", (0.0, 0.0, 0.0))
+    yaw = table.number("yaw_degrees", yaw)
     angles = (math.radians(angle) for angle in (roll, pitch, yaw))
     return Pose(table.vector("position"), quaternion_from_rpy(*angles))
 
@@ -243,14 +227,14 @@ def _start(table: Table) -> StartPose:
 
 
 def _victim(table: Table) -> Victim:
-    size = table.number("scale", default=1.0, low=0.1, high=10.0)
+    size = table.number("scale", 1.0, low=0.1, high=10.0)
     victim = map_victim(
         name=table.word("name"),
         pose=_pose(table),
-        figure=table.text("figure", default="male"),
+        figure=table.text("figure", "male"),
         posture=table.choice("posture", POSTURES) if table.has("posture") else "",
         scale=(size, size, size),
-        status=table.word("status", default="Alive"),
+        status=table.word("status", "Alive"),
         properties=dict(table.free("properties")),
     )
     table.finish()
@@ -258,9 +242,7 @@ def _victim(table: Table) -> Victim:
 
 
 def _path_node(table: Table) -> PathNode:
-    node = PathNode(
-        table.word("tag"), table.vector("position"), table.words("neighbours", default=())
-    )
+    node = PathNode(table.word("tag"), table.vector("position"), table.words("neighbours", ()))
     table.finish()
     return node
 
@@ -268,15 +250,15 @@ def _path_node(table: Table) -> PathNode:
 def _light(table: Table) -> Light:
     kinds = tuple(kind.value for kind in LightKind)
     light = Light(
-        name=table.text("name", default="lamp"),
+        name=table.text("name", "lamp"),
         kind=LightKind(table.choice("kind", kinds)) if table.has("kind") else LightKind.POINT,
-        position=table.vector("position", default=(0.0, 0.0, 3.0)),
-        direction=table.vector("direction", default=(0.0, 0.0, -1.0)),
-        color=table.vector("color", default=(1.0, 1.0, 1.0)),
-        brightness=table.number("brightness", default=1.0, low=0.0, high=1000.0),
-        reach=table.number("reach", default=0.0, low=0.0, high=1e5),
-        cone=table.number("cone", default=45.0, low=1.0, high=90.0),
-        shadows=table.flag("shadows", default=False),
+        position=table.vector("position", (0.0, 0.0, 3.0)),
+        direction=table.vector("direction", (0.0, 0.0, -1.0)),
+        color=table.vector("color", (1.0, 1.0, 1.0)),
+        brightness=table.number("brightness", 1.0, low=0.0, high=1000.0),
+        reach=table.number("reach", 0.0, low=0.0, high=1e5),
+        cone=table.number("cone", 45.0, low=1.0, high=90.0),
+        shadows=table.flag("shadows", False),
     )
     table.finish()
     return light
@@ -286,9 +268,9 @@ def _materials(path: Path, table: Table, materials: Table) -> Iterable[tuple[str
     names: Mapping[str, object] = table.free("material")
     for name in names:
         entry = materials.table(name)
-        color = entry.vector("color", default=(1.0, 1.0, 1.0))
-        texture = entry.text("texture", default="")
-        opacity = entry.number("opacity", default=1.0, low=0.0, high=1.0)
+        color = entry.vector("color", (1.0, 1.0, 1.0))
+        texture = entry.text("texture", "")
+        opacity = entry.number("opacity", 1.0, low=0.0, high=1.0)
         entry.finish()
         picture = path.parent / texture if texture else None
         yield name, Material(name, (*color, opacity), picture)
@@ -298,16 +280,12 @@ def _rule(table: Table) -> _Rule:
     kinds = tuple(kind.value for kind in Collision)
     rule = _Rule(
         pattern=table.text("match"),
-        exclude=table.flag("exclude", default=False),
-        hidden=table.flag("hidden", default=False),
+        exclude=table.flag("exclude", False),
+        hidden=table.flag("hidden", False),
         collision=(Collision(table.choice("collision", kinds)) if table.has("collision") else None),
-        movable=table.flag("movable", default=False) if table.has("movable") else None,
-        mass=table.number("mass", default=0.0, low=0.0, high=1e6) or None,
-        friction=(
-            table.number("friction", default=None, low=0.0, high=10.0)
-            if table.has("friction")
-            else None
-        ),
+        movable=table.flag("movable", False) if table.has("movable") else None,
+        mass=table.number("mass", 0.0, low=0.0, high=1e6) or None,
+        friction=(table.number("friction", low=0.0, high=10.0) if table.has("friction") else None),
     )
     table.finish()
     return rule

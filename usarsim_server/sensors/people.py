@@ -29,8 +29,7 @@ from usarsim_server.sensors.ranges import fan_at, wire_directions
 from usarsim_server.simulation.frames import Pose, flip_point
 from usarsim_server.simulation.rays.query import RayFan, RayHits
 from usarsim_server.simulation.snapshot import RobotState
-from usarsim_server.worlds.description import FalseAlarm
-from usarsim_server.worlds.life import PARTS
+from usarsim_server.worlds.description import PARTS, FalseAlarm
 from usarsim_server.worlds.victims import part_of
 
 MARGIN = 0.2

@@ -7,28 +7,85 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from dataclasses import field as plain_field
 from pathlib import Path
 
-from usarsim_server.simulation.frames import Pose, Vector, wire_from_pose
+from usarsim_server.fields import field
+from usarsim_server.simulation.frames import Pose, Vector, quaternion_from_rpy, wire_from_pose
 from usarsim_server.simulation.ground import Surface
+from usarsim_server.tables import Table
 from usarsim_server.worlds.machinery.machinery import Machinery
+
+POSTURES = ("standing", "sitting", "lying")
+
+PARTS = ("Head", "Arm", "Hand", "Chest", "Pelvis", "Leg", "Foot")
+"""The body parts that a victim sensor can name (robots reference 2.9)."""
+
+MAX_TAG_ID = 2**31 - 1
+"""Clients read tag numbers into 32-bit integers."""
+
+MAX_LOUDNESS = 194.0
+"""dB: the loudest undistorted sound in air."""
+
+HEADING = ("yaw_degrees", "a number", "0", "heading; or `rotation_degrees = [roll, pitch, yaw]`")
+"""The row of a page for what `read_pose` reads beside the position."""
+
+_MAX_SIZE = 10_000.0
+_DAY = 86400.0
+"""s."""
+
+
+def read_pose(table: Table, key: str = "position") -> Pose:
+    """Position and `yaw_degrees`, or `rotation_degrees` as roll, pitch, yaw (x ahead, z up)."""
+    position = table.vector(key)
+    if table.has("rotation_degrees"):
+        if table.has("yaw_degrees"):
+            problem = "stands beside yaw_degrees"
+            raise table.error("rotation_degrees", problem, "keep one of the two")
+        turn = table.vector("rotation_degrees")
+    else:
+        turn = (0.0, 0.0, table.number("yaw_degrees", 0.0))
+    return Pose(position, quaternion_from_rpy(*map(math.radians, turn)))
+
+
+def _read_heading(table: Table, key: str) -> Pose:
+    """Position and `yaw_degrees`."""
+    yaw = math.radians(table.number("yaw_degrees", 0.0))
+    return Pose(table.vector(key), quaternion_from_rpy(0.0, 0.0, yaw))
+
+
+def _read_memory(table: Table, key: str) -> str:
+    text = table.text(key, "", lines=True)
+    if not text.isascii() or not (text.isprintable() or not text) or set(text) & set("{}"):
+        problem = f"{text!r} cannot travel on the wire"
+        raise table.error(key, problem, "use plain text without braces")
+    return text
 
 
 @dataclass(frozen=True, slots=True)
 class StartPose:
-    """A place where robots may start.
+    """A place where robots may start."""
 
-    Attributes:
-        tag: what INIT's Start names (no blanks).
-        pose: in the world.
-        turns: whole turns that the announced yaw is beyond [-pi, pi]: the original passed on
-            whatever angle its editor had saved (worlds reference 2.3).
-    """
-
-    tag: str
-    pose: Pose
-    turns: int = 0
+    tag: str = field(
+        parse=Table.word,
+        expects="a name",
+        help="what INIT calls it; no two alike, whatever their capitals",
+    )
+    pose: Pose = field(
+        key="position",
+        parse=read_pose,
+        expects="3 numbers (m)",
+        help="0.25 m above the floor; the robot is let down",
+        rows=(HEADING,),
+    )
+    turns: int = field(
+        default=0,
+        low=-1000,
+        high=1000,
+        help="whole turns added to the yaw that clients are told: the original passed on whatever "
+        "angle its editor had saved (worlds reference 2.3)",
+    )
 
     @property
     def announced(self) -> tuple[Vector, Vector]:
@@ -39,115 +96,169 @@ class StartPose:
 
 @dataclass(frozen=True, slots=True)
 class Victim:
-    """A person to be found.
+    """A person to be found; what the server knows of its properties is read by `life.traits_of`."""
 
-    Attributes:
-        name: unique in the world.
-        pose: of the body's reference point (the pelvis) in the world.
-        posture: standing, sitting or lying.
-        status: for example Alive, Injured, Unconscious or Dead.
-        properties: free keys; those that the server knows (sound, co2, rfid, motion, figure) are
-            read by `life.traits_of`.
-        scale: size; 1 is an adult of 1.70 m.
-    """
-
-    name: str
-    pose: Pose
-    posture: str
-    status: str
-    properties: Mapping[str, object] = field(default_factory=dict)
-    scale: float = 1.0
+    name: str = field(
+        parse=Table.word,
+        expects="a name",
+        help="clients know `MaleVictim_0`, `FemaleVictim_1`, ...",
+    )
+    pose: Pose = field(
+        key="position",
+        parse=read_pose,
+        expects="3 numbers (m)",
+        help="of the pelvis: 0.93 m above the ground for `standing`, 0.12 m for `sitting` and "
+        "`lying`",
+        rows=(
+            (
+                "yaw_degrees",
+                "a number",
+                "0",
+                "where the person faces, or where the feet point; or `rotation_degrees` "
+                "(roll 180: lying face down)",
+            ),
+        ),
+    )
+    posture: str = field(choices=POSTURES, help="of the figure")
+    status: str = field(
+        default="Alive",
+        parse=Table.word,
+        expects="a word",
+        help="told by victim sensors: Alive, Injured, Unconscious, Dead, ...",
+    )
+    properties: Mapping[str, object] = field(
+        factory=dict, help="free table, see [Signs of life](#signs-of-life)"
+    )
+    scale: float = field(
+        default=1.0,
+        low=0.1,
+        high=10.0,
+        help="size of the figure, 1 is an adult of 1.70 m; multiply the height of the pelvis, too",
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """A sound that comes again and again.
+    """A sound that comes again and again."""
 
-    Attributes:
-        loudness: sound level 1 m away, dB.
-        duration: s that it lasts.
-        period: s from one beginning to the next; 0: it sounds once.
-        delay: s of simulated time before the first.
-    """
-
-    loudness: float
-    duration: float
-    period: float = 0.0
-    delay: float = 0.0
+    loudness: float = field(
+        default=70.0,
+        unit="dB",
+        low=0.0,
+        high=MAX_LOUDNESS,
+        help="1 m away; it falls by 6 dB with every doubling of the distance",
+    )
+    duration: float = field(
+        default=1.0, unit="s", low=0.01, high=3600.0, help="that it lasts; victims: 1.5"
+    )
+    period: float = field(
+        default=0.0,
+        unit="s",
+        low=0.0,
+        high=_DAY,
+        help="from one beginning to the next; 0: it sounds once (victims: 6); equal to "
+        "`duration`: all the time",
+    )
+    delay: float = field(
+        default=0.0, unit="s", low=0.0, high=_DAY, help="before the first; victims: differs"
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class SoundSource:
     """A noise at a place."""
 
-    position: Vector
-    noise: Noise
+    position: Vector = field(unit="m", help="place of the source")
+    noise: Noise = plain_field(default_factory=Noise)
 
 
 @dataclass(frozen=True, slots=True)
 class RfidTag:
-    """An RFID tag: unique number, place, text in its memory.
+    """An RFID tag: unique number, place, text in its memory."""
 
-    `single_shot` tags answer every reader only once, and only from near.
-    """
-
-    id: int
-    position: Vector
-    memory: str = ""
-    single_shot: bool = False
+    id: int = field(low=0, high=MAX_TAG_ID, help="no two alike, victims' tags included")
+    position: Vector = field(unit="m", help="place of the tag")
+    memory: str = field(
+        default="", parse=_read_memory, expects="text without braces", help="text in the tag"
+    )
+    single_shot: bool = field(
+        default=False, help="every reader hears the tag only once, from within 1 m"
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class FalseAlarm:
-    """A box (opposite corners, m) that victim sensors sometimes take for part of a victim."""
+    """A box that victim sensors sometimes take for part of a victim."""
 
-    part: str
-    lower: Vector
-    upper: Vector
+    part: str = field(choices=PARTS, help="what they take it for")
+    lower: Vector = field(unit="m", help="one corner of the box")
+    upper: Vector = field(unit="m", help="the opposite corner, above `lower` along each axis")
 
 
 @dataclass(frozen=True, slots=True)
 class SmokeVolume:
     """Regional smoke: it weakens light along the way through it.
 
-    Attributes:
-        name: for the author.
-        shape: box or ellipsoid.
-        pose: of its middle.
-        size: full extents along its own axes, m.
-        density: 1/m. The part of the light that gets through s metres is exp(-density s); an
-            object is seen from about 3.9 / density metres away (Koschmieder's contrast of 2 %).
+    The part of the light that gets through s metres is exp(-density s); an object is seen from
+    about 3.9 / density metres away (Koschmieder's contrast of 2 %).
     """
 
-    name: str
-    shape: str
-    pose: Pose
-    size: Vector
-    density: float
+    name: str = field(help="no two alike")
+    shape: str = field(absent="box", choices=("box", "ellipsoid"), help="of the body")
+    pose: Pose = field(
+        key="position",
+        parse=_read_heading,
+        expects="3 numbers (m)",
+        help="its middle",
+        rows=(("yaw_degrees", "a number", "0", "heading of the body"),),
+    )
+    size: Vector = field(
+        unit="m", above=0.0, high=_MAX_SIZE, help="full extents along its own axes"
+    )
+    density: float = field(
+        unit="1/m",
+        low=1e-6,
+        high=100.0,
+        help="`exp(-density * metres)` of the light gets through; one sees about 3.9 / density "
+        "metres far",
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class SmokePuff:
-    """Local smoke: particles that light does not get through.
+    """Local smoke: particles that light does not get through."""
 
-    Attributes:
-        name: for the author.
-        position: middle of the cloud.
-        size: its full extents, m.
-        particles: how many there are at a time.
-        radius: of a particle, m.
-        seed: chooses their places.
-        lifetime: s that a particle takes from the foot of the cloud to its top, where it vanishes
-            and another starts; 0: they stand still.
-    """
+    name: str = field(help="no two alike")
+    position: Vector = field(unit="m", help="middle of the cloud")
+    size: Vector = field(unit="m", above=0.0, high=_MAX_SIZE, help="its full extents")
+    particles: int = field(default=60, low=1, high=5000, help="how many there are at a time")
+    radius: float = field(
+        # 32 Unreal units, as the particles of the original had (robots reference 1.12).
+        default=0.128,
+        unit="m",
+        low=0.001,
+        high=10.0,
+        help="of a particle, as in the original",
+    )
+    seed: int = field(default=0, low=0, high=2**31, help="chooses the places of the particles")
+    lifetime: float = field(
+        default=0.0,
+        unit="s",
+        low=0.0,
+        high=3600.0,
+        help="0: the particles stand still; else the time in which one rises through the cloud, "
+        "from a narrow foot to the full width at the top, where it starts again. The original's "
+        "fires had 200 particles that lived for 10 s",
+    )
 
-    name: str
-    position: Vector
-    size: Vector
-    particles: int
-    radius: float
-    seed: int
-    lifetime: float = 0.0
+
+@dataclass(frozen=True, slots=True)
+class Haze:
+    """Global smoke: it weakens light everywhere below a height."""
+
+    name: str = field(help="no two alike")
+    density: float = field(unit="1/m", low=1e-6, high=100.0, help="as of a volume")
+    top: float = field(default=math.inf, unit="m", help="height up to which it reaches")
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,51 +285,57 @@ class Smoke:
 
 @dataclass(frozen=True, slots=True)
 class Zone:
-    """A named rectangle of the floor, for example a difficulty zone: x and y limits in metres."""
+    """A named rectangle of the floor, for example a difficulty zone."""
 
-    name: str
-    kind: str
-    x: tuple[float, float]
-    y: tuple[float, float]
+    name: str = field(help="no two alike")
+    kind: str = field(help="such as yellow, orange or red")
+    x: tuple[float, float] = field(parse=Table.interval, expects="[from, to]", help="m")
+    y: tuple[float, float] = field(parse=Table.interval, expects="[from, to]", help="m")
 
 
 @dataclass(frozen=True, slots=True)
 class PathNode:
     """A node of the walking graph."""
 
-    tag: str
-    position: Vector
-    neighbours: tuple[str, ...] = ()
+    tag: str = field(parse=Table.word, expects="a name", help="no two alike")
+    position: Vector = field(unit="m", help="on the floor")
+    neighbours: tuple[str, ...] = field(
+        default=(), parse=Table.words, expects="a list of names", help="tags of other nodes"
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class NamedObject:
-    """A thing of the scene that has a history: what it was called in the map it comes from.
+    """A thing of the scene that has a history: what it was called in the map it comes from."""
 
-    Attributes:
-        name: of its body or first geom in the scene, unique.
-        original: name in the map; several things may share one.
-        tag: in the map, empty if there is none.
-        kind: class in the map.
-        movable: it can be pushed.
-    """
-
-    name: str
-    original: str
-    tag: str = ""
-    kind: str = ""
-    movable: bool = False
+    name: str = field(help="of its body or first geom in the scene, unique")
+    original: str = field(default="", help="name in the map; several things may share one")
+    tag: str = field(default="", help="in the map")
+    kind: str = field(default="", help="class in the map")
+    movable: bool = field(default=False, help="it can be pushed")
 
 
 @dataclass(frozen=True, slots=True)
 class GeographicOrigin:
-    """Latitude and longitude (degrees, north and east positive) of the wire frame's origin.
+    """Latitude and longitude of the wire frame's origin.
 
     Defaults: 39 deg 8.0273 min north, 77 deg 12.998 min west (robots reference 2.6).
     """
 
-    latitude: float = 39.0 + 8.0273 / 60.0
-    longitude: float = -(77.0 + 12.998 / 60.0)
+    latitude: float = field(
+        default=39.0 + 8.0273 / 60.0,
+        unit="degrees",
+        low=-90.0,
+        high=90.0,
+        help="of (0, 0), north is positive",
+    )
+    longitude: float = field(
+        default=-(77.0 + 12.998 / 60.0),
+        unit="degrees",
+        low=-180.0,
+        high=180.0,
+        help="of (0, 0), east is positive",
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -260,7 +377,7 @@ class WorldDescription:
     time_limit: int = 20
     lower: Vector = (-1000.0, -1000.0, -50.0)
     upper: Vector = (1000.0, 1000.0, 200.0)
-    extra: Mapping[str, object] = field(default_factory=dict)
+    extra: Mapping[str, object] = plain_field(default_factory=dict)
     tags: tuple[RfidTag, ...] = ()
     sounds: tuple[SoundSource, ...] = ()
     false_alarms: tuple[FalseAlarm, ...] = ()

@@ -9,18 +9,20 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, replace
 
+from usarsim_server.errors import WorldError
+from usarsim_server.fields import field
 from usarsim_server.simulation.frames import Vector
-from usarsim_server.worlds.description import FalseAlarm, Noise, RfidTag, SoundSource, Victim
-from usarsim_server.worlds.tables import Table
-
-PARTS = ("Head", "Arm", "Hand", "Chest", "Pelvis", "Leg", "Foot")
-"""The body parts that a victim sensor can name (robots reference 2.9)."""
-
-MAX_TAG_ID = 2**31 - 1
-"""Clients read tag numbers into 32-bit integers."""
+from usarsim_server.tables import Table
+from usarsim_server.worlds.description import (
+    MAX_LOUDNESS,
+    MAX_TAG_ID,
+    FalseAlarm,
+    Noise,
+    SoundSource,
+    Victim,
+)
 
 VOICE = Noise(loudness=70.0, duration=1.5, period=6.0)
 """A call for help: the level of a raised voice, now and then."""
@@ -29,31 +31,35 @@ BREATH = 0.04
 """CO2 that a breathing person adds 1 m away, percent by volume; the example of protocol reference
 4.6 as a starting value."""
 
-MAX_LOUDNESS = 194.0
-"""dB: the loudest undistorted sound in air."""
-
 
 @dataclass(frozen=True, slots=True)
 class Wave:
     """The right forearm swings to both sides: half angle (rad) and period (s)."""
 
-    angle: float = math.radians(35.0)
-    period: float = 1.6
+    angle: float = field(
+        default=math.radians(35.0),
+        key="angle_degrees",
+        low=1.0,
+        high=80.0,
+        convert=math.radians,
+        help="half angle",
+    )
+    period: float = field(default=1.6, unit="s", low=0.5, high=60.0, help="of the swing")
 
 
 @dataclass(frozen=True, slots=True)
 class Walk:
-    """To and fro between the victim's position and another one.
+    """To and fro between the victim's position and another one."""
 
-    Attributes:
-        to: the other end, m; the pelvis, as for the victim's own position.
-        speed: m/s.
-        pause: s at each end, spent turning round.
-    """
-
-    to: Vector
-    speed: float = 0.5
-    pause: float = 2.0
+    to: Vector = field(
+        unit="m",
+        help="the other end, a pelvis like `position`; the victim faces where it goes, whatever "
+        "its yaw",
+    )
+    speed: float = field(default=0.5, unit="m/s", low=0.05, high=3.0, help="of the walk")
+    pause: float = field(
+        default=2.0, unit="s", low=0.1, high=3600.0, help="at each end, spent turning round"
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,19 +79,17 @@ class Traits:
     motion: Wave | Walk | None = None
 
 
-def traits_of(victim: Victim, path: Path | None = None, place: str = "") -> Traits:
+def traits_of(victim: Victim, place: str = "") -> Traits:
     """Read the known properties of a victim.
 
     Args:
         victim: whoever it is.
-        path: world file, for error messages.
-        place: what the file calls the victim, for example `[[victim]] 3`.
+        place: world file and what it calls the victim, for error messages.
 
     Raises:
         WorldError: if a known key has a value that cannot be used.
     """
-    where = f"{place}: properties" if place else f"victim {victim.name}: properties"
-    table = Table(path or Path("world.toml"), victim.properties, where)
+    table = Table(victim.properties, place or f"victim {victim.name}", WorldError, "properties")
     return Traits(
         voice=_voice(table, victim.name),
         co2=_breath(table, victim.status),
@@ -96,58 +100,32 @@ def traits_of(victim: Victim, path: Path | None = None, place: str = "") -> Trai
 
 def read_sound(table: Table) -> SoundSource:
     """Read one `[[sound]]` table."""
-    source = SoundSource(
-        position=table.vector("position"),
-        noise=_noise(table, Noise(loudness=VOICE.loudness, duration=1.0)),
-    )
-    table.finish()
-    return source
-
-
-def read_tag(table: Table) -> RfidTag:
-    """Read one `[[rfid]]` table."""
-    tag = RfidTag(
-        id=table.integer("id", default=None, low=0, high=MAX_TAG_ID),
-        position=table.vector("position"),
-        memory=_memory(table),
-        single_shot=table.flag("single_shot", default=False),
-    )
-    table.finish()
-    return tag
+    return table.read(SoundSource, noise=_noise(table))
 
 
 def read_false_alarm(table: Table) -> FalseAlarm:
     """Read one `[[false_alarm]]` table."""
-    part = table.choice("part", PARTS)
-    lower, upper = table.vector("lower"), table.vector("upper")
+    alarm = table.read(FalseAlarm)
+    check_corners(table, alarm.lower, alarm.upper)
+    return alarm
+
+
+def check_corners(table: Table, lower: Vector, upper: Vector) -> None:
+    """Refuse a box whose `upper` corner is not above `lower`.
+
+    Raises:
+        WorldError: saying so.
+    """
     if any(low >= high for low, high in zip(lower, upper, strict=True)):
         raise table.error("upper", f"{upper} is not above lower {lower}", "swap the corners")
-    table.finish()
-    return FalseAlarm(part, lower, upper)
 
 
-def _memory(table: Table) -> str:
-    text = table.text("memory", default="")
-    if not text.isascii() or not (text.isprintable() or not text) or set(text) & set("{}"):
-        raise table.error(
-            "memory", f"{text!r} cannot travel on the wire", "use plain text without braces"
-        )
-    return text
-
-
-def _noise(table: Table, default: Noise) -> Noise:
-    duration = table.number("duration", default=default.duration, low=0.01, high=3600.0)
-    period = table.number("period", default=default.period, low=0.0, high=86400.0)
-    if 0.0 < period < duration:
-        raise table.error(
-            "period", f"{period} is shorter than the duration {duration}", "write a longer one"
-        )
-    return Noise(
-        loudness=table.number("loudness", default=default.loudness, low=0.0, high=MAX_LOUDNESS),
-        duration=duration,
-        period=period,
-        delay=table.number("delay", default=default.delay, low=0.0, high=86400.0),
-    )
+def _noise(table: Table, default: Noise | None = None) -> Noise:
+    noise = table.read(Noise, default)
+    if 0.0 < noise.period < noise.duration:
+        problem = f"{noise.period} is shorter than the duration {noise.duration}"
+        raise table.error("period", problem, "write a longer one")
+    return noise
 
 
 def _voice(table: Table, name: str) -> Noise | None:
@@ -165,21 +143,20 @@ def _voice(table: Table, name: str) -> Noise | None:
         voice = _noise(inner, default)
         inner.finish()
         return voice
-    loudness = table.number("sound", default=VOICE.loudness, low=0.0, high=MAX_LOUDNESS)
-    return Noise(loudness, default.duration, default.period, default.delay)
+    return replace(default, loudness=table.number("sound", low=0.0, high=MAX_LOUDNESS, unit="dB"))
 
 
 def _breath(table: Table, status: str) -> float:
     """Whoever lives breathes."""
     default = 0.0 if status.lower() == "dead" else BREATH
-    return table.number("co2", default=default, low=0.0, high=100.0)
+    return table.number("co2", default, low=0.0, high=100.0)
 
 
 def _tag(table: Table) -> int | bool:
     value = table.raw("rfid")
     if value is None or isinstance(value, bool):
         return bool(value)
-    return table.integer("rfid", default=None, low=0, high=MAX_TAG_ID)
+    return table.count("rfid", low=0, high=MAX_TAG_ID)
 
 
 def _motion(table: Table, victim: Victim) -> Wave | Walk | None:
@@ -196,15 +173,9 @@ def _motion(table: Table, victim: Victim) -> Wave | Walk | None:
         )
     inner = table.table("motion")
     kind = inner.choice("kind", ("wave", "walk"))
-    motion = _walk(inner, victim) if kind == "walk" else _wave(inner)
+    motion = _walk(inner, victim) if kind == "walk" else inner.read(Wave)
     inner.finish()
     return motion
-
-
-def _wave(table: Table) -> Wave:
-    usual = Wave()
-    angle = table.number("angle_degrees", default=math.degrees(usual.angle), low=1.0, high=80.0)
-    return Wave(math.radians(angle), table.number("period", default=usual.period, low=0.5, high=60))
 
 
 def _walk(table: Table, victim: Victim) -> Walk:
@@ -212,12 +183,7 @@ def _walk(table: Table, victim: Victim) -> Walk:
         raise table.error(
             "kind", f"who is {victim.posture} cannot walk", 'write posture = "standing"'
         )
-    to = table.vector("to")
-    if math.dist(to, victim.pose.position) < 0.1:
-        raise table.error("to", f"{to} is where the victim stands", "name another place")
-    usual = Walk(to)
-    return Walk(
-        to=to,
-        speed=table.number("speed", default=usual.speed, low=0.05, high=3.0),
-        pause=table.number("pause", default=usual.pause, low=0.1, high=3600.0),
-    )
+    walk = table.read(Walk)
+    if math.dist(walk.to, victim.pose.position) < 0.1:
+        raise table.error("to", f"{walk.to} is where the victim stands", "name another place")
+    return walk

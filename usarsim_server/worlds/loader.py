@@ -12,6 +12,7 @@ import difflib
 import math
 import os
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from usarsim_server import errors
@@ -22,23 +23,22 @@ from usarsim_server.simulation.frames import (
     Pose,
     Vector,
     flip_point,
-    quaternion_from_rpy,
 )
+from usarsim_server.tables import Table
 from usarsim_server.toml import read_toml
 from usarsim_server.worlds.description import (
     GeographicOrigin,
     NamedObject,
     PathNode,
+    RfidTag,
     StartPose,
     Victim,
     WorldDescription,
     Zone,
 )
-from usarsim_server.worlds.life import read_false_alarm, read_sound, read_tag, traits_of
+from usarsim_server.worlds.life import check_corners, read_false_alarm, read_sound, traits_of
 from usarsim_server.worlds.machinery.reading import read_machinery
 from usarsim_server.worlds.media import read_smoke, read_surface
-from usarsim_server.worlds.tables import Table
-from usarsim_server.worlds.victims import POSTURES
 
 SHEET = "world.toml"
 SCENE = "scene.xml"
@@ -65,44 +65,39 @@ def load_world(folder: Path) -> WorldDescription:
             raise WorldError(
                 errors.at(path, "file is missing", f"a world folder has a {path.name} with {holds}")
             )
-    table = Table(sheet, read_toml(sheet, WorldError, "start"))
+    table = Table(read_toml(sheet, WorldError, "start"), sheet, WorldError)
     bounds = table.table("bounds")
-    lower = bounds.vector("lower", default=_LOWER)
-    upper = bounds.vector("upper", default=_UPPER)
-    if any(low >= high for low, high in zip(lower, upper, strict=True)):
-        raise bounds.error("upper", f"{upper} is not above lower {lower}", "swap the corners")
+    lower, upper = bounds.vector("lower", _LOWER), bounds.vector("upper", _UPPER)
+    check_corners(bounds, lower, upper)
     bounds.finish()
-    starts = tuple(_start(entry) for entry in table.tables("start"))
+    starts = table.all("start", StartPose)
     if not starts:
         raise table.error("start", "there is no start pose", "add a [[start]] table with a tag")
     for number, start in enumerate(starts, start=1):
         _check_inside(table, f"[[start]] {number} ({start.tag})", start.pose, lower, upper)
     world = WorldDescription(
         name=folder.name,
-        level=table.word("level", default=_as_word(folder.name)),
+        level=table.word("level", "_".join(folder.name.split())),
         title=table.text("title"),
-        description=table.text("description", default=""),
+        description=table.text("description", "", lines=True),
         folder=folder,
         scene=scene,
         starts=starts,
-        victims=tuple(
-            _victim(entry, f"[[victim]] {number}")
-            for number, entry in enumerate(table.tables("victim"), start=1)
-        ),
-        zones=tuple(_zone(entry) for entry in table.tables("zone")),
-        path_nodes=tuple(_path_node(entry) for entry in table.tables("path_node")),
-        origin=_origin(table.table("origin")),
+        victims=table.all("victim", _victim),
+        zones=table.all("zone", Zone),
+        path_nodes=table.all("path_node", PathNode),
+        origin=table.one("origin", GeographicOrigin),
         north=_north(table),
-        time_limit=table.integer("time_limit", default=20, low=0, high=1_000_000),
+        time_limit=table.count("time_limit", 20, low=0, high=1_000_000),
         lower=lower,
         upper=upper,
         extra=table.free("extra"),
-        tags=tuple(read_tag(entry) for entry in table.tables("rfid")),
-        sounds=tuple(read_sound(entry) for entry in table.tables("sound")),
-        false_alarms=tuple(read_false_alarm(entry) for entry in table.tables("false_alarm")),
+        tags=table.all("rfid", RfidTag),
+        sounds=table.all("sound", read_sound),
+        false_alarms=table.all("false_alarm", read_false_alarm),
         smoke=read_smoke(table.tables("smoke")),
-        surfaces=tuple(read_surface(entry) for entry in table.tables("surface")),
-        objects=tuple(_object(entry) for entry in table.tables("object")),
+        surfaces=table.all("surface", read_surface),
+        objects=table.all("object", _object),
         machinery=read_machinery(table),
     )
     table.finish()
@@ -110,100 +105,22 @@ def load_world(folder: Path) -> WorldDescription:
     return world
 
 
-def _start(table: Table) -> StartPose:
-    start = StartPose(
-        tag=table.word("tag"),
-        pose=_pose(table),
-        turns=table.integer("turns", default=0, low=-1000, high=1000),
-    )
-    table.finish()
-    return start
-
-
-def _victim(table: Table, place: str) -> Victim:
-    victim = Victim(
-        name=table.word("name"),
-        pose=_pose(table),
-        posture=table.choice("posture", POSTURES),
-        status=table.word("status", default="Alive"),
-        properties=table.free("properties"),
-        scale=table.number("scale", default=1.0, low=0.1, high=10.0),
-    )
-    table.finish()
-    traits_of(victim, table.path, place)
+def _victim(table: Table) -> Victim:
+    victim = table.read(Victim)
+    traits_of(victim, table.place)
     return victim
 
 
-def _zone(table: Table) -> Zone:
-    zone = Zone(
-        name=table.text("name"),
-        kind=table.text("kind"),
-        x=table.interval("x"),
-        y=table.interval("y"),
-    )
-    table.finish()
-    return zone
-
-
-def _path_node(table: Table) -> PathNode:
-    node = PathNode(
-        tag=table.word("tag"),
-        position=table.vector("position"),
-        neighbours=table.words("neighbours", default=()),
-    )
-    table.finish()
-    return node
-
-
 def _object(table: Table) -> NamedObject:
-    name = table.text("name")
-    thing = NamedObject(
-        name=name,
-        original=table.text("original", default=name),
-        tag=table.text("tag", default=""),
-        kind=table.text("kind", default=""),
-        movable=table.flag("movable", default=False),
-    )
-    table.finish()
-    return thing
-
-
-def _origin(table: Table) -> GeographicOrigin:
-    default = GeographicOrigin()
-    origin = GeographicOrigin(
-        latitude=table.number("latitude", default=default.latitude, low=-90.0, high=90.0),
-        longitude=table.number("longitude", default=default.longitude, low=-180.0, high=180.0),
-    )
-    table.finish()
-    return origin
+    thing = table.read(NamedObject)
+    return thing if thing.original else replace(thing, original=thing.name)
 
 
 def _north(table: Table) -> float:
     """Wire-frame yaw of map north; the file counts degrees anticlockwise from +x."""
-    angle = math.radians(table.number("north_degrees", default=0.0))
+    angle = math.radians(table.number("north_degrees", 0.0))
     x, y, _ = flip_point((math.cos(angle), math.sin(angle), 0.0))
     return math.atan2(y, x) if angle else 0.0
-
-
-def _pose(table: Table) -> Pose:
-    """Position and `yaw_degrees`, or `rotation_degrees` as roll, pitch, yaw (x ahead, z up)."""
-    position = table.vector("position")
-    if table.has("rotation_degrees"):
-        if table.has("yaw_degrees"):
-            raise table.error(
-                "rotation_degrees", "stands beside yaw_degrees", "keep one of the two"
-            )
-        roll, pitch, yaw = table.vector("rotation_degrees")
-    else:
-        roll, pitch, yaw = 0.0, 0.0, table.number("yaw_degrees", default=0.0)
-    return Pose(
-        position,
-        quaternion_from_rpy(math.radians(roll), math.radians(pitch), math.radians(yaw)),
-    )
-
-
-def _as_word(name: str) -> str:
-    return "_".join(name.split())
 
 
 def _check_inside(table: Table, where: str, pose: Pose, lower: Vector, upper: Vector) -> None:

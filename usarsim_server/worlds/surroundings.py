@@ -19,13 +19,14 @@ from usarsim_server.simulation.frames import Pose, Vector
 from usarsim_server.simulation.movers import Mover
 from usarsim_server.simulation.snapshot import Snapshot
 from usarsim_server.worlds.description import (
+    MAX_TAG_ID,
     FalseAlarm,
     Noise,
     RfidTag,
     Victim,
     WorldDescription,
 )
-from usarsim_server.worlds.life import BREATH, MAX_TAG_ID, Traits, traits_of
+from usarsim_server.worlds.life import BREATH, Traits, traits_of
 from usarsim_server.worlds.victims import add_victim, part_of
 
 MAX_TAGS = 10_000

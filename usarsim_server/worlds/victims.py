@@ -23,8 +23,8 @@ import numpy as np
 
 from usarsim_server.simulation.frames import Pose, Quaternion, Vector, quaternion_from_rpy
 from usarsim_server.simulation.movers import Mover
-from usarsim_server.worlds.description import Victim
-from usarsim_server.worlds.life import PARTS, Walk, Wave, traits_of
+from usarsim_server.worlds.description import PARTS, Victim
+from usarsim_server.worlds.life import Walk, Wave, traits_of
 
 Way = Callable[[float], Pose]
 
@@ -68,8 +68,6 @@ def swinging(joint: Pose, wave: Wave) -> Way:
 
 PELVIS_HEIGHT = {"standing": 0.93, "sitting": 0.12, "lying": 0.12}
 """Height of the reference point above what the victim stands, sits or lies on, m."""
-
-POSTURES = tuple(PELVIS_HEIGHT)
 
 _GEOM_NAME = re.compile(rf"victim:(?P<name>.+):(?P<part>{'|'.join(PARTS)})[A-Za-z]*")
 

@@ -18,13 +18,13 @@ from pathlib import Path
 import mujoco
 
 from usarsim_server.errors import WorldError
+from usarsim_server.fields import field
 from usarsim_server.simulation.frames import Vector
 from usarsim_server.simulation.model import RobotModel
+from usarsim_server.tables import Table
 from usarsim_server.toml import read_toml
-from usarsim_server.worlds.tables import Table
 
 SHEET = "avatars.toml"
-FIGURES = ("male", "female")
 
 WALK, RUN = 1.3, 3.0
 """m/s: preferred walking speed of adults, and an unhurried run (starting value)."""
@@ -32,26 +32,22 @@ WALK, RUN = 1.3, 3.0
 
 @dataclass(frozen=True, slots=True)
 class AvatarClass:
-    """One class of people.
+    """One class of people; backward they go at half the speed."""
 
-    Attributes:
-        name: as clients call it, without package. aliases: further names.
-        figure: one of `FIGURES`.
-        height: m.
-        walk_speed, run_speed: m/s; backward people go at half the speed.
-        skin, shirt, trousers, hair: colours.
-    """
-
-    name: str
-    figure: str = "male"
-    height: float = 1.7
-    walk_speed: float = WALK
-    run_speed: float = RUN
-    skin: Vector = (0.87, 0.67, 0.52)
-    shirt: Vector = (0.3, 0.4, 0.6)
-    trousers: Vector = (0.2, 0.2, 0.25)
-    hair: Vector = (0.2, 0.15, 0.1)
-    aliases: tuple[str, ...] = ()
+    name: str = field(
+        parse=Table.word, expects="a name", help="as clients call it, without package"
+    )
+    figure: str = field(default="male", choices=("male", "female"), help="of the body")
+    height: float = field(default=1.7, unit="m", low=0.5, high=2.5, help="of the whole body")
+    walk_speed: float = field(default=WALK, unit="m/s", low=0.1, high=3.0, help="of Walk_Forward")
+    run_speed: float = field(default=RUN, unit="m/s", low=0.1, high=12.0, help="of Run")
+    skin: Vector = field(default=(0.87, 0.67, 0.52), low=0.0, high=1.0, help="red, green, blue")
+    shirt: Vector = field(default=(0.3, 0.4, 0.6), low=0.0, high=1.0, help="likewise")
+    trousers: Vector = field(default=(0.2, 0.2, 0.25), low=0.0, high=1.0, help="likewise")
+    hair: Vector = field(default=(0.2, 0.15, 0.1), low=0.0, high=1.0, help="likewise")
+    aliases: tuple[str, ...] = field(
+        default=(), parse=Table.words, expects="a list of names", help="further names"
+    )
 
 
 def load_avatars(sheets: Iterable[Path]) -> dict[str, AvatarClass]:
@@ -70,36 +66,11 @@ def load_avatars(sheets: Iterable[Path]) -> dict[str, AvatarClass]:
     return found
 
 
-def _read(sheet: Path) -> list[AvatarClass]:
-    table = Table(sheet, read_toml(sheet, WorldError, "avatar"))
-    classes = [_avatar(entry) for entry in table.tables("avatar")]
+def _read(sheet: Path) -> tuple[AvatarClass, ...]:
+    table = Table(read_toml(sheet, WorldError, "avatar"), sheet, WorldError)
+    classes = table.all("avatar", AvatarClass)
     table.finish()
     return classes
-
-
-def _avatar(table: Table) -> AvatarClass:
-    usual = AvatarClass("")
-    one = AvatarClass(
-        name=table.word("name"),
-        figure=table.choice("figure", FIGURES) if table.has("figure") else usual.figure,
-        height=table.number("height", default=usual.height, low=0.5, high=2.5),
-        walk_speed=table.number("walk_speed", default=usual.walk_speed, low=0.1, high=3.0),
-        run_speed=table.number("run_speed", default=usual.run_speed, low=0.1, high=12.0),
-        skin=_color(table, "skin", usual.skin),
-        shirt=_color(table, "shirt", usual.shirt),
-        trousers=_color(table, "trousers", usual.trousers),
-        hair=_color(table, "hair", usual.hair),
-        aliases=table.words("aliases", default=()),
-    )
-    table.finish()
-    return one
-
-
-def _color(table: Table, key: str, default: Vector) -> Vector:
-    color = table.vector(key, default=default)
-    if not all(0.0 <= channel <= 1.0 for channel in color):
-        raise table.error(key, f"{color} is out of range", "write numbers from 0 to 1")
-    return color
 
 
 ADULT = 1.70

@@ -24,10 +24,11 @@ from numpy.typing import NDArray
 
 from usarsim_server import errors
 from usarsim_server.errors import WorldError
+from usarsim_server.fields import field
 from usarsim_server.simulation.frames import Pose, Vector, quaternion_from_rpy
 from usarsim_server.simulation.model import RobotModel
+from usarsim_server.tables import Table
 from usarsim_server.toml import read_toml
-from usarsim_server.worlds.tables import Table
 
 SHEET = "objects.toml"
 
@@ -42,28 +43,26 @@ _LIGHTEST, _HEAVIEST = 1e-3, 1e5  # kg
 
 @dataclass(frozen=True, slots=True)
 class Material:
-    """A name for looks, and for sensors that judge by names: colour and opacity (0 to 1)."""
+    """A name for looks, and for sensors that judge by names."""
 
-    name: str
-    color: Color
-    opacity: float = 1.0
+    name: str = field(parse=Table.word, expects="a name", help="what Create's Material may name")
+    color: Color = field(default=(0.5, 0.5, 0.5), low=0.0, high=1.0, help="red, green, blue")
+    opacity: float = field(default=1.0, low=0.0, high=1.0, help="0: nothing is seen of it")
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A convex piece of an object.
+    """A convex piece of an object."""
 
-    Attributes:
-        shape: one of `SHAPES`.
-        size: extents (m) along its own axes.
-        pose: of its centre, in the frame of the object.
-        color: None for the colour of the object.
-    """
-
-    shape: str
-    size: Vector
+    shape: str = field(choices=SHAPES, help="cylinder and cone stand on end, a wedge rises along x")
+    size: Vector = field(
+        unit="m", low=_SMALLEST, high=_LARGEST, help="full extents along its own axes"
+    )
     pose: Pose = Pose()  # noqa: RUF009 - immutable
-    color: Color | None = None
+    """Of its centre, in the frame of the object."""
+    color: Color | None = field(
+        default=None, low=0.0, high=1.0, help="red, green, blue; else that of the object"
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,83 +127,43 @@ def load_objects(sheets: Iterable[Path]) -> ObjectCatalog:
     materials: list[Material] = []
     for sheet in sheets:
         if os.path.lexists(sheet):
-            table = Table(sheet, read_toml(sheet, WorldError, "object"))
-            found = [_material(entry) for entry in table.tables("material")]
-            materials += found
-            own = [_object_class(entry) for entry in table.tables("object")]
+            table = Table(read_toml(sheet, WorldError, "object"), sheet, WorldError)
+            materials += table.all("material", Material)
+            own = table.all("object", _object_class)
             table.finish()
             _check_unique(sheet, own)
             classes += own
     return ObjectCatalog(classes, materials)
 
 
-def _material(table: Table) -> Material:
-    material = Material(
-        name=table.word("name"),
-        color=_color(table, None) or (0.5, 0.5, 0.5),
-        opacity=table.number("opacity", default=1.0, low=0.0, high=1.0),
+def _read_turned(table: Table) -> Pose:
+    """Position and `rotation_degrees`, either of which may be absent."""
+    turn = table.vector("rotation_degrees", (0.0, 0.0, 0.0))
+    return Pose(
+        table.vector("position", (0.0, 0.0, 0.0)), quaternion_from_rpy(*map(math.radians, turn))
     )
-    table.finish()
-    return material
 
 
 def _object_class(table: Table) -> ObjectClass:
     name = table.word("name")
-    aliases = table.words("aliases", default=())
-    parts = tuple(_part(entry) for entry in table.tables("part"))
+    parts = table.all("part", lambda part: part.read(Part, pose=_read_turned(part)))
     if parts and table.has("shape"):
         raise table.error("shape", "stands beside [[object.part]]", "keep one of the two")
-    parts = parts or (_shape(table),)
+    parts = parts or (table.read(Part, color=None),)
     middle, size = _bounding_box(parts)
-    found = ObjectClass(
+    return ObjectClass(
         name=name,
         parts=tuple(
             replace(part, pose=Pose(_minus(part.pose.position, middle), part.pose.quaternion))
             for part in parts
         ),
         size=size,
-        mass=table.number("mass", default=_weight(parts), low=_LIGHTEST, high=_HEAVIEST),
-        color=_color(table, (0.6, 0.6, 0.6)) or (0.6, 0.6, 0.6),
-        friction=table.number("friction", default=0.5, low=0.0, high=5.0),
-        rolling=table.number("rolling", default=0.0, low=0.0, high=1.0),
-        aliases=aliases,
+        mass=table.number("mass", _weight(parts), low=_LIGHTEST, high=_HEAVIEST),
+        color=table.vector("color", (0.6, 0.6, 0.6), low=0.0, high=1.0),
+        friction=table.number("friction", 0.5, low=0.0, high=5.0),
+        rolling=table.number("rolling", 0.0, low=0.0, high=1.0),
+        aliases=table.words("aliases"),
     )
-    table.finish()
-    return found
-
-
-def _part(table: Table) -> Part:
-    part = replace(
-        _shape(table),
-        pose=Pose(
-            table.vector("position", default=(0.0, 0.0, 0.0)),
-            quaternion_from_rpy(
-                *map(math.radians, table.vector("rotation_degrees", default=(0.0, 0.0, 0.0)))
-            ),
-        ),
-        color=_color(table, None),
-    )
-    table.finish()
-    return part
-
-
-def _shape(table: Table) -> Part:
-    shape = table.choice("shape", SHAPES)
-    size = table.vector("size")
-    if not all(_SMALLEST <= extent <= _LARGEST for extent in size):
-        raise table.error(
-            "size", f"{size} is out of range", f"write extents from {_SMALLEST} to {_LARGEST} m"
-        )
-    return Part(shape, size)
-
-
-def _color(table: Table, default: Color | None) -> Color | None:
-    if not table.has("color") and default is None:
-        return None
-    color = table.vector("color", default=default)
-    if not all(0.0 <= channel <= 1.0 for channel in color):
-        raise table.error("color", f"{color} is out of range", "write numbers from 0 to 1")
-    return color
 
 
 def _bounding_box(parts: Iterable[Part]) -> tuple[Vector, Vector]:
