@@ -38,7 +38,7 @@ def test_faults_that_change_nothing_are_errors() -> None:
     with pytest.raises(PlantError, match="does not exist"):
         edited([Edit("robots/NoSuch.toml", "", "")])
     with pytest.raises(PlantError, match="neither in"):
-        edited([Edit("tools/usarsim_client/closing.py", "", "")])
+        edited([Edit("tools/usarsim_client.blocking.py", "", "")])
 
 
 def test_copies_are_links_but_for_the_edit(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from itertools import count
 
 from usarsim_bench.recording import Chunk, start_tags
 from usarsim_bench.server import BenchError
-from usarsim_client.closing import Closing
+from usarsim_client.blocking import Closing
 
 DEFAULT_CLASS = "P3AT"
 DRIVE_PERIOD = 0.5

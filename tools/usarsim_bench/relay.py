@@ -27,7 +27,7 @@ from usarsim_bench.figures import Aim, Figure, Plan, Section
 from usarsim_bench.recording import between, percentile, real_time_factor, status_samples
 from usarsim_bench.server import SERVE, BenchError, Server, load_between
 from usarsim_bench.team import EDGE, ROBOTS, SETTLE, load_figures
-from usarsim_client.closing import Closing
+from usarsim_client.blocking import Closing
 
 CHUNK = 64 * 1024
 

@@ -19,7 +19,7 @@ from typing import Any
 
 import psutil
 
-from usarsim_client.closing import Closing
+from usarsim_client.blocking import Closing
 
 
 class BenchError(RuntimeError):

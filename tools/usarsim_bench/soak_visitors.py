@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from usarsim_bench.hostile.links import Damage, Link, Site, work
 from usarsim_bench.relay import Radio
 from usarsim_bench.server import BenchError
-from usarsim_client.closing import Closing
+from usarsim_client.blocking import Closing
 
 GUESTS = 10
 """Robots at the same time that come and go."""

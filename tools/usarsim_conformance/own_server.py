@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from usarsim_client.closing import Closing
+from usarsim_client.blocking import Closing
 from usarsim_conformance.registry import SERVICES, Check, Severity, Verdict
 from usarsim_conformance.report import Report
 from usarsim_conformance.reports import SIGNS

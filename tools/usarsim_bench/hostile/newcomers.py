@@ -8,7 +8,7 @@ import threading
 import time
 from collections.abc import Mapping, Sequence
 
-from usarsim_client.closing import Closing
+from usarsim_client.blocking import Closing
 
 QUESTIONS: Mapping[str, tuple[bytes, bytes]] = {
     "control": (b"GETSTARTPOSES\r\n", b"{StartPoses"),

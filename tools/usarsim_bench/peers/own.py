@@ -15,7 +15,7 @@ from pathlib import Path
 from usarsim_bench.crowd import Controller
 from usarsim_bench.peers.work import ROVER, Outcome, Work, run_workload, write_robots, write_world
 from usarsim_bench.server import SERVE, BenchError, Server
-from usarsim_client.closing import Closing
+from usarsim_client.blocking import Closing
 
 HUMANOID = "Nao"
 JOINT_PERIOD = 0.02

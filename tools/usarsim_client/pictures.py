@@ -1,0 +1,112 @@
+"""Requests and replies of the image stream (side channels reference 2.2 to 2.4)."""
+
+from __future__ import annotations
+
+import io
+import struct
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from usarsim_client.inbox import Inbox, ProtocolError
+from usarsim_server.protocol.images import raw_row_length
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+FULL_FRAME = b"OK"
+"""The request for the full frame."""
+HEADER = struct.Struct(">BI")
+"""Before each payload: type byte and length."""
+_SIDES = struct.Struct(">HH")
+_LARGEST = 1 << 28
+"""Bytes; no real frame is larger, but a length read in the wrong byte order is."""
+
+
+def rectangle(x: int, y: int, width: int, height: int) -> bytes:
+    """The request for a part of the frame, pixels."""
+    return b"U" + struct.pack(">4I", x, y, width, height)
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One reply; its properties raise `ProtocolError` if the payload is no picture.
+
+    Attributes:
+        kind: the type byte.
+        payload: what follows the header.
+    """
+
+    kind: int
+    payload: bytes
+
+    @property
+    def raw(self) -> bool:
+        """Whether the type byte says that pixels follow, not a JPEG picture."""
+        return self.kind == 0
+
+    @property
+    def empty(self) -> bool:
+        """Whether it is the answer to a rectangle that does not exist."""
+        return self.payload in (b"", bytes(4))
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height, pixels."""
+        if self.empty:
+            return 0, 0
+        if not self.raw:
+            height, width = self.pixels.shape[:2]
+            return width, height
+        if len(self.payload) < _SIDES.size:
+            raise ProtocolError(
+                f"a raw payload of {len(self.payload)} bytes has no width and height"
+            )
+        width, height = _SIDES.unpack_from(self.payload)
+        return width, height
+
+    @cached_property
+    def pixels(self) -> NDArray[np.uint8]:
+        """(height, width, 3), red first, top row first."""
+        import numpy as np
+
+        if not self.raw:
+            return _decoded(self.payload)
+        width, height = self.size
+        row = raw_row_length(width)
+        if len(self.payload) != _SIDES.size + height * row:
+            raise ProtocolError(
+                f"{len(self.payload)} bytes are no raw picture of {width} x {height} pixels, "
+                f"which has {_SIDES.size + height * row}"
+            )
+        rows = np.frombuffer(self.payload, np.uint8, offset=_SIDES.size).reshape(height, row)
+        return rows[:, : 3 * width].reshape(height, width, 3)[:, :, ::-1]
+
+
+def picture(inbox: Inbox) -> Picture | None:
+    """Take a whole reply out of an inbox.
+
+    Raises:
+        ProtocolError: if its length is none.
+    """
+    if len(inbox) < HEADER.size:
+        return None
+    kind, length = HEADER.unpack(inbox.rest[: HEADER.size])
+    if length > _LARGEST:
+        raise ProtocolError(
+            f"the header names {length} bytes of payload; is its length big-endian?"
+        )
+    whole = inbox.exactly(HEADER.size + length)
+    return None if whole is None else Picture(kind, whole[HEADER.size :])
+
+
+def _decoded(data: bytes) -> NDArray[np.uint8]:
+    import numpy as np
+    from PIL import Image
+
+    try:
+        with Image.open(io.BytesIO(data)) as image:
+            return np.asarray(image.convert("RGB"))
+    except (OSError, SyntaxError, ValueError) as error:
+        raise ProtocolError(f"{len(data)} bytes of payload are no JPEG picture: {error}") from None
