@@ -9,7 +9,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from usarsim_client.inbox import Inbox, ProtocolError
-from usarsim_server.protocol.images import raw_row_length
 
 if TYPE_CHECKING:
     import numpy as np
@@ -27,6 +26,11 @@ _LARGEST = 1 << 28
 def rectangle(x: int, y: int, width: int, height: int) -> bytes:
     """The request for a part of the frame, pixels."""
     return b"U" + struct.pack(">4I", x, y, width, height)
+
+
+def row_length(width: int) -> int:
+    """Bytes of a raw row: three per pixel, then up to a multiple of four."""
+    return -(-3 * width // 4) * 4
 
 
 @dataclass(frozen=True)
@@ -74,7 +78,7 @@ class Picture:
         if not self.raw:
             return _decoded(self.payload)
         width, height = self.size
-        row = raw_row_length(width)
+        row = row_length(width)
         if len(self.payload) != _SIDES.size + height * row:
             raise ProtocolError(
                 f"{len(self.payload)} bytes are no raw picture of {width} x {height} pixels, "
@@ -85,20 +89,26 @@ class Picture:
 
 
 def picture(inbox: Inbox) -> Picture | None:
-    """Take a whole reply out of an inbox.
-
-    Raises:
-        ProtocolError: if its length is none.
-    """
+    """Take a whole reply out of an inbox; see `header`."""
     if len(inbox) < HEADER.size:
         return None
-    kind, length = HEADER.unpack(inbox.rest[: HEADER.size])
+    kind, length = header(inbox.rest[: HEADER.size])
+    whole = inbox.exactly(HEADER.size + length)
+    return None if whole is None else Picture(kind, whole[HEADER.size :])
+
+
+def header(data: bytes) -> tuple[int, int]:
+    """Type byte and length of the payload, by the `HEADER.size` bytes before it.
+
+    Raises:
+        ProtocolError: if no real picture is so long.
+    """
+    kind, length = HEADER.unpack(data)
     if length > _LARGEST:
         raise ProtocolError(
             f"the header names {length} bytes of payload; is its length big-endian?"
         )
-    whole = inbox.exactly(HEADER.size + length)
-    return None if whole is None else Picture(kind, whole[HEADER.size :])
+    return kind, length
 
 
 def _decoded(data: bytes) -> NDArray[np.uint8]:

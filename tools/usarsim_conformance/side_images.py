@@ -1,18 +1,17 @@
-"""A client of the image stream, written for this kit alone (side channels reference 2)."""
+"""A client of the image stream as a check needs it (side channels reference 2)."""
 
 from __future__ import annotations
 
-import io
 import re
-import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
+from usarsim_client.inbox import ProtocolError
+from usarsim_client.pictures import FULL_FRAME, HEADER, Picture, header, rectangle
 from usarsim_conformance.case import Case
 from usarsim_conformance.control import Robot
 from usarsim_conformance.lines import Line
@@ -20,101 +19,36 @@ from usarsim_conformance.places import Place
 from usarsim_conformance.registry import Failed, Inconclusive, NotApplicable
 from usarsim_conformance.wire import Wire
 
-OK = b"OK"
-"""The request for the full frame."""
-
 FRAME_WITHIN = 60.0
 """s of simulated time for a frame; a server that draws without a graphics card may need long."""
-
-_HEADER = struct.Struct(">BI")
-_SIDES = struct.Struct(">HH")
-_LARGEST = 1 << 28
-"""Bytes; no real frame is larger, but a length read in the wrong byte order is."""
 
 Pixels = NDArray[np.uint8]
 
 
-@dataclass(frozen=True)
-class Frame:
-    """One reply.
-
-    Attributes:
-        kind: the type byte.
-        payload: what follows the header.
-    """
-
-    kind: int
-    payload: bytes
-
-    @property
-    def raw(self) -> bool:
-        """Whether the type byte says that pixels follow, not a JPEG picture."""
-        return self.kind == 0
-
-    @property
-    def empty(self) -> bool:
-        """Whether it is the answer to a rectangle that does not exist."""
-        return self.payload in (b"", bytes(4))
+class Frame(Picture):
+    """One reply; the check fails that looks into a payload that is no picture."""
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height, pixels.
-
-        Raises:
-            Failed: if the payload is no picture.
-        """
-        if self.empty:
-            return 0, 0
-        if not self.raw:
-            height, width = self.pixels.shape[:2]
-            return width, height
-        if len(self.payload) < _SIDES.size:
-            raise Failed(f"a raw payload of {len(self.payload)} bytes has no width and height")
-        width, height = _SIDES.unpack_from(self.payload)
-        return width, height
+        """Width and height, pixels."""
+        try:
+            return super().size
+        except ProtocolError as error:
+            raise Failed(str(error)) from None
 
     @cached_property
     def pixels(self) -> Pixels:
-        """(height, width, 3), red first, top row first.
-
-        Raises:
-            Failed: if the payload is no picture.
-        """
-        if not self.raw:
-            return _decoded(self.payload)
-        width, height = self.size
-        row = row_length(width)
-        if len(self.payload) != _SIDES.size + height * row:
-            raise Failed(
-                f"{len(self.payload)} bytes are no raw picture of {width} x {height} pixels, "
-                f"which has {_SIDES.size + height * row}"
-            )
-        rows = np.frombuffer(self.payload, np.uint8, offset=_SIDES.size).reshape(height, row)
-        return rows[:, : 3 * width].reshape(height, width, 3)[:, :, ::-1]
-
-
-def row_length(width: int) -> int:
-    """Bytes of a raw row: three per pixel, then up to a multiple of four (2.4)."""
-    return -(-3 * width // 4) * 4
-
-
-def rectangle(x: int, y: int, width: int, height: int) -> bytes:
-    """The request for a part of the frame, pixels."""
-    return b"U" + struct.pack(">4I", x, y, width, height)
+        """(height, width, 3), red first, top row first."""
+        try:
+            return super().pixels
+        except ProtocolError as error:
+            raise Failed(str(error)) from None
 
 
 _MARKED = (9, 7)
 """Pixels of a picture that no check asks for: its answer marks a place in the stream of answers."""
 _MARK = rectangle(0, 0, *_MARKED)
 _LOOKS = 3
-
-
-def _decoded(data: bytes) -> Pixels:
-    try:
-        with Image.open(io.BytesIO(data)) as picture:
-            return np.asarray(picture.convert("RGB"))
-    except (OSError, SyntaxError, ValueError) as error:
-        raise Failed(f"{len(data)} bytes of payload are no JPEG picture: {error}") from None
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,7 +109,7 @@ class ImageClient:
         """
         return await read_frame(self.wire, within)
 
-    async def ask(self, request: bytes = OK, within: float | None = None) -> Frame:
+    async def ask(self, request: bytes = FULL_FRAME, within: float | None = None) -> Frame:
         """Send a request and read its reply."""
         await self.send(request)
         return await self.frame(within)
@@ -195,9 +129,11 @@ class ImageClient:
 async def read_frame(wire: Wire, within: float | None = None) -> Frame:
     """The next reply on a connection."""
     within = FRAME_WITHIN if within is None else within
-    kind, length = _HEADER.unpack(await wire.read_exactly(_HEADER.size, within))
-    if length > _LARGEST:
-        raise Failed(f"the header names {length} bytes of payload; is its length big-endian?")
+    head = await wire.read_exactly(HEADER.size, within)
+    try:
+        kind, length = header(head)
+    except ProtocolError as error:
+        raise Failed(str(error)) from None
     return Frame(kind, await wire.read_exactly(length, within))
 
 
@@ -217,14 +153,14 @@ async def _look(case: Case) -> Facts:
     unasked = []
     for _ in range(_LOOKS):
         wire = await case.open("images")
-        await wire.send(OK + _MARK)
+        await wire.send(FULL_FRAME + _MARK)
         try:
             unasked.append(len(await _up_to_mark(wire, FRAME_WITHIN / 3.0)) - 1)
         except Failed:
             return await _look_without_mark(case)
         if unasked[-1] <= 0:
             break  # legacy mode sends one every time, others only if the kit is slow
-    await wire.send(OK)
+    await wire.send(FULL_FRAME)
     frame = await read_frame(wire)
     width, height = frame.size
     return Facts(min(unasked) > 0, True, frame.kind, width, height)
@@ -236,7 +172,7 @@ async def _look_without_mark(case: Case) -> Facts:
     if pushes:
         frame = await read_frame(await case.open("images"))
     else:
-        await wire.send(OK)
+        await wire.send(FULL_FRAME)
         try:
             frame = await read_frame(wire, FRAME_WITHIN / 3.0)
         except Failed:

@@ -5,10 +5,12 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import re
 from dataclasses import dataclass
 from typing import Self
 
+from usarsim_client.connection import Connection
+from usarsim_client.inbox import ProtocolError
+from usarsim_client.services import road
 from usarsim_conformance.case import PATIENCE, Case
 from usarsim_conformance.control import Robot
 from usarsim_conformance.registry import Failed, Inconclusive, NotApplicable
@@ -119,20 +121,11 @@ async def static_station(case: Case, location: tuple[float, ...] | None = None) 
     return Robot(client, name, STATION, place, first)
 
 
-_PORT = re.compile(r"\{Port (-?\d+)\}")
-
-
 @dataclass
 class Guest:
     """A connection that the wireless simulation made to a robot."""
 
     wire: Wire
-    writer: asyncio.StreamWriter
-
-    @property
-    def peer_port(self) -> int:
-        """Port of the other end."""
-        return int(self.writer.get_extra_info("peername")[1])
 
     async def read(self, count: int) -> bytes:
         """So many bytes, or fewer at the end of the stream or of the time."""
@@ -166,7 +159,7 @@ class Peer:
         self._server = server
         self.port = int(server.sockets[0].getsockname()[1])
         self.guests: asyncio.Queue[Guest] = asyncio.Queue()
-        self._open: list[asyncio.StreamWriter] = []
+        self._open: list[Connection] = []
 
     @classmethod
     async def arrive(cls, case: Case, service: str) -> Self:
@@ -176,9 +169,9 @@ class Peer:
         made: list[Self] = []
 
         async def take(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-            made[0]._open.append(writer)
-            guest = Wire(reader, writer, case.transcript, "guest", case.clock)
-            made[0].guests.put_nowait(Guest(guest, writer))
+            made[0]._open.append(connection := Connection(reader, writer))
+            guest = Wire(connection, case.transcript, "guest", case.clock)
+            made[0].guests.put_nowait(Guest(guest))
 
         server = await asyncio.start_server(take, wire.local_address, 0)
         made.append(cls(case, robot, wire, server))
@@ -204,8 +197,8 @@ class Peer:
     def close(self) -> None:
         """Hang up everything."""
         self._server.close()
-        for writer in self._open:
-            writer.close()
+        for connection in self._open:
+            connection.close()
         self.wire.close()
 
     async def __aenter__(self) -> Self:
@@ -253,12 +246,13 @@ class Radio(Peer):
             Failed: if none is told.
         """
         answer = await self.client.ask(f"DNS {{Robot {other.name}}}{extra}")
-        found = _PORT.search(answer)
-        if not answer.startswith(f"DNSREPLY {{Robot {other.name}}} {{Port ") or found is None:
-            raise Failed(f"no DNSREPLY with a port: {answer!r}")
-        if int(found[1]) <= 0:
+        try:
+            port = road(answer, other.name)
+        except ProtocolError as error:
+            raise Failed(str(error)) from None
+        if port <= 0:
             raise Inconclusive(f"the robots are out of reach of each other: {answer!r}")
-        return int(found[1])
+        return port
 
     async def call(self, other: Radio) -> tuple[Wire, Guest]:
         """Connect to another robot: the ends of both.

@@ -6,20 +6,18 @@ Where people are, the truth port tells.
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass
 from statistics import fmean
 
+from usarsim_client import Line, actor
 from usarsim_conformance.case import Case
 from usarsim_conformance.control import Pose
 from usarsim_conformance.excursions import Equipment, Mount, Track, equipment, spawn_far
-from usarsim_conformance.lines import numbers
 from usarsim_conformance.places import LEAVES, Place
 from usarsim_conformance.registry import DIALECTS, NotApplicable
 from usarsim_conformance.side_lines import LineClient
 from usarsim_conformance.walls import Vector, turned_by
 
-_ACTOR = re.compile(r"\{Name ([^{}]*)\} \{Class ([^{}]*)\} \{Time ([^{}]*)\} \{Location ([^{}]*)\}")
 _VIEWS = (
     ("ahead", 2.0, 0.0, 2.0),
     ("right", 2.0, 0.2, 2.0),
@@ -113,11 +111,10 @@ async def people(case: Case) -> dict[str, tuple[float, Vector]]:
     client = await LineClient.open(case, "truth")
     await client.send("")
     found: dict[str, tuple[float, Vector]] = {}
-    while (line := await client.line()) != "{End}":
-        actor = _ACTOR.match(line)
-        if actor and "victim" in actor[2].lower():
-            x, y, z = numbers(actor[4])
-            found[actor[1]] = (float(actor[3]), (x, y, z))
+    while (told := actor(Line((await client.line()).encode("latin-1")))) is not None:
+        if "victim" in told.class_name.lower():
+            x, y, z = told.location
+            found[told.name] = (told.time, (x, y, z))
     client.wire.close()
     return found
 

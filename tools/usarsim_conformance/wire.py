@@ -5,13 +5,13 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import socket
-import struct
 import time
 from collections import deque
-from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING
 
+from usarsim_client.connection import CHUNK, Connection
+from usarsim_client.inbox import Inbox, Take
 from usarsim_conformance.registry import Failed
 
 if TYPE_CHECKING:
@@ -76,8 +76,6 @@ def _visible(data: bytes) -> str:
     )
 
 
-_CHUNK = 65536
-_TINY = 4096
 _HANGS = 60.0
 """s of wall time after which a server that accepts nobody, or takes no bytes, counts as hanging."""
 
@@ -98,20 +96,13 @@ class Wire:
     """
 
     def __init__(
-        self,
-        reader: asyncio.StreamReader,
-        writer: asyncio.StreamWriter,
-        transcript: Transcript,
-        label: str,
-        clock: SimulatedClock,
+        self, connection: Connection, transcript: Transcript, label: str, clock: SimulatedClock
     ) -> None:
-        self._reader = reader
-        self._writer = writer
+        self._connection = connection
         self._transcript = transcript
         self.clock = clock
         self.label = label
         self.torn = 0
-        self._buffer = b""
         self._reading: asyncio.Task[bytes] | None = None
 
     @classmethod
@@ -139,26 +130,22 @@ class Wire:
         """
         try:
             async with asyncio.timeout(_HANGS):
-                sock = await _connected(host, port, tiny)
-                reader, writer = await asyncio.open_connection(
-                    sock=sock, limit=_TINY if tiny else _CHUNK
-                )
+                connection = await Connection.open(host, port, little=tiny)
         except (OSError, TimeoutError) as error:
             transcript.note(label, f"no connection to {host}:{port}: {error!r}")
             raise Failed(f"no connection to {host}:{port}: {error or 'no answer'}") from None
         transcript.note(label, f"connected to {host}:{port}")
-        return cls(reader, writer, transcript, label, clock)
-
-    @property
-    def local_port(self) -> int:
-        """Port of the kit's end."""
-        name = self._writer.get_extra_info("sockname")
-        return int(name[1])
+        return cls(connection, transcript, label, clock)
 
     @property
     def local_address(self) -> str:
         """Address of the kit's end, where the server can reach it."""
-        return str(self._writer.get_extra_info("sockname")[0])
+        return self._connection.address[0]
+
+    @property
+    def peer_port(self) -> int:
+        """Port of the other end."""
+        return self._connection.peer_port
 
     async def send(self, data: bytes) -> None:
         """Send bytes.
@@ -169,9 +156,8 @@ class Wire:
         """
         self._transcript.sent(self.label, data)
         try:
-            self._writer.write(data)
             async with asyncio.timeout(_HANGS):
-                await self._writer.drain()
+                await self._connection.send(data)
         except TimeoutError:
             raise Failed(f"the server did not take {len(data)} bytes in {_HANGS:g} s") from None
         except OSError as error:
@@ -187,10 +173,7 @@ class Wire:
 
     async def read_by(self, moment: float) -> bytes:
         """Whatever comes next until a moment of the clock; nothing if nothing comes."""
-        if self._buffer:
-            data, self._buffer = self._buffer, b""
-            return data
-        return await self._receive(moment)
+        return self._connection.inbox.everything() or await self._receive(moment)
 
     async def read_exactly(self, count: int, within: float) -> bytes:
         """That many bytes.
@@ -199,9 +182,7 @@ class Wire:
             Failed: if fewer come in time.
             Hangup: if the server closed the connection.
         """
-        await self._fill(lambda: len(self._buffer) >= count, within, f"{count} bytes")
-        data, self._buffer = self._buffer[:count], self._buffer[count:]
-        return data
+        return await self._take(partial(Inbox.exactly, count=count), within, f"{count} bytes")
 
     async def read_until(self, end: bytes, within: float) -> bytes:
         """Bytes up to and with an end mark.
@@ -210,9 +191,7 @@ class Wire:
             Failed: if it does not come in time.
             Hangup: if the server closed the connection.
         """
-        await self._fill(lambda: end in self._buffer, within, repr(end))
-        data, mark, self._buffer = self._buffer.partition(end)
-        return data + mark
+        return await self._take(partial(Inbox.until, mark=end), within, repr(end))
 
     async def silence(self, seconds: float) -> bytes:
         """Everything that comes within a time; a hangup ends it early and raises nothing."""
@@ -239,7 +218,7 @@ class Wire:
             Hangup: if the connection ends.
         """
         try:
-            data = await self._reader.read(_CHUNK)
+            data = await self._connection.receive()
         except OSError as error:
             raise Hangup(f"the server reset the connection ({error})") from None
         if not data:
@@ -249,36 +228,33 @@ class Wire:
     def half_close(self) -> None:
         """Send end of file and go on reading."""
         self._transcript.note(self.label, "half-closed")
-        with contextlib.suppress(OSError):
-            self._writer.write_eof()
+        self._connection.half_close()
 
     def reset(self) -> None:
         """Break the connection with a reset."""
         self._transcript.note(self.label, "reset")
-        sock = self._writer.get_extra_info("socket")
-        with contextlib.suppress(OSError):
-            sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-        self._writer.transport.abort()
+        self._connection.reset()
 
     def close(self) -> None:
         """Hang up; a second call does nothing."""
         if self._reading is not None:
             self._reading.cancel()
             self._reading = None
-        if not self._writer.is_closing():
+        if not self._connection.closing:
             self._transcript.note(self.label, "closed")
-            self._writer.close()
+            self._connection.close()
 
-    async def _fill(self, enough: Callable[[], bool], within: float, what: str) -> None:
-        moment = self.clock.after(within)
-        while not enough():
+    async def _take(self, take: Take[bytes], within: float, what: str) -> bytes:
+        inbox, moment = self._connection.inbox, self.clock.after(within)
+        while (found := take(inbox)) is None:
             data = await self._receive(moment)
             if not data:
                 raise Failed(
-                    f"{what} did not come within {within:g} s; so far {len(self._buffer)} bytes: "
-                    f"{self._buffer[:80]!r}"
+                    f"{what} did not come within {within:g} s; so far {len(inbox)} bytes: "
+                    f"{inbox.rest[:80]!r}"
                 )
-            self._buffer += data
+            inbox.feed(data)
+        return found
 
     async def _receive(self, moment: float) -> bytes:
         if self._reading is None:
@@ -295,7 +271,7 @@ class Wire:
             raise
         self._transcript.received(self.label, data)
         # A read that is full was cut by the kit, not by the server.
-        self.torn += not data.endswith(b"\n") and len(data) < _CHUNK
+        self.torn += not data.endswith(b"\n") and len(data) < CHUNK
         return data
 
 
@@ -303,20 +279,3 @@ def _noticed(task: asyncio.Task[bytes]) -> None:
     """Nobody has to read to the end: a hangup that is not looked at is no news."""
     if not task.cancelled():
         task.exception()
-
-
-async def _connected(host: str, port: int, tiny: bool) -> socket.socket:
-    """A connected socket; the buffer can be made smaller only before it connects."""
-    loop = asyncio.get_running_loop()
-    kind, *_, address = (await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM))[0]
-    sock = socket.socket(kind, socket.SOCK_STREAM)
-    try:
-        sock.setblocking(False)
-        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        if tiny:
-            sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _TINY)
-        await loop.sock_connect(sock, address)
-    except BaseException:
-        sock.close()
-        raise
-    return sock

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import socket
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
+from usarsim_client.connection import Connection
 from usarsim_record.digest import Digest, Row, Tolerance, compare
 from usarsim_record.recording import (
     DATA,
@@ -32,7 +32,6 @@ _LOOKS = 1.0
 """s of wall time between two looks at a server that says nothing."""
 _EXACT = 1e-6
 """s; printed times are rounded, and so are their differences."""
-_CHUNK = 65536
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +58,7 @@ class _Line:
 
     then: Digest = field(default_factory=Digest)
     now: Digest = field(default_factory=Digest)
-    writer: asyncio.StreamWriter | None = None
+    connection: Connection | None = None
     reading: asyncio.Task[None] | None = None
     client_ended: bool = False
     missed: Counter[str] = field(default_factory=Counter)
@@ -150,12 +149,10 @@ class _Player:
         elif event.kind in (END, RESET):
             line.client_ended = True
             self._then.end(event.connection)
-            if line.writer is not None:
-                if event.kind == RESET:
-                    line.writer.transport.abort()
-                else:
-                    with contextlib.suppress(OSError, RuntimeError):
-                        line.writer.write_eof()
+            if line.connection is not None and event.kind == RESET:
+                line.connection.abort()
+            elif line.connection is not None:
+                line.connection.half_close()
 
     async def settle(self) -> None:
         """Wait for the end of the recording, and for the last replies."""
@@ -169,8 +166,8 @@ class _Player:
         tasks = [line.reading for line in self.lines.values() if line.reading is not None]
         for line in self.lines.values():
             line.client_ended = True
-            if line.writer is not None:
-                line.writer.close()
+            if line.connection is not None:
+                line.connection.close()
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
@@ -221,20 +218,18 @@ class _Player:
         line = self.lines[event.connection] = _Line()
         try:
             async with asyncio.timeout(_HANGS):
-                reader, writer = await asyncio.open_connection(link.host, link.port)
+                line.connection = await Connection.open(link.host, link.port)
         except (OSError, TimeoutError) as error:
             raise RecordError(
                 f"no connection to {link.host}:{link.port}: {error or 'no answer'} (start the "
                 "server, or name its port with --port)"
             ) from None
-        writer.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        line.writer = writer
-        line.reading = asyncio.create_task(self._read(event.connection, reader))
+        line.reading = asyncio.create_task(self._read(event.connection, line.connection))
 
-    async def _read(self, number: int, reader: asyncio.StreamReader) -> None:
+    async def _read(self, number: int, connection: Connection) -> None:
         line = self.lines[number]
         with contextlib.suppress(OSError):
-            while data := await reader.read(_CHUNK):
+            while data := await connection.receive():
                 line.now.feed(data)
                 self._clock.hear(number, data)
                 self._news.set()
@@ -243,9 +238,8 @@ class _Player:
         self._news.set()
 
     async def _send(self, line: _Line, data: bytes) -> None:
-        if line.writer is None:
+        if line.connection is None:
             return
         with contextlib.suppress(OSError, TimeoutError):
-            line.writer.write(data)
             async with asyncio.timeout(_HANGS):
-                await line.writer.drain()
+                await line.connection.send(data)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import socket
 from collections.abc import Sequence
 from functools import partial
 
+from usarsim_client.connection import Connection
 from usarsim_record.recording import (
     CLIENT,
     DATA,
@@ -21,8 +20,6 @@ from usarsim_record.recording import (
     Writer,
 )
 
-_CHUNK = 65536
-"""Most bytes held per direction of a connection, beside the buffers of the sockets."""
 _CONNECTS = 60.0
 """s of wall time until a server that neither accepts nor refuses counts as absent."""
 
@@ -86,59 +83,46 @@ class Proxy:
         number = self._count
         try:
             self._note(number, OPEN, link=index)
-            await self._connect(number, self._links[index], reader, writer)
+            await self._connect(number, self._links[index], Connection(reader, writer))
         except asyncio.CancelledError:
             pass  # the proxy stops
         finally:
             writer.close()
 
-    async def _connect(
-        self, number: int, link: Link, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
-    ) -> None:
+    async def _connect(self, number: int, link: Link, client: Connection) -> None:
         try:
             async with asyncio.timeout(_CONNECTS):
-                back, there = await asyncio.open_connection(link.host, link.port)
+                server = await Connection.open(link.host, link.port)
         except (OSError, TimeoutError):
             self._note(number, REFUSED, SERVER)
             return
-        _no_delay(writer)
-        _no_delay(there)
         try:
             async with asyncio.TaskGroup() as group:
-                group.create_task(self._pump(number, CLIENT, reader, writer, there))
-                group.create_task(self._pump(number, SERVER, back, there, writer))
+                group.create_task(self._pump(number, CLIENT, client, server))
+                group.create_task(self._pump(number, SERVER, server, client))
         finally:
-            there.close()
+            server.close()
 
-    async def _pump(
-        self,
-        number: int,
-        side: str,
-        reader: asyncio.StreamReader,
-        own: asyncio.StreamWriter,
-        writer: asyncio.StreamWriter,
-    ) -> None:
+    async def _pump(self, number: int, side: str, one: Connection, other: Connection) -> None:
         """Pass on what one side sends, until it ends, or until nobody is there to read it."""
         while True:
             try:
-                data = await reader.read(_CHUNK)
+                data = await one.receive()
             except OSError:
                 self._note(number, RESET, side)
-                writer.transport.abort()
+                other.abort()
                 return
             if not data:
                 break
             self._note(number, DATA, side, data)
             try:
-                writer.write(data)
-                await writer.drain()
+                await other.send(data)
             except OSError:
                 # The other side is gone, which its own pump notes; this one has to learn of it.
-                own.transport.abort()
+                one.abort()
                 return
         self._note(number, END, side)
-        with contextlib.suppress(OSError, RuntimeError):
-            writer.write_eof()
+        other.half_close()
 
     def _note(
         self, number: int, kind: str, side: str = CLIENT, data: bytes = b"", link: int = 0
@@ -149,10 +133,3 @@ class Proxy:
             self._writer.add(number, kind, side, data, link)
         except OSError as error:
             self.failed.set_result(error)
-
-
-def _no_delay(writer: asyncio.StreamWriter) -> None:
-    sock = writer.get_extra_info("socket")
-    if sock is not None:
-        with contextlib.suppress(OSError):
-            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, JpegImagePlugin
 
+from usarsim_client.pictures import FULL_FRAME, rectangle, row_length
 from usarsim_conformance.case import Case
 from usarsim_conformance.recordings import wheels_of
 from usarsim_conformance.registry import Failed, Inconclusive, NotApplicable, Severity, checks_of
 from usarsim_conformance.side_images import (
-    OK,
     CameraRobot,
     Frame,
     ImageClient,
@@ -22,8 +22,6 @@ from usarsim_conformance.side_images import (
     ask_conf,
     camera_robot,
     facts_of,
-    rectangle,
-    row_length,
     tiles_of,
 )
 
@@ -42,7 +40,7 @@ async def length(case: Case) -> None:
     """Bytes 1 to 4 of a reply are a big-endian length, equal to the number of payload bytes that
     follow: not more, not less."""
     client = await ImageClient.open(case)
-    for request in (OK, rectangle(0, 0, 33, 21), OK):
+    for request in (FULL_FRAME, rectangle(0, 0, 33, 21), FULL_FRAME):
         frame = await client.ask(request)
         case.expect(frame.size[0], "the payload is empty")
         await client.silent(0.3, "as many bytes as the header names")
@@ -52,7 +50,7 @@ async def length(case: Case) -> None:
 async def one_type(case: Case) -> None:
     """The type byte is the configured one, for OK, for U and for rectangles out of the frame."""
     client = await ImageClient.open(case)
-    requests = (OK, rectangle(0, 0, 32, 32), rectangle(client.facts.width, 0, 1, 1))
+    requests = (FULL_FRAME, rectangle(0, 0, 32, 32), rectangle(client.facts.width, 0, 1, 1))
     kinds = [(await client.ask(request)).kind for request in requests]
     case.expect(len(set(kinds)) == 1, f"OK, U and U outside have the types {kinds}")
 
@@ -192,7 +190,8 @@ async def tile_of_frame(case: Case) -> None:
     watcher = await camera_robot(case)
     await watcher.robot.run(1.0)
     client = await ImageClient.open(case)
-    await client.send(watcher.tile.request + OK)  # together: what moves is in neither, or in both
+    # Together: what moves is in neither, or in both.
+    await client.send(watcher.tile.request + FULL_FRAME)
     part = (await client.frame()).pixels.astype(float)
     frame = (await client.frame()).pixels
     again = watcher.tile.cut(frame)

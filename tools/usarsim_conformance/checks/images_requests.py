@@ -5,17 +5,16 @@ from __future__ import annotations
 
 import asyncio
 
+from usarsim_client.pictures import FULL_FRAME, rectangle
 from usarsim_conformance.case import Case
 from usarsim_conformance.registry import Severity, checks_of
 from usarsim_conformance.side_images import (
     FRAME_WITHIN,
-    OK,
     Facts,
     ImageClient,
     camera_robot,
     facts_of,
     read_frame,
-    rectangle,
 )
 from usarsim_conformance.wire import Hangup
 
@@ -37,7 +36,7 @@ async def _nothing_then_one(case: Case, request: bytes, shown: str) -> None:
     client = await ImageClient.open(case)
     await client.send(request)
     await client.silent(_QUIET, shown)
-    await client.ask(OK)
+    await client.ask(FULL_FRAME)
     await client.silent(_QUIET, f"{shown} and one OK")
 
 
@@ -72,7 +71,7 @@ async def idle(case: Case) -> None:
 @images("request.ok", "OK gets one frame", "11.3")
 async def ok(case: Case) -> None:
     """The two bytes `OK` without a line end are answered by exactly one frame."""
-    await _one_frame(case, OK, "OK")
+    await _one_frame(case, FULL_FRAME, "OK")
 
 
 @images("request.ok-crlf", "OK with CR LF gets one frame", "11.4")
@@ -114,7 +113,7 @@ async def ok_in_halves(case: Case) -> None:
 async def pipelined(case: Case) -> None:
     """Requests are neither coalesced nor dropped: five OK in one write give five frames."""
     client = await ImageClient.open(case)
-    await client.send(OK * 5)
+    await client.send(FULL_FRAME * 5)
     for _ in range(5):
         frame = await client.frame()
         case.expect(frame.size[0], "one of five frames is empty")
@@ -126,7 +125,7 @@ async def rapid(case: Case) -> None:
     """Requests every 10 ms are all answered, with repeated pictures if need be."""
     client = await ImageClient.open(case)
     for _ in range(25):
-        await client.send(OK)
+        await client.send(FULL_FRAME)
         await asyncio.sleep(0.01)
     for number in range(25):
         frame = await client.frame()
@@ -220,7 +219,7 @@ async def binary(case: Case) -> None:
 async def followed(case: Case) -> None:
     """`U`, its rectangle and `OK` in one write are two requests, answered in this order."""
     client = await ImageClient.open(case)
-    await client.send(rectangle(0, 0, 32, 24) + OK + rectangle(0, 0, 24, 32))
+    await client.send(rectangle(0, 0, 32, 24) + FULL_FRAME + rectangle(0, 0, 24, 32))
     facts = client.facts
     sizes = [(await client.frame()).size for _ in range(3)]
     wanted = [(32, 24), (facts.width, facts.height), (24, 32)]
@@ -297,7 +296,7 @@ async def slow_reader(case: Case) -> None:
     """While a client lets its pictures pile up, others get theirs, and simulated time goes on."""
     robot = await case.spawn()
     stalled = await ImageClient.open(case)
-    await stalled.send(OK * _BACKLOG)
+    await stalled.send(FULL_FRAME * _BACKLOG)
     other = await ImageClient.open(case)
     for _ in range(3):
         await other.ask()
@@ -310,7 +309,7 @@ async def resumes(case: Case) -> None:
     of its requests."""
     client = await ImageClient.open(case)
     facts = client.facts
-    await client.send(OK * 20)
+    await client.send(FULL_FRAME * 20)
     await case.clock.sleep(5.0)
     for number in range(20):
         frame = await client.frame()
@@ -325,10 +324,10 @@ async def resumes(case: Case) -> None:
 async def vanishes(case: Case) -> None:
     """Clients that reset in the middle of a frame or of a request disturb neither the server nor
     the next client."""
-    for request in (OK * 5, b"U\0\0", b"O"):
+    for request in (FULL_FRAME * 5, b"U\0\0", b"O"):
         client = await ImageClient.open(case)
         await client.send(request)
-        if request.startswith(OK):
+        if request.startswith(FULL_FRAME):
             await client.wire.read_exactly(100, FRAME_WITHIN)
         client.wire.reset()
     await (await ImageClient.open(case)).ask()
@@ -374,7 +373,7 @@ async def two_frames(case: Case) -> None:
     """In legacy mode a client that sends OK at once receives exactly two frames."""
     await _legacy(case)
     wire = await case.open("images")
-    await wire.send(OK)
+    await wire.send(FULL_FRAME)
     for _ in range(2):
         await read_frame(wire)
     data = await wire.silence(1.0)
@@ -412,7 +411,7 @@ async def whole_pushes(case: Case) -> None:
     case.expect(data[0] == facts.kind, f"it begins with type {data[0]}")
     case.expect(len(data) == length, f"{len(data)} bytes came, its header names {length}")
     try:
-        await wire.send(OK)
+        await wire.send(FULL_FRAME)
         await read_frame(wire)
     except Hangup as error:
         case.fail(f"after the pushed picture {error}")

@@ -336,7 +336,7 @@ async def owner(case: Case) -> None:
     """The port that an accepted connection comes from leads to the robot behind it."""
     async with await Radio.make(case) as one, await Radio.make(case) as other:
         _, guest = await one.call(other)
-        port = guest.peer_port
+        port = guest.wire.peer_port
         await other.client.expect(
             f"REVERSEDNS {{Port {port}}}", f"REVERSEDNSREPLY {{Port {port}}} {{Robot {one.name}}}"
         )
@@ -369,8 +369,7 @@ async def back(case: Case) -> None:
     """The other robot answers on the same connection, and its bytes arrive unchanged."""
     async with await Radio.make(case) as one, await Radio.make(case) as other:
         wire, guest = await one.call(other)
-        guest.writer.write(_EVERY_BYTE)
-        await guest.writer.drain()
+        await guest.wire.send(_EVERY_BYTE)
         await _received(case, wire, _EVERY_BYTE, "on the way back")
 
 
@@ -396,7 +395,7 @@ async def hangup(case: Case) -> None:
         case.expect(await guest.read(10) == b"last words", "the last words were lost")
         case.expect(await guest.hung_up(), "the other end stays open after a hangup")
         wire, guest = await one.call(other)
-        guest.writer.close()
+        guest.wire.close()
         case.expect(
             await wire.hung_up(side_lines.LEAVES), "the caller's end stays open after a hangup"
         )
