@@ -5,17 +5,14 @@ The samples of maps are those of the importers' own tests.
 
 from __future__ import annotations
 
-import base64
-import functools
 import io
 import json
 import struct
 import zlib
 from pathlib import Path
 
+import mesh_samples as samples
 import numpy as np
-from collada_samples import document as collada_document
-from collada_samples import wedge
 from lzo_fixture import lzo_pack
 from mesh_samples import FACES, WEDGE
 from PIL import Image
@@ -248,47 +245,17 @@ def sdf() -> list[bytes]:
 
 def collada() -> list[bytes]:
     """A wedge."""
-    return [collada_document(wedge()).encode()]
-
-
-@functools.cache
-def _gltf() -> tuple[dict[str, object], bytes]:
-    points = WEDGE.astype("<f4").tobytes()
-    blob = points + FACES.astype("<u2").tobytes()
-    return {
-        "asset": {"version": "2.0"},
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"name": "n", "mesh": 0, "translation": [1, 2, 3]}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "material": 0}]}],
-        "materials": [{"pbrMetallicRoughness": {"baseColorFactor": [1, 0, 0, 1]}}],
-        "accessors": [
-            {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"},
-            {"bufferView": 1, "componentType": 5123, "count": 12, "type": "SCALAR"},
-        ],
-        "bufferViews": [
-            {"buffer": 0, "byteOffset": 0, "byteLength": len(points)},
-            {"buffer": 0, "byteOffset": len(points), "byteLength": len(blob) - len(points)},
-        ],
-        "buffers": [{"byteLength": len(blob)}],
-    }, blob
+    return [samples.dae(samples.dae_wedge()).encode()]
 
 
 def gltf() -> list[bytes]:
     """The wedge as text."""
-    document, blob = _gltf()
-    uri = "data:application/octet-stream;base64," + base64.b64encode(blob).decode()
-    return [json.dumps({**document, "buffers": [{"byteLength": len(blob), "uri": uri}]}).encode()]
+    return [json.dumps(samples.gltf()).encode()]
 
 
 def glb() -> list[bytes]:
     """The wedge as bytes."""
-    document, blob = _gltf()
-    text = json.dumps(document).encode()
-    text += b" " * (-len(text) % 4)
-    blob += b"\0" * (-len(blob) % 4)
-    parts = struct.pack("<2I", len(text), 0x4E4F534A) + text
-    parts += struct.pack("<2I", len(blob), 0x004E4942) + blob
-    return [struct.pack("<3I", 0x46546C67, 2, 12 + len(parts)) + parts]
+    return [samples.glb(samples.gltf())]
 
 
 def obj() -> list[bytes]:
@@ -357,9 +324,7 @@ def vrml() -> list[bytes]:
 
 def off() -> list[bytes]:
     """The wedge."""
-    rows = ["OFF", "4 4 6", *("{:g} {:g} {:g}".format(*point) for point in WEDGE)]
-    rows += ["3 {} {} {}".format(*face) for face in FACES]
-    return ["\n".join(rows).encode()]
+    return [samples.OFF.encode()]
 
 
 def _pixels() -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:

@@ -1,13 +1,22 @@
-"""Small meshes and what is true of them, for the tests of mesh formats."""
+"""A small mesh in every format, what is true of it, and files of several formats."""
 
 from __future__ import annotations
 
+import base64
+import copy
+import io
+import json
+import struct
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from PIL import Image
 
 from usarsim_maps.findings import Findings
 from usarsim_maps.meshes.mesh_files import merge_meshes
@@ -121,3 +130,285 @@ def refusal(run: Callable[[], object]) -> str:
     except MapImportError as error:
         return str(error)
     raise AssertionError("nothing was refused")
+
+
+def write(folder: Path, content: str | bytes | dict[str, Any], name: str) -> Path:
+    """A file of bytes, of text in UTF-8 or of JSON, with the folders above it."""
+    path = folder / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if isinstance(content, dict):
+        content = json.dumps(content)
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
+
+
+def writer(name: str) -> Callable[..., Path]:
+    """`write` with a name for files that get no other."""
+    return lambda folder, content, name=name: write(folder, content, name)
+
+
+FUZZ = settings(max_examples=40, suppress_health_check=list(HealthCheck), deadline=None)
+"""For tests that draw what is wrong with a file, which they write into a folder of their own."""
+
+
+# ---- the wedge in every format -----------------------------------------------------------------
+
+
+def obj(points: str = "", head: str = "") -> str:
+    """The wedge as OBJ, y up as most programs write it."""
+    rows = [f"v {x:g} {y:g} {z:g}" for x, y, z in upright(WEDGE)]
+    faces = ["f " + " ".join(str(i + 1) for i in face) for face in FACES]
+    return "\n".join([head, *rows, points, *faces, ""])
+
+
+def stl_binary(title: bytes = b"made by hand") -> bytes:
+    """The wedge."""
+    facets = b"".join(
+        np.concatenate([np.zeros(3), WEDGE[face].ravel()]).astype("<f4").tobytes() + b"\0\0"
+        for face in FACES
+    )
+    return title.ljust(80, b" ") + struct.pack("<I", len(FACES)) + facets
+
+
+def stl_text(name: str = "wedge", new_line: str = "\n") -> str:
+    """The wedge."""
+    lines = [f"solid {name}"]
+    for face in FACES:
+        lines += ["facet normal 0 0 0", "outer loop"]
+        lines += ["vertex {:g} {:g} {:g}".format(*WEDGE[i]) for i in face]
+        lines += ["endloop", "endfacet"]
+    return new_line.join([*lines, f"endsolid {name}", ""])
+
+
+PLY_HEAD = (
+    "ply\nformat {order} 1.0\ncomment by hand\nelement vertex 4\nproperty float x\n"
+    "property float y\nproperty double z\nelement face 4\nproperty uchar material\n"
+    "property list uchar int vertex_indices\nend_header\n"
+)
+
+
+def ply_text() -> bytes:
+    """The wedge as text."""
+    rows = ["{:g} {:g} {:g}".format(*point) for point in WEDGE]
+    rows += ["7 3 {} {} {}".format(*face) for face in FACES]
+    return (PLY_HEAD.format(order="ascii") + "\n".join(rows) + "\n").encode()
+
+
+def ply_binary(order: str) -> bytes:
+    """The wedge as bytes, `<` or `>`."""
+    word = {"<": "binary_little_endian", ">": "binary_big_endian"}[order]
+    content = PLY_HEAD.format(order=word).encode()
+    for x, y, z in WEDGE.tolist():
+        content += struct.pack(order + "ffd", x, y, z)
+    for face in FACES.tolist():
+        content += struct.pack(order + "BB3i", 7, 3, *face)
+    return content
+
+
+GLTF_POINTS = upright(WEDGE).astype("<f4").tobytes()
+GLTF_UVS = np.array([[0, 0], [1, 0], [0, 1], [0.25, 0.5]]).astype("<f4").tobytes()
+GLTF_INDICES = FACES.astype("<u2").tobytes()
+GLTF_BLOB = GLTF_POINTS + GLTF_UVS + GLTF_INDICES
+
+
+def png() -> bytes:
+    """A red PNG."""
+    stream = io.BytesIO()
+    Image.new("RGB", (2, 2), (255, 0, 0)).save(stream, "PNG")
+    return stream.getvalue()
+
+
+def gltf(**changes: Any) -> dict[str, Any]:
+    """The wedge as glTF; keywords replace or add members of the outermost object."""
+    base = {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"name": "Wedge", "mesh": 0}],
+        "meshes": [{"name": "wedge", "primitives": [
+            {"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "indices": 2, "material": 0}]}],
+        "materials": [{"name": "red", "pbrMetallicRoughness": {"baseColorFactor": [1, 0, 0, 1]}}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"},
+            {"bufferView": 0, "byteOffset": 48, "componentType": 5126, "count": 4, "type": "VEC2"},
+            {"bufferView": 1, "componentType": 5123, "count": 12, "type": "SCALAR"},
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteLength": 80},
+            {"buffer": 0, "byteOffset": 80, "byteLength": 24},
+        ],
+        "buffers": [{"byteLength": len(GLTF_BLOB),
+            "uri": "data:application/octet-stream;base64," + base64.b64encode(GLTF_BLOB).decode()}],
+    }  # fmt: skip
+    return copy.deepcopy(base) | changes
+
+
+def glb(value: dict[str, Any], blob: bytes = GLTF_BLOB) -> bytes:
+    """The binary form."""
+    value = copy.deepcopy(value)
+    value["buffers"] = [{"byteLength": len(blob)}]
+    text = json.dumps(value).encode()
+    text += b" " * (-len(text) % 4)
+    blob += b"\0" * (-len(blob) % 4)
+    body = struct.pack("<II", len(text), 0x4E4F534A) + text
+    body += struct.pack("<II", len(blob), 0x004E4942) + blob
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body
+
+
+SQUARE = "0 0 0 1 0 0 1 1 0 0 1 0"
+
+
+def dae_source(name: str, numbers: str, stride: int = 3) -> str:
+    """An array with its accessor."""
+    count = len(numbers.split())
+    return (
+        f'<source id="{name}"><float_array id="{name}-a" count="{count}">{numbers}</float_array>'
+        f'<technique_common><accessor source="#{name}-a" count="{count // stride}" '
+        f'stride="{stride}"/></technique_common></source>'
+    )
+
+
+def dae_geometry(primitives: str, points: str = SQUARE, more: str = "", name: str = "g") -> str:
+    """A geometry whose vertices are called `v`."""
+    return (
+        f'<geometry id="{name}"><mesh>{dae_source(name + "-p", points)}{more}'
+        f'<vertices id="{name}-v"><input semantic="POSITION" source="#{name}-p"/></vertices>'
+        f"{primitives}</mesh></geometry>"
+    )
+
+
+def dae(
+    geometries: str,
+    nodes: str = '<node name="n"><instance_geometry url="#g"/></node>',
+    asset: str = "<up_axis>Z_UP</up_axis>",
+    more: str = "",
+) -> str:
+    """A whole file."""
+    return (
+        '<?xml version="1.0" encoding="utf-8"?>\n'
+        '<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">\n'
+        f"<asset>{asset}</asset>\n{more}\n<library_geometries>{geometries}</library_geometries>\n"
+        f'<library_visual_scenes><visual_scene id="s">{nodes}</visual_scene>'
+        "</library_visual_scenes>\n"
+        '<scene><instance_visual_scene url="#s"/></scene>\n</COLLADA>\n'
+    )
+
+
+VERTEX = '<input semantic="VERTEX" source="#g-v" offset="0"/>'
+TRIANGLES = f'<triangles count="4">{VERTEX}<p>{" ".join(map(str, FACES.ravel()))}</p></triangles>'
+
+
+def dae_wedge(points: np.ndarray[tuple[int, ...], np.dtype[np.float64]] = WEDGE) -> str:
+    """The wedge as a geometry."""
+    return dae_geometry(TRIANGLES, " ".join(f"{value:g}" for value in points.ravel()))
+
+
+DAE_LOOKS = (
+    '<library_images><image id="img"><init_from>{file}</init_from></image></library_images>'
+    '<library_effects><effect id="fx"><profile_COMMON>'
+    '<newparam sid="surf"><surface type="2D"><init_from>img</init_from></surface></newparam>'
+    '<newparam sid="samp"><sampler2D><source>surf</source></sampler2D></newparam>'
+    '<technique sid="common"><phong><diffuse><texture texture="samp" texcoord="UV"/></diffuse>'
+    "</phong></technique></profile_COMMON></effect>"
+    '<effect id="fx2"><profile_COMMON><technique sid="common"><lambert><diffuse>'
+    "<color>0.1 0.2 0.3 1</color></diffuse></lambert></technique></profile_COMMON></effect>"
+    '</library_effects><library_materials><material id="brick"><instance_effect url="#fx"/>'
+    '</material><material id="paint"><instance_effect url="#fx2"/></material>'
+    "</library_materials>"
+)
+"""Materials: `brick` has a picture, `paint` a colour."""
+
+
+def dae_bound(material: str) -> str:
+    """A node that shows the wedge with a material for its symbol `sym`."""
+    return (
+        '<node name="n"><instance_geometry url="#g"><bind_material><technique_common>'
+        f'<instance_material symbol="sym" target="#{material}"/></technique_common>'
+        "</bind_material></instance_geometry></node>"
+    )
+
+
+def dae_textured(file: str, material: str = "brick") -> str:
+    """The wedge with a bound material."""
+    shape = dae_wedge().replace("<triangles ", '<triangles material="sym" ')
+    return dae(shape, dae_bound(material), more=DAE_LOOKS.format(file=file))
+
+
+X3D_POINTS = ", ".join("{:g} {:g} {:g}".format(*point) for point in upright(WEDGE))
+X3D_INDEX = " ".join("{} {} {} -1".format(*face) for face in FACES)
+
+
+def x3d(body: str, head: str = "") -> str:
+    """A file in XML."""
+    return (
+        '<?xml version="1.0" encoding="UTF-8"?>\n'
+        f'<X3D profile="Interchange" version="3.3"><head>{head}</head>\n'
+        f"<Scene>\n{body}\n</Scene></X3D>\n"
+    )
+
+
+def x3d_shape(geometry: str, look: str = "") -> str:
+    """A shape in XML."""
+    return f"<Shape>{look}{geometry}</Shape>"
+
+
+X3D_FACE_SET = (
+    f'<IndexedFaceSet coordIndex="{X3D_INDEX}"><Coordinate point="{X3D_POINTS}"/></IndexedFaceSet>'
+)
+X3D_WEDGE = x3d(f'<Transform DEF="Wedge">{x3d_shape(X3D_FACE_SET)}</Transform>')
+
+
+VRML_WEDGE = f"""#VRML V2.0 utf8
+# a comment with {{ brackets }} in it
+WorldInfo {{ title "a }} that is text" info [ "one" "two" ] }}
+PROTO Lamp [ field SFColor color 1 1 1 ] {{ PointLight {{ color IS color }} }}
+DEF Wedge Transform {{ translation 0 0 0
+  children [ Shape {{
+    appearance Appearance {{ material DEF Red Material {{ diffuseColor 1, 0, 0 }} }}
+    geometry IndexedFaceSet {{ solid TRUE coord Coordinate {{ point [ {X3D_POINTS} ] }}
+      coordIndex [ {X3D_INDEX} ] }}
+  }} ]
+}}
+DEF Script1 Script {{ field SFTime start 0 eventIn SFBool go url "javascript: x()" }}
+ROUTE Script1.go TO Wedge.translation
+"""
+
+
+OFF = "OFF\n# by hand\n4 4 6\n" + "".join(
+    [*("{:g} {:g} {:g}\n".format(*point) for point in WEDGE),
+     *("3 {} {} {}\n".format(*face) for face in FACES)]
+)  # fmt: skip
+
+
+def threemf(unit: str = "millimeter") -> bytes:
+    """The wedge and its copy 5 units further, as slicers write it."""
+    vertices = "".join('<vertex x="{:g}" y="{:g}" z="{:g}"/>'.format(*p) for p in WEDGE)
+    triangles = "".join('<triangle v1="{}" v2="{}" v3="{}"/>'.format(*f) for f in FACES)
+    model = (
+        '<?xml version="1.0" encoding="UTF-8"?>'
+        f'<model unit="{unit}" xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02">'
+        f'<resources><object id="1" name="Wedge" type="model"><mesh><vertices>{vertices}</vertices>'
+        f"<triangles>{triangles}</triangles></mesh></object></resources>"
+        '<build><item objectid="1"/>'
+        '<item objectid="1" transform="1 0 0 0 1 0 0 0 1 5 0 0"/></build></model>'
+    )
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("3D/3dmodel.model", model)
+    return stream.getvalue()
+
+
+def xaml() -> str:
+    """The wedge as SolidWorks writes it."""
+    positions = " ".join(f"{value:g}" for value in WEDGE[FACES.ravel()].ravel())
+    normals = " ".join("0 0 1" for _ in range(12))
+    indices = " ".join(str(number) for number in range(12))
+    return (
+        '<ModelVisual3D xmlns="http://schemas.microsoft.com/winfx/2006/xaml/presentation">'
+        "<ModelVisual3D.Content><GeometryModel3D><GeometryModel3D.Geometry>"
+        f'<MeshGeometry3D Positions="{positions}" Normals="{normals}" TriangleIndices="{indices}"/>'
+        "</GeometryModel3D.Geometry><GeometryModel3D.Material><DiffuseMaterial>"
+        '<DiffuseMaterial.Brush><SolidColorBrush Color="#FF0000" Opacity="1.0"/>'
+        "</DiffuseMaterial.Brush></DiffuseMaterial></GeometryModel3D.Material></GeometryModel3D>"
+        "</ModelVisual3D.Content></ModelVisual3D>"
+    )

@@ -5,9 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from collada_samples import document as dae
-from collada_samples import wedge
-from mesh_samples import read
+from mesh_samples import dae, dae_wedge, read, writer
 from numpy.typing import NDArray
 
 from usarsim_maps.findings import Findings
@@ -15,7 +13,7 @@ from usarsim_maps.scene import Scene, SceneObject
 
 Array = NDArray[np.float64]
 
-MESH = dae(wedge(), asset="<up_axis>Z_UP</up_axis>")
+MESH = dae(dae_wedge(), asset="<up_axis>Z_UP</up_axis>")
 
 
 PLUGIN = (
@@ -55,12 +53,7 @@ def model(name: str, inner: str, static: bool = True) -> str:
     )
 
 
-def write(folder: Path, text: str, name: str = "map.world") -> Path:
-    """A file, with the folders above it."""
-    path = folder / name
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text, encoding="utf-8")
-    return path
+write = writer("map.world")
 
 
 def write_model(folder: Path, name: str, text: str, config: bool = True) -> Path:

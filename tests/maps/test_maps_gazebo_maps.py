@@ -28,7 +28,7 @@ pytestmark = pytest.mark.skipif(
 
 MESHES = {
     "RC2016VRL_event1/event1.dae": (1169, (40.0, 60.0, 6.42)),
-    "RC2016VRL_port1/port1.dae": (8306, (134.0, 228.29, 8.01)),
+    "RC2016VRL_port1/port1.dae": (8305, (134.0, 228.29, 8.01)),
     "victim/girl-brunette-dae/girl-brunette.dae": (6457, (0.433, 0.31, 1.508)),
 }
 

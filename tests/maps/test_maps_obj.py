@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from mesh_samples import (
@@ -15,14 +15,14 @@ from mesh_samples import (
     WEDGE,
     WEDGE_PLACES,
     area,
-    damages,
+    obj,
     places,
     read,
     refusal,
     survives,
-    upright,
     volume,
     whole,
+    writer,
 )
 from PIL import Image
 
@@ -30,38 +30,11 @@ from usarsim_maps.findings import Findings
 from usarsim_maps.meshes.polygons import triangulate, triangulate_one
 from usarsim_maps.scene import Collision, Mesh
 
-
-def wedge(points: str = "", head: str = "") -> str:
-    """The wedge as OBJ, y up as most programs write it."""
-    rows = [f"v {x:g} {y:g} {z:g}" for x, y, z in upright(WEDGE)]
-    faces = ["f " + " ".join(str(i + 1) for i in face) for face in FACES]
-    return "\n".join([head, *rows, points, *faces, ""])
-
-
-def write(folder: Path, text: str, name: str = "map.obj") -> Path:
-    """A file."""
-    path = folder / name
-    path.write_bytes(text.encode())
-    return path
+write = writer("map.obj")
 
 
 class TestFrame:
     """Axes, units, winding."""
-
-    def test_y_up_by_custom(self, tmp_path: Path) -> None:
-        """A file in the usual axes stands upright, not mirrored, faces outwards (items 9, 10)."""
-        mesh = whole(read(write(tmp_path, wedge())))
-        assert places(mesh) == WEDGE_PLACES
-        assert volume(mesh) == pytest.approx(1.0)
-
-    def test_the_assumption_is_stated(self, tmp_path: Path) -> None:
-        """Without a scale the source says that one was assumed; with one it does not (item 42)."""
-        path = write(tmp_path, wedge())
-        assert read(path).source.assumed
-        scaled = read(path, scale=10.0)
-        assert not scaled.source.assumed
-        assert scaled.source.units_per_metre == 10.0
-        assert volume(whole(scaled)) == pytest.approx(0.001)
 
     def test_z_up_and_mirror(self, tmp_path: Path) -> None:
         """Options exchange the axes, or reflect; faces look outwards all the same."""
@@ -80,8 +53,8 @@ class TestText:
 
     def test_line_ends_and_joined_lines(self, tmp_path: Path) -> None:
         """CRLF, comments, joined lines, a missing last newline change nothing."""
-        plain = whole(read(write(tmp_path, wedge())))
-        text = wedge("# nothing").replace("f 1 3 2", "f 1 \\\n3 2 # why").replace("\n", "\r\n")
+        plain = whole(read(write(tmp_path, obj())))
+        text = obj("# nothing").replace("f 1 3 2", "f 1 \\\n3 2 # why").replace("\n", "\r\n")
         other = whole(read(write(tmp_path, text.rstrip(), "other.obj")))
         assert np.array_equal(plain.vertices, other.vertices)
         assert np.array_equal(plain.triangles, other.triangles)
@@ -117,7 +90,7 @@ class TestObjects:
 
     def test_every_o_is_an_object(self, tmp_path: Path) -> None:
         """Objects keep their names and their own vertices; groups inside do not split them."""
-        text = "o floor\n" + wedge() + "g part\nf 1 2 3\no wall 2\nf 1 2 4\n"
+        text = "o floor\n" + obj() + "g part\nf 1 2 3\no wall 2\nf 1 2 4\n"
         scene = read(write(tmp_path, text))
         assert [thing.name for thing in scene.objects] == ["floor", "wall 2"]
         wall = scene.objects[1].parts[0].shape
@@ -126,7 +99,7 @@ class TestObjects:
 
     def test_groups_without_objects(self, tmp_path: Path) -> None:
         """Where there is no `o`, every `g` is an object, also if it comes twice."""
-        text = "g a\n" + wedge() + "g b\nf 1 2 3\ng a\nf 2 3 4\n"
+        text = "g a\n" + obj() + "g b\nf 1 2 3\ng a\nf 2 3 4\n"
         scene = read(write(tmp_path, text))
         names = [thing.name for thing in scene.objects]
         assert sorted(names) == ["a", "b"]
@@ -136,7 +109,7 @@ class TestObjects:
 
     def test_collision_hulls_by_name(self, tmp_path: Path) -> None:
         """UCX_Chair_01 is not seen and is the only thing to bump into at Chair."""
-        text = "o Chair\n" + wedge() + "o UCX_Chair_01\nf 1 2 3\nf 1 2 4\no Table\nf 2 3 4\n"
+        text = "o Chair\n" + obj() + "o UCX_Chair_01\nf 1 2 3\nf 1 2 4\no Table\nf 2 3 4\n"
         chair, hull, table = read(write(tmp_path, text)).objects
         assert chair.parts[0].collision is Collision.NONE
         assert chair.parts[0].visible
@@ -189,7 +162,7 @@ class TestMaterials:
     def test_missing_library_and_picture(self, tmp_path: Path) -> None:
         """What is missing is a finding, not an error (item 70)."""
         findings = Findings()
-        scene = read(write(tmp_path, wedge(head="mtllib gone.mtl\nusemtl paint")), findings)
+        scene = read(write(tmp_path, obj(head="mtllib gone.mtl\nusemtl paint")), findings)
         assert findings.missing_list() == [("file", "gone.mtl", 1)]
         assert "paint" in scene.materials
 
@@ -216,14 +189,6 @@ class TestBadFiles:
         """Vertices that are not finite are left to the builder, which drops their triangles."""
         text = "v 0 0 0\nv 1e999 0 0\nv nan 1 0\nv 1 0 1\nf 1 2 3\nf 1 2 3 4\nf 1 4 1\n"
         survives(tmp_path, "map.obj", text.encode())
-
-    @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture],
-              deadline=None)  # fmt: skip
-    @given(st.data())
-    def test_damaged_files(self, tmp_path: Path, data: st.DataObject) -> None:
-        """Whatever is wrong with a file, it is read or refused in one line."""
-        text = "o a\nusemtl b\nvt 0 1\n" + wedge() + "f 1/1 2/1 3/1 4/1\n"
-        survives(tmp_path, "map.obj", data.draw(damages(text.encode())))
 
 
 SIZES = st.integers(0, 7)

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from built_worlds import build_world, cuboid_mesh, mesh_of, scene_of, thing
-from collada_samples import TRIANGLES, VERTEX, document, geometry
-from mesh_samples import FACES, WEDGE
+from mesh_samples import FACES, TRIANGLES, VERTEX, WEDGE, dae, dae_geometry
 from sdf_samples import model, sdf, shape, world, write
 from t3d_maps import brush, level, room, start
 from unreal_fixture import Writer, box_triangles, static_mesh
@@ -134,8 +133,8 @@ def test_a_small_package(tmp_path: Path) -> None:
 
 
 FAR_LINE = {
-    "map.dae": document(
-        geometry(
+    "map.dae": dae(
+        dae_geometry(
             f'{TRIANGLES}<lines count="1">{VERTEX}<p>4 5</p></lines>',
             "0 0 0 2 0 0 0 1 0 0 0 3 500 0 0 500 1 0",
         )

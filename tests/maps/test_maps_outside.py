@@ -13,10 +13,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from collada_samples import document as dae
-from collada_samples import wedge
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from mesh_samples import dae_textured
 from PIL import Image
 from sdf_samples import model, shape, world
 
@@ -40,26 +39,6 @@ GLTF = """{"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
 "buffers": [{"byteLength": 36, "uri": "BUFFER"}]}"""
 BYTES = "data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAABAQAAAAAAAAAAAAAAAAAAAQEAAAAAA"
 BOX = "<box><size>4 4 1</size></box>"
-
-
-def textured(texture: str) -> str:
-    """A COLLADA scene of one wedge with a picture."""
-    look = (
-        f'<library_images><image id="i"><init_from>{texture}</init_from></image></library_images>'
-        '<library_effects><effect id="e"><profile_COMMON><newparam sid="s"><surface type="2D">'
-        '<init_from>i</init_from></surface></newparam><newparam sid="p"><sampler2D><source>s'
-        '</source></sampler2D></newparam><technique sid="t"><lambert><diffuse><texture texture="p"'
-        ' texcoord="c"/></diffuse></lambert></technique></profile_COMMON></effect>'
-        '</library_effects><library_materials><material id="brick" name="brick">'
-        '<instance_effect url="#e"/></material></library_materials>'
-    )
-    node = (
-        '<node><instance_geometry url="#g"><bind_material><technique_common><instance_material '
-        'symbol="sym" target="#brick"/></technique_common></bind_material></instance_geometry>'
-        "</node>"
-    )
-    shape = wedge().replace("<triangles ", '<triangles material="sym" ')
-    return dae(shape, node, more=look)
 
 
 def gazebo_picture(uri: str) -> str:
@@ -109,7 +88,7 @@ MAPS: dict[str, Callable[[Path], dict[str, str]]] = {
     "gltf": lambda out: {
         "map.gltf": GLTF.replace("IMAGE", "../out/secret.png").replace("BUFFER", BYTES)
     },
-    "collada": lambda out: {"map.dae": textured(f"file://{out}/secret.png")},
+    "collada": lambda out: {"map.dae": dae_textured(f"file://{out}/secret.png")},
     "sidecar": lambda out: {
         "map.obj": OBJ.replace("mtllib m.mtl\n", ""),
         "map.usarsim.toml": '[material.m]\ntexture = "../out/secret.png"\n',
@@ -252,7 +231,7 @@ HANGS = {
     "map.world": gazebo_picture("pipe.png"),
     "map.obj": OBJ,
     "map.gltf": GLTF.replace("IMAGE", "pipe.png").replace("BUFFER", BYTES),
-    "map.dae": textured("pipe.png"),
+    "map.dae": dae_textured("pipe.png"),
     "map.yaml": "image: pipe.png\nresolution: 0.1\norigin: [0, 0, 0]\n",
     "script.world": world(
         model(

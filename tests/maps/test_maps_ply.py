@@ -1,4 +1,4 @@
-"""PLY (worlds reference 2.4 and 13)."""
+"""PLY and STL (worlds reference 2.4 and 13)."""
 
 from __future__ import annotations
 
@@ -7,75 +7,28 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from mesh_samples import (
-    FACES,
-    WEDGE,
-    WEDGE_PLACES,
+    PLY_HEAD,
     area,
-    damages,
-    places,
+    ply_binary,
+    ply_text,
     read,
     refusal,
     refused,
-    survives,
-    volume,
+    stl_text,
     whole,
+    writer,
 )
 from PIL import Image
 
-HEAD = (
-    "ply\nformat {order} 1.0\ncomment by hand\nelement vertex 4\nproperty float x\n"
-    "property float y\nproperty double z\nelement face 4\nproperty uchar material\n"
-    "property list uchar int vertex_indices\nend_header\n"
-)
+from usarsim_maps.scene import Mesh
 
-
-def ascii_wedge() -> bytes:
-    """The wedge as text."""
-    rows = ["{:g} {:g} {:g}".format(*point) for point in WEDGE]
-    rows += ["7 3 {} {} {}".format(*face) for face in FACES]
-    return (HEAD.format(order="ascii") + "\n".join(rows) + "\n").encode()
-
-
-def binary_wedge(order: str) -> bytes:
-    """The wedge as bytes, `<` or `>`."""
-    word = {"<": "binary_little_endian", ">": "binary_big_endian"}[order]
-    content = HEAD.format(order=word).encode()
-    for x, y, z in WEDGE.tolist():
-        content += struct.pack(order + "ffd", x, y, z)
-    for face in FACES.tolist():
-        content += struct.pack(order + "BB3i", 7, 3, *face)
-    return content
-
-
-FORMS = [ascii_wedge(), binary_wedge("<"), binary_wedge(">"),
-         ascii_wedge().replace(b"\n", b"\r\n")]  # fmt: skip
-
-
-def write(folder: Path, content: bytes, name: str = "map.ply") -> Path:
-    """A file."""
-    path = folder / name
-    path.write_bytes(content)
-    return path
-
-
-@pytest.mark.parametrize("content", FORMS)
-def test_all_forms(tmp_path: Path, content: bytes) -> None:
-    """Text and both byte orders give the same mesh, z up, faces outwards (items 9, 10)."""
-    scene = read(write(tmp_path, content))
-    mesh = whole(scene)
-    assert places(mesh) == WEDGE_PLACES
-    assert len(mesh.triangles) == 4
-    assert volume(mesh) == pytest.approx(1.0)
-    assert scene.source.assumed
-    assert volume(whole(read(write(tmp_path, content), scale=2.0))) == pytest.approx(1 / 8)
+write = writer("map.ply")
 
 
 def test_uneven_faces(tmp_path: Path) -> None:
     """A quad and a triangle in a binary file, whose rows differ in length."""
-    head = HEAD.format(order="binary_little_endian").replace("face 4", "face 2")
+    head = PLY_HEAD.format(order="binary_little_endian").replace("face 4", "face 2")
     head = head.replace("property uchar material\n", "")
     content = head.encode()
     for point in [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]:
@@ -131,7 +84,7 @@ def test_strips(tmp_path: Path) -> None:
 class TestBadFiles:
     """Errors."""
 
-    @pytest.mark.parametrize("content", FORMS[:3])
+    @pytest.mark.parametrize("content", [ply_text(), ply_binary("<"), ply_binary(">")])
     def test_absurd_counts(self, tmp_path: Path, content: bytes) -> None:
         """Headers that promise billions of rows are refused before memory is taken."""
         for element in (b"element vertex 4", b"element face 4"):
@@ -140,7 +93,7 @@ class TestBadFiles:
 
     def test_points_alone(self, tmp_path: Path) -> None:
         """A point cloud is refused with advice."""
-        content = ascii_wedge().replace(b"element face 4", b"element face 0")
+        content = ply_text().replace(b"element face 4", b"element face 0")
         assert "points alone are not solid" in refusal(lambda: read(write(tmp_path, content)))
 
     @pytest.mark.parametrize(
@@ -156,15 +109,46 @@ class TestBadFiles:
     )
     def test_what_is_wrong(self, tmp_path: Path, old: bytes, new: bytes, told: str) -> None:
         """Errors name file and place (item 73)."""
-        content = ascii_wedge()
+        content = ply_text()
         assert old in content
         message = refusal(lambda: read(write(tmp_path, content.replace(old, new, 1))))
         assert "map.ply" in message
         assert told in message
 
-    @settings(max_examples=80, suppress_health_check=[HealthCheck.function_scoped_fixture],
-              deadline=None)  # fmt: skip
-    @given(st.data())
-    def test_damaged_files(self, tmp_path: Path, data: st.DataObject) -> None:
-        """Whatever is wrong with a file, it is read or refused in one line."""
-        survives(tmp_path, "map.ply", data.draw(damages(data.draw(st.sampled_from(FORMS)))))
+
+class TestStl:
+    """STL."""
+
+    def test_every_solid_is_an_object(self, tmp_path: Path) -> None:
+        """Names are kept; shared corners are stored once."""
+        scene = read(write(tmp_path, stl_text("floor one") + stl_text("roof"), "map.stl"))
+        assert [thing.name for thing in scene.objects] == ["floor one", "roof"]
+        shape = scene.objects[0].parts[0].shape
+        assert isinstance(shape, Mesh)
+        assert len(shape.vertices) == 4
+
+    def test_absurd_count(self, tmp_path: Path) -> None:
+        """A header that promises 200 GB is refused before memory is taken."""
+        content = b" " * 80 + struct.pack("<I", 0xFFFFFFFF) + b"\0" * 500
+        message = refusal(lambda: read(write(tmp_path, content, "map.stl")))
+        assert "4294967295 triangles are announced, 10 are there" in message
+
+    def test_cut_stl_text(self, tmp_path: Path) -> None:
+        """A file cut between two facets is noticed, too."""
+        content = stl_text()[: stl_text().index("endsolid")].encode()
+        assert "the file ends" in refusal(lambda: read(write(tmp_path, content, "map.stl")))
+
+    @pytest.mark.parametrize(
+        ("old", "new", "where"),
+        [("vertex 2 0 0", "vertex 2 zero 0", "line 6"), ("vertex 2 0 0\n", "", "line 7")],
+    )
+    def test_line_numbers(self, tmp_path: Path, old: str, new: str, where: str) -> None:
+        """Errors name file and line (item 73)."""
+        content = stl_text().replace(old, new, 1).encode()
+        message = refusal(lambda: read(write(tmp_path, content, "map.stl")))
+        assert f"map.stl: {where}:" in message
+
+    @pytest.mark.parametrize("content", [b"", b"solid", b"solid x\nendsolid x\n", b"hello"])
+    def test_nothing_inside(self, tmp_path: Path, content: bytes) -> None:
+        """Files without triangles are refused."""
+        assert "map.stl" in refusal(lambda: read(write(tmp_path, content, "map.stl")))

@@ -8,9 +8,7 @@ from pathlib import Path
 import mujoco
 import pytest
 from built_worlds import build_world
-from collada_samples import document as dae
-from collada_samples import wedge
-from mesh_samples import read
+from mesh_samples import dae, dae_wedge, read
 from PIL import Image
 from sdf_samples import BOX, load, model, only, sdf, shape, world, write, write_model
 
@@ -202,7 +200,7 @@ class TestLooks:
         )
         text = ""
         for name, red in (("a", "1"), ("b", "0.5")):
-            body = wedge().replace("<triangles ", '<triangles material="s" ')
+            body = dae_wedge().replace("<triangles ", '<triangles material="s" ')
             write(tmp_path, dae(body, bound, more=looks.format(red)), f"{name}.dae")
             text += model(name, shape(f"<mesh><uri>{name}.dae</uri></mesh>"))
         scene = load(tmp_path, text)

@@ -5,10 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from collada_samples import document, wedge
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from mesh_samples import WEDGE, read
+from mesh_samples import WEDGE, dae, dae_wedge, read
 from sdf_samples import BOX, model, sdf, shape, world, write, write_model
 from t3d_maps import actor, level, start
 
@@ -20,7 +19,7 @@ from usarsim_maps.reader import ImportOptions
 from usarsim_server.cli import main
 from usarsim_server.errors import MapImportError
 
-MESH = document(wedge(2.0 * WEDGE))
+MESH = dae(dae_wedge(2.0 * WEDGE))
 GROUND = "<include><uri>model://ground_plane</uri></include>"
 
 
@@ -86,7 +85,7 @@ def test_meshes(tmp_path: Path, uri: str) -> None:
     """Meshes likewise, and that of the own model where others have one of the same name."""
     assets = tmp_path / "assets"
     collection(assets, "x/pkg", uri)
-    write(assets, document(wedge()), "x/other/meshes/w.dae")
+    write(assets, dae(dae_wedge()), "x/other/meshes/w.dae")
     findings = Findings()
     source = write(tmp_path, world(include("model://thing")), "map/map.world")
     read(source, findings, assets=(assets,))

@@ -14,8 +14,19 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from collada_samples import TRIANGLES, document, geometry, source, wedge
-from mesh_samples import FACES, WEDGE, read, refusal, refused, whole
+from mesh_samples import (
+    FACES,
+    TRIANGLES,
+    WEDGE,
+    dae,
+    dae_geometry,
+    dae_source,
+    dae_wedge,
+    read,
+    refusal,
+    refused,
+    whole,
+)
 from sdf_samples import BOX, load, model, only, shape, world, write
 from t3d_maps import actor, level, room, start
 
@@ -96,7 +107,7 @@ class TestSdf:
 
     def test_scales_and_outlines(self, tmp_path: Path) -> None:
         """A bad scale of a mesh is 1; a bad corner of an outline is left out."""
-        write(tmp_path, document(wedge()), "w.dae")
+        write(tmp_path, dae(dae_wedge()), "w.dae")
         findings = Findings()
         mesh = "<mesh><uri>w.dae</uri><scale>2 x 2</scale></mesh>"
         high = whole(load(tmp_path, model("m", shape(mesh)), findings)).vertices.max(axis=0)
@@ -189,7 +200,7 @@ class TestCollada:
         """A node whose place makes no sense is left out, with all in it."""
         camera = f'<node name="Cam">{step}<node name="PlayerStart_1"/></node>'
         findings = Findings()
-        text = document(wedge(), SHOWN + camera)
+        text = dae(dae_wedge(), SHOWN + camera)
         scene = read(write(tmp_path, text, "map.dae"), findings)
         assert [thing.name for thing in scene.objects] == ["n"]
         assert not scene.starts
@@ -199,13 +210,13 @@ class TestCollada:
         """Colour and angle of a lamp have defaults."""
         lamp = LIGHT.format("<color>a b c</color><falloff_angle>x</falloff_angle>")
         nodes = SHOWN + '<node name="X"><instance_light url="#L"/></node>'
-        text = document(wedge(), nodes, more=lamp)
+        text = dae(dae_wedge(), nodes, more=lamp)
         (light,) = read(write(tmp_path, text, "map.dae")).lights
         assert (light.color, light.cone) == ((1.0, 1.0, 1.0), 45.0)
 
     def test_texture_coordinates_that_are_not_there(self, tmp_path: Path) -> None:
         """Indices out of range take the first ones; the mesh is whole."""
-        uvs = source("g-t", "0.5 0.5 1 0 1 1", 2)
+        uvs = dae_source("g-t", "0.5 0.5 1 0 1 1", 2)
         corners = " ".join(f"{v} {9 if k == 5 else -1 if k == 7 else k % 3}"
                            for k, v in enumerate(FACES.ravel()))  # fmt: skip
         inputs = (
@@ -215,14 +226,14 @@ class TestCollada:
         triangles = f'<triangles count="4">{inputs}<p>{corners}</p></triangles>'
         points = " ".join(f"{value:g}" for value in WEDGE.ravel())
         findings = Findings()
-        text = document(geometry(triangles, points, uvs))
+        text = dae(dae_geometry(triangles, points, uvs))
         mesh = whole(read(write(tmp_path, text, "map.dae"), findings))
         assert len(mesh.triangles) == 4
         assert mesh.uvs is not None
         assert mesh.uvs.reshape(-1, 2)[[5, 7]].tolist() == [[0.5, 0.5]] * 2
         assert "2 corners have texture coordinates that are not there" in told(findings)
 
-    @pytest.mark.parametrize("uvs", ["", source("g-t", "0 x 1 0 1 1", 2)])
+    @pytest.mark.parametrize("uvs", ["", dae_source("g-t", "0 x 1 0 1 1", 2)])
     def test_texture_coordinates_that_cannot_be_had(self, tmp_path: Path, uvs: str) -> None:
         """Without their source, or with one of words, the mesh has none."""
         inputs = (
@@ -233,14 +244,14 @@ class TestCollada:
         triangles = f'<triangles count="4">{inputs}<p>{corners}</p></triangles>'
         points = " ".join(f"{value:g}" for value in WEDGE.ravel())
         findings = Findings()
-        text = document(geometry(triangles, points, uvs))
+        text = dae(dae_geometry(triangles, points, uvs))
         assert len(whole(read(write(tmp_path, text, "map.dae"), findings)).triangles) == 4
         assert "its pictures are left out" in told(findings)
 
     def test_decimal_commas(self, tmp_path: Path) -> None:
         """In units and in lists whose count is told."""
-        text = document(
-            geometry(TRIANGLES, "0 0 0 2,5 0,0 0,0 0 1 0 0 0 3"),
+        text = dae(
+            dae_geometry(TRIANGLES, "0 0 0 2,5 0,0 0,0 0 1 0 0 0 3"),
             asset='<unit meter="0,5"/><up_axis>Z_UP</up_axis>',
         )
         mesh = whole(read(write(tmp_path, text, "map.dae")))
@@ -248,7 +259,7 @@ class TestCollada:
 
     def test_indices_as_floats(self, tmp_path: Path) -> None:
         """`0.0 2.0` are whole numbers, `0.5` is none."""
-        text = document(wedge())
+        text = dae(dae_wedge())
         assert "<p>0 2 1 " in text
         good = text.replace("<p>0 2 1 ", "<p>0.0 2.0 1.0 ")
         assert len(whole(read(write(tmp_path, good, "a.dae"))).triangles) == 4
