@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from law_fakes import axes, command, engine_of, place, spin, submarine, velocity
 from sim_fakes import floor, run
 
-from usarsim_server.simulation.divergence import add_bounds
 from usarsim_server.simulation.diving import SLOW, WATER, Hull
+from usarsim_server.simulation.motion_laws import add_bounds
 
 STEPS = (0.001, 0.002, 0.004, 0.005)
 

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from law_fakes import aircraft, axes, command, engine_of, place, spin, velocity
 from sim_fakes import add_box, floor, pose_at, run
 
-from usarsim_server.simulation.divergence import add_bounds
 from usarsim_server.simulation.flight import FlightLimits
+from usarsim_server.simulation.motion_laws import add_bounds
 
 STEPS = (0.001, 0.002, 0.004, 0.005)
 LEVEL = (0.0, 0.0, 0.0)

@@ -16,9 +16,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.simulation.divergence import Bounds
 from usarsim_server.simulation.frames import Vector
-from usarsim_server.simulation.motion_laws import FreeBody, Law, Motion, cross, dot
+from usarsim_server.simulation.motion_laws import Bounds, FreeBody, Law, Motion, cross, dot
 
 Array = NDArray[np.float64]
 

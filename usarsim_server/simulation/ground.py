@@ -1,46 +1,6 @@
-"""What patches of ground do to bodies on them: grip, drag, sinking in.
+"""What ground does to what is on it: patches of water, mud, sand, ice; conveyor belts; slipping.
 
-MuJoCo has one friction per pair of geoms and one level per floor. Patches are laid over that by
-changing the contacts with fixed ground between the two halves of every step, so they work on an
-endless plane as on a ramp, without any geometry of their own:
-
-* Grip: friction of the contact, together with the `mu` that the elliptic cone derives from it, is
-  what it would be if both geoms had the patch's coefficient.
-* Sinking in: the reference acceleration of the contact's normal row is that of ground lying lower
-  by the local depth. At the edge the depth grows with the slope `EDGE_SLOPE`, and the share of the
-  load that such a slope would push downhill is applied, so that coming out costs what going in
-  gave.
-* Drag: -drag times velocity, on each body that touches the patch. A body that has sunk in by z
-  pushes ground before it: its rolling resistance is the load times sqrt(z/d), d being the diameter
-  (the textbook formula for a slow rigid wheel on yielding ground). Below `CREEP_SPEED` it fades,
-  so that it never pushes.
-
-The load of a body is the weight of its robot, divided evenly among those of its bodies that touch
-ground. Nothing is remembered from step to step.
-
-Patches of ground that are not the floor they lie on: water, mud, sand, ice.
-
-The values only; what they do to whoever drives there is in `traction.py`.
-
-Conveyor belts: geoms of the scene whose surface moves, at a speed that can be changed.
-
-In the scene a belt is a geom with a `surfacevel`. A belt answers to its geom's name; several
-belts that are to obey together are called `<tag>:1`, `<tag>:2` and so on.
-
-Contact compensation: sliding contacts must not push bodies off the ground.
-
-A slipping contact of MuJoCo's soft friction cone turns tangential motion into normal motion: a
-skid-steered robot that turns hops, and its yaw rate depends on the time step. While a contact
-slips, the solver sees its normal row as if its reference acceleration were higher by the friction
-coefficient times the norm of its tangential residual, the acceleration along the surface less the
-tangential reference. Lowering the normal reference by as much removes that coupling (robots
-reference 4.2). It has to be done between the two halves of every step, for the elliptic cone only.
-
-The acceleration of the step is not known yet; that of the last one stands in for it. Without it a
-body that brakes on its own friction would be let down by mu times its deceleration: a block on
-ground of mu 1 would sink in by 3.5 mm and slide 7 % too far at 1 ms. The loop through the solver
-is stable, with a gain of mu^2 / (1 + mu^2). The last acceleration may only lessen the correction:
-after an impact it says nothing about what comes next.
+All of it changes contacts between the two halves of every step, without geometry of its own.
 """
 
 from __future__ import annotations
@@ -53,6 +13,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.simulation.parts import Part
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+MARK = 1e-9
+"""m/s, rad/s: what a geom must have at compile time whose surface is moved later; no belt."""
+EDGE_SLOPE = 0.125
+"""Rise per metre of the ground at the edge of a patch that bodies sink into."""
+CREEP_SPEED = 0.02
+"""m/s below which rolling resistance fades."""
+GROUND_SLOPE = 0.7
+"""Least upward part of a contact normal that still counts as ground (45 degrees)."""
+MIN_FRICTION = 1e-5
+"""Smallest friction that MuJoCo's cones can have (mjMINMU)."""
+HASTE = 0.3
+"""m that a body may go between two calls of `near`: 20 ms at 15 m/s."""
+MAX_BRAKING = 0.5
+"""Largest part of its speed that resistance may take from a robot in one step. So a robot that
+is held fast by more than its grip creeps, at about 2 mu g dt (3 cm/s at 4 ms and mu 0.4)."""
+REST_SPEED = 1e-4
+"""m/s below which nothing resists, so that what stands can fall asleep (MuJoCo's tolerance)."""
+LANDED = 0.002
+"""m above the lowered ground from which a body counts as standing on it."""
+
+_INWARD = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
+"""Directions into a patch from its edges at low x, low y, high x, high y."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,33 +67,26 @@ class Surface:
     painted: bool = True
 
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
-
-EDGE_SLOPE = 0.125
-"""Rise per metre of the ground at the edge of a patch that bodies sink into."""
-CREEP_SPEED = 0.02
-"""m/s below which rolling resistance fades."""
-GROUND_SLOPE = 0.7
-"""Least upward part of a contact normal that still counts as ground (45 degrees)."""
-MIN_FRICTION = 1e-5
-"""Smallest friction that MuJoCo's cones can have (mjMINMU)."""
-HASTE = 0.3
-"""m that a body may go between two calls of `near`: 20 ms at 15 m/s."""
-MAX_BRAKING = 0.5
-"""Largest part of its speed that resistance may take from a robot in one step. So a robot that
-is held fast by more than its grip creeps, at about 2 mu g dt (3 cm/s at 4 ms and mu 0.4)."""
-REST_SPEED = 1e-4
-"""m/s below which nothing resists, so that what stands can fall asleep (MuJoCo's tolerance)."""
-LANDED = 0.002
-"""m above the lowered ground from which a body counts as standing on it."""
-
-_INWARD = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
-"""Directions into a patch from its edges at low x, low y, high x, high y."""
-
-
 class Traction(Part):
-    """All patches of a world, for one model generation; used by the physics thread."""
+    """All patches of a world, for one model generation.
+
+    MuJoCo has one friction per pair of geoms and one level per floor. Patches are laid over that by
+    changing the contacts with fixed ground, so they work on an endless plane as on a ramp:
+
+    * Grip: friction of the contact, together with the `mu` that the elliptic cone derives from it,
+      is what it would be if both geoms had the patch's coefficient.
+    * Sinking in: the reference acceleration of the contact's normal row is that of ground lying
+      lower by the local depth. At the edge the depth grows with the slope `EDGE_SLOPE`, and the
+      share of the load that such a slope would push downhill is applied, so that coming out costs
+      what going in gave.
+    * Drag: -drag times velocity, on each body that touches the patch. A body that has sunk in by z
+      pushes ground before it: its rolling resistance is the load times sqrt(z/d), d being the
+      diameter (the textbook formula for a slow rigid wheel on yielding ground). Below `CREEP_SPEED`
+      it fades, so that it never pushes.
+
+    The load of a body is the weight of its robot, divided evenly among those of its bodies that
+    touch ground. Nothing is remembered from step to step.
+    """
 
     def __init__(self, model: mujoco.MjModel, surfaces: Sequence[Surface]) -> None:
         limits = np.array([(patch.x, patch.y, patch.z) for patch in surfaces], dtype=float)
@@ -278,12 +257,12 @@ def _free_trees(model: mujoco.MjModel) -> tuple[NDArray[np.bool_], Indices, Arra
     return free, np.array(places, dtype=np.intp), np.array(reach)
 
 
-MARK = 1e-9
-"""m/s, rad/s: what a geom must have at compile time whose surface is moved later; no belt."""
-
-
 class Belts(Part):
-    """The belts of a world and how fast they run, for one model generation."""
+    """Conveyor belts, geoms of the scene with a `surfacevel`, and how fast they run.
+
+    A belt answers to its geom's name; several belts that are to obey together are called `<tag>:1`,
+    `<tag>:2` and so on.
+    """
 
     def __init__(self, model: mujoco.MjModel) -> None:
         """Find the belts of a scene; a MuJoCo without moving surfaces has none."""
@@ -318,7 +297,22 @@ class Belts(Part):
 
 
 class Compensation(Part):
-    """Contact compensation, of one model generation; the last to change the contacts of a step."""
+    """Contact compensation: sliding contacts must not push bodies off the ground.
+
+    A slipping contact of MuJoCo's soft friction cone turns tangential motion into normal motion: a
+    skid-steered robot that turns hops, and its yaw rate depends on the time step. While a contact
+    slips, the solver sees its normal row as if its reference acceleration were higher by the
+    friction coefficient times the norm of its tangential residual, the acceleration along the
+    surface less the tangential reference. Lowering the normal reference by as much removes that
+    coupling (robots reference 4.2). It is for the elliptic cone only, and comes after everything
+    else that changes contacts.
+
+    The acceleration of the step is not known yet; that of the last one stands in for it. Without it
+    a body that brakes on its own friction would be let down by mu times its deceleration: a block
+    on ground of mu 1 would sink in by 3.5 mm and slide 7 % too far at 1 ms. The loop through the
+    solver is stable, with a gain of mu^2 / (1 + mu^2). The last acceleration may only lessen the
+    correction: after an impact it says nothing about what comes next.
+    """
 
     def between(self, data: mujoco.MjData) -> None:
         """See `compensate`."""

@@ -1,17 +1,16 @@
 """Laws of motion beside wheels and joints: rotors, propellers, buoyancy, tracks.
 
-A law belongs to one slot and is obeyed by the physics thread in every step. It may write forces on
-the bodies of its own robot (`data.xfrc_applied`), surface velocities of its own geoms and the
-friction of their contacts, and nothing else.
+A law belongs to one slot and is asked in every step. It may write forces on the bodies of its own
+robot (`data.qfrc_applied`), surface velocities of its own geoms and the friction of their contacts,
+and nothing else.
 
-A chassis on a free joint, as laws of motion see and push it.
-
-Plain numbers instead of arrays: a law runs in every step, and for three components NumPy is
-several times slower.
+Most laws push a chassis on a free joint (`FreeBody`) and stay in the box of the world (`Bounds`).
+Both use plain numbers instead of arrays: for three components NumPy is several times slower.
 """
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -24,6 +23,17 @@ from usarsim_server.simulation.frames import Pose, Vector, axes_of
 from usarsim_server.simulation.parts import Part
 
 Array = NDArray[np.float64]
+LawsState = tuple[Array, tuple[Array, ...], frozenset[int]]
+"""Commands, what the laws remember, and which slots have laws that hold."""
+Motion = tuple[tuple[Vector, Vector, Vector], Vector, Vector]
+"""The axes of the body in the world (ahead, to the left, up), the velocity of its origin in the
+world (m/s), its turning rate in its own frame (rad/s)."""
+
+_BOUNDS = "usarsim:bounds"
+_BOTTOM = 0.5
+"""m above the lower edge where machines are held: what falls below that edge is gone."""
+_SHARE = 0.25
+"""Of the way that is left per time constant: the edge is reached without going beyond it."""
 
 
 class Law(ABC):
@@ -66,10 +76,6 @@ class LawModel:
 
     make: Callable[[mujoco.MjModel, str], Law]
     channels: int
-
-
-LawsState = tuple[Array, tuple[Array, ...], frozenset[int]]
-"""Commands, what the laws remember, and which slots have laws that hold."""
 
 
 class Laws(Part):
@@ -188,11 +194,6 @@ class Laws(Part):
         self._list()
 
 
-Motion = tuple[tuple[Vector, Vector, Vector], Vector, Vector]
-"""The axes of the body in the world (ahead, to the left, up), the velocity of its origin in the
-world (m/s), its turning rate in its own frame (rad/s)."""
-
-
 class FreeBody:
     """One robot's chassis with everything on it.
 
@@ -266,3 +267,47 @@ def cross(a: Vector, b: Vector) -> Vector:
 def dot(a: Vector, b: Vector) -> float:
     """The scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def add_bounds(spec: mujoco.MjSpec, lower: Vector, upper: Vector) -> None:
+    """Write the box of a world, by two corners (m), into its scene."""
+    x, y, z = lower
+    spec.add_numeric(name=_BOUNDS, data=[x, y, min(z + _BOTTOM, upper[2]), *upper])
+
+
+class Bounds:
+    """The box of the world that a model was compiled from; endless if the model knows none.
+
+    It travels in the model, as numbers of a name of their own, so that laws find it in every
+    generation. Near an edge the speed towards it is limited to what a machine can take away on the
+    way that is left; one that got outside is brought back.
+    """
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        """Look it up."""
+        names = [model.numeric(number).name for number in range(model.nnumeric)]
+        values = model.numeric(_BOUNDS).data.tolist() if _BOUNDS in names else []
+        self._edges = tuple(zip(values[:3], values[3:], strict=True))
+
+    def hold(self, velocity: Vector, place: Vector, response: float, braking: float) -> Vector:
+        """A velocity (m/s) as far as it does not lead out of the box.
+
+        Args:
+            velocity: wanted.
+            place: of the machine, m.
+            response: time constant with which it changes its velocity, s.
+            braking: m/s^2 that it can give.
+        """
+        if not self._edges:
+            return velocity
+        rate = _SHARE / response
+        x, y, z = (
+            max(-_most(at - low, rate, braking), min(_most(high - at, rate, braking), speed))
+            for speed, at, (low, high) in zip(velocity, place, self._edges, strict=True)
+        )
+        return x, y, z
+
+
+def _most(way: float, rate: float, braking: float) -> float:
+    """Most speed (m/s) towards an edge with this way left; negative, that is back, beyond it."""
+    return math.copysign(min(rate * abs(way), math.sqrt(braking * abs(way))), way)

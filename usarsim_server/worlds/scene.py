@@ -11,8 +11,8 @@ from usarsim_server.data import data_directory
 from usarsim_server.errors import WorldError
 from usarsim_server.files import Folders, read_regular
 from usarsim_server.model_check import check_model
-from usarsim_server.simulation.divergence import add_bounds
 from usarsim_server.simulation.ground import Surface
+from usarsim_server.simulation.motion_laws import add_bounds
 from usarsim_server.worlds.description import WorldDescription
 from usarsim_server.worlds.machinery.bodies import add_machinery
 from usarsim_server.worlds.victims import add_victim
