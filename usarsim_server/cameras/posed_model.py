@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from usarsim_server.cameras.view import CameraView
 from usarsim_server.simulation.frames import Pose, pose_of, rotation_matrix
 from usarsim_server.simulation.model import CompiledWorld
-from usarsim_server.simulation.movers import mocap_bodies
+from usarsim_server.simulation.movers import mocap_bodies, pose_as
 from usarsim_server.simulation.snapshot import RobotLayout, Snapshot
 
 Array = NDArray[np.float64]
@@ -53,9 +53,7 @@ class Stage:
         if snapshot is self._snapshot:
             return
         model, data = self.model, self.data
-        data.qpos[:] = snapshot.qpos
-        data.mocap_pos[:] = snapshot.xpos[self._mocap]
-        data.mocap_quat[:] = snapshot.xquat[self._mocap]
+        pose_as(data, snapshot, self._mocap)
         mujoco.mj_kinematics(model, data)
         mujoco.mj_camlight(model, data)
         present = {layout.slot for layout in snapshot.layouts.values()}

@@ -1,16 +1,13 @@
 """Time: when the world steps, who is shown what is there, and who is waited for.
 
-The world stops at every step at which somebody is due and shows him a snapshot; it never goes more
+The world stops at every step at which a listener is due and shows it a snapshot; it never goes more
 than `MAX_AHEAD` beyond one that has not been reported on. So every stream is complete in simulated
 time, and when reports cannot keep up, time slows down.
 
 At a pace, simulated time follows the wall clock. Without one the world goes as fast as it can, but
-waits until everyone who was shown a snapshot has drawn the conclusions that the world may feel, and
-shows nobody the next one before he is done with the last: what is merely written down is written
-while the world goes on. In lockstep it also waits at the horizon of every listener until that moves
-on.
-
-Keeping simulated time beside wall time, and saying so when that fails.
+waits until every listener has done what the world may feel, and releases a snapshot to a listener
+only after it finished the previous one: reports are written while the world goes on. In lockstep it
+also waits at the horizon of every listener until that moves on.
 """
 
 from __future__ import annotations
@@ -33,6 +30,20 @@ MAX_LAG = 0.1
 REPORT_PERIOD = 5.0
 """s of wall time over which the real-time factor is taken."""
 TOLERATED_FACTOR = 0.98
+BATCH_STEPS = 2
+"""Steps per turn at a pace: commands are obeyed at least this often, and what a report waits for is
+little."""
+UNPACED_BATCH_STEPS = 5
+MAX_AHEAD = 0.1
+"""Simulated s by which the world may be ahead, at a pace, of the oldest instant that is not
+reported on. One period of the usual stream: less makes the physics wait for reports that are merely
+worked out together, more lets commands act on a world that their senders have not seen."""
+CATCH_UP_POLL = 0.001
+"""s of wall time between two looks while reports are waited for."""
+STAND_POLL = 0.1
+"""s of wall time between two looks while the world stands still."""
+
+_log = Log("simulation")
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,22 +127,6 @@ class Patience:
             return False
         self._since = None
         return True
-
-
-_log = Log("simulation")
-
-BATCH_STEPS = 2
-"""Steps per turn at a pace: commands are obeyed at least this often, and what a report waits for is
-little."""
-UNPACED_BATCH_STEPS = 5
-MAX_AHEAD = 0.1
-"""Simulated s by which the world may be ahead, at a pace, of the oldest instant that is not
-reported on. One period of the usual stream: less makes the physics wait for reports that are merely
-worked out together, more lets commands act on a world that their senders have not seen."""
-CATCH_UP_POLL = 0.001
-"""s of wall time between two looks while reports are waited for."""
-STAND_POLL = 0.1
-"""s of wall time between two looks while the world stands still."""
 
 
 class Listener(Protocol):

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.parts import Part
 from usarsim_server.simulation.rays.culling import bounding_spheres
+from usarsim_server.simulation.snapshot import Snapshot
 
 Array = NDArray[np.float64]
 
@@ -215,12 +216,16 @@ def _twist(one: Pose, other: Pose, seconds: float) -> Array:
 
 
 def mocap_bodies(model: mujoco.MjModel) -> NDArray[np.intp]:
-    """Body ids of all mocap bodies, in the order of `mocap_pos` and `mocap_quat`.
-
-    A snapshot has the poses of bodies; this tells which of them to copy into another `MjData`.
-    """
+    """Body ids of all mocap bodies, in the order of `mocap_pos` and `mocap_quat`."""
     bodies = np.flatnonzero(model.body_mocapid >= 0)
     return bodies[np.argsort(model.body_mocapid[bodies])]
+
+
+def pose_as(data: mujoco.MjData, snapshot: Snapshot, mocap: NDArray[np.intp]) -> None:
+    """Give a copy the coordinates of a snapshot; `mocap` is that of `mocap_bodies`."""
+    data.qpos[:] = snapshot.qpos
+    data.mocap_pos[:] = snapshot.xpos[mocap]
+    data.mocap_quat[:] = snapshot.xquat[mocap]
 
 
 def carry_over(

@@ -1,15 +1,10 @@
-"""Where a new robot may stand: blocked places are moved a little, those outside the world to it.
+"""Where robots and things may be put: a robot gets the nearest free place, a thing its own or none.
 
 The original put robots exactly where they were told, inside walls too, and left the rest to
 physics. Here a robot that would start deeper than `TOLERATED` inside something is moved to the
 nearest free place, so that it can neither be shot out of a wall nor shove other robots aside. One
-that would start outside the box of the world starts at the nearest place inside, over ground.
-
-Whether a thing fits where somebody wants to put it.
-
-Robots are moved to the nearest free place (see `placement.py`); a thing stays away if its place
-is blocked. Contacts do not tell: between things that are placed, and between them and the
-scenery, there are none. So distances between geoms are measured.
+that would start outside the box of the world starts at the nearest place inside, over ground. A
+thing is refused if its place is blocked.
 """
 
 from __future__ import annotations
@@ -27,7 +22,7 @@ from usarsim_server.logs import Log
 from usarsim_server.simulation.frames import Pose, Vector
 from usarsim_server.simulation.mailbox import breathe
 from usarsim_server.simulation.model import SHELF_HEIGHT, CompiledWorld, put, root_qpos
-from usarsim_server.simulation.movers import mocap_bodies
+from usarsim_server.simulation.movers import mocap_bodies, pose_as
 from usarsim_server.simulation.objects import geom_names
 from usarsim_server.simulation.snapshot import Snapshot
 
@@ -43,16 +38,47 @@ INWARD_STEP = 0.25
 """m between two looks for ground on the way from the edge of the world to its middle."""
 MOST_LOOKS = 2000
 DIRECTIONS = 12
+FIT_CLEARANCE = 0.001
+"""m above an endless floor that a thing is lifted to."""
+CAPSULE_END = 2.0 / 3.0
+"""Radii by which a cylinder is longer than the straight part of a capsule of the same volume."""
+NUDGE = 1e-3
+"""m: where two geoms have one centre the distance is measured with one of them moved by this."""
 
 _log = Log("simulation")
 
 
-class Placement:
-    """Finds free poses in one model generation; used under the spawn lock only."""
+class _Judge:
+    """A box of the world, and a private copy of one model generation to try poses in."""
+
+    _model: mujoco.MjModel
 
     def __init__(self, world: CompiledWorld, lower: Vector, upper: Vector) -> None:
         self._world = world
         self._lower, self._upper = lower, upper
+
+    @cached_property
+    def _data(self) -> mujoco.MjData:
+        return mujoco.MjData(self._model)
+
+    @cached_property
+    def _mocap(self) -> NDArray[np.intp]:
+        return mocap_bodies(self._model)
+
+    def _show(self, snapshot: Snapshot) -> None:
+        """Bring the private copy into the state of a snapshot."""
+        pose_as(self._data, snapshot, self._mocap)
+
+    def _inside(self, pose: Pose) -> bool:
+        limits = zip(self._lower, pose.position, self._upper, strict=True)
+        return all(low <= value <= high for low, value, high in limits)
+
+
+class Placement(_Judge):
+    """Finds free poses for robots in one model generation; used under the spawn lock only."""
+
+    def __init__(self, world: CompiledWorld, lower: Vector, upper: Vector) -> None:
+        super().__init__(world, lower, upper)
         # Awake, so that contacts with sleeping robots are found too.
         self._model = world.model.__copy__()
         self._model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
@@ -61,8 +87,6 @@ class Placement:
         hollow = (self._model.geom_contype | self._model.geom_conaffinity) == 0
         self._model.geom_rgba[hollow, 3] = 0.0
         self._model.geom_matid[hollow] = -1
-        self._data = mujoco.MjData(self._model)
-        self._mocap = mocap_bodies(self._model)
         self._floors = [
             geom
             for geom in range(self._model.ngeom)
@@ -78,8 +102,7 @@ class Placement:
         Raises:
             SpawnError: if the pose is not finite.
         """
-        if not all(math.isfinite(value) for value in (*pose.position, *pose.quaternion)):
-            raise SpawnError("the spawn pose is not finite")
+        _check_finite(pose, "the spawn pose")
         return self._above_floor(self._moved_inside(pose), rest_height)
 
     def find(self, snapshot: Snapshot, slot: int, pose: Pose) -> Pose:
@@ -116,12 +139,6 @@ class Placement:
                 return _raised(grounded, lift)
         x, y, z = pose.position
         raise SpawnError(f"no free place within {RINGS[-1]:g} m of ({x:.2f}, {y:.2f}, {z:.2f})")
-
-    def _inside(self, pose: Pose) -> bool:
-        return all(
-            low <= value <= high
-            for low, value, high in zip(self._lower, pose.position, self._upper, strict=True)
-        )
 
     def _moved_inside(self, pose: Pose) -> Pose:
         """The nearest pose in the box of the world."""
@@ -214,13 +231,6 @@ class Placement:
         reached = geom[0] >= 0 and start[2] + up * way < SHELF_HEIGHT - 100.0
         return float(way) if reached else math.inf
 
-    def _show(self, snapshot: Snapshot) -> None:
-        """Bring the private copy into the state of a snapshot."""
-        data = self._data
-        data.qpos[:] = snapshot.qpos
-        data.mocap_pos[:] = snapshot.xpos[self._mocap]
-        data.mocap_quat[:] = snapshot.xquat[self._mocap]
-
     def _overlap(self, snapshot: Snapshot, slot: int, pose: Pose) -> tuple[float, bool]:
         """Deepest overlap (m) of the robot at a pose, and whether anything movable is in it."""
         layout = self._world.layouts[slot]
@@ -253,27 +263,22 @@ def _rings(pose: Pose) -> Iterator[Pose]:
             yield Pose(place, pose.quaternion)
 
 
+def _check_finite(pose: Pose, what: str) -> None:
+    if not all(map(math.isfinite, (*pose.position, *pose.quaternion))):
+        raise SpawnError(f"{what} is not finite")
+
+
 def _raised(pose: Pose, lift: float) -> Pose:
     x, y, z = pose.position
     return Pose((x, y, z + lift), pose.quaternion)
 
 
-Array = NDArray[np.float64]
+class Fitting(_Judge):
+    """Judges places for things in one model generation; used by one thread at a time.
 
-FIT_CLEARANCE = 0.001
-"""m above an endless floor that a thing is lifted to."""
-CAPSULE_END = 2.0 / 3.0
-"""Radii by which a cylinder is longer than the straight part of a capsule of the same volume."""
-NUDGE = 1e-3
-"""m: where two geoms have one centre the distance is measured with one of them moved by this."""
-
-
-class Fitting:
-    """Judges places in one model generation; used by one thread at a time."""
-
-    def __init__(self, world: CompiledWorld, lower: Vector, upper: Vector) -> None:
-        self._world = world
-        self._lower, self._upper = lower, upper
+    Contacts do not tell: between things that are placed, and between them and the scenery, there
+    are none. So distances between geoms are measured.
+    """
 
     def admit(self, pose: Pose) -> None:
         """Refuse what no thing can be put at, whatever its shape; needs no slot.
@@ -281,8 +286,7 @@ class Fitting:
         Raises:
             SpawnError: if the pose is not finite, or beyond the walls or the roof of the world.
         """
-        if not all(math.isfinite(value) for value in (*pose.position, *pose.quaternion)):
-            raise SpawnError("the pose is not finite")
+        _check_finite(pose, "the pose")
         x, y, z = pose.position
         self._check_inside(Pose((x, y, max(z, self._lower[2])), pose.quaternion))
 
@@ -298,13 +302,13 @@ class Fitting:
             SpawnError: if the pose is not finite or outside the world, or if something is there.
         """
         self.admit(pose)
-        self._show(snapshot, slot, pose)
+        self._put(snapshot, slot, pose)
         own = self._solid[np.isin(self._solid, self._world.layouts[slot].geoms)]
         depth = self._depth_in_floors(own)
         if depth > TOLERATED:
             x, y, z = pose.position
             pose = Pose((x, y, z + depth + FIT_CLEARANCE), pose.quaternion)
-            self._show(snapshot, slot, pose)
+            self._put(snapshot, slot, pose)
         self._check_inside(pose)
         for geom in own:
             breathe()
@@ -324,26 +328,18 @@ class Fitting:
         return model
 
     @cached_property
-    def _data(self) -> mujoco.MjData:
-        return mujoco.MjData(self._model)
-
-    @cached_property
     def _solid(self) -> NDArray[np.intp]:
         """Geoms that things can bump into."""
         model = self._model
         return np.flatnonzero((model.geom_contype | model.geom_conaffinity) != 0)
 
-    def _show(self, snapshot: Snapshot, slot: int, pose: Pose) -> None:
-        mocap = mocap_bodies(self._model)
-        self._data.qpos[:] = snapshot.qpos
-        self._data.mocap_pos[:] = snapshot.xpos[mocap]
-        self._data.mocap_quat[:] = snapshot.xquat[mocap]
+    def _put(self, snapshot: Snapshot, slot: int, pose: Pose) -> None:
+        self._show(snapshot)
         put(self._world, self._data, slot, root_qpos(pose))
         mujoco.mj_kinematics(self._model, self._data)
 
     def _check_inside(self, pose: Pose) -> None:
-        limits = zip(self._lower, pose.position, self._upper, strict=True)
-        if not all(low <= value <= high for low, value, high in limits):
+        if not self._inside(pose):
             x, y, z = pose.position
             raise SpawnError(f"the place ({x:g}, {y:g}, {z:g}) is outside the world")
 
