@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import pytest
 
-from usarsim_server.simulation.rays.triangles import is_glass, words_of
+from usarsim_server.simulation.rays.scenery import is_glass, words_of
 
 
 def judged(geom: str, material: str | None) -> bool:

@@ -1,16 +1,10 @@
 """Everything that moves, as rays see it: robots, crates, doors, people.
 
-Each rigid piece's visible geometry (see `lumps.py`) is an Embree scene in its body's own frame,
-built once per shape and shared by all that look the same, in this model generation and in later
-ones as long as it is there. A ray is turned into the frame of every body whose bounding sphere it
-passes; so nothing is rebuilt when things move, and all rays at bodies of one shape, whoever sent
-them, are one call.
-
-Which visible geoms move as one piece, as far as looks go.
-
-Bodies without joints of their own are one piece with their parents. So is a wheel: a body that
-turns about an axis around which all its visible geoms are round looks the same however far it has
-turned. Rays then need not look at each wheel of each robot.
+The visible geoms that move as one piece are an Embree scene in the frame of their body, built once
+per shape and shared by all that look the same, in this model generation and in later ones as long
+as it is there. A ray is turned into the frame of every body whose bounding sphere it passes; so
+nothing is rebuilt when things move, and all rays at bodies of one shape, whoever sent them, are one
+call.
 """
 
 from __future__ import annotations
@@ -29,19 +23,25 @@ from usarsim_server.simulation.model import CompiledWorld
 from usarsim_server.simulation.objects import Objects
 from usarsim_server.simulation.rays.culling import Spheres, bounding_spheres, meetings, passing
 from usarsim_server.simulation.rays.query import RayBatch
-from usarsim_server.simulation.rays.scenery import is_visible
+from usarsim_server.simulation.rays.scenery import is_glass, is_visible
 from usarsim_server.simulation.rays.triangles import (
     RoundPart,
     Surfaces,
     TriangleScene,
-    is_glass,
     shape_key,
     triangles,
 )
 from usarsim_server.simulation.snapshot import Snapshot
 
+Array = NDArray[np.float64]
+Numbers = NDArray[np.intp]
+
 BODIES_AT_A_TIME = 32
 """Bodies between two pauses."""
+LUMPS_AT_A_TIME = 16
+"""Lumps between two pauses, while a world grows."""
+FINE = 1e-4
+"""m between a tessellated and the true surface of what moves."""
 EXACT = 1e-6
 """m by which a geom may be off the axis, and deviation of a unit vector from it."""
 
@@ -49,6 +49,10 @@ EXACT = 1e-6
 @dataclass(frozen=True, slots=True, eq=False)
 class Lump:
     """Geoms that look rigid, in the frame of one body.
+
+    Bodies without joints of their own are one piece with their parents. So is a wheel: a body that
+    turns about an axis around which all its visible geoms are round looks the same however far it
+    has turned. Rays then need not look at each wheel of each robot.
 
     Attributes:
         body: the body.
@@ -130,15 +134,6 @@ def _is_round_about(model: mujoco.MjModel, geom: int, anchor: Array, axis: Array
         across = np.delete(size, main)
         return bool(along[main] > 1.0 - EXACT and abs(across[0] - across[1]) < EXACT)
     return False
-
-
-Array = NDArray[np.float64]
-Numbers = NDArray[np.intp]
-
-LUMPS_AT_A_TIME = 16
-"""Lumps between two pauses, while a world grows."""
-FINE = 1e-4
-"""m between a tessellated and the true surface of what moves."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

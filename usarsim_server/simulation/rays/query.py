@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from usarsim_server.simulation.snapshot import Snapshot
 
 Array = NDArray[np.float64]
+Numbers = NDArray[np.intp]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,9 +92,6 @@ class SceneryHit:
     geom: int
     name: str | None
     entering: bool
-
-
-Numbers = NDArray[np.intp]
 
 
 @dataclass(frozen=True, slots=False, eq=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 import mujoco
@@ -11,13 +12,18 @@ from numpy.typing import NDArray
 from usarsim_server.simulation.model import SHELF_NAME, CompiledWorld
 from usarsim_server.simulation.objects import Names, geom_names
 from usarsim_server.simulation.rays.query import SceneryHit
-from usarsim_server.simulation.rays.triangles import Surfaces, TriangleScene, is_glass, triangles
+from usarsim_server.simulation.rays.triangles import Surfaces, TriangleScene, triangles
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.intp]
 
 SEEN_GROUPS = 3
 """Geoms of groups 0 to 2 are seen, as by MuJoCo's renderers; the others only collide."""
+WORDS = frozenset({"glass", "trans", "transparent", "translucent"})
+ENDS = ("glass", "trans")
+OPAQUE = frozenset({"fiberglass", "fibreglass", "hourglass"})
+
+_WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,6 +100,28 @@ def is_visible(model: mujoco.MjModel, geom: int) -> bool:
     material = model.geom_matid[geom]
     color = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
     return bool(color[3] > 0.0)
+
+
+def words_of(name: str) -> list[str]:
+    """The words of a name in lower case: parted by capitals, digits and everything else."""
+    return [word.lower() for word in _WORD.findall(name)]
+
+
+def is_glass(model: mujoco.MjModel, geom: int) -> bool:
+    """Whether infrared light goes through a geom, by its name or by that of its material.
+
+    The original let infrared sensors look through materials with "Trans" in their names (robots
+    reference 2.2). Here whole words of a name count, so `WindowTrans_01` and `glass_door` are
+    glass, `transport_box` and `hourglass` are not; a material may also end with one in one word, as
+    imported maps have `framelessglass`.
+    """
+    if not WORDS.isdisjoint(words_of(model.geom(geom).name)):
+        return True
+    material = int(model.geom_matid[geom])
+    if material < 0:
+        return False
+    words = words_of(model.mat(material).name)
+    return any(word in WORDS or (word.endswith(ENDS) and word not in OPAQUE) for word in words)
 
 
 def _meet(plane: _Plane, origins: Array, directions: Array, surfaces: Surfaces) -> None:

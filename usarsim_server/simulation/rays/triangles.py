@@ -1,22 +1,13 @@
-"""Triangles as rays meet them: an Embree scene that knows which geom each triangle is of.
-
-Triangles of MuJoCo geometry, for the ray scene.
+"""Triangles of MuJoCo geometry, and an Embree scene that knows which geom each of them is of.
 
 Flat shapes and meshes are exact. Round shapes are tessellated so finely that a facet lies less
-than a tolerance inside the true surface, up to a radius of some metres (`MAX_SEGMENTS`).
-
-Glass: what infrared light goes through, judged by names.
-
-The original let infrared sensors look through materials with "Trans" in their names (robots
-reference 2.2). Here whole words of a name count, so `WindowTrans_01` and `glass_door` are glass,
-`transport_box` and `hourglass` are not; a material may also end with one in one word, as imported
-maps have `framelessglass`.
+than a tolerance inside the true surface, up to a radius of some metres (`MAX_SEGMENTS`); a scene
+moves hits on facets out to where the ray meets the round surface.
 """
 
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -28,6 +19,17 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.intp]
+
+TOLERANCE = 5e-4
+"""m between a tessellated and the true surface."""
+MAX_SEGMENTS = 256
+"""Of a full circle: enough for 6 m of radius, 3 m where a surface is curved both ways."""
+_ASKEW: Array = np.array([[2.0, -6.0, 3.0], [6.0, 3.0, 2.0], [-3.0, 2.0, 6.0]]) / 7.0
+"""A turn of balls, by which no corner lies on an axis (see `_revolve`)."""
+_PHASE = 0.123
+"""rad by which the corners of rings are off the axes, for the same reason."""
+_QUADS = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+"""Faces of a box whose corners are numbered by the signs of x, y, z (z fastest)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,20 +141,6 @@ def _round_off(
     if hits.normals is not None:
         outward = (start + distance[:, None] * way) / shape.axes @ shape.turn.T
         hits.normals[rays] = outward / np.linalg.norm(outward, axis=1)[:, None]
-
-
-TOLERANCE = 5e-4
-"""m between a tessellated and the true surface."""
-MAX_SEGMENTS = 256
-"""Of a full circle: enough for 6 m of radius, 3 m where a surface is curved both ways."""
-
-
-_ASKEW: Array = np.array([[2.0, -6.0, 3.0], [6.0, 3.0, 2.0], [-3.0, 2.0, 6.0]]) / 7.0
-"""A turn of balls, by which no corner lies on an axis (see `_revolve`)."""
-_PHASE = 0.123
-"""rad by which the corners of rings are off the axes, for the same reason."""
-_QUADS = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
-"""Faces of a box whose corners are numbered by the signs of x, y, z (z fastest)."""
 
 
 def triangles(
@@ -340,26 +328,3 @@ def _lid(ring: Array) -> Array:
     """Triangles (k, 3, 3) that fill a ring of corners (n, 3)."""
     first = np.broadcast_to(ring[0], (len(ring) - 2, 3))
     return np.stack([first, ring[1:-1], ring[2:]], axis=1)
-
-
-WORDS = frozenset({"glass", "trans", "transparent", "translucent"})
-ENDS = ("glass", "trans")
-OPAQUE = frozenset({"fiberglass", "fibreglass", "hourglass"})
-
-_WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
-
-
-def words_of(name: str) -> list[str]:
-    """The words of a name in lower case: parted by capitals, digits and everything else."""
-    return [word.lower() for word in _WORD.findall(name)]
-
-
-def is_glass(model: mujoco.MjModel, geom: int) -> bool:
-    """Whether a geom is made of glass by its name or by that of its material."""
-    if not WORDS.isdisjoint(words_of(model.geom(geom).name)):
-        return True
-    material = int(model.geom_matid[geom])
-    if material < 0:
-        return False
-    words = words_of(model.mat(material).name)
-    return any(word in WORDS or (word.endswith(ENDS) and word not in OPAQUE) for word in words)
