@@ -1,127 +1,32 @@
 """Pictures of an imported world, made with rays: they need no graphics card.
 
 A view from above, a slice at the height of a laser, and four views from the corners. What lies
-above people's heads is cut off; where that goes through something solid, the cut is dark.
-
-How high pictures can be cut: below the ceiling, where most of a map has a low one.
-
-Where the pictures of a world cut through what is solid: convex sections at one height.
+above people's heads, or above a ceiling that is lower, is cut off; where that goes through
+something solid, the cut is dark: convex sections at one height.
 """
 
 from __future__ import annotations
 
+import io
 import math
 from collections.abc import Iterator
 from pathlib import Path
 
 import mujoco
 import numpy as np
-from embreex import rtcore_scene
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
+from PIL import Image as Picture
 
 from usarsim_maps.terminal import quiet
 from usarsim_server import files as atomic
 from usarsim_server.simulation.frames import Pose
-from usarsim_server.simulation.rays.triangles import triangles_of_all
+from usarsim_server.simulation.rays.triangles import TriangleScene, triangles_of_all
 from usarsim_server.worlds.description import WorldDescription
-from usarsim_server.worlds.picture import png
 from usarsim_server.worlds.scene import build_scene
-
-PROBES = 64
-"""Along each side of a map."""
-
-ABOVE, NEAR = 0.05, 0.2
-"""m above the floor whence ceilings are looked for, and below which a floor is this one."""
-
-LEAST = 20
-"""Probes that have to stand on the floor."""
-
-
-def ceiling(scene: EmbreeScene, floor: float, lower: Array, upper: Array) -> float:
-    """m from a floor up to what half of it lies below; inf where half of it lies below nothing.
-
-    Args:
-        scene: triangles that are seen.
-        floor: m, its height.
-        lower: (3,) corner of the map. upper: the other one.
-    """
-    parts = (np.arange(PROBES) + 0.37) / PROBES  # between the lines of a builder's grid
-    x, y = np.meshgrid(*(lower[:2] + parts[:, None] * (upper - lower)[:2]).T)
-    start = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, floor + ABOVE)])
-    found = []
-    for way in (-1.0, 1.0):
-        ways = np.tile(np.array([0.0, 0.0, way], np.float32), (len(start), 1))
-        answer = scene.run(start.astype(np.float32), ways, output=1)
-        found.append(np.where(answer["primID"] >= 0, answer["tfar"], np.inf))
-    below, above = found
-    heights = above[below < NEAR]
-    return ABOVE + float(np.median(heights)) if len(heights) >= LEAST else np.inf
-
-
-Mask = NDArray[np.bool_]
-
-FELT = 3
-"""Group of the pieces that only collide."""
-
-CONVEX = {int(mujoco.mjtGeom.mjGEOM_BOX), int(mujoco.mjtGeom.mjGEOM_MESH)}
-"""Kinds of pieces; terrain, which is neither, is not cut."""
-
-NARROW = 1e-9
-"""m: sections with less between their corners are none."""
-
-
-def sections(model: mujoco.MjModel, data: mujoco.MjData, level: float) -> Iterator[Array]:
-    """Corners (k, 2), in order around it, of the cut through every fixed convex piece.
-
-    Args:
-        model: compiled. data: after `mj_forward`.
-        level: m, height of the cut.
-    """
-    chosen = (model.body_weldid[model.geom_bodyid] == 0) & (model.geom_group == FELT)
-    chosen &= np.isin(model.geom_type, list(CONVEX))
-    chosen &= np.abs(data.geom_xpos[:, 2] - level) <= model.geom_rbound
-    faces, owners = triangles_of_all(
-        model, np.flatnonzero(chosen).tolist(), data.geom_xpos, data.geom_xmat
-    )
-    ends, cut = cut_lines(faces, level)
-    owners = np.repeat(owners[cut], 2)
-    corners = ends.reshape(-1, 2)
-    order = np.argsort(owners, kind="stable")
-    owners, corners = owners[order], corners[order]
-    starts = np.flatnonzero(np.diff(owners, prepend=-1))
-    if not len(starts):
-        return
-    middles = np.minimum.reduceat(corners, starts) + np.maximum.reduceat(corners, starts)
-    away = corners - np.repeat(middles / 2.0, np.diff(starts, append=len(owners)), axis=0)
-    around = np.lexsort((np.arctan2(away[:, 1], away[:, 0]), owners))
-    yield from (part for part in np.split(corners[around], starts[1:]) if len(part) >= 6)
-
-
-def cut_lines(triangles: Array, level: float) -> tuple[Array, NDArray[np.intp]]:
-    """The lines in which triangles (n, 3, 3) meet a height: ends (k, 2, 2), and whose they are."""
-    above = triangles[:, :, 2] > level
-    cut = np.flatnonzero(above.any(axis=1) & ~above.all(axis=1))
-    start, end = triangles[cut], np.roll(triangles[cut], -1, axis=1)
-    crossed = above[cut] != np.roll(above[cut], -1, axis=1)  # two edges of each
-    p, q = start[crossed], end[crossed]
-    share = (level - p[:, 2]) / (q[:, 2] - p[:, 2])
-    places = p[:, :2] + (q - p)[:, :2] * share[:, None]
-    return places.reshape(-1, 2, 2), cut
-
-
-def covered(x: Array, y: Array, section: Array) -> Mask:
-    """Which of some places (any shape, m) lie in a convex section."""
-    inside = np.ones(x.shape, dtype=bool)
-    for (px, py), (qx, qy) in zip(section, np.roll(section, -1, axis=0), strict=True):
-        if abs(qx - px) + abs(qy - py) > NARROW:
-            inside &= (qx - px) * (y - py) - (qy - py) * (x - px) >= 0.0
-    return inside
-
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
 
 WIDTH, HEIGHT = 800, 600
 LASER = 0.3
@@ -155,8 +60,28 @@ PAD = 0.3
 DOTS = 1_000_000
 """Pixels of a slice that are drawn at once."""
 
+DOWN = np.array([[0.0, 0.0, -1.0]])
+
 PLANE = 200.0
 """m: half of what is drawn of an endless floor."""
+
+PROBES = 64
+"""Along each side of a map."""
+
+ABOVE, NEAR = 0.05, 0.2
+"""m above the floor whence ceilings are looked for, and below which a floor is this one."""
+
+LEAST = 20
+"""Probes that have to stand on the floor."""
+
+FELT = 3
+"""Group of the pieces that only collide."""
+
+CONVEX = {int(mujoco.mjtGeom.mjGEOM_BOX), int(mujoco.mjtGeom.mjGEOM_MESH)}
+"""Kinds of pieces; terrain, which is neither, is not cut."""
+
+NARROW = 1e-9
+"""m: sections with less between their corners are none."""
 
 
 class Preview:
@@ -169,16 +94,13 @@ class Preview:
         mujoco.mj_forward(model, data)
         shown = np.flatnonzero(model.geom_group <= 2)
         found, owners = triangles_of_all(model, shown.tolist(), data.geom_xpos, data.geom_xmat)
-        planes = shown[model.geom_type[shown] == mujoco.mjtGeom.mjGEOM_PLANE].tolist()
-        quads = [_plane(data.geom_xpos[n], data.geom_xmat[n].reshape(3, 3)) for n in planes]
-        self._corners = np.concatenate([found, *quads])
-        self._colors = _colors(model)[np.concatenate([owners, np.repeat(planes, 2)]).astype(int)]
-        sides = np.cross(
-            self._corners[:, 1] - self._corners[:, 0], self._corners[:, 2] - self._corners[:, 0]
-        )
-        self._normals = sides / np.maximum(np.linalg.norm(sides, axis=1), 1e-12)[:, None]
-        self._scene = rtcore_scene.EmbreeScene()
-        TriangleMesh(self._scene, self._corners.astype(np.float32))
+        ends = np.flatnonzero(np.diff(owners, append=-1)) + 1
+        parts = list(zip(owners[ends - 1].tolist(), np.split(found, ends), strict=False))
+        for n in shown[model.geom_type[shown] == mujoco.mjtGeom.mjGEOM_PLANE].tolist():
+            parts.append((n, _plane(data.geom_xpos[n], data.geom_xmat[n].reshape(3, 3))))
+        self._corners = np.concatenate([np.zeros((0, 3, 3)), *(part for _, part in parts)])
+        self._colors = _colors(model)
+        self._scene = TriangleScene(parts)
         lower, upper = _playable(world)
         self.lower, self.upper = lower, upper
 
@@ -187,8 +109,7 @@ class Preview:
         x, y, scale = self._grid(width, height)
         level = self._floor() + self._cut(PLAN_CUT)
         start = np.stack([x, y, np.full(x.shape, level)], axis=-1).reshape(-1, 3)
-        down = np.tile([0.0, 0.0, -1.0], (len(start), 1))
-        colors, depths = self._shade(start, down)
+        colors, depths = self._shade(start, np.tile(DOWN, (len(start), 1)))
         # What is higher is lighter, so that walls stand out from the floor.
         colors *= 1.0 - 0.2 * np.clip(np.nan_to_num(depths, posinf=0.0), 0.0, 2.5)[:, None]
         image = colors.reshape(height, width, 3)
@@ -280,14 +201,12 @@ class Preview:
         """m: height of the lowest start pose's floor."""
         heights = [start.pose.position[2] for start in self._world.starts]
         start = self._world.starts[int(np.argmin(heights))].pose.position
-        down = np.array([[0.0, 0.0, -1.0]], np.float32)
-        answer = self._scene.run(np.array([start], np.float32), down, output=1)
-        way = float(answer["tfar"][0]) if answer["primID"][0] >= 0 else 0.25
-        return start[2] - (way if way < 5.0 else 0.25)
+        way = self._scene.cast(np.array([start]), DOWN).distances[0]
+        return start[2] - (float(way) if way < 5.0 else 0.25)
 
     def _cut(self, usual: float) -> float:
         """m above the floor at which a picture is cut, so that one looks below low ceilings."""
-        low = ceiling(self._scene, self._floor(), self.lower, self.upper) - BELOW_CEILING
+        low = _ceiling(self._scene, self._floor(), self.lower, self.upper) - BELOW_CEILING
         return min(usual, max(BELOW_CEILING, low))
 
     def _grid(self, width: int, height: int) -> tuple[Array, Array, float]:
@@ -301,22 +220,13 @@ class Preview:
         return x, y, scale
 
     def _shade(self, start: Array, ways: Array) -> tuple[Array, Array]:
-        colors = np.tile(SKY, (len(start), 1))
-        distances = np.full(len(start), np.inf)
-        for begin in range(0, len(start), 100_000):
-            part = slice(begin, begin + 100_000)
-            answer = self._scene.run(
-                start[part].astype(np.float32), ways[part].astype(np.float32), output=1
-            )
-            faces = answer["primID"]
-            hit = faces >= 0
-            normals = self._normals[faces[hit]]
-            away = np.einsum("ij,ij->i", normals, ways[part][hit]) > 0.0
-            normals = np.where(away[:, None], -normals, normals)
-            light = 0.45 + 0.55 * np.clip(normals @ SUN, 0.0, 1.0)
-            colors[part][hit] = self._colors[faces[hit]] * light[:, None]
-            distances[part][hit] = answer["tfar"][hit]
-        return colors, distances
+        hits = self._scene.cast(start, ways, normals=True)
+        assert hits.normals is not None
+        towards = -np.sign(np.einsum("ij,ij->i", hits.normals, ways))[:, None]
+        light = 0.45 + 0.55 * np.clip(towards * hits.normals @ SUN, 0.0, 1.0)
+        colors = self._colors[hits.geoms] * light[:, None]
+        colors[hits.geoms < 0] = SKY
+        return colors, hits.distances
 
 
 @quiet()
@@ -334,9 +244,77 @@ def write_previews(world: WorldDescription, folder: Path) -> list[Path]:
     paths = []
     for name, image in pictures.items():
         path = folder / f"{name}.png"
-        atomic.write_bytes(path, png(image))
+        file = io.BytesIO()
+        Picture.fromarray(image).save(file, "PNG")
+        atomic.write_bytes(path, file.getvalue())
         paths.append(path)
     return paths
+
+
+def _ceiling(scene: TriangleScene, floor: float, lower: Array, upper: Array) -> float:
+    """m from a floor up to what half of it lies below; inf where half of it lies below nothing.
+
+    Args:
+        scene: triangles that are seen.
+        floor: m, its height.
+        lower: (3,) corner of the map. upper: the other one.
+    """
+    parts = (np.arange(PROBES) + 0.37) / PROBES  # between the lines of a builder's grid
+    x, y = np.meshgrid(*(lower[:2] + parts[:, None] * (upper - lower)[:2]).T)
+    start = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, floor + ABOVE)])
+    below, above = (
+        scene.cast(start, np.tile(way, (len(start), 1))).distances for way in (DOWN, -DOWN)
+    )
+    heights = above[below < NEAR]
+    return ABOVE + float(np.median(heights)) if len(heights) >= LEAST else np.inf
+
+
+def sections(model: mujoco.MjModel, data: mujoco.MjData, level: float) -> Iterator[Array]:
+    """Corners (k, 2), in order around it, of the cut through every fixed convex piece.
+
+    Args:
+        model: compiled. data: after `mj_forward`.
+        level: m, height of the cut.
+    """
+    chosen = (model.body_weldid[model.geom_bodyid] == 0) & (model.geom_group == FELT)
+    chosen &= np.isin(model.geom_type, list(CONVEX))
+    chosen &= np.abs(data.geom_xpos[:, 2] - level) <= model.geom_rbound
+    faces, owners = triangles_of_all(
+        model, np.flatnonzero(chosen).tolist(), data.geom_xpos, data.geom_xmat
+    )
+    ends, cut = cut_lines(faces, level)
+    owners = np.repeat(owners[cut], 2)
+    corners = ends.reshape(-1, 2)
+    order = np.argsort(owners, kind="stable")
+    owners, corners = owners[order], corners[order]
+    starts = np.flatnonzero(np.diff(owners, prepend=-1))
+    if not len(starts):
+        return
+    middles = np.minimum.reduceat(corners, starts) + np.maximum.reduceat(corners, starts)
+    away = corners - np.repeat(middles / 2.0, np.diff(starts, append=len(owners)), axis=0)
+    around = np.lexsort((np.arctan2(away[:, 1], away[:, 0]), owners))
+    yield from (part for part in np.split(corners[around], starts[1:]) if len(part) >= 6)
+
+
+def cut_lines(triangles: Array, level: float) -> tuple[Array, NDArray[np.intp]]:
+    """The lines in which triangles (n, 3, 3) meet a height: ends (k, 2, 2), and whose they are."""
+    above = triangles[:, :, 2] > level
+    cut = np.flatnonzero(above.any(axis=1) & ~above.all(axis=1))
+    start, end = triangles[cut], np.roll(triangles[cut], -1, axis=1)
+    crossed = above[cut] != np.roll(above[cut], -1, axis=1)  # two edges of each
+    p, q = start[crossed], end[crossed]
+    share = (level - p[:, 2]) / (q[:, 2] - p[:, 2])
+    places = p[:, :2] + (q - p)[:, :2] * share[:, None]
+    return places.reshape(-1, 2, 2), cut
+
+
+def covered(x: Array, y: Array, section: Array) -> Mask:
+    """Which of some places (any shape, m) lie in a convex section."""
+    inside = np.ones(x.shape, dtype=bool)
+    for (px, py), (qx, qy) in zip(section, np.roll(section, -1, axis=0), strict=True):
+        if abs(qx - px) + abs(qy - py) > NARROW:
+            inside &= (qx - px) * (y - py) - (qy - py) * (x - px) >= 0.0
+    return inside
 
 
 def _playable(world: WorldDescription) -> tuple[Array, Array]:
