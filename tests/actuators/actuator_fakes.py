@@ -19,6 +19,7 @@ from usarsim_server.robots.description import (
     RobotReport,
     Shape,
 )
+from usarsim_server.robots.families.wheeled import Platform
 from usarsim_server.simulation.articulation import HandState, JointOrder
 from usarsim_server.simulation.frames import Pose, Vector, pose_from_wire
 from usarsim_server.simulation.snapshot import RobotBody, RobotLayout, Snapshot
@@ -142,9 +143,10 @@ def robot(
         rest_height=0.0,
         drive=DriveDescription(0.0),
         battery=None,
-        report=RobotReport("None", ZERO, ZERO, 0, 0, 0, 0, 0, 0),
+        report=RobotReport(0, 0, 0, 0, "None", ZERO, ZERO, 0, 0),
         items=(),
         source=Path("test.toml"),
+        family=Platform(),
         actuators=actuators,
         effectors=effectors,
     )

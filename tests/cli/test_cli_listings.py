@@ -18,6 +18,7 @@ from usarsim_server.robots.description import (
     RobotDescription,
     RobotReport,
 )
+from usarsim_server.robots.families.wheeled import SkidSteer
 from usarsim_server.simulation.frames import pose_from_wire
 from usarsim_server.simulation.ground import Surface
 from usarsim_server.worlds.description import (
@@ -58,7 +59,7 @@ ROVER = RobotDescription(
     rest_height=0.2,
     drive=DriveDescription(max_wheel_speed=5.0),
     battery=BatteryDescription(life=1200.0),
-    report=RobotReport("SkidSteered", (1, 1, 1), (0, 0, 0), 0.13, 0.47, 0.29, 14.0, 5.0, 60.0),
+    report=RobotReport(0.13, 0.47, 0.29, 14.0, "SkidSteered", (1, 1, 1), (0, 0, 0), 5.0, 60.0),
     items=(
         ItemDescription(
             "SICK",
@@ -70,6 +71,7 @@ ROVER = RobotDescription(
         ItemDescription("Encoder", "ECLeft", "LeftFWheel", pose_from_wire((0, 0, 0))),
     ),
     source=Path("/robots/Rover.toml"),
+    family=SkidSteer(),
 )
 
 

@@ -137,6 +137,14 @@ ANY = st.floats()
 TEXT = st.text(max_size=12)
 TRIPLE = st.tuples(ANY, ANY, ANY)
 DIALECT = st.sampled_from(list(Dialect))
+VEHICLE = st.builds(
+    m.VehicleStatus,
+    time=ANY,
+    light=st.booleans(),
+    light_intensity=st.integers(),
+    battery=st.integers(),
+    view=st.integers(),
+)
 NUMBER = st.builds(fixed, ANY, st.integers(min_value=0, max_value=4))
 ITEM = st.builds(
     Item,
@@ -197,9 +205,7 @@ LINES: dict[str, st.SearchStrategy[str]] = {
         DIALECT,
         st.booleans(),
     ),
-    "aerial status": st.builds(
-        m.aerial_status, st.builds(m.AerialStatus, time=ANY), DIALECT, st.booleans()
-    ),
+    "aerial status": st.builds(m.aerial_status, VEHICLE, DIALECT, st.booleans()),
     "avatar": st.builds(
         m.avatar_status,
         st.builds(
@@ -242,26 +248,9 @@ LINES: dict[str, st.SearchStrategy[str]] = {
         st.lists(st.tuples(TEXT, ANY), max_size=3),
     ),
     "legged status": st.builds(
-        m.legged_status,
-        DIALECT,
-        ANY,
-        st.lists(st.tuples(TEXT, ANY), max_size=3),
-        st.booleans(),
-        st.integers(),
-        st.integers(),
-        st.integers(),
+        m.legged_status, VEHICLE, st.lists(st.tuples(TEXT, ANY), max_size=3), DIALECT
     ),
-    "nautic status": st.builds(
-        m.nautic_status,
-        DIALECT,
-        ANY,
-        ANY,
-        ANY,
-        st.booleans(),
-        st.integers(),
-        st.integers(),
-        st.integers(),
-    ),
+    "nautic status": st.builds(m.nautic_status, VEHICLE, ANY, ANY, DIALECT),
     "static configuration": st.builds(m.static_configuration, DIALECT, TEXT),
     "sensor": st.builds(
         m.sensor_line,

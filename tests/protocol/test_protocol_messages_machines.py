@@ -37,11 +37,14 @@ def test_configuration_starts_by_dialect() -> None:
 def test_status_of_a_legged_machine() -> None:
     """The UDK line is the example of 4.4; UT2004 adds lamp and view."""
     joints = [("HeadYaw", 0.0), ("HeadPitch", -0.12), ("LShoulderPitch", 1.3999)]
-    assert messages.legged_status(UDK, 12.3047, joints, False, 100, 99999, -1) == (
+    assert messages.legged_status(
+        messages.VehicleStatus(time=12.3047, light_intensity=100), joints, UDK
+    ) == (
         "STA {Time 12.3047} {Battery 99999} {Type LeggedVehicle} {HeadYaw 0.0000}"
         " {HeadPitch -0.1200} {LShoulderPitch 1.3999}"
     )
-    assert messages.legged_status(UT2004, 12.3, joints[:1], True, 100, 77, 2) == (
+    lit = messages.VehicleStatus(time=12.3, light=True, light_intensity=100, battery=77, view=2)
+    assert messages.legged_status(lit, joints[:1], UT2004) == (
         "STA {Type LeggedRobot} {Time 12.30} {HeadYaw 0.0000} {LightToggle True}"
         " {LightIntensity 100} {Battery 77} {View 2}"
     )
@@ -49,7 +52,8 @@ def test_status_of_a_legged_machine() -> None:
 
 def test_status_of_an_underwater_machine() -> None:
     """RudderAngle and SternPlaneAngle stand behind Time (4.4)."""
-    assert messages.nautic_status(UT2004, 1.25, 0.1, -0.2, False, 0, 1199, -1) == (
+    status = messages.VehicleStatus(time=1.25, battery=1199)
+    assert messages.nautic_status(status, 0.1, -0.2, UT2004) == (
         "STA {Type NauticVehicle} {Time 1.25} {RudderAngle 0.1000} {SternPlaneAngle -0.2000}"
         " {LightToggle False} {LightIntensity 0} {Battery 1199} {View -1}"
     )

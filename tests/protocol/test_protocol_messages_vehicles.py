@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from usarsim_server.protocol.messages import (
-    AerialStatus,
     GroundStatus,
+    VehicleStatus,
     aerial_status,
     ground_configuration,
     ground_geometry,
@@ -133,7 +133,7 @@ def test_a_joint_with_a_blank_in_its_name_is_one_word() -> None:
 
 def test_aerial_status() -> None:
     """87: Type stands right behind the head."""
-    status = AerialStatus(time=12.3, battery=1192)
+    status = VehicleStatus(time=12.3, battery=1192)
     assert aerial_status(status, UT2004) == (
         "STA {Type AerialVehicle} {Time 12.30} {LightToggle False} {LightIntensity 0} "
         "{Battery 1192} {View -1}"
@@ -143,7 +143,7 @@ def test_aerial_status() -> None:
 
 def test_exact_udk_form_of_an_aerial_status() -> None:
     """5.2 no. 17: the UDK form has the Type that the original left out."""
-    assert aerial_status(AerialStatus(time=12.3047), UDK, udk_order=True) == (
+    assert aerial_status(VehicleStatus(time=12.3047), UDK, udk_order=True) == (
         "STA {Time 12.3047} {Battery 99999} {Type AerialVehicle}"
     )
 

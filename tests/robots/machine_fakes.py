@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from usarsim_server.protocol.requests import Drive, WheelTarget
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import RobotDescription
-from usarsim_server.robots.families.base import Conduct, StatusFacts, family_of
+from usarsim_server.robots.families.base import Conduct, StatusFacts
 from usarsim_server.simulation.articulation import JointOrder, Order
 from usarsim_server.simulation.simulation import BodyHandle
 from usarsim_server.simulation.snapshot import RobotBody
@@ -59,7 +59,7 @@ class Driver:
 
     def __init__(self, description: RobotDescription, dialect: Dialect = UT) -> None:
         self.machine = FakeMachine(description)
-        self.conduct: Conduct = family_of(description).conduct(description, self.machine)
+        self.conduct: Conduct = description.family.conduct(description, self.machine)
         self.dialect = dialect
 
     def send(self, **segments: Any) -> bool:

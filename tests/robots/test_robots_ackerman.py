@@ -19,13 +19,13 @@ from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.catalog import load_robot, load_roster
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.families.ackerman import (
+    Ackerman,
+    SteeredFamily,
     SteeredWheel,
-    Steering,
     joint_ranges,
     turn,
     wire_range,
 )
-from usarsim_server.robots.families.base import family_of
 from usarsim_server.robots.mjcf import build_spec
 
 ROBOTS = {robot.name: robot for robot in load_roster().descriptions()}
@@ -33,20 +33,20 @@ CARS = sorted(name for name, robot in ROBOTS.items() if robot.kind == "ackerman"
 SEDAN, FRONT, BASIC = ROBOTS["Sedan"], ROBOTS["FrontAckerman"], ROBOTS["BasicAckermanRobot"]
 
 
-def steering(name: str) -> Steering:
-    """The gear of a shipped car."""
-    gear = ROBOTS[name].gear
-    assert isinstance(gear, Steering)
-    return gear
+def steering(name: str) -> SteeredFamily:
+    """The steering of a shipped car."""
+    family = ROBOTS[name].family
+    assert isinstance(family, SteeredFamily)
+    return family
 
 
 def angles_of(driver: Driver) -> dict[str, float]:
-    """Steering angles that a machine was told, rad, positive to the right."""
-    gear = driver.machine.description.gear
-    assert isinstance(gear, Steering)
+    """SteeredFamily angles that a machine was told, rad, positive to the right."""
+    family = driver.machine.description.family
+    assert isinstance(family, SteeredFamily)
     return {
         wheel.joint: -wheel.sense * driver.machine.positions[wheel.joint]
-        for wheel in gear.wheels
+        for wheel in family.wheels
         if wheel.joint is not None
     }
 
@@ -144,12 +144,12 @@ def test_literal_steering_is_the_same_for_all() -> None:
 @pytest.mark.parametrize("name", CARS)
 def test_joints_have_room_for_the_inner_wheel(name: str) -> None:
     """Within the limits of the file no wheel is stopped by its joint, so every turn is true."""
-    robot, gear = ROBOTS[name], steering(name)
+    robot, family = ROBOTS[name], steering(name)
     model = build_spec(robot).compile()
-    for front in np.linspace(*wire_range(gear.wheels, True), 9):
-        for rear in np.linspace(*wire_range(gear.wheels, False), 9):
+    for front in np.linspace(*wire_range(family.wheels, True), 9):
+        for rear in np.linspace(*wire_range(family.wheels, False), 9):
             for wheel, angle in zip(
-                gear.wheels, turn(gear.wheels, -front, -rear, False)[0], strict=True
+                family.wheels, turn(family.wheels, -front, -rear, False)[0], strict=True
             ):
                 if wheel.joint is not None:
                     low, high = model.joint(wheel.joint).range
@@ -158,8 +158,8 @@ def test_joints_have_room_for_the_inner_wheel(name: str) -> None:
 
 def test_literal_joints_keep_their_limits() -> None:
     """In literal mode no wheel goes beyond the limits of the file."""
-    gear = Steering(True, steering("Sedan").wheels)
-    for limits in joint_ranges(gear).values():
+    family = Ackerman(True, steering("Sedan").wheels)
+    for limits in joint_ranges(family).values():
         assert limits == pytest.approx((-0.5236, 0.5236))
 
 
@@ -307,7 +307,7 @@ def test_no_command_leaves_the_limits(drives: list[Drive], name: str, dialect: D
 def test_front_ackerman_announces_the_width_of_its_range() -> None:
     """FrontAckerman: MaxFrontSteer 1.0, MaxRearSteer 0; BasicAckermanRobot 0 and 1.6 (5.1 #9)."""
     for robot, front, rear in ((FRONT, "1.0000", "0.0000"), (BASIC, "0.0000", "1.6000")):
-        line = family_of(robot).configuration(robot, UDK)
+        line = robot.family.configuration(robot, UDK)
         assert "{SteeringType AckermanSteered}" in line
         assert f"{{MaxFrontSteer {front}}} {{MaxRearSteer {rear}}}" in line
 
@@ -397,16 +397,16 @@ def cart(folder: Path, joint: str = "FrontSteer", **changes: Any) -> RobotDescri
 def test_a_car_is_read(tmp_path: Path) -> None:
     """Which joint steers which wheel, and which way, follows from names and axes."""
     robot = cart(tmp_path)
-    gear = robot.gear
-    assert isinstance(gear, Steering)
-    assert not gear.literal
-    assert [wheel.joint for wheel in gear.wheels] == ["LFrontSteer", "RFrontSteer", None, None]
-    assert {wheel.front for wheel in gear.wheels[:2]} == {True}
+    family = robot.family
+    assert isinstance(family, SteeredFamily)
+    assert not family.literal
+    assert [wheel.joint for wheel in family.wheels] == ["LFrontSteer", "RFrontSteer", None, None]
+    assert {wheel.front for wheel in family.wheels[:2]} == {True}
     # An axis downwards: positive positions turn to the right.
-    assert {wheel.sense for wheel in gear.wheels[:2]} == {-1.0}
+    assert {wheel.sense for wheel in family.wheels[:2]} == {-1.0}
     assert robot.report.wheel_base == pytest.approx(0.4)
     assert robot.report.max_front_steer == 1.0
-    assert not family_of(robot).wheel_sensors
+    assert not robot.family.wheel_sensors
 
 
 def test_axes_may_point_up_or_down(tmp_path: Path) -> None:
@@ -433,12 +433,12 @@ def test_literal_is_inherited(tmp_path: Path) -> None:
     """`[steering] literal = true` brings back the original's rule, also for variants."""
     cart(tmp_path, steering={"literal": True})
     robot = load_robot(write(tmp_path, "Variant", {"extends": "Cart"}))
-    assert isinstance(robot.gear, Steering)
-    assert robot.gear.literal
+    assert isinstance(robot.family, SteeredFamily)
+    assert robot.family.literal
     assert robot.model == "Cart"
     back = load_robot(write(tmp_path, "Back", {"extends": "Cart", "steering": {"literal": False}}))
-    assert isinstance(back.gear, Steering)
-    assert not back.gear.literal
+    assert isinstance(back.family, SteeredFamily)
+    assert not back.family.literal
     assert back.model == "Back"
 
 
@@ -446,9 +446,9 @@ def test_literal_is_inherited(tmp_path: Path) -> None:
     ("joint", "changes", "error"),
     [
         ("Turn", {}, "the joint 'LTurn' steers neither axle"),
-        ("FrontSteer", {"steering": {"literally": True}}, "unknown key 'literally'"),
-        ("FrontSteer", {"steering": {"literal": 1}}, "literal: is a whole number"),
-        ("FrontSteer", {"kind": "skid_steer", "steering": {}}, "unknown key 'steering'"),
+        ("FrontSteer", {"steering": {"literally": True}}, "literally: unknown key"),
+        ("FrontSteer", {"steering": {"literal": 1}}, "literal: 1 is not true or false"),
+        ("FrontSteer", {"kind": "skid_steer", "steering": {}}, "steering: unknown key"),
     ],
 )
 def test_mistakes(tmp_path: Path, joint: str, changes: dict[str, Any], error: str) -> None:

@@ -18,8 +18,7 @@ from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.catalog import load_robot, load_roster
-from usarsim_server.robots.families.aerial import FASTEST, Flight
-from usarsim_server.robots.families.base import family_of
+from usarsim_server.robots.families.aerial import FASTEST, Aerial
 from usarsim_server.robots.mjcf import build_spec
 from usarsim_server.simulation.frames import rpy_from_quaternion
 from usarsim_server.simulation.snapshot import RobotBody
@@ -155,7 +154,7 @@ def test_without_power_rotors_stop_and_blimps_stay() -> None:
 
 def test_figures_of_the_air_robot() -> None:
     """CONF exposes 2 m/s three times, 100 deg/s and 25 deg (5.1 #10, robots reference 1.5)."""
-    line = family_of(AIR).configuration(AIR, UDK)
+    line = AIR.family.configuration(AIR, UDK)
     for part in (
         "{SteeringType RotaryWing}",
         "{MaxLinearVelocity 2.0000}",
@@ -168,13 +167,13 @@ def test_figures_of_the_air_robot() -> None:
         for key in ("MaxRotationalVelocity", "MaxTilt")
     }
     assert values == pytest.approx({"MaxRotationalVelocity": 100.0, "MaxTilt": 25.0}, abs=2e-3)
-    line = family_of(AIR).configuration(AIR, UT)
+    line = AIR.family.configuration(AIR, UT)
     assert float(line.split("{MaxRotationalVelocity ")[1].split("}")[0]) == pytest.approx(
         math.radians(100.0), abs=2e-4
     )
-    gear = AIR.gear
-    assert isinstance(gear, Flight)
-    assert math.degrees(gear.limits.tilt_rate) == pytest.approx(38.5, abs=0.05)
+    family = AIR.family
+    assert isinstance(family, Aerial)
+    assert math.degrees(family.tilt_rate) == pytest.approx(38.5, abs=0.05)
 
 
 def test_status() -> None:
@@ -213,12 +212,12 @@ def test_what_lies_loose_keeps_its_weight(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("table", "error"),
     [
-        ({"tilt": 2.0}, "tilt: is 2"),
-        ({"max_linear_velocity": 0}, "max_linear_velocity: is 0"),
-        ({"max_speed": 1.0}, "unknown key 'max_speed'"),
-        ({"falls": 1}, "falls: is a whole number"),
-        ({"response": 0.0}, "response: is 0"),
-        ({"max_rotational_velocity": "fast"}, "max_rotational_velocity: is a text"),
+        ({"tilt": 2.0}, "tilt: 2"),
+        ({"max_linear_velocity": 0}, "max_linear_velocity: 0"),
+        ({"max_speed": 1.0}, "max_speed: unknown key"),
+        ({"falls": 1}, "falls: 1 is not true or false"),
+        ({"response": 0.0}, "response: 0"),
+        ({"max_rotational_velocity": "fast"}, "max_rotational_velocity: 'fast' is not a number"),
     ],
 )
 def test_mistakes(tmp_path: Path, table: dict[str, Any], error: str) -> None:
@@ -232,7 +231,7 @@ def test_mistakes(tmp_path: Path, table: dict[str, Any], error: str) -> None:
 
 def test_flight_is_inherited_key_by_key() -> None:
     """The quadrotor flies as the AirRobot does."""
-    assert ROBOTS["quadrotor"].gear == AIR.gear
+    assert ROBOTS["quadrotor"].family == AIR.family
 
 
 # -- in the world ----------------------------------------------------------------------------------

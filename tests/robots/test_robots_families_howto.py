@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -25,15 +24,13 @@ def blocks(language: str) -> list[str]:
 
 
 @pytest.fixture
-def twist(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+def twist(monkeypatch: pytest.MonkeyPatch) -> Any:
     """The example's family, registered for the length of a test."""
     registry.families()
     monkeypatch.setattr(registry.TYPES, "_types", dict(registry.TYPES._types))
-    registry.find_family.cache_clear()
     names: dict[str, Any] = {"__name__": "twist_of_the_page"}
     exec(blocks("python")[0], names)
-    yield names["Twist"]
-    registry.find_family.cache_clear()
+    return names["Twist"]
 
 
 @pytest.fixture
@@ -55,7 +52,7 @@ def test_a_new_family_is_a_kind_of_robot_files(twist: Any, folder: Path) -> None
     """One file is enough: robot files may name the family, and inherit the rest."""
     robot = load_robot(folder / "TwistP2DX.toml")
     assert "twist" in registry.families()
-    assert type(registry.family_of(robot)) is twist
+    assert type(robot.family) is twist
     assert robot.kind == "twist"
     assert robot.report.steering_type == "SkidSteered"
     # Another law, so other slots than those of P2DX.
@@ -73,7 +70,7 @@ def test_the_example_stands_nonsense(folder: Path) -> None:
     driver.obey(Drive(linear_velocity=float("nan"), rotational_velocity=1e9))
     assert driver.machine.wheels == pytest.approx([5.4, -5.4])
     assert not driver.send(left=1.0, right=1.0)
-    assert "{Type GroundVehicle}" in registry.family_of(driver.machine.description).configuration(
+    assert "{Type GroundVehicle}" in driver.machine.description.family.configuration(
         driver.machine.description, Dialect.UT2004
     )
 

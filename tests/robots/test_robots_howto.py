@@ -103,7 +103,7 @@ def test_tables_list_exactly_the_known_keys(tmp_path: Path, title: str, key: str
         robot.setdefault(key, {})[probe] = 1
     with pytest.raises(RobotDescriptionError, match=probe) as caught:
         load_robot(write(tmp_path, "Test", robot))
-    known = set(str(caught.value).split("known are: ")[1].rstrip(")").split(", "))
+    known = set(str(caught.value).split("known keys: ")[1].rstrip(")").split(", "))
     tables = {"shape", "wheel", "caster", "drive", "report", "sensor", "camera"}
     tables |= {"actuator", "effector", "joints", "package"}
     assert section(title) == (known - tables if key is None else known)
@@ -123,7 +123,7 @@ def test_tables_of_arms_list_exactly_the_known_keys(
     (link if nested else actuator)[probe] = 1
     with pytest.raises(RobotDescriptionError, match=probe) as caught:
         load_robot(write(tmp_path, "Test", table(actuator=[actuator])))
-    known = set(str(caught.value).split("known are: ")[1].rstrip(")").split(", "))
+    known = set(str(caught.value).split("known keys: ")[1].rstrip(")").split(", "))
     assert section(title) == known
 
 
@@ -165,7 +165,7 @@ def test_tables_of_families_list_exactly_the_known_keys(
     spot[probe] = 1
     with pytest.raises(RobotDescriptionError, match=probe) as caught:
         load_robot(write(tmp_path, "Test", whole))
-    known = set(str(caught.value).split("known are: ")[1].rstrip(")").split(", "))
+    known = set(str(caught.value).split("known keys: ")[1].rstrip(")").split(", "))
     joints = {"Hip", "Ankle", "Pan"}  # `[joints]` has tables named after them
     assert section(title) == known - joints
 

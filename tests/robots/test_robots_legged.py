@@ -12,8 +12,7 @@ from robot_files import write
 from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.catalog import load_robot, load_roster
-from usarsim_server.robots.families.base import family_of
-from usarsim_server.robots.families.legged import Legs
+from usarsim_server.robots.families.legged import Legged
 from usarsim_server.robots.mjcf import build_spec
 from usarsim_server.sessions.robots import Vehicle
 from usarsim_server.simulation.snapshot import RobotBody
@@ -64,7 +63,7 @@ def test_figures_of_nao() -> None:
     by_body = {link.body: link.mass for link in NAO.links}
     assert by_body["Head"] == pytest.approx(0.52065)
     assert by_body["LUpperArm"] == by_body["RUpperArm"] == pytest.approx(0.12309)
-    assert family_of(NAO).status_period(NAO, UDK) == 0.01
+    assert NAO.family.status_period(UDK) == 0.01
     assert [item.type for item in NAO.items] == ["GroundTruth", "Sonar", "Sonar", "Accelerometer"]
     assert [camera.name for camera in NAO.cameras] == ["CameraTop", "CameraBottom"]
 
@@ -82,9 +81,9 @@ def test_legged_machines_are_made_of_joints(name: str) -> None:
     assert not robot.wheels
     assert all(link.limits is not None for link in robot.links)
     assert not any(actuator.package for actuator in robot.actuators)
-    assert isinstance(robot.gear, Legs)
+    assert isinstance(robot.family, Legged)
     build_spec(robot).compile()
-    line = family_of(robot).configuration(robot, UT)
+    line = robot.family.configuration(robot, UT)
     assert f"{{Type LeggedRobot}} {{Name {name}}}" in line
     assert "{SteeringType FourLegs}" in line if name == "ERS" else "{SteeringType TwoLegs}" in line
 
@@ -116,9 +115,9 @@ def test_drive_is_refused(dialect: Dialect) -> None:
 @pytest.mark.parametrize(
     ("table", "error"),
     [
-        ({"steering_type": "NoLegs"}, "steering_type: is 'NoLegs'"),
-        ({"status_period": 0.0}, "status_period: is 0"),
-        ({"legs": 4}, "unknown key 'legs'"),
+        ({"steering_type": "NoLegs"}, "steering_type: 'NoLegs'"),
+        ({"status_period": 0.0}, "status_period: 0"),
+        ({"legs": 4}, "legs: unknown key"),
     ],
 )
 def test_mistakes(tmp_path: Path, table: dict[str, object], error: str) -> None:
@@ -133,7 +132,7 @@ def test_mistakes(tmp_path: Path, table: dict[str, object], error: str) -> None:
 def test_legs_are_inherited(tmp_path: Path) -> None:
     """A variant of Nao keeps its status period."""
     robot = load_robot(write(tmp_path, "Nao2", {"extends": "Nao", "battery": {"life": 60}}))
-    assert robot.gear == NAO.gear
+    assert robot.family == NAO.family
     assert robot.model == NAO.model
 
 

@@ -16,7 +16,7 @@ from robot_files import table, write
 from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.catalog import load_roster
-from usarsim_server.robots.families.base import families, family_of
+from usarsim_server.robots.families.base import families
 from usarsim_server.sessions.robots import robot_model
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose, wire_from_pose
@@ -135,7 +135,7 @@ def test_figures_of_udk_vehicles(name: str) -> None:
     assert report.dimensions == (report.wheel_base, report.track_width, 0.0)
     assert report.max_torque == 50000
     assert robot.dialect is Dialect.UDK
-    line = family_of(robot).geometry(robot, Dialect.UDK)
+    line = robot.family.geometry(robot, Dialect.UDK)
     assert f"{{WheelSeparation {report.track_width:.4f}}}" in line
 
 

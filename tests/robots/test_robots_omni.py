@@ -13,7 +13,6 @@ from machine_fakes import UDK, UT, Driver, wild_drives
 from usarsim_server.protocol.requests import Drive, WheelTarget
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.catalog import load_roster
-from usarsim_server.robots.families.base import family_of
 from usarsim_server.testing import Rehearsal
 
 LISA = next(robot for robot in load_roster().descriptions() if robot.name == "Lisa")
@@ -115,7 +114,7 @@ def test_no_command_leaves_the_limits(drives: list[Drive], dialect: Dialect) -> 
 
 def test_reports() -> None:
     """CONF says OmniDrive; STA has no steering of its own."""
-    assert "{SteeringType OmniDrive}" in family_of(LISA).configuration(LISA, UT)
+    assert "{SteeringType OmniDrive}" in LISA.family.configuration(LISA, UT)
     line = Driver(LISA).status({"LeftFSteer": 0.5})
     assert "{FrontSteer 0.0000} {RearSteer 0.0000}" in line
     assert "LeftFSteer" not in line

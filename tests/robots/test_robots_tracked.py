@@ -20,8 +20,7 @@ from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.catalog import load_robot, load_roster
 from usarsim_server.robots.description import RobotDescription
-from usarsim_server.robots.families.base import family_of
-from usarsim_server.robots.families.tracked import Gear, Treads
+from usarsim_server.robots.families.tracked import Tracked, Treads
 from usarsim_server.robots.tracks import Roller, Run, runs, touching
 from usarsim_server.sensors.base import SensorContext, create_sensor
 from usarsim_server.sessions.robots import robot_model
@@ -52,9 +51,9 @@ def shipped(name: str) -> RobotDescription:
     return robot
 
 
-def gear(robot: RobotDescription) -> Gear:
-    assert isinstance(robot.gear, Gear)
-    return robot.gear
+def tracked(robot: RobotDescription) -> Tracked:
+    assert isinstance(robot.family, Tracked)
+    return robot.family
 
 
 # -- the shape of a belt ---------------------------------------------------------------------------
@@ -73,7 +72,7 @@ ROLLERS = st.lists(
 
 def test_belt_around_equal_rollers_in_line() -> None:
     """One run below, which moves back, and one above, which moves ahead; all rollers touch both."""
-    rollers = [Roller(x, 0.0, 0.1) for x in (0.2, 0.0, -0.2)]
+    rollers = [Roller(0.1, x) for x in (0.2, 0.0, -0.2)]
     below, above = sorted(runs(rollers), key=lambda run: run.start[1])
     assert below.start == pytest.approx((0.2, -0.1))
     assert below.end == pytest.approx((-0.2, -0.1))
@@ -86,7 +85,7 @@ def test_belt_around_equal_rollers_in_line() -> None:
 
 def test_tapered_belt() -> None:
     """Around a small and a large roller the runs are as long as the textbook's open belt."""
-    small, large = Roller(0.0, 0.0, 0.06), Roller(0.145, 0.0, 0.08)
+    small, large = Roller(0.06, 0.0), Roller(0.08, 0.145)
     for run in runs([small, large]):
         assert run.length == pytest.approx(math.sqrt(0.145**2 - 0.02**2))
         assert run.depth == 0.06
@@ -94,17 +93,17 @@ def test_tapered_belt() -> None:
 
 def test_roller_inside_the_belt_is_not_touched() -> None:
     """A roller that the belt passes at a distance is no part of it."""
-    ends = [Roller(-0.3, 0.0, 0.1), Roller(0.3, 0.0, 0.1)]
-    assert touching([*ends, Roller(0.0, 0.0, 0.05)]) == tuple(ends)
+    ends = [Roller(0.1, -0.3), Roller(0.1, 0.3)]
+    assert touching([*ends, Roller(0.05, 0.0)]) == tuple(ends)
 
 
 @pytest.mark.parametrize(
     "rollers",
     [
         [],
-        [Roller(0.0, 0.0, 0.1)],
-        [Roller(0.0, 0.0, 0.1), Roller(0.01, 0.0, 0.05)],
-        [Roller(0.0, 0.0, 0.1), Roller(0.0, 0.0, 0.1)],
+        [Roller(0.1, 0.0)],
+        [Roller(0.1, 0.0), Roller(0.05, 0.01)],
+        [Roller(0.1, 0.0), Roller(0.1, 0.0)],
     ],
 )
 def test_no_belt(rollers: list[Roller]) -> None:
@@ -159,8 +158,8 @@ def crawler(**changes: Any) -> dict[str, Any]:
 def test_tracks_are_read(tmp_path: Path) -> None:
     """Sides follow from places; base, separation and rest height follow from the belts."""
     robot = load_robot(write(tmp_path, "Test", crawler()))
-    assert [track.side for track in gear(robot).tracks] == ["left", "right"]
-    assert gear(robot).tracks[0].position == (0.0, 0.15, 0.0)
+    assert [track.side for track in tracked(robot).tracks] == ["left", "right"]
+    assert tracked(robot).tracks[0].position == (0.0, 0.15, 0.0)
     assert robot.rest_height == pytest.approx(0.1)
     assert robot.report.wheel_base == pytest.approx(0.4)
     assert robot.report.track_width == pytest.approx(0.3)
@@ -204,11 +203,11 @@ def test_variants_inherit_belts(tmp_path: Path) -> None:
         write(tmp_path, "Fast", {"extends": "Kenaf", "drive": {"max_wheel_speed": 12.0}})
     )
     assert fast.model == "Kenaf"
-    assert fast.gear == shipped("Kenaf").gear
+    assert fast.family == shipped("Kenaf").family
     assert fast.report.wheel_radius == 0.09
     other = load_robot(write(tmp_path, "Other", {"extends": "Kenaf", "track": [LEFT, RIGHT]}))
     assert other.model == "Other"
-    assert len(gear(other).tracks) == 2
+    assert len(tracked(other).tracks) == 2
 
 
 def test_belts_on_a_link_that_is_gone(tmp_path: Path) -> None:
@@ -254,7 +253,7 @@ def test_surfaces_follow_the_sprocket_of_their_side(name: str) -> None:
         if joint.endswith("flipper"):
             data.qpos[place] = 0.0
     mujoco.mj_kinematics(model, data)
-    (law_model,) = family_of(robot).laws(robot)
+    (law_model,) = robot.family.laws(robot)
     law = law_model.make(model, "robot0:")
     spins = {"left": 2.0, "right": -3.0}
     for wheel in robot.driven_wheels:
@@ -267,7 +266,7 @@ def test_surfaces_follow_the_sprocket_of_their_side(name: str) -> None:
         if not re.fullmatch(r"track:\d+:(roller|run).*", label):
             assert not model.geom_surfacevel[geom].any()
             continue
-        track = gear(robot).tracks[int(label.split(":")[1])]
+        track = tracked(robot).tracks[int(label.split(":")[1])]
         wanted = spins[track.side] * radius
         velocity = surface_speed(model, data, int(geom))
         assert math.hypot(*velocity) == pytest.approx(abs(wanted))
@@ -275,7 +274,7 @@ def test_surfaces_follow_the_sprocket_of_their_side(name: str) -> None:
         if "roller" in label or upright < -0.9:
             seen += 1
             assert velocity[0] == pytest.approx(-wanted, rel=0.05)
-    assert seen >= 2 * len(gear(robot).tracks)
+    assert seen >= 2 * len(tracked(robot).tracks)
 
 
 def test_belts_on_a_link_mounted_backwards_run_the_right_way(tmp_path: Path) -> None:
@@ -297,11 +296,11 @@ def test_belts_on_a_link_mounted_backwards_run_the_right_way(tmp_path: Path) -> 
         ),
     )
     robot = load_robot(path)
-    assert gear(robot).tracks[2].side == "left"
+    assert tracked(robot).tracks[2].side == "left"
     world = compiled(robot)
     model, data = world.model, mujoco.MjData(world.model)
     mujoco.mj_kinematics(model, data)
-    law = family_of(robot).laws(robot)[0].make(model, "robot0:")
+    law = robot.family.laws(robot)[0].make(model, "robot0:")
     data.qvel[world.layouts[0].joint_dof["lefttrack"]] = 1.0
     law.prepare(model, data, np.zeros(0))
     for part in ("track:0:roller0:0", "track:2:roller0:0"):
@@ -314,9 +313,7 @@ def test_belts_stop_with_their_robot() -> None:
     robot = shipped("Kenaf")
     world = compiled(robot, copies=2)
     model, data = world.model, mujoco.MjData(world.model)
-    first, second = (
-        family_of(robot).laws(robot)[0].make(model, f"robot{slot}:") for slot in range(2)
-    )
+    first, second = (robot.family.laws(robot)[0].make(model, f"robot{slot}:") for slot in range(2))
     assert isinstance(first, Treads)
     dof = [layout.joint_dof["lefttrack"] for layout in world.layouts]
     data.qvel[dof] = 1.0
@@ -373,7 +370,7 @@ def walled() -> mujoco.MjSpec:
 def traction(engine: Engine, side: str) -> float:
     """What the belts of a side pull with altogether, N."""
     model, data = engine.world.model, engine.data
-    tracks = gear(shipped("Kenaf")).tracks
+    tracks = tracked(shipped("Kenaf")).tracks
     force, total = np.zeros(6), 0.0
     for number, contact in enumerate(data.contact):
         names = (model.geom(int(geom)).name for geom in contact.geom)
@@ -429,7 +426,7 @@ def test_kenaf_says_what_its_body_does() -> None:
     both dialects; the radius of its belts, not the inherited 0.2, since clients reckon with it
     (protocol check 132)."""
     robot = shipped("Kenaf")
-    family = family_of(robot)
+    family = robot.family
     for dialect in Dialect:
         geo, conf = family.geometry(robot, dialect), family.configuration(robot, dialect)
         for words in ("{Dimensions 0.4000,0.2200,0", "{WheelRadius 0.0900}"):
@@ -467,9 +464,9 @@ def test_figures_of_the_others(
     bodies = sorted(world.layouts[0].bodies)
     assert world.model.body_mass[bodies].sum() == pytest.approx(mass, rel=0.001)
     assert robot.dialect is Dialect.UT2004
-    across = [track.place(robot.actuators).position[1] for track in gear(robot).tracks]
+    across = [track.place(robot.actuators).position[1] for track in tracked(robot).tracks]
     reach = max(
-        abs(y) + track.width / 2 for y, track in zip(across, gear(robot).tracks, strict=True)
+        abs(y) + track.width / 2 for y, track in zip(across, tracked(robot).tracks, strict=True)
     )
     assert 2 * reach == pytest.approx(width, abs=0.012)
 
@@ -722,7 +719,7 @@ def test_page_lists_exactly_the_known_keys(tmp_path: Path, title: str) -> None:
     (track["roller"][0] if "roller" in title else track)[probe] = 1
     with pytest.raises(RobotDescriptionError, match=probe) as caught:
         load_robot(write(tmp_path, "Test", crawler(track=[track, RIGHT])))
-    known = set(str(caught.value).split("known are: ")[1].rstrip(")").split(", "))
+    known = set(str(caught.value).split("known keys: ")[1].rstrip(")").split(", "))
     assert keys(title) == known
 
 

@@ -19,8 +19,7 @@ from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.catalog import load_robot, load_roster
 from usarsim_server.robots.description import RobotDescription
-from usarsim_server.robots.families.base import family_of
-from usarsim_server.robots.families.underwater import Vessel
+from usarsim_server.robots.families.underwater import Underwater
 from usarsim_server.robots.mjcf import build_spec
 from usarsim_server.simulation.frames import rpy_from_quaternion
 from usarsim_server.simulation.snapshot import RobotBody
@@ -94,9 +93,9 @@ def test_no_command_leaves_the_limits(drives: list[Drive], dialect: Dialect) -> 
     for drive in drives:
         driver.obey(drive)
     if driver.machine.law is not None:
-        gear = SUBMARINE.gear
-        assert isinstance(gear, Vessel)
-        limits = [gear.max_propeller, gear.max_rudder, gear.max_stern_plane]
+        family = SUBMARINE.family
+        assert isinstance(family, Underwater)
+        limits = [family.max_propeller, family.max_rudder, family.max_stern_plane]
         assert np.all(np.abs(driver.machine.law) <= limits)
 
 
@@ -104,7 +103,7 @@ def test_reports() -> None:
     """STA is that of a NauticVehicle; CONF and GEO say what it is."""
     line = Driver(SUBMARINE).status()
     assert line.startswith("STA {Type NauticVehicle} {Time 12.50} {RudderAngle 0.0000}")
-    family = family_of(SUBMARINE)
+    family = SUBMARINE.family
     assert "{SteeringType VariableDepth}" in family.configuration(SUBMARINE, UT)
     assert "{Dimensions 2.1000,0.6000,0.8100}" in family.geometry(SUBMARINE, UT)
     assert "{Type NauticVehicle}" in family.geometry(SUBMARINE, UDK)
@@ -129,11 +128,11 @@ def test_water_carries_it() -> None:
     ("table", "error"),
     [
         ({"rudder_sense": 0}, "rudder_sense: is 0"),
-        ({"rudder_sense": 0.5}, "rudder_sense: is 0.5"),
-        ({"max_rudder": 3.0}, "max_rudder: is 3"),
-        ({"drag_area": [1.0, 1.0]}, "drag_area: has 2 numbers"),
-        ({"drag_area": [-1.0, 1.0, 1.0]}, "drag_area: is -1"),
-        ({"max_speed": 3.0}, "unknown key 'max_speed'"),
+        ({"rudder_sense": 0.5}, "rudder_sense: 0.5"),
+        ({"max_rudder": 3.0}, "max_rudder: 3"),
+        ({"drag_area": [1.0, 1.0]}, r"drag_area: \[1.0, 1.0\] is not 3 numbers"),
+        ({"drag_area": [-1.0, 1.0, 1.0]}, "drag_area: -1"),
+        ({"max_speed": 3.0}, "max_speed: unknown key"),
     ],
 )
 def test_mistakes(tmp_path: Path, table: dict[str, Any], error: str) -> None:
@@ -147,9 +146,13 @@ def test_vessel_is_inherited_key_by_key(tmp_path: Path) -> None:
     """A variant changes one figure and keeps the others."""
     vessel(tmp_path, max_propeller=30.0, drag_area=[0.1, 2.0, 2.0])
     robot = load_robot(write(tmp_path, "Other", {"extends": "Boat", "vessel": {"plane_arm": 2.0}}))
-    gear = robot.gear
-    assert isinstance(gear, Vessel)
-    assert (gear.max_propeller, gear.hull.drag, gear.hull.arm) == (30.0, (0.1, 2.0, 2.0), 2.0)
+    family = robot.family
+    assert isinstance(family, Underwater)
+    assert (family.max_propeller, family.drag_area, family.plane_arm) == (
+        30.0,
+        (0.1, 2.0, 2.0),
+        2.0,
+    )
     assert robot.model == "Other"
 
 

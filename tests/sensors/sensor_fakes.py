@@ -21,6 +21,7 @@ from usarsim_server.robots.description import (
     RobotReport,
     Wheel,
 )
+from usarsim_server.robots.families.base import find_family
 from usarsim_server.sensors.base import Sensor, SensorContext, create_sensor
 from usarsim_server.simulation.frames import IDENTITY, Pose, pose_from_wire
 from usarsim_server.simulation.objects import ObjectFacts
@@ -170,7 +171,7 @@ def describe_robot(name: str = "P3AT", kind: Any = "skid_steer", **changes: Any)
         "name": name,
         "model": name,
         "kind": kind,
-        "rolls": kind in ("skid_steer", "differential"),
+        "family": find_family(kind)(),
         "dialect": UDK,
         "description": "",
         "shapes": (),
@@ -180,7 +181,7 @@ def describe_robot(name: str = "P3AT", kind: Any = "skid_steer", **changes: Any)
         "drive": DriveDescription(max_wheel_speed=6.0),
         "battery": None,
         "report": RobotReport(
-            "SkidSteered", (0.5, 0.4, 0.0), (0.0, 0.0, 0.0), RADIUS, TRACK, 0.24, 12.0, 6.0, 60.0
+            RADIUS, TRACK, 0.24, 12.0, "SkidSteered", (0.5, 0.4, 0.0), (0.0, 0.0, 0.0), 6.0, 60.0
         ),
         "items": (),
         "source": Path("robots/p3at.toml"),

@@ -169,7 +169,7 @@ def test_reset_counts_from_here() -> None:
 
 def test_it_is_silent_on_other_kinds_of_robots() -> None:
     """Encoders are a matter of skid-steered vehicles (protocol reference 4.6)."""
-    sensor = make("Encoder", "W0", robot=describe_robot(kind="ackermann"))
+    sensor = make("Encoder", "W0", robot=describe_robot(kind="ackerman"))
     assert not read(sensor)
     assert sensor.set("RESET", "", FakeRobot()) is SetResult.OK
 

@@ -57,7 +57,7 @@ CART = describe_robot(
         for name in NAMES
     ),
     report=RobotReport(
-        "SkidSteered", (0, 0, 0), (0, 0, 0), RADIUS, 2 * HALF_TRACK, 2 * HALF_BASE, 12, 6, 60
+        RADIUS, 2 * HALF_TRACK, 2 * HALF_BASE, 12, "SkidSteered", (0, 0, 0), (0, 0, 0), 6, 60
     ),
 )
 

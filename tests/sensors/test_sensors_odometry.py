@@ -135,7 +135,7 @@ def test_free_wheels_do_not_count() -> None:
 
 def test_it_is_silent_on_other_kinds_of_robots() -> None:
     """Checklist 81; RESET does no harm there."""
-    sensor = make("Odometry", robot=describe_robot(kind="ackermann"))
+    sensor = make("Odometry", robot=describe_robot(kind="ackerman"))
     assert not read(sensor)
     assert sensor.set("RESET", "", FakeRobot()) is SetResult.OK
     assert not read(sensor)

@@ -99,7 +99,7 @@ def test_reset_zeroes_the_angles() -> None:
 
 def test_it_is_silent_where_there_are_no_wheels_to_watch() -> None:
     """Other kinds of robots, and robots without driven wheels."""
-    assert not read(make("Tachometer", robot=describe_robot(kind="ackermann")))
+    assert not read(make("Tachometer", robot=describe_robot(kind="ackerman")))
     assert not read(make("Tachometer", robot=describe_robot(wheels=())))
 
 

@@ -1,9 +1,7 @@
-"""Robot files: TOML in the wire frame in, `RobotDescription` in the simulation frame out.
+"""Robot files become descriptions, and all of them the classes that clients can ask for.
 
-A robot file names one class, `P2AT.toml` the class P2AT. It may extend another class and then
-says only what differs. Every key is described in docs/robots-howto.md.
-
-All robot classes that clients can ask for.
+A robot file (TOML, in the wire frame) names one class, `P2AT.toml` the class P2AT. It may extend
+another class and then says only what differs. Every key is described in docs/robots-howto.md.
 """
 
 from __future__ import annotations
@@ -23,12 +21,12 @@ from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots import model_files
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.families.base import families, find_family
-from usarsim_server.robots.reading import limbs as camera_parts
-from usarsim_server.robots.reading import limbs as limb_parts
-from usarsim_server.robots.reading import parts
-from usarsim_server.robots.tables import TableReader, read_toml
+from usarsim_server.robots.reading import limbs, parts
+from usarsim_server.tables import Table
+from usarsim_server.toml import read_toml
 
 _CLASS_NAME = re.compile(r"[A-Za-z0-9_-]+")
+_log = Log("robots")
 
 ParentFinder = Callable[[str], RobotDescription | None]
 
@@ -148,7 +146,7 @@ def _files(folder: Path) -> dict[str, Path]:
 
 
 def _read(path: Path, find_parent: ParentFinder, allow_outside: bool) -> RobotFile:
-    reader = TableReader(read_toml(path), path)
+    reader = Table(read_toml(path, RobotDescriptionError, "wheel"), path, RobotDescriptionError)
     name = _class_name(reader, path)
     parent = _parent(reader, find_parent)
     file = RobotFile(
@@ -161,35 +159,37 @@ def _read(path: Path, find_parent: ParentFinder, allow_outside: bool) -> RobotFi
     return file
 
 
-def _class_name(reader: TableReader, path: Path) -> str:
+def _class_name(reader: Table, path: Path) -> str:
     name = reader.text("name", path.stem)
     if not _CLASS_NAME.fullmatch(name):
-        reader.fail(f"is {name!r}", "use letters, digits, _ and - only", "name")
+        raise reader.error("name", f"is {name!r}", "use letters, digits, _ and - only")
     if name.lower() != path.stem.lower():
-        reader.fail(f"is {name!r}", f"call the file {name}.toml, or drop the key", "name")
+        raise reader.error("name", f"is {name!r}", f"call the file {name}.toml, or drop the key")
     return name
 
 
-def _class_names(reader: TableReader, key: str) -> tuple[str, ...]:
+def _class_names(reader: Table, key: str) -> tuple[str, ...]:
     names = reader.texts(key)
     for name in names:
         if not _CLASS_NAME.fullmatch(name):
-            reader.fail(f"has {name!r}", "use letters, digits, _ and - only", key)
+            raise reader.error(key, f"has {name!r}", "use letters, digits, _ and - only")
     return names
 
 
-def _parent(reader: TableReader, find_parent: ParentFinder) -> RobotDescription | None:
+def _parent(reader: Table, find_parent: ParentFinder) -> RobotDescription | None:
     if not reader.has("extends"):
         return None
     name = reader.text("extends")
     parent = find_parent(name)
     if parent is None:
-        reader.fail(f"no robot class {name!r}", "extend a class that has a robot file", "extends")
+        raise reader.error(
+            "extends", f"no robot class {name!r}", "extend a class that has a robot file"
+        )
     return parent
 
 
 def _robot(
-    reader: TableReader,
+    reader: Table,
     path: Path,
     name: str,
     parent: RobotDescription | None,
@@ -197,25 +197,29 @@ def _robot(
 ) -> RobotDescription:
     dialects = [dialect.value for dialect in Dialect]
     kind = reader.choice("kind", families(), parent.kind if parent else None)
-    family = find_family(kind)
+    family_type = find_family(kind)
     dialect = Dialect(reader.choice("dialect", dialects, parent.dialect.value if parent else None))
-    if parent is not None and family.wheeled != find_family(parent.kind).wheeled:
-        reader.fail(f"is {kind}, {parent.name} is {parent.kind}", "drop it", "kind")
+    if parent is not None and family_type.wheeled != parent.family.wheeled:
+        raise reader.error("kind", f"is {kind}, {parent.name} is {parent.kind}", "drop it")
     body = model_files.read_body(reader, path.parent, dialect, allow_outside=allow_outside)
-    actuators = limb_parts.read_actuators(reader, parent, dialect, body.actuators if body else ())
-    wheels = parts.read_wheels(reader, family.wheeled, actuators, parent)
+    actuators = limbs.read_actuators(reader, parent, dialect, body.actuators if body else ())
+    wheels = parts.read_wheels(reader, family_type.wheeled, actuators, parent)
     casters = parts.read_casters(reader, parent)
     shapes = parts.read_shapes(reader, parent, body.shapes if body else ())
     parts.check_weight(reader, shapes, casters)
     drive = parts.read_drive(reader, wheels, parent)
-    effectors = limb_parts.read_effectors(reader, parent, actuators, dialect)
+    effectors = limbs.read_effectors(reader, parent, actuators, dialect)
     links = [link.body for actuator in actuators for link in actuator.links]
     carriers = [*(wheel.name for wheel in wheels), *links]
     mass = sum(piece.mass for piece in shapes) + sum(piece.mass for piece in casters)
     mass += sum(wheel.mass for wheel in wheels)
     mass += sum(link.mass for actuator in actuators for link in actuator.links)
     mass += sum(effector.mass for effector in effectors if not effector.detached)
-    gear = family.read(reader, parent, wheels, actuators)
+    inherited = parent.family if parent is not None else None
+    family = family_type.read(
+        reader, inherited if isinstance(inherited, family_type) else None, wheels, actuators
+    )
+    announced = reader.table("report")
     read = RobotDescription(
         name=name,
         model=name,
@@ -226,21 +230,24 @@ def _robot(
         wheels=wheels,
         casters=casters,
         rest_height=parts.read_rest_height(
-            reader, wheels, actuators, parent, family.support(gear, actuators)
+            reader, wheels, actuators, parent, family.support(actuators)
         ),
         drive=drive,
         battery=parts.read_battery(reader, parent),
-        report=family.report(reader.table("report"), wheels, actuators, mass, drive, parent),
+        report=(
+            parts.read_report(announced, wheels, actuators, mass, drive, parent, family)
+            if wheels
+            else parts.read_platform_report(announced, mass, parent)
+        ),
         items=parts.read_items(reader, carriers, parent),
         source=path,
         actuators=actuators,
         effectors=effectors,
-        cameras=camera_parts.read_cameras(reader, carriers, parent),
-        gear=gear,
-        rolls=family.wheel_sensors,
+        cameras=limbs.read_cameras(reader, carriers, parent),
+        family=family,
     )
     robot = family.finish(read)
-    limb_parts.check_names(reader, _bodies(robot))
+    limbs.check_names(reader, _bodies(robot))
     if parent is not None and _body(robot) == _body(parent):
         return replace(robot, model=parent.model)
     return robot
@@ -251,7 +258,7 @@ def _body(robot: RobotDescription) -> tuple[object, ...]:
     # The speed limit is kept by the drive law, outside the physics.
     drive = replace(robot.drive, max_wheel_speed=0.0)
     body = (robot.kind, robot.shapes, robot.wheels, robot.casters, robot.rest_height, drive)
-    return *body, robot.actuators, robot.effectors, robot.gear
+    return *body, robot.actuators, robot.effectors, robot.family
 
 
 def _bodies(robot: RobotDescription) -> Iterator[str]:
@@ -259,9 +266,6 @@ def _bodies(robot: RobotDescription) -> Iterator[str]:
     yield from (wheel.name for wheel in robot.wheels)
     yield from (link.body for link in robot.links)
     yield from (effector.name for effector in robot.effectors)
-
-
-_log = Log("robots")
 
 
 class Roster:

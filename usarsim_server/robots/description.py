@@ -1,22 +1,31 @@
-"""What a robot is, as plain values. Robot files (TOML) are read into these by `loader.py`.
+"""What a robot is, as plain values; `catalog.py` reads robot files (TOML) into them.
 
-All poses here are already in the simulation frame (x forward, y left, z up) relative to the
-robot's reference point; robot files are written in the wire frame, as the original's were.
+A field made by `field` stands in robot files under its name; `reading/` adds what follows from more
+than one key. All poses and points here are in the simulation frame (x forward, y left, z up)
+relative to the robot's reference point; robot files are written in the wire frame, as the
+original's were.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from dataclasses import field as plain
 from enum import Enum
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.fields import field
 from usarsim_server.protocol.values import Dialect, Vector
-from usarsim_server.simulation.frames import IDENTITY, Pose
+from usarsim_server.simulation.frames import IDENTITY, Pose, flip_point
+from usarsim_server.tables import Table
+
+if TYPE_CHECKING:
+    from usarsim_server.robots.families.base import Family
 
 Color = tuple[float, float, float, float]
 
@@ -24,6 +33,39 @@ SERVO_DROOP = 0.01
 """rad/s that a wheel loses at its full torque unless its robot file says otherwise: next to
 nothing, as with a speed controller that has an integral part. A wheel that gives way under the
 drag of a turn makes slow turns slower still (robots reference 3.3 V7)."""
+
+# Beyond these a number is a slip of the pen, and MuJoCo would refuse it far from its origin.
+LONGEST = 100.0  # m
+SHORTEST = 1e-4  # m
+HEAVIEST = 1e5  # kg
+LIGHTEST = 1e-3  # kg, of anything that moves by itself
+FASTEST = 1e4  # rad/s
+STRONGEST = 1e6  # N m, N
+
+GREY: Color = (0.5, 0.5, 0.5, 1.0)
+STEERING_TYPES = ("SkidSteered", "AckermanSteered", "OmniDrive", "Unknown", "None")
+"""What CONF may announce (protocol reference 4.8)."""
+
+DEFAULT_TORQUE = 20.0
+"""N m: MotorTorque of UT2004 (robots reference 1.6)."""
+ANNOUNCED_TORQUE = 50000.0
+"""MaxTorque of a joint that says nothing else, N m (robots reference 1.2)."""
+
+
+def opaque(channels: Sequence[float]) -> Color:
+    """A colour that may lack its alpha."""
+    red, green, blue, alpha = (*channels, 1.0)[:4]
+    return red, green, blue, alpha
+
+
+def read_axis(table: Table, key: str) -> Vector:
+    """A direction of a robot file as a unit vector."""
+    axis = flip_point(table.vector(key, low=-LONGEST, high=LONGEST))
+    length = math.hypot(*axis)
+    if length < 1e-6:
+        raise table.error(key, "has no direction", "write a vector such as [0, 0, 1]")
+    x, y, z = (value / length + 0.0 for value in axis)
+    return x, y, z
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,18 +89,26 @@ class Shape:
         size: full extents for a box (length, width, height); (radius, length) for cylinder and
             capsule; (radius,) for a sphere; three semi-axes for an ellipsoid; () for a mesh. m.
         pose: centre relative to the reference point, or to the link.
-        mass: kg; 0 for a purely visual piece.
-        color: red, green, blue, alpha in 0..1.
-        collides: whether it takes part in contacts (rays and cameras always see it).
         mesh: its triangles; it collides as their convex hull.
     """
 
     kind: str
     size: tuple[float, ...]
     pose: Pose
-    mass: float
-    color: Color
-    collides: bool = True
+    mass: float = field(
+        default=0.0, unit="kg", low=0.0, high=HEAVIEST, help="0 for a purely visual piece"
+    )
+    color: Color = field(
+        default=GREY,
+        low=0.0,
+        high=1.0,
+        counts=(3, 4),
+        convert=opaque,
+        help="red, green, blue, alpha",
+    )
+    collides: bool = field(
+        default=True, help="takes part in contacts; rays and cameras see it anyway"
+    )
     mesh: Mesh | None = None
 
 
@@ -69,66 +119,77 @@ class Wheel:
     Attributes:
         name: joint name, unique within the robot.
         side: `left` or `right`.
-        position: centre relative to the reference point, or to the link that carries it, m.
-        radius: m. width: m. mass: kg.
-        driven: False for a free wheel.
         link: name of the link that carries it, such as a steering knuckle; None: the chassis.
-        collides: False for a wheel that touches nothing, such as the sprocket of a track.
     """
 
     name: str
     side: str
-    position: Vector
-    radius: float
-    width: float
-    mass: float
-    driven: bool = True
+    position: Vector = field(
+        low=-LONGEST,
+        high=LONGEST,
+        unit="m",
+        convert=flip_point,
+        help="centre relative to the reference point, or to the link that carries it",
+    )
+    radius: float = field(low=SHORTEST, high=LONGEST, unit="m")
+    width: float = field(low=SHORTEST, high=LONGEST, unit="m")
+    mass: float = field(low=LIGHTEST, high=HEAVIEST, unit="kg")
+    driven: bool = field(default=True, help="false for a free wheel")
     link: str | None = None
-    collides: bool = True
+    collides: bool = field(
+        default=True, help="false for a wheel that touches nothing, such as a sprocket"
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class Caster:
     """A frictionless ball that stands in for a swivel caster."""
 
-    position: Vector
-    radius: float
-    mass: float
+    position: Vector = field(low=-LONGEST, high=LONGEST, unit="m", convert=flip_point)
+    radius: float = field(low=SHORTEST, high=LONGEST, unit="m")
+    mass: float = field(default=0.0, low=0.0, high=HEAVIEST, unit="kg")
 
 
 @dataclass(frozen=True, slots=True)
 class DriveDescription:
-    """Limits of the wheel servos.
+    """Limits of the wheel servos."""
 
-    Attributes:
-        max_wheel_speed: rad/s, announced as MaxSpeed and never exceeded.
-        wheel_torque: N m per wheel that the servo can exert.
-        servo_gain: N m s/rad of the velocity servo; load over gain is the speed that a wheel loses
-            under that load.
-        wheel_acceleration: rad/s^2, the ramp of wheel speed targets.
-        wheel_deceleration: rad/s^2, the ramp towards standstill.
-        parking_brake_delay: s of zero command after which the wheels are held in place.
-    """
-
-    max_wheel_speed: float
-    wheel_torque: float = 8.0
-    servo_gain: float = 8.0 / SERVO_DROOP
-    wheel_acceleration: float = 10.0
-    wheel_deceleration: float = 40.0
-    parking_brake_delay: float = 0.3
+    max_wheel_speed: float = field(
+        low=1e-3, high=FASTEST, unit="rad/s", help="announced as MaxSpeed and never exceeded"
+    )
+    wheel_torque: float = field(
+        default=8.0,
+        low=1e-3,
+        high=STRONGEST,
+        unit="N m",
+        help="that the servo of a wheel can exert",
+    )
+    servo_gain: float = field(
+        default=8.0 / SERVO_DROOP,
+        low=1e-3,
+        high=STRONGEST,
+        unit="N m s/rad",
+        help="of the velocity servo: load over gain is the speed that a wheel loses under load",
+    )
+    wheel_acceleration: float = field(
+        default=10.0, low=1e-3, high=1e6, unit="rad/s^2", help="ramp of wheel speed targets"
+    )
+    wheel_deceleration: float = field(
+        default=40.0, low=1e-3, high=1e6, unit="rad/s^2", help="ramp towards standstill"
+    )
+    parking_brake_delay: float = field(
+        default=0.3, low=0.0, high=1e6, unit="s", help="of zero command before wheels are held"
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class BatteryDescription:
-    """A store that drains evenly (robots reference 2.10).
+    """A store that drains evenly (robots reference 2.10)."""
 
-    Attributes:
-        life: s of operation on a full charge.
-        energy: J on a full charge.
-    """
-
-    life: float = 1200.0
-    energy: float = 1.0e6
+    life: float = field(
+        default=1200.0, low=1.0, high=1e9, unit="s", help="of operation on a full charge"
+    )
+    energy: float = field(default=1.0e6, low=1.0, high=1e15, unit="J", help="of a full charge")
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,27 +197,21 @@ class RobotReport:
     """What GEO and CONF announce; clients compute with these numbers.
 
     Attributes:
-        steering_type: SkidSteered, AckermanSteered, OmniDrive, Unknown or None.
-        dimensions: m, as printed in GEO.
-        center_of_gravity: wire frame, m.
         wheel_radius: m. track_width: m, printed as WheelSeparation. wheel_base: m.
         mass: kg.
-        max_speed: wheel spin limit, rad/s.
-        max_torque: N m, announced only.
-        max_front_steer: rad. max_rear_steer: rad.
     """
 
-    steering_type: str
-    dimensions: Vector
-    center_of_gravity: Vector
     wheel_radius: float
     track_width: float
     wheel_base: float
     mass: float
-    max_speed: float
-    max_torque: float
-    max_front_steer: float = 0.0
-    max_rear_steer: float = 0.0
+    steering_type: str = field(choices=STEERING_TYPES)
+    dimensions: Vector = field(low=0.0, high=LONGEST, unit="m", help="as printed in GEO")
+    center_of_gravity: Vector = field(unit="m", help="in the wire frame, here as well")
+    max_speed: float = field(low=0.0, unit="rad/s", help="limit of the spin of wheels")
+    max_torque: float = field(low=0.0, unit="N m", help="announced only")
+    max_front_steer: float = field(default=0.0, unit="rad")
+    max_rear_steer: float = field(default=0.0, unit="rad")
 
 
 class JointType(Enum):
@@ -164,6 +219,11 @@ class JointType(Enum):
 
     REVOLUTE = "Revolute"
     PRISMATIC = "Prismatic"
+
+
+def _joint_type(table: Table, key: str) -> JointType:
+    words = {one.value.lower(): one for one in JointType}
+    return words[table.choice(key, tuple(words))]
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,32 +234,35 @@ class LinkDescription:
         body: name of the link; sensors and effectors are mounted on it by this name.
         joint: name of the joint that moves it.
         parent: index of the link that carries it; None for the base of the chain.
-        type: of the joint.
-        axis: unit vector in the link's frame; right-handed turns about it, or shifts along it,
-            are positive.
         pose: of the link's frame, through whose origin the axis goes, relative to the parent
             while the joint is at zero.
         shapes: the link's body.
         limits: lowest and highest position of the joint, rad or m; None if it has no stops.
-        max_speed: rad/s or m/s. max_torque: N m or N.
-        damping: passive resistance, N m s/rad or N s/m.
+        max_speed: rad/s or m/s.
         home: position in which the robot appears, rad or m.
-        follows: name of a joint that this one is coupled to; it then takes no orders of its own.
     """
 
     body: str
     joint: str
     parent: int | None
-    type: JointType
-    axis: Vector
-    pose: Pose
-    shapes: tuple[Shape, ...]
-    limits: tuple[float, float] | None
-    max_speed: float
-    max_torque: float
-    damping: float = 0.0
+    type: JointType = field(parse=_joint_type, key="joint", default=JointType.REVOLUTE)
+    axis: Vector = field(
+        parse=read_axis,
+        default=(0.0, 0.0, -1.0),
+        help="in the link's frame: right-handed turns about it, or shifts along it, are positive",
+    )
+    pose: Pose = IDENTITY
+    shapes: tuple[Shape, ...] = ()
+    limits: tuple[float, float] | None = None
+    max_speed: float = 1.0
+    max_torque: float = field(default=DEFAULT_TORQUE, low=1e-3, high=STRONGEST, unit="N m or N")
+    damping: float = field(
+        default=0.0, low=0.0, high=STRONGEST, unit="N m s/rad or N s/m", help="passive resistance"
+    )
     home: float = 0.0
-    follows: str | None = None
+    follows: str | None = field(
+        default=None, help="joint that this one is coupled to; it takes no orders of its own"
+    )
 
     @property
     def mass(self) -> float:
@@ -225,17 +288,24 @@ class ActuatorDescription:
         mount: name of the link of another actuator that carries it; None for the chassis.
         pose: of its base, relative to the link or to the reference point.
         links: in the order of their numbers on the wire; a parent stands before its children.
-        tip: tool point in the frame of the last link.
-        package: it is an item with CONF, GEO and status lines; otherwise its joints are driven by
-            name and STA tells where they are.
     """
 
     name: str
     mount: str | None
     pose: Pose
     links: tuple[LinkDescription, ...]
-    tip: Vector = (0.0, 0.0, 0.0)
-    package: bool = True
+    tip: Vector = field(
+        default=(0.0, 0.0, 0.0),
+        low=-LONGEST,
+        high=LONGEST,
+        unit="m",
+        convert=flip_point,
+        help="tool point in the frame of the last link",
+    )
+    package: bool = field(
+        default=True,
+        help="an item with CONF, GEO and status lines; otherwise STA tells where its joints are",
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,7 +325,7 @@ class ItemDescription:
     name: str
     link: str | None
     pose: Pose
-    parameters: Mapping[str, object] = field(default_factory=dict)
+    parameters: Mapping[str, object] = plain(default_factory=dict)
     where: str = ""
 
 
@@ -268,16 +338,22 @@ class EffectorDescription:
         shapes: its body.
         fingers: links on joints of their own; they open towards their lowest position and close
             towards their highest one.
-        tip: where it holds, relative to its pose.
-        detached: it lies loose beside the robot until a tool changer takes it; its pose is then
-            relative to the reference point.
     """
 
     item: ItemDescription
     shapes: tuple[Shape, ...] = ()
     fingers: tuple[LinkDescription, ...] = ()
-    tip: Vector = (0.0, 0.0, 0.0)
-    detached: bool = False
+    tip: Vector = field(
+        default=(0.0, 0.0, 0.0),
+        low=-LONGEST,
+        high=LONGEST,
+        unit="m",
+        convert=flip_point,
+        help="where it holds, relative to its pose",
+    )
+    detached: bool = field(
+        default=False, help="lies loose beside the robot, where its pose says, until it is taken"
+    )
 
     @property
     def name(self) -> str:
@@ -301,7 +377,6 @@ class CameraDescription:
         pose: relative to the link (or the reference point); it looks along x, z is up.
         fov: horizontal field of view when the robot appears, rad.
         min_fov, max_fov: ends of the zoom, rad.
-        rate: pictures per second of simulated time; None: as the server is set.
         where: `file: [[camera]] number n (name)` for error messages.
         size: width and height of its pictures, pixels; None: those of a tile.
     """
@@ -312,7 +387,9 @@ class CameraDescription:
     fov: float = 1.3963
     min_fov: float = 0.3491
     max_fov: float = 2.0944
-    rate: float | None = None
+    rate: float | None = field(
+        default=None, low=0.1, high=60.0, unit="Hz", help="of simulated time; else the server's"
+    )
     where: str = ""
     size: tuple[int, int] | None = None
 
@@ -325,7 +402,7 @@ class RobotDescription:
         name: class name on the wire, as the client's own spelling resolves to it (an alias keeps
             its own name here).
         model: name of the class whose geometry this is; robots of one model share parked slots.
-        kind: family of vehicles (see `families/`).
+        kind: name of its family in robot files.
         dialect: dialect of the era the class comes from (`auto` starts with it).
         description: one line for listings.
         shapes, wheels, casters: the body.
@@ -336,8 +413,8 @@ class RobotDescription:
         actuators: mission packages, arms, flippers; what carries another stands before it.
         effectors: what takes hold of things.
         cameras: in mount order.
-        gear: what the family alone knows of its robots, such as steering or rotors.
-        rolls: odometry and encoders work on it.
+        family: what kind of vehicle it is, with all that the family alone knows of it, such as
+            steering or rotors.
     """
 
     name: str
@@ -354,11 +431,15 @@ class RobotDescription:
     report: RobotReport
     items: tuple[ItemDescription, ...]
     source: Path
+    family: Family
     actuators: tuple[ActuatorDescription, ...] = ()
     effectors: tuple[EffectorDescription, ...] = ()
     cameras: tuple[CameraDescription, ...] = ()
-    gear: object | None = None
-    rolls: bool = True
+
+    @property
+    def rolls(self) -> bool:
+        """Whether odometry and encoders work on it."""
+        return self.family.wheel_sensors
 
     @property
     def driven_wheels(self) -> tuple[Wheel, ...]:

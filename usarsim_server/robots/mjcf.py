@@ -15,7 +15,6 @@ from usarsim_server.robots.description import (
     Shape,
     Wheel,
 )
-from usarsim_server.robots.families.base import family_of
 from usarsim_server.simulation.frames import IDENTITY, Pose
 
 BASE = "base"
@@ -82,7 +81,7 @@ def build_spec(robot: RobotDescription) -> mujoco.MjSpec:
         _add_wheel(base if wheel.link is None else limbs[wheel.link], wheel)
         if wheel.driven:
             _add_servo(spec, wheel, robot.drive.servo_gain, robot.drive.wheel_torque)
-    family = family_of(robot)
+    family = robot.family
     if family.anchored:
         base.gravcomp = 1.0  # its anchor has nothing to carry
     # No part of a robot touches another one, arms included.

@@ -22,6 +22,10 @@ from usarsim_server.files import Folders
 from usarsim_server.model_check import ALLOW_MODEL
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import (
+    DEFAULT_TORQUE,
+    FASTEST,
+    HEAVIEST,
+    STRONGEST,
     ActuatorDescription,
     Color,
     JointType,
@@ -30,17 +34,15 @@ from usarsim_server.robots.description import (
     Shape,
 )
 from usarsim_server.robots.model_sources import load_model
-from usarsim_server.robots.reading.limbs import DEFAULT_SPEED, DEFAULT_TORQUE, NAME
-from usarsim_server.robots.reading.parts import FASTEST, HEAVIEST, RESERVED_NAMES
-from usarsim_server.robots.tables import TableReader, nearest
+from usarsim_server.robots.reading.limbs import DEFAULT_SPEED, read_limits
+from usarsim_server.robots.reading.parts import PART_NAME, RESERVED_NAMES
 from usarsim_server.simulation.frames import IDENTITY, Pose
+from usarsim_server.tables import Table, suggest
 
 REST = "Joints"
 """Name of the actuator that has all joints of no package."""
 SPECK = 1e-3
 """kg of a link that is there only because a body has several joints."""
-STRONGEST = 1e6
-"""N m, N, or N m s/rad."""
 SLOWEST = 1e-3
 _GHOST: Color = (0.0, 0.0, 0.0, 0.0)
 _KINDS = {
@@ -76,7 +78,7 @@ class _Node:
 
 
 def read_body(
-    reader: TableReader, folder: Path, dialect: Dialect, *, allow_outside: bool = False
+    reader: Table, folder: Path, dialect: Dialect, *, allow_outside: bool = False
 ) -> Body | None:
     """Read the model file that a robot file names, if it names one.
 
@@ -93,13 +95,13 @@ def read_body(
     if not reader.has("body"):
         for key in ("joints", "package"):
             if reader.has(key):
-                reader.fail("is about a model file", 'name one with body = "file.xml"', key)
+                raise reader.error(key, "is about a model file", 'name one with body = "file.xml"')
         return None
     path = folder / reader.text("body")
     folders = Folders([folder, data_directory("robots")], allow_outside=allow_outside)
-    refusal = folders.refusal(path, reader.path)
+    refusal = folders.refusal(path, Path(reader.path))
     if refusal is not None:
-        reader.fail(refusal, ALLOW_MODEL, "body")
+        raise reader.error("body", refusal, ALLOW_MODEL)
     model = load_model(path, folders)
     base, nodes = _tree(model, path)
     links = _drives(reader.table("joints"), nodes, dialect)
@@ -283,9 +285,7 @@ def _color(model: mujoco.MjModel, geom: int) -> Color:
     return red, green, blue, alpha
 
 
-def _drives(
-    table: TableReader, nodes: Sequence[_Node], dialect: Dialect
-) -> dict[str, LinkDescription]:
+def _drives(table: Table, nodes: Sequence[_Node], dialect: Dialect) -> dict[str, LinkDescription]:
     """Links by joint with what the robot file says about their drives."""
     speed = table.number("max_speed", DEFAULT_SPEED[dialect], low=SLOWEST, high=FASTEST)
     torque = table.number("max_torque", DEFAULT_TORQUE, low=SLOWEST, high=STRONGEST)
@@ -294,7 +294,7 @@ def _drives(
     for node in nodes:
         link = node.link
         own = table.table(link.joint)
-        limits = _limits(own, link.limits)
+        limits = read_limits(own, link.limits)
         low, high = limits or (-FASTEST, FASTEST)
         done[link.joint] = replace(
             link,
@@ -318,29 +318,20 @@ def _drives(
     return done
 
 
-def _limits(table: TableReader, default: tuple[float, float] | None) -> tuple[float, float] | None:
-    if not table.has("limits"):
-        return default
-    low, high = table.numbers("limits", (2,), low=-FASTEST, high=FASTEST)
-    if low >= high:
-        table.fail(f"are {low:g} and {high:g}", "write the lower one first", "limits")
-    return low, high
-
-
-def _packages(reader: TableReader, links: Mapping[str, LinkDescription]) -> dict[str, str]:
+def _packages(reader: Table, links: Mapping[str, LinkDescription]) -> dict[str, str]:
     """The mission packages that joints belong to."""
     package_of: dict[str, str] = {}
     for table in reader.tables("package") if reader.has("package") else ():
         name, joints = table.text("name"), table.texts("joints")
-        if not NAME.fullmatch(name) or name == REST:
-            table.fail(f"is {name!r}", f"use letters, digits and _, not {REST}", "name")
+        if not PART_NAME.fullmatch(name) or name == REST:
+            raise table.error("name", f"is {name!r}", f"use letters, digits and _, not {REST}")
         if not joints:
-            table.fail("names no joint", 'write joints = ["..."]', "joints")
+            raise table.error("joints", "names no joint", 'write joints = ["..."]')
         for joint in joints:
             if joint not in links:
-                table.fail(f"no joint {joint!r}", nearest(joint, list(links)), "joints")
+                raise table.error("joints", f"no joint {joint!r}", suggest(joint, list(links)))
             if joint in package_of:
-                table.fail(f"{joint!r} is in a package already", "name it once", "joints")
+                raise table.error("joints", f"{joint!r} is in a package already", "name it once")
             package_of[joint] = name
         table.finish()
     return package_of

@@ -11,32 +11,31 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from usarsim_server.fields import field
 from usarsim_server.protocol.values import Vector
-from usarsim_server.robots.description import ActuatorDescription, Color, home_pose
-from usarsim_server.robots.reading.parts import LONGEST, read_color, read_link
-from usarsim_server.robots.tables import TableReader
+from usarsim_server.robots.description import LONGEST, ActuatorDescription, Color, home_pose, opaque
+from usarsim_server.robots.reading.parts import read_all, read_link
 from usarsim_server.simulation.frames import Pose, flip_point
+from usarsim_server.tables import Table
 
-SHORTEST = 1e-3
+SMALLEST = 1e-3
 """m: smallest radius and width."""
-FRICTION = 1.0
 _EXACT = 1e-9
 """m: rollers in line touch the same run."""
 RUBBER: Color = (0.08, 0.08, 0.08, 1.0)
 
 
+def _up(down: float) -> float:
+    return 0.0 - down
+
+
 @dataclass(frozen=True, slots=True)
 class Roller:
-    """What a belt runs around.
+    """What a belt runs around; its axis lies ahead of and above the origin of the track's frame."""
 
-    Attributes:
-        x, z: its axis, ahead of and above the origin of the track's frame, m.
-        radius: m.
-    """
-
-    x: float
-    z: float
-    radius: float
+    radius: float = field(low=SMALLEST, high=LONGEST, unit="m")
+    x: float = field(default=0.0, low=-LONGEST, high=LONGEST, unit="m")
+    z: float = field(default=0.0, low=-LONGEST, high=LONGEST, unit="m", convert=_up)
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,20 +67,25 @@ class Track:
     Attributes:
         side: `left` or `right`; the sprocket of that side drives it.
         link: name of the link that carries it, such as a flipper; None: the chassis.
-        position: of the track's frame relative to the link or to the reference point, m.
         rollers: at least two.
-        width: m.
-        friction: coefficient against ground that has none of its own.
-        color: red, green, blue, alpha in 0..1.
     """
 
     side: str
     link: str | None
-    position: Vector
     rollers: tuple[Roller, ...]
-    width: float
-    friction: float = FRICTION
-    color: Color = RUBBER
+    width: float = field(low=SMALLEST, high=LONGEST, unit="m")
+    position: Vector = field(
+        default=(0.0, 0.0, 0.0),
+        low=-LONGEST,
+        high=LONGEST,
+        unit="m",
+        convert=flip_point,
+        help="of the track's frame relative to the link or to the reference point",
+    )
+    friction: float = field(
+        default=1.0, low=0.0, high=100.0, help="against ground that has none of its own"
+    )
+    color: Color = field(default=RUBBER, low=0.0, high=1.0, counts=(3, 4), convert=opaque)
 
     def place(self, actuators: Sequence[ActuatorDescription]) -> Pose:
         """Pose of its frame relative to the reference point when the robot appears."""
@@ -155,7 +159,7 @@ def _inside(run: Run, roller: Roller) -> bool:
 
 
 def read_tracks(
-    reader: TableReader,
+    reader: Table,
     parent: Sequence[Track],
     actuators: Sequence[ActuatorDescription],
 ) -> tuple[Track, ...]:
@@ -171,51 +175,36 @@ def read_tracks(
         tracks = tuple(parent)
     for track in tracks:
         if track.link is not None and track.link not in links:
-            reader.fail(
+            raise reader.error(
+                "track",
                 f"an inherited one sits on {track.link!r}, which is gone",
                 "keep the link's name, or describe the tracks anew",
-                "track",
             )
     for side in ("left", "right"):
         if not any(track.side == side for track in tracks):
-            reader.fail(f"no track on the {side}", "add a [[track]] table there", "track")
+            raise reader.error("track", f"no track on the {side}", "add a [[track]] table there")
     return tracks
 
 
-def _track(
-    table: TableReader, links: Sequence[str], actuators: Sequence[ActuatorDescription]
-) -> Track:
-    track = Track(
+def _track(table: Table, links: Sequence[str], actuators: Sequence[ActuatorDescription]) -> Track:
+    track = table.read(
+        Track,
         side="",
         link=read_link(table, links),
-        position=flip_point(table.vector("position", (0.0, 0.0, 0.0), low=-LONGEST, high=LONGEST)),
-        rollers=tuple(_roller(part) for part in table.tables("roller")),
-        width=table.number("width", low=SHORTEST, high=LONGEST),
-        friction=table.number("friction", FRICTION, low=0.0, high=100.0),
-        color=read_color(table, RUBBER),
+        rollers=read_all(table.tables("roller"), Roller),
     )
     if len(runs(track.rollers)) < 2:
-        table.fail(
+        raise table.error(
+            "roller",
             f"{len(track.rollers)} rollers do not hold a belt",
             "write at least two, none of them inside another",
-            "roller",
         )
     track = replace(track, side=_side(table, track.place(actuators).position[1]))
     table.finish()
     return track
 
 
-def _roller(table: TableReader) -> Roller:
-    roller = Roller(
-        x=table.number("x", 0.0, low=-LONGEST, high=LONGEST),
-        z=0.0 - table.number("z", 0.0, low=-LONGEST, high=LONGEST),
-        radius=table.number("radius", low=SHORTEST, high=LONGEST),
-    )
-    table.finish()
-    return roller
-
-
-def _side(table: TableReader, y: float) -> str:
+def _side(table: Table, y: float) -> str:
     """Which side drives the belt: said, or that on which it stands."""
     sides = ("left", "right")
     if abs(y) < _EXACT:
@@ -223,5 +212,5 @@ def _side(table: TableReader, y: float) -> str:
     by_position = "left" if y > 0.0 else "right"
     side = table.choice("side", sides, by_position)
     if side != by_position:
-        table.fail(f"is {side!r}, but the track is on the {by_position}", "drop it", "side")
+        raise table.error("side", f"is {side!r}, but the track is on the {by_position}", "drop it")
     return side

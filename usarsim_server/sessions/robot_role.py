@@ -25,7 +25,7 @@ from usarsim_server.protocol.requests import (
     Set,
 )
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots.families.base import StatusFacts, family_of
+from usarsim_server.robots.families.base import StatusFacts
 from usarsim_server.robots.mounting import SetReply, SetResult
 from usarsim_server.sensors.report import conf_line, find_sensors, geo_line, pending_report
 from usarsim_server.sessions.cameras import CameraMount
@@ -91,7 +91,7 @@ class Pilot(Role):
         self._dialect = dialect
         self._options = options
         self._log = log
-        self._family = family_of(vehicle.description)
+        self._family = vehicle.description.family
         self._conduct = self._family.conduct(vehicle.description, vehicle.body)
         given = vehicle.description.battery
         life = battery_life if battery_life is not None or given is None else given.life
@@ -270,7 +270,7 @@ class Pilot(Role):
     def _intervals(self) -> list[float]:
         """Intervals of the streams in the order of the schedule, s."""
         sensors = [sensor.interval(self._dialect) for sensor in self._sensors]
-        status = self._family.status_period(self.vehicle.description, self._dialect)
+        status = self._family.status_period(self._dialect)
         actuators, effectors = limb_periods(self._dialect, status)
         return [
             status,

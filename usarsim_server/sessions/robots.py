@@ -22,7 +22,6 @@ from usarsim_server.protocol.names import name_key
 from usarsim_server.radio.stations import Station
 from usarsim_server.robots.catalog import Roster
 from usarsim_server.robots.description import RobotDescription
-from usarsim_server.robots.families.base import family_of
 from usarsim_server.robots.mjcf import build_spec
 from usarsim_server.sensors.base import Sensor, SensorContext, create_sensor
 from usarsim_server.simulation.articulation import JointModel, ToolModel
@@ -387,7 +386,7 @@ def robot_model(description: RobotDescription) -> RobotModel:
         RobotDescriptionError: if an effector's type or parameters are wrong.
     """
     effectors = create_effectors(description)
-    family = family_of(description)
+    family = description.family
     return RobotModel(
         key=description.model,
         build=lambda: build_spec(description),

@@ -27,7 +27,6 @@ from usarsim_server.protocol.grammar import parse_line
 from usarsim_server.protocol.requests import GetConf, GetGeo
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import RobotDescription
-from usarsim_server.robots.families.base import family_of
 from usarsim_server.sessions.robot_role import Pilot, PilotOptions
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.snapshot import RobotBody, RobotLayout
@@ -117,7 +116,7 @@ class TestDrive(Closing):
             SpawnError: if there is no room for it.
         """
         self.robot = robot
-        self._floats = family_of(robot).anchored or robot.kind in ("aerial", "underwater")
+        self._floats = robot.family.anchored or robot.kind in ("aerial", "underwater")
         self._rehearsal = Rehearsal(world="empty", max_robots=1)
         try:
             self._probe = self._build()

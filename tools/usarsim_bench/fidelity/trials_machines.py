@@ -14,7 +14,7 @@ from usarsim_bench.fidelity.stage import Stage, turned, yaw_of
 from usarsim_bench.fidelity.workshop import Case, Workshop
 from usarsim_server.protocol.dialects import FACETS
 from usarsim_server.robots.description import RobotDescription
-from usarsim_server.robots.families.ackerman import Steering
+from usarsim_server.robots.families.ackerman import SteeredFamily
 from usarsim_server.simulation.frames import Pose, rpy_from_quaternion
 from usarsim_server.simulation.snapshot import RobotBody
 
@@ -55,28 +55,28 @@ class Circle:
 
 def unsteered_axle(robot: RobotDescription) -> float:
     """How far ahead of the reference point the wheels stand that no joint steers, m."""
-    gear = robot.gear
-    assert isinstance(gear, Steering)
-    places = [wheel.x for wheel in gear.wheels if wheel.joint is None]
+    steering = robot.family
+    assert isinstance(steering, SteeredFamily)
+    places = [wheel.x for wheel in steering.wheels if wheel.joint is None]
     return sum(places) / len(places)
 
 
 def ideal_radius(robot: RobotDescription, steer: float) -> float:
     """Wheel base over the tangent of the steering angle, m (robots reference 3.3 V25)."""
-    gear = robot.gear
-    assert isinstance(gear, Steering)
-    places = [wheel.x for wheel in gear.wheels]
+    steering = robot.family
+    assert isinstance(steering, SteeredFamily)
+    places = [wheel.x for wheel in steering.wheels]
     return (max(places) - min(places)) / math.tan(abs(steer))
 
 
 def drive_circle(stage: Stage, steer: float, seconds: float = WALKED) -> Circle:
     """Drive ahead with the wheels turned by an angle (rad, positive to the right)."""
     robot = stage.robot
-    gear = robot.gear
-    assert isinstance(gear, Steering)
-    front = any(wheel.joint and wheel.front for wheel in gear.wheels)
+    steering = robot.family
+    assert isinstance(steering, SteeredFamily)
+    front = any(wheel.joint and wheel.front for wheel in steering.wheels)
     stage.settle()
-    spin = min(GROUND_SPEED / gear.wheels[0].radius, robot.drive.max_wheel_speed / 2.0)
+    spin = min(GROUND_SPEED / steering.wheels[0].radius, robot.drive.max_wheel_speed / 2.0)
     command = f"{{FrontSteer {steer if front else 0.0}}} {{RearSteer {0.0 if front else steer}}}"
     stage.client.send(f"DRIVE {{Speed 0}} {command}")
     stage.run(1.0)

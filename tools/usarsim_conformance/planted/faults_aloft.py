@@ -47,16 +47,16 @@ plant(
 plant(
     "aloft.pitch-sign",
     _AIR,
-    "self._pitch = -gear.tilt * _sign(self._linear)",
-    "self._pitch = gear.tilt * _sign(self._linear)",
+    "self._pitch = -flight.tilt * _sign(self._linear)",
+    "self._pitch = flight.tilt * _sign(self._linear)",
     notices="control.aerial.pitches",
     field="pitch",
 )
 plant(
     "aloft.roll-sign",
     _AIR,
-    "self._roll = gear.tilt * _sign(self._lateral)",
-    "self._roll = -gear.tilt * _sign(self._lateral)",
+    "self._roll = flight.tilt * _sign(self._lateral)",
+    "self._roll = -flight.tilt * _sign(self._lateral)",
     notices="control.aerial.rolls",
     field="roll",
 )
@@ -86,10 +86,10 @@ plant(
     field="MaxAltitudeVelocity",
 )
 for _name, _old in (
-    ("MaxLinearVelocity", "gear.max_linear)"),
-    ("MaxLateralVelocity", "gear.max_lateral)"),
-    ("MaxAltitudeVelocity", "gear.max_vertical)"),
-    ("MaxRotationalVelocity", "_yaw_unit(gear.max_yaw_rate, dialect))"),
+    ("MaxLinearVelocity", "self.max_linear_velocity)"),
+    ("MaxLateralVelocity", "self.max_lateral_velocity)"),
+    ("MaxAltitudeVelocity", "self.max_altitude_velocity)"),
+    ("MaxRotationalVelocity", "_yaw_unit(self.max_rotational_velocity, dialect))"),
 ):
     plant(
         f"aloft.conf.{_name.removeprefix('Max').lower()}",
@@ -102,8 +102,8 @@ for _name, _old in (
 plant(
     "aloft.conf.tilt",
     _AIR,
-    '("MaxTilt", _yaw_unit(gear.tilt, dialect))',
-    '("MaxTilt", 0.5 * _yaw_unit(gear.tilt, dialect))',
+    '("MaxTilt", _yaw_unit(self.tilt, dialect))',
+    '("MaxTilt", 0.5 * _yaw_unit(self.tilt, dialect))',
     notices=("control.aerial.pitches", "control.aerial.rolls"),
     field="MaxTilt",
 )
@@ -156,80 +156,80 @@ plant(
 plant(
     "diving.rudder-sign",
     _SEA,
-    "rudder, planes = -gear.rudder_sense * self._rudder",
-    "rudder, planes = gear.rudder_sense * self._rudder",
+    "rudder = -vessel.rudder_sense * self._rudder",
+    "rudder = vessel.rudder_sense * self._rudder",
     notices="control.underwater.rudder",
     field="Rudder",
 )
 plant(
     "diving.stern-plane-sign",
     _SEA,
-    "gear.stern_plane_sense * self._planes",
-    "-gear.stern_plane_sense * self._planes",
+    "vessel.stern_plane_sense * self._planes",
+    "-vessel.stern_plane_sense * self._planes",
     notices="control.underwater.stern-plane",
     field="SternPlane",
 )
 plant(
     "diving.both-signs",
     _SEA,
-    "rudder, planes = -gear.rudder_sense * self._rudder, gear.stern_plane_sense * self._planes",
-    "rudder, planes = gear.rudder_sense * self._rudder, -gear.stern_plane_sense * self._planes",
+    "rudder = -vessel.rudder_sense * self._rudder\n        planes = vessel",
+    "rudder = vessel.rudder_sense * self._rudder\n        planes = -vessel",
     notices=("control.underwater.rudder", "control.underwater.stern-plane"),
     field="Rudder|SternPlane",
 )
 plant(
     "diving.percent-doubled",
     _SEA,
-    "share = gear.max_propeller / 100.0",
-    "share = gear.max_propeller / 50.0",
+    "share = vessel.max_propeller / 100.0",
+    "share = vessel.max_propeller / 50.0",
     notices="control.underwater.percent",
     field="Propeller",
 )
 plant(
     "diving.conf.max-propeller",
     _SEA,
-    '("MaxPropeller", gear.max_propeller)',
-    '("MaxPropeller", 0.7 * gear.max_propeller)',
+    '("MaxPropeller", self.max_propeller)',
+    '("MaxPropeller", 0.7 * self.max_propeller)',
     notices="control.underwater.percent",
     field="MaxPropeller",
 )
 plant(
     "diving.conf.max-rudder",
     _SEA,
-    '("MaxRudder", gear.max_rudder)',
-    '("MaxRudder", 2.0 * gear.max_rudder)',
+    '("MaxRudder", self.max_rudder)',
+    '("MaxRudder", 2.0 * self.max_rudder)',
     notices="control.underwater.status",
     field="RudderAngle",
 )
 plant(
     "diving.conf.max-stern-plane",
     _SEA,
-    '("MaxSternPlane", gear.max_stern_plane)',
-    '("MaxSternPlane", 0.5 * gear.max_stern_plane)',
+    '("MaxSternPlane", self.max_stern_plane)',
+    '("MaxSternPlane", 0.5 * self.max_stern_plane)',
     notices="control.underwater.status",
     field="SternPlaneAngle",
 )
 plant(
     "diving.status.rudder-sign",
     _SEA,
-    "            self._rudder,\n            self._planes,\n",
-    "            -self._rudder,\n            self._planes,\n",
+    "self._rudder, self._planes, dialect",
+    "-self._rudder, self._planes, dialect",
     notices="control.underwater.status",
     field="RudderAngle",
 )
 plant(
     "diving.status.stern-plane-sign",
     _SEA,
-    "            self._rudder,\n            self._planes,\n",
-    "            self._rudder,\n            -self._planes,\n",
+    "self._rudder, self._planes, dialect",
+    "self._rudder, -self._planes, dialect",
     notices="control.underwater.status",
     field="SternPlaneAngle",
 )
 plant(
     "diving.forgets",
     _SEA,
-    "self._planes = _within(drive.stern_plane, 1.0, gear.max_stern_plane, self._planes)",
-    "self._planes = _within(drive.stern_plane, 1.0, gear.max_stern_plane, 0.0)",
+    "self._planes = _within(drive.stern_plane, 1.0, vessel.max_stern_plane, self._planes)",
+    "self._planes = _within(drive.stern_plane, 1.0, vessel.max_stern_plane, 0.0)",
     notices="control.underwater.status",
     field="SternPlaneAngle",
 )

@@ -34,8 +34,8 @@ from usarsim_server.protocol.messages.sensors import (
 )
 from usarsim_server.protocol.messages.text import encode
 from usarsim_server.protocol.messages.vehicles import (
-    AerialStatus,
     GroundStatus,
+    VehicleStatus,
     aerial_status,
     ground_configuration,
     ground_geometry,
@@ -64,13 +64,13 @@ from usarsim_server.protocol.messages.world import (
 __all__ = [
     "ActuatorItem",
     "ActuatorLink",
-    "AerialStatus",
     "AvatarStatus",
     "CameraItem",
     "EffectorMount",
     "GroundStatus",
     "ObjectStatus",
     "SensorMount",
+    "VehicleStatus",
     "actuator_configuration",
     "actuator_geometry",
     "actuator_status",

@@ -19,7 +19,6 @@ from usarsim_server.protocol.dialects import FACETS
 from usarsim_server.protocol.messages.sensors import carrier
 from usarsim_server.protocol.messages.text import (
     count,
-    flag,
     line,
     number,
     segment,
@@ -27,6 +26,7 @@ from usarsim_server.protocol.messages.text import (
     token,
     triple,
 )
+from usarsim_server.protocol.messages.vehicles import VehicleStatus, light_battery_view
 from usarsim_server.protocol.numbers import fixed
 from usarsim_server.protocol.values import Dialect, Item, Vector
 
@@ -311,62 +311,38 @@ def machine_configuration(
 
 
 def legged_status(
-    dialect: Dialect,
-    time: float,
-    joints: Sequence[tuple[str, float]],
-    light: bool,
-    light_intensity: int,
-    battery: int,
-    view: int,
+    status: VehicleStatus, joints: Sequence[tuple[str, float]], dialect: Dialect
 ) -> str:
     """STA of a legged machine.
 
     Args:
-        dialect: decides Type, order and digits.
-        time: simulated s.
+        status: of the machine.
         joints: names and positions (rad) in model order.
-        light: headlight is on. light_intensity: percent.
-        battery: s of expected life; 99999 if there is no battery.
-        view: viewport that shows the robot, -1 if none.
+        dialect: decides Type, order and digits.
     """
     kind = segment("Type", _LEGGED[dialect])
-    stamp = time_segment(time, FACETS[dialect].time_digits)
+    stamp = time_segment(status.time, FACETS[dialect].time_digits)
     values = [number(token(name), value, _DIGITS) for name, value in joints]
-    charge = count("Battery", max(battery, 0))
     if dialect is Dialect.UDK:
-        return line("STA", stamp, charge, kind, *values)
-    lamp = (flag("LightToggle", light), count("LightIntensity", max(light_intensity, 0)))
-    return line("STA", kind, stamp, *values, *lamp, charge, count("View", view))
+        return line("STA", stamp, count("Battery", max(status.battery, 0)), kind, *values)
+    return line("STA", kind, stamp, *values, *light_battery_view(status))
 
 
 def nautic_status(
-    dialect: Dialect,
-    time: float,
-    rudder: float,
-    stern_plane: float,
-    light: bool,
-    light_intensity: int,
-    battery: int,
-    view: int,
+    status: VehicleStatus, rudder: float, stern_plane: float, dialect: Dialect
 ) -> str:
     """STA of an underwater machine, which only the UT2004 generation had.
 
     Args:
+        status: of the machine.
+        rudder, stern_plane: as commanded, rad.
         dialect: decides the digits of Time.
-        time: simulated s.
-        rudder, stern_plane: rad.
-        light: headlight is on. light_intensity: percent.
-        battery: s of expected life; 99999 if there is no battery.
-        view: viewport that shows the robot, -1 if none.
     """
     return line(
         "STA",
         segment("Type", "NauticVehicle"),
-        time_segment(time, FACETS[dialect].time_digits),
+        time_segment(status.time, FACETS[dialect].time_digits),
         number("RudderAngle", rudder, _DIGITS),
         number("SternPlaneAngle", stern_plane, _DIGITS),
-        flag("LightToggle", light),
-        count("LightIntensity", max(light_intensity, 0)),
-        count("Battery", max(battery, 0)),
-        count("View", view),
+        *light_battery_view(status),
     )

@@ -23,8 +23,8 @@ _PLATFORMS = {Dialect.UT2004: "BaseMachine", Dialect.UDK: "StaticPlatform"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class AerialStatus:
-    """What STA tells of a flying robot.
+class VehicleStatus:
+    """What STA tells of every vehicle.
 
     Attributes:
         time: simulated s.
@@ -41,27 +41,18 @@ class AerialStatus:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class GroundStatus:
+class GroundStatus(VehicleStatus):
     """What STA tells of a ground robot.
 
     Attributes:
-        time: simulated s.
         front_steer, rear_steer: rad, 0 for skid steer.
         joints: name and position (rad) of flippers, in the order FR, FL, RR, RL.
-        light: headlight is on. light_intensity: percent, 0 while it is off in `ut2004`.
-        battery: s of expected life; 99999 if there is no battery.
-        view: viewport that shows the robot, -1 if none.
         steered: the robot has steering joints; the exact UDK form prints angles only then.
     """
 
-    time: float
     front_steer: float = 0.0
     rear_steer: float = 0.0
     joints: tuple[tuple[str, float], ...] = ()
-    light: bool = False
-    light_intensity: int = 0
-    battery: int = 99999
-    view: int = -1
     steered: bool = False
 
 
@@ -95,11 +86,11 @@ def ground_status(status: GroundStatus, dialect: Dialect, udk_order: bool = Fals
         number("FrontSteer", status.front_steer, _DIGITS),
         number("RearSteer", status.rear_steer, _DIGITS),
         *(number(token(name), value, _DIGITS) for name, value in status.joints),
-        *_light_battery_view(status),
+        *light_battery_view(status),
     )
 
 
-def aerial_status(status: AerialStatus, dialect: Dialect, udk_order: bool = False) -> str:
+def aerial_status(status: VehicleStatus, dialect: Dialect, udk_order: bool = False) -> str:
     """STA of a flying robot; arguments as in `ground_status`.
 
     The UDK form carries a Type, which the original lacked (5.2 no. 17).
@@ -109,7 +100,7 @@ def aerial_status(status: AerialStatus, dialect: Dialect, udk_order: bool = Fals
         time = time_segment(status.time, FACETS[Dialect.UDK].time_digits)
         return line("STA", time, count("Battery", max(status.battery, 0)), kind)
     time = time_segment(status.time, FACETS[dialect].time_digits)
-    return line("STA", kind, time, *_light_battery_view(status))
+    return line("STA", kind, time, *light_battery_view(status))
 
 
 def ground_geometry(
@@ -203,7 +194,8 @@ def static_configuration(dialect: Dialect, class_name: str) -> str:
     return line("CONF", name, kind, segment("SteeringType", "None"), segment("Mass", "0"))
 
 
-def _light_battery_view(status: GroundStatus | AerialStatus) -> tuple[str, ...]:
+def light_battery_view(status: VehicleStatus) -> tuple[str, ...]:
+    """The end of most STA lines."""
     return (
         flag("LightToggle", status.light),
         count("LightIntensity", max(status.light_intensity, 0)),

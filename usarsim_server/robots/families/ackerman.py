@@ -13,28 +13,28 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar, Self
 
 import mujoco
 import numpy as np
 
+from usarsim_server.fields import field
 from usarsim_server.protocol.dialects import FACETS
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import (
     ActuatorDescription,
-    DriveDescription,
     LinkDescription,
     RobotDescription,
-    RobotReport,
     Wheel,
 )
 from usarsim_server.robots.families.base import Conduct, StatusFacts, register_family
 from usarsim_server.robots.families.wheeled import SpeedScale, WheelConduct, WheeledFamily
 from usarsim_server.robots.reading import parts
-from usarsim_server.robots.tables import TableReader
 from usarsim_server.simulation.articulation import JointOrder, Order
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.simulation import BodyHandle
+from usarsim_server.tables import Table
 
 FRONT, REAR = "frontsteer", "rearsteer"
 GRID = 41
@@ -65,19 +65,6 @@ class SteeredWheel:
     limits: tuple[float, float] = (-math.pi, math.pi)
     driven: bool = True
     radius: float = 1.0
-
-
-@dataclass(frozen=True, slots=True)
-class Steering:
-    """The `[steering]` table.
-
-    Attributes:
-        literal: all steered wheels of an axle take the same angle, all wheels the same speed.
-        wheels: in part order.
-    """
-
-    literal: bool
-    wheels: tuple[SteeredWheel, ...]
 
 
 def steered_wheels(
@@ -162,7 +149,7 @@ def wire_range(wheels: Sequence[SteeredWheel], front: bool) -> tuple[float, floa
     return min(low, high), max(low, high)
 
 
-def joint_ranges(steering: Steering) -> dict[str, tuple[float, float]]:
+def joint_ranges(steering: SteeredFamily) -> dict[str, tuple[float, float]]:
     """Positions (rad) that steering joints take in all turns within the limits."""
     found: dict[str, tuple[float, float]] = {}
     front, rear = (np.linspace(*wire_range(steering.wheels, one), GRID) for one in (True, False))
@@ -186,32 +173,58 @@ def _axles(wheels: Sequence[SteeredWheel]) -> tuple[float, float]:
     return sum(front) / len(front), sum(rear) / len(rear)
 
 
+@dataclass(frozen=True)
+class SteeredFamily(WheeledFamily):
+    """A family whose wheels are steered.
+
+    Attributes:
+        wheels: all, in part order.
+    """
+
+    wheel_sensors: ClassVar[bool] = False
+
+    literal: bool = field(
+        default=False,
+        help="all steered wheels of an axle take the same angle, all wheels the same speed",
+    )
+    wheels: tuple[SteeredWheel, ...] = ()
+
+    @classmethod
+    def read(
+        cls,
+        reader: Table,
+        parent: Self | None,
+        wheels: Sequence[Wheel],
+        actuators: Sequence[ActuatorDescription],
+    ) -> Self:
+        family = super().read(reader, parent, wheels, actuators)
+        return replace(family, wheels=steered_wheels(wheels, actuators))
+
+
 class SteeredConduct(WheelConduct):
     """Drives a robot some of whose wheels are steered."""
 
-    def __init__(self, robot: RobotDescription, body: BodyHandle) -> None:
+    def __init__(self, robot: RobotDescription, body: BodyHandle, steering: SteeredFamily) -> None:
         super().__init__(robot, body)
-        gear = robot.gear
-        assert isinstance(gear, Steering)
-        self._gear = gear
+        self._steering = steering
         self._limit = robot.drive.max_wheel_speed
         self._scale = SpeedScale(self._limit)
 
     def joints(self, facts: StatusFacts) -> tuple[tuple[str, float], ...]:
         """Joints that STA tells of by name: all but the steering."""
-        steering = {wheel.joint for wheel in self._gear.wheels}
+        steering = {wheel.joint for wheel in self._steering.wheels}
         return tuple(joint for joint in facts.joints if joint[0] not in steering)
 
 
 class CarConduct(SteeredConduct):
     """Speed, FrontSteer and RearSteer become wheel speeds and steering angles."""
 
-    def __init__(self, robot: RobotDescription, body: BodyHandle) -> None:
-        super().__init__(robot, body)
+    def __init__(self, robot: RobotDescription, body: BodyHandle, steering: SteeredFamily) -> None:
+        super().__init__(robot, body, steering)
         self._speed = 0.0
         self._angles = [0.0, 0.0]
         """FrontSteer and RearSteer as on the wire: positive to the right."""
-        wheels = self._gear.wheels
+        wheels = self._steering.wheels
         self._ranges = wire_range(wheels, True), wire_range(wheels, False)
 
     def steer(self, drive: Drive, dialect: Dialect) -> None:
@@ -232,19 +245,19 @@ class CarConduct(SteeredConduct):
 
     def _move(self) -> None:
         front, rear = (-angle for angle in self._angles)
-        angles, ratios = turn(self._gear.wheels, front, rear, self._gear.literal)
-        pairs = list(zip(self._gear.wheels, ratios, strict=True))
+        angles, ratios = turn(self._steering.wheels, front, rear, self._steering.literal)
+        pairs = list(zip(self._steering.wheels, ratios, strict=True))
         driven = np.array([ratio for wheel, ratio in pairs if wheel.driven])
         # No tread may run faster than that of the first wheel at its limit; all slow down
         # together, so that the turn stays true.
-        first = self._gear.wheels[0].radius
+        first = self._steering.wheels[0].radius
         treads = [abs(ratio) * wheel.radius / first for wheel, ratio in pairs if wheel.driven]
         highest = self._limit / max(treads)
         self.body.drive(driven * max(-highest, min(highest, self._speed)))
         self.body.command_joints(
             {
                 wheel.joint: JointOrder(Order.POSITION, wheel.sense * angle)
-                for wheel, angle in zip(self._gear.wheels, angles, strict=True)
+                for wheel, angle in zip(self._steering.wheels, angles, strict=True)
                 if wheel.joint is not None
             }
         )
@@ -263,12 +276,12 @@ class CarConduct(SteeredConduct):
         """Angle of the imagined wheel in the middle of an axle, rad, positive to the right."""
         angles = [
             -wheel.sense * facts.state.joint_position(wheel.joint)
-            for wheel in self._gear.wheels
+            for wheel in self._steering.wheels
             if wheel.joint is not None and wheel.front == front
         ]
         if not angles:
             return 0.0
-        if self._gear.literal or any(abs(angle) < STRAIGHT for angle in angles):
+        if self._steering.literal or any(abs(angle) < STRAIGHT for angle in angles):
             return sum(angles) / len(angles)
         # The cotangent grows evenly from the inner to the outer wheel.
         mean = sum(1.0 / math.tan(angle) for angle in angles) / len(angles)
@@ -281,73 +294,51 @@ def _sent(value: float | None) -> float | None:
 
 
 @register_family("ackerman")
-class Ackerman(WheeledFamily):
+class Ackerman(SteeredFamily):
     """Cars and trucks."""
 
-    wheel_sensors = False
+    section: ClassVar[str] = "steering"
+    steering_type: ClassVar[str] = "AckermanSteered"
 
     def conduct(self, robot: RobotDescription, body: BodyHandle) -> Conduct:
-        return CarConduct(robot, body)
+        return CarConduct(robot, body, self)
 
+    @classmethod
     def read(
-        self,
-        reader: TableReader,
-        parent: RobotDescription | None,
+        cls,
+        reader: Table,
+        parent: Self | None,
         wheels: Sequence[Wheel],
         actuators: Sequence[ActuatorDescription],
-    ) -> object | None:
-        inherited = parent.gear if parent is not None else None
-        table = reader.table("steering")
-        literal = table.boolean(
-            "literal", inherited.literal if isinstance(inherited, Steering) else False
-        )
-        table.finish()
-        found = steered_wheels(wheels, actuators)
-        if not any(wheel.joint for wheel in found):
-            reader.fail(
+    ) -> Self:
+        family = super().read(reader, parent, wheels, actuators)
+        joints = [wheel.joint for wheel in family.wheels if wheel.joint]
+        if not joints:
+            raise reader.error(
+                "wheel",
                 "no wheel is steered",
                 "let wheels sit on links whose joint is called ...FrontSteer or ...RearSteer",
-                "wheel",
             )
-        for wheel in found:
-            if wheel.joint and not any(word in wheel.joint.lower() for word in (FRONT, REAR)):
-                reader.fail(
-                    f"the joint {wheel.joint!r} steers neither axle",
-                    "call it ...FrontSteer or ...RearSteer",
+        for joint in joints:
+            if not any(word in joint.lower() for word in (FRONT, REAR)):
+                raise reader.error(
                     "wheel",
+                    f"the joint {joint!r} steers neither axle",
+                    "call it ...FrontSteer or ...RearSteer",
                 )
-        return Steering(literal, found)
+        return family
 
-    def report(
-        self,
-        table: TableReader,
-        wheels: Sequence[Wheel],
-        actuators: Sequence[ActuatorDescription],
-        mass: float,
-        drive: DriveDescription,
-        parent: RobotDescription | None,
-    ) -> RobotReport:
+    def max_steer(self) -> tuple[float, float]:
+        """The original announced the width of the joint's range (robots reference 1.4)."""
         widths = [0.0, 0.0]
-        for wheel in steered_wheels(wheels, actuators):
+        for wheel in self.wheels:
             if wheel.joint is not None:
-                # The original announced the width of the joint's range (robots reference 1.4).
                 width = round(wheel.limits[1] - wheel.limits[0], 9)
                 widths[0 if wheel.front else 1] = width
-        return parts.read_report(
-            table,
-            wheels,
-            actuators,
-            mass,
-            drive,
-            parent,
-            steering_type="AckermanSteered",
-            steer=(widths[0], widths[1]),
-        )
+        return widths[0], widths[1]
 
     def complete(self, spec: mujoco.MjSpec, robot: RobotDescription) -> None:
-        gear = robot.gear
-        assert isinstance(gear, Steering)
-        for name, limits in joint_ranges(gear).items():
+        for name, limits in joint_ranges(self).items():
             joint = spec.joint(name)
             if joint.limited == mujoco.mjtLimited.mjLIMITED_TRUE:
                 joint.range = limits

@@ -1,12 +1,9 @@
-"""What a family of vehicles is; every family is one class in one file of this folder.
+"""What a family of vehicles is, and which there are; every family is one class in this folder.
 
 A family knows the words of its vehicles on the wire, the law that turns DRIVE into targets, the
-tables of its own in robot files, and whatever it adds to the body in the physics.
-
-Which families of vehicles exist.
-
-A new file in this package is enough to add one; outside packages use the entry point group
-`usarsim_server.families` (see `usarsim_server.plugins`).
+tables of its own in robot files, and whatever it adds to the body in the physics. It is found by
+the `kind` of a robot file: a new file in this package is enough to add one, outside packages use
+the entry point group `usarsim_server.families` (see `usarsim_server.plugins`).
 """
 
 from __future__ import annotations
@@ -14,8 +11,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import mujoco
 import numpy as np
@@ -24,19 +20,18 @@ from numpy.typing import NDArray
 import usarsim_server.robots.families as package
 from usarsim_server.plugins import PluginTypes
 from usarsim_server.protocol.dialects import FACETS
+from usarsim_server.protocol.messages import VehicleStatus
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import (
     ActuatorDescription,
-    DriveDescription,
     RobotDescription,
-    RobotReport,
     Wheel,
 )
-from usarsim_server.robots.tables import TableReader
 from usarsim_server.simulation.motion_laws import LawModel
 from usarsim_server.simulation.simulation import BodyHandle
 from usarsim_server.simulation.snapshot import RobotBody
+from usarsim_server.tables import Table
 
 Array = NDArray[np.float64]
 
@@ -93,23 +88,42 @@ class Conduct(ABC):
     def status(self, facts: StatusFacts, dialect: Dialect) -> str:
         """The STA line."""
 
+    def vehicle_status(self, facts: StatusFacts, dialect: Dialect) -> VehicleStatus:
+        """What the STA lines of all vehicles tell: time, lamp, battery, view."""
+        return VehicleStatus(
+            time=facts.time,
+            light=self.light,
+            light_intensity=self.light_intensity(dialect),
+            battery=facts.battery,
+            view=facts.view,
+        )
+
     def light_intensity(self, dialect: Dialect) -> int:
         """Percent; udk prints the full one whether the lamp is lit or not (protocol 4.3)."""
         return LIGHT_INTENSITY if self.light or FACETS[dialect].lamp_always_full else 0
 
 
+@dataclass(frozen=True)
 class Family(ABC):
-    """A kind of vehicle. Stateless; registered with `register_family` under its `kind`s.
+    """What the family knows of the robots of one class; registered under its `kind`s.
+
+    A value: its fields are what the family's own tables in robot files say, those made by `field`
+    the keys of the table `section`. It counts as part of the body, so that robots whose families
+    differ do not share slots.
 
     Attributes:
+        section: name of the family's own table in robot files; empty if it has none.
         wheeled: its robots need driven wheels on both sides; others have none.
         anchored: its robots stand fixed wherever they are put.
         wheel_sensors: odometry and encoders work on it.
+        steering_type: announced in CONF unless the file says otherwise.
     """
 
+    section: ClassVar[str] = ""
     wheeled: ClassVar[bool] = True
     anchored: ClassVar[bool] = False
     wheel_sensors: ClassVar[bool] = False
+    steering_type: ClassVar[str] = "SkidSteered"
 
     @abstractmethod
     def conduct(self, robot: RobotDescription, body: BodyHandle) -> Conduct:
@@ -119,62 +133,52 @@ class Family(ABC):
     def configuration(self, robot: RobotDescription, dialect: Dialect) -> str:
         """The CONF line of the vehicle."""
 
-    def status_period(self, robot: RobotDescription, dialect: Dialect) -> float:
-        """Simulated s between two STA lines."""
-        return FACETS[dialect].sta_period
-
     @abstractmethod
     def geometry(self, robot: RobotDescription, dialect: Dialect) -> str:
         """The GEO line of the vehicle."""
 
+    def status_period(self, dialect: Dialect) -> float:
+        """Simulated s between two STA lines."""
+        return FACETS[dialect].sta_period
+
+    @classmethod
     def read(
-        self,
-        reader: TableReader,
-        parent: RobotDescription | None,
+        cls,
+        reader: Table,
+        parent: Self | None,
         wheels: Sequence[Wheel],
         actuators: Sequence[ActuatorDescription],
-    ) -> object | None:
-        """Read the family's own tables of a robot file into `RobotDescription.gear`.
+    ) -> Self:
+        """The family of a robot file; the declared fields are read from `section`.
 
-        Must be a value that compares equal to that of an equal file; it counts as part of the
-        body, so robots that differ in it do not share slots.
+        Args:
+            reader: the file.
+            parent: the family of the robot that is extended, if it is of this family.
+            wheels, actuators: of the robot.
 
         Raises:
-            RobotDescriptionError: if one cannot be used.
+            RobotDescriptionError: if the family's own tables cannot be used.
         """
-        return parent.gear if parent is not None else None
+        if not cls.section:
+            return parent or cls()
+        table = reader.table(cls.section)
+        family = table.read(cls, parent)
+        table.finish()
+        return family
 
-    def support(
-        self, gear: object | None, actuators: Sequence[ActuatorDescription]
-    ) -> float | None:
+    def support(self, actuators: Sequence[ActuatorDescription]) -> float | None:
         """Height of the reference point above a flat floor when standing on what is no wheel, m.
 
         None: only wheels, if any, touch the floor.
         """
         return None
 
-    def report(
-        self,
-        table: TableReader,
-        wheels: Sequence[Wheel],
-        actuators: Sequence[ActuatorDescription],
-        mass: float,
-        drive: DriveDescription,
-        parent: RobotDescription | None,
-    ) -> RobotReport:
-        """Read the `[report]` table: what GEO and CONF announce.
-
-        Raises:
-            RobotDescriptionError: if it cannot be used.
-        """
-        from usarsim_server.robots.reading import parts
-
-        if wheels:
-            return parts.read_report(table, wheels, actuators, mass, drive, parent)
-        return parts.read_platform_report(table, mass, parent)
+    def max_steer(self) -> tuple[float, float]:
+        """MaxFrontSteer and MaxRearSteer of CONF unless the file says otherwise, rad."""
+        return 0.0, 0.0
 
     def finish(self, robot: RobotDescription) -> RobotDescription:
-        """The last word on what has just been read: adds what follows from the gear."""
+        """The last word on what has just been read: adds what follows from the family's tables."""
         return robot
 
     def complete(self, spec: mujoco.MjSpec, robot: RobotDescription) -> None:
@@ -212,8 +216,7 @@ families = TYPES.names
 """All kinds a robot file may name, sorted."""
 
 
-@cache
-def find_family(kind: str, place: str = "") -> Family:
+def find_family(kind: str, place: str = "") -> type[Family]:
     """The family of a kind.
 
     Args:
@@ -223,9 +226,4 @@ def find_family(kind: str, place: str = "") -> Family:
     Raises:
         RobotDescriptionError: if there is none.
     """
-    return TYPES.find(kind, place)()
-
-
-def family_of(robot: RobotDescription) -> Family:
-    """The family of a robot class."""
-    return find_family(robot.kind)
+    return TYPES.find(kind, place)

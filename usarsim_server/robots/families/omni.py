@@ -3,29 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from usarsim_server.protocol.requests import Drive, WheelTarget
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots.description import (
-    ActuatorDescription,
-    DriveDescription,
-    RobotDescription,
-    RobotReport,
-    Wheel,
-)
-from usarsim_server.robots.families.ackerman import (
-    SteeredConduct,
-    SteeredWheel,
-    Steering,
-    steered_wheels,
-)
+from usarsim_server.robots.description import RobotDescription
+from usarsim_server.robots.families.ackerman import SteeredConduct, SteeredFamily, SteeredWheel
 from usarsim_server.robots.families.base import Conduct, register_family
-from usarsim_server.robots.families.wheeled import WheeledFamily
-from usarsim_server.robots.reading import parts
-from usarsim_server.robots.tables import TableReader
 from usarsim_server.simulation.articulation import JointOrder, Order
 from usarsim_server.simulation.simulation import BodyHandle
 
@@ -36,9 +23,9 @@ class OmniConduct(SteeredConduct):
     A wheel that has not been named yet rolls along: clients of Player drive wheels 0 and 1 only.
     """
 
-    def __init__(self, robot: RobotDescription, body: BodyHandle) -> None:
-        super().__init__(robot, body)
-        self._wheels = [wheel for wheel in self._gear.wheels if wheel.driven]
+    def __init__(self, robot: RobotDescription, body: BodyHandle, steering: SteeredFamily) -> None:
+        super().__init__(robot, body, steering)
+        self._wheels = [wheel for wheel in self._steering.wheels if wheel.driven]
         self._names = [wheel.name.lower() for wheel in robot.driven_wheels]
         self._speeds = np.full(len(self._wheels), np.nan)
 
@@ -86,32 +73,12 @@ def _position(wheel: SteeredWheel, steer: float) -> float:
 
 
 @register_family("omni")
-class Omni(WheeledFamily):
+@dataclass(frozen=True)
+class Omni(SteeredFamily):
     """Every wheel on a knuckle of its own."""
 
-    wheel_sensors = False
+    steering_type: ClassVar[str] = "OmniDrive"
+    literal: bool = True
 
     def conduct(self, robot: RobotDescription, body: BodyHandle) -> Conduct:
-        return OmniConduct(robot, body)
-
-    def read(
-        self,
-        reader: TableReader,
-        parent: RobotDescription | None,
-        wheels: Sequence[Wheel],
-        actuators: Sequence[ActuatorDescription],
-    ) -> object | None:
-        return Steering(True, steered_wheels(wheels, actuators))
-
-    def report(
-        self,
-        table: TableReader,
-        wheels: Sequence[Wheel],
-        actuators: Sequence[ActuatorDescription],
-        mass: float,
-        drive: DriveDescription,
-        parent: RobotDescription | None,
-    ) -> RobotReport:
-        return parts.read_report(
-            table, wheels, actuators, mass, drive, parent, steering_type="OmniDrive"
-        )
+        return OmniConduct(robot, body, self)

@@ -22,7 +22,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import mujoco
 import numpy as np
@@ -35,10 +35,10 @@ from usarsim_server.robots.description import (
 )
 from usarsim_server.robots.families.base import register_family
 from usarsim_server.robots.families.wheeled import WheeledFamily
-from usarsim_server.robots.tables import TableReader
 from usarsim_server.robots.tracks import Roller, Track, lowest, read_tracks, runs, touching
 from usarsim_server.simulation.ground import MARK
 from usarsim_server.simulation.motion_laws import Law, LawModel
+from usarsim_server.tables import Table
 
 Array = NDArray[np.float64]
 
@@ -64,35 +64,31 @@ _ABOUT_Y = (math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0)
 """Turns the z axis of a cylinder to the side."""
 
 
-@dataclass(frozen=True, slots=True)
-class Gear:
-    """The tracks of a robot."""
-
-    tracks: tuple[Track, ...]
-
-
 @register_family("tracked")
+@dataclass(frozen=True)
 class Tracked(WheeledFamily):
     """Driven like a skid-steered robot; flippers are driven by name and told of in STA."""
 
+    tracks: tuple[Track, ...] = ()
+
+    @classmethod
     def read(
-        self,
-        reader: TableReader,
-        parent: RobotDescription | None,
+        cls,
+        reader: Table,
+        parent: Self | None,
         wheels: Sequence[Wheel],
         actuators: Sequence[ActuatorDescription],
-    ) -> Gear:
+    ) -> Self:
         """Read the `[[track]]` tables."""
-        inherited = _tracks(parent.gear) if parent is not None else ()
-        return Gear(read_tracks(reader, inherited, actuators))
+        return cls(read_tracks(reader, parent.tracks if parent else (), actuators))
 
-    def support(self, gear: object | None, actuators: Sequence[ActuatorDescription]) -> float:
+    def support(self, actuators: Sequence[ActuatorDescription]) -> float:
         """Tracks are what it stands on."""
-        return -min(lowest(track, actuators) for track in _tracks(gear))
+        return -min(lowest(track, actuators) for track in self.tracks)
 
     def finish(self, robot: RobotDescription) -> RobotDescription:
         """Wheel separation and base are those of the tracks."""
-        track_width, wheel_base = _footprint(_tracks(robot.gear), robot.actuators)
+        track_width, wheel_base = _footprint(self.tracks, robot.actuators)
         old = robot.report
         derived = old.dimensions == (old.wheel_base, old.track_width, 0.0)
         report = replace(
@@ -108,16 +104,15 @@ class Tracked(WheeledFamily):
         for wheel in robot.wheels:
             if not wheel.collides:
                 spec.geom(wheel.name).group = HIDDEN
-        for number, track in enumerate(_tracks(robot.gear)):
+        for number, track in enumerate(self.tracks):
             body = spec.body(track.link or "base")
             _add_belt(body, f"track:{number}", track)
 
     def laws(self, robot: RobotDescription) -> tuple[LawModel, ...]:
         """The sprockets move the belts."""
-        tracks = _tracks(robot.gear)
         fields = {
             f"track:{number}:{part}": (track.side, field)
-            for number, track in enumerate(tracks)
+            for number, track in enumerate(self.tracks)
             for part, field in _fields(track, robot).items()
         }
         drive = {
@@ -130,10 +125,6 @@ class Tracked(WheeledFamily):
             for wheels in ([wheel for wheel in robot.driven_wheels if wheel.side == side],)
         }
         return (LawModel(lambda model, prefix: Treads(model, prefix, drive, fields), 0),)
-
-
-def _tracks(gear: object | None) -> tuple[Track, ...]:
-    return gear.tracks if isinstance(gear, Gear) else ()
 
 
 def _footprint(

@@ -1,18 +1,15 @@
-"""Skid-steered and differential robots: a left and a right side (protocol reference 3.4.1).
+"""Skid-steered and differential robots, and what other families build on.
 
-Platforms that stand fixed where they are put, such as the foot of an arm (protocol 3.4.7).
-
-What flying, diving and walking machines have in common: no wheels, and one form of GEO.
-
-The drive law of skid-steered and differential robots: DRIVE in, wheel speeds out.
-
-Rules of protocol reference 3.4, 3.4.1, 3.4.3 and 5.3; no physics here.
+The drive law turns DRIVE into the wheel speeds of a left and a right side, or of single wheels
+(protocol reference 3.4, 3.4.1, 3.4.3, 5.3); no physics here. Beside it stand platforms, which are
+fixed where they are put, such as the foot of an arm (3.4.7), and what flying, diving and walking
+machines have in common: no wheels, and one form of GEO.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import ClassVar
 
 import numpy as np
@@ -208,14 +205,10 @@ class WheelConduct(Conduct):
         front, rear = self.steering(facts, dialect)
         return messages.ground_status(
             messages.GroundStatus(
-                time=facts.time,
+                **asdict(self.vehicle_status(facts, dialect)),
                 front_steer=front or 0.0,
                 rear_steer=rear or 0.0,
                 joints=self.joints(facts),
-                light=self.light,
-                light_intensity=self.light_intensity(dialect),
-                battery=facts.battery,
-                view=facts.view,
                 steered=front is not None or rear is not None,
             ),
             dialect,

@@ -1,59 +1,46 @@
-"""Parts of a robot file that move or hold: actuators with their links, effectors with fingers.
+"""Parts of a robot file that move, hold or look: actuators with their links, effectors, cameras.
 
 As in `parts.py`: the wire frame goes in, the simulation frame comes out, and what the file leaves
 out is taken from the robot that it extends.
-
-Cameras of a robot file; as in `parts.py` the wire frame goes in, the simulation frame out.
 """
 
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
-from usarsim_server.protocol.values import Dialect, Vector
+from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import (
+    FASTEST,
+    HEAVIEST,
+    LIGHTEST,
     ActuatorDescription,
     CameraDescription,
     EffectorDescription,
     ItemDescription,
-    JointType,
     LinkDescription,
     RobotDescription,
     Shape,
 )
 from usarsim_server.robots.reading.parts import (
-    FASTEST,
-    HEAVIEST,
-    LIGHTEST,
-    LONGEST,
-    RESERVED_NAMES,
     WORD,
+    part_name,
     read_link,
     read_pose,
     read_shape,
 )
-from usarsim_server.robots.tables import TableReader, nearest
-from usarsim_server.simulation.frames import flip_point
+from usarsim_server.tables import Table, suggest
 
 DEFAULT_SPEED = {Dialect.UT2004: 0.1745, Dialect.UDK: 1.571}
 """rad/s: MotorSpeed of mission joints in UT2004 (robots reference 1.6), announced in UDK (1.9)."""
-DEFAULT_TORQUE = 20.0
-"""N m: MotorTorque of UT2004 (robots reference 1.6)."""
-
-NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
-"""Of links, joints and packages."""
-_TYPES = {"revolute": JointType.REVOLUTE, "prismatic": JointType.PRISMATIC}
-
 Parent = RobotDescription | None
 Limb = TypeVar("Limb", ActuatorDescription, EffectorDescription)
 
 
 def read_actuators(
-    reader: TableReader,
+    reader: Table,
     parent: Parent,
     dialect: Dialect,
     imported: tuple[ActuatorDescription, ...] = (),
@@ -77,7 +64,7 @@ def read_actuators(
 
 
 def read_effectors(
-    reader: TableReader,
+    reader: Table,
     parent: Parent,
     actuators: Sequence[ActuatorDescription],
     dialect: Dialect,
@@ -92,31 +79,31 @@ def read_effectors(
     return tuple(effectors)
 
 
-def _check_leaders(reader: TableReader, actuators: Sequence[ActuatorDescription]) -> None:
+def _check_leaders(reader: Table, actuators: Sequence[ActuatorDescription]) -> None:
     """Refuse joints that follow what does not exist, or follows itself."""
     links = [link for actuator in actuators for link in actuator.links]
     free = [link.joint for link in links if link.follows is None]
     for link in links:
         if link.follows is not None and link.follows.lower() not in map(str.lower, free):
             problem = f"the joint {link.joint!r} follows {link.follows!r}, which is not free"
-            reader.fail(problem, nearest(link.follows, free), "follows")
+            raise reader.error("follows", problem, suggest(link.follows, free))
 
 
-def check_names(reader: TableReader, bodies: Iterable[str]) -> None:
+def check_names(reader: Table, bodies: Iterable[str]) -> None:
     """Refuse two bodies, wheels included, of one name."""
     seen: set[str] = set()
     for name in bodies:
         if name.lower() in seen:
-            reader.fail(f"two parts are called {name!r}", "give every part its own name")
+            raise reader.error("", f"two parts are called {name!r}", "give every part its own name")
         seen.add(name.lower())
 
 
-def _inherited(reader: TableReader, limbs: Sequence[Limb]) -> list[Limb]:
+def _inherited(reader: Table, limbs: Sequence[Limb]) -> list[Limb]:
     dropped = {name.lower() for name in reader.texts("without")}
     return [limb for limb in limbs if limb.name.lower() not in dropped]
 
 
-def _enter(table: TableReader, limbs: list[Limb], limb: Limb, kind: str) -> None:
+def _enter(table: Table, limbs: list[Limb], limb: Limb, kind: str) -> None:
     for index, other in enumerate(limbs):
         if other.name.lower() == limb.name.lower():
             limbs[index] = limb
@@ -125,7 +112,7 @@ def _enter(table: TableReader, limbs: list[Limb], limb: Limb, kind: str) -> None
 
 
 def _check_mount(
-    reader: TableReader,
+    reader: Table,
     name: str,
     mount: str | None,
     actuators: Sequence[ActuatorDescription],
@@ -138,145 +125,118 @@ def _check_mount(
         if any(link.body == mount for link in actuator.links):
             return
     if mount is not None:
-        reader.fail(
+        raise reader.error(
+            kind,
             f"the {kind} {name!r} sits on {mount!r}, which is gone",
             "keep the link's name, or drop it with without = [...]",
-            kind,
         )
 
 
-def _actuator(table: TableReader, links: Sequence[str], dialect: Dialect) -> ActuatorDescription:
-    name = _name(table, table.text("name"))
-    actuator = ActuatorDescription(
-        name=name,
-        mount=_mount(table, links),
-        pose=read_pose(table),
-        links=(),
-        tip=_point(table, "tip"),
-        package=table.boolean("package", True),
+def _actuator(table: Table, links: Sequence[str], dialect: Dialect) -> ActuatorDescription:
+    name = part_name(table)
+    actuator = table.read(
+        ActuatorDescription, name=name, mount=_mount(table, links), pose=read_pose(table), links=()
     )
     chain: list[LinkDescription] = []
     for number, part in enumerate(table.tables("link"), start=1):
-        own = part.text("name", "")
-        body, joint = (
-            (_name(part, own), own) if own else (f"{name}_Link{number}", f"{name}_Joint{number}")
-        )
-        above = part.whole("parent", number - 1, low=0, high=number - 1)
+        body, joint = f"{name}_Link{number}", f"{name}_Joint{number}"
+        if part.text("name", ""):
+            body = joint = part_name(part)
+        above = part.count("parent", number - 1, low=0, high=number - 1)
         chain.append(_link(part, body, joint, above - 1 if above else None, dialect))
     if not chain:
-        table.fail("is missing", "add an [[actuator.link]] table for each joint", "link")
+        raise table.error("link", "is missing", "add an [[actuator.link]] table for each joint")
     table.finish()
     return replace(actuator, links=tuple(chain))
 
 
 def _link(
-    table: TableReader, body: str, joint: str, parent: int | None, dialect: Dialect
+    table: Table, body: str, joint: str, parent: int | None, dialect: Dialect
 ) -> LinkDescription:
-    limits = _limits(table)
+    limits = read_limits(table)
     low, high = limits or (-math.inf, math.inf)
-    link = LinkDescription(
+    link = table.read(
+        LinkDescription,
         body=body,
         joint=joint,
         parent=parent,
-        type=_TYPES[table.choice("joint", tuple(_TYPES), "revolute")],
-        axis=_axis(table),
         pose=read_pose(table),
         shapes=_shapes(table),
         limits=limits,
         max_speed=table.number("max_speed", DEFAULT_SPEED[dialect], low=1e-3, high=FASTEST),
-        max_torque=table.number("max_torque", DEFAULT_TORQUE, low=1e-3, high=1e6),
-        damping=table.number("damping", 0.0, low=0.0, high=1e6),
         home=table.number("home", min(max(0.0, low), high), low=low, high=high),
-        follows=table.text("follows", "") or None,
     )
     if link.mass < LIGHTEST:
-        table.fail("all its pieces are weightless", "give a shape of it its mass", "shape")
+        raise table.error("shape", "all its pieces are weightless", "give a shape of it its mass")
     table.finish()
     return link
 
 
-def _effector(table: TableReader, links: Sequence[str], dialect: Dialect) -> EffectorDescription:
-    name = _name(table, table.text("name"))
+def _effector(table: Table, links: Sequence[str], dialect: Dialect) -> EffectorDescription:
+    name = part_name(table)
     mount, pose = _mount(table, links), read_pose(table)
     fingers = []
     for number, part in enumerate(table.tables("finger"), start=1):
         if not part.has("limits"):
-            part.fail("is missing", "add limits = [open, closed]", "limits")
+            raise part.error("limits", "is missing", "add limits = [open, closed]")
         finger = _link(part, f"{name}_Finger{number}", f"{name}_FingerJoint{number}", None, dialect)
         assert finger.limits is not None
         fingers.append(finger if part.has("home") else replace(finger, home=finger.limits[0]))
-    tip, shapes = _point(table, "tip"), _shapes(table)
-    detached = table.boolean("detached", False)
-    type_ = table.text("type")
-    effector = EffectorDescription(
-        ItemDescription(type_, name, mount, pose, table.rest(), table.place),
-        shapes,
-        tuple(fingers),
-        tip,
-        detached,
+    type_, shapes = table.text("type"), _shapes(table)
+    effector = table.read(
+        EffectorDescription,
+        item=ItemDescription(type_, name, mount, pose),
+        shapes=shapes,
+        fingers=tuple(fingers),
     )
+    # What is left belongs to the type of the effector.
+    item = replace(effector.item, parameters=table.rest(), where=table.place)
+    effector, detached = replace(effector, item=item), effector.detached
     if detached and mount is not None:
-        table.fail("lies loose, so nothing carries it", "leave out mount or detached", "mount")
+        raise table.error(
+            "mount", "lies loose, so nothing carries it", "leave out mount or detached"
+        )
     if detached and sum(shape.mass for shape in shapes) < LIGHTEST:
-        table.fail("all its pieces are weightless", "give a shape of it its mass", "shape")
+        raise table.error("shape", "all its pieces are weightless", "give a shape of it its mass")
     return effector
 
 
-def _name(table: TableReader, name: str) -> str:
-    if not NAME.fullmatch(name) or name.lower() in RESERVED_NAMES:
-        table.fail(
-            f"is {name!r}", "use letters, digits and _, first a letter, not base or free", "name"
-        )
-    return name
-
-
-def _mount(table: TableReader, links: Sequence[str]) -> str | None:
+def _mount(table: Table, links: Sequence[str]) -> str | None:
     mount = table.text("mount", "")
     known = {link.lower(): link for link in links}
     if mount and mount.lower() not in known:
-        table.fail(f"no link {mount!r} before this", nearest(mount, links), "mount")
+        raise table.error("mount", f"no link {mount!r} before this", suggest(mount, links))
     return known[mount.lower()] if mount else None
 
 
-def _limits(table: TableReader) -> tuple[float, float] | None:
+def read_limits(
+    table: Table, default: tuple[float, float] | None = None
+) -> tuple[float, float] | None:
+    """Lowest and highest position of a joint, rad or m."""
     if not table.has("limits"):
-        return None
-    low, high = table.numbers("limits", (2,), low=-1e4, high=1e4)
+        return default
+    low, high = table.numbers("limits", (2,), low=-FASTEST, high=FASTEST)
     if low >= high:
-        table.fail(f"are {low:g} and {high:g}", "write the lower one first", "limits")
+        raise table.error("limits", f"are {low:g} and {high:g}", "write the lower one first")
     return low, high
 
 
-def _axis(table: TableReader) -> Vector:
-    axis = flip_point(table.vector("axis", (0.0, 0.0, 1.0), low=-LONGEST, high=LONGEST))
-    length = math.hypot(*axis)
-    if length < 1e-6:
-        table.fail("has no direction", "write a vector such as [0, 0, 1]", "axis")
-    x, y, z = (value / length + 0.0 for value in axis)
-    return x, y, z
-
-
-def _point(table: TableReader, key: str) -> Vector:
-    return flip_point(table.vector(key, (0.0, 0.0, 0.0), low=-LONGEST, high=LONGEST))
-
-
-def _shapes(table: TableReader) -> tuple[Shape, ...]:
+def _shapes(table: Table) -> tuple[Shape, ...]:
     shapes = tuple(read_shape(part) for part in table.tables("shape"))
     if sum(shape.mass for shape in shapes) > HEAVIEST:
-        table.fail("is too heavy", f"at most {HEAVIEST:g} kg", "shape")
+        raise table.error("shape", "is too heavy", f"at most {HEAVIEST:g} kg")
     return shapes
 
 
 NARROWEST = 0.01  # rad
 WIDEST = 3.0  # rad; a flat picture of half a turn would have no end
-RATES = (0.1, 60.0)  # Hz, as the server's own
 SIZES = (16, 8192)  # pixels a side, as a tile's
 
 _HINTS = {"interval": "write rate = pictures per second", "type": "leave it out"}
 
 
 def read_cameras(
-    reader: TableReader, links: Sequence[str], parent: RobotDescription | None
+    reader: Table, links: Sequence[str], parent: RobotDescription | None
 ) -> tuple[CameraDescription, ...]:
     """Cameras in mount order; one that bears the name of an inherited one replaces it.
 
@@ -290,17 +250,19 @@ def read_cameras(
     cameras = [camera for camera in inherited if camera.name.lower() not in dropped]
     for camera in cameras:
         if camera.link is not None and camera.link not in links:
-            reader.fail(
+            raise reader.error(
+                "camera",
                 f"the inherited camera {camera.name!r} sits on {camera.link!r}, which is gone",
                 "keep that name, or drop the camera with without = [...]",
-                "camera",
             )
     own: set[str] = set()
     for table in reader.tables("camera"):
         camera = _camera(table, links)
         key = camera.name.lower()
         if key in own:
-            table.fail(f"a second camera is called {camera.name!r}", "rename one of them", "name")
+            raise table.error(
+                "name", f"a second camera is called {camera.name!r}", "rename one of them"
+            )
         own.add(key)
         for index, other in enumerate(cameras):
             if other.name.lower() == key:
@@ -311,23 +273,23 @@ def read_cameras(
     return tuple(cameras)
 
 
-def _camera(table: TableReader, links: Sequence[str]) -> CameraDescription:
+def _camera(table: Table, links: Sequence[str]) -> CameraDescription:
     usual = CameraDescription(name="")
     if table.has("type"):
         table.choice("type", ("Camera",))
     name = table.text("name")
     if not WORD.fullmatch(name):
-        table.fail(f"is {name!r}", "use one word without blanks and braces", "name")
+        raise table.error("name", f"is {name!r}", "use one word without blanks and braces")
     low = table.number("min_fov", usual.min_fov, low=NARROWEST, high=WIDEST)
     high = table.number("max_fov", max(low, usual.max_fov), low=low, high=WIDEST)
-    camera = CameraDescription(
+    camera = table.read(
+        CameraDescription,
         name=name,
         link=read_link(table, links),
         pose=read_pose(table),
         fov=table.number("fov", min(max(usual.fov, low), high), low=low, high=high),
         min_fov=low,
         max_fov=high,
-        rate=table.number("rate", low=RATES[0], high=RATES[1]) if table.has("rate") else None,
         where=table.place,
         size=_size(table),
     )
@@ -335,10 +297,10 @@ def _camera(table: TableReader, links: Sequence[str]) -> CameraDescription:
     return camera
 
 
-def _size(table: TableReader) -> tuple[int, int] | None:
+def _size(table: Table) -> tuple[int, int] | None:
     if not table.has("size"):
         return None
     width, height = table.numbers("size", (2,), low=SIZES[0], high=SIZES[1])
     if width != int(width) or height != int(height):
-        table.fail(f"is {width:g} x {height:g}", "write whole numbers of pixels", "size")
+        raise table.error("size", f"is {width:g} x {height:g}", "write whole numbers of pixels")
     return int(width), int(height)

@@ -6,19 +6,24 @@ simulation frame. A part that the file leaves out is taken from the robot that i
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TypeVar
 
 from usarsim_server.data import data_directory
 from usarsim_server.logs import Log
 from usarsim_server.protocol.values import Vector
 from usarsim_server.robots.description import (
+    ANNOUNCED_TORQUE,
+    LIGHTEST,
+    LONGEST,
     SERVO_DROOP,
+    SHORTEST,
     ActuatorDescription,
     BatteryDescription,
     Caster,
-    Color,
     DriveDescription,
     ItemDescription,
     RobotDescription,
@@ -27,17 +32,15 @@ from usarsim_server.robots.description import (
     Wheel,
     home_pose,
 )
-from usarsim_server.robots.tables import TableReader, nearest
-from usarsim_server.simulation.frames import Pose, flip_point, pose_from_wire
+from usarsim_server.robots.families.base import Family
+from usarsim_server.simulation.frames import Pose, pose_from_wire
+from usarsim_server.tables import Table, suggest
 
 RESERVED_NAMES = frozenset({"base", "free"})
 """The chassis body and its joint; no wheel may take these names."""
 
 SHAPE_SIZES = {"box": 3, "cylinder": 2, "sphere": 1, "ellipsoid": 3, "capsule": 2}
 """How many numbers each kind of shape has as its size."""
-
-STEERING_TYPES = ("SkidSteered", "AckermanSteered", "OmniDrive", "Unknown", "None")
-"""What CONF may announce (protocol reference 4.8)."""
 
 REST_TOLERANCE = 0.01
 """m between the rest height of a file and the height that follows from its wheels (5.1 #17)."""
@@ -50,31 +53,22 @@ GONE = frozenset(
 )
 """Sensors that shipped classes had in earlier versions: files that drop them stay good."""
 
-DEFAULT_TORQUE = 50000.0
-"""MaxTorque of a joint that says nothing else, N m (robots reference 1.2); announced only."""
-
-# Beyond these a number is a slip of the pen, and MuJoCo would refuse it far from its origin.
-LONGEST = 100.0  # m
-_SHORTEST = 1e-4  # m
-HEAVIEST = 1e5  # kg
-LIGHTEST = 1e-3  # kg, of anything that moves by itself
-FASTEST = 1e4  # rad/s
-
 _DERIVED = dict.fromkeys(
     ("wheel_radius", "track_width", "wheel_base", "wheel_separation", "mass"),
     "leave it out: it follows from the wheels and masses, so that GEO and motion agree",
 )
-_WHEEL_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+PART_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 WORD = re.compile(r"[^\s{}]+")
 """Item names and types on the wire."""
 
 _log = Log("robots")
 
 Parent = RobotDescription | None
+T = TypeVar("T")
 
 
 def read_wheels(
-    reader: TableReader,
+    reader: Table,
     needed: bool,
     actuators: Sequence[ActuatorDescription],
     parent: Parent,
@@ -90,7 +84,9 @@ def read_wheels(
     if not needed:
         for key in ("wheel", "caster", "drive"):
             if reader.has(key):
-                reader.fail("stands on a robot without wheels", "remove it, or change kind", key)
+                raise reader.error(
+                    key, "stands on a robot without wheels", "remove it, or change kind"
+                )
         return ()
     if parent is not None and not reader.has("wheel"):
         return parent.wheels
@@ -99,10 +95,14 @@ def read_wheels(
     names = [wheel.name.lower() for wheel in wheels]
     for name in names:
         if names.count(name) > 1:
-            reader.fail(f"two wheels are called {name!r}", "give every wheel its own name", "wheel")
+            raise reader.error(
+                "wheel", f"two wheels are called {name!r}", "give every wheel its own name"
+            )
     for side in ("left", "right"):
         if not any(wheel.driven and wheel.side == side for wheel in wheels):
-            reader.fail(f"no driven wheel on the {side}", "add a [[wheel]] table there", "wheel")
+            raise reader.error(
+                "wheel", f"no driven wheel on the {side}", "add a [[wheel]] table there"
+            )
     return wheels
 
 
@@ -111,94 +111,75 @@ def wheel_place(wheel: Wheel, actuators: Sequence[ActuatorDescription]) -> Vecto
     return (home_pose(actuators, wheel.link) @ Pose(wheel.position)).position
 
 
-def _wheel(table: TableReader, links: Sequence[str]) -> Wheel:
-    name = table.text("name")
-    if not _WHEEL_NAME.fullmatch(name) or name.lower() in RESERVED_NAMES:
-        table.fail(
-            f"is {name!r}", "use letters, digits and _, first a letter, not base or free", "name"
-        )
-    x, y, z = table.vector("position", low=-LONGEST, high=LONGEST)
+def _wheel(table: Table, links: Sequence[str]) -> Wheel:
+    name = part_name(table)
     link = read_link(table, links)
-    if y != 0.0 and link is None:
-        by_position = "right" if y > 0.0 else "left"
-        side = table.choice("side", ("left", "right"), by_position)
-        if side != by_position:
-            table.fail(f"is {side!r} but y is {y:g}", "y is positive to the right", "side")
-    else:
-        side = table.choice("side", ("left", "right"))
-    wheel = Wheel(
-        name=name,
-        side=side,
-        position=flip_point((x, y, z)),
-        radius=table.number("radius", low=_SHORTEST, high=LONGEST),
-        width=table.number("width", low=_SHORTEST, high=LONGEST),
-        mass=table.number("mass", low=LIGHTEST, high=HEAVIEST),
-        driven=table.boolean("driven", True),
-        link=link,
-        collides=table.boolean("collides", True),
-    )
+    y = table.vector("position", low=-LONGEST, high=LONGEST)[1]
+    by_position = "right" if y > 0.0 else "left"
+    beside = y != 0.0 and link is None
+    side = table.choice("side", ("left", "right"), by_position if beside else None)
+    if beside and side != by_position:
+        raise table.error("side", f"is {side!r} but y is {y:g}", "y is positive to the right")
+    wheel = table.read(Wheel, name=name, side=side, link=link)
     table.finish()
     return wheel
 
 
-def read_casters(reader: TableReader, parent: Parent) -> tuple[Caster, ...]:
+def part_name(table: Table) -> str:
+    """The name of a wheel, a link or an actuator."""
+    name = table.text("name")
+    if not PART_NAME.fullmatch(name) or name.lower() in RESERVED_NAMES:
+        cure = "use letters, digits and _, first a letter, not base or free"
+        raise table.error("name", f"is {name!r}", cure)
+    return name
+
+
+def read_casters(reader: Table, parent: Parent) -> tuple[Caster, ...]:
     """Casters; their balls belong to the chassis body."""
     if parent is not None and not reader.has("caster"):
         return parent.casters
-    casters = []
-    for table in reader.tables("caster"):
-        casters.append(
-            Caster(
-                position=flip_point(table.vector("position", low=-LONGEST, high=LONGEST)),
-                radius=table.number("radius", low=_SHORTEST, high=LONGEST),
-                mass=table.number("mass", 0.0, low=0.0, high=HEAVIEST),
-            )
-        )
+    return read_all(reader.tables("caster"), Caster)
+
+
+def read_all(tables: Iterable[Table], cls: type[T]) -> tuple[T, ...]:
+    """Values all of whose fields are declared."""
+    values = []
+    for table in tables:
+        values.append(table.read(cls))
         table.finish()
-    return tuple(casters)
+    return tuple(values)
 
 
 def read_shapes(
-    reader: TableReader, parent: Parent, imported: tuple[Shape, ...] = ()
+    reader: Table, parent: Parent, imported: tuple[Shape, ...] = ()
 ) -> tuple[Shape, ...]:
     """Chassis pieces, beside those of a model file; at least one."""
     if parent is not None and not reader.has("shape") and not imported:
         return parent.shapes
     shapes = imported + tuple(read_shape(table) for table in reader.tables("shape"))
     if not shapes:
-        reader.fail("is missing", "add a [[shape]] table for the chassis", "shape")
+        raise reader.error("shape", "is missing", "add a [[shape]] table for the chassis")
     return shapes
 
 
-def read_shape(table: TableReader) -> Shape:
+def read_shape(table: Table) -> Shape:
+    """One piece of a body."""
     kind = table.choice("kind", tuple(SHAPE_SIZES))
-    shape = Shape(
-        kind=kind,
-        size=table.numbers("size", (SHAPE_SIZES[kind],), low=_SHORTEST, high=LONGEST),
-        pose=read_pose(table),
-        mass=table.number("mass", 0.0, low=0.0, high=HEAVIEST),
-        color=read_color(table),
-        collides=table.boolean("collides", True),
-    )
+    size = table.numbers("size", (SHAPE_SIZES[kind],), low=SHORTEST, high=LONGEST)
+    shape = table.read(Shape, kind=kind, size=size, pose=read_pose(table))
     table.finish()
     return shape
 
 
-def read_color(table: TableReader, default: Color = (0.5, 0.5, 0.5, 1.0)) -> Color:
-    channels = table.numbers("color", (3, 4), default, low=0.0, high=1.0)
-    red, green, blue, alpha = (*channels, 1.0)[:4]
-    return red, green, blue, alpha
-
-
-def check_weight(reader: TableReader, shapes: Sequence[Shape], casters: Sequence[Caster]) -> None:
+def check_weight(reader: Table, shapes: Sequence[Shape], casters: Sequence[Caster]) -> None:
     """Refuse a chassis without mass."""
     mass = sum(shape.mass for shape in shapes) + sum(caster.mass for caster in casters)
     if mass < LIGHTEST:
-        reader.fail("all pieces are weightless", "give a shape its mass", "shape")
+        raise reader.error("shape", "all pieces are weightless", "give a shape its mass")
 
 
 def read_rest_height(
-    reader: TableReader,
+    reader: Table,
     wheels: Sequence[Wheel],
     actuators: Sequence[ActuatorDescription],
     parent: Parent,
@@ -228,67 +209,49 @@ def read_rest_height(
     default = parent.rest_height if parent and inherited else round(touching, 9)
     height = reader.number("rest_height", default)
     if abs(height - touching) > REST_TOLERANCE:
-        reader.fail(
+        raise reader.error(
+            "rest_height",
             f"is {height:g}, but the {name} touch the floor at {touching:g}",
             f"leave it out, or move the {name}",
-            "rest_height",
         )
     return height
 
 
-def read_drive(reader: TableReader, wheels: Sequence[Wheel], parent: Parent) -> DriveDescription:
+def read_drive(reader: Table, wheels: Sequence[Wheel], parent: Parent) -> DriveDescription:
     """Limits of the wheel servos."""
     if not wheels:
         return DriveDescription(max_wheel_speed=0.0)
     table = reader.table("drive")
-    base = parent.drive if parent else DriveDescription(max_wheel_speed=math.nan)
-    limit = parent.drive.max_wheel_speed if parent else None
-    torque = table.number("wheel_torque", base.wheel_torque, low=1e-3, high=1e6)
-    gain = base.servo_gain if torque == base.wheel_torque else torque / SERVO_DROOP
-    drive = DriveDescription(
-        max_wheel_speed=table.number("max_wheel_speed", limit, low=1e-3, high=FASTEST),
-        wheel_torque=torque,
-        servo_gain=table.number("servo_gain", gain, low=1e-3, high=1e6),
-        wheel_acceleration=table.number(
-            "wheel_acceleration", base.wheel_acceleration, low=1e-3, high=1e6
-        ),
-        wheel_deceleration=table.number(
-            "wheel_deceleration", base.wheel_deceleration, low=1e-3, high=1e6
-        ),
-        parking_brake_delay=table.number(
-            "parking_brake_delay", base.parking_brake_delay, low=0.0, high=1e6
-        ),
-    )
+    base = parent.drive if parent else None
+    drive = table.read(DriveDescription, base)
+    usual = base or DriveDescription(max_wheel_speed=drive.max_wheel_speed)
+    if drive.wheel_torque != usual.wheel_torque and not table.has("servo_gain"):
+        drive = replace(drive, servo_gain=drive.wheel_torque / SERVO_DROOP)
     table.finish()
     return drive
 
 
-def read_battery(reader: TableReader, parent: Parent) -> BatteryDescription | None:
+def read_battery(reader: Table, parent: Parent) -> BatteryDescription | None:
     """The battery; `battery = false` takes away an inherited one."""
     inherited = parent.battery if parent else None
     if not reader.has("battery"):
         return inherited
-    if reader.is_false("battery"):
+    if reader.raw("battery") is False:
         return None
     table = reader.table("battery")
-    base = inherited or BatteryDescription()
-    battery = BatteryDescription(
-        life=table.number("life", base.life, low=1.0, high=1e9),
-        energy=table.number("energy", base.energy, low=1.0, high=1e15),
-    )
+    battery = table.read(BatteryDescription, inherited)
     table.finish()
     return battery
 
 
 def read_report(
-    table: TableReader,
+    table: Table,
     wheels: Sequence[Wheel],
     actuators: Sequence[ActuatorDescription],
     mass: float,
     drive: DriveDescription,
     parent: Parent,
-    steering_type: str = "SkidSteered",
-    steer: tuple[float, float] = (0.0, 0.0),
+    family: Family,
 ) -> RobotReport:
     """What GEO and CONF announce; all geometry follows from the driven wheels (5.1 #19).
 
@@ -296,8 +259,7 @@ def read_report(
         table: `[report]`.
         wheels, actuators, mass, drive: the body.
         parent: the robot that is extended.
-        steering_type: announced unless the file says otherwise.
-        steer: MaxFrontSteer and MaxRearSteer unless the file says otherwise, rad.
+        family: says what is announced unless the file says otherwise.
     """
     driven = [wheel for wheel in wheels if wheel.driven]
     places = [wheel_place(wheel, actuators) for wheel in driven]
@@ -311,47 +273,36 @@ def read_report(
     same_wheels = parent is not None and parent.wheels == tuple(wheels)
     same_limit = parent is not None and parent.drive.max_wheel_speed == drive.max_wheel_speed
     old = parent.report if parent else None
-    report = RobotReport(
-        steering_type=table.choice(
-            "steering_type", STEERING_TYPES, old.steering_type if old else steering_type
-        ),
-        dimensions=table.vector(
-            "dimensions",
-            old.dimensions if old and same_wheels else (base, track, 0.0),
-            low=0.0,
-            high=LONGEST,
-        ),
-        center_of_gravity=table.vector(
-            "center_of_gravity", old.center_of_gravity if old else (0.0, 0.0, 0.0)
-        ),
+    usual = RobotReport(
         wheel_radius=driven[0].radius,
         track_width=track,
         wheel_base=base,
         mass=round(mass, 9),
-        max_speed=table.number(
-            "max_speed", old.max_speed if old and same_limit else drive.max_wheel_speed, low=0.0
-        ),
-        max_torque=table.number("max_torque", old.max_torque if old else DEFAULT_TORQUE, low=0.0),
-        max_front_steer=table.number("max_front_steer", old.max_front_steer if old else steer[0]),
-        max_rear_steer=table.number("max_rear_steer", old.max_rear_steer if old else steer[1]),
+        steering_type=old.steering_type if old else family.steering_type,
+        dimensions=old.dimensions if old and same_wheels else (base, track, 0.0),
+        center_of_gravity=old.center_of_gravity if old else (0.0, 0.0, 0.0),
+        max_speed=old.max_speed if old and same_limit else drive.max_wheel_speed,
+        max_torque=old.max_torque if old else ANNOUNCED_TORQUE,
+        max_front_steer=old.max_front_steer if old else family.max_steer()[0],
+        max_rear_steer=old.max_rear_steer if old else family.max_steer()[1],
     )
+    report = table.read(RobotReport, usual)
     table.finish(_DERIVED)
     return report
 
 
-def read_platform_report(table: TableReader, mass: float, parent: Parent) -> RobotReport:
+def read_platform_report(table: Table, mass: float, parent: Parent) -> RobotReport:
     """What GEO and CONF announce of a platform without wheels."""
     nothing = (0.0, 0.0, 0.0)
+    inherited = parent.report.dimensions if parent else nothing
     report = RobotReport(
-        steering_type="None",
-        dimensions=table.vector(
-            "dimensions", parent.report.dimensions if parent else nothing, low=0.0, high=LONGEST
-        ),
-        center_of_gravity=nothing,
         wheel_radius=0.0,
         track_width=0.0,
         wheel_base=0.0,
         mass=round(mass, 9),
+        steering_type="None",
+        dimensions=table.vector("dimensions", inherited, low=0.0, high=LONGEST),
+        center_of_gravity=nothing,
         max_speed=0.0,
         max_torque=0.0,
     )
@@ -364,9 +315,7 @@ def _extent(values: Sequence[float]) -> float:
     return round(max(values) - min(values), 9)
 
 
-def read_items(
-    reader: TableReader, links: Sequence[str], parent: Parent
-) -> tuple[ItemDescription, ...]:
+def read_items(reader: Table, links: Sequence[str], parent: Parent) -> tuple[ItemDescription, ...]:
     """Sensors in mount order; one that an inherited sensor equals in type and name replaces it.
 
     Args:
@@ -378,10 +327,10 @@ def read_items(
     inherited = len(items)
     for item in items:
         if item.link is not None and item.link not in links:
-            reader.fail(
+            raise reader.error(
+                "wheel",
                 f"the inherited sensor {item.name!r} sits on {item.link!r}, which is gone",
                 "keep that name, or drop the sensor with without = [...]",
-                "wheel",
             )
     _check_without(reader, parent)
     for table in reader.tables("sensor"):
@@ -401,12 +350,12 @@ def _same_item(one: ItemDescription, other: ItemDescription) -> bool:
     return (one.type.lower(), one.name.lower()) == (other.type.lower(), other.name.lower())
 
 
-def _without(reader: TableReader, items: Sequence[ItemDescription]) -> Sequence[ItemDescription]:
+def _without(reader: Table, items: Sequence[ItemDescription]) -> Sequence[ItemDescription]:
     dropped = reader.texts("without")
     return [item for item in items if item.name not in dropped]
 
 
-def _check_without(reader: TableReader, parent: Parent) -> None:
+def _check_without(reader: Table, parent: Parent) -> None:
     """Refuse to drop what was not inherited."""
     inherited: list[str] = []
     if parent is not None:
@@ -415,7 +364,7 @@ def _check_without(reader: TableReader, parent: Parent) -> None:
         inherited += [effector.name for effector in parent.effectors]
         inherited += [camera.name for camera in parent.cameras]
     shipped = data_directory("robots")
-    if parent is not None and reader.path.parent == shipped != parent.source.parent:
+    if parent is not None and Path(reader.path).parent == shipped != parent.source.parent:
         return  # somebody's own class took the place of the shipped one that was meant
     for name in reader.texts("without"):
         if name in inherited:
@@ -424,29 +373,29 @@ def _check_without(reader: TableReader, parent: Parent) -> None:
             _log.info("a sensor that is dropped is not inherited any longer", item=name)
         else:
             names = list(dict.fromkeys(inherited))
-            reader.fail(f"no inherited sensor {name!r}", nearest(name, names), "without")
+            raise reader.error("without", f"no inherited sensor {name!r}", suggest(name, names))
 
 
-def _item(table: TableReader, links: Sequence[str]) -> ItemDescription:
+def _item(table: Table, links: Sequence[str]) -> ItemDescription:
     link = read_link(table, links)
     type_ = table.text("type")
     name = table.text("name")
     for key, word in (("type", type_), ("name", name)):
         if not WORD.fullmatch(word):
-            table.fail(f"is {word!r}", "use one word without blanks and braces", key)
+            raise table.error(key, f"is {word!r}", "use one word without blanks and braces")
     table.number("interval", 0.0, low=0.0, high=1e6)
     return ItemDescription(type_, name, link, read_pose(table), table.rest("interval"), table.place)
 
 
-def read_link(table: TableReader, links: Sequence[str]) -> str | None:
+def read_link(table: Table, links: Sequence[str]) -> str | None:
     link = table.text("link", "")
     known = {known.lower(): known for known in links}
     if link and link.lower() not in known:
-        table.fail(f"no link {link!r}", nearest(link, links), "link")
+        raise table.error("link", f"no link {link!r}", suggest(link, links))
     return known[link.lower()] if link else None
 
 
-def read_pose(table: TableReader) -> Pose:
+def read_pose(table: Table) -> Pose:
     location = table.vector("position", (0.0, 0.0, 0.0), low=-LONGEST, high=LONGEST)
     rotation = table.vector("rotation", (0.0, 0.0, 0.0), low=-1000.0, high=1000.0)
     return pose_from_wire(location, rotation)
