@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from usarsim_server.protocol import messages
 from usarsim_server.protocol.commands import interpret
 from usarsim_server.protocol.dialects import (
     FACETS,
@@ -241,3 +244,19 @@ def test_rotational_velocity_units() -> None:
 def test_range_digits(dialect: Dialect, beams: int, digits: int) -> None:
     """106 and 5.2 no. 14: four digits only in `ut2004` and only up to 240 beams."""
     assert range_digits(dialect, beams) == digits
+
+
+def test_dialects_differ_in_one_place() -> None:
+    """What they differ in is a facet, or a matter of `messages`: nobody else asks which it is."""
+    package = Path(messages.__file__).parents[2]
+    compared = re.compile(
+        r"\bis (not )?Dialect\.|[!=]= *Dialect\.|\bDialect\.\w+ *(is|==|!=|in) |case Dialect\."
+    )
+    own = {package / "protocol" / "dialects.py", *Path(messages.__file__).parent.glob("*.py")}
+    guilty = [
+        f"{path.relative_to(package)}: {line.strip()}"
+        for path in sorted(set(package.rglob("*.py")) - own)
+        for line in path.read_text(encoding="utf-8").splitlines()
+        if compared.search(line)
+    ]
+    assert guilty == []

@@ -178,16 +178,16 @@ plant(
 plant(
     "avatars.status.y-sign",
     _AVATARS,
-    'triple("Location", status.location, _AVATARS',
-    'triple("Location", [a * b for a, b in zip(status.location, (1, -1, 1))], _AVATARS',
+    'triple("Location", status.location, _COARSE)',
+    'triple("Location", (status.location[0], -status.location[1], status.location[2]), _COARSE)',
     notices="control.avatar.walks",
     field="Location",
 )
 plant(
     "avatars.status.yaw-sign",
     _AVATARS,
-    'triple("Orientation", status.orientation, _AVATARS_DIGITS)',
-    'triple("Orientation", [-one for one in status.orientation], _AVATARS_DIGITS)',
+    'triple("Orientation", status.orientation, _COARSE)',
+    'triple("Orientation", [-one for one in status.orientation], _COARSE)',
     notices="control.avatar.faces",
     field="Orientation",
 )

@@ -1,10 +1,7 @@
-"""Lines about world and game: NFO and DIE (protocol reference 4.2 and 4.12).
+"""Lines about world and game.
 
-The answer of a world controller to GetSTA (protocol reference 4.11).
-
-What people who walk about report: STA and BSTA (protocol reference 4.4 and 4.13).
-
-RES lines, which only the UT2004 generation sends (protocol reference 4.10).
+NFO and DIE (protocol reference 4.2 and 4.12), the answer of a world controller to GetSTA (4.11),
+STA and BSTA of people who walk about (4.4 and 4.13), RES, which only `ut2004` has (4.10).
 """
 
 from __future__ import annotations
@@ -26,7 +23,10 @@ from usarsim_server.protocol.messages.text import (
 from usarsim_server.protocol.numbers import vector
 from usarsim_server.protocol.values import Dialect, Segment, Vector
 
-_POSE_DIGITS = 4
+_DIGITS = 4
+_COARSE = 2
+"""Digits of places and angles of people."""
+_RESULT_DIGITS = FACETS[Dialect.UT2004].time_digits
 _LEVEL_INFO = re.compile(r"\.levelinfo.*", re.IGNORECASE | re.DOTALL)
 
 
@@ -63,7 +63,7 @@ def path_nodes(nodes: Sequence[tuple[str, Vector, Vector]]) -> str:
 
 def closest_path_node(tag: str, location: Vector) -> str:
     """The path node nearest to the place a client asked about; location in m."""
-    return line("NFO", segment("Pathnode", token(tag)), triple("Location", location, _POSE_DIGITS))
+    return line("NFO", segment("Pathnode", token(tag)), triple("Location", location, _DIGITS))
 
 
 def die(killer: str, damage_type: str) -> str:
@@ -91,7 +91,7 @@ def status_change(time: float, event: str, wire_type: str, name: str) -> str:
     return line(
         "NFO",
         segment("Status", token(event)),
-        time_segment(time, _POSE_DIGITS),
+        time_segment(time, _DIGITS),
         segment("Type", wire_type),
         segment("Name", name),
     )
@@ -103,7 +103,7 @@ def tick(time: float) -> str:
     Args:
         time: simulated s.
     """
-    return line("NFO", segment("Status", "Tick"), time_segment(time, _POSE_DIGITS))
+    return line("NFO", segment("Status", "Tick"), time_segment(time, _DIGITS))
 
 
 def _tagged_poses(key: str, poses: Sequence[tuple[str, Vector, Vector]]) -> str:
@@ -111,13 +111,10 @@ def _tagged_poses(key: str, poses: Sequence[tuple[str, Vector, Vector]]) -> str:
     if not poses:
         return head
     groups = [
-        f"{token(tag)} {vector(location, _POSE_DIGITS)} {vector(rotation, _POSE_DIGITS)}"
+        f"{token(tag)} {vector(location, _DIGITS)} {vector(rotation, _DIGITS)}"
         for tag, location, rotation in poses
     ]
     return f"{head} {{{' '.join(groups)}}}"
-
-
-_DIGITS = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -156,10 +153,6 @@ def object_status(objects: Sequence[ObjectStatus]) -> str:
     return line("STA", *body)
 
 
-_TIME_DIGITS = 4
-_AVATARS_DIGITS = 2
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AvatarStatus:
     """Where an avatar is.
@@ -183,11 +176,11 @@ def avatar_status(status: AvatarStatus) -> str:
     """STA of an avatar."""
     return line(
         "STA",
-        time_segment(status.time, _TIME_DIGITS),
+        time_segment(status.time, _DIGITS),
         segment("Type", status.class_name),
         segment("Name", status.name),
-        triple("Location", status.location, _AVATARS_DIGITS),
-        triple("Orientation", status.orientation, _AVATARS_DIGITS),
+        triple("Location", status.location, _COARSE),
+        triple("Orientation", status.orientation, _COARSE),
         flag("Walking", status.walking),
     )
 
@@ -202,11 +195,10 @@ def avatar_bones(time: float, name: str, bones: Sequence[tuple[str, Vector]]) ->
     """
     body: list[str] = []
     for bone, rotation in bones:
-        body += (segment("Bone", bone), triple("Rotation", rotation, _AVATARS_DIGITS))
-    return line("BSTA", time_segment(time, _TIME_DIGITS), segment("Name", name), *body)
+        body += (segment("Bone", bone), triple("Rotation", rotation, _COARSE))
+    return line("BSTA", time_segment(time, _DIGITS), segment("Name", name), *body)
 
 
-_RESULTS_TIME_DIGITS = FACETS[Dialect.UT2004].time_digits
 # RDK reads the lower case spelling for these, MOAST the other for the rest (5.2 no. 19).
 _LOWER_CASE_STATUS = frozenset({"RFID", "RFIDReleaser"})
 
@@ -226,7 +218,7 @@ def result(
     status = "status" if wire_type in _LOWER_CASE_STATUS else "Status"
     return line(
         "RES",
-        time_segment(time, _RESULTS_TIME_DIGITS),
+        time_segment(time, _RESULT_DIGITS),
         segment("Type", wire_type),
         *(() if name is None else (segment("Name", name),)),
         segment(status, _verdict(ok)),
@@ -251,7 +243,7 @@ def viewports_result(
         body += (segment("Config", config[0]), segment("Status", _verdict(config[1])))
     for index, (camera, ok) in enumerate(viewports, start=1):
         body += (segment(f"Viewport{index}", camera), segment("Status", _verdict(ok)))
-    stamp = time_segment(time, _RESULTS_TIME_DIGITS)
+    stamp = time_segment(time, _RESULT_DIGITS)
     return line("RES", stamp, segment("Type", "Viewports"), *body)
 
 
