@@ -18,10 +18,9 @@ from usarsim_server.cameras.view import Grid
 from usarsim_server.cli.serve import add_parser
 from usarsim_server.services.comserver import ComServerLimits
 from usarsim_server.services.control import ControlLimits
-from usarsim_server.services.dialogue import DialogueLimits
+from usarsim_server.services.dialogue import TRUTH_LIMITS, DialogueLimits
 from usarsim_server.services.images import ImageLimits
 from usarsim_server.services.relay import Road
-from usarsim_server.services.truth import TRUTH_LIMITS
 from usarsim_server.services.wireless import WirelessLimits
 from usarsim_server.settings import Settings
 

@@ -11,6 +11,7 @@ import sys
 import weakref
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from importlib.metadata import entry_points
 from pathlib import Path
 
@@ -36,17 +37,19 @@ from usarsim_server.robots.catalog import load_roster
 from usarsim_server.services.budget import Owners, Pace, WorkBudget, whole_share
 from usarsim_server.services.comserver import ComServerLimits, ComServerService
 from usarsim_server.services.control import ControlLimits, ControlService
-from usarsim_server.services.dialogue import Desk, DialogueLimits, Instant
-from usarsim_server.services.images import ImageService
-from usarsim_server.services.limits import SpawnGate, address_of
-from usarsim_server.services.ready import Service, run_services
-from usarsim_server.services.relay import Road
-from usarsim_server.services.truth import (
+from usarsim_server.services.dialogue import (
     TRUTH_LIMITS,
+    Desk,
+    DialogueLimits,
+    Instant,
     ground_truth_service,
     responder,
     truth_service,
 )
+from usarsim_server.services.images import ImageService
+from usarsim_server.services.limits import SpawnGate, address_of
+from usarsim_server.services.ready import Service, run_services
+from usarsim_server.services.relay import Road
 from usarsim_server.services.wireless import WirelessLimits, WirelessService
 from usarsim_server.sessions.dispatcher import Dispatcher
 from usarsim_server.sessions.outbox import Outbox, OutboxLimits
@@ -138,7 +141,12 @@ class Assembly:
         self, peer: str, outbox: Outbox, on_backlog_low: Callable[[], None]
     ) -> RobotAgent:
         """The agent of a new control connection."""
-        options = _agent_options(self.settings)
+        settings = self.settings
+        options = AgentOptions(
+            dialect=settings.dialect,
+            replace_robot=settings.second_init == "replace",
+            tick=settings.tick if settings.lockstep else None,
+        )
         agent = RobotAgent(peer, outbox, on_backlog_low, self.roles, self.dispatcher.call, options)
         self.agents.add(agent)
         return agent
@@ -193,54 +201,44 @@ def assemble(settings: Settings) -> Assembly:
     studio = Studio(simulation, board, _studio_options(settings, world), fleet.lit)
     _add_spectators(settings, world, simulation, board)
     gate = SpawnGate(settings.robot_rate, float(max(_LEAST_BURST, settings.max_robots)))
-    dispatcher = Dispatcher(
-        simulation.cast_all,
-        simulation.attention if math.isinf(settings.speed) else _nobody_waits,
-    )
+    # At a pace the physics looks for itself, once in a while, and is not woken for each report.
+    unpaced = math.isinf(settings.speed)
+    dispatcher = Dispatcher(simulation.cast_all, simulation.attention if unpaced else None)
     simulation.wake_together(dispatcher.together)
     options = _role_options(settings)
     roles = Roles(world, simulation, fleet, objects, avatars, gate.admit, gate.forget, options)
     assembly = Assembly(settings, world, simulation, fleet, surroundings, roles, studio, dispatcher)
     if settings.port is not None:
-        services.append(_control_service(settings, world, assembly))
+        services.append(_control_service(settings, settings.port, assembly))
     if settings.image_port is not None:
         services.append(_image_service(settings, settings.image_port, assembly))
     obstacles = SceneryObstacles(simulation)
     ground_truth = responder(GroundTruth(fleet.stations, obstacles).answers)
+    actors = Actors(simulation, fleet.classes, surroundings.victims, avatars, objects)
     pace = _pace(settings, simulation)
     instant = Instant(INSTANT / settings.speed, lambda: fleet.vehicles)
-    if tells and settings.groundtruth_port is not None:
-        services.append(
-            ground_truth_service(
-                settings.host,
-                settings.groundtruth_port,
-                ground_truth,
-                required=settings.demands("groundtruth_port"),
-                limits=DialogueLimits(idle=settings.idle_timeout),
-                instant=instant,
-                pace=pace,
+    positions = partial(ground_truth_service, respond=ground_truth)
+    poses = partial(truth_service, answer=actors.answer)
+    ports = (("groundtruth_port", positions, DialogueLimits()), ("truth_port", poses, TRUTH_LIMITS))
+    for key, service, limits in ports:
+        port = getattr(settings, key)
+        if tells and port is not None:
+            services.append(
+                service(
+                    settings.host,
+                    port,
+                    required=settings.demands(key),
+                    limits=replace(limits, idle=settings.idle_timeout),
+                    instant=instant,
+                    pace=pace,
+                )
             )
-        )
-    if tells and settings.truth_port is not None:
-        actors = Actors(simulation, fleet.classes, surroundings.victims, avatars, objects)
-        services.append(
-            truth_service(
-                settings.host,
-                settings.truth_port,
-                actors.answer,
-                required=settings.demands("truth_port"),
-                limits=replace(TRUTH_LIMITS, idle=settings.idle_timeout),
-                instant=instant,
-                pace=pace,
-            )
-        )
-    for key in ("groundtruth_port", "truth_port"):
-        if not tells and settings.demands(key) and getattr(settings, key) is not None:
+        elif port is not None and settings.demands(key):
             _log.warning("a port is not opened: ground truth is switched off", setting=key)
-    limits = WirelessLimits(idle=settings.idle_timeout)
-    desk = Desk("wireless", ground_truth, limits.dialogue, instant, pace=pace) if tells else None
+    radio_limits = WirelessLimits(idle=settings.idle_timeout)
+    desk = Desk("wireless", ground_truth, radio_limits, instant, pace=pace) if tells else None
     radio = RadioWorld(fleet.stations, obstacles, lambda: simulation.snapshot.time, settings.speed)
-    services += _wireless_services(settings, radio, limits, desk, assembly.owners, pace)
+    services += _wireless_services(settings, radio, radio_limits, desk, assembly.owners, pace)
     return replace(assembly, services=tuple(services))
 
 
@@ -294,33 +292,28 @@ async def _serve(assembly: Assembly) -> None:
     await run_services(assembly.services, stop=stop)
 
 
-def _control_service(
-    settings: Settings, world: WorldDescription, assembly: Assembly
-) -> ControlService:
-    assert settings.port is not None
+def _control_service(settings: Settings, port: int, assembly: Assembly) -> ControlService:
+    world = assembly.world
     greeting = messages.encode(messages.greeting(GAME_TYPE, world.level, world.time_limit))
-    return ControlService(
-        settings.host,
-        settings.port,
-        lambda: greeting,
-        assembly.make_agent,
-        _control_limits(settings),
-        _pace(settings, assembly.simulation),
-    )
-
-
-def _control_limits(settings: Settings) -> ControlLimits:
     most = settings.connections
-    return ControlLimits(
+    limits = ControlLimits(
         max_connections=most,
         per_address=settings.max_per_address,
         arrival_rate=settings.connection_rate,
         # Everybody may come at once, and once more to ask for start poses.
         arrival_burst=2 * most,
         max_line=settings.line_bytes,
-        command_rate=settings.input_rate,
+        rate=settings.input_rate,
         idle=settings.idle_timeout,
         outbox=OutboxLimits(stream_bytes=settings.outbox_bytes, reply_bytes=settings.reply_bytes),
+    )
+    return ControlService(
+        settings.host,
+        port,
+        greeting,
+        assembly.make_agent,
+        limits,
+        _pace(settings, assembly.simulation),
     )
 
 
@@ -441,14 +434,6 @@ def _radio_options(settings: Settings) -> RadioOptions:
     return read_radio(table, place, settings.wireless_model, settings.seed)
 
 
-def _agent_options(settings: Settings) -> AgentOptions:
-    return AgentOptions(
-        dialect=settings.dialect,
-        replace_robot=settings.second_init == "replace",
-        tick=settings.tick if settings.lockstep else None,
-    )
-
-
 def _role_options(settings: Settings) -> RoleOptions:
     # The quiet period is promised in wall time; the simulation knows only its own.
     paced = not math.isinf(settings.speed)
@@ -462,7 +447,3 @@ def _role_options(settings: Settings) -> RoleOptions:
         start_at_first_pose=settings.default_start == "first",
         clean_on_close=settings.clean_on_close,
     )
-
-
-def _nobody_waits() -> None:
-    """At a pace the physics looks for itself, once in a while, and is not woken for each report."""

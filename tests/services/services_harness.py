@@ -182,7 +182,7 @@ class Running:
         self.refuse: Exception | None = None
         self.loop = asyncio.new_event_loop()
         self.clients: list[Client] = []
-        self.service = ControlService("127.0.0.1", 0, lambda: GREETING, self._agent, limits)
+        self.service = ControlService("127.0.0.1", 0, GREETING, self._agent, limits)
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()
         self.endpoint: Endpoint = self._call(self.service.start())

@@ -166,7 +166,7 @@ def test_no_send_call_holds_parts_of_two_lines_when_the_client_is_slow(control, 
         return send(self, data, *flags)
 
     monkeypatch.setattr(socket.socket, "send", traced)
-    server = control(ControlLimits(outbox=SLOW, kernel_buffer=4096))
+    server = control(ControlLimits(outbox=SLOW, receive_buffer=4096, send_buffer=4096))
     client, agent = server.pair(receive_buffer=4096)
     fill(agent, 400)
     time.sleep(0.1)
@@ -187,7 +187,7 @@ def test_accepted_sockets_send_at_once_and_have_small_buffers(control, monkeypat
         accepted.append(client)
 
     monkeypatch.setattr(listener, "_prepare", spy)
-    server = control(ControlLimits(kernel_buffer=16 * 1024))
+    server = control(ControlLimits(receive_buffer=16 * 1024, send_buffer=16 * 1024))
     server.connect()
     [client] = accepted
     assert client.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY) == 1
@@ -200,7 +200,7 @@ def test_accepted_sockets_send_at_once_and_have_small_buffers(control, monkeypat
 def test_slow_reader_loses_whole_streamed_lines_and_no_reply(control, caplog):
     """Checklist 17 and 18: after a pause every line is whole and in order, replies complete."""
     caplog.set_level("INFO", "usarsim")
-    server = control(ControlLimits(outbox=SLOW, kernel_buffer=8192))
+    server = control(ControlLimits(outbox=SLOW, receive_buffer=8192, send_buffer=8192))
     client, agent = server.pair(receive_buffer=8192)
     lines = fill(agent, 1000)
     for number in range(20):
@@ -226,7 +226,7 @@ def test_slow_reader_loses_whole_streamed_lines_and_no_reply(control, caplog):
 
 def test_first_line_after_a_pause_is_recent(control):
     """A client that resumes skips what is out of date: it lags by the buffers, not by its pause."""
-    server = control(ControlLimits(outbox=SLOW, kernel_buffer=8192))
+    server = control(ControlLimits(outbox=SLOW, receive_buffer=8192, send_buffer=8192))
     client, agent = server.pair(receive_buffer=8192)
     lines = fill(agent, 3000)
     agent.outbox.put_reply(b"GEO {Name last}\r\n")
@@ -240,7 +240,9 @@ def test_first_line_after_a_pause_is_recent(control):
 
 def test_client_that_asks_without_reading_is_cut_off(control, caplog):
     """Replies are never dropped: a client that lets them pile up is closed, with a log line."""
-    limits = ControlLimits(outbox=OutboxLimits(reply_bytes=64 * 1024), kernel_buffer=8192)
+    limits = ControlLimits(
+        outbox=OutboxLimits(reply_bytes=64 * 1024), receive_buffer=8192, send_buffer=8192
+    )
     server = control(limits)
     greedy, agent = server.pair(receive_buffer=8192)
     for number in range(2000):
@@ -266,7 +268,9 @@ def test_agent_can_end_its_connection(control):
 def test_64_clients_that_never_read_delay_nobody_and_stay_bounded(control):
     """Checklist 12 and 16: 64 silent clients cost their budget each, another is served."""
     outbox = OutboxLimits(stream_bytes=8192)
-    server = control(ControlLimits(max_connections=65, outbox=outbox, kernel_buffer=4096))
+    server = control(
+        ControlLimits(max_connections=65, outbox=outbox, receive_buffer=4096, send_buffer=4096)
+    )
     silent = [server.pair(receive_buffer=4096) for _ in range(64)]
     for _, agent in silent:
         fill(agent, 200)

@@ -56,7 +56,7 @@ def test_every_kind_of_close_ends_the_agent_promptly_and_once(control, end):
 @pytest.mark.parametrize("end", [end_by_close, end_by_reset])
 def test_close_ends_the_agent_while_output_is_stuck(control, end):
     """A client that never read and closes is noticed although the writer waits for it."""
-    server = control(ControlLimits(outbox=SLOW, kernel_buffer=4096))
+    server = control(ControlLimits(outbox=SLOW, receive_buffer=4096, send_buffer=4096))
     client, agent = server.pair(receive_buffer=4096)
     fill(agent, 500)
     end(client)
@@ -109,7 +109,7 @@ def test_connection_beyond_the_limit_is_closed_at_once(control, caplog):
 def test_stop_closes_connections_agents_and_port(control, caplog, monkeypatch):
     """After stop every client sees the end, every agent is closed and the port is free."""
     monkeypatch.setattr(listener_module, "_STOP_TIMEOUT", PATIENCE)
-    server = control(ControlLimits(outbox=SLOW, kernel_buffer=4096))
+    server = control(ControlLimits(outbox=SLOW, receive_buffer=4096, send_buffer=4096))
     pairs = [server.pair(receive_buffer=4096) for _ in range(5)]
     fill(pairs[0][1], 500)  # one that is stuck in a send
     server.stop_service()
@@ -154,7 +154,7 @@ def flood(client, count):
 
 def test_flood_is_pushed_back_and_nothing_is_lost(control):
     """While an agent lags its client's input is not read; later all of it arrives in order."""
-    limits = ControlLimits(backlog_high=100, backlog_low=20, kernel_buffer=8192)
+    limits = ControlLimits(backlog_high=100, backlog_low=20, receive_buffer=8192, send_buffer=8192)
     server = control(limits, hold=True)
     client, agent = server.pair(send_buffer=8192)
     sent = flood(client, 100_000)
@@ -174,7 +174,7 @@ def test_flood_is_pushed_back_and_nothing_is_lost(control):
 def test_reading_goes_on_at_the_low_mark_only(control, monkeypatch):
     """Between the marks nothing is read; at the low one the agent's word alone sets it going."""
     monkeypatch.setattr(control_module, "_HANG_UP_POLL", 60.0)
-    limits = ControlLimits(backlog_high=50, backlog_low=10, kernel_buffer=4096)
+    limits = ControlLimits(backlog_high=50, backlog_low=10, receive_buffer=4096, send_buffer=4096)
     server = control(limits, hold=True)
     client, agent = server.pair(send_buffer=4096)
     flood(client, 20_000)
@@ -189,7 +189,7 @@ def test_reading_goes_on_at_the_low_mark_only(control, monkeypatch):
 
 def test_forgotten_notice_delays_reading_but_does_not_stop_it(control):
     """An agent that never says that it caught up is looked at five times a second."""
-    limits = ControlLimits(backlog_high=50, backlog_low=10, kernel_buffer=4096)
+    limits = ControlLimits(backlog_high=50, backlog_low=10, receive_buffer=4096, send_buffer=4096)
     server = control(limits, hold=True)
     client, agent = server.pair(send_buffer=4096)
     flood(client, 20_000)
@@ -265,7 +265,7 @@ def test_each_chunk_of_input_is_a_turn_of_the_loop():
             def close(self):
                 pass
 
-        service = ControlService("127.0.0.1", 0, lambda: GREETING, lambda *_: Agent())
+        service = ControlService("127.0.0.1", 0, GREETING, lambda *_: Agent())
         endpoint = await service.start()
         with socket.create_connection((endpoint.host, endpoint.port)) as client:
             client.sendall(FLOOD * 1000)  # the loop does not run meanwhile
@@ -300,7 +300,7 @@ def test_output_gives_others_their_turn(monkeypatch):
             fill(FakeAgent(peer, outbox, on_backlog_low, hold=False), 500, length=1)
             return FakeAgent(peer, outbox, on_backlog_low, hold=False)
 
-        service = ControlService("127.0.0.1", 0, lambda: GREETING, agent)
+        service = ControlService("127.0.0.1", 0, GREETING, agent)
         endpoint = await service.start()
         with socket.create_connection((endpoint.host, endpoint.port)):
             await complete.wait()

@@ -15,10 +15,17 @@ from services_harness import Client, eventually
 
 from usarsim_server.errors import ServiceError, UsarsimError
 from usarsim_server.protocol.framing import LineFramer
-from usarsim_server.services.dialogue import Desk, DialogueLimits, DialogueService, Instant
+from usarsim_server.services.dialogue import (
+    Desk,
+    DialogueLimits,
+    DialogueService,
+    Instant,
+    ground_truth_service,
+    responder,
+    truth_service,
+)
 from usarsim_server.services.listener import Endpoint
 from usarsim_server.services.replies import ReplyBuffer
-from usarsim_server.services.truth import ground_truth_service, responder, truth_service
 from usarsim_server.testing import PATIENCE
 
 T = TypeVar("T")
@@ -130,7 +137,7 @@ def test_who_does_not_read_is_not_asked_further(start: Start) -> None:
         served.append(len(lines))
         return ["x" * 5000 for _ in lines]
 
-    running = start(ground(large, limits=DialogueLimits(kernel_buffer=8192)))
+    running = start(ground(large, limits=DialogueLimits(receive_buffer=8192, send_buffer=8192)))
     lazy = running.connect(receive_buffer=4096)
     lazy.socket.settimeout(0.5)
     with contextlib.suppress(TimeoutError):

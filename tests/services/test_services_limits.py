@@ -200,7 +200,7 @@ FLOOD = b"DRIVE {Left 1.00}\r\n"
 
 def test_flood_is_read_at_the_rate_and_nothing_is_lost(control, caplog) -> None:
     """1600 commands at 400 a second take three seconds after the first 400; others are served."""
-    server = control(ControlLimits(command_rate=400.0))
+    server = control(ControlLimits(rate=400.0))
     client, agent = server.pair()
     other, _ = server.pair()
     begun = time.monotonic()
@@ -251,7 +251,7 @@ def test_nobody_waits_for_commands_that_wait_already(control) -> None:
 
 def test_without_a_rate_nothing_is_charged(control) -> None:
     """In lockstep and at the fastest pace wall time must not decide what is read when."""
-    server = control(ControlLimits(command_rate=math.inf, share=1e-6))
+    server = control(ControlLimits(rate=math.inf, share=1e-6))
     client, agent = server.pair()
     agent.cost = 1.0
     client.send(FLOOD * 5000 + b"GETCONF {Name done}\r\n")
@@ -261,7 +261,7 @@ def test_without_a_rate_nothing_is_charged(control) -> None:
 
 def test_requests_with_long_answers_cost_more(control) -> None:
     """A client is charged for what it makes the server say, too."""
-    server = control(ControlLimits(command_rate=400.0))
+    server = control(ControlLimits(rate=400.0))
     client, agent = server.pair()
     answer = b"GEO {Name x}" + b"x" * 1200 * 1024 + b"\r\n"
     agent.outbox.put_reply(answer)
@@ -277,7 +277,7 @@ def test_requests_with_long_answers_cost_more(control) -> None:
 @pytest.mark.parametrize("end", [Client.close, Client.reset])
 def test_client_that_is_held_back_may_go(control, end) -> None:
     """Checklist 13 and 14: to have sent too much delays no goodbye."""
-    server = control(ControlLimits(command_rate=200.0))
+    server = control(ControlLimits(rate=200.0))
     client, agent = server.pair()
     client.send(b"{}ACT" * 4000 + b"\r\n")
     assert eventually(lambda: server.service._rates.waiting == 1)
@@ -289,7 +289,7 @@ def test_client_that_is_held_back_may_go(control, end) -> None:
 def test_stop_does_not_wait_for_clients_that_are_held_back(control, caplog, monkeypatch) -> None:
     """A server that ends forgets what they owe."""
     monkeypatch.setattr(listener_module, "_STOP_TIMEOUT", PATIENCE)
-    server = control(ControlLimits(command_rate=200.0))
+    server = control(ControlLimits(rate=200.0))
     client, agent = server.pair()
     client.send(b"{}ACT" * 4000 + b"\r\n")
     assert eventually(lambda: server.service._rates.waiting == 1)

@@ -168,7 +168,7 @@ class Running:
             "127.0.0.1",
             0,
             network(),
-            Desk("wireless", truth, limits.dialogue) if tells_truth else None,
+            Desk("wireless", truth, limits) if tells_truth else None,
             road=Road(options.shape, speed),
             limits=limits,
             owners=lambda: self.owners,

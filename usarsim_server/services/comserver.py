@@ -45,9 +45,8 @@ from usarsim_server.services.limits import (
     descriptor_limit,
     raise_descriptor_limit,
 )
-from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits
-from usarsim_server.services.radio_watch import RadioWatch
-from usarsim_server.services.relay import KERNEL_BUFFER, Traffic, dial
+from usarsim_server.services.listener import Endpoint, Listener, PortLimits
+from usarsim_server.services.relay import KERNEL_BUFFER, RadioWatch, Traffic, dial
 from usarsim_server.services.replies import PIECE, ReplyBuffer
 
 _BLOCK = 4 * 1024
@@ -57,37 +56,26 @@ _ROBOT_BYTES = 16 * 1024
 """A registered name with all ports that it may listen on."""
 
 
-@dataclass(frozen=True, slots=True)
-class ComServerLimits:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ComServerLimits(PortLimits):
     """What robots may use; names stay registered for the server's lifetime (5.1).
 
     Attributes:
-        max_connections: control connections at a time.
         robots: names that may be registered; beyond it the oldest that is no robot of the world
             and has no links is forgotten.
         ports: that one robot may listen on at a time.
         links: open at a time; each takes two descriptors.
         links_per_robot: of these for the one who opened them.
         poll: s of wall time between two looks at the world.
-        rate: messages per wall s of one client in the long run; it is read no faster.
-        share: s of processor time per wall s for the control messages of all clients.
-        link_share: the same for all links.
-        idle: s after which a client that says nothing is closed unless it registered a robot of
-            the world; 0 for never.
-        kernel_buffer: bytes per control connection and direction, before the kernel doubles it.
+        link_share: s of processor time per wall s for all links.
     """
 
-    max_connections: int = 64
     robots: int = 256
     ports: int = 64
     links: int = 256
     links_per_robot: int = 64
     poll: float = 0.25
-    rate: float = 1000.0
-    share: float = 0.05
     link_share: float = 0.08
-    idle: float = 300.0
-    kernel_buffer: int = 64 * 1024
 
     @property
     def held_bytes(self) -> int:
@@ -99,11 +87,6 @@ class ComServerLimits:
     def names_bytes(self) -> int:
         """Bytes of all names and ports, which outlive the connections that registered them."""
         return self.robots * _ROBOT_BYTES
-
-    @property
-    def kernel_bytes(self) -> int:
-        """The same in the kernel, which doubles what it is asked for, in either direction."""
-        return 4 * self.kernel_buffer
 
     @property
     def link_bytes(self) -> int:
@@ -167,11 +150,7 @@ class ComServerService:
             port,
             self._serve,
             option="--comserver-port",
-            limits=ListenerLimits(
-                max_connections=self._limits.max_connections,
-                receive_buffer=self._limits.kernel_buffer,
-                send_buffer=self._limits.kernel_buffer,
-            ),
+            limits=self._limits,
             make_room=self._guests.make_room,
         )
 

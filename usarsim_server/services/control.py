@@ -19,7 +19,7 @@ import socket
 import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from usarsim_server.logs import Log
 from usarsim_server.protocol.framing import MAX_LINE, LineFramer
@@ -27,7 +27,6 @@ from usarsim_server.protocol.grammar import (
     KNOWN_WORDS,
     MOST_SEGMENTS,
     WEIGHT_BYTES,
-    Command,
     parse_line,
 )
 from usarsim_server.services.budget import Guest, Guests, WorkBudget, whole_share
@@ -38,9 +37,12 @@ from usarsim_server.services.limits import (
     input_cost,
     work_cost,
 )
-from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits, hung_up
+from usarsim_server.services.listener import Endpoint, Listener, PortLimits, hung_up
 from usarsim_server.services.replies import LoopCalls
 from usarsim_server.sessions.outbox import Outbox, OutboxLimits
+
+if TYPE_CHECKING:  # which stands on the physics
+    from usarsim_server.sessions.session import RobotAgent
 
 _CHUNK = 2048
 """Bytes read at a time. Parsing them holds the event loop for half a millisecond; beside a client
@@ -69,88 +71,39 @@ _HANG_UP_POLL = 0.2
 """Seconds between looks for a hang-up while a client's input is not read; who has had to wait for
 so long in all is told of in the log."""
 
-Greeting = Callable[[], bytes]
-"""Makes the one line, CR LF included, that every client reads first (protocol reference 1.2)."""
+AgentFactory = Callable[[str, Outbox, Callable[[], None]], "RobotAgent"]
+"""Makes the agent of a new connection, on the event loop; must not block.
+
+Given `host:port` of the client; the outbox for the agent's lines, in which the greeting is already;
+and what is to be called, from any thread, when the agent's backlog has shrunk, at the least when it
+is empty: reading a paused client's input then goes on at once instead of after a fifth of a second.
+"""
 
 
-class Agent(Protocol):
-    """Executes the commands of one connection, usually on a thread of its own."""
-
-    def submit(self, commands: list[Command]) -> None:
-        """Take over commands, in the order they came. Must not block."""
-
-    @property
-    def backlog(self) -> int:
-        """Weight of the commands submitted and not yet begun, see `Command.weight`."""
-
-    @property
-    def work(self) -> float:
-        """Processor time that the commands of this client have taken so far, s."""
-
-    @property
-    def has_role(self) -> bool:
-        """Whether the connection is a robot or something else in the world, or becomes so."""
-
-    def close(self) -> None:
-        """The client is gone: remove its robot, forget its commands. Must not block.
-
-        Called exactly once, on the event loop. Lines put into the outbox afterwards are ignored.
-        """
-
-
-class AgentFactory(Protocol):
-    """Makes the agent of a new connection, on the event loop; must not block."""
-
-    def __call__(self, peer: str, outbox: Outbox, on_backlog_low: Callable[[], None]) -> Agent:
-        """Make an agent.
-
-        Args:
-            peer: `host:port` of the client; it names the connection in the log.
-            outbox: for the agent's lines. The greeting is already in it. An agent that cannot
-                go on calls `outbox.condemn(reason)`.
-            on_backlog_low: to be called, from any thread and as often as is convenient, when the
-                backlog has shrunk, at the least when it is empty. Reading a paused client's input
-                then goes on at once instead of after a fifth of a second.
-        """
-
-
-@dataclass(frozen=True, slots=True)
-class ControlLimits:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ControlLimits(PortLimits):
     """What the clients of the control port may use.
 
+    The number of clients was UDK's MaxConnections (protocol reference 1.1). The rate counts
+    commands, see `limits.input_cost`. The share is that of all clients together that send more than
+    their own share of the rate (`limits.OWN_SHARE`); it is less while the world falls behind. A
+    client that stopped reading finds at most as much old text as the kernel holds when it reads on.
+
     Attributes:
-        max_connections: UDK's MaxConnections (protocol reference 1.1).
-        per_address: connections of one address; None: no other limit.
-        arrival_rate, arrival_burst: see `ListenerLimits`.
         max_line: longest line in bytes; longer ones are thrown away.
-        command_rate: commands per s of one client in the long run; it is read no faster. See
-            `limits.input_cost` for what counts as a command.
-        share: s of processor time per wall s for the commands of all clients together that send
-            more than their own share of the rate (`limits.OWN_SHARE`); less while the world falls
-            behind.
-        idle: s after which a client that neither had a command nor is anything in the world is
-            closed; 0 for never.
         backlog_high: weight of commands waiting at an agent beyond which its client's input is not
             read. One client of the field sends 180 a second (protocol reference, addendum). It is
             read no further than 20 ms of processor time are likely to take, either.
         backlog_low: weight at which reading goes on.
         outbox: see `OutboxLimits`.
-        kernel_buffer: bytes per client and direction, before the kernel doubles it. A client that
-            stopped reading finds at most this much old text when it reads again.
     """
 
-    max_connections: int = 64
-    per_address: int | None = None
     arrival_rate: float = 100.0
-    arrival_burst: int = 128
-    max_line: int = MAX_LINE
-    command_rate: float = 1000.0
     share: float = 0.1
-    idle: float = 300.0
+    max_line: int = MAX_LINE
     backlog_high: int = 256
     backlog_low: int = 64
     outbox: OutboxLimits = field(default_factory=OutboxLimits)
-    kernel_buffer: int = 64 * 1024
 
     @property
     def held_bytes(self) -> int:
@@ -164,11 +117,6 @@ class ControlLimits:
         commands = self.backlog_high * WEIGHT_BYTES + 2 * line + MOST_SEGMENTS * WEIGHT_BYTES // 4
         return 2 * line + line // 8 + commands + self.outbox.held_bytes + LONGEST_REPLY
 
-    @property
-    def kernel_bytes(self) -> int:
-        """The same in the kernel, which doubles what it is asked for, in either direction."""
-        return 4 * self.kernel_buffer
-
 
 class ControlService:
     """Accepts robot controllers on one port."""
@@ -180,7 +128,7 @@ class ControlService:
         self,
         host: str,
         port: int,
-        greeting: Greeting,
+        greeting: bytes,
         agent_factory: AgentFactory,
         limits: ControlLimits | None = None,
         pace: Callable[[], float] = whole_share,
@@ -190,7 +138,7 @@ class ControlService:
         Args:
             host: address or host name to listen on.
             port: 0 takes any free one.
-            greeting: see `Greeting`; called once per connection.
+            greeting: the one line, CR LF included, that every client reads first (1.2).
             agent_factory: see `AgentFactory`; called once per connection.
             limits: see `ControlLimits`.
             pace: which part of its share the service may use now.
@@ -200,7 +148,7 @@ class ControlService:
         self._limits = limits or ControlLimits()
         self._calls: LoopCalls | None = None
         self._log = Log(self.name)
-        self._rates = InputRates(self._limits.command_rate)
+        self._rates = InputRates(self._limits.rate)
         self._budget = WorkBudget(self._limits.share, pace=pace)
         self._guests = Guests(
             self.name, self._limits.idle, clock=lambda: asyncio.get_running_loop().time()
@@ -211,14 +159,7 @@ class ControlService:
             port,
             self._serve,
             option="--port",
-            limits=ListenerLimits(
-                max_connections=self._limits.max_connections,
-                per_address=self._limits.per_address,
-                arrival_rate=self._limits.arrival_rate,
-                arrival_burst=self._limits.arrival_burst,
-                receive_buffer=self._limits.kernel_buffer,
-                send_buffer=self._limits.kernel_buffer,
-            ),
+            limits=self._limits,
             make_room=self._guests.make_room,
         )
 
@@ -243,7 +184,7 @@ class ControlService:
         log = self._log.bind(connection=peer)
         calls = self._calls = self._calls or LoopCalls(asyncio.get_running_loop())
         connection = _Connection(client, self._limits, self._rates, self._budget, calls, log)
-        connection.outbox.put_reply(self._greeting())
+        connection.outbox.put_reply(self._greeting)
         try:
             agent = self._agent_factory(peer, connection.outbox, connection.resume)
         except BaseException:
@@ -264,7 +205,7 @@ class ControlService:
             agent.close()
             log.info(reason, dropped_lines=connection.outbox.dropped)
 
-    def _stands(self, guest: Guest, agent: Agent) -> bool:
+    def _stands(self, guest: Guest, agent: RobotAgent) -> bool:
         """Whether a client may be silent: as long as it is something in the world."""
         if agent.has_role:
             self._guests.heard(guest)  # the time begins when its robot is lost
@@ -304,7 +245,7 @@ class _Connection:
         self._submitted = 0
         self.outbox = Outbox(self._wake, limits.outbox)
 
-    async def run(self, agent: Agent, heard: Callable[[], None]) -> str:
+    async def run(self, agent: RobotAgent, heard: Callable[[], None]) -> str:
         """Talk until the client goes or has to go; returns why it ended.
 
         Args:
@@ -343,7 +284,7 @@ class _Connection:
         if not self._ended.done():
             self._ended.set_result(reason)
 
-    async def _read(self, agent: Agent, heard: Callable[[], None]) -> None:
+    async def _read(self, agent: RobotAgent, heard: Callable[[], None]) -> None:
         framer = LineFramer(self._limits.max_line)
         while chunk := await self._receive():
             begun = time.thread_time()
@@ -369,7 +310,7 @@ class _Connection:
                 break
         self._end("client closed the connection")
 
-    async def _pay(self, agent: Agent, work: float, cost: float) -> bool:
+    async def _pay(self, agent: RobotAgent, work: float, cost: float) -> bool:
         """Let the client pay for a chunk, and for what has been done for it since the last one.
 
         Args:
@@ -416,7 +357,7 @@ class _Connection:
         before, self._waited = self._waited, self._waited + waited
         if before <= _HANG_UP_POLL < self._waited:
             self._log.warning(
-                "client sends too fast: it is read more slowly", rate=self._limits.command_rate
+                "client sends too fast: it is read more slowly", rate=self._limits.rate
             )
 
     async def _receive(self) -> bytes:
@@ -431,7 +372,7 @@ class _Connection:
             self._end(f"connection lost: {error.strerror}")
             return b""
 
-    async def _catch_up(self, agent: Agent) -> bool:
+    async def _catch_up(self, agent: RobotAgent) -> bool:
         """Read nothing while too much waits at the agent; False if the client hangs up meanwhile.
 
         Too much is what it will be at for too long, as far as its commands so far tell: they are
@@ -449,7 +390,7 @@ class _Connection:
             return True
         return await self._pause(agent, min(limits.backlog_low, high // 2))
 
-    async def _pause(self, agent: Agent, low: int) -> bool:
+    async def _pause(self, agent: RobotAgent, low: int) -> bool:
         """Read nothing until the backlog is as low as that; False if the client hangs up meanwhile.
 
         A hang-up shows only once all that the client sent fits the kernel's receive buffer: TCP

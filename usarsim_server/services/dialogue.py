@@ -12,13 +12,15 @@ from __future__ import annotations
 import asyncio
 import socket
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 from usarsim_server.errors import UsarsimError
 from usarsim_server.logs import Log
+from usarsim_server.protocol.framing import LineFramer
+from usarsim_server.protocol.truth import MAX_LISTING, QueryFramer
 from usarsim_server.services.budget import (
     BYTE_COST,
     HOP_COST,
@@ -29,7 +31,7 @@ from usarsim_server.services.budget import (
     whole_share,
 )
 from usarsim_server.services.limits import Clock, InputRates, input_cost
-from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits
+from usarsim_server.services.listener import Endpoint, Listener, PortLimits
 from usarsim_server.services.replies import PIECE, ReplyBuffer
 
 CHUNK = 2048
@@ -79,42 +81,32 @@ class Instant:
     version: Callable[[], object] = int
 
 
-@dataclass(frozen=True, slots=True)
-class DialogueLimits:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DialogueLimits(PortLimits):
     """What the clients of a dialogue may use.
 
     Attributes:
-        max_connections: at the same time.
-        kernel_buffer: bytes per client and direction, before the kernel doubles it.
         together: replies may be handed over together; otherwise one by one.
         pause: wall s between two replies to the same client, at the least.
-        rate: requests per wall s of one client in the long run; it is read no faster.
-        share: s of processor time per wall s that all clients together may use.
         reply_bytes: longest reply. No service makes a longer one; if it does, the client is closed.
-        idle: s after which a client that asks for nothing is closed; 0 for never.
     """
 
-    max_connections: int = 64
-    kernel_buffer: int = 64 * 1024
     together: bool = True
     pause: float = 0.0
-    rate: float = 1000.0
-    share: float = 0.05
     reply_bytes: int = 64 * 1024
-    idle: float = 300.0
 
     @property
     def held_bytes(self) -> int:
         """Bytes that a connection can make the server hold, without the kernel's buffers: half a
         request, those of one chunk that wait, the replies worked out together, and the one piece
         of them that is being sent."""
-        together = _GROUP if self.together else 1
-        return MAX_REQUEST + CHUNK_BYTES + (together + 1) * self.reply_bytes + PIECE
+        return dialogue_bytes(self)
 
-    @property
-    def kernel_bytes(self) -> int:
-        """The same in the kernel, which doubles what it is asked for, in either direction."""
-        return 4 * self.kernel_buffer
+
+def dialogue_bytes(limits: DialogueLimits) -> int:
+    """Bytes that a client who asks can make the server hold, see `DialogueLimits.held_bytes`."""
+    together = _GROUP if limits.together else 1
+    return MAX_REQUEST + CHUNK_BYTES + (together + 1) * limits.reply_bytes + PIECE
 
 
 class Desk:
@@ -289,11 +281,7 @@ class DialogueService:
             port,
             self._serve,
             option=option,
-            limits=ListenerLimits(
-                max_connections=self._limits.max_connections,
-                receive_buffer=self._limits.kernel_buffer,
-                send_buffer=self._limits.kernel_buffer,
-            ),
+            limits=self._limits,
             make_room=self._guests.make_room,
         )
 
@@ -345,3 +333,69 @@ class DialogueService:
                 self._guests.heard(guest)
             # `sock_recv` does not yield while there is data: let other clients have a turn.
             await asyncio.sleep(allowance.spend(input_cost(lines, len(lines))))
+
+
+TRUTH_LIMITS = DialogueLimits(together=False, pause=1 / 60, reply_bytes=MAX_LISTING)
+"""One listing for each query; a tool that asks again at once gets sixty a second, about as many as
+the original, which answered once a tick."""
+
+
+def truth_service(
+    host: str, port: int, answer: Callable[[str], str], **options: Any
+) -> DialogueService:
+    """Scoring tools ask here for the poses of everybody, TCP 3989.
+
+    Every line is a query, even an empty one, and is answered by a listing in one piece: a tool
+    reads once after data has arrived and takes what is there (side channels reference 6 and 7).
+
+    Args:
+        host, port: where to listen; nothing is opened before `start`.
+        answer: the listing, line ends included, for a query without line end; may block.
+        options: see `DialogueService`.
+    """
+
+    def respond(lines: list[bytes]) -> list[bytes]:
+        return [answer(line.decode("latin-1")).encode("latin-1", "replace") for line in lines]
+
+    def framer() -> QueryFramer:
+        return QueryFramer(MAX_REQUEST)
+
+    options = {"limits": TRUTH_LIMITS, **options}
+    return DialogueService("truth", host, port, "--truth-port", framer, respond, **options)
+
+
+def ground_truth_service(host: str, port: int, respond: Respond, **options: Any) -> DialogueService:
+    """The wireless simulation asks here who is where, TCP 7435.
+
+    Nothing is said on connecting, every request that is known has exactly one line as its answer,
+    and the server never hangs up: the program that asks would end if it did (side channels
+    reference 3.1 and 3.5).
+
+    Args:
+        host, port: where to listen; nothing is opened before `start`.
+        respond: in general `responder` of `GroundTruth.answers`.
+        options: see `DialogueService`.
+    """
+
+    def framer() -> LineFramer:
+        return LineFramer(MAX_REQUEST)
+
+    option = "--groundtruth-port"
+    return DialogueService("groundtruth", host, port, option, framer, respond, **options)
+
+
+def responder(answers: Callable[[Iterable[str]], list[str | None]]) -> Respond:
+    """What a desk needs, in bytes, from replies to requests that came together, without line ends.
+
+    Args:
+        answers: makes one reply for each request; None: there is no reply. May block.
+    """
+
+    def respond(lines: list[bytes]) -> list[bytes]:
+        replies = answers([line.decode("latin-1") for line in lines])
+        return [
+            b"" if reply is None else f"{reply}\r\n".encode("latin-1", "replace")
+            for reply in replies
+        ]
+
+    return respond

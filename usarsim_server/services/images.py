@@ -33,7 +33,7 @@ from usarsim_server.protocol.images import (
 from usarsim_server.services.attention import Attention, Bell, Repeats
 from usarsim_server.services.budget import Account, Guest, Guests, WorkBudget, whole_share
 from usarsim_server.services.limits import READ_COST, InputRates
-from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits
+from usarsim_server.services.listener import Endpoint, Listener, PortLimits
 
 _CHUNK = 1024
 """Bytes read at a time: at most 512 requests of one client that wait outside the kernel."""
@@ -45,50 +45,39 @@ _ENCODERS = 2
 """Threads that encode; a picture of 1280 x 960 takes 3 ms."""
 
 
-@dataclass(frozen=True, slots=True)
-class ImageLimits:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImageLimits(PortLimits):
     """What the clients of the image port may use, and how long things take. Wall time.
 
+    The original had no limit of connections; a client that stalls holds one picture. The share is
+    that of encoding and sending pictures. Closed as idle is who never asked for a picture, or does
+    not take the one it is sent; others may be silent, as somebody who presses a button now and
+    then, and make room when the port is full.
+
     Attributes:
-        max_connections: the original had no limit; a client that stalls holds one picture.
-        send_buffer: bytes of kernel buffer per client, before the kernel doubles it.
-        receive_buffer: the same for requests.
         patience: s that a request waits for the renderer; then it is answered with the latest
             frame that came meanwhile, or with a grey picture.
         linger: s for which a region is rendered on after it was asked for.
         regions: regions rendered for one client at a time; as many as a grid has tiles at most.
         repeat: s between two copies of the same picture to the same client. One that asks again
             as soon as it can read would otherwise keep a core busy with pictures it has already.
-        rate: requests per s of one client in the long run; it is read no faster.
-        share: s of processor time per wall s for encoding and sending pictures to all clients.
-        copies_share: the same for copies of pictures that a client has already.
-        idle: s after which a client that never asked for a picture, or does not take the one it is
-            sent, is closed; 0 for never. Others may be silent, as somebody who presses a button
-            now and then, and make room when the port is full.
+        copies_share: s of processor time per wall s for copies of pictures that a client has.
     """
 
-    max_connections: int = 64
-    send_buffer: int = 256 * 1024
-    receive_buffer: int = 8 * 1024
+    send_buffer: int | None = 256 * 1024
+    receive_buffer: int | None = 8 * 1024
+    share: float = 0.2
     patience: float = 2.0
     linger: float = 2.0
     regions: int = 64
     repeat: float = 0.004
-    rate: float = 1000.0
-    share: float = 0.2
     copies_share: float = 0.05
-    idle: float = 300.0
 
     def held_bytes(self, frame: Region) -> int:
         """Bytes that a connection can make the server hold, without the kernel's buffers: one
         picture, raw or of the worst JPEG, which is no longer; requests; regions it looks at."""
         picture = 16 + raw_row_length(frame.width) * frame.height
         return picture + _CHUNK + _CHUNK // 2 * _REQUEST_BYTES + self.regions * _REGION_BYTES
-
-    @property
-    def kernel_bytes(self) -> int:
-        """The same in the kernel, which doubles what it is asked for."""
-        return 2 * (self.send_buffer + self.receive_buffer)
 
 
 class ImageService:
@@ -144,11 +133,7 @@ class ImageService:
             port,
             self._serve,
             option="--image-port",
-            limits=ListenerLimits(
-                max_connections=self._limits.max_connections,
-                receive_buffer=self._limits.receive_buffer,
-                send_buffer=self._limits.send_buffer,
-            ),
+            limits=self._limits,
             make_room=self._guests.make_room,
         )
         self._desk: _Desk | None = None

@@ -32,26 +32,30 @@ from usarsim_server.services.budget import (
     Owners,
     same_machine,
 )
-from usarsim_server.services.dialogue import CHUNK, CHUNK_BYTES, Desk, DialogueLimits
+from usarsim_server.services.dialogue import (
+    CHUNK,
+    CHUNK_BYTES,
+    Desk,
+    DialogueLimits,
+    dialogue_bytes,
+)
 from usarsim_server.services.limits import (
     InputRates,
     descriptor_limit,
     input_cost,
     raise_descriptor_limit,
 )
-from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits
-from usarsim_server.services.radio_watch import RadioWatch
-from usarsim_server.services.relay import Road, Traffic
+from usarsim_server.services.listener import Endpoint, Listener
+from usarsim_server.services.relay import RadioWatch, Road, Traffic
 from usarsim_server.services.relay_port import RelayPort
 from usarsim_server.services.replies import PIECE, ReplyBuffer
 
 
-@dataclass(frozen=True, slots=True)
-class WirelessLimits:
-    """What robots may use.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WirelessLimits(DialogueLimits):
+    """What robots, and those who ask for ground truth, may use.
 
     Attributes:
-        max_connections: control connections at a time.
         ports: relay ports at a time; beyond it DNS fails as in a system without free ports.
         ports_per_robot: of these for one asking robot.
         links: connections through relay ports at a time; beyond it they end as they are made. A
@@ -59,46 +63,19 @@ class WirelessLimits:
             links get half.
         links_per_robot: of these for one that dials.
         poll: s of wall time between two looks at the world.
-        rate: requests per wall s of one client in the long run; it is read no faster.
-        share: s of processor time per wall s for the dialogue of all clients; links have their
-            own, see `Road`.
-        idle: s after which a client that asks for nothing is closed unless its robot is in the
-            world or has links; 0 for never.
-        kernel_buffer: bytes per control connection and direction, before the kernel doubles it.
     """
 
-    max_connections: int = 64
     ports: int = 1024
     ports_per_robot: int = 128
     links: int = 512
     links_per_robot: int = 64
     poll: float = 0.25
-    rate: float = 1000.0
-    share: float = 0.05
-    idle: float = 300.0
-    kernel_buffer: int = 64 * 1024
-
-    @property
-    def dialogue(self) -> DialogueLimits:
-        """The same for those who ask for ground truth."""
-        return DialogueLimits(
-            max_connections=self.max_connections,
-            kernel_buffer=self.kernel_buffer,
-            rate=self.rate,
-            share=self.share,
-            idle=self.idle,
-        )
 
     @property
     def held_bytes(self) -> int:
         """Bytes that a connection can make the server hold, without links and kernel buffers."""
         robots = wireless.MAX_LINE + CHUNK_BYTES + 2 * PIECE + _MEMBER_BYTES
-        return max(robots, wireless.MAX_LINE + self.dialogue.held_bytes)
-
-    @property
-    def kernel_bytes(self) -> int:
-        """The same in the kernel, which doubles what it is asked for, in either direction."""
-        return 4 * self.kernel_buffer
+        return max(robots, wireless.MAX_LINE + dialogue_bytes(self))
 
     def link_bytes(self, road: Road) -> int:
         """Bytes, those of the kernel included, that the links of one robot can hold."""
@@ -160,7 +137,7 @@ class WirelessService:
         self._network = network
         self._road = road or Road()
         self._limits = limits or WirelessLimits()
-        self._desk = truth or Desk(self.name, _nothing, self._limits.dialogue)
+        self._desk = truth or Desk(self.name, _nothing, self._limits)
         self._tells_truth = truth is not None
         self._owners_now = owners
         self._owners: Mapping[str, str] = {}
@@ -173,6 +150,7 @@ class WirelessService:
         self._members: dict[str, _Member] = {}
         self._links: set[asyncio.Task[None]] = set()
         self._sent: dict[tuple[str, str], int] = {}
+        """Bytes handed on since the last look, for the record."""
         self._watch = RadioWatch(
             self.name, network, self._limits.poll, lambda: bool(self._members), self._review
         )
@@ -183,18 +161,9 @@ class WirelessService:
             port,
             self._serve,
             option="--wireless-port",
-            limits=ListenerLimits(
-                max_connections=self._limits.max_connections,
-                receive_buffer=self._limits.kernel_buffer,
-                send_buffer=self._limits.kernel_buffer,
-            ),
+            limits=self._limits,
             make_room=self._guests.make_room,
         )
-
-    @property
-    def registered(self) -> tuple[str, ...]:
-        """Names of all registered robots."""
-        return tuple(self._members)
 
     async def start(self) -> Endpoint:
         """Open the port.
@@ -395,23 +364,6 @@ class WirelessService:
                 other.roads.pop(way).release()
         self._network.log.write(Event.DEREGISTERED, member.name)
 
-    def enter_link(self, robot: str) -> bool:
-        """Count a link that a robot begins; False if it may not."""
-        return self._traffic.enter(robot)
-
-    def leave_link(self, robot: str) -> None:
-        """A link of a robot has ended."""
-        self._traffic.leave(robot)
-
-    def note_sent(self, sender: str, receiver: str, size: int) -> None:
-        """Count bytes that were handed on, for the record."""
-        pair = (sender, receiver)
-        self._sent[pair] = self._sent.get(pair, 0) + size
-
-    def record(self, event: Event, *fields: object) -> None:
-        """Put an event on record."""
-        self._network.log.write(event, *fields)
-
     # -- the watch -------------------------------------------------------------------------------
 
     def _review(self) -> None:
@@ -465,30 +417,32 @@ class _Watcher:
     def __init__(
         self, service: WirelessService, source: _Member, target: _Member, port: int
     ) -> None:
-        self._service = service
+        self._traffic, self._sent = service._traffic, service._sent
+        self._log = service._network.log
         self._source, self._target = source, target
         self._facts = (source.name, target.name, target.address, port)
 
     def enter(self) -> bool:
-        return self._service.enter_link(self._source.name)
+        return self._traffic.enter(self._source.name)
 
     def leave(self) -> None:
-        self._service.leave_link(self._source.name)
+        self._traffic.leave(self._source.name)
 
     def dialled(self, port: int) -> None:
         self._target.callers[port] = self._source.name
 
     def established(self) -> None:
-        self._service.record(Event.CON_ESTABLISHED, *self._facts)
+        self._log.write(Event.CON_ESTABLISHED, *self._facts)
 
     def passed(self, forward: bool, size: int) -> None:
         ends = (self._source.name, self._target.name)
-        self._service.note_sent(*(ends if forward else ends[::-1]), size)
+        pair = ends if forward else ends[::-1]
+        self._sent[pair] = self._sent.get(pair, 0) + size
 
     def ended(self, port: int, established: bool) -> None:
         self._target.callers.pop(port, None)
         if established:
-            self._service.record(Event.CON_TERMINATED, *self._facts)
+            self._log.write(Event.CON_TERMINATED, *self._facts)
 
 
 def _nothing(lines: list[bytes]) -> list[bytes]:

@@ -36,16 +36,16 @@ _log = Log("robots")
 class Dispatcher:
     """Serves everybody who calls."""
 
-    def __init__(self, cast_all: CastAll, rested: Callable[[], None]) -> None:
+    def __init__(self, cast_all: CastAll, rested: Callable[[], None] | None) -> None:
         """Make a dispatcher; its thread starts with the first call.
 
         Args:
             cast_all: see there.
             rested: called whenever somebody has nothing left to do but to write, and again when
-                that is done (a world without pace waits for that).
+                that is done (a world without pace waits for that); None: nobody waits.
         """
         self._cast_all = cast_all
-        self._rested = rested
+        self._rested = rested or (lambda: None)
         self._signal = threading.Condition()
         self._calls: deque[RobotAgent] = deque()
         self._held = 0
