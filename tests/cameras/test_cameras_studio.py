@@ -14,12 +14,12 @@ from camera_fakes import FakeWorld, Yard, camera, cart, is_red, standing
 from usarsim_server.cameras import painter as painting
 from usarsim_server.cameras import studio as studios
 from usarsim_server.cameras.backend import Wanted
-from usarsim_server.cameras.board import EMPTY
 from usarsim_server.cameras.painter import Painter, PainterOptions
 from usarsim_server.cameras.posed_model import Stage
 from usarsim_server.cameras.raytraced import RayBackend
 from usarsim_server.cameras.studio import Studio, StudioOptions
 from usarsim_server.cameras.view import CameraView, Eye, Frame, Grid, Region, View, looking
+from usarsim_server.cameras.watching import EMPTY
 from usarsim_server.errors import UsarsimError
 from usarsim_server.simulation.snapshot import Snapshot
 from usarsim_server.testing import PATIENCE, eventually
@@ -58,7 +58,7 @@ class Set:
         painter = PainterOptions(renderer="rays")
         return Studio(
             self.world,
-            self.board,
+            self.board,  # type: ignore[arg-type]
             StudioOptions(painter=painter, **options),  # type: ignore[arg-type]
         )
 

@@ -1,6 +1,4 @@
-"""What renders: the border between the studio and OpenGL or rays.
-
-Which way of rendering works on this machine: tried out in a process of its own.
+"""What renders: the border between the studio and OpenGL or rays, and which of them works here.
 
 Loading a GL library that is missing, half installed or without a device ends in anything from an
 `AttributeError` to the end of the process, so nothing here loads one into the server before
@@ -34,6 +32,49 @@ SKY = 0.6
 faceted ball of about 0.7, and it covers whatever is beyond."""
 _MIN_FAR = 100.0
 """m to the far plane at least."""
+
+PLATFORMS = ("egl", "osmesa")
+"""Ways to have OpenGL without a screen, in the order in which they are tried."""
+
+_TIMEOUT = 30.0
+"""s of wall time; a cold llvmpipe takes one."""
+
+_TRIAL = """
+import sys, mujoco, numpy
+from importlib import import_module
+context = import_module("mujoco." + sys.argv[1]).GLContext(16, 16)
+context.make_current()
+xml = '<mujoco><visual><headlight ambient="1 1 1"/></visual><worldbody>'
+xml += '<geom type="box" size="1 1 1" rgba="1 0 0 1"/></worldbody></mujoco>'
+model = mujoco.MjModel.from_xml_string(xml)
+data = mujoco.MjData(model)
+mujoco.mj_forward(model, data)
+renderer = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, renderer)
+scene = mujoco.MjvScene(model, 10)
+camera = mujoco.MjvCamera()
+mujoco.mjv_defaultFreeCamera(model, camera)
+kinds = mujoco.mjtCatBit.mjCAT_ALL
+mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, camera, kinds, scene)
+rectangle = mujoco.MjrRect(0, 0, 16, 16)
+mujoco.mjr_render(rectangle, scene, renderer)
+pixels = numpy.zeros((16, 16, 3), numpy.uint8)
+mujoco.mjr_readPixels(pixels, None, rectangle, renderer)
+red, green, _ = pixels[8, 8].tolist()
+renderer.free()
+context.free()
+print("drawn" if red > 100 and green < 50 else f"a wrong picture: {pixels[8, 8].tolist()}")
+"""
+"""Draws a red cube and looks at its middle."""
+
+INSTALL = {
+    "egl": "apt-get install libegl1 libgl1-mesa-dri libgl1",
+    "osmesa": "apt-get install libosmesa6",
+}
+"""What a Debian machine lacks where a platform does not work."""
+
+_log = Log("cameras")
+_lock = threading.Lock()
 
 
 def far_plane(model: mujoco.MjModel) -> float:
@@ -96,50 +137,6 @@ class Backend(Protocol):
 
     def close(self) -> None:
         """Give everything back."""
-
-
-PLATFORMS = ("egl", "osmesa")
-"""Ways to have OpenGL without a screen, in the order in which they are tried."""
-
-_TIMEOUT = 30.0
-"""s of wall time; a cold llvmpipe takes one."""
-
-_TRIAL = """
-import sys, mujoco, numpy
-from importlib import import_module
-context = import_module("mujoco." + sys.argv[1]).GLContext(16, 16)
-context.make_current()
-xml = '<mujoco><visual><headlight ambient="1 1 1"/></visual><worldbody>'
-xml += '<geom type="box" size="1 1 1" rgba="1 0 0 1"/></worldbody></mujoco>'
-model = mujoco.MjModel.from_xml_string(xml)
-data = mujoco.MjData(model)
-mujoco.mj_forward(model, data)
-renderer = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
-mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, renderer)
-scene = mujoco.MjvScene(model, 10)
-camera = mujoco.MjvCamera()
-mujoco.mjv_defaultFreeCamera(model, camera)
-kinds = mujoco.mjtCatBit.mjCAT_ALL
-mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, camera, kinds, scene)
-rectangle = mujoco.MjrRect(0, 0, 16, 16)
-mujoco.mjr_render(rectangle, scene, renderer)
-pixels = numpy.zeros((16, 16, 3), numpy.uint8)
-mujoco.mjr_readPixels(pixels, None, rectangle, renderer)
-red, green, _ = pixels[8, 8].tolist()
-renderer.free()
-context.free()
-print("drawn" if red > 100 and green < 50 else f"a wrong picture: {pixels[8, 8].tolist()}")
-"""
-"""Draws a red cube and looks at its middle."""
-
-INSTALL = {
-    "egl": "apt-get install libegl1 libgl1-mesa-dri libgl1",
-    "osmesa": "apt-get install libosmesa6",
-}
-"""What a Debian machine lacks where a platform does not work."""
-
-_log = Log("cameras")
-_lock = threading.Lock()
 
 
 def works(platform: str) -> str | None:

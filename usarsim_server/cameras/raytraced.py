@@ -3,8 +3,6 @@
 What never moves is one scene, built once. Every body that moves has a scene in its own frame,
 built when it is seen for the first time and shared by all bodies of the same shape; its rays are
 those of the part of the picture that its bounding sphere covers.
-
-Triangles of geoms as things that rays hit: what never moves, and bodies in their own frames.
 """
 
 from __future__ import annotations
@@ -27,8 +25,12 @@ from usarsim_server.simulation.frames import rotation_matrix
 from usarsim_server.simulation.model import SHELF_NAME
 from usarsim_server.simulation.rays.triangles import shape_key, triangles
 
+Array = NDArray[np.float64]
+Plane = NDArray[np.float32]
 Numbers = NDArray[np.int32]
 
+SHAPES_KEPT = 512
+"""Bodies of different shapes that are kept ready."""
 SHELLS = 4
 """Back faces that a ray passes at most: the inside of the housing that a camera sits in."""
 SAMPLES = 64
@@ -166,13 +168,6 @@ def is_solid(model: mujoco.MjModel, geom: int) -> bool:
     material = int(model.geom_matid[geom])
     color = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
     return bool(color[3] >= SOLID)
-
-
-Array = NDArray[np.float64]
-Plane = NDArray[np.float32]
-
-SHAPES_KEPT = 512
-"""Bodies of different shapes that are kept ready."""
 
 
 class RayBackend:

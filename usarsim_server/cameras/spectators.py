@@ -1,9 +1,7 @@
-"""Views for spectators: by six numbers, or by the name of a view that the world has.
+"""Views for spectators: by six numbers, by the name of a view of the world, or of one robot.
 
 Every world has `top`, `overview` and `start`; each camera of its scene is a view of its name, and
-goes before an automatic one of that name.
-
-Portraits: where to put a camera so that one robot fills the picture, and how large it is.
+goes before an automatic one of that name. A portrait is a view that one robot fills.
 """
 
 from __future__ import annotations
@@ -20,7 +18,7 @@ from numpy.typing import NDArray
 from usarsim_server.cameras.posed_model import Stage
 from usarsim_server.cameras.view import View, looking
 from usarsim_server.errors import UsarsimError
-from usarsim_server.simulation.frames import Pose, Vector, flip_point
+from usarsim_server.simulation.frames import Pose, Vector, flip_point, pose_of
 from usarsim_server.simulation.model import SHELF_NAME
 from usarsim_server.simulation.snapshot import RobotLayout
 from usarsim_server.worlds.description import WorldDescription
@@ -37,6 +35,15 @@ _PREVIEW = 1.6
 """Width by height of the previews that cameras of scenes are made for: as much is always seen."""
 _ALONE = 5.0
 """m around the start poses that count as the world where there is nothing but a floor."""
+PORTRAIT_FOV = math.radians(32.0)
+"""Narrow, so that what is near does not look larger than it is."""
+FROM = (0.80, -0.62, 0.52)
+"""Direction from the robot to the camera in its own frame: ahead, to the right, above."""
+MARGIN = 1.06
+"""How much more than the robot is in the picture."""
+CLOSEST = 0.3
+"""m; nearer, a camera would cut off what is in front of its near plane."""
+_SIGNS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,26 +170,13 @@ def _scene_cameras(stage: Stage, aspect: float) -> Iterable[Viewpoint]:
         name = model.camera(camera).name
         if not name or model.body_weldid[model.cam_bodyid[camera]] != 0:
             continue
-        x, y, z = data.cam_xpos[camera].tolist()
         # A camera of MuJoCo looks along -z, x is right, y is up.
         right, up, back = data.cam_xmat[camera].reshape(3, 3).T
         turn = np.zeros(4)
         mujoco.mju_mat2Quat(turn, np.column_stack([-back, -right, up]).ravel())
-        w, i, j, k = turn.tolist()
         tall = math.tan(math.radians(float(model.cam_fovy[camera])) / 2.0)
         fov = 2.0 * math.atan(tall * max(aspect, _PREVIEW))
-        yield Viewpoint(name, Pose((x, y, z), (w, i, j, k)), fov)
-
-
-PORTRAIT_FOV = math.radians(32.0)
-"""Narrow, so that what is near does not look larger than it is."""
-FROM = (0.80, -0.62, 0.52)
-"""Direction from the robot to the camera in its own frame: ahead, to the right, above."""
-MARGIN = 1.06
-"""How much more than the robot is in the picture."""
-CLOSEST = 0.3
-"""m; nearer, a camera would cut off what is in front of its near plane."""
-_SIGNS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+        yield Viewpoint(name, pose_of(data.cam_xpos[camera], turn), fov)
 
 
 def extent(stage: Stage, layout: RobotLayout) -> tuple[Array, Array]:

@@ -19,10 +19,10 @@ from typing import Any, Protocol
 
 from numpy.typing import NDArray
 
-from usarsim_server.cameras.board import Atlas
+from usarsim_server.cameras.board import CameraBoard
 from usarsim_server.cameras.painter import Painter, PainterOptions, check_renderer, nobody_lit
 from usarsim_server.cameras.view import CameraView, Frame, Grid, Region, View, Watch
-from usarsim_server.cameras.watching import Watches
+from usarsim_server.cameras.watching import Atlas, Watches
 from usarsim_server.errors import UsarsimError
 from usarsim_server.logs import Log
 from usarsim_server.simulation.frames import IDENTITY
@@ -44,18 +44,6 @@ STOP_TIMEOUT = 3.0
 
 
 _ANYTHING = View(IDENTITY, width=16, height=16)
-
-
-class Views(Protocol):
-    """The cameras of a world (see `board.py`)."""
-
-    @property
-    def views(self) -> tuple[CameraView, ...]:
-        """All live cameras."""
-
-    @property
-    def grid(self) -> Grid:
-        """Geometry of the full frame."""
 
 
 class WorldSource(Protocol):
@@ -111,7 +99,7 @@ class Studio:
     def __init__(
         self,
         simulation: WorldSource,
-        board: Views,
+        board: CameraBoard,
         options: StudioOptions,
         lit: Callable[[int], bool] = nobody_lit,
     ) -> None:

@@ -1,8 +1,6 @@
-"""Small values that the camera room hands around: the grid of tiles, views, frames.
+"""Values that the camera room hands around: the grid of tiles, frames, views and pinhole eyes.
 
 Pixels are counted from the upper left corner of the full frame, x to the right, y down.
-
-Where pictures are taken from: cameras of spectators, and pinhole eyes as renderers see them.
 """
 
 from __future__ import annotations
@@ -15,7 +13,16 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.simulation.frames import Pose, Vector
+from usarsim_server.simulation.frames import Pose, Vector, quaternion_from_rpy
+
+Array = NDArray[np.float64]
+Plane = NDArray[np.float32]
+Mode = Literal["rgb", "depth", "segmentation"]
+
+MODES: tuple[Mode, ...] = ("rgb", "depth", "segmentation")
+MAX_PIXELS = 4096
+"""Longest edge of a picture."""
+MIN_FOV, MAX_FOV = math.radians(1.0), math.radians(170.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,17 +174,6 @@ class FrameSource(Protocol):
         """
 
 
-Array = NDArray[np.float64]
-Plane = NDArray[np.float32]
-
-Mode = Literal["rgb", "depth", "segmentation"]
-MODES: tuple[Mode, ...] = ("rgb", "depth", "segmentation")
-
-MAX_PIXELS = 4096
-"""Longest edge of a picture."""
-MIN_FOV, MAX_FOV = math.radians(1.0), math.radians(170.0)
-
-
 @dataclass(frozen=True, slots=True)
 class View:
     """A picture that somebody wants of the world, from anywhere.
@@ -225,13 +221,8 @@ def looking(position: Vector, target: Vector) -> Pose:
         raise ValueError("position and target of a view must be two places")
     x, y, z = (away / length).tolist()
     yaw = math.atan2(y, x) if math.hypot(x, y) > 1e-9 else 0.0
-    half_yaw, half_pitch = yaw / 2.0, -math.asin(max(-1.0, min(1.0, z))) / 2.0
-    cy, sy, cp, sp = *_cos_sin(half_yaw), *_cos_sin(half_pitch)
-    return Pose(position, (cy * cp, -sy * sp, cy * sp, sy * cp))
-
-
-def _cos_sin(angle: float) -> tuple[float, float]:
-    return math.cos(angle), math.sin(angle)
+    pitch = -math.asin(max(-1.0, min(1.0, z)))
+    return Pose(position, quaternion_from_rpy(0.0, pitch, yaw))
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import mujoco
 
-from usarsim_server.simulation.frames import Pose, Vector
+from usarsim_server.simulation.frames import Pose, Vector, pose_of
 from usarsim_server.simulation.movers import Mover
 from usarsim_server.simulation.snapshot import Snapshot
 from usarsim_server.worlds.description import (
@@ -116,7 +116,10 @@ class LiveVictim:
         self.movers = add_victim(spec, victim)
         model = spec.compile()
         self._groups = _groups(model)
-        self._fixed = {body: _body_pose(model, body) for body in range(model.nbody)}
+        self._fixed = {
+            body: pose_of(model.body_pos[body], model.body_quat[body])
+            for body in range(model.nbody)
+        }
         self._ways = {model.body(mover.body).id: mover.pose for mover in self.movers}
         self._marks = [self._mark(body) for body in self._ways]
         self._at_rest = self._parts(0.0) if not self.movers else ()
@@ -305,9 +308,3 @@ def _groups(model: mujoco.MjModel) -> dict[tuple[str, str], list[tuple[int, Vect
         x, y, z = model.geom_pos[geom].tolist()
         groups.setdefault((found[1], side), []).append((int(model.geom_bodyid[geom]), (x, y, z)))
     return groups
-
-
-def _body_pose(model: mujoco.MjModel, body: int) -> Pose:
-    x, y, z = model.body_pos[body].tolist()
-    w, i, j, k = model.body_quat[body].tolist()
-    return Pose((x, y, z), (w, i, j, k))
