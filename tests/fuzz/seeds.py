@@ -20,7 +20,8 @@ from robot_files import table, write
 from sdf_samples import BOX, PLUGIN, model
 from sdf_samples import world as sdf_world
 from t3d_maps import actor, level, room, start
-from unreal_fixture import Map, Writer, box_triangles, static_mesh
+from udk_maps import Map, box_triangles, static_mesh
+from unreal_fixture import Writer
 
 ROOT = Path(__file__).parents[2]
 

@@ -7,13 +7,12 @@ import os
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 from PIL import Image
 from t3d_maps import actor, brush, level, room, start, two_rooms
 
 from usarsim_maps import cache as cache_module
-from usarsim_maps.build.preview import Preview, write_previews
+from usarsim_maps.build.preview import Preview
 from usarsim_maps.cache import DOOR
 from usarsim_maps.convert import Imported, Request, import_map
 from usarsim_maps.files import AssetIndex
@@ -318,49 +317,6 @@ class TestReport:
             level(room(), start("S", (0, 0, 60))).replace("Pkg.Wall", "Pkg.Window_Glass")
         )
         assert imported(path).report.transparent == ("Pkg.Window_Glass",)
-
-
-class TestPictures:
-    """Previews, checked by content."""
-
-    def test_six_pictures_are_written(self, source: Path, tmp_path: Path) -> None:
-        """Plan, slice and four views are PNG files."""
-        paths = write_previews(load_world(imported(source).folder), tmp_path / "p")
-        assert [p.stem for p in paths] == ["top", "slice", "view1", "view2", "view3", "view4"]
-        for path in paths:
-            with Image.open(path) as image:
-                assert image.size == (800, 600)
-                assert len(np.unique(np.asarray(image))) > 1
-
-    def test_the_slice_shows_walls_and_the_doorway(self, source: Path) -> None:
-        """At the height of a laser the wall between the rooms is drawn, its doorway is not."""
-        preview = Preview(load_world(imported(source).folder))
-        image = preview.slice()[:, :, 0]
-        x, y, _ = preview._grid(800, 600)
-
-        def dark(at_x: float, low: float, high: float) -> float:
-            columns = np.flatnonzero(np.abs(x[0] - at_x) < 0.03)
-            rows = np.flatnonzero((y[:, 0] > low) & (y[:, 0] < high))
-            return float((image[np.ix_(rows, columns)].min(axis=1) < 128).mean())
-
-        assert dark(2.0, -1.8, -0.6) > 0.95
-        assert dark(2.0, 0.6, 1.8) > 0.95
-        assert dark(2.0, -0.4, 0.4) < 0.05
-
-    def test_the_plan_marks_starts(self, source: Path) -> None:
-        """Green dots stand where robots start; +y is up."""
-        preview = Preview(load_world(imported(source).folder))
-        image = preview.top().astype(int)
-        x, y, _ = preview._grid(800, 600)
-        green = (image[:, :, 1] > 120) & (image[:, :, 0] < 60)
-        rows, columns = np.nonzero(green)
-        places = {
-            (round(float(x[0, c]) * 2) / 2, round(float(y[r, 0]) * 2) / 2)
-            for r, c in zip(rows, columns, strict=True)
-        }
-        assert (0.0, 0.0) in places
-        assert (0.0, -1.5) in places
-        assert (0.0, 1.5) not in places
 
 
 class TestCommand:

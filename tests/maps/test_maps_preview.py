@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from built_worlds import AXES, build_world, import_text
 from numpy.typing import NDArray
+from PIL import Image
 from sdf_samples import PLUGIN, load, model, shape
-from t3d_maps import brush, level, room, start
+from t3d_maps import brush, level, room, start, two_rooms
 
-from usarsim_maps.build.preview import CUT, SKY, Preview, covered
+from usarsim_maps.build.preview import CUT, SKY, Preview, covered, write_previews
 from usarsim_server.worlds.loader import load_world
 
-Image = NDArray[np.uint8]
+Pixels = NDArray[np.uint8]
 
 
 def preview_of(folder: Path, *actors: str) -> Preview:
@@ -22,7 +23,7 @@ def preview_of(folder: Path, *actors: str) -> Preview:
     return Preview(load_world(import_text(folder, level(*actors)).built.folder))
 
 
-def like(image: Image, color: NDArray[np.float64]) -> NDArray[np.bool_]:
+def like(image: Pixels, color: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Which pixels have a colour."""
     return np.asarray((np.abs(image / 255.0 - color) < 0.01).all(axis=-1))
 
@@ -121,3 +122,48 @@ def test_tables_are_no_ceilings(tmp_path: Path) -> None:
     )
     image = Preview(load_world(world.built.folder)).top().astype(int)
     assert (image[:, :, 2] > image[:, :, 0] + 60).mean() > 0.05
+
+
+class TestPictures:
+    """Previews, checked by content."""
+
+    def test_six_pictures_are_written(self, tmp_path: Path) -> None:
+        """Plan, slice and four views are PNG files."""
+        paths = write_previews(
+            load_world(import_text(tmp_path, two_rooms()).built.folder), tmp_path / "p"
+        )
+        assert [p.stem for p in paths] == ["top", "slice", "view1", "view2", "view3", "view4"]
+        for path in paths:
+            with Image.open(path) as image:
+                assert image.size == (800, 600)
+                assert len(np.unique(np.asarray(image))) > 1
+
+    def test_the_slice_shows_walls_and_the_doorway(self, tmp_path: Path) -> None:
+        """At the height of a laser the wall between the rooms is drawn, its doorway is not."""
+        preview = Preview(load_world(import_text(tmp_path, two_rooms()).built.folder))
+        image = preview.slice()[:, :, 0]
+        x, y, _ = preview._grid(800, 600)
+
+        def dark(at_x: float, low: float, high: float) -> float:
+            columns = np.flatnonzero(np.abs(x[0] - at_x) < 0.03)
+            rows = np.flatnonzero((y[:, 0] > low) & (y[:, 0] < high))
+            return float((image[np.ix_(rows, columns)].min(axis=1) < 128).mean())
+
+        assert dark(2.0, -1.8, -0.6) > 0.95
+        assert dark(2.0, 0.6, 1.8) > 0.95
+        assert dark(2.0, -0.4, 0.4) < 0.05
+
+    def test_the_plan_marks_starts(self, tmp_path: Path) -> None:
+        """Green dots stand where robots start; +y is up."""
+        preview = Preview(load_world(import_text(tmp_path, two_rooms()).built.folder))
+        image = preview.top().astype(int)
+        x, y, _ = preview._grid(800, 600)
+        green = (image[:, :, 1] > 120) & (image[:, :, 0] < 60)
+        rows, columns = np.nonzero(green)
+        places = {
+            (round(float(x[0, c]) * 2) / 2, round(float(y[r, 0]) * 2) / 2)
+            for r, c in zip(rows, columns, strict=True)
+        }
+        assert (0.0, 0.0) in places
+        assert (0.0, -1.5) in places
+        assert (0.0, 1.5) not in places

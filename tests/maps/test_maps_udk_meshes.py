@@ -9,22 +9,8 @@ import numpy as np
 import pytest
 from lzo_fixture import lzo_pack
 from t3d_maps import cuboid
-from udk_maps import TABLE, room, scene_of, world_of
-from unreal_fixture import (
-    Enumeration,
-    Map,
-    Name,
-    Object,
-    Ref,
-    Structs,
-    Writer,
-    box_triangles,
-    convex,
-    matrix,
-    rotator,
-    static_mesh,
-    vector,
-)
+from udk_maps import TABLE, Map, box_triangles, convex, room, scene_of, static_mesh, world_of
+from unreal_fixture import Enumeration, Name, Object, Ref, Structs, Writer, matrix, rotator, vector
 
 from usarsim_maps.convert import Request, import_map
 from usarsim_maps.findings import Findings
