@@ -71,6 +71,11 @@ def read(source: Path, findings: Findings | None = None, **options: object) -> S
     return read_scene(source, Context(chosen, findings or Findings()))
 
 
+def told(findings: Findings) -> str:
+    """All notes."""
+    return "\n".join(f"{note.subject}: {note.text}" for note in findings.warnings())
+
+
 def upright(points: Array) -> Array:
     """Points of the simulation frame in a file whose y is up: x, z, -y."""
     answer: Array = points[:, [0, 2, 1]] * np.array([1.0, 1.0, -1.0])

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import json
 import logging
 import struct
 import warnings
@@ -22,165 +20,23 @@ from mesh_samples import (
     dae_geometry,
     dae_source,
     dae_wedge,
+    gltf,
+    obj,
+    ply_text,
     read,
-    refusal,
     refused,
+    stl_text,
+    told,
     whole,
 )
-from sdf_samples import BOX, load, model, only, shape, world, write
+from sdf_samples import BOX, model, shape, world, write
 from t3d_maps import actor, level, room, start
 
 from usarsim_maps import convert
 from usarsim_maps.convert import Request, import_map
 from usarsim_maps.findings import Findings
 from usarsim_maps.reader import Context, read_scene
-from usarsim_maps.scene import Box, Light, Scene, Sphere
-from usarsim_server.simulation.frames import rpy_from_quaternion
-
-UNIT_BOX = "<box><size>1 1 1</size></box>"
-
-
-def told(findings: Findings) -> str:
-    """All notes."""
-    return "\n".join(f"{note.subject}: {note.text}" for note in findings.warnings())
-
-
-def placed(text: str) -> str:
-    """A model with a pose."""
-    return model("m", BOX).replace("<static>", f"<pose>{text}</pose><static>")
-
-
-class TestSdf:
-    """Gazebo worlds; what is left out is named with its line."""
-
-    @pytest.mark.parametrize(
-        ("text", "place", "yaw", "note"),
-        [
-            ("1 2 3 0 0 1 7", (1, 2, 3), 1.0, "of the 7 numbers"),
-            ("1 2 3 0 0 -3.14/2", (1, 2, 3), -1.57, ""),
-            ("1 2 3 0 0 3.14 / 2", (1, 2, 3), 1.57, ""),
-            ("1, 2, 3, 0, 0, 1", (1, 2, 3), 1.0, ""),
-            ("1,5 2 3 0 0 0,25", (1.5, 2, 3), 0.25, ""),
-            ("1 2 3 4", (1, 2, 3), 0.0, "of the 4 numbers"),
-            ("1 2", (0, 0, 0), 0.0, "too few numbers; left out"),
-            ("1 2 nan 0 0 0", (0, 0, 0), 0.0, "number without meaning; left out"),
-            ("1 2 -nan(ind) 0 0 0", (0, 0, 0), 0.0, "number without meaning; left out"),
-            ("1 2 1e30 0 0 0", (0, 0, 0), 0.0, "number without meaning; left out"),
-            ("here", (0, 0, 0), 0.0, "'here' is no number; this <pose> was left out"),
-        ],
-    )
-    def test_poses(
-        self, tmp_path: Path, text: str, place: tuple[float, ...], yaw: float, note: str
-    ) -> None:
-        """Six of seven numbers count, sums are done; the rest is SDF's default, nothing moves."""
-        findings = Findings()
-        thing = only(load(tmp_path, placed(text), findings))
-        assert thing.pose.position == pytest.approx(place)
-        assert rpy_from_quaternion(thing.pose.quaternion)[2] == pytest.approx(yaw)
-        assert note in told(findings)
-        assert bool(note) == bool(findings.warnings())
-        assert not note or "map.world: line 4: " in told(findings)
-
-    @pytest.mark.parametrize(
-        "text",
-        [
-            shape("<sphere/>"),
-            shape("<sphere><radius>big</radius></sphere>"),
-            shape("<box><size>1 nan 3</size></box>"),
-            shape("<box><size>1 2</size></box>"),
-            shape("<cylinder><radius>1</radius><length>1.#IND</length></cylinder>"),
-        ],
-    )
-    def test_sizes(self, tmp_path: Path, text: str) -> None:
-        """A shape whose size makes no sense is left out, the others of its model are there."""
-        findings = Findings()
-        other = shape("<sphere><radius>1</radius></sphere>").replace('"v"', '"w"')
-        thing = only(load(tmp_path, model("m", text + other), findings))
-        assert [part.shape for part in thing.parts] == [Sphere(1.0)]
-        assert "left out" in told(findings)
-
-    def test_sizes_that_can_be_read(self, tmp_path: Path) -> None:
-        """Too many numbers, sums and decimal commas are no obstacle."""
-        for size in ("1 2 3 4", "2/2 1+1 3", "1,0 2,0 3,0"):
-            inner = model("m", shape(f"<box><size>{size}</size></box>"))
-            assert only(load(tmp_path, inner)).parts[0].shape == Box((1.0, 2.0, 3.0))
-
-    def test_scales_and_outlines(self, tmp_path: Path) -> None:
-        """A bad scale of a mesh is 1; a bad corner of an outline is left out."""
-        write(tmp_path, dae(dae_wedge()), "w.dae")
-        findings = Findings()
-        mesh = "<mesh><uri>w.dae</uri><scale>2 x 2</scale></mesh>"
-        high = whole(load(tmp_path, model("m", shape(mesh)), findings)).vertices.max(axis=0)
-        assert high == pytest.approx(WEDGE.max(axis=0))
-        points = "".join(f"<point>{p}</point>" for p in ("0 0", "1 0", "1 y", "0 1"))
-        outline = f"<polyline><height>z</height>{points}</polyline>"
-        prism = whole(load(tmp_path, model("m", shape(outline)), findings))
-        assert prism.vertices.max(axis=0) == pytest.approx([1.0, 1.0, 1.0])
-        assert told(findings).count("left out") >= 3
-
-    @pytest.mark.parametrize("value", ["nan", "heavy", "-1", "1e99", ""])
-    def test_masses(self, tmp_path: Path, value: str) -> None:
-        """A mass that makes no sense counts as none."""
-        inertial = f"<inertial><mass>{value}</mass></inertial>"
-        assert only(load(tmp_path, model("m", inertial + BOX, static=False))).mass is None
-
-    def test_friction_colour_and_transparency(self, tmp_path: Path) -> None:
-        """So do friction, colour and transparency."""
-        more = "<material><diffuse>red</diffuse></material><transparency>yes</transparency>"
-        text = shape(UNIT_BOX, more=more).replace(
-            "</collision>",
-            "<surface><friction><ode><mu>high</mu></ode></friction></surface></collision>",
-        )
-        findings = Findings()
-        thing = only(load(tmp_path, model("m", text), findings))
-        assert thing.friction is None
-        assert not thing.parts[0].materials
-        for tag in ("diffuse", "transparency", "mu"):
-            assert f"this <{tag}> was left out" in told(findings)
-
-    def test_lights(self, tmp_path: Path) -> None:
-        """A light is what is left of it."""
-        text = (
-            '<light name="L" type="spot"><pose>1 2 3 0 0 0</pose><diffuse>nan 1 1 1</diffuse>'
-            "<direction>0 0 nan</direction><attenuation><range>far</range></attenuation>"
-            "<spot><outer_angle>x</outer_angle></spot><intensity>inf</intensity></light>"
-        )
-        findings = Findings()
-        (light,) = load(tmp_path, text + model("m", BOX), findings).lights
-        assert (light.position, light.direction) == ((1.0, 2.0, 3.0), (0.0, 0.0, -1.0))
-        assert (light.color, light.brightness, light.reach) == ((1.0, 1.0, 1.0), 1.0, 0.0)
-        assert light.cone == pytest.approx(45.0)
-        assert len(findings.warnings()) == 5
-
-    def test_start_poses(self, tmp_path: Path) -> None:
-        """So do those of start poses: sums are done, the first six of seven numbers count."""
-        plugin = (
-            '<plugin name="p" filename="x"><StartPose_1>A 1,2,0.3 0,0,-3.14/2 9</StartPose_1>'
-            "<StartPose_2>B 1,2,x</StartPose_2></plugin>"
-        )
-        findings = Findings()
-        (start_pose,) = load(tmp_path, plugin + model("m", BOX), findings).starts
-        assert start_pose.pose.position == (1.0, 2.0, 0.3)
-        assert rpy_from_quaternion(start_pose.pose.quaternion)[2] == pytest.approx(-1.57)
-        assert "'B 1,2,x' is no start pose" in told(findings)
-
-    def test_gravity_and_saved_poses(self, tmp_path: Path) -> None:
-        """A saved pose that makes no sense leaves the model where it was."""
-        state = (
-            '<state world_name="d"><model name="m"><pose>1 2 x 0 0 0</pose></model></state>'
-            "<gravity>down</gravity>"
-        )
-        findings = Findings()
-        thing = only(load(tmp_path, placed("4 5 6 0 0 0") + state, findings))
-        assert thing.pose.position == (4.0, 5.0, 6.0)
-        assert len(findings.warnings()) == 2
-
-    def test_a_world_of_bad_numbers_says_why_it_is_empty(self, tmp_path: Path) -> None:
-        """Where nothing is left the error tells the first reason."""
-        path = write(tmp_path, world(model("m", shape("<box><size>x</size></box>"))))
-        message = refusal(lambda: import_map(Request(path)))
-        assert "; map.world: line 4: 'x' is no number" in message
-
+from usarsim_maps.scene import Light, Scene
 
 LIGHT = (
     '<library_lights><light id="L"><technique_common><point>{}</point></technique_common></light>'
@@ -266,28 +122,15 @@ class TestCollada:
         assert "line 5" in refused(write(tmp_path, good.replace("2.0", "2.5"), "b.dae"))
 
 
-def gltf(change: Callable[[dict[str, Any]], None]) -> str:
-    """A wedge, changed."""
-    blob = WEDGE.astype("<f4").tobytes() + FACES.astype("<u2").tobytes()
-    uri = "data:application/octet-stream;base64," + base64.b64encode(blob).decode()
-    value: dict[str, Any] = {
-        "asset": {"version": "2.0"},
-        "scenes": [{"nodes": [0, 1]}],
-        "nodes": [{"name": "n", "mesh": 0}, {"name": "other"}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "material": 0}]}],
-        "materials": [{"name": "red", "pbrMetallicRoughness": {}}],
-        "accessors": [
-            {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"},
-            {"bufferView": 1, "componentType": 5123, "count": 12, "type": "SCALAR"},
-        ],
-        "bufferViews": [
-            {"buffer": 0, "byteLength": 48},
-            {"buffer": 0, "byteOffset": 48, "byteLength": 24},
-        ],
-        "buffers": [{"byteLength": len(blob), "uri": uri}],
-    }
+def changed(change: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
+    """The wedge as glTF with another node, changed."""
+    value = gltf(
+        scenes=[{"nodes": [0, 1]}],
+        nodes=[{"name": "n", "mesh": 0}, {"name": "other"}],
+        materials=[{"name": "red", "pbrMetallicRoughness": {}}],
+    )
     change(value)
-    return json.dumps(value)
+    return value
 
 
 class TestGltf:
@@ -306,11 +149,11 @@ class TestGltf:
     def test_nodes_of_exporters(self, tmp_path: Path, change: dict[str, Any]) -> None:
         """A node whose place makes no sense is left out; if it was the only one, that is told."""
         findings = Findings()
-        text = gltf(lambda value: value["nodes"][1].update(change))
+        text = changed(lambda value: value["nodes"][1].update(change))
         scene = read(write(tmp_path, text, "map.gltf"), findings)
         assert [thing.name for thing in scene.objects] == ["n"]
         assert "nodes[1] has no place" in told(findings)
-        text = gltf(lambda value: value["nodes"][0].update(change))
+        text = changed(lambda value: value["nodes"][0].update(change))
         assert not read(write(tmp_path, text, "map.gltf")).objects
 
     def test_colours_and_lights(self, tmp_path: Path) -> None:
@@ -323,7 +166,7 @@ class TestGltf:
             value["nodes"][1]["extensions"] = {"KHR_lights_punctual": {"light": 0}}
 
         findings = Findings()
-        scene = read(write(tmp_path, gltf(change), "map.gltf"), findings)
+        scene = read(write(tmp_path, changed(change), "map.gltf"), findings)
         assert scene.materials["red"].color == pytest.approx((1.0, 1.0, 1.0, 1.0))
         assert scene.lights[0].color == (1.0, 1.0, 1.0)
         assert told(findings).count("makes no sense; left out") == 2
@@ -338,7 +181,7 @@ class TestGltf:
             lambda v: v.update(images=[{"bufferView": 9}]),
             lambda v: v["meshes"][0]["primitives"][0].update(material=5),
             lambda v: v["meshes"][0]["primitives"][0]["attributes"].update(TEXCOORD_0=8),
-            lambda v: v["meshes"][0]["primitives"][0]["attributes"].update(TEXCOORD_0=1),
+            lambda v: v["meshes"][0]["primitives"][0]["attributes"].update(TEXCOORD_0=2),
         ],
     )
     def test_looks_that_are_not_there(
@@ -354,20 +197,17 @@ class TestGltf:
             change(value)
 
         findings = Findings()
-        scene = read(write(tmp_path, gltf(textured), "map.gltf"), findings)
+        scene = read(write(tmp_path, changed(textured), "map.gltf"), findings)
         assert len(whole(scene).triangles) == 4
         assert "left out" in told(findings)
 
 
-OBJ = "v 0 0 0\nv 2 0 0\nv 0 1 0\nv 0 0 3\nvt 0.5 0.5\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
-PLY = (
-    "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
-    "property float z\nelement face 4\nproperty list uchar int vertex_indices\nend_header\n"
-    "0 0 0\n2 0 0\n0 1 0\n0 0 3\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n"
-)
-STL = (
-    "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 2 0 0\nvertex 0 1 3\n"
-    "endloop\nendfacet\nendsolid a\n"
+OBJ = obj("vt 0.5 0.5")
+PLY = ply_text().decode()
+STL = stl_text()
+NO_FACET = (
+    "facet normal 0 0 0\nouter loop\nvertex 0 0 0\nvertex 1.#QNAN 0 0\nvertex 0 1 0\n"
+    "endloop\nendfacet\nendsolid"
 )
 
 
@@ -385,14 +225,14 @@ class TestMeshFiles:
     @pytest.mark.parametrize(
         ("text", "name"),
         [
-            (OBJ.replace("v 2 0 0", "v 2,5 0,0 0,0"), "map.obj"),
+            (OBJ.replace("v 2 0 -0", "v 2,5 0,0 0,0"), "map.obj"),
             (PLY.replace("2 0 0\n", "2,5 0,0 0,0\n"), "map.ply"),
             (STL.replace("2 0 0", "2,5 0,0 0,0"), "map.stl"),
         ],
     )
     def test_decimal_commas(self, tmp_path: Path, text: str, name: str) -> None:
         """In these formats only space separates, so a comma is that of a decimal number."""
-        found = whole(read(write(tmp_path, text, name), up="Z"))
+        found = whole(read(write(tmp_path, text, name)))
         assert found.vertices.max(axis=0) == pytest.approx([2.5, 1.0, 3.0])
 
     @pytest.mark.parametrize(
@@ -400,9 +240,8 @@ class TestMeshFiles:
         [
             (OBJ + "v -1.#IND00 1.#QNAN nan(ind)\nvt -1.#IND00 0\nf 1 2 5\n", "map.obj"),
             (PLY.replace("vertex 4", "vertex 5").replace("face 4", "face 5").replace(
-                "0 0 3\n", "0 0 3\n-1.#IND 0 0\n") + "3 0 1 4\n", "map.ply"),
-            (STL.replace("endsolid", STL[8:].partition("endsolid")[0].replace(
-                "vertex 2", "vertex 1.#QNAN") + "endsolid"), "map.stl"),
+                "0 0 3\n", "0 0 3\n-1.#IND 0 0\n") + "7 3 0 1 4\n", "map.ply"),
+            (STL.replace("endsolid", NO_FACET), "map.stl"),
         ],
     )  # fmt: skip
     def test_values_that_are_none(self, tmp_path: Path, text: str, name: str) -> None:
@@ -432,8 +271,8 @@ class TestMeshFiles:
         """Lengths of lists as floats are read; those that make no sense are refused."""
         head = PLY.partition("end_header")[0].replace("ascii", "binary_little_endian")
         head = head.replace("list uchar int", "list float float") + "end_header\n"
-        body = WEDGE.astype("<f4").tobytes()
-        body += b"".join(struct.pack("<4f", count, *face) for face in FACES.tolist())
+        body = b"".join(struct.pack("<ffd", *point) for point in WEDGE.tolist())
+        body += b"".join(struct.pack("<B4f", 7, count, *face) for face in FACES.tolist())
         path = tmp_path / "map.ply"
         path.write_bytes(head.encode() + body)
         if count == 3.0:

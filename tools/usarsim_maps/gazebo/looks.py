@@ -142,15 +142,10 @@ COLORS: dict[str, RGB] = {
 
 @dataclass(slots=True)
 class Looks:
-    """Collects the materials of one import.
+    """Collects the materials of one import."""
 
-    Attributes:
-        files: finds scripts and pictures.
-        materials: by the names that parts use.
-    """
-
-    files: GazeboFiles
-    materials: dict[str, Material] = field(default_factory=dict)
+    files: GazeboFiles  # finds scripts and pictures
+    materials: dict[str, Material] = field(default_factory=dict)  # by the names that parts use
     _scripts: dict[Path, dict[str, tuple[Color, str]]] = field(default_factory=dict)
 
     def of_visual(self, document: Document, visual: Node) -> str | None:

@@ -77,17 +77,11 @@ def flag(text: str, default: bool) -> bool:
 
 @dataclass(slots=True)
 class Scope:
-    """The names that poses of one model, or of the world, may be relative to.
+    """The names that poses of one model, or of the world, may be relative to."""
 
-    Attributes:
-        document: the file.
-        owner: `model` or `world` element.
-        unit: metres per unit of the file.
-    """
-
-    document: Document
-    owner: Node
-    unit: float
+    document: Document  # the file
+    owner: Node  # `model` or `world` element
+    unit: float  # metres per unit of the file
     _nodes: dict[str, tuple[Node, str]] = field(default_factory=dict)
     _known: dict[str, Array] = field(default_factory=dict)
 
@@ -166,21 +160,13 @@ class Link:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:
-    """Links that stay together: a static model, or a rigid part of a moving one.
+    """Links that stay together: a static model, or a rigid part of a moving one."""
 
-    Attributes:
-        name: of the model, with the models around it (`outer::inner`).
-        matrix: (4, 4) in the world.
-        links: what it is made of.
-        static: it does not move.
-        person: it is somebody.
-    """
-
-    name: str
-    matrix: Array
-    links: tuple[Link, ...]
-    static: bool
-    person: Person | None = None
+    name: str  # of the model, with the models around it (`outer::inner`)
+    matrix: Array  # (4, 4) in the world
+    links: tuple[Link, ...]  # what it is made of
+    static: bool  # it does not move
+    person: Person | None = None  # it is somebody
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,19 +189,14 @@ class _Assembly:
 
 
 class Models:
-    """Expands a world.
-
-    Attributes:
-        names: of all models that were used.
-        lights: of the world and of models, with file and matrix.
-        builtin: names and matrices of Gazebo's own models.
-        missing: names and matrices of models that were not found.
-    """
+    """Expands a world."""
 
     def __init__(self, files: GazeboFiles, unit: float) -> None:
-        self.names: list[str] = []
+        self.names: list[str] = []  # of all models that were used
+        # of the world and of models, with file and matrix
         self.lights: list[tuple[Document, Node, Array]] = []
-        self.builtin: list[tuple[str, Array]] = []
+        self.builtin: list[tuple[str, Array]] = []  # names and matrices of Gazebo's own models
+        # names and matrices of models that were not found
         self.missing: list[tuple[str, Array]] = []
         self._files = files
         self._findings: Findings = files.context.findings

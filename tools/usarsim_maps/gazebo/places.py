@@ -129,21 +129,14 @@ def _pose(values: Sequence[float], unit: float) -> Pose:
 
 @dataclass(slots=True)
 class Placement:
-    """A section of a placement file.
+    """A section of a placement file."""
 
-    Attributes:
-        path: of the file.
-        title: of the section.
-        words: its lines that are no places, such as the name of the map.
-        starts: start poses.
-        victims: people.
-    """
-
-    path: Path
-    title: str
+    path: Path  # of the file
+    title: str  # of the section
+    # its lines that are no places, such as the name of the map
     words: list[str] = field(default_factory=list)
-    starts: list[StartPose] = field(default_factory=list)
-    victims: list[Victim] = field(default_factory=list)
+    starts: list[StartPose] = field(default_factory=list)  # start poses
+    victims: list[Victim] = field(default_factory=list)  # people
 
 
 def find_placement(

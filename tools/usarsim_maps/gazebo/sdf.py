@@ -45,17 +45,11 @@ LARGEST = 1025
 
 @dataclass(slots=True)
 class Terrain:
-    """Reads height maps.
+    """Reads height maps."""
 
-    Attributes:
-        files: finds pictures.
-        looks: takes materials.
-        unit: metres per unit of the world.
-    """
-
-    files: GazeboFiles
-    looks: Looks
-    unit: float
+    files: GazeboFiles  # finds pictures
+    looks: Looks  # takes materials
+    unit: float  # metres per unit of the world
 
     def fields(self, link: Link, matrix: Array, name: str) -> list[Heightfield]:
         """The terrain of a link, once even if it is seen and felt.

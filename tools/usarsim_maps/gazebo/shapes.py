@@ -122,17 +122,11 @@ class _Piece:
 
 @dataclass(slots=True)
 class Shapes:
-    """Makes parts; every mesh file is read once.
+    """Makes parts; every mesh file is read once."""
 
-    Attributes:
-        files: finds meshes.
-        looks: takes materials.
-        unit: metres per unit of the world.
-    """
-
-    files: GazeboFiles
-    looks: Looks
-    unit: float
+    files: GazeboFiles  # finds meshes
+    looks: Looks  # takes materials
+    unit: float  # metres per unit of the world
     _scenes: dict[Path, Scene | None] = field(default_factory=dict)
     _meshes: dict[tuple[Path, str, bool], Mesh | None] = field(default_factory=dict)
 

@@ -41,19 +41,12 @@ _JSON, _BIN = 0x4E4F534A, 0x004E4942
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """A JSON object of the file, and where it is.
+    """A JSON object of the file, and where it is."""
 
-    Attributes:
-        path: of the file.
-        place: for errors, such as `nodes[3]`.
-        value: the object; empty where the file has something else or nothing.
-        number: its position in its list.
-    """
-
-    path: Path
-    place: str
-    value: dict[str, Any]
-    number: int = 0
+    path: Path  # of the file
+    place: str  # for errors, such as `nodes[3]`
+    value: dict[str, Any]  # the object; empty where the file has something else or nothing
+    number: int = 0  # its position in its list
 
     def error(self, problem: str, cure: str = CURE) -> MapImportError:
         """An error that names file and place."""
@@ -159,19 +152,12 @@ class Item:
 
 @dataclass(slots=True)
 class GltfFile:
-    """A file.
+    """A file."""
 
-    Attributes:
-        path: of the file.
-        root: the outermost object.
-        files: everything that was read.
-        folders: out of which buffers may be read.
-    """
-
-    path: Path
-    root: Item
-    files: list[Path]
-    folders: Folders
+    path: Path  # of the file
+    root: Item  # the outermost object
+    files: list[Path]  # everything that was read
+    folders: Folders  # out of which buffers may be read
     _chunk: bytes | None = None
     _buffers: dict[int, bytes] = field(default_factory=dict)
     _lists: dict[str, list[Item]] = field(default_factory=dict)
@@ -369,11 +355,7 @@ NONE = 1 << 31
 
 
 class DracoPrimitive:
-    """What is in the compressed buffer of a primitive.
-
-    Attributes:
-        chain: (3 n,) vertex numbers of its triangles.
-    """
+    """What is in the compressed buffer of a primitive."""
 
     def __init__(self, file: GltfFile, primitive: Item) -> None:
         """Decompress it.
@@ -392,7 +374,7 @@ class DracoPrimitive:
             faces = np.asarray(self._mesh.faces, np.int64)
         except Exception as error:  # a library of C++ behind several layers: it says what it likes
             raise self._item.error(f"Draco cannot decompress it: {error}"[:200]) from None
-        self.chain: Integers = faces.reshape(-1)
+        self.chain: Integers = faces.reshape(-1)  # (3 n,) vertex numbers of its triangles
 
     def attribute(self, name: str, accessor: int) -> Array:
         """Values (n, width) of `POSITION` or another attribute, in the types of its accessor.

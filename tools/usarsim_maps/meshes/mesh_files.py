@@ -259,17 +259,11 @@ def broken(source: Path, problem: str, where: int | str | None = None) -> MapImp
 
 @dataclass(slots=True)
 class Pictures:
-    """Finds the pictures that a mesh file names.
+    """Finds the pictures that a mesh file names."""
 
-    Attributes:
-        source: the mesh file.
-        context: of the import.
-        files: pictures found so far.
-    """
-
-    source: Path
-    context: Context
-    files: list[Path] = field(default_factory=list)
+    source: Path  # the mesh file
+    context: Context  # of the import
+    files: list[Path] = field(default_factory=list)  # pictures found so far
     _index: AssetIndex | None = None
     _folders: dict[Path, dict[str, Path]] = field(default_factory=dict)
 

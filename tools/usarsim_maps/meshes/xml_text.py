@@ -39,24 +39,16 @@ _ATTRIBUTE = re.compile(r"(\s[\w:.\-]+\s*=\s*)(\"[^\"]*\"|'[^']*')")
 
 
 class Node:
-    """An element.
-
-    Attributes:
-        tag: without namespace prefix.
-        attributes: as written, without namespace declarations.
-        text: of the element itself, stripped.
-        children: elements inside.
-        line: where it begins.
-    """
+    """An element."""
 
     __slots__ = ("attributes", "children", "line", "tag", "text")
 
     def __init__(self, tag: str, attributes: dict[str, str], line: int) -> None:
-        self.tag = tag
-        self.attributes = attributes
-        self.text = ""
-        self.children: list[Node] = []
-        self.line = line
+        self.tag = tag  # without namespace prefix
+        self.attributes = attributes  # as written, without namespace declarations
+        self.text = ""  # of the element itself, stripped
+        self.children: list[Node] = []  # elements inside
+        self.line = line  # where it begins
 
     def get(self, attribute: str, default: str = "") -> str:
         """An attribute."""
@@ -89,18 +81,12 @@ class Node:
 
 @dataclass(frozen=True, slots=True)
 class Document:
-    """A file.
+    """A file."""
 
-    Attributes:
-        path: of the file.
-        root: its outermost element.
-        comments: texts of all comments, with their lines.
-        findings: told of numbers that make no sense.
-    """
-
-    path: Path
-    root: Node
-    comments: tuple[tuple[int, str], ...] = ()
+    path: Path  # of the file
+    root: Node  # its outermost element
+    comments: tuple[tuple[int, str], ...] = ()  # texts of all comments, with their lines
+    # told of numbers that make no sense
     findings: Findings = field(default_factory=Findings, compare=False)
 
     def error(self, node: Node | None, problem: str, cure: str = CURE) -> MapImportError:
