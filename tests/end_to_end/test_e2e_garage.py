@@ -2,10 +2,15 @@
 
 The roster is that of the robots reference 1.1, with its aliases and spellings; every further
 shipped class is put through the same. Checks 1, 2, 3, 13, 42, 48 of 5.1 and 5.2 are among them.
+
+A robot with an arm and a gripper, over real sockets.
+
+Arms over sockets: the slider tool of the original, and a camera that is turned.
 """
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -278,3 +283,122 @@ def moves_a_joint(robot: RobotDescription, track: Track) -> None:
         joint = f"{{Name {link.joint}}} {{Opcode Angle}} {{Params {target}}}"
         track.client.send(f"SET {{Type Joint}} {joint}")
     track.until(lambda: abs(float(track.status()[link.joint]) - target) < 0.05, "joint stays")
+
+
+Connect = Callable[[], ScriptedClient]
+
+
+def _links(line: str) -> dict[int, float]:
+    """Positions by link number of a MISSTA or ASTA line."""
+    found = re.findall(r"\{Link (\d+)\} \{Value (-?[\d.]+)\}", line)
+    return {int(link): float(value) for link, value in found}
+
+
+def _settled(client: ScriptedClient, head: str, link: int, target: float) -> bool:
+    states = (_links(client.wait_for(head)) for _ in range(150))
+    return any(abs(state[link] - target) < 0.02 for state in states)
+
+
+def test_a_slider_client_moves_an_arm(connect: Connect) -> None:
+    """CONF is the line after INIT; ACT counts links from 0, ASTA from 1 (139, 142, 158, 183)."""
+    client = connect()
+    client.wait_for("NFO {Gametype")
+    client.send("INIT {ClassName P3AT_arm} {Location -60,0,-0.3}\r\nGETCONF {Type Actuator}")
+    conf = client.read_line()
+    assert conf.startswith("CONF {Type Actuator} {Name ")
+    name = re.search(r"\{Name (\w+)\}", conf)
+    assert name is not None
+    links = re.findall(r"\{Link (\d+)\} \{JointType (\w+)\} \{MaxTorque [\d.]+\}", conf)
+    assert [int(number) for number, _ in links] == list(range(1, len(links) + 1))
+    start = _links(client.wait_for("ASTA {Time"))[1]
+    client.send(f"ACT {{Name {name.group(1)}}} {{Link 0}} {{Value {start + 0.4:.3f}}} {{Link 77}}")
+    assert _settled(client, "ASTA", 1, start + 0.4)
+
+
+def test_a_gripper_closes_and_opens(connect: Connect) -> None:
+    """SET CLOSE and OPEN show in EFF (check 161)."""
+    client = connect()
+    client.send("INIT {ClassName P3AT_arm} {Location -60,5,-0.3}\r\nGETCONF {Type Gripper}")
+    conf = client.wait_for("CONF {Type Gripper}")
+    name = re.search(r"\{Name (\w+)\}", conf)
+    assert name is not None
+    for opcode, status in (("CLOSE", "CLOSED"), ("OPEN", "OPEN")):
+        client.send(f"SET {{Type Gripper}} {{Name {name.group(1)}}} {{Opcode {opcode}}}")
+        assert client.wait_for(lambda line, end=status: line.endswith(f"{{Status {end}}}"))
+
+
+@pytest.mark.parametrize("order", ["", " {Order 0}"])
+def test_a_pan_tilt_of_the_old_generation(connect: Connect, order: str) -> None:
+    """MISPKG counts links from 1, MISSTA reports them, GETGEO names the carrier (140, 141, 157)."""
+    client = connect()
+    client.send(f"INIT {{ClassName P2AT}} {{Location -70,{5 + len(order)},-0.3}}")
+    client.send("GETGEO {Type MisPkg}")
+    assert "{ParentLink -1}" in client.wait_for("GEO {Type MisPkg} {Name CameraPanTilt}")
+    client.send(f"MISPKG {{Name CameraPanTilt}} {{Link 1}} {{Value 0.15}}{order}")
+    assert _settled(client, "MISSTA", 1, 0.15)
+
+
+REPORTS = 200
+"""Until when a link has to be where it was told to go, 20 s of simulated time or more."""
+
+
+@pytest.fixture(scope="module")
+def port() -> Iterator[int]:
+    """The control port of a server with an empty world, at ten times real time."""
+    with running_server(world="empty", speed=10.0) as (_, endpoints):
+        yield endpoints["control"].port
+
+
+def test_sliders_for_an_arm(port: int) -> None:
+    """The SliderController finds its links in the first line after the greeting (142, 183).
+
+    It sends INIT and GETCONF at once, reads exactly one line, cuts it at blanks, and moves links
+    that it counts from 0.
+    """
+    with ScriptedClient(port) as client:
+        client.send_bytes(
+            b"INIT {ClassName USARBot.KR60} {Location 0,0,0}\nGETCONF {Type Actuator}\n"
+        )
+        assert client.read_line().startswith("NFO {Gametype")
+        tokens = client.read_line().split(" ")
+        assert tokens[:5] == ["CONF", "{Type", "Actuator}", "{Name", "KR60Arm}"]
+        keys = ("{Link", "{JointType", "{MinValue", "{MaxValue")
+        fields: dict[str, list[str]] = {key: [] for key in keys}
+        for key, value in itertools.pairwise(tokens):
+            if key in fields:
+                fields[key].append(value.rstrip("}"))
+        assert fields["{Link"] == ["1", "2", "3", "4", "5", "6"]
+        assert set(fields["{JointType"]) == {"Revolute"}
+        assert [float(low) for low in fields["{MinValue"]][1] == pytest.approx(-2.356)
+        assert [float(high) for high in fields["{MaxValue"]][1] == pytest.approx(0.61)
+        client.send("ACT {Name KR60Arm} {Link 0} {Value 0.50} {Link 1} {Value -0.25}", "\n")
+        for _ in range(REPORTS):
+            line = client.wait_for("ASTA")
+            found = re.match(
+                r"ASTA \{Time [\d.]+\} \{Name KR60Arm\} \{Link 1\} \{Value ([\d.-]+)\} "
+                r"\{Link 2\} \{Value ([\d.-]+)\} ",
+                line,
+            )
+            assert found is not None
+            if abs(float(found[1]) - 0.5) < 1e-3 and abs(float(found[2]) + 0.25) < 1e-3:
+                return
+        pytest.fail(f"the arm did not arrive: {line}")
+
+
+def test_a_camera_is_turned(port: int) -> None:
+    """A client of the other generation reads MISSTA of the pan-tilt that it moves."""
+    with ScriptedClient(port) as client:
+        client.send("INIT {ClassName USARBot.P2AT} {Location 5,0,-0.25}")
+        client.send("MISPKG {Name CameraPanTilt} {Link 1} {Value 0.20} {Link 2} {Value -0.10}")
+        for _ in range(REPORTS):
+            line = client.wait_for("MISSTA")
+            found = re.fullmatch(
+                r"MISSTA \{Time \d+\.\d\d\} \{Name CameraPanTilt\} \{Link 1\} "
+                r"\{Value (-?\d\.\d{4})\} \{Torque -?\d+\.\d\d\} \{Link 2\} "
+                r"\{Value (-?\d\.\d{4})\} \{Torque -?\d+\.\d\d\}",
+                line,
+            )
+            assert found is not None, line
+            if abs(float(found[1]) - 0.2) < 1e-3 and abs(float(found[2]) + 0.1) < 1e-3:
+                return
+        pytest.fail(f"the camera did not arrive: {line}")

@@ -1,11 +1,21 @@
-"""Limits of a settings file, as clients of a whole server meet them."""
+"""Limits of a settings file, as clients of a whole server meet them.
+
+Robots come and go, many times; the server stays the same.
+
+Ten simulated minutes with eight robots are the same in two processes (robots 113, 115; V26).
+"""
 
 from __future__ import annotations
 
+import random
 import socket
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
+import psutil
 import pytest
 
 from usarsim_server.testing import (
@@ -136,3 +146,74 @@ def test_in_lockstep_nobody_is_refused() -> None:
         client.send("INIT {ClassName P3AT} {Location 0,0,-0.3}")
         rehearsal.run(1.0)
         assert client.take("STA")
+
+
+CLASSES = ("P2AT", "P3AT", "P2DX", "P3DX")
+
+
+def _visit(server: ServerProcess, chance: random.Random) -> ScriptedClient:
+    client = server.client()
+    place = f"{chance.uniform(-30, 30):.2f},{chance.uniform(-30, 30):.2f},-0.3"
+    client.send(f"INIT {{ClassName {chance.choice(CLASSES)}}} {{Location {place}}}")
+    client.send(f"DRIVE {{Left {chance.uniform(-2, 2):.2f}}} {{Right {chance.uniform(-2, 2):.2f}}}")
+    client.fence()  # or a slow machine would have more and more of them come at once
+    return client
+
+
+def test_robots_come_and_go_for_a_while(tmp_path: Path) -> None:
+    """200 visits by up to 12 robots leave no thread, descriptor, robot or lasting memory."""
+    chance = random.Random(11)
+    settings = tmp_path / "lab.toml"
+    settings.write_text("spawn_rate = 1000\n", encoding="utf-8")
+    with ServerProcess("--world", "empty", "--config", str(settings)) as server:
+        process = psutil.Process(server.process.pid)
+        witness = server.client()
+        witness.send("INIT {ClassName P3AT} {Location 50,50,-0.3}")
+        witness.wait_for("STA")
+        guests: list[ScriptedClient] = []
+        used: list[int] = []
+        for visit in range(200):
+            guests.append(_visit(server, chance))
+            if len(guests) >= 12 or chance.random() < 0.4:
+                guests.pop(chance.randrange(len(guests))).close()
+            if visit % 20 == 19:
+                used.append(process.memory_info().rss)
+                assert witness.fence()
+        for guest in guests:
+            guest.close()
+        assert eventually(lambda: process.num_threads() <= 8 and process.num_fds() < 24)
+        assert used[-1] - used[4] < 24 << 20, "memory grew while robots came and went"
+        last = server.client()
+        last.send("INIT {ClassName P3AT} {Location 0,0,-0.3}")
+        assert last.wait_for("STA")
+        assert server.stop() == 0
+        assert "Traceback" not in server.errors
+
+
+PROGRAM = Path(__file__).with_name("long_run.py")
+SECONDS = 600.0
+LINES = 8 * 600 * 15
+"""Lines of eight robots in that time, at the least."""
+
+
+@pytest.mark.timeout(600)
+def test_ten_minutes_are_the_same_to_the_letter_and_to_the_bit() -> None:
+    """Text of all robots and state of the world agree between processes; another seed differs."""
+    runs = [(5, SECONDS), (5, SECONDS), (6, 5.0)]
+    processes = [
+        subprocess.Popen(
+            [sys.executable, str(PROGRAM), str(seed), str(seconds)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for seed, seconds in runs
+    ]
+    said = [process.communicate() for process in processes]
+    for process, (_, errors) in zip(processes, said, strict=True):
+        assert process.returncode == 0, errors
+    (first, heard, time), second, third = (text.split() for text, _ in said)
+    assert second == [first, heard, time]
+    assert third[0] != first
+    assert float(time) == pytest.approx(SECONDS, abs=0.01)
+    assert int(heard) > LINES

@@ -1,13 +1,20 @@
-"""Lockstep over sockets: the world goes from tick to tick, and only when everybody has answered."""
+"""Lockstep over sockets: the world goes from tick to tick, and only when everybody has answered.
+
+Every stream is complete in simulated time, however little the server keeps up.
+
+Equal seed, world and command times give equal bytes, for every class, across processes.
+"""
 
 from __future__ import annotations
 
 import re
 import threading
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 
 import pytest
 
+from usarsim_server.data import data_directory
 from usarsim_server.testing import ScriptedClient, ServerProcess, eventually
 
 TICK = "NFO {Status Tick}"
@@ -186,3 +193,197 @@ def test_without_lockstep_sync_means_nothing() -> None:
         client.send("SYNC")
         client.wait_for("STA")
         assert not any(TICK in line for line in client.read_for(0.5))
+
+
+SECONDS = 6.0
+"""Simulated s that are listened to, from the first STA on."""
+CLASSES = ("P3AT", "P3AT", "P3AT", "P2AT", "P2AT", "Nao", "Kenaf", "Hummer")
+PERIODS = {"Nao": 0.01, "P2AT": 0.2, "Hummer": 0.2}
+"""Simulated s between two STA, where it is not the usual 0.1."""
+STEP = 0.005
+"""s: no step of the physics is longer; a report is due at the first one not before its time."""
+
+_TIME = re.compile(r"\{Time ([\d.]+)\}")
+_STREAM = re.compile(r"(?:SEN|MISSTA|ASTA|EFF) (?:\{Type \w+\} ?)?(?:\{Name [^ }]+)?")
+
+
+def listen(client: ScriptedClient, heard: list[str]) -> None:
+    """Keep the lines of the span."""
+    end: float | None = None
+    while True:
+        line = client.read_line()
+        if line.startswith("STA"):
+            found = _TIME.search(line)
+            assert found is not None
+            end = float(found[1]) + SECONDS if end is None else end
+            if float(found[1]) > end - PERIODS["Nao"] / 2:
+                return
+        if end is not None:
+            heard.append(line)
+
+
+def team_hears(*options: str) -> list[list[str]]:
+    """What each robot of a team tells in a span, on a server with these options."""
+    heard: list[list[str]] = [[] for _ in CLASSES]
+    with ServerProcess("--world", "arena", *options) as server:
+        clients = [server.client() for _ in CLASSES]
+        for number, (client, name) in enumerate(zip(clients, CLASSES, strict=True)):
+            client.send(f"INIT {{ClassName USARBot.{name}}} {{Start RobotStart{1 + number % 5}}}")
+            client.send("SYNC {Ticks 100}")  # means something in lockstep only
+        threads = [
+            threading.Thread(target=listen, args=(client, lines), daemon=True)
+            for client, lines in zip(clients, heard, strict=True)
+        ]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        for client in clients:
+            client.close()
+    return heard
+
+
+def streams(lines: list[str]) -> Counter[str]:
+    """How many lines of each stream there are, STA aside."""
+    bare = (_TIME.sub("", line).replace("  ", " ") for line in lines)
+    return Counter(found[0] for line in bare if (found := _STREAM.match(line)))
+
+
+@pytest.fixture(scope="module")
+def complete() -> list[Counter[str]]:
+    """The streams of the team where nobody is in a hurry."""
+    return [streams(lines) for lines in team_hears("--lockstep")]
+
+
+@pytest.mark.parametrize("speed", ["1", "50", "max"])
+def test_no_report_is_lost(speed: str, complete: list[Counter[str]]) -> None:
+    """STA of eight robots comes in its exact period and every sensor as often as it should.
+
+    No machine gets to fifty times real time: there the reports cannot keep up, and the world has
+    to wait for them.
+    """
+    for name, lines, usual in zip(CLASSES, team_hears("--speed", speed), complete, strict=True):
+        period = PERIODS.get(name, 0.1)
+        told = [_TIME.search(line) for line in lines if line.startswith("STA")]
+        times = [float(found[1]) for found in told if found is not None]
+        assert len(times) == round(SECONDS / period), name
+        for number, moment in enumerate(times):
+            assert abs(moment - times[0] - number * period) < STEP, (name, number)
+        assert streams(lines) == usual, name
+        assert usual, name
+
+
+REPEATED = sorted(path.stem for path in data_directory("robots").glob("*.toml"))
+TOGETHER = 12
+"""Classes in one world."""
+REPEATS_SECONDS = 2.0
+"""Simulated s that are compared."""
+TICKS = 5
+"""Ticks of 0.1 s between two orders."""
+
+ORDERS = (
+    "DRIVE {Left 0.8} {Right 1.1}",
+    "DRIVE {Speed 0.6} {FrontSteer 0.2} {RearSteer 0.0}",
+    "DRIVE {AltitudeVelocity 0.4} {LinearVelocity 0.3} {LateralVelocity 0.0} "
+    "{RotationalVelocity 0.2} {Normalized False}",
+    "DRIVE {Propeller 0.5} {Rudder 0.1} {SternPlane 0.1}",
+    "DRIVE {WheelNumber 1} {WheelSpeed 1.0} {WheelSteer 0.1}",
+    "DRIVE {Name HeadYaw} {Steertype 1} {Angle 0.3}",
+    "MULTIDRIVE {FRFlipper 0.4} {FLFlipper 0.4}",
+    "SET {Type Joint} {Name HeadPitch} {Opcode Angle} {Params 0.2}",
+    "MISPKG {Name CameraPanTilt} {Link 1} {Value 0.4} {Order 0}",
+    "ACT {Name Arm} {Link 1} {Value 0.3}",
+    "GETCONF {Type Robot}",
+    "GETGEO {Type Robot}",
+)
+"""For every kind of machine, and questions in between; each obeys what it understands."""
+
+
+def script() -> str:
+    """All that a controller says after INIT, sent at once."""
+    lines = [f"SYNC {{Ticks {TICKS}}}"]
+    for order in ORDERS:
+        lines += [order] if order.startswith("GET") else [order, "SYNC"]
+    return "\r\n".join([*lines, f"SYNC {{Ticks {round(10 * SECONDS)}}}"]) + "\r\n"
+
+
+def repeats_listen(client: ScriptedClient, heard: list[str]) -> None:
+    """Keep every line up to the last tick of the script."""
+    ticks = script().count("SYNC")
+    while ticks:
+        heard.append(client.read_line())
+        ticks -= heard[-1].startswith("NFO {Status Tick}")
+
+
+def repeats_play(classes: Sequence[str], *options: str) -> list[list[str]]:
+    """What the controllers of some robots hear in one process."""
+    heard: list[list[str]] = [[] for _ in classes]
+    most = str(len(classes))
+    arguments = ("--world", "empty", "--lockstep", "--seed", "11", "--max-robots", most, *options)
+    with ServerProcess(*arguments) as server:
+        clients = []
+        for number, name in enumerate(classes):
+            client = server.client()
+            # Close enough to be in each other's way, and in each other's scans.
+            place = f"{1.8 * (number % 6):.1f},{1.8 * (number // 6):.1f},-0.5"
+            client.send(f"INIT {{ClassName USARBot.{name}}} {{Location {place}}}")
+            while not client.read_line().startswith("NFO {Status Tick}"):
+                pass
+            clients.append(client)
+        threads = [
+            threading.Thread(target=repeats_listen, args=(client, lines), daemon=True)
+            for client, lines in zip(clients, heard, strict=True)
+        ]
+        for thread in threads:
+            thread.start()
+        for client in clients:
+            client.socket.sendall(script().encode())
+        for thread in threads:
+            thread.join()
+        for client in clients:
+            client.close()
+    return heard
+
+
+def assert_equal(first: list[list[str]], again: list[list[str]], classes: Sequence[str]) -> None:
+    """No line differs, and there was something to compare."""
+    for name, one, other in zip(classes, first, again, strict=True):
+        differing = [pair for pair in zip(one, other, strict=False) if pair[0] != pair[1]]
+        assert not differing, (name, differing[0])
+        assert len(one) == len(other), name
+        assert sum(line.startswith("STA") for line in one) >= 10 * REPEATS_SECONDS / 5, name
+
+
+@pytest.mark.parametrize(
+    "classes",
+    [REPEATED[start : start + TOGETHER] for start in range(0, len(REPEATED), TOGETHER)],
+    ids=lambda classes: f"{classes[0]}-{classes[-1]}",
+)
+def test_every_class_repeats(classes: list[str]) -> None:
+    """Two processes tell the same to the letter, with robots in each other's way."""
+    assert_equal(repeats_play(classes), repeats_play(classes), classes)
+
+
+@pytest.mark.parametrize("count", [1, 32])
+def test_teams_repeat(count: int) -> None:
+    """One robot alone, and thirty-two of four kinds, among them one that reports every 0.01 s."""
+    classes = (("Nao", "P3AT", "P2AT", "Kenaf") * count)[:count]
+    assert_equal(repeats_play(classes), repeats_play(classes), classes)
+
+
+def alone(name: str) -> list[str]:
+    """What a robot in the fastest world tells whose controller says all it has to say at once."""
+    heard: list[str] = []
+    init = f"INIT {{ClassName USARBot.{name}}} {{Start RobotStart1}}"
+    options = ("--world", "arena", "--speed", "max", "--seed", "3")
+    with ServerProcess(*options) as server, server.client() as client:
+        client.socket.sendall("\r\n".join((init, *ORDERS, "")).encode())
+        while not heard or not re.search(r"\{Time 4\.", heard[-1]):
+            heard.append(client.read_line())
+    return heard
+
+
+@pytest.mark.parametrize("name", ["Nao", "P3AT", "Talon"])
+def test_the_fastest_world_repeats(name: str) -> None:
+    """Without lockstep, too, if the controller leaves nothing to chance."""
+    assert alone(name) == alone(name)
