@@ -16,6 +16,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.fields import field as declared
 from usarsim_server.simulation.frames import IDENTITY, Pose, Vector
 from usarsim_server.worlds.description import PathNode, Smoke, StartPose, Victim
 
@@ -273,29 +274,17 @@ class LightKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Light:
-    """A lamp.
+    """A lamp."""
 
-    Attributes:
-        name: as in the map.
-        kind: its shape.
-        position: m; no matter for directional and ambient light.
-        direction: where spot and directional light shines.
-        color: red, green, blue from 0 to 1.
-        brightness: 1 is an ordinary lamp.
-        reach: m at which it has faded; 0: it does not fade.
-        cone: half angle of a spot, degrees.
-        shadows: it casts some.
-    """
-
-    name: str
-    kind: LightKind = LightKind.POINT
-    position: Vector = (0.0, 0.0, 0.0)
-    direction: Vector = (0.0, 0.0, -1.0)
-    color: Vector = (1.0, 1.0, 1.0)
-    brightness: float = 1.0
-    reach: float = 0.0
-    cone: float = 45.0
-    shadows: bool = False
+    name: str = declared(help="as in the map")
+    kind: LightKind = declared(default=LightKind.POINT, help="its shape")
+    position: Vector = declared(default=(0.0, 0.0, 0.0), help="m; of point and spot light")
+    direction: Vector = declared(default=(0.0, 0.0, -1.0), help="of spot and directional light")
+    color: Vector = declared(default=(1.0, 1.0, 1.0), help="red, green, blue from 0 to 1")
+    brightness: float = declared(default=1.0, low=0.0, high=1000.0, help="1: an ordinary lamp")
+    reach: float = declared(default=0.0, low=0.0, high=1e5, help="m; where it ends, 0: nowhere")
+    cone: float = declared(default=45.0, low=1.0, high=90.0, help="degrees; half angle of a spot")
+    shadows: bool = declared(default=False, help="it casts some")
 
 
 def map_victim(

@@ -9,17 +9,16 @@ from __future__ import annotations
 
 import fnmatch
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 from usarsim_maps.findings import Findings
 from usarsim_maps.reader import ImportOptions
 from usarsim_maps.scene import (
     Collision,
     Light,
-    LightKind,
     Material,
     Part,
     Scene,
@@ -28,6 +27,7 @@ from usarsim_maps.scene import (
     map_victim,
 )
 from usarsim_server.errors import MapImportError
+from usarsim_server.fields import field
 from usarsim_server.files import is_regular
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
 from usarsim_server.tables import Table
@@ -40,28 +40,32 @@ SUFFIX = ".usarsim.toml"
 
 T = TypeVar("T")
 
+LAMP = Light("lamp", position=(0.0, 0.0, 3.0))
+"""What is not said of a new lamp."""
+
 REPLACEABLE = ("starts", "victims", "path_nodes", "lights", "smoke")
+
+
+def _or_none(number: float) -> float | None:
+    """Zero says nothing, too."""
+    return number or None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Rule:
     """What happens to objects whose name, tag or class fits a pattern."""
 
-    pattern: str
-    exclude: bool
-    hidden: bool
-    collision: Collision | None
-    movable: bool | None
-    mass: float | None
-    friction: float | None
+    pattern: str = field(key="match", help="name, tag or class; `*` and `?` stand for others")
+    exclude: bool = field(default=False, help="leave it out, brushes too")
+    hidden: bool = field(default=False, help="it is felt and not seen")
+    collision: Collision | None = field(default=None, help="how it is solid")
+    movable: bool | None = field(default=None, help="it can be pushed")
+    mass: float | None = field(default=None, unit="kg", low=0.0, high=1e6, convert=_or_none)
+    friction: float | None = field(default=None, low=0.0, high=10.0)
 
-    def fits(self, thing: SceneObject) -> bool:
+    def fits(self, *words: str) -> bool:
         wanted = self.pattern.lower()
-        return any(
-            fnmatch.fnmatchcase(word.lower(), wanted)
-            for word in (thing.name, thing.tag, thing.kind)
-            if word
-        )
+        return any(word and fnmatch.fnmatchcase(word.lower(), wanted) for word in words)
 
     def apply(self, thing: SceneObject) -> SceneObject | None:
         if self.exclude:
@@ -84,15 +88,17 @@ class Sidecar:
     """A sidecar as read; `options` before reading the map, `apply` after."""
 
     path: Path
-    scale: float | None
-    up: str | None
-    mirror: bool | None
-    assets: tuple[Path, ...]
-    placeholders: bool | None
-    wall_height: float | None
     additions: Scene
+    assets: tuple[Path, ...]
     replaces: frozenset[str]
-    rules: tuple[_Rule, ...]
+    scale: float | None = field(default=None, low=0.0, high=1e9, convert=_or_none)
+    up: Literal["X", "Y", "Z"] | None = field(default=None, help="axis that points up")
+    mirror: bool = field(default=False, help="reflect the map: y becomes -y")
+    placeholders: bool = field(default=False, help="a box stands in for every missing mesh")
+    wall_height: float | None = field(
+        default=None, unit="m", low=0.0, high=100.0, convert=_or_none, help="of occupancy grids"
+    )
+    rules: tuple[_Rule, ...] = field(default=(), key="object", help="changes of single objects")
 
     def options(self, given: ImportOptions) -> ImportOptions:
         """Options for the reader; what the user said on the command line wins."""
@@ -100,9 +106,9 @@ class Sidecar:
             given,
             scale=given.scale if given.scale is not None else self.scale,
             up=given.up or self.up,
-            mirror=given.mirror or bool(self.mirror),
+            mirror=given.mirror or self.mirror,
             assets=(*given.assets, *self.assets),
-            placeholders=given.placeholders or bool(self.placeholders),
+            placeholders=given.placeholders or self.placeholders,
             wall_height=given.wall_height or self.wall_height,
         )
 
@@ -114,16 +120,14 @@ class Sidecar:
         for thing in scene.objects:
             left: SceneObject | None = thing
             for rule in self.rules:
-                if left is not None and rule.fits(left):
+                if left is not None and rule.fits(left.name, left.tag, left.kind):
                     used[rule.pattern] += 1
                     left = rule.apply(left)
             if left is not None:
                 objects.append(left)
         brushes = []
         for brush in scene.brushes:
-            out = [
-                r for r in self.rules if r.exclude and _fits_brush(r.pattern, brush.name, brush.tag)
-            ]
+            out = [r for r in self.rules if r.exclude and r.fits(brush.name, brush.tag)]
             for rule in out:
                 used[rule.pattern] += 1
             if not out:
@@ -156,10 +160,6 @@ class Sidecar:
         return new if key in self.replaces else (*old, *new)
 
 
-def _fits_brush(pattern: str, name: str, tag: str) -> bool:
-    return any(word and fnmatch.fnmatchcase(word.lower(), pattern.lower()) for word in (name, tag))
-
-
 def find_sidecar(source: Path, given: Path | None) -> Path | None:
     """The sidecar that the user named, else the one beside the map, else None."""
     if given is not None:
@@ -174,43 +174,40 @@ def load_sidecar(path: Path) -> Sidecar:
     Raises:
         MapImportError: naming key, what is wrong and what to write instead.
     """
-    return _read(path, Table(read_toml(path, MapImportError, "start"), path, MapImportError))
-
-
-def _read(path: Path, table: Table) -> Sidecar:
-    scale = table.number("scale", 0.0, low=0.0, high=1e9) or None
-    up = table.choice("up", ("X", "Y", "Z")) if table.has("up") else None
-    materials = table.table("material")
+    table = Table(read_toml(path, MapImportError, "start"), path, MapImportError)
     replaces = frozenset(table.words("replace"))
     unknown = sorted(replaces - set(REPLACEABLE))
     if unknown:
-        raise table.error(
-            "replace", f"{unknown[0]!r} is unknown", f"write some of {', '.join(REPLACEABLE)}"
-        )
-    sidecar = Sidecar(
-        path=path,
-        scale=scale,
-        up=up,
-        mirror=table.flag("mirror", False) if table.has("mirror") else None,
-        assets=tuple(path.parent / name for name in table.texts("assets")),
-        placeholders=table.flag("placeholders", False),
-        wall_height=table.number("wall_height", 0.0, low=0.0, high=100.0) or None,
-        additions=Scene(
-            source=Source(path, "sidecar"),
-            starts=tuple(map(_start, table.tables("start"))),
-            victims=tuple(map(_victim, table.tables("victim"))),
-            path_nodes=tuple(map(_path_node, table.tables("path_node"))),
-            lights=tuple(map(_light, table.tables("light"))),
-            smoke=read_smoke(table.tables("smoke")),
-            materials=dict(_materials(path, table, materials)),
-            filled=table.flag("filled", False) if table.has("filled") else None,
-            title=table.text("title", ""),
+        cure = f"write some of {', '.join(REPLACEABLE)}"
+        raise table.error("replace", f"{unknown[0]!r} is unknown", cure)
+    additions = Scene(
+        source=Source(path, "sidecar"),
+        starts=_each(table, "start", lambda one: StartPose(one.word("tag"), _pose(one))),
+        victims=_each(table, "victim", _victim),
+        path_nodes=_each(
+            table,
+            "path_node",
+            lambda one: PathNode(one.word("tag"), one.vector("position"), one.words("neighbours")),
         ),
-        replaces=replaces,
-        rules=tuple(map(_rule, table.tables("object"))),
+        lights=_each(table, "light", lambda one: one.read(Light, LAMP)),
+        smoke=read_smoke(table.tables("smoke")),
+        materials=dict(_materials(path, table)),
+        filled=table.flag("filled") if table.has("filled") else None,
+        title=table.text("title", ""),
     )
+    assets = tuple(path.parent / name for name in table.texts("assets"))
+    sidecar = table.read(Sidecar, path=path, additions=additions, assets=assets, replaces=replaces)
     table.finish()
     return sidecar
+
+
+def _each(table: Table, key: str, read: Callable[[Table], T]) -> tuple[T, ...]:
+    """What stands in a list of tables."""
+    found = []
+    for one in table.tables(key):
+        found.append(read(one))
+        one.finish()
+    return tuple(found)
 
 
 def _pose(table: Table) -> Pose:
@@ -220,15 +217,9 @@ def _pose(table: Table) -> Pose:
     return Pose(table.vector("position"), quaternion_from_rpy(*angles))
 
 
-def _start(table: Table) -> StartPose:
-    start = StartPose(table.word("tag"), _pose(table))
-    table.finish()
-    return start
-
-
 def _victim(table: Table) -> Victim:
     size = table.number("scale", 1.0, low=0.1, high=10.0)
-    victim = map_victim(
+    return map_victim(
         name=table.word("name"),
         pose=_pose(table),
         figure=table.text("figure", "male"),
@@ -237,36 +228,11 @@ def _victim(table: Table) -> Victim:
         status=table.word("status", "Alive"),
         properties=dict(table.free("properties")),
     )
-    table.finish()
-    return victim
 
 
-def _path_node(table: Table) -> PathNode:
-    node = PathNode(table.word("tag"), table.vector("position"), table.words("neighbours", ()))
-    table.finish()
-    return node
-
-
-def _light(table: Table) -> Light:
-    kinds = tuple(kind.value for kind in LightKind)
-    light = Light(
-        name=table.text("name", "lamp"),
-        kind=LightKind(table.choice("kind", kinds)) if table.has("kind") else LightKind.POINT,
-        position=table.vector("position", (0.0, 0.0, 3.0)),
-        direction=table.vector("direction", (0.0, 0.0, -1.0)),
-        color=table.vector("color", (1.0, 1.0, 1.0)),
-        brightness=table.number("brightness", 1.0, low=0.0, high=1000.0),
-        reach=table.number("reach", 0.0, low=0.0, high=1e5),
-        cone=table.number("cone", 45.0, low=1.0, high=90.0),
-        shadows=table.flag("shadows", False),
-    )
-    table.finish()
-    return light
-
-
-def _materials(path: Path, table: Table, materials: Table) -> Iterable[tuple[str, Material]]:
-    names: Mapping[str, object] = table.free("material")
-    for name in names:
+def _materials(path: Path, table: Table) -> Iterable[tuple[str, Material]]:
+    materials = table.table("material")
+    for name in table.free("material"):
         entry = materials.table(name)
         color = entry.vector("color", (1.0, 1.0, 1.0))
         texture = entry.text("texture", "")
@@ -274,18 +240,3 @@ def _materials(path: Path, table: Table, materials: Table) -> Iterable[tuple[str
         entry.finish()
         picture = path.parent / texture if texture else None
         yield name, Material(name, (*color, opacity), picture)
-
-
-def _rule(table: Table) -> _Rule:
-    kinds = tuple(kind.value for kind in Collision)
-    rule = _Rule(
-        pattern=table.text("match"),
-        exclude=table.flag("exclude", False),
-        hidden=table.flag("hidden", False),
-        collision=(Collision(table.choice("collision", kinds)) if table.has("collision") else None),
-        movable=table.flag("movable", False) if table.has("movable") else None,
-        mass=table.number("mass", 0.0, low=0.0, high=1e6) or None,
-        friction=(table.number("friction", low=0.0, high=10.0) if table.has("friction") else None),
-    )
-    table.finish()
-    return rule
