@@ -57,7 +57,7 @@ from usarsim_server.sessions.robot_role import PilotOptions
 from usarsim_server.sessions.robots import Fleet
 from usarsim_server.sessions.roles import RoleOptions, Roles
 from usarsim_server.sessions.schedule import BEAT, UNPACED_BEAT
-from usarsim_server.sessions.session import AgentOptions, RobotAgent
+from usarsim_server.sessions.session import RobotAgent
 from usarsim_server.settings import Settings
 from usarsim_server.simulation.memory import share_heaps
 from usarsim_server.simulation.model import PhysicsOptions
@@ -141,13 +141,7 @@ class Assembly:
         self, peer: str, outbox: Outbox, on_backlog_low: Callable[[], None]
     ) -> RobotAgent:
         """The agent of a new control connection."""
-        settings = self.settings
-        options = AgentOptions(
-            dialect=settings.dialect,
-            replace_robot=settings.second_init == "replace",
-            tick=settings.tick if settings.lockstep else None,
-        )
-        agent = RobotAgent(peer, outbox, on_backlog_low, self.roles, self.dispatcher.call, options)
+        agent = RobotAgent(peer, outbox, on_backlog_low, self.roles, self.dispatcher.call)
         self.agents.add(agent)
         return agent
 
@@ -439,6 +433,9 @@ def _role_options(settings: Settings) -> RoleOptions:
     paced = not math.isinf(settings.speed)
     factor = settings.speed if paced else 1.0
     return RoleOptions(
+        dialect=settings.dialect,
+        replace_robot=settings.second_init == "replace",
+        tick=settings.tick if settings.lockstep else None,
         pilot=PilotOptions(
             quiet_period=settings.quiet_period * factor,
             beat=BEAT if paced else UNPACED_BEAT,

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from usarsim_server.errors import SpawnError
 from usarsim_server.logs import Log
 from usarsim_server.protocol import messages
+from usarsim_server.protocol.dialects import DialectMode
 from usarsim_server.protocol.requests import GetClosestPathNode, GetPathNodes, GetStartPoses, Init
 from usarsim_server.sessions.avatar import Walker
 from usarsim_server.sessions.robot_role import Pilot, PilotOptions
@@ -34,14 +35,20 @@ _ZERO = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class RoleOptions:
-    """What a lab may change about roles.
+    """What a lab may change about connections and their roles.
 
     Attributes:
+        dialect: how the dialect of a connection is chosen.
+        replace_robot: a second INIT replaces the robot instead of being ignored.
+        tick: simulated s between two ticks of lockstep; None without lockstep.
         pilot: see `PilotOptions`; its quiet period holds for avatars, too.
         start_at_first_pose: INIT without place uses the first start pose, not the origin.
         clean_on_close: objects leave with the world controller that created them.
     """
 
+    dialect: DialectMode = DialectMode.AUTO
+    replace_robot: bool = False
+    tick: float | None = None
     pilot: PilotOptions = field(default_factory=PilotOptions)
     start_at_first_pose: bool = False
     clean_on_close: bool = False

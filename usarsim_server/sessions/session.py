@@ -12,14 +12,13 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from usarsim_server.errors import UsarsimError
 from usarsim_server.logs import Log
 from usarsim_server.protocol import messages
 from usarsim_server.protocol.commands import interpret
-from usarsim_server.protocol.dialects import DialectMode, DialectSelector
+from usarsim_server.protocol.dialects import DialectSelector
 from usarsim_server.protocol.grammar import Command
 from usarsim_server.protocol.requests import (
     GetClosestPathNode,
@@ -46,30 +45,9 @@ BESIDE_REPORT = 16
 """Commands that are executed before a report that is due."""
 
 
-@dataclass(frozen=True, slots=True)
-class AgentOptions:
-    """How the connections of one port behave.
-
-    Attributes:
-        dialect: how the dialect is chosen.
-        replace_robot: a second INIT replaces the robot instead of being ignored.
-        tick: simulated s between two ticks of lockstep; None without lockstep.
-    """
-
-    dialect: DialectMode = DialectMode.AUTO
-    replace_robot: bool = False
-    tick: float | None = None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Report:
-    """What is to be told about one instant.
-
-    Attributes:
-        snapshot: the instant.
-        streams: which streams are due, see `Schedule.take_due`.
-        tick: a tick of lockstep has passed, and the client is to be told after the streams.
-    """
+class _Report(NamedTuple):
+    """What is to be told about one instant: the streams that are due, and whether a tick of
+    lockstep has passed, of which the client is told after the streams."""
 
     snapshot: Snapshot
     streams: Sequence[int]
@@ -93,7 +71,6 @@ class RobotAgent:
         on_backlog_low: Callable[[], None],
         roles: Roles,
         call: Callable[[RobotAgent], None],
-        options: AgentOptions,
     ) -> None:
         """Make an agent that has nothing to do yet.
 
@@ -102,7 +79,6 @@ class RobotAgent:
             on_backlog_low: called, from any thread, when commands have been taken.
             roles: makes what INIT asks for.
             call: has this agent served soon, see `Dispatcher.call`.
-            options: see there.
         """
         self.peer = peer
         self.outbox = outbox
@@ -111,7 +87,7 @@ class RobotAgent:
         self._on_backlog_low = on_backlog_low
         self._roles = roles
         self._ask_to_be_served = call
-        self._options = options
+        self._options = options = roles.options
         self._log = Log("robot", connection=peer)
         self._selector = DialectSelector(options.dialect)
         self._role: Role | None = None
@@ -199,14 +175,12 @@ class RobotAgent:
     def wake(self, snapshot: Snapshot) -> None:
         """Take a snapshot, and what is due at it; the next one is wanted from now on."""
         with self._lock:
-            role = self._role
-            if role is None or role.schedule is None or self._closed:
-                self.due = math.inf
-                return
-            streams = role.schedule.take_due(snapshot.time)
-            self._reports.append(_Report(snapshot, streams, self._ticks.passes(snapshot.time)))
+            schedule = self._role.schedule if self._role is not None else None
+            if schedule is not None and not self._closed:
+                streams = schedule.take_due(snapshot.time)
+                self._reports.append(_Report(snapshot, streams, self._ticks.passes(snapshot.time)))
+                self._call()
             self._set_due()
-            self._call()
 
     def lost(self, reason: str) -> None:
         """The robot was taken out of the world."""
@@ -267,10 +241,10 @@ class RobotAgent:
 
     def _comes_slow(self) -> bool:
         try:
-            command = self._commands[0]
+            init = self._commands[0].word == "INIT"
         except IndexError:
             return False
-        return command.word == "INIT" or (self._role is not None and self._role.slow)
+        return init or (self._role is not None and self._role.slow)
 
     def execute(self, apart: bool) -> None:
         """Execute commands that wait.
@@ -394,11 +368,8 @@ class RobotAgent:
 
     def _set_due(self) -> None:
         """Look forward to the next report (lock held)."""
-        role = self._role
-        if role is None or role.schedule is None or self._closed:
-            self.due = math.inf
-        else:
-            self.due = min(role.schedule.due, self._ticks.due)
+        schedule = self._role.schedule if self._role is not None and not self._closed else None
+        self.due = math.inf if schedule is None else min(schedule.due, self._ticks.due)
 
     def _initialise(self, init: Init) -> list[str]:
         if self._role is not None:
