@@ -11,9 +11,9 @@ from test_services_dialogue import Running, ground
 from wireless_harness import Line
 from wireless_harness import Running as Radio
 
-from usarsim_server.services import budget as guests
-from usarsim_server.services.budget import GRACE, Guest, Guests
+from usarsim_server.services import port as guests
 from usarsim_server.services.dialogue import DialogueLimits
+from usarsim_server.services.port import GRACE, Guest, Guests
 from usarsim_server.services.wireless import WirelessLimits
 from usarsim_server.testing import eventually
 

@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from usarsim_server.errors import UsarsimError
-from usarsim_server.logs import Log
 from usarsim_server.protocol import comserver
 from usarsim_server.protocol.comserver import (
     GetStrength,
@@ -32,8 +31,6 @@ from usarsim_server.services.budget import (
     HOP_COST,
     NOBODY,
     Account,
-    Guest,
-    Guests,
     Owners,
     WorkBudget,
     whole_share,
@@ -41,11 +38,11 @@ from usarsim_server.services.budget import (
 from usarsim_server.services.dialogue import CHUNK, CHUNK_BYTES
 from usarsim_server.services.limits import (
     READ_COST,
-    InputRates,
     descriptor_limit,
     raise_descriptor_limit,
 )
-from usarsim_server.services.listener import Endpoint, Listener, PortLimits
+from usarsim_server.services.listener import Endpoint
+from usarsim_server.services.port import Guest, PortLimits, PortService
 from usarsim_server.services.relay import KERNEL_BUFFER, RadioWatch, Traffic, dial
 from usarsim_server.services.replies import PIECE, ReplyBuffer
 
@@ -102,10 +99,8 @@ class _Robot:
     links: int = 0
 
 
-class ComServerService:
+class ComServerService(PortService[ComServerLimits]):
     """Control messages and data links."""
-
-    name = "comserver"
 
     def __init__(
         self,
@@ -129,47 +124,29 @@ class ComServerService:
             owners: whose the robots are.
             pace: which part of its shares the service may use now.
         """
-        self.required = required
+        limits = limits or ComServerLimits()
+        super().__init__("comserver", host, port, "--comserver-port", limits, required)
         self._network = network
-        self._limits = limits or ComServerLimits()
         self._owners = owners
         self._budget = WorkBudget(self._limits.share, pace=pace)
         self._link_budget = WorkBudget(self._limits.link_share, pace=pace)
         self._traffic = Traffic(self._limits.links, self._limits.links_per_robot)
-        self._guests = Guests(self.name, self._limits.idle)
-        self._rates = InputRates(self._limits.rate)
-        self._log = Log(self.name)
         self._robots: dict[str, _Robot] = {}
         self._links: set[asyncio.Task[None]] = set()
         self._watch = RadioWatch(
             self.name, network, self._limits.poll, lambda: bool(self._robots), self._review
         )
-        self._listener = Listener(
-            self.name,
-            host,
-            port,
-            self._serve,
-            option="--comserver-port",
-            limits=self._limits,
-            make_room=self._guests.make_room,
-        )
 
     async def start(self) -> Endpoint:
-        """Open the port.
-
-        Raises:
-            ServiceError: if it cannot be opened.
-        """
-        endpoint = await self._listener.start()
+        endpoint = await super().start()
         raise_descriptor_limit()
         self._traffic.most = min(self._limits.links, descriptor_limit() // 8)
         self._watch.start()
         return endpoint
 
     async def stop(self) -> None:
-        """Close the port, all connections and all links."""
         await self._watch.stop()
-        await self._listener.stop()
+        await super().stop()
         for link in self._links:
             link.cancel()
         await asyncio.gather(*self._links, return_exceptions=True)

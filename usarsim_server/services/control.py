@@ -29,7 +29,7 @@ from usarsim_server.protocol.grammar import (
     WEIGHT_BYTES,
     parse_line,
 )
-from usarsim_server.services.budget import Guest, Guests, WorkBudget, whole_share
+from usarsim_server.services.budget import WorkBudget, whole_share
 from usarsim_server.services.limits import (
     COMMAND_WORK,
     REPLY_PART,
@@ -37,7 +37,8 @@ from usarsim_server.services.limits import (
     input_cost,
     work_cost,
 )
-from usarsim_server.services.listener import Endpoint, Listener, PortLimits, hung_up
+from usarsim_server.services.listener import hung_up
+from usarsim_server.services.port import Guest, PortLimits, PortService
 from usarsim_server.services.replies import LoopCalls
 from usarsim_server.sessions.outbox import Outbox, OutboxLimits
 
@@ -118,11 +119,8 @@ class ControlLimits(PortLimits):
         return 2 * line + line // 8 + commands + self.outbox.held_bytes + LONGEST_REPLY
 
 
-class ControlService:
-    """Accepts robot controllers on one port."""
-
-    name = "control"
-    required = True
+class ControlService(PortService[ControlLimits]):
+    """Accepts robot controllers on one port; all agents are closed when `stop` returns."""
 
     def __init__(
         self,
@@ -143,42 +141,11 @@ class ControlService:
             limits: see `ControlLimits`.
             pace: which part of its share the service may use now.
         """
+        super().__init__("control", host, port, "--port", limits or ControlLimits(), required=True)
         self._greeting = greeting
         self._agent_factory = agent_factory
-        self._limits = limits or ControlLimits()
         self._calls: LoopCalls | None = None
-        self._log = Log(self.name)
-        self._rates = InputRates(self._limits.rate)
         self._budget = WorkBudget(self._limits.share, pace=pace)
-        self._guests = Guests(
-            self.name, self._limits.idle, clock=lambda: asyncio.get_running_loop().time()
-        )
-        self._listener = Listener(
-            self.name,
-            host,
-            port,
-            self._serve,
-            option="--port",
-            limits=self._limits,
-            make_room=self._guests.make_room,
-        )
-
-    @property
-    def connections(self) -> int:
-        """Number of clients connected."""
-        return self._listener.connections
-
-    async def start(self) -> Endpoint:
-        """Open the port.
-
-        Raises:
-            ServiceError: if it cannot be opened.
-        """
-        return await self._listener.start()
-
-    async def stop(self) -> None:
-        """Close the port and every connection; all agents are closed when this returns."""
-        await self._listener.stop()
 
     async def _serve(self, client: socket.socket, peer: str) -> None:
         log = self._log.bind(connection=peer)

@@ -25,13 +25,12 @@ from usarsim_server.services.budget import (
     BYTE_COST,
     HOP_COST,
     Account,
-    Guest,
-    Guests,
     WorkBudget,
     whole_share,
 )
-from usarsim_server.services.limits import Clock, InputRates, input_cost
-from usarsim_server.services.listener import Endpoint, Listener, PortLimits
+from usarsim_server.services.limits import Clock, input_cost
+from usarsim_server.services.listener import Endpoint
+from usarsim_server.services.port import Guest, PortLimits, PortService
 from usarsim_server.services.replies import PIECE, ReplyBuffer
 
 CHUNK = 2048
@@ -236,7 +235,7 @@ class Desk:
             self._kept[line] = reply
 
 
-class DialogueService:
+class DialogueService(PortService[DialogueLimits]):
     """Answers requests on one port."""
 
     def __init__(
@@ -267,42 +266,17 @@ class DialogueService:
             instant: for how long an answer holds.
             pace: which part of the share may be used now.
         """
-        self.name = name
-        self.required = required
+        super().__init__(name, host, port, option, limits or DialogueLimits(), required)
         self._framer = framer
-        self._limits = limits or DialogueLimits()
-        self._log = Log(name)
-        self._rates = InputRates(self._limits.rate)
         self._desk = Desk(name, respond, self._limits, instant, pace=pace)
-        self._guests = Guests(name, self._limits.idle)
-        self._listener = Listener(
-            name,
-            host,
-            port,
-            self._serve,
-            option=option,
-            limits=self._limits,
-            make_room=self._guests.make_room,
-        )
-
-    @property
-    def connections(self) -> int:
-        """Number of clients connected."""
-        return self._listener.connections
 
     async def start(self) -> Endpoint:
-        """Open the port.
-
-        Raises:
-            ServiceError: if it cannot be opened.
-        """
-        endpoint = await self._listener.start()
+        endpoint = await super().start()
         self._desk.open()
         return endpoint
 
     async def stop(self) -> None:
-        """Close the port and every connection."""
-        await self._listener.stop()
+        await super().stop()
         self._desk.close()
 
     async def _serve(self, client: socket.socket, peer: str) -> None:

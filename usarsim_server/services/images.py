@@ -31,9 +31,10 @@ from usarsim_server.protocol.images import (
     raw_row_length,
 )
 from usarsim_server.services.attention import Attention, Bell, Repeats
-from usarsim_server.services.budget import Account, Guest, Guests, WorkBudget, whole_share
+from usarsim_server.services.budget import Account, WorkBudget, whole_share
 from usarsim_server.services.limits import READ_COST, InputRates
-from usarsim_server.services.listener import Endpoint, Listener, PortLimits
+from usarsim_server.services.listener import Endpoint
+from usarsim_server.services.port import Guest, Guests, PortLimits, PortService
 
 _CHUNK = 1024
 """Bytes read at a time: at most 512 requests of one client that wait outside the kernel."""
@@ -80,10 +81,8 @@ class ImageLimits(PortLimits):
         return picture + _CHUNK + _CHUNK // 2 * _REQUEST_BYTES + self.regions * _REGION_BYTES
 
 
-class ImageService:
+class ImageService(PortService[ImageLimits]):
     """Accepts image clients on one port."""
-
-    name = "images"
 
     def __init__(
         self,
@@ -116,47 +115,23 @@ class ImageService:
             limits: see `ImageLimits`.
             pace: which part of its shares the service may use now.
         """
-        self.required = required
+        super().__init__("images", host, port, "--image-port", limits or ImageLimits(), required)
         self._source = source
         self._encoder = encoder
         self._legacy = legacy
         self._silent_push = silent_push
         self._bound = bound or _sees_all
         self._pace = pace
-        self._limits = limits or ImageLimits()
-        self._rates = InputRates(self._limits.rate)
-        self._guests = Guests(self.name, self._limits.idle)
-        self._log = Log(self.name)
-        self._listener = Listener(
-            self.name,
-            host,
-            port,
-            self._serve,
-            option="--image-port",
-            limits=self._limits,
-            make_room=self._guests.make_room,
-        )
         self._desk: _Desk | None = None
 
-    @property
-    def connections(self) -> int:
-        """Number of clients connected."""
-        return self._listener.connections
-
     async def start(self) -> Endpoint:
-        """Open the port.
-
-        Raises:
-            ServiceError: if it cannot be opened.
-        """
         self._desk = _Desk(
             self._source, self._encoder, self._limits, self._pace, self._guests, self._log
         )
-        return await self._listener.start()
+        return await super().start()
 
     async def stop(self) -> None:
-        """Close the port and every connection; nothing is looked at any more."""
-        await self._listener.stop()
+        await super().stop()
         if self._desk is not None:
             self._desk.close()
 

@@ -114,25 +114,6 @@ class ListenerLimits:
         return 2 * ((self.receive_buffer or 0) + (self.send_buffer or 0))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PortLimits(ListenerLimits):
-    """What the clients of a port may use, each and all together.
-
-    Attributes:
-        rate: commands, requests or messages per wall s of one client in the long run; it is read
-            no faster.
-        share: s of processor time per wall s that the requests of all clients may use.
-        idle: s after which a client that asks for nothing, and has no reason to be silent, is
-            closed; 0 for never.
-    """
-
-    receive_buffer: int | None = 64 * 1024
-    send_buffer: int | None = 64 * 1024
-    rate: float = 1000.0
-    share: float = 0.05
-    idle: float = 300.0
-
-
 class Listener:
     """One listening socket and the connections that came through it. Used on one event loop."""
 

@@ -27,8 +27,6 @@ from usarsim_server.services.budget import (
     HOP_COST,
     NOBODY,
     Account,
-    Guest,
-    Guests,
     Owners,
     same_machine,
 )
@@ -40,12 +38,12 @@ from usarsim_server.services.dialogue import (
     dialogue_bytes,
 )
 from usarsim_server.services.limits import (
-    InputRates,
     descriptor_limit,
     input_cost,
     raise_descriptor_limit,
 )
-from usarsim_server.services.listener import Endpoint, Listener
+from usarsim_server.services.listener import Endpoint
+from usarsim_server.services.port import Guest, PortService
 from usarsim_server.services.relay import RadioWatch, Road, Traffic
 from usarsim_server.services.relay_port import RelayPort
 from usarsim_server.services.replies import PIECE, ReplyBuffer
@@ -100,10 +98,8 @@ class _Member:
     """Names of those who are connected to this robot, by the port its connections come from."""
 
 
-class WirelessService:
+class WirelessService(PortService[WirelessLimits]):
     """Control dialogue, relay ports, and the watch over which of them are open."""
-
-    name = "wireless"
 
     def __init__(
         self,
@@ -133,10 +129,10 @@ class WirelessService:
                 of its control connection. Otherwise a name of which there is no robot is
                 everybody's until there is one.
         """
-        self.required = required
+        limits = limits or WirelessLimits()
+        super().__init__("wireless", host, port, "--wireless-port", limits, required)
         self._network = network
         self._road = road or Road()
-        self._limits = limits or WirelessLimits()
         self._desk = truth or Desk(self.name, _nothing, self._limits)
         self._tells_truth = truth is not None
         self._owners_now = owners
@@ -144,9 +140,6 @@ class WirelessService:
         self._strict = strict
         self._traffic = Traffic(self._limits.links, self._limits.links_per_robot)
         self._most_ports = self._limits.ports
-        self._guests = Guests(self.name, self._limits.idle)
-        self._rates = InputRates(self._limits.rate)
-        self._log = Log(self.name)
         self._members: dict[str, _Member] = {}
         self._links: set[asyncio.Task[None]] = set()
         self._sent: dict[tuple[str, str], int] = {}
@@ -155,23 +148,9 @@ class WirelessService:
             self.name, network, self._limits.poll, lambda: bool(self._members), self._review
         )
         self._host = host
-        self._listener = Listener(
-            self.name,
-            host,
-            port,
-            self._serve,
-            option="--wireless-port",
-            limits=self._limits,
-            make_room=self._guests.make_room,
-        )
 
     async def start(self) -> Endpoint:
-        """Open the port.
-
-        Raises:
-            ServiceError: if it cannot be opened.
-        """
-        endpoint = await self._listener.start()
+        endpoint = await super().start()
         # Relay ports go where this one is: a host name may have several addresses.
         self._host = endpoint.host
         raise_descriptor_limit()
@@ -183,9 +162,8 @@ class WirelessService:
         return endpoint
 
     async def stop(self) -> None:
-        """Close the port, all connections and all links."""
         await self._watch.stop()
-        await self._listener.stop()
+        await super().stop()
         for link in self._links:
             link.cancel()
         await asyncio.gather(*self._links, return_exceptions=True)

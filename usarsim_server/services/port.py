@@ -1,0 +1,202 @@
+"""A service on one port: its limits, its listener, and the guests that it has.
+
+A connection that asks for nothing is closed after a while. When a port is full, a newcomer takes
+the place of the one that has been silent longest, so that nobody can hold a port by sitting there.
+A guest with standing, such as a robot on the radio that is in the world, keeps its place however
+silent it is.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Generic, TypeVar
+
+from usarsim_server.logs import Log
+from usarsim_server.services.limits import Clock, InputRates
+from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PortLimits(ListenerLimits):
+    """What the clients of a port may use, each and all together.
+
+    Attributes:
+        rate: commands, requests or messages per wall s of one client in the long run; it is read
+            no faster.
+        share: s of processor time per wall s that the requests of all clients may use.
+        idle: s after which a client that asks for nothing, and has no reason to be silent, is
+            closed; 0 for never.
+    """
+
+    receive_buffer: int | None = 64 * 1024
+    send_buffer: int | None = 64 * 1024
+    rate: float = 1000.0
+    share: float = 0.05
+    idle: float = 300.0
+
+
+GRACE = 5.0
+"""s of silence before somebody has to make room: those who work are not thrown out by a crowd."""
+_SWEEPS = 8
+"""Looks at everybody in the time after which a guest is idle."""
+
+
+def _nobody() -> bool:
+    return False
+
+
+@dataclass(slots=True, eq=False)
+class Guest:
+    """One connection.
+
+    Attributes:
+        peer: `host:port`.
+        heard: when it last asked for something, or took what it was sent; s of the guests' clock.
+        leave: ends the connection; may be called more than once.
+        standing: whether it may be silent and stay even if the port is full.
+        patient: whether it may be silent, but makes room.
+    """
+
+    peer: str
+    heard: float
+    leave: Callable[[], object]
+    standing: Callable[[], bool] = _nobody
+    patient: bool = field(default=False)
+
+
+class Guests:
+    """All connections of one port; used on one event loop."""
+
+    def __init__(self, name: str, idle: float, clock: Clock = time.monotonic) -> None:
+        """Nobody is there.
+
+        Args:
+            name: of the service, for the log.
+            idle: s of silence after which a connection is closed; 0 for never.
+            clock: see `Clock`.
+        """
+        self._log = Log(name)
+        self._idle = idle
+        self._clock = clock
+        self._guests: set[Guest] = set()
+        self._sweeper: asyncio.TimerHandle | None = None
+
+    def __len__(self) -> int:
+        """Number of connections."""
+        return len(self._guests)
+
+    @contextmanager
+    def enter(self, peer: str) -> Iterator[Guest]:
+        """The connection that the running task serves is a guest while inside."""
+        task = asyncio.current_task()
+        assert task is not None
+        guest = Guest(peer, self._clock(), task.cancel)
+        self.add(guest)
+        try:
+            yield guest
+        finally:
+            self._guests.discard(guest)
+
+    def add(self, guest: Guest) -> None:
+        """A connection has come."""
+        self._guests.add(guest)
+        if self._idle and self._sweeper is None:
+            self._plan()
+
+    def heard(self, guest: Guest) -> None:
+        """A guest has asked for something, or took what it was sent."""
+        guest.heard = self._clock()
+
+    def sweep(self) -> None:
+        """End the connections of those who have been idle too long."""
+        limit = self._clock() - self._idle
+        for guest in tuple(self._guests):
+            if guest.heard <= limit and not guest.patient and not guest.standing():
+                self._dismiss(guest, "idle", idle=self._idle)
+
+    def make_room(self) -> bool:
+        """End the connection of the one who has been silent longest; False if all have reasons."""
+        limit = self._clock() - GRACE
+        silent = [one for one in self._guests if one.heard <= limit and not one.standing()]
+        if not silent:
+            return False
+        self._dismiss(min(silent, key=lambda one: one.heard), "silent, and the port is full")
+        return True
+
+    def _dismiss(self, guest: Guest, reason: str, **facts: object) -> None:
+        self._guests.discard(guest)
+        self._log.warning(
+            f"connection closed by the server: {reason}", connection=guest.peer, **facts
+        )
+        guest.leave()
+
+    def _plan(self) -> None:
+        loop = asyncio.get_running_loop()
+        self._sweeper = loop.call_later(self._idle / _SWEEPS, self._swept)
+
+    def _swept(self) -> None:
+        self._sweeper = None
+        self.sweep()
+        if self._guests:
+            self._plan()
+
+
+L = TypeVar("L", bound=PortLimits)
+
+
+class PortService(ABC, Generic[L]):
+    """A service that listens on one port; see `ready.Service`.
+
+    Attributes:
+        name: for the READY line and the log.
+        required: whether the server shall not run without it.
+    """
+
+    def __init__(
+        self, name: str, host: str, port: int, option: str, limits: L, required: bool = False
+    ) -> None:
+        """Describe the service; nothing is opened before `start`.
+
+        Args:
+            name, required: see the attributes.
+            host: address or host name to listen on.
+            port: 0 takes any free one.
+            option: command line option that sets the port.
+            limits: of its clients.
+        """
+        self.name, self.required = name, required
+        self._limits = limits
+        self._log = Log(name)
+        self._rates = InputRates(limits.rate)
+        self._guests = Guests(name, limits.idle, lambda: asyncio.get_running_loop().time())
+        make_room = self._guests.make_room
+        self._listener = Listener(
+            name, host, port, self._serve, option=option, limits=limits, make_room=make_room
+        )
+
+    @property
+    def connections(self) -> int:
+        """Number of clients connected."""
+        return self._listener.connections
+
+    async def start(self) -> Endpoint:
+        """Open the port.
+
+        Raises:
+            ServiceError: if it cannot be opened.
+        """
+        return await self._listener.start()
+
+    async def stop(self) -> None:
+        """Close the port and every connection, whose conversations have ended then."""
+        await self._listener.stop()
+
+    @abstractmethod
+    async def _serve(self, client: socket.socket, peer: str) -> None:
+        """Talk to a client, `host:port`, until it goes or has to go."""
