@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from services_harness import GREETING, Client, LoopClock, Running, eventually, words
 
 from usarsim_server.errors import SpawnError
-from usarsim_server.services import port as guests_module
 from usarsim_server.services import limits as module
 from usarsim_server.services import listener as listener_module
+from usarsim_server.services import port as guests_module
 from usarsim_server.services.control import ControlLimits
 from usarsim_server.services.limits import (
     AddressBuckets,

@@ -43,7 +43,7 @@ from usarsim_server.services.limits import (
 )
 from usarsim_server.services.listener import Endpoint
 from usarsim_server.services.port import Guest, PortLimits, PortService
-from usarsim_server.services.relay import KERNEL_BUFFER, RadioWatch, Traffic, dial
+from usarsim_server.services.relay import KERNEL_BUFFER, RadioWatch, Traffic, both_ways, dial
 from usarsim_server.services.replies import PIECE, ReplyBuffer
 
 _BLOCK = 4 * 1024
@@ -296,19 +296,11 @@ class ComServerService(PortService[ComServerLimits]):
         """Until CLOSE, the end of either side, or the end of the radio's reach (5.4)."""
         there, back = sockets
         account = self._link_budget.newcomer()
-        ways = [
-            asyncio.create_task(self._one_way(there, back, one, other, account)),
-            asyncio.create_task(self._one_way(back, there, other, one, account)),
-        ]
-        try:
-            done, _ = await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
-            for way in done:
-                if not isinstance(error := way.exception(), OSError | None):
-                    raise error
-        finally:
-            for way in ways:
-                way.cancel()
-            await asyncio.gather(*ways, return_exceptions=True)
+        await both_ways(
+            self._one_way(there, back, one, other, account),
+            self._one_way(back, there, other, one, account),
+            until=asyncio.FIRST_COMPLETED,
+        )
 
     async def _one_way(
         self,

@@ -12,7 +12,7 @@ import contextlib
 import math
 import socket
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -189,12 +189,21 @@ async def join(
         passed(forward, size)
 
     there, back = partial(note, True), partial(note, False)
-    ways = [
-        asyncio.create_task(pump(one, other, road, f"{name}>", account, there)),
-        asyncio.create_task(pump(other, one, road, f"{name}<", account, back)),
-    ]
+    await both_ways(
+        pump(one, other, road, f"{name}>", account, there),
+        pump(other, one, road, f"{name}<", account, back),
+        until=asyncio.FIRST_EXCEPTION,
+    )
+
+
+async def both_ways(*works: Coroutine[None, None, None], until: str) -> None:
+    """Carry bytes both ways until one way ends, or, by `FIRST_EXCEPTION`, fails.
+
+    A broken connection is an end like any other; other errors are raised.
+    """
+    ways = [asyncio.create_task(work) for work in works]
     try:
-        done, _ = await asyncio.wait(ways, return_when=asyncio.FIRST_EXCEPTION)
+        done, _ = await asyncio.wait(ways, return_when=until)
         for way in done:
             if not isinstance(error := way.exception(), OSError | None):
                 raise error
