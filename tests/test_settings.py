@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from usarsim_server.cli import build_parser
 from usarsim_server.cli.serve import settings_from
 from usarsim_server.errors import SettingsError
-from usarsim_server.options import OPTIONS
+from usarsim_server.options import OPTIONS, load_settings
 from usarsim_server.protocol.dialects import DialectMode
 from usarsim_server.protocol.images import NORMAL, ImageType
-from usarsim_server.settings import Settings, load_settings
+from usarsim_server.settings import Settings
 
 PORT_KEYS = [
     "port",
@@ -411,12 +411,12 @@ def test_bad_value_is_refused_with_place_and_cure(
     with pytest.raises(SettingsError) as caught:
         served(f"{flag(key)}={text}")
     assert str(caught.value).startswith(f"{flag(key)}: ")
-    assert "(write " in str(caught.value)
+    assert "write " in str(caught.value)
     path = written(tmp_path, f"# a comment\n\n{key} = {toml}\n")
     with pytest.raises(SettingsError) as caught:
         load_settings({}, path)
     assert str(caught.value).startswith(f"{path}: line 3: {key}: ")
-    assert "(write " in str(caught.value)
+    assert "write " in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
@@ -437,8 +437,8 @@ def test_ill_typed_value_is_refused(tmp_path: Path, key: str, toml: str) -> None
         ("imageport = 1", "did you mean image_port?"),
         ("[worlds]", "did you mean world?"),
         ('"second-init " = 1', "did you mean second_init?"),
-        ("config = 1", "known: world, host, port,"),
-        ("qqq.a = 1", "known: world, host, port,"),
+        ("config = 1", "known keys: allow_outside,"),
+        ("qqq.a = 1", "known keys: allow_outside,"),
     ],
 )
 def test_unknown_key_is_refused_with_the_nearest_one(tmp_path: Path, line: str, cure: str) -> None:
@@ -447,13 +447,13 @@ def test_unknown_key_is_refused_with_the_nearest_one(tmp_path: Path, line: str, 
     with pytest.raises(SettingsError) as caught:
         load_settings({}, path)
     assert str(caught.value).startswith(f"{path}: line 2: ")
-    assert "no such setting" in str(caught.value)
+    assert "unknown key" in str(caught.value)
     assert cure in str(caught.value)
 
 
 def test_near_word_is_suggested_for_a_value() -> None:
     """A misspelt word as value gets the same help."""
-    with pytest.raises(SettingsError, match='"ut2005" is unknown, did you mean ut2004'):
+    with pytest.raises(SettingsError, match=r"'ut2005' is not known \(did you mean ut2004"):
         served("--dialect", "ut2005")
 
 
@@ -528,7 +528,7 @@ def outcome(read) -> tuple[object, str | None]:
     """What a reader returns, or the text of its refusal; any other exception is a defect."""
     try:
         return read(), None
-    except (SettingsError, ValueError) as error:
+    except SettingsError as error:
         return type(error), str(error)
 
 
@@ -566,9 +566,9 @@ TOML_VALUES = st.recursive(
 @given(st.sampled_from(OPTIONS), TOML_VALUES)
 @settings(max_examples=300, deadline=None)
 def test_any_value_of_the_file_is_taken_or_refused_in_words(option, value: object) -> None:
-    """Whatever type a file gives: a value of the field, or a `ValueError` with a text."""
-    found, message = outcome(lambda: option.read(value, Path("/nowhere")))
-    assert message is None or (found is ValueError and message)
+    """Whatever type a file gives: a value of the field, or a `SettingsError` with a text."""
+    found, message = outcome(lambda: option.read(value))
+    assert message is None or (found is SettingsError and message)
 
 
 @pytest.mark.parametrize(

@@ -110,8 +110,8 @@ def field(
         parse: reads what the annotation does not say.
         expects: what to write, where the annotation does not say it.
         convert: applied to what was read; defaults are converted already.
-        more: further facts for whoever asks `keys`; `rows` are further rows of a page's table, for
-            keys that `parse` reads beside this one.
+        more: further facts for whoever asks `keys`: `shown` is the default as pages show it, `rows`
+            are further rows of a page's table, for keys that `parse` reads beside this one.
     """
     also = "".join(f', or "{word}"' for word in words or {})
     about = _About(
@@ -184,8 +184,15 @@ class Key:
         return self.default() is _REQUIRED
 
     @property
+    def limits(self) -> Limits:
+        """Of numbers."""
+        return self._about.limits
+
+    @property
     def default_text(self) -> str:
         """The default as it would be written; empty if there is none."""
+        if "shown" in self.more:
+            return str(self.more["shown"])
         value = self.default()
         word = next((word for word, meant in self._about.words.items() if meant == value), None)
         if word is not None:

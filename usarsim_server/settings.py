@@ -1,146 +1,443 @@
-"""Settings of one server: frozen, checked, from the command line and a TOML file.
+"""Settings of one server: frozen, each declared once with its type, default, range and help.
 
-A value on the command line wins over the file, the file over the default; what can be set at all
-stands in `options.py`.
+The command line's options, the keys of the settings file and the table in `docs/settings.md` follow
+from the declarations; `options.py` reads them.
 """
 
 from __future__ import annotations
 
+import json
 import math
+import os
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
+from dataclasses import field as plain_field
 from pathlib import Path
 from typing import Any, Literal
 
-from usarsim_server.errors import SettingsError, at
-from usarsim_server.files import read_regular, reason
-from usarsim_server.options import OPTIONS, is_port, nearest
+from usarsim_server.fields import field
+from usarsim_server.files import is_folder
+from usarsim_server.logs import LEVELS
 from usarsim_server.protocol.dialects import DialectMode
-from usarsim_server.protocol.images import NORMAL, ImageType
-from usarsim_server.toml import parse_toml
+from usarsim_server.protocol.images import IMAGE_TYPES, NORMAL, ImageType
+from usarsim_server.tables import Table
 
-LONGEST_SIDE = 8192
-"""Pixels of the full camera picture that can still be rendered everywhere."""
+MOST_TILES = 64
+"""Largest number of tiles of the original's grid (side channels reference 2.10)."""
+
+_SIDE = (16, 2048)
+"""Pixels that a tile may have along a side."""
 
 _VISITORS = 16
 """Control connections that are no robots: world controllers, clients that only ask."""
+
+# ---- what a type does not say --------------------------------------------------------------------
+
+
+def _host(table: Table, key: str) -> str:
+    return table.text(key).strip()
+
+
+def _world(table: Table, key: str) -> str:
+    # A bare word is a shipped world; anything with a slash is a place seen from the file.
+    world = table.text(key, lines=True)
+    return str(_path(table, key, world).absolute()) if "/" in world else world
+
+
+def _file(table: Table, key: str) -> Path:
+    return _path(table, key, table.text(key, lines=True))
+
+
+def _radio(table: Table, key: str) -> object:
+    """A table as it stands, or the path of a file that holds one."""
+    value = table.raw(key)
+    return value if isinstance(value, Mapping) else _file(table, key)
+
+
+def _texts(table: Table, key: str) -> tuple[str, ...]:
+    """One text or a list of them, as they stand."""
+    value = table.raw(key)
+    entries = [value] if isinstance(value, str) else value
+    if not isinstance(entries, list) or not entries:
+        raise table.wrong(key, value, "a text, or a list of texts")
+    if not all(isinstance(one, str) and one.strip() for one in entries):
+        raise table.wrong(key, value, "a text, or a list of texts")
+    return tuple(entries)
+
+
+def _folders(table: Table, key: str) -> tuple[Path, ...]:
+    found = tuple(_path(table, key, one) for one in _texts(table, key))
+    for path in found:
+        if not is_folder(path):
+            problem = f"there is no folder {json.dumps(str(path))}"
+            raise table.error(key, problem, "write an existing folder, or a list of them")
+    return found
+
+
+def _path(table: Table, key: str, text: str) -> Path:
+    """A path, seen from the folder of the file that names it."""
+    if "\0" in text:
+        raise table.error(key, "no file can have a NUL in its name", "write a path")
+    folder = table.path.parent if isinstance(table.path, Path) else Path()
+    # Not `Path.expanduser`, which raises where there is no such user.
+    return folder / os.path.expanduser(text)
+
+
+def _image_type(table: Table, key: str) -> ImageType:
+    value = table.raw(key)
+    if isinstance(value, str):
+        return ImageType.named(value and table.choice(key, IMAGE_TYPES, any_case=True))
+    return ImageType(table.count(key, low=0, high=2**31 - 1))
+
+
+def _pair(table: Table, key: str, wanted: str) -> tuple[int, int]:
+    """Two whole numbers with an x between them."""
+    value = table.raw(key)
+    found = (
+        re.fullmatch(r"([0-9]{1,5}) ?[xX] ?([0-9]{1,5})", value) if isinstance(value, str) else None
+    )
+    if found is None:
+        raise table.wrong(key, value, wanted)
+    return int(found[1]), int(found[2])
+
+
+def _tiles(table: Table, key: str) -> tuple[int, int]:
+    columns, rows = _pair(table, key, _TILES)
+    if not 1 <= columns * rows <= MOST_TILES:
+        raise table.error(key, f"{columns * rows} tiles do not fit", f"write {_TILES}")
+    return columns, rows
+
+
+def _tile_size(table: Table, key: str) -> tuple[int, int]:
+    width, height = _pair(table, key, _TILE_SIZE)
+    if not all(_SIDE[0] <= side <= _SIDE[1] for side in (width, height)):
+        raise table.error(key, f"{width}x{height} does not fit", f"write {_TILE_SIZE}")
+    return width, height
+
+
+def _samples(table: Table, key: str) -> int:
+    value = table.raw(key)
+    if isinstance(value, bool) or not isinstance(value, int) or value not in (0, 2, 4):
+        raise table.wrong(key, value, "0, 2 or 4")
+    return value
+
+
+_TILES = f"columns and rows such as 4x4, {MOST_TILES} tiles at most"
+_TILE_SIZE = f"width and height such as 320x240, each from {_SIDE[0]} to {_SIDE[1]}"
+_PORT: dict[str, Any] = {
+    "low": 0,
+    "high": 65535,
+    "unit": "(0: any free one)",
+    "words": {"off": None},
+    "metavar": "N",
+    "port": True,
+}
+_SWITCH: dict[str, Any] = {"default": False, "metavar": "true|false"}
+
+
+# ---- the settings --------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
 class Settings:
     """Everything a lab may change about a server.
 
-    Attributes:
-        world: name of a shipped world, or path of a world folder.
-        host: address to listen on; the default reaches this machine only.
-        port: control port; as for all ports 0 takes any free one and None switches it off.
-        image_port, groundtruth_port, wireless_port, truth_port, comserver_port: side channels.
-        truth: whether anybody is told where robots really are: by the ports for it, by GETPOS and
-            GETOBS on the wireless port, by the GroundTruth sensors of robots. Off wins over ports.
-        wireless: settings of the wireless simulation, or the file that holds them; checked by
-            `radio.configuration.read_radio`.
-        wireless_model: propagation model that wins over theirs.
-        wireless_log: where to record its events; None for nowhere.
-        strict_radio: only robots of the world may be registered with the wireless simulation,
-            each once and from the machine of its control connection.
-        image_type: encoding of the camera images (side channels reference 2.3).
-        image_legacy: send image clients a picture before they ask (side channels reference 2.8).
-        image_silent_push: s of wall time after which an image client that has sent nothing gets
-            one picture; 0 for never (side channels reference 2.12).
-        tiles: columns and rows of the full camera picture, one camera each.
-        tile_size: width and height of a tile, pixels (side channels reference 2.10).
-        spectator: views that fill tiles from the start: six numbers in the wire frame, or names.
-        renderer: what draws camera pictures; auto takes the best that works.
-        camera_rate: pictures of a camera per simulated s (side channels reference 2.6).
-        shadows: edge of the shadow maps, pixels; 0 for none.
-        multisample: samples per pixel; 0 for one.
-        always_render: render cameras that nobody looks at, too.
-        dialect: shape of the output, or how it is chosen (protocol reference 5.3).
-        speed: simulated seconds per second of wall time; `math.inf` for as fast as possible.
-        lockstep: the world goes on only when every controller has answered the last tick.
-        tick: simulated s between two ticks of lockstep.
-        lockstep_patience: s of wall time for which lockstep waits for a controller; 0 for ever.
-        seed: of all noise.
-        timestep: of the physics, simulated s.
-        config: the file that was read.
-        robots: folders with further robot files.
-        allow_outside: what maps, worlds and robot files name is read wherever it lies.
-        max_robots: robots at the same time.
-        max_objects: objects that world controllers may put into the world, and avatars.
-        clean_on_close: objects leave with the world controller that created them.
-        log_level: a name of `logs.LEVELS`.
-        sta_order: order of the STA segments in the udk dialect (protocol reference 5.3).
-        max_connections: control connections at the same time; see `connections`.
-        default_start: where an INIT without place puts the robot: the origin of the wire frame,
-            or the first start pose of the world.
-        second_init: what a second INIT on a connection does (protocol reference 3.2).
-        max_per_address: control connections of one address; None for no other limit.
-        connection_rate: new control connections of one address per s; `math.inf` for any number,
-            here and with the other rates. All of them are of wall time.
-        line_bytes: longest command line, bytes (protocol reference 1.4).
-        command_rate: commands of one client per s at real time; see `input_rate`.
-        spawn_rate: robots that one address may start per s at real time; see `robot_rate`.
-        idle_timeout: s after which a client that wants nothing is closed, on any port; 0 for
-            never.
-        outbox_bytes: budget of periodic lines waiting for one client, bytes.
-        reply_bytes: the same for replies, which are never dropped: beyond it the client is closed.
-        quiet_period: s of wall time after INIT without STA and SEN (protocol reference 1.8).
-        written: keys that somebody wrote down, whatever the value; see `demands`.
+    A field with `metavar` is an option of the command line, too; `text` is one whose text there is
+    taken as it stands, even if it looks like a number; `repeat` may be given more than once.
+    Rates are of wall time.
     """
 
-    world: str = "arena"
-    host: str = "127.0.0.1"
-    port: int | None = 3000
-    image_port: int | None = 5003
-    groundtruth_port: int | None = 7435
-    wireless_port: int | None = 50000
-    truth_port: int | None = 3989
-    comserver_port: int | None = None
-    truth: Literal["on", "off"] = "on"
-    wireless: Mapping[str, object] | Path | None = None
-    wireless_model: str | None = None
-    wireless_log: Path | None = None
-    strict_radio: bool = False
-    image_type: ImageType = NORMAL
-    image_legacy: bool = False
-    image_silent_push: float = 2.0
-    tiles: tuple[int, int] = (4, 4)
-    tile_size: tuple[int, int] = (320, 240)
-    spectator: tuple[str, ...] = ()
-    renderer: Literal["auto", "egl", "osmesa", "rays"] = "auto"
-    camera_rate: float = 15.0
-    shadows: int = 0
-    multisample: int = 0
-    always_render: bool = False
-    dialect: DialectMode = DialectMode.AUTO
-    speed: float = 1.0
-    lockstep: bool = False
-    tick: float = 0.1
-    lockstep_patience: float = 60.0
-    seed: int = 0
-    timestep: float = 0.004
+    world: str = field(
+        default="arena",
+        parse=_world,
+        expects="the name of a world (see `usarsim worlds`), the path of a world folder, or of a "
+        "map",
+        help="world to simulate: a name, a folder, or a map to import",
+        metavar="NAME|PATH",
+        text=True,
+    )
+    host: str = field(
+        default="127.0.0.1",  # reaches this machine only
+        parse=_host,
+        expects="an address of this machine",
+        help="address to listen on",
+        metavar="ADDR",
+        text=True,
+    )
+    port: int | None = field(default=3000, help="port of robot control", **_PORT)
+    image_port: int | None = field(default=5003, help="port of the camera images", **_PORT)
+    groundtruth_port: int | None = field(
+        default=7435, help="port of positions for wireless simulation", **_PORT
+    )
+    wireless_port: int | None = field(default=50000, help="port of wireless simulation", **_PORT)
+    truth_port: int | None = field(default=3989, help="port of poses for scoring tools", **_PORT)
+    comserver_port: int | None = field(
+        default=None, help="port of the older wireless simulation", **_PORT
+    )
+    truth: Literal["on", "off"] = field(
+        # By the ports for it, by GETPOS and GETOBS on the wireless port, by GroundTruth sensors.
+        default="on",
+        help="off: nobody is told where robots really are, on no port and by no sensor",
+        metavar="on|off",
+    )
+    wireless: Mapping[str, object] | Path | None = field(
+        # Checked by `radio.configuration.read_radio`.
+        default=None,
+        parse=_radio,
+        expects="a table (see docs/wireless.md) or the path of a file with one",
+        help="file with the settings of the wireless simulation",
+        metavar="FILE.toml",
+        text=True,
+    )
+    wireless_model: str | None = field(
+        default=None,
+        parse=_host,
+        expects="the name of a propagation model",
+        help="how radio signals spread; without it the settings say so, or else it is obstacle",
+        metavar="NAME",
+        text=True,
+    )
+    wireless_log: Path | None = field(
+        default=None,
+        parse=_file,
+        expects="the path of a file, or of a folder",
+        help="record the events of the wireless simulation",
+        metavar="FILE",
+        text=True,
+    )
+    strict_radio: bool = field(
+        help="let only robots of the world register for radio, each from its own machine",
+        **_SWITCH,
+    )
+    image_type: ImageType = field(
+        default=NORMAL,  # side channels reference 2.3
+        parse=_image_type,
+        expects=f"{', '.join(IMAGE_TYPES)} or a number from 0 up",
+        help="encoding of the camera images",
+        metavar="RAW|NORMAL|...",
+        shown="NORMAL",
+    )
+    image_legacy: bool = field(  # side channels reference 2.8
+        help="send image clients a picture before they ask", **_SWITCH
+    )
+    image_silent_push: float = field(
+        default=2.0,  # side channels reference 2.12
+        unit="s",
+        low=0.0,
+        high=3600.0,
+        words={"off": 0.0},
+        help="wall time after which an image client that never asked gets a picture",
+        metavar="S|off",
+    )
+    tiles: tuple[int, int] = field(
+        default=(4, 4),
+        parse=_tiles,
+        expects=_TILES,
+        help="tiles of the full camera image, one camera each",
+        shown="4x4",
+        metavar="CxR",
+        text=True,
+    )
+    tile_size: tuple[int, int] = field(
+        default=(320, 240),  # side channels reference 2.10
+        parse=_tile_size,
+        expects=_TILE_SIZE,
+        help="pixels of a tile",
+        shown="320x240",
+        metavar="WxH",
+        text=True,
+    )
+    spectator: tuple[str, ...] = field(
+        default=(),
+        parse=_texts,
+        expects="x,y,z,x,y,z (from where, to where), the name of a view of the world, or a list "
+        "of these",
+        help="a camera that stands still fills the next tile; may be repeated",
+        metavar="VIEW",
+        text=True,
+        repeat=True,
+    )
+    renderer: Literal["auto", "egl", "osmesa", "rays"] = field(
+        default="auto", help="what draws the camera images", metavar="auto|egl|osmesa|rays"
+    )
+    camera_rate: float = field(
+        default=15.0,  # side channels reference 2.6
+        unit="Hz",
+        low=0.1,
+        high=60.0,
+        help="images of a camera per simulated second",
+        metavar="HZ",
+    )
+    shadows: int = field(
+        default=0, unit="pixels", low=0, high=4096, help="size of shadow maps", metavar="N"
+    )
+    multisample: int = field(
+        default=0,
+        parse=_samples,
+        expects="0, 2 or 4",
+        help="samples per pixel, for smooth edges",
+        metavar="0|2|4",
+    )
+    always_render: bool = field(help="render cameras that nobody looks at, too", **_SWITCH)
+    dialect: DialectMode = field(
+        default=DialectMode.AUTO,  # protocol reference 5.3
+        help="shape of the output: that of an era, or by robot class",
+        metavar="|".join(mode.value for mode in DialectMode),
+    )
+    speed: float = field(
+        default=1.0,
+        low=0.01,
+        high=1000.0,
+        words={"max": math.inf},
+        help="simulated seconds per second",
+        metavar="FACTOR|max",
+    )
+    lockstep: bool = field(
+        help="step only when every controller has answered the last tick (see docs)", **_SWITCH
+    )
+    tick: float = field(
+        default=0.1,
+        unit="s",
+        low=0.01,
+        high=60.0,
+        help="simulated seconds between two ticks of lockstep",
+        metavar="S",
+    )
+    lockstep_patience: float = field(
+        default=60.0,
+        unit="s",
+        low=0.0,
+        high=86400.0,
+        help="how long lockstep waits for one controller, wall time; 0: for ever",
+        metavar="S",
+    )
+    seed: int = field(default=0, low=0, high=2**63 - 1, help="seed of all noise", metavar="N")
+    timestep: float = field(
+        default=0.004,
+        unit="s",
+        low=0.0005,
+        high=0.02,
+        help="step of the physics in seconds",
+        metavar="S",
+    )
     config: Path | None = None
-    robots: tuple[Path, ...] = ()
-    allow_outside: bool = False
-    max_robots: int = 16
-    max_objects: int = 256
-    clean_on_close: bool = True
-    log_level: str = "warning"
-    sta_order: Literal["ut2004", "udk"] = "ut2004"
-    max_connections: int = 64
-    default_start: Literal["origin", "first"] = "origin"
-    second_init: Literal["ignore", "replace"] = "ignore"
-    max_per_address: int | None = None
-    connection_rate: float = 100.0
-    line_bytes: int = 64 * 1024
-    command_rate: float = 1000.0
-    spawn_rate: float = 20.0
-    idle_timeout: float = 300.0
-    outbox_bytes: int = 256 * 1024
-    reply_bytes: int = 1024 * 1024
-    quiet_period: float = 0.27
-    written: frozenset[str] = field(default=frozenset(), compare=False)
+    """The file that was read."""
+    robots: tuple[Path, ...] = field(
+        default=(),
+        parse=_folders,
+        expects="an existing folder, or a list of them",
+        help="folder with further robot files; may be repeated",
+        metavar="DIR",
+        text=True,
+        repeat=True,
+    )
+    max_robots: int = field(
+        default=16, low=1, high=256, help="robots at the same time", metavar="N"
+    )
+    max_objects: int = field(
+        default=256,
+        low=0,
+        high=4096,
+        help="objects of world controllers, and avatars, at the same time",
+        metavar="N",
+    )
+    allow_outside: bool = field(
+        help="let maps, worlds and robot files read files outside the folders that were given",
+        **_SWITCH,
+    )
+    clean_on_close: bool = field(
+        default=True, help="whether objects leave with their world controller"
+    )
+    log_level: str = field(
+        default="warning",
+        choices=tuple(LEVELS),
+        help="least severe log lines to show",
+        metavar="|".join(LEVELS),
+    )
+    sta_order: Literal["ut2004", "udk"] = field(  # protocol reference 5.3
+        default="ut2004", help="order of STA segments in the udk dialect"
+    )
+    max_connections: int = field(
+        default=64,
+        low=1,
+        high=1024,
+        help="control connections at the same time, and room for `max_robots` unless it is set",
+    )
+    max_per_address: int | None = field(
+        default=None,
+        low=1,
+        high=1024,
+        words={"off": None},
+        help="control connections of one address at the same time",
+    )
+    connection_rate: float = field(
+        default=100.0,
+        low=1.0,
+        high=10000.0,
+        words={"off": math.inf},
+        help="new control connections of one address per second in the long run",
+    )
+    line_bytes: int = field(
+        default=64 * 1024,  # protocol reference 1.4
+        unit="bytes",
+        low=64 * 1024,
+        high=16 * 1024 * 1024,
+        help="longest command line; longer ones are thrown away",
+    )
+    command_rate: float = field(
+        default=1000.0,
+        low=200.0,
+        high=1e6,
+        words={"off": math.inf},
+        help="commands of one client per second in the long run, at real time",
+    )
+    spawn_rate: float = field(
+        default=20.0,
+        low=0.1,
+        high=1000.0,
+        words={"off": math.inf},
+        help="robots that one address may start per second in the long run, at real time",
+    )
+    idle_timeout: float = field(
+        default=300.0,
+        unit="s",
+        low=10.0,
+        high=86400.0,
+        words={"off": 0.0},
+        help="silence after which a client without a robot is closed, on any port",
+    )
+    default_start: Literal["origin", "first"] = field(
+        default="origin",
+        help="place of robots whose INIT names none: the origin of the wire frame, or the first "
+        "start pose of the world",
+    )
+    second_init: Literal["ignore", "replace"] = field(  # protocol reference 3.2
+        default="ignore", help="what a second INIT does"
+    )
+    outbox_bytes: int = field(
+        default=256 * 1024,
+        unit="bytes",
+        low=64 * 1024,
+        high=64 * 1024 * 1024,
+        help="periodic lines that may wait for one client",
+    )
+    reply_bytes: int = field(
+        default=1024 * 1024,
+        unit="bytes",
+        low=64 * 1024,
+        high=64 * 1024 * 1024,
+        help="replies that may wait for one client before it is closed",
+    )
+    quiet_period: float = field(
+        default=0.27,  # protocol reference 1.8
+        unit="s",
+        low=0.0,
+        high=10.0,
+        help="silence after INIT, seconds of wall time",
+    )
+    written: frozenset[str] = plain_field(default=frozenset(), compare=False)
+    """Keys that somebody wrote down, whatever the value; see `demands`."""
 
     def demands(self, key: str) -> bool:
         """Whether a setting was asked for and is no mere default.
@@ -169,113 +466,3 @@ class Settings:
         """Robots that one address may start per s of wall time; no limit at `--speed max`, where
         the same script has to give the same run."""
         return self.spawn_rate * max(1.0, self.speed)
-
-
-def load_settings(
-    command_line: Mapping[str, str | list[str] | None], config: Path | None = None
-) -> Settings:
-    """Put settings together.
-
-    Args:
-        command_line: texts by key of `options.OPTIONS`; None stands for an option not given.
-        config: the file, or None.
-
-    Raises:
-        SettingsError: for the first thing that is wrong, with place and cure.
-    """
-    values = _read_file(config) if config is not None else {}
-    places = {key: f"{config}: {key}" for key in values}
-    for option in OPTIONS:
-        text = command_line.get(option.key)
-        if text is None:
-            continue
-        try:
-            values[option.key] = option.read_text(text, Path())
-        except ValueError as error:
-            raise SettingsError(at(option.flag, str(error), f"write {option.expects}")) from None
-        places[option.key] = option.flag
-    fitting: dict[str, Any] = values
-    settings = Settings(config=config, written=frozenset(values), **fitting)
-    if settings.lockstep:
-        settings = _without_pace(settings, places)
-    _check_ports(settings, places)
-    _check_picture(settings, places)
-    return settings
-
-
-def _check_ports(settings: Settings, places: Mapping[str, str]) -> None:
-    """Refuse one port written for two services; a clash with a mere default shows at binding."""
-    taken: dict[int, str] = {}
-    for key in _PORT_KEYS:
-        port: int | None = getattr(settings, key)
-        if not port or key not in places:
-            continue
-        if port in taken:
-            cure = "give each service its own port, or switch one off"
-            problem = f"port {port} is asked for by {places[taken[port]]} too"
-            raise SettingsError(at(places[key], problem, cure))
-        taken[port] = key
-
-
-def _without_pace(settings: Settings, places: Mapping[str, str]) -> Settings:
-    """The settings of lockstep, which goes as fast as the controllers allow."""
-    if "speed" in places and not math.isinf(settings.speed):
-        cure = "leave one of them out"
-        raise SettingsError(at(places["speed"], "lockstep goes at no pace of its own", cure))
-    return replace(settings, speed=math.inf)
-
-
-def _check_picture(settings: Settings, places: Mapping[str, str]) -> None:
-    """Refuse a full picture that no graphics card could hold, nor the header of its reply."""
-    width, height = (n * size for n, size in zip(settings.tiles, settings.tile_size, strict=True))
-    if max(width, height) > LONGEST_SIDE:
-        place = places.get("tile_size") or places["tiles"]
-        problem = f"the full picture would be {width}x{height} pixels"
-        cure = f"have fewer or smaller tiles, at most {LONGEST_SIDE} pixels a side in all"
-        raise SettingsError(at(place, problem, cure))
-
-
-def _read_file(path: Path) -> dict[str, object]:
-    text = _file_text(path)
-    table = parse_toml(text, path, SettingsError)
-    values: dict[str, object] = {}
-    for written, value in table.items():
-        where = _where(text, written)
-        key = written.replace("-", "_")
-        option = _BY_KEY.get(key)
-        if option is None:
-            cure = nearest(key, _BY_KEY) or f"known: {', '.join(_BY_KEY)}"
-            raise SettingsError(at(path, "no such setting", cure, where=where))
-        if key in values:
-            raise SettingsError(at(path, "given twice", f"write {key} once", where=where))
-        try:
-            values[key] = option.read(value, path.parent)
-        except ValueError as error:
-            cure = f"write {option.expects}"
-            raise SettingsError(at(path, str(error), cure, where=where)) from None
-    return values
-
-
-def _file_text(path: Path) -> str:
-    try:
-        return read_regular(path).decode("utf-8")
-    except FileNotFoundError:
-        raise SettingsError(at(path, "no such file", "check the path after --config")) from None
-    except OSError as error:
-        cure = "name a readable file after --config"
-        raise SettingsError(at(path, f"cannot be read: {reason(error)}", cure)) from None
-    except UnicodeDecodeError:
-        raise SettingsError(at(path, "not UTF-8 text", "save it as UTF-8")) from None
-
-
-def _where(text: str, key: str) -> str:
-    """`line N: key`, or the key alone where its line cannot be found."""
-    pattern = re.compile(rf"^\s*\[*\s*[\"']?{re.escape(key)}[\"']?\s*[=.\]]")
-    for number, line in enumerate(text.splitlines(), start=1):
-        if pattern.match(line):
-            return f"line {number}: {key}"
-    return key
-
-
-_BY_KEY = {option.key: option for option in OPTIONS}
-_PORT_KEYS = tuple(option.key for option in OPTIONS if is_port(option))

@@ -41,6 +41,9 @@ _FORBIDDEN = frozenset("{},:")
 _LONGEST_VALUE = 60
 """Characters of a wrong value in an error."""
 
+_FEW = 25
+"""So many known keys are listed beside the one that was probably meant."""
+
 
 def finite(value: object) -> float | None:
     """A value of a TOML file as a finite number; None if it is none, or too large for one."""
@@ -136,12 +139,15 @@ class Table:
         """
         known = {self._written(key): key for key in self._known}
         for key in self._content:
+            if self._hyphens and key not in known and key.replace("-", "_") in self._known:
+                raise self.error(key, "given twice", f"write {key.replace('-', '_')} once")
             if key not in known:
                 cure = (hints or {}).get(key)
                 if cure is None:
                     close = nearest(key, self._known)
-                    hint = "remove it;" if close is None else f"did you mean {close}?"
-                    cure = f"{hint} known keys: {', '.join(sorted(self._known)) or 'none'}"
+                    cure = "remove it;" if close is None else f"did you mean {close}?"
+                    if close is None or len(self._known) <= _FEW:
+                        cure += f" known keys: {', '.join(sorted(self._known)) or 'none'}"
                 kind = f" of {self._kind}" if self._kind else ""
                 raise self.error(key, f"unknown key{kind}", cure)
 
@@ -354,8 +360,8 @@ class Table:
 
     def _written(self, key: str) -> str:
         """The key as it is spelt in the file."""
-        hyphened = key.replace("_", "-")
-        return hyphened if self._hyphens and hyphened in self._content else key
+        hyphened = key.replace("_", "-") if self._hyphens else key
+        return key if key in self._content else hyphened
 
     def _default(self, key: str, default: T | None, wanted: str) -> T:
         if default is None:

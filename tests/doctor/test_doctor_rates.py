@@ -22,7 +22,8 @@ from usarsim_server.doctor.checks.server import (
 from usarsim_server.doctor.isolation import Outcome
 from usarsim_server.doctor.registry import Context, Mark
 from usarsim_server.errors import SettingsError
-from usarsim_server.settings import Settings, load_settings
+from usarsim_server.options import load_settings
+from usarsim_server.settings import Settings
 
 HERE = Context(Settings())
 COST = Cost(base=0.021, physics=0.005, rays=0.005)

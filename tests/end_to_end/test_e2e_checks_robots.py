@@ -28,9 +28,9 @@ from PIL import Image
 from side_clients import WirelessModel, split_reply
 
 from usarsim_server.logs import ROOT
+from usarsim_server.options import load_settings
 from usarsim_server.services.listener import Endpoint
 from usarsim_server.sessions.robots import Vehicle
-from usarsim_server.settings import load_settings
 from usarsim_server.simulation.frames import Vector
 from usarsim_server.testing import (
     PATIENCE,

@@ -17,7 +17,7 @@ import pytest
 from side_clients import MetricTool, RoboCupScore, TruthConsole, WirelessModel, split_reply
 
 from usarsim_server.errors import SettingsError
-from usarsim_server.settings import load_settings
+from usarsim_server.options import load_settings
 from usarsim_server.testing import (
     PATIENCE,
     ScriptedClient,

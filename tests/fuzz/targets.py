@@ -34,6 +34,7 @@ from usarsim_maps.reader import read_scene as read_map  # noqa: E402
 from usarsim_maps.sidecar import load_sidecar  # noqa: E402
 from usarsim_record.recording import RecordError, read  # noqa: E402
 from usarsim_server.errors import MapImportError, UsarsimError, WorldError  # noqa: E402
+from usarsim_server.options import load_settings  # noqa: E402
 from usarsim_server.protocol import comserver, images, truth, wireless  # noqa: E402
 from usarsim_server.protocol import truth as ground_truth  # noqa: E402
 from usarsim_server.protocol.commands import interpret  # noqa: E402
@@ -51,7 +52,6 @@ from usarsim_server.protocol.numbers import (  # noqa: E402
 )
 from usarsim_server.radio.configuration import read_radio, read_radio_file  # noqa: E402
 from usarsim_server.robots.catalog import load_robot  # noqa: E402
-from usarsim_server.settings import load_settings  # noqa: E402
 from usarsim_server.worlds.avatars.bodies import load_avatars  # noqa: E402
 from usarsim_server.worlds.loader import load_world  # noqa: E402
 from usarsim_server.worlds.objects.bodies import load_objects  # noqa: E402

@@ -8,7 +8,7 @@ import pytest
 
 from usarsim_server.app import assemble
 from usarsim_server.errors import SettingsError
-from usarsim_server.settings import load_settings
+from usarsim_server.options import load_settings
 
 QUIET = """
 world = "empty"

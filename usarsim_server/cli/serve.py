@@ -7,9 +7,9 @@ from pathlib import Path
 
 from usarsim_server import logs
 from usarsim_server.cli.common import Subparsers, add_command
-from usarsim_server.options import OPTIONS, Option, is_port
+from usarsim_server.options import OPTIONS, load_settings
 from usarsim_server.services import listener
-from usarsim_server.settings import Settings, load_settings
+from usarsim_server.settings import Settings
 
 _EPILOG = (
     "Every option can also stand in the file, with underscores for hyphens; the command line wins. "
@@ -33,7 +33,6 @@ def add_parser(subparsers: Subparsers) -> None:
 def add_settings(parser: argparse.ArgumentParser) -> None:
     """Add the options that `settings_from` reads: those of a server."""
     parser.add_argument("--config", metavar="FILE.toml", help="read settings from this file")
-    defaults = Settings()
     for option in OPTIONS:
         if option.metavar is not None:
             parser.add_argument(
@@ -43,7 +42,7 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
                 action="append" if option.repeat else "store",
                 nargs="?" if option.switch else None,
                 const="true" if option.switch else None,
-                help=f"{option.help} ({_default(option, defaults)})",
+                help=f"{option.declared.help} (default {option.default})",
             )
 
 
@@ -75,7 +74,7 @@ def _open_ports(settings: Settings) -> None:
     Raises:
         ServiceError: one is taken, or not allowed.
     """
-    for option in filter(is_port, OPTIONS):
+    for option in (option for option in OPTIONS if option.port):
         port: int | None = getattr(settings, option.key)
         # Without robot control, or a port that was asked for, the server ends.
         if port is not None and (option.key == "port" or settings.demands(option.key)):
@@ -94,18 +93,3 @@ def settings_from(arguments: argparse.Namespace) -> Settings:
     config = Path(arguments.config) if arguments.config is not None else None
     given = {option.key: getattr(arguments, option.key, None) for option in OPTIONS}
     return load_settings(given, config)
-
-
-def _default(option: Option, defaults: Settings) -> str:
-    value = getattr(defaults, option.key)
-    if value is None and is_port(option):
-        return "default off"
-    if value is None:
-        return "default unset"
-    if value == ():
-        return "default none"
-    if isinstance(value, bool):
-        return f"default {str(value).lower()}"
-    if isinstance(value, tuple):
-        return f"default {'x'.join(map(str, value))}"
-    return f"default {getattr(value, 'value', value)}"

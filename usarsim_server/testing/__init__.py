@@ -24,7 +24,7 @@ from types import TracebackType
 from typing import Self
 
 from usarsim_server.app import Assembly, assemble
-from usarsim_server.options import OPTIONS, is_port
+from usarsim_server.options import OPTIONS
 from usarsim_server.protocol.framing import LineFramer
 from usarsim_server.protocol.grammar import parse_line
 from usarsim_server.services.listener import Endpoint
@@ -51,7 +51,7 @@ PATIENCE = 90.0
 POLL = 0.005
 """s of wall time between two looks at what shall come true."""
 
-SIDE_PORTS = tuple(one.key for one in OPTIONS if is_port(one) and one.key != "port")
+SIDE_PORTS = tuple(one.key for one in OPTIONS if one.port and one.key != "port")
 """Settings of all ports but that of robot control."""
 
 SETTLE_POLL = 0.0002

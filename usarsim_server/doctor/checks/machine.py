@@ -20,7 +20,7 @@ from pathlib import Path
 from usarsim_server.doctor.isolation import root
 from usarsim_server.doctor.registry import Context, Finding, Mark, check, problem_and_advice
 from usarsim_server.errors import ServiceError
-from usarsim_server.options import OPTIONS, Option, is_port
+from usarsim_server.options import OPTIONS, Option
 from usarsim_server.processes import PROC, Process, name, port_taker
 from usarsim_server.services.listener import Endpoint, Listener
 
@@ -192,7 +192,7 @@ def judge_descriptors(limit: int, connections: int) -> Finding:
 TRIED = 200
 """Ports above one that is taken, among which a free one is looked for."""
 
-_PORTS = tuple(filter(is_port, OPTIONS))
+_PORTS = tuple(option for option in OPTIONS if option.port)
 
 
 @check("ports", "Ports", order=30)
@@ -306,7 +306,7 @@ def _can_bind(host: str, number: int) -> bool:
 
 
 def _service(option: Option) -> str:
-    return option.help.removeprefix("port of ").removeprefix("the ")
+    return option.declared.help.removeprefix("port of ").removeprefix("the ")
 
 
 def _values(option: Option, number: int | None) -> dict[str, object]:

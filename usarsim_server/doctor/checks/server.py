@@ -5,7 +5,6 @@ Another process puts it together without opening a port, and measures physics, r
 
 from __future__ import annotations
 
-import bisect
 import functools
 import math
 from collections.abc import Iterator, Mapping
@@ -204,15 +203,7 @@ def team_size(cost: Cost, speed: float, cores: float) -> int:
 def most_robots() -> int:
     """The most robots that a server can be told to take."""
     [option] = [option for option in OPTIONS if option.key == "max_robots"]
-
-    def accepted(robots: int) -> bool:
-        try:
-            option.read(robots, Path())
-        except ValueError:
-            return False
-        return True
-
-    return bisect.bisect(range(1, SEARCHED), 0, key=lambda robots: not accepted(robots))
+    return int(option.declared.limits.high)
 
 
 def _speed(context: Context) -> float:
