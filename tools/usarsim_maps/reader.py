@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import importlib
 import os
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -110,20 +111,22 @@ class Reader(ABC):
     Attributes:
         title: the format, for people.
         extensions: of the files it reads, lower case with the dot.
+        head: what is in the first bytes of its files and in no others.
         meshes: its files may be meshes that other maps name.
     """
 
     title: ClassVar[str]
     extensions: ClassVar[tuple[str, ...]]
+    head: ClassVar[re.Pattern[bytes] | None] = None
     meshes: ClassVar[bool] = True
 
     @classmethod
     def recognises(cls, head: bytes) -> bool:
-        """Whether the first 4 KiB of a file look like this format.
+        """Whether the first 4 KiB of a file look like this format: whether `head` is found in them.
 
         Asked only where the extension does not decide: several readers want it, or none.
         """
-        return False
+        return cls.head is not None and cls.head.search(head) is not None
 
     @abstractmethod
     def read(self, source: Path, context: Context) -> Scene:

@@ -275,12 +275,7 @@ class GazeboFiles:
     _trees: list[FolderTree] = field(default_factory=list)
 
     def find(self, uri: str, asker: Path) -> Path | None:
-        """A file or folder; None if it is not there, or, which is a finding, may not be read.
-
-        Args:
-            uri: as written.
-            asker: the file in which it is written.
-        """
+        """What a URI in the file `asker` names; None if it is missing or, a finding, forbidden."""
         return self._known(uri, asker, os.path.lexists)
 
     def file(self, uri: str, asker: Path) -> Path | None:

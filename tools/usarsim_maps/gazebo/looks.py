@@ -33,13 +33,9 @@ def sun() -> Light:
 
 
 def light_of(document: Document, node: Node, matrix: Array, unit: float) -> Light:
-    """A light. Suns cast no shadows: over a large map the grain of the shadows would show.
+    """The light of an element, whose pose in the world is a matrix (4, 4); metres per unit.
 
-    Args:
-        document: the file.
-        node: `light` element.
-        matrix: (4, 4) of its pose in the world.
-        unit: metres per unit of the file.
+    Suns cast no shadows: over a large map the grain of the shadows would show.
     """
     kinds = {"directional": LightKind.DIRECTIONAL, "spot": LightKind.SPOT}
     kind = kinds.get(node.get("type"), LightKind.POINT)
@@ -163,12 +159,7 @@ class Looks:
         return self.add(material)
 
     def add(self, material: Material, stem: str = "") -> str:
-        """Enter a material; another one of the same name gets a name of its own.
-
-        Args:
-            material: to enter.
-            stem: put behind the name where it is taken.
-        """
+        """Enter a material; where its name is taken it gets another one, with the stem behind."""
         name = material.name
         number = 1
         while name in self.materials and replace(material, name=name) != self.materials[name]:

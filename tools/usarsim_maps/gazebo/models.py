@@ -209,10 +209,7 @@ class Models:
     def world(self, document: Document, owner: Node, saved: Mapping[str, Array]) -> list[Body]:
         """All bodies below a `world` element, or below the root of a model file.
 
-        Args:
-            document: the file.
-            owner: the element.
-            saved: poses of models in a saved state, which win.
+        Poses of models in a saved state win.
 
         Raises:
             MapImportError: includes go in a circle, or there are too many.

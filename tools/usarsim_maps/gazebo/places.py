@@ -146,12 +146,7 @@ def find_placement(
 
     Leagues gave out one file for all worlds of a year. A section belongs to a world if its title is
     the end of the world's name, or, where no title fits, if its victims are where the world's are.
-
-    Args:
-        source: the world.
-        victims: of the world.
-        models: names of models in the world.
-        findings: told which section was taken.
+    Of several that fit the one counts whose map is named like a model of the world.
     """
     best: tuple[int, Placement] | None = None
     for path in sorted(source.parent.glob("*.txt"))[:50]:
@@ -234,13 +229,9 @@ ABOVE = 0.2
 
 
 def victim_of(name: str, person: Person, matrix: Array, parts: Sequence[Part]) -> Victim:
-    """A victim where a model is.
+    """A victim where a model is; its matrix (4, 4) and those of its parts lead into the world.
 
-    Args:
-        name: of the model.
-        person: what its names say.
-        matrix: (4, 4) of the model in the world.
-        parts: its visible parts, matrices into the world; none if the model is missing.
+    There are no parts if the model is missing.
     """
     yaw = _front(matrix)
     points = [found for found in map(points_of, parts) if len(found)]

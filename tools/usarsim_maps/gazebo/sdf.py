@@ -52,13 +52,7 @@ class Terrain:
     unit: float  # metres per unit of the world
 
     def fields(self, link: Link, matrix: Array, name: str) -> list[Heightfield]:
-        """The terrain of a link, once even if it is seen and felt.
-
-        Args:
-            link: perhaps with a height map.
-            matrix: (4, 4) of the link in the world.
-            name: of the model.
-        """
+        """The terrain of a link, whose matrix is (4, 4), once even if it is seen and felt."""
         for owner in (*link.node.all("collision"), *link.node.all("visual")):
             node = owner.child("geometry", "heightmap")
             if node is not None:
@@ -140,11 +134,7 @@ class SdfReader(Reader):
     title = "Gazebo SDF"
     extensions = (".world", ".sdf", ".config")
     meshes = False
-
-    @classmethod
-    def recognises(cls, head: bytes) -> bool:
-        """Its outermost element is `sdf` or `gazebo`."""
-        return re.search(rb"<(sdf|gazebo)[\s>]", head) is not None
+    head = re.compile(rb"<(sdf|gazebo)[\s>]")
 
     def read(self, source: Path, context: Context) -> Scene:
         """See `Reader.read`; an error names the line (item 73)."""

@@ -68,13 +68,9 @@ def pooled(cells: Cells) -> Cells:
 
 
 def wall_mesh(walls: list[Rectangle], size: float, height: float, material: str) -> Mesh:
-    """All walls as one mesh from z = 0 upwards, with a box to collide with for each.
+    """All walls as one mesh from z = 0 to a height, m, with a box to collide with for each.
 
-    Args:
-        walls: rectangles.
-        size: of a cell, m.
-        height: of the walls, m.
-        material: its name.
+    Cells have a size, m.
     """
     table = np.array([(w.left, w.low, w.right, w.high) for w in walls], dtype=float) * size
     low = np.column_stack([table[:, 0], table[:, 1], np.zeros(len(walls))])

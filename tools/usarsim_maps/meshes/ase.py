@@ -57,11 +57,7 @@ class AseReader(Reader):
 
     title = "ASE"
     extensions = (".ase",)
-
-    @classmethod
-    def recognises(cls, head: bytes) -> bool:
-        """It begins with *3DSMAX_ASCIIEXPORT."""
-        return head.lstrip().lower().startswith(b"*3dsmax_asciiexport")
+    head = re.compile(rb"(?i)\A\s*\*3dsmax_asciiexport")
 
     def read(self, source: Path, context: Context) -> Scene:
         """See `Reader.read`."""

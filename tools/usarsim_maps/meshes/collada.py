@@ -5,6 +5,7 @@ Materials of COLLADA: from a material through its effect to a colour or a pictur
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -145,11 +146,7 @@ class ColladaReader(Reader):
 
     title = "COLLADA"
     extensions = (".dae",)
-
-    @classmethod
-    def recognises(cls, head: bytes) -> bool:
-        """Its outermost element is COLLADA."""
-        return b"<COLLADA" in head
+    head = re.compile(rb"<COLLADA")
 
     def read(self, source: Path, context: Context) -> Scene:
         """See `Reader.read`."""

@@ -7,6 +7,7 @@ count on nodes: `tag`, `movable`, `mass`, `friction`.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -59,15 +60,7 @@ class GltfReader(Reader):
 
     title = "glTF"
     extensions = (".glb", ".gltf")
-
-    @classmethod
-    def recognises(cls, head: bytes) -> bool:
-        """It begins with `glTF`, or is JSON with an asset's version."""
-        return head.startswith(b"glTF") or (
-            head.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{")
-            and b'"asset"' in head
-            and b'"version"' in head
-        )
+    head = re.compile(rb'(?s)\AglTF|\A[\xef\xbb\xbf \t\r\n]*\{(?=.*"asset")(?=.*"version")')
 
     def read(self, source: Path, context: Context) -> Scene:
         """See `Reader.read`."""

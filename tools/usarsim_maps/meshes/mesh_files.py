@@ -76,10 +76,8 @@ class Axes:
     def place(self, node: Array) -> tuple[Pose, Array]:
         """Pose of a node in the world, and the matrix from its mesh into the frame of that pose.
 
-        The pose is the node's own with the axes exchanged: an upright thing has no rotation.
-
-        Args:
-            node: (4, 4) from the node's frame into the file's.
+        The pose is that of the node's matrix (4, 4) in the file with the axes exchanged: an upright
+        thing has no rotation.
         """
         pose = self.pose(node)
         whole = np.eye(4)
@@ -129,11 +127,7 @@ def make_mesh(
 
     Args:
         name: of the mesh.
-        points: (n, 3), more than the mesh needs perhaps.
-        triangles: (m, 3) indices into them.
-        uvs: (m, 3, 2), v upwards.
-        slots: (m,) numbers of materials.
-        materials: their names.
+        points, triangles, uvs, materials, slots: see `MeshBuilder.add`.
         linear: (3, 3) applied to the points; where it mirrors, triangles are turned round.
     """
     used, inverse = np.unique(triangles.reshape(-1), return_inverse=True)
@@ -386,10 +380,7 @@ class Markers:
     def take(self, name: str, pose: Pose, tag: str = "") -> str | None:
         """The kind of a marker, `start`, `path node` or `victim`; None if it is none.
 
-        Args:
-            name: of the node.
-            pose: in the world.
-            tag: what clients are told instead of the name.
+        Clients are told the tag instead of the name.
         """
         plain = re.sub(r"[^a-z]", "", name.lower())
         word = tag or name

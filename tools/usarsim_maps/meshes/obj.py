@@ -64,11 +64,7 @@ class ObjReader(Reader):
 
     title = "Wavefront OBJ"
     extensions = (".obj",)
-
-    @classmethod
-    def recognises(cls, head: bytes) -> bool:
-        """It has a line with a vertex."""
-        return re.search(rb"(?m)^\s*v\s+[-+.\d]+\s+[-+.\d]+\s+[-+.\d]+", head) is not None
+    head = re.compile(rb"(?m)^\s*v\s+[-+.\d]+\s+[-+.\d]+\s+[-+.\d]+")
 
     def read(self, source: Path, context: Context) -> Scene:
         """See `Reader.read`."""

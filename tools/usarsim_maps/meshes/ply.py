@@ -6,6 +6,7 @@ report says that this was assumed (worlds reference 2.4).
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -78,11 +79,7 @@ class PlyReader(Reader):
 
     title = "PLY"
     extensions = (".ply",)
-
-    @classmethod
-    def recognises(cls, head: bytes) -> bool:
-        """It begins with `ply` on a line of its own."""
-        return head[:5].split() == [b"ply"] or head.startswith((b"ply\n", b"ply\r"))
+    head = re.compile(rb"\A\s*ply\s*([\r\n]|\Z)")
 
     def read(self, source: Path, context: Context) -> Scene:
         """See `Reader.read`."""

@@ -6,6 +6,7 @@ report says that this was assumed (worlds reference 2.4, item 42).
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -38,11 +39,7 @@ class StlReader(Reader):
 
     title = "STL"
     extensions = (".stl",)
-
-    @classmethod
-    def recognises(cls, head: bytes) -> bool:
-        """It begins with `solid` and goes on with `facet`."""
-        return head.lstrip().lower().startswith(b"solid") and b"facet" in head.lower()
+    head = re.compile(rb"(?is)\A\s*solid.*facet")
 
     def read(self, source: Path, context: Context) -> Scene:
         """See `Reader.read`."""

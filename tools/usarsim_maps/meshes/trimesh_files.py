@@ -8,6 +8,7 @@ textures, names with a meaning, and most of a damaged file.
 from __future__ import annotations
 
 import io
+import re
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -35,11 +36,7 @@ class TrimeshReader(Reader):
 
     title = "trimesh"
     extensions = (".3mf", ".off", ".xaml")
-
-    @classmethod
-    def recognises(cls, head: bytes) -> bool:
-        """It begins as OFF files do."""
-        return head.split(maxsplit=1)[:1] in ([b"OFF"], [b"COFF"])
+    head = re.compile(rb"\A\s*C?OFF(\s|\Z)")
 
     def read(self, source: Path, context: Context) -> Scene:
         """See `Reader.read`."""

@@ -70,11 +70,7 @@ class X3dReader(Reader):
 
     title = "X3D and VRML"
     extensions = (".wrl", ".vrml", ".x3d", ".x3dv")
-
-    @classmethod
-    def recognises(cls, head: bytes) -> bool:
-        """It begins with the line of VRML or classic X3D, or has the element X3D."""
-        return head.startswith((b"#VRML", b"#X3D")) or b"<X3D" in head
+    head = re.compile(rb"\A#(VRML|X3D)|<X3D")
 
     def read(self, source: Path, context: Context) -> Scene:
         """See `Reader.read`."""

@@ -26,10 +26,7 @@ CURE = "export it again, or as glTF"
 def make_geometry(document: Document, node: Node, child: Find) -> Mesh | None:
     """The mesh of a geometry node in its own frame, with one material; None for other nodes.
 
-    Args:
-        document: for errors.
-        node: the geometry.
-        child: finds the first of its children of some kinds.
+    `child` finds the first of its children of some kinds.
 
     Raises:
         MapImportError: a value makes no sense; the message has the line.
