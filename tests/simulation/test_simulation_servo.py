@@ -25,7 +25,7 @@ from sim_fakes import (
 from usarsim_server.simulation import growth
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.model import PhysicsOptions, compile_world
-from usarsim_server.simulation.wheels import HOLD_SPEED, WheelServos
+from usarsim_server.simulation.servos import HOLD_SPEED, WheelServos
 
 SLOPE = np.radians(15.0)
 HOVER = RADIUS / np.cos(SLOPE)

@@ -46,7 +46,7 @@ from usarsim_server.worlds.scene import build_scene
 ROBOT_CLASS = "P3AT"
 BARE_GAIN = 100.0
 """N m s/rad of the wheels of bare robots: MuJoCo's own velocity actuators let a robot run ahead of
-its wheels if they are much stiffer (see `simulation/wheels.py`)."""
+its wheels if they are much stiffer (see `simulation/servos.py`)."""
 CHUNK_STEPS = 24
 """Steps between two looks at the clock and between two commands: about a tenth of a second."""
 REPETITION_CHUNKS = 5

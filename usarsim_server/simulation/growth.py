@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from usarsim_server.simulation.ground import Belts, Compensation, Traction
 from usarsim_server.simulation.hands import Hands
-from usarsim_server.simulation.joints import JointServos
 from usarsim_server.simulation.machines import Machines
 from usarsim_server.simulation.model import (
     VACANT,
@@ -25,8 +24,8 @@ from usarsim_server.simulation.model import (
 from usarsim_server.simulation.motion_laws import Laws
 from usarsim_server.simulation.movers import MovingBodies
 from usarsim_server.simulation.parts import Part, Parts
+from usarsim_server.simulation.servos import JointServos, WheelServos
 from usarsim_server.simulation.sleep import Sleep
-from usarsim_server.simulation.wheels import WheelServos
 
 
 class WorldParts(Parts):

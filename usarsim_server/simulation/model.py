@@ -74,7 +74,7 @@ class RobotModel:
         key: identifies the class; slots of one key are interchangeable.
         build: makes a fresh MuJoCo specification whose root body is `base` with the free joint
             `free`; joints and velocity actuators of driven wheels carry the wheel's name. Gain
-            and force range of such an actuator describe the wheel's servo (see `wheels.py`).
+            and force range of such an actuator describe the wheel's servo (see `servos.py`).
         driven: names of the driven wheels in part order.
         rest_height: height of the reference point above a flat floor, m.
         wheel_acceleration: ramp of the wheel speed targets, rad/s^2.
@@ -83,7 +83,7 @@ class RobotModel:
         kinematic: a thing that goes its own way (see `movers.py`): its bodies, `base` first, are
             mocap bodies without joints, beside each other in the specification.
         robot: it counts as a robot; free slots of other things may be built anew as another key.
-        joints: drives of the joints that are no wheels (see `joints.py`).
+        joints: drives of the joints that are no wheels (see `servos.py`).
         hands: what takes hold of things (see `hands.py`).
         tools: further root bodies of the specification, each on a free joint of its own.
         anchored: it stands fixed wherever it is put.
@@ -194,7 +194,7 @@ def compile_world(
 
 
 def _convert_servos(model: mujoco.MjModel, layout: RobotLayout) -> None:
-    """Turn the velocity actuators of the driven wheels into friction losses (see `wheels.py`).
+    """Turn the velocity actuators of the driven wheels into friction losses (see `servos.py`).
 
     At the speed error e the solver exerts the torque e B d / ((1 - d) A), B and d being the
     constraint's damping and impedance and A the inverse inertia that the wheel feels; d is chosen

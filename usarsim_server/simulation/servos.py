@@ -1,22 +1,19 @@
-"""Servos of every joint that is not a wheel, of all robots at once.
+"""Speed servos of limited force, of all robots at once: driven wheels, and all other joints.
 
-A joint is told a position, a speed or a torque. Whatever it is told becomes a speed, never above
-the joint's limit, and the largest force that may be used to keep it. Towards a position the speed
-falls in proportion to the way that is left, so a joint moves at its full speed, comes to rest
-without overshoot, lands softly on its stops, and holds against gravity; what blocks it feels the
-drive's largest force and no more. A torque is that force with the highest speed in its direction:
-what yields is pushed along, what pushes back harder wins.
-
-As with the wheels, a speed servo of limited force is dry friction against a shaft that turns at
-the wanted speed (see `wheels.py`): the joint's friction loss, its reference acceleration shifted
-between the two halves of a step. The solver then finds the force that is really needed, so no
-gains have to be tuned to the load.
+A speed servo of limited force is dry friction against a shaft that turns at the wanted speed. That
+is how it is given to the solver: as the joint's friction loss, whose reference acceleration is
+shifted by the set point between the two halves of every step. The solver then finds the force that
+is really needed, so no gains have to be tuned to the load. MuJoCo's own velocity actuators need an
+implicit integrator, which weakens their push after the solver has balanced it against the friction
+of the tyres: while speeding up the robot then runs ahead of its wheels (0.06 m/s at 10 rad/s^2,
+gain 20 and 4 ms), the more the longer the time step is.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import mujoco
@@ -28,8 +25,13 @@ from usarsim_server.simulation.model import WAKE, CompiledWorld
 from usarsim_server.simulation.parts import Part
 
 Array = NDArray[np.float64]
-JointsState = tuple[NDArray[Any], ...]
+Indices = NDArray[np.intp]
+ServoState = tuple[NDArray[Any], ...]
 
+HOLD_GAIN = 10.0
+"""1/s: wheel speed asked for per radian of displacement while the brake holds."""
+HOLD_SPEED = 2.0
+"""rad/s: the brake never asks for more."""
 GAIN = 20.0
 """1/s: speed per way left. The force follows within 10 ms, so a joint settles without overshoot."""
 SETTLED_SPEED = 0.1
@@ -44,10 +46,173 @@ DEAD_SPEED = 1e-4
 """rad/s or m/s below which a set point is not worth the work: 5 micrometres or microradians off."""
 
 
-class JointServos(Part):
-    """Set points of all jointed robots of one model generation; used by the physics thread."""
+class _Servos(Part):
+    """What both kinds have in common."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self._shift = np.zeros(max(model.nv, model.ntendon))
+        """Wanted speed by velocity index, rad/s or m/s."""
+        self._moving = False
+        """Whether any of them is not zero."""
+        self._tendons = model.ntendon > 0
+
+    def _arrays(self) -> ServoState:
+        """Everything that changes and has to be kept."""
+        raise NotImplementedError
+
+    def _begin(self) -> None:
+        """Orders have changed."""
+        raise NotImplementedError
+
+    def state(self, data: mujoco.MjData) -> ServoState:
+        return tuple(array.copy() for array in self._arrays())
+
+    def restore(self, data: mujoco.MjData, state: ServoState) -> None:
+        for array, kept in zip(self._arrays(), state, strict=True):
+            array[:] = kept
+        self._begin()
+
+    def _take(self, older: _Servos, here: Indices, there: Indices) -> None:
+        """Take over what servos with these numbers here have there, in another generation."""
+        for array, former in zip(self._arrays(), older._arrays(), strict=True):
+            array[here] = former[there]
+
+    def between(self, data: mujoco.MjData) -> None:
+        """Hand the set points to the solver."""
+        if not (self._moving and data.nf):
+            return
+        rows = slice(data.ne, data.ne + data.nf)
+        shift = data.efc_KBIP[rows, 1] * self._shift[data.efc_id[rows]]
+        if self._tendons:  # their friction losses stand in the same rows
+            shift[data.efc_type[rows] != mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF] = 0.0
+        data.efc_aref[rows] += shift
+
+
+class WheelServos(_Servos):
+    """Set points of every driven wheel of one model generation.
+
+    They follow the commanded speeds with limited acceleration, as a motor controller would have it,
+    and after a while at zero a wheel is held at its angle, so that a robot parked on a slope does
+    not creep (robots reference 4.4).
+    """
 
     def __init__(self, world: CompiledWorld) -> None:
+        super().__init__(world.model)
+        counts = [len(layout.wheel_dof) for layout in world.layouts]
+        first = np.cumsum([0, *counts])
+        self._span = [slice(int(a), int(b)) for a, b in pairwise(first)]
+        self._dofs = _join([layout.wheel_dof for layout in world.layouts])
+        self._losses = world.model.dof_frictionloss
+        """Of the running model: 0 for a wheel that rolls freely."""
+        self._torques: Array = self._losses[self._dofs]
+        self._angles = _join([layout.wheel_qpos for layout in world.layouts])
+        self._timestep = float(world.model.opt.timestep)
+        slots = world.slots
+        faster = [slot.wheel_acceleration for slot in slots]
+        slower = [slot.wheel_deceleration or slot.wheel_acceleration for slot in slots]
+        self._increment = np.repeat(faster, counts) * self._timestep
+        self._decrement = np.repeat(slower, counts) * self._timestep
+        self._delay = np.repeat([slot.brake_delay for slot in slots], counts)
+        count = len(self._dofs)
+        self._target = np.zeros(count)
+        self._setpoint = np.zeros(count)
+        self._idle = np.zeros(count)
+        self._hold = np.full(count, np.nan)
+        self._engaged = np.zeros(count, dtype=bool)
+        self._free = np.zeros(count, dtype=bool)
+        self._steady = True
+
+    def command(self, slot: int, targets: Array) -> None:
+        """Set the wheel speed targets (rad/s; NaN: rolls freely) of a slot, in part order."""
+        span = self._span[slot]
+        self._target[span] = np.nan_to_num(targets, nan=0.0)
+        self._free[span] = np.isnan(targets)
+        self._engaged[span] = ~self._free[span]
+        self._begin()
+
+    def release(self, slot: int, data: mujoco.MjData) -> None:
+        """Forget everything about a slot: its wheels stand still without a brake."""
+        span = self._span[slot]
+        for array in (self._target, self._setpoint, self._idle):
+            array[span] = 0.0
+        self._hold[span] = np.nan
+        self._engaged[span] = self._free[span] = False
+        self._begin()
+
+    def _begin(self) -> None:
+        """Give every wheel its drive, or none."""
+        self._losses[self._dofs] = np.where(self._free, 0.0, self._torques)
+        self._steady = False
+
+    def targets(self, slot: int) -> Array:
+        """Commanded wheel speeds of a slot (rad/s)."""
+        copy: Array = self._target[self._span[slot]].copy()
+        return copy
+
+    def setpoints(self, slot: int) -> Array:
+        """Wheel speeds (rad/s) that the servos of a slot hold at present."""
+        copy: Array = self._shift[self._dofs[self._span[slot]]].copy()
+        return copy
+
+    def drives(self, slot: int) -> bool:
+        """Whether a wheel of a slot is told to turn."""
+        return bool(self._target[self._span[slot]].any())
+
+    def inherit(
+        self, older: WheelServos, slots: Sequence[int], data: mujoco.MjData, old: mujoco.MjData
+    ) -> None:
+        """Take over slots, which are the same there and here, from another generation."""
+        here = _join([self._numbers(slot) for slot in slots])
+        there = _join([older._numbers(slot) for slot in slots])
+        self._take(older, here, there)
+        self._shift[self._dofs[here]] = older._shift[older._dofs[there]]
+        self._moving = bool(self._shift.any())
+        self._begin()
+
+    def _numbers(self, slot: int) -> Indices:
+        return np.arange(self._span[slot].start, self._span[slot].stop)
+
+    def _arrays(self) -> ServoState:
+        targets = (self._target, self._setpoint, self._idle)
+        return (*targets, self._hold, self._engaged, self._free)
+
+    def before(self, data: mujoco.MjData) -> None:
+        """Advance all set points, see `update`."""
+        self.update(data.qpos)
+
+    def update(self, qpos: Array) -> None:
+        """Advance all set points by one time step."""
+        if self._steady:
+            return
+        missing = self._target - self._setpoint
+        limit = np.where(missing * self._setpoint < 0.0, self._decrement, self._increment)
+        change = np.clip(missing, -limit, limit)
+        self._setpoint += change
+        still = (self._setpoint == 0.0) & (self._target == 0.0) & self._engaged
+        self._idle = np.where(still, self._idle + self._timestep, 0.0)
+        braked = still & (self._idle >= self._delay)
+        angles = qpos[self._angles]
+        self._hold = np.where(braked, np.where(np.isnan(self._hold), angles, self._hold), np.nan)
+        back = np.clip(HOLD_GAIN * (self._hold - angles), -HOLD_SPEED, HOLD_SPEED)
+        self._shift[self._dofs] = np.where(braked, back, self._setpoint)
+        self._moving = bool(self._shift.any())
+        # While every wheel runs at its commanded speed there is nothing to update.
+        self._steady = not (change.any() or still.any())
+
+
+class JointServos(_Servos):
+    """Set points of all jointed robots of one model generation.
+
+    A joint is told a position, a speed or a torque. All of them become a speed, never above
+    the joint's limit, and the largest force that may be used to keep it. Towards a position the
+    speed falls in proportion to the way that is left, so a joint moves at its full speed, comes to
+    rest without overshoot, lands softly on its stops, and holds against gravity; what blocks it
+    feels the drive's largest force and no more. A torque is that force with the highest speed in
+    its direction: what yields is pushed along, what pushes back harder wins.
+    """
+
+    def __init__(self, world: CompiledWorld) -> None:
+        super().__init__(world.model)
         self._model = model = world.model
         joints: list[int] = []
         speeds: list[float] = []
@@ -82,14 +247,11 @@ class JointServos(Part):
         self._push = np.full(len(joints), np.inf)
         self._share = np.ones(len(joints))
         self._speed = np.zeros(len(joints))
-        self._shift = np.zeros(max(model.nv, model.ntendon))
-        self._tendons = model.ntendon > 0
         self._torque = np.zeros(model.nv)
         self._waited = HOLD_STEPS
         self._here = np.full(len(joints), np.inf)
         self._holding = False
         self._settled = False
-        self._moving = False
 
     # -- orders ------------------------------------------------------------------------------
 
@@ -145,24 +307,15 @@ class JointServos(Part):
 
     # -- state -------------------------------------------------------------------------------
 
-    def state(self, data: mujoco.MjData) -> JointsState:
-        """A copy of everything that changes, for `restore`."""
-        return tuple(array.copy() for array in self._arrays())
-
-    def restore(self, data: mujoco.MjData, state: JointsState) -> None:
-        """Go back to a copied state of this generation."""
-        for array, kept in zip(self._arrays(), state, strict=True):
-            array[:] = kept
-        self._begin()
-
     def inherit(
         self, older: JointServos, slots: Sequence[int], data: mujoco.MjData, old: mujoco.MjData
     ) -> None:
         """Take over slots, which are the same there and here, from another generation."""
-        here = [joint for slot in slots for joint in self._index[slot].values()]
-        there = [joint for slot in slots for joint in older._index[slot].values()]
-        for array, former in zip(self._arrays(), older._arrays(), strict=True):
-            array[here] = former[there]
+        here, there = (
+            np.array([joint for slot in slots for joint in one._index[slot].values()], np.intp)
+            for one in (self, older)
+        )
+        self._take(older, here, there)
         self._begin()
         # The rhythm of the looks, too, so that nobody notices.
         self._here[here] = older._here[there]
@@ -173,7 +326,7 @@ class JointServos(Part):
         self._moving = bool(self._shift.any())
         self._busy = self._roots[here][np.isin(older._roots[there], older._busy)]
 
-    def _arrays(self) -> JointsState:
+    def _arrays(self) -> ServoState:
         return (
             *(self._positioned, self._target, self._rate),
             *(self._push, self._share, self._speed),
@@ -219,16 +372,6 @@ class JointServos(Part):
         self._shift[self._dofs] = np.where(size < DEAD_SPEED, 0.0, speed)
         self._moving = bool((size >= DEAD_SPEED).any())
 
-    def between(self, data: mujoco.MjData) -> None:
-        """Hand the set points to the solver."""
-        if not (self._moving and data.nf):
-            return
-        rows = slice(data.ne, data.ne + data.nf)
-        shift = data.efc_KBIP[rows, 1] * self._shift[data.efc_id[rows]]
-        if self._tendons:  # their friction losses stand in the same rows
-            shift[data.efc_type[rows] != mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF] = 0.0
-        data.efc_aref[rows] += shift
-
     def end(self, data: mujoco.MjData) -> None:
         """Note the forces of the drives in the last step, for `torques`."""
         if not (len(self._joints) and data.nf):
@@ -246,3 +389,7 @@ class JointServos(Part):
         Joints of sleeping robots keep the force with which they fell asleep.
         """
         return self._torque
+
+
+def _join(parts: list[Indices]) -> Indices:
+    return np.concatenate(parts) if parts else np.zeros(0, dtype=np.intp)
