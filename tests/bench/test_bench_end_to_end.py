@@ -6,16 +6,37 @@ there, finite, and of the right kind.
 
 from __future__ import annotations
 
+import json
+import math
 import os
 import signal
 from pathlib import Path
+from typing import Any
 
 import pytest
-from bench_runs import measured
 
+from usarsim_bench import admission, latency, memory, physics, sensors, soak, soak_visitors, team
 from usarsim_bench import admission as spawn
-from usarsim_bench import latency, memory, sensors, team
+from usarsim_bench import swarm as jitter
+from usarsim_bench import swarm as lockstep
 from usarsim_bench.server import BenchError, Server
+from usarsim_bench.soak import Stream, flatness
+from usarsim_server.cameras.painter import Painter, PainterOptions
+from usarsim_server.cli import main
+from usarsim_server.testing import Rehearsal
+
+
+def measured(folder: Path, name: str, seconds: float, robots: int = 2) -> dict[str, dict[str, Any]]:
+    """Figures of one measurement by name, as the JSON file has them."""
+    file = folder / f"{name}.json"
+    words = ["--robots", str(robots), "--seconds", str(seconds), "--world", "empty"]
+    assert main(["bench", name, *words, "--json", str(file)]) == 0
+    sections = json.loads(file.read_text())["sections"]
+    assert [section["key"] for section in sections] == [name]
+    figures = {figure["name"]: figure for figure in sections[0]["figures"]}
+    assert len(figures) == len(sections[0]["figures"])
+    assert all(math.isfinite(figure["value"]) for figure in figures.values())
+    return figures
 
 
 @pytest.fixture
@@ -141,3 +162,138 @@ class TestServer:
         assert server.usage().resident > 0
         server.stop()
         server.stop()
+
+
+@pytest.fixture(autouse=True)
+def _hurried(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(team, "SETTLE", 0.5)
+    monkeypatch.setattr(team, "WINDOW", 0.3)
+
+
+def test_watched(tmp_path: Path) -> None:
+    """Every camera is watched, and its pictures change while its robot drives."""
+    figures = measured(tmp_path, "watched", 5.0)
+    assert figures["Real-time factor, lowest of all robots"]["aim"] == ">= 0.999"
+    assert figures["Pictures of a camera, fewest"]["value"] > 0.0
+    assert figures["New pictures of all cameras"]["value"] >= 0.0
+
+
+def test_delivery(tmp_path: Path) -> None:
+    """Pictures arrive; where there is OpenGL they are compared with those of a loop."""
+    figures = measured(tmp_path, "delivery", 5.0, robots=1)
+    assert figures["Server: pictures of all cameras"]["value"] > 0.0
+    ratio = figures.get("Delivered / rendered by the loop")
+    if ratio is None:
+        with Rehearsal(world="empty") as rehearsal:
+            painter = Painter(rehearsal.assembly.simulation.compiled, PainterOptions())
+            assert painter.renderer == "rays"
+            painter.close()
+    else:
+        assert ratio["aim"] == ">= 0.85"
+        assert ratio["value"] > 0.0
+
+
+@pytest.fixture(autouse=True)
+def _teams_hurried(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in (admission, jitter, lockstep, physics, team):
+        monkeypatch.setattr(module, "SETTLE", 0.3)
+    monkeypatch.setattr(admission, "PAUSE", 0.2)
+    monkeypatch.setattr(admission, "WATCHED", 0.6)
+    monkeypatch.setattr(team, "WINDOW", 0.3)
+
+
+def test_swarm(tmp_path: Path) -> None:
+    """A size asked for has its figures, and the aims of a large team."""
+    figures = measured(tmp_path, "swarm", 1.8)
+    assert figures["2 robots: real-time factor, lowest of all"]["aim"] == ">= 0.999"
+    assert figures["2 robots: processor use of the server"]["aim"] == "<= 1.2"
+    assert figures["2 robots: lines sent"]["value"] > 0
+
+
+def test_admission(tmp_path: Path) -> None:
+    """Everybody is served, those who are there first and those who come later."""
+    figures = measured(tmp_path, "admission", 1.0)
+    assert figures["2 INITs at once: all served after"]["aim"] == "< 3"
+    assert figures["2 INITs at once: all served after"]["value"] > 0.0
+    assert figures["INIT to first SEN, 2 robots running, median"]["value"] > 0.0
+    assert figures["Others late meanwhile, longest of all newcomers"]["aim"] == "< 20"
+    assert figures["Newcomers"]["value"] == 2
+
+
+def test_jitter(tmp_path: Path) -> None:
+    """Periods are measured against both clocks."""
+    figures = measured(tmp_path, "jitter", 1.5)
+    assert figures["Error of a period, 99th percentile"]["aim"] == "< 5"
+    assert figures["Periods measured"]["value"] >= 1
+
+
+def test_lockstep(tmp_path: Path) -> None:
+    """Simulated time passes as fast as it can."""
+    figures = measured(tmp_path, "lockstep", 1.0)
+    assert figures["Simulated seconds per second"]["aim"] == ">= 6"
+    assert figures["Simulated seconds per second"]["value"] > 0.0
+    assert figures["Lines sent"]["value"] > 0
+
+
+def test_physics(tmp_path: Path) -> None:
+    """Some turns are taken while the server runs, and every part of the thread has a figure."""
+    figures = measured(tmp_path, "physics", 2.0)
+    ratio = figures["2 robots: physics thread / bare mj_step"]
+    assert ratio["aim"] == "<= 1.1"
+    assert ratio["value"] > 0.0
+    assert figures["2 robots: its step loop alone / bare mj_step"]["value"] > 0.0
+    assert figures["2 robots: physics thread / MuJoCo's part of it"]["value"] > 0.0
+    assert figures["2 robots: turns"]["value"] >= 1
+
+
+def status(*times: float) -> bytes:
+    """STA lines that tell these times."""
+    return b"".join(b"STA {Type GroundVehicle} {Time %.4f} {x y}\r\n" % time for time in times)
+
+
+class TestStream:
+    """Lines are missed by the time that they themselves tell."""
+
+    def test_nothing_is_missing(self) -> None:
+        """However the lines are cut into pieces."""
+        stream, data = Stream(), status(*(0.1 * n for n in range(60)))
+        for begin in range(0, len(data), 7):
+            stream.digest(data[begin : begin + 7])
+        assert (stream.lines, stream.missing) == (60, 0)
+
+    def test_what_is_missing_is_counted(self) -> None:
+        """Two lines that never came."""
+        times = [0.1 * n for n in range(60) if n not in (40, 50)]
+        stream = Stream()
+        stream.digest(status(*times) + b"SEN {Time 9} {Type x}\r\n")
+        assert (stream.lines, stream.missing) == (58, 2)
+
+
+class TestFlatness:
+    """Memory at the end by memory after the warming up."""
+
+    def test_growth(self) -> None:
+        """What was before the warming up does not count."""
+        samples = [(float(t), 100.0 if t < 20 else 200.0 + t) for t in range(120)]
+        assert flatness(samples, 20.0) == pytest.approx((200 + 114.5) / (200 + 24.5))
+
+    def test_too_short(self) -> None:
+        """No verdict from nothing."""
+        assert math.isnan(flatness([(0.0, 1.0)], 0.0))
+
+
+def test_a_very_short_soak(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Robots come and speak, radio links carry, nothing is missing, everything is given back."""
+    monkeypatch.setattr(soak, "SETTLE", 0.2)
+    monkeypatch.setattr(soak_visitors, "GUESTS", 3)
+    monkeypatch.setattr(soak_visitors, "STAY", 3.0)
+    monkeypatch.setattr(soak_visitors, "RADIO_EVERY", 1.0)
+    monkeypatch.setattr(soak_visitors, "all_classes", lambda: ["P2AT", "P3AT", "ERS"])
+    monkeypatch.setattr(soak, "all_classes", lambda: ["P2AT", "P3AT", "ERS"])
+    figures = measured(tmp_path, "soak", 8.0)
+    assert figures["Visits of robots"]["value"] >= 3
+    assert figures["Classes that were there"]["value"] >= 1
+    assert figures["Status lines of those who stay"]["value"] > 0
+    assert figures["Memory when everybody has gone"]["value"] > 0
+    assert figures["... of them missing in simulated time"]["aim"] == "<= 0"
+    assert figures["... by that of the empty server"]["aim"] is None

@@ -10,7 +10,6 @@ from typing import Any
 import pytest
 
 from usarsim_bench import importing
-from usarsim_bench import importing as instrument
 from usarsim_bench.camera_client import Picture
 from usarsim_bench.figures import Plan
 from usarsim_bench.importing import measure_import
@@ -65,7 +64,7 @@ def test_the_instrument_measures(tmp_path: Path, capsys: pytest.CaptureFixture[s
     """Every figure of a real import is there, and the world is where it was asked for."""
     source, assets = write_hall(tmp_path)
     arguments = [str(source), "--out", str(tmp_path), "--assets", str(assets)]
-    assert instrument.main(arguments) == 0
+    assert importing.main(arguments) == 0
     result = json.loads(capsys.readouterr().out)
     assert set(result) == set(RESULT)
     assert (tmp_path / "hall" / "world.toml").is_file()
@@ -78,7 +77,7 @@ def test_the_instrument_measures(tmp_path: Path, capsys: pytest.CaptureFixture[s
 
 def test_a_map_that_cannot_be_imported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The instrument says what was wrong, on standard error, and measures nothing."""
-    assert instrument.main([str(tmp_path / "no.t3d"), "--out", str(tmp_path)]) == 2
+    assert importing.main([str(tmp_path / "no.t3d"), "--out", str(tmp_path)]) == 2
     said = capsys.readouterr()
     assert "no such file" in said.err
     assert said.out == ""
@@ -109,7 +108,7 @@ def test_a_failure_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def answer(monkeypatch: pytest.MonkeyPatch, output: str, code: int = 0, error: str = "") -> None:
-    """Let something stand for the instrument."""
+    """Let something stand for the importing."""
 
     def run(command: list[str], **_: object) -> subprocess.CompletedProcess[str]:
         return subprocess.CompletedProcess(command, code, output, error)

@@ -1,24 +1,24 @@
-"""Commands are timed on their way without being changed."""
+"""Commands are timed on their way without being changed; threads are known by their names."""
 
 from __future__ import annotations
 
 import json
 import random
+import threading
 import time
 from pathlib import Path
 
 import pytest
 from bench_fakes import FakeServer
 
-from usarsim_bench import latency
-from usarsim_bench import latency as instrument
+from usarsim_bench import latency, threads
 from usarsim_bench.crowd import Controller
 from usarsim_bench.latency import STATIONS, CodedDriver, code, delays, instrumented
 from usarsim_bench.server import BenchError
 from usarsim_server.sessions.session import RobotAgent
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.simulation import BodyHandle
-from usarsim_server.testing import Rehearsal
+from usarsim_server.testing import PATIENCE, Rehearsal, eventually
 
 METHODS = (
     (RobotAgent, "submit"),
@@ -123,5 +123,55 @@ class TestInstrument:
     def test_record_is_written_when_the_command_ends(self, tmp_path: Path) -> None:
         """Any subcommand can be run; its exit code is passed on and the file is there."""
         file = tmp_path / "record.json"
-        assert instrument.main([str(file), "worlds"]) == 0
+        assert latency.main([str(file), "worlds"]) == 0
         assert json.loads(file.read_text()) == {station: [] for station in STATIONS}
+
+
+def test_a_thread_is_known_by_its_name() -> None:
+    """What a thread called physics does counts as physics, and as nothing else."""
+    begin, stop = threads.look(), threading.Event()
+
+    def work() -> None:
+        until = time.thread_time() + 0.2
+        while time.thread_time() < until:
+            pass
+        stop.wait(PATIENCE)
+
+    worker = threading.Thread(target=work, name="physics", daemon=True)
+    worker.start()
+    assert eventually(lambda: threads.look().spent["physics"] >= begin.spent["physics"] + 0.19)
+    seen = threads.look()
+    stop.set()
+    worker.join(PATIENCE)
+    assert seen.spent["drawing"] == begin.spent["drawing"]
+    assert seen.moment > begin.moment
+
+
+def test_a_run_leaves_its_looks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The subcommand gets its own words, its exit code is kept, and the file holds the looks."""
+    seen: list[list[str]] = []
+
+    def serve(words: list[str]) -> int:
+        seen.append(words)
+        assert eventually(lambda: len(taken) >= 2)
+        return 3
+
+    taken: list[threads.Look] = []
+    look = threads.look
+
+    def note() -> threads.Look:
+        taken.append(look())
+        return taken[-1]
+
+    monkeypatch.setattr(threads, "PERIOD", 0.01)
+    monkeypatch.setattr(threads, "look", note)
+    monkeypatch.setattr(threads, "usarsim", serve)
+    file = tmp_path / "looks.json"
+    assert threads.main([str(file), "serve", "--port", "0"]) == 3
+    assert seen == [["serve", "--port", "0"]]
+    looks = json.loads(file.read_text())
+    assert len(looks) >= 2
+    assert [one["moment"] for one in looks] == sorted(one["moment"] for one in looks)
+    assert {"physics", "reports", "sockets", "drawing", "encoding", "others"} == set(
+        looks[0]["spent"]
+    )

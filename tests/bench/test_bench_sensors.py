@@ -1,17 +1,33 @@
-"""Robots with many or fast sensors: their classes, what counts as arrived, the figures."""
+"""Classes that the measurements write, teams of every kind of robot and sensor, what counts as
+arrived.
+"""
 
 from __future__ import annotations
 
 import random
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
 import pytest
+from bench_fakes import FakeServer, StandIn
 
-from usarsim_bench import sensors
-from usarsim_bench.crowd import Behaviour, wander
+from usarsim_bench import sensors, team
+from usarsim_bench import team as garage
+from usarsim_bench.crowd import Behaviour, Crowd, wander
 from usarsim_bench.figures import Figure, Plan
 from usarsim_bench.recording import Chunk
+from usarsim_bench.robot_files import (
+    CAMERA_RATE,
+    CAMERA_SCOUT,
+    LASER_NAME,
+    LASER_PERIOD,
+    SCOUT,
+    SURVEYOR,
+    SURVEYOR_CAMERAS,
+    scouts,
+    write_scouts,
+)
 from usarsim_bench.sensors import (
     BEAMS,
     EVERYTHING,
@@ -24,13 +40,103 @@ from usarsim_bench.sensors import (
     write_classes,
 )
 from usarsim_bench.server import BenchError, Load, Server
-from usarsim_bench.team import TeamTrial
+from usarsim_bench.team import MIXED, TeamTrial, measure_garage, roam
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.catalog import load_roster
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.sensors.base import Sensor, SensorContext, create_sensor, sensor_types
 from usarsim_server.sensors.scanners import RangeScanner
+from usarsim_server.testing import Rehearsal
 from usarsim_server.worlds.loader import find_world, load_world
+
+KINDS = {"skid_steer", "differential", "tracked", "ackerman", "omni", "aerial", "legged", "static"}
+
+
+def test_the_team_is_mixed() -> None:
+    """Sixteen shipped classes of all kinds that a land world has room for, some with arms."""
+    roster = load_roster()
+    robots = [roster.find(name) for name in MIXED]
+    assert len(robots) == team.ROBOTS
+    assert {robot.kind for robot in robots if robot is not None} == KINDS
+    assert sum(any(one.package for one in robot.actuators) for robot in robots if robot) >= 3
+
+
+@pytest.mark.parametrize("name", MIXED)
+def test_commands_move_the_robot(name: str) -> None:
+    """What the measurement sends is obeyed: wheels, rotors, legs, flippers or arms move."""
+    dice = random.Random(1)
+    with Rehearsal(world="empty", max_robots=1) as rehearsal:
+        client = rehearsal.connect()
+        client.send(f"INIT {{ClassName USARBot.{name}}} {{Location 0,0,-1.0}}")
+        rehearsal.run(1.5)
+        (vehicle,) = rehearsal.assembly.fleet.vehicles
+        before = vehicle.look()
+        assert before is not None
+        for _ in range(3):
+            client.send(MIXED[name](dice))
+            rehearsal.run(0.3)
+        after = vehicle.look()
+        assert after is not None
+        moved = np.abs(after.snapshot.qpos - before.snapshot.qpos).max()
+    assert moved > 0.02
+
+
+def test_classes_join_in_turn_and_are_told_their_own_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    """More robots than classes begin anew; the words go to the robots of the class."""
+    monkeypatch.setattr(team, "SETTLE", 1.5)
+    monkeypatch.setattr(team, "WINDOW", 0.3)
+    with FakeServer() as server, Crowd(server.port, 0, roam) as crowd:
+        classes = ("Lisa", "KUKA_LWR_BOT", "Unknown")
+        team.try_team(StandIn(), crowd, 4, 0.6, classes)  # type: ignore[arg-type]
+        inits = server.commands("INIT")
+        told = server.commands("DRIVE") + server.commands("MISPKG")
+    assert [line.split("USARBot.")[1].split("}")[0] for line in inits] == [*classes, "Lisa"]
+    assert any("WheelNumber" in line for line in told)
+    assert any(line.startswith("MISPKG {Name kuka_lwr}") for line in told)
+    assert any("{Left " in line for line in told), "strangers are told what most understand"
+
+
+def test_it_is_a_measurement_with_aims(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`bench garage` asks for real time with the mixed classes, and reports against aims."""
+    asked: list[object] = []
+
+    def fake(
+        server: object, crowd: Crowd, robots: int, seconds: float, classes: tuple[str, ...]
+    ) -> team.TeamTrial:
+        asked.append((robots, seconds, classes))
+        load = Load(process=0.5, own=0.1, others=0.0)
+        return team.TeamTrial(robots, 0.9995, 0.99, load, 10.0, 1e3, 2**20, 0.0, 1.0)
+
+    class Server(StandIn):
+        port = 0
+
+        def __init__(self, world: str, robots: int) -> None:
+            super().__init__()
+
+        def __enter__(self) -> Server:
+            return self
+
+        def __exit__(self, *_: object) -> None:
+            pass
+
+    class Nobody:
+        def __init__(self, *_: object) -> None:
+            pass
+
+        def __enter__(self) -> Nobody:
+            return self
+
+        def __exit__(self, *_: object) -> None:
+            pass
+
+    monkeypatch.setattr(garage, "try_team", fake)
+    monkeypatch.setattr(garage, "Server", Server)
+    monkeypatch.setattr(garage, "Crowd", Nobody)
+    section = measure_garage(Plan(seconds=5.0))
+    assert asked == [(16, 5.0, tuple(MIXED))]
+    assert section.key == "garage"
+    assert section.figures[0].value == 0.9995
+    assert section.figures[0].met
 
 
 def described(folder: Path, name: str) -> RobotDescription:
@@ -230,3 +336,50 @@ class TestMeasurement:
         with pytest.raises(BenchError, match="today"):
             measure_sensors(Plan())
         assert not folders[0].exists()
+
+
+def files_described(folder: Path, name: str) -> RobotDescription:
+    """A class of the bench, as the server reads it."""
+    write_scouts(folder)
+    found = load_roster([folder]).find(name)
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("name", [SCOUT, CAMERA_SCOUT])
+def test_scouts_carry_what_they_are_said_to(tmp_path: Path, name: str) -> None:
+    """A laser, eight sonars, odometry, INS and ground truth, and no other sensor."""
+    types = Counter(item.type for item in files_described(tmp_path, name).items)
+    assert types == {"SICK": 1, "Sonar": 8, "Odometry": 1, "INS": 1, "GroundTruth": 1}
+
+
+def test_the_laser_has_its_beams_and_its_period(tmp_path: Path) -> None:
+    """The scanner is the one that the section names, also to the server."""
+    robot = files_described(tmp_path, SCOUT)
+    world = load_world(find_world("empty"))
+    context = SensorContext(robot, world, np.random.default_rng(0))
+    (laser,) = (create_sensor(item, context) for item in robot.items if item.type == "SICK")
+    assert isinstance(laser, RangeScanner)
+    assert (laser.name, laser.beams) == (LASER_NAME, 181)
+    assert {laser.interval(dialect) for dialect in Dialect} == {LASER_PERIOD}
+
+
+def test_cameras(tmp_path: Path) -> None:
+    """A scout has none, a camera scout one of the rate told, a surveyor looks all around."""
+    assert files_described(tmp_path, SCOUT).cameras == ()
+    (camera,) = files_described(tmp_path, CAMERA_SCOUT).cameras
+    assert camera.rate == CAMERA_RATE
+    surveyor = files_described(tmp_path, SURVEYOR)
+    assert surveyor.items == ()
+    assert len(surveyor.cameras) == SURVEYOR_CAMERAS
+    ahead = [np.array(one.pose.rotate((1.0, 0.0, 0.0))) for one in surveyor.cameras]
+    assert np.abs(sum(ahead)).max() < 1e-3
+    assert {one.rate for one in surveyor.cameras} == {None}
+
+
+def test_the_folder_is_gone_afterwards() -> None:
+    """The words for the command line name a folder that exists while they are needed."""
+    with scouts() as (flag, folder):
+        assert flag == "--robots"
+        assert {file.stem for file in Path(folder).iterdir()} == {SCOUT, CAMERA_SCOUT, SURVEYOR}
+    assert not Path(folder).exists()

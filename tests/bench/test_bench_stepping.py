@@ -1,26 +1,30 @@
-"""The step loops are compared on the same scene, and bare means bare."""
+"""Step loops and the physics thread are compared on the same scene, and bare means bare."""
 
 from __future__ import annotations
 
 import json
+import math
 import time
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
 import pytest
 
-from usarsim_bench import stepping
-from usarsim_bench import stepping as instrument
+from usarsim_bench import physics, stepping
 from usarsim_bench.figures import Plan
+from usarsim_bench.physics import BareSteps, Bystander, compared, physics_figures, within
 from usarsim_bench.server import BenchError
-from usarsim_bench.stepping import HALVES, Stopwatch, main, measure
+from usarsim_bench.stepping import HALVES, ROBOT_CLASS, Stopwatch, main, measure
+from usarsim_server.robots.catalog import load_roster
+from usarsim_server.simulation.engine import Engine
 from usarsim_server.worlds.loader import find_world, load_world
 
 
 @pytest.fixture
-def scene() -> instrument._Scene:
+def scene() -> stepping._Scene:
     """Two robots on the empty floor."""
-    return instrument._Scene(load_world(find_world("empty")), 2, seed=1)
+    return stepping._Scene(load_world(find_world("empty")), 2, seed=1)
 
 
 class TestStopwatch:
@@ -59,34 +63,34 @@ class TestStopwatch:
 
 
 class TestScene:
-    def test_twins_stay_together(self, scene: instrument._Scene) -> None:
+    def test_twins_stay_together(self, scene: stepping._Scene) -> None:
         """Timing MuJoCo's halves does not change what the engine does."""
         for _ in range(3):
             scene.turn()
         assert np.array_equal(scene._engine.data.qpos, scene._twin.data.qpos)
         assert np.array_equal(scene._engine.data.qvel, scene._twin.data.qvel)
 
-    def test_parted_twins_are_noticed(self, scene: instrument._Scene) -> None:
+    def test_parted_twins_are_noticed(self, scene: stepping._Scene) -> None:
         """Rates of different states are not compared."""
         scene._twin.data.qpos[0] += 0.001
         with pytest.raises(RuntimeError, match="parted"):
             scene.advance()
 
     def test_an_engine_that_steps_otherwise_is_noticed(
-        self, scene: instrument._Scene, monkeypatch: pytest.MonkeyPatch
+        self, scene: stepping._Scene, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         """If the engine no longer calls the functions that are timed, there is no figure."""
-        monkeypatch.setattr(instrument, "HALVES", ("mj_step1", "mj_inverse"))
+        monkeypatch.setattr(stepping, "HALVES", ("mj_step1", "mj_inverse"))
         with pytest.raises(RuntimeError, match="two halves"):
             scene.advance()
 
-    def test_mujoco_is_as_before_afterwards(self, scene: instrument._Scene) -> None:
+    def test_mujoco_is_as_before_afterwards(self, scene: stepping._Scene) -> None:
         """The timed functions are the original ones again, also after an error."""
         before = [getattr(mujoco, name) for name in HALVES]
         inside: list[object] = []
 
         def fail() -> None:
-            with instrument.halves_timed(Stopwatch()):
+            with stepping.halves_timed(Stopwatch()):
                 inside.extend(getattr(mujoco, name) for name in HALVES)
                 raise ZeroDivisionError
 
@@ -95,7 +99,7 @@ class TestScene:
         assert not set(inside) & set(before)
         assert [getattr(mujoco, name) for name in HALVES] == before
 
-    def test_robots_drive_in_all_loops(self, scene: instrument._Scene) -> None:
+    def test_robots_drive_in_all_loops(self, scene: stepping._Scene) -> None:
         """Engine and bare loop move the robots alike: what is compared is the same work."""
         for robot, (left, right) in enumerate([(1.0, 1.0), (0.5, 1.0)]):
             targets = np.where(scene._left, left, right)
@@ -122,7 +126,7 @@ class TestScene:
             assert speeds == pytest.approx(scene._engine.data.qvel[layout.wheel_dof], abs=0.2)
 
     def test_bare_loop_begins_each_turn_where_the_engine_is(
-        self, scene: instrument._Scene, monkeypatch: pytest.MonkeyPatch
+        self, scene: stepping._Scene, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         """However far it went its own way, the next repetition starts from the engine's state."""
         scene.turn()
@@ -144,7 +148,7 @@ class TestMeasure:
         """All robots stand on four wheels in the engine, and every rate is one."""
         result = measure("empty", 2, seconds=0.4, seed=3)
         assert (result.world, result.robots) == ("empty", 2)
-        assert result.steps == instrument.REPETITION_CHUNKS * instrument.CHUNK_STEPS
+        assert result.steps == stepping.REPETITION_CHUNKS * stepping.CHUNK_STEPS
         assert result.contacts == pytest.approx(8.0, abs=0.5)
         # With one repetition the medians are the values themselves.
         assert result.to_bare == pytest.approx(result.engine / result.bare)
@@ -153,7 +157,7 @@ class TestMeasure:
 
     def test_seconds_give_repetitions(self) -> None:
         """A longer measurement has more repetitions of the same length."""
-        repetition = instrument.REPETITION_CHUNKS * instrument.CHUNK_STEPS
+        repetition = stepping.REPETITION_CHUNKS * stepping.CHUNK_STEPS
         assert measure("empty", 1, seconds=1.0).steps == 2 * repetition
 
     def test_prints_a_line_for_each_size(self, capsys: pytest.CaptureFixture[str]) -> None:
@@ -185,3 +189,139 @@ class TestTool:
         """The error ends with what the instrument said."""
         with pytest.raises(BenchError, match="no such world"):
             stepping.measure_stepping(Plan(world="nowhere-at-all", robots=1, seconds=0.1))
+
+
+@pytest.fixture(scope="module")
+def engine() -> Engine:
+    """Two robots that have driven for a moment."""
+    description = load_roster(()).find(ROBOT_CLASS)
+    assert description is not None
+    made = stepping._engine(load_world(find_world("empty")), description, 2)
+    for robot, speed in enumerate((1.0, -0.5)):
+        made.drive(robot, np.full(4, speed))
+    made.advance(100)
+    return made
+
+
+class TestBystander:
+    @pytest.fixture
+    def clock(self, monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+        """A processor clock that only goes when it is told to."""
+        hand = SimpleNamespace(now=0.0)
+        monkeypatch.setattr(time, "thread_time", lambda: hand.now)
+        return hand
+
+    def test_counts_the_whole_thread_between_two_pauses(self, clock: SimpleNamespace) -> None:
+        """What is spent outside the steps counts, too; pauses and what follows them do not."""
+        watch = Stopwatch()
+        engine = SimpleNamespace(active={0: 0, 1: 1}, data=SimpleNamespace(ncon=8))
+        pauses: list[float] = []
+
+        def bare(_: object) -> float:
+            pauses.append(clock.now)
+            clock.now += 5.0
+            return 0.001
+
+        bystander = Bystander(bare, watch)
+        part = watch.timed(lambda: setattr(clock, "now", clock.now + 0.004))
+        for _ in range(200):
+            clock.now += 0.001  # snapshots, waking, waiting
+            part()
+            bystander.stepped(engine, 2, 0.004)  # type: ignore[arg-type]
+        assert len(bystander.turns) == len(pauses) == 2
+        for turn in bystander.turns:
+            assert turn.thread == pytest.approx(0.0025)
+            assert turn.engine == pytest.approx(0.002)
+            assert turn.mujoco == pytest.approx(0.002)
+            assert (turn.bare, turn.robots, turn.contacts) == (0.001, 2, 8)
+
+    def test_nothing_is_counted_while_it_settles(self, clock: SimpleNamespace) -> None:
+        """The first steps, and those after a pause, are left out however dear they are."""
+        bystander = Bystander(lambda _: 0.001, Stopwatch())
+        engine = SimpleNamespace(active={}, data=SimpleNamespace(ncon=0))
+        for number in range(physics.SETTLE_STEPS + physics.COUNTED_STEPS):
+            clock.now += 1.0 if number < physics.SETTLE_STEPS else 0.001
+            bystander.stepped(engine, 1, 0.0)  # type: ignore[arg-type]
+        (turn,) = bystander.turns
+        assert turn.thread == pytest.approx(0.001)
+        assert turn.mujoco == 0.0
+
+
+class TestBareSteps:
+    def test_the_engine_stays_as_it_is(self, engine: Engine) -> None:
+        """Comparing moves nothing: not the state, not the commands."""
+        before = [engine.data.qpos.copy(), engine.data.qvel.copy(), engine.wheel_targets(0)]
+        assert BareSteps(20.0).spend(engine) > 0.0
+        after = [engine.data.qpos, engine.data.qvel, engine.wheel_targets(0)]
+        assert all(np.array_equal(a, b) for a, b in zip(before, after, strict=True))
+
+    def test_robots_drive_there_as_they_do_here(self, engine: Engine) -> None:
+        """The bare scene starts where the engine is, and its wheels turn at the same speeds."""
+        bare = BareSteps(20.0)
+        bare.spend(engine)
+        assert bare._data is not None
+        moved = (physics.WARM_STEPS + physics.BARE_STEPS) * engine.timestep
+        assert bare._data.time == pytest.approx(engine.data.time + moved)
+        for robot, speed in enumerate((1.0, -0.5)):
+            wheels = bare._data.qvel[engine.world.layouts[robot].wheel_dof]
+            assert wheels == pytest.approx(np.full(4, speed), abs=0.1)
+
+
+class TestCompared:
+    def test_every_engine_is_watched_and_works_on(
+        self, monkeypatch: pytest.MonkeyPatch, engine: Engine
+    ) -> None:
+        """Steps are made as before, turns are taken, and the engine is the old one afterwards."""
+        monkeypatch.setattr(physics, "SETTLE_STEPS", 2)
+        monkeypatch.setattr(physics, "COUNTED_STEPS", 6)
+        original = Engine.advance
+        steps = engine.steps
+        with compared() as bystander:
+            for _ in range(8):
+                assert engine.advance(2) == []
+        assert Engine.advance is original
+        assert engine.steps == steps + 16
+        assert bystander.turns
+        for turn in bystander.turns:
+            assert turn.robots == 2
+            assert turn.thread >= turn.engine > turn.mujoco > 0.0
+            assert turn.bare > 0.0
+
+
+def turn(moment: float, robots: int = 2, thread: float = 0.003) -> dict[str, float]:
+    """A turn as the file has it."""
+    return {
+        "moment": moment,
+        "robots": robots,
+        "thread": thread,
+        "engine": 0.0022,
+        "mujoco": 0.0015,
+        "bare": 0.002,
+        "contacts": 8,
+    }
+
+
+class TestFigures:
+    def test_turns_of_the_whole_team_within_the_span(self) -> None:
+        """While robots are still coming nothing is compared."""
+        turns = [turn(1.0), turn(2.0), turn(3.0, robots=1), turn(4.0)]
+        assert [one["moment"] for one in within(turns, 2, 1.5, 4.5)] == [2.0, 4.0]
+        with pytest.raises(BenchError, match="not compared"):
+            within(turns, 3, 0.0, 9.0)
+
+    def test_ratios_are_medians_of_turns(self) -> None:
+        """One turn that was disturbed does not move them."""
+        turns = [turn(1.0, thread=0.0021), turn(2.0, thread=0.0021), turn(3.0, thread=0.9)]
+        figures = {one.name: one for one in physics_figures(2, turns)}
+        ratio = figures["2 robots: physics thread / bare mj_step"]
+        assert ratio.value == pytest.approx(1.05)
+        assert ratio.met is True
+        assert figures["2 robots: its step loop alone / bare mj_step"].value == pytest.approx(1.1)
+        assert figures["2 robots: physics thread / MuJoCo's part of it"].value == pytest.approx(1.4)
+        assert figures["2 robots: bare mj_step"].value == pytest.approx(2000.0)
+        assert all(math.isfinite(one.value) for one in figures.values())
+
+    def test_an_engine_that_steps_otherwise(self) -> None:
+        """Where MuJoCo's part is not known no ratio is made up."""
+        turns = [turn(1.0) | {"mujoco": 0.0}]
+        assert not [one for one in physics_figures(2, turns) if "MuJoCo's part" in one.name]

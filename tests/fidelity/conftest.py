@@ -12,5 +12,5 @@ from usarsim_bench.fidelity.workshop import Workshop
 @pytest.fixture(scope="session")
 def shop() -> Iterator[Workshop]:
     """Test scenes and special robots; turns are watched for a third of the time of the bench."""
-    with Workshop(turn_seconds=3.0) as workshop:
+    with Workshop(turn_seconds=3.0, script_seconds=6.0) as workshop:
         yield workshop

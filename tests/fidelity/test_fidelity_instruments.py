@@ -76,7 +76,7 @@ def test_ground_has_the_friction_it_was_given(
     shop: Workshop, friction: float, slides: bool
 ) -> None:
     """Slippery ground is slippery for wheels of friction 1: parked on 25 deg a robot slides."""
-    pose = worlds.on_slope(25.0, shop.rest_height("P3AT_real"))
+    pose = worlds.on_slope(25.0, shop.describe("P3AT_real").rest_height)
     with shop.stage(worlds.slope(25.0, friction), "P3AT_real", STEP, pose) as stage:
         assert (creep(stage, 2.0) > 0.1) is slides
 
@@ -180,7 +180,7 @@ def test_straight_sees_a_curve(shop: Workshop) -> None:
 
 def test_rest_sees_a_slide(shop: Workshop) -> None:
     """A robot on a slope too steep for its ground fails #64."""
-    pose = worlds.on_slope(20.0, shop.rest_height("P2AT"))
+    pose = worlds.on_slope(20.0, shop.describe("P2AT").rest_height)
     with shop.stage(worlds.slope(20.0, 0.3), "P2AT", STEP, pose) as stage:
         assert rest(stage, 1.0).moved > 0.05
 

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from usarsim_bench.fidelity import fidelity
-from usarsim_bench.fidelity.fidelity import TIMESTEPS, TRIALS, Trial, main, run_trials
+from usarsim_bench.fidelity.fidelity import TIMESTEPS, main, run_trials
 from usarsim_bench.fidelity.results import ANY, Band, Result, as_json, as_markdown, as_table
 from usarsim_bench.fidelity.stage import StageError
+from usarsim_bench.fidelity.table import TRIALS, Quantity, Trial
 from usarsim_bench.fidelity.workshop import Workshop
 from usarsim_server.errors import UsarsimError
 
@@ -28,12 +28,17 @@ def result(
 
 
 def trials(*results: Result) -> tuple[Trial, ...]:
-    """A catalogue of one trial that yields given results."""
+    """A table of trials that give just these results."""
+    return tuple(
+        Trial("", (one.robot,), lambda *_, value=one.measured: value, {}, False, (quantity(one),))
+        for one in results
+    )
 
-    def run(shop: Workshop, timesteps: Sequence[float]) -> Iterator[Result]:
-        yield from results
 
-    return (Trial(tuple(sorted({one.test for one in results})), run),)
+def quantity(one: Result) -> Quantity:
+    """The row of a result."""
+    low, high = one.band.low, one.band.high
+    return Quantity(one.test, one.quantity, unit=one.unit, target=one.target, low=low, high=high)
 
 
 @pytest.mark.parametrize(
@@ -136,12 +141,23 @@ def test_markdown_puts_robots_side_by_side() -> None:
     assert over_all[2:] == ["P2AT 1", "1", "0.9 .. 1.1", "pass"]
 
 
-def test_catalogue_is_complete() -> None:
-    """Every acceptance test is in the catalogue."""
+def test_table_is_complete() -> None:
+    """Every acceptance test is in the table; of each item of the checklist that it answers, too."""
     numbers = {number for trial in TRIALS for number in trial.tests}
     assert {f"V{n}" for n in range(1, 28)} <= numbers
     single = (23, *range(38, 44), 46, 47, 49, *range(59, 65), 120)
     assert {f"#{n}" for n in single} <= numbers
+    checks = {number for trial in TRIALS for number in trial.checks.split(", ")}
+    items = (*range(20, 34), 38, *range(51, 61), 63, 64, 80, 115, 120)
+    assert {f"#{n}" for n in items} <= checks
+
+
+def test_rows_are_unique() -> None:
+    """A robot has one row for each test and quantity."""
+    rows = [
+        (one.test, one.what, robot) for t in TRIALS for one in t.quantities for robot in t.robots
+    ]
+    assert len(rows) == len(set(rows))
 
 
 def test_one_real_test(capsys: pytest.CaptureFixture[str]) -> None:
@@ -162,7 +178,7 @@ def test_exit_code(
     """The exit code is 1 as soon as one measurement is out of its band."""
     found = trials(result(), result(measured=measured), result(measured=5.0, band=ANY))
     monkeypatch.setattr(fidelity, "TRIALS", found)
-    assert main([]) == code
+    assert main(["--quick"]) == code
     expected = f"{2 - code} passed, {code} failed, 1 for information"
     assert capsys.readouterr().out.splitlines()[-1] == expected
 
@@ -172,15 +188,15 @@ def test_quick_means_one_time_step(
     monkeypatch: pytest.MonkeyPatch, args: list[str], timesteps: tuple[float, ...]
 ) -> None:
     """All four time steps are measured, with `--quick` only 4 ms."""
-    seen: list[Sequence[float]] = []
+    seen: list[float] = []
 
-    def run(shop: Workshop, steps: Sequence[float]) -> Iterator[Result]:
-        seen.append(tuple(steps))
-        yield result()
+    def drive(shop: Workshop, robot: str, timestep: float) -> float:
+        seen.append(timestep)
+        return 1.0
 
-    monkeypatch.setattr(fidelity, "TRIALS", (Trial(("V1",), run),))
+    monkeypatch.setattr(fidelity, "TRIALS", (replace(trials(result())[0], drive=drive),))
     assert main(args) == 0
-    assert seen == [timesteps]
+    assert tuple(seen) == timesteps
 
 
 def test_only_filters_results_too(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -208,14 +224,17 @@ def test_unknown_test(capsys: pytest.CaptureFixture[str]) -> None:
 def test_broken_trial_fails_and_the_next_one_runs() -> None:
     """A trial that loses its robot counts as failed; the others are still carried out."""
 
-    def broken(shop: Workshop, timesteps: Sequence[float]) -> Iterator[Result]:
-        yield result("V14")
-        raise StageError("the robot was lost")
+    def broken(shop: Workshop, robot: str, timestep: float) -> float:
+        if timestep > 0.004:
+            raise StageError("the robot was lost")
+        return 1.0
 
-    found = list(run_trials((Trial(("V14",), broken), *trials(result("V1"))), (0.004,)))
+    first = replace(trials(result("V14"))[0], drive=broken)
+    found = list(run_trials((first, *trials(result("V1"))), (0.004, 0.005)))
     assert [(one.test, one.passed) for one in found] == [
         ("V14", True),
         ("V14", False),
+        ("V1", True),
         ("V1", True),
     ]
     assert found[1].quantity == "the robot was lost"

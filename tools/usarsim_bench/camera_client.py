@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from zlib import crc32
 
-from usarsim_bench.recording import percentile
+import numpy as np
+
 from usarsim_bench.server import BenchError, CarefulClosing
 
 _ANSWER_TIMEOUT = 10.0
@@ -146,8 +147,8 @@ def summed_up(pictures: Sequence[Picture], start: float, stop: float) -> ViewerT
     return ViewerTrial(
         pictures=len(seen) / (stop - start),
         news=news / (stop - start),
-        median=percentile(waits, 50.0),
-        tail=percentile(waits, 99.0),
+        median=float(np.percentile(waits, 50.0)),
+        tail=float(np.percentile(waits, 99.0)),
         longest=max(waits),
         octets=sum(one.octets for one in seen) / (stop - start),
     )

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import sys
 from collections.abc import Callable
 from pathlib import Path
 
 from usarsim_bench.figures import Plan, Report
 from usarsim_bench.hostile.attackers import ATTACKS
-from usarsim_bench.peers.command import add_peers
 from usarsim_bench.report import as_json, as_markdown, as_text
 from usarsim_bench.suite import ALL, LONG, MEASUREMENTS, QUICK, QUICK_SECONDS, take
 from usarsim_server import __version__
@@ -47,7 +47,10 @@ def add_parser(subparsers: Subparsers) -> None:
     )
     for name, (_, help_text) in MEASUREMENTS.items():
         _add_measurement(kinds, name, help_text)
-    add_peers(kinds, lambda parser: _add_options(parser, world=False), _hand_out)
+    # No part of the wheel: only a checkout has the programs for other simulators.
+    if importlib.util.find_spec("usarsim_bench.peers") is not None:
+        peers = importlib.import_module("usarsim_bench.peers.command")
+        peers.add_peers(kinds, lambda parser: _add_options(parser, world=False), _hand_out)
     # Without a prefix that could mark an option everything behind `fidelity` is taken as it is.
     fidelity = kinds.add_parser(
         "fidelity", help="the robots' motion against theory", add_help=False, prefix_chars="\0"

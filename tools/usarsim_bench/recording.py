@@ -4,7 +4,6 @@ the figures that are made of moments and values. All times are seconds.
 
 from __future__ import annotations
 
-import math
 import re
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Iterator, Sequence
@@ -13,27 +12,6 @@ from statistics import median
 
 Sample = tuple[float, float]
 """A moment of wall time and the simulated time (or another value) that belongs to it."""
-
-
-def percentile(values: Sequence[float], percent: float) -> float:
-    """The value below which a share of all values lies, interpolated between neighbours.
-
-    Args:
-        values: at least one, in any order.
-        percent: from 0 (the least) to 100 (the greatest).
-
-    Raises:
-        ValueError: without values, or for a share outside the range.
-    """
-    if not values:
-        raise ValueError("a percentile needs at least one value")
-    if not 0.0 <= percent <= 100.0:
-        raise ValueError(f"percent must be from 0 to 100, not {percent!r}")
-    ordered = sorted(values)
-    place = (len(ordered) - 1) * percent / 100.0
-    below = math.floor(place)
-    above = min(below + 1, len(ordered) - 1)
-    return ordered[below] + (ordered[above] - ordered[below]) * (place - below)
 
 
 def real_time_factor(samples: Sequence[Sample], edge: float = 0.0) -> float:

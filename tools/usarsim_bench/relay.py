@@ -22,9 +22,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 
+import numpy as np
+
 from usarsim_bench.crowd import DEFAULT_CLASS, Controller, Crowd
 from usarsim_bench.figures import Aim, Figure, Plan, Section
-from usarsim_bench.recording import between, percentile, real_time_factor, status_samples
+from usarsim_bench.recording import between, real_time_factor, status_samples
 from usarsim_bench.server import SERVE, BenchError, Server, load_between
 from usarsim_bench.team import EDGE, ROBOTS, SETTLE, load_figures
 from usarsim_client.blocking import Closing
@@ -299,7 +301,12 @@ def measure_relay(plan: Plan) -> Section:
             Figure("Part that arrived", traffic.received / traffic.sent, "", 4, DELIVERED_AIM),
             Figure("Data carried", traffic.sent / seconds / 1e3, "kB/s", 0),
             Figure("Delay of 50 ms of data, median", 1e3 * median(traffic.delays), "ms", 2),
-            Figure("Delay of 50 ms of data, 99 %", 1e3 * percentile(traffic.delays, 99), "ms", 2),
+            Figure(
+                "Delay of 50 ms of data, 99 %",
+                1e3 * float(np.percentile(traffic.delays, 99)),
+                "ms",
+                2,
+            ),
             Figure("Processor use of the server", load.process, "cores", 2),
             *load_figures(load),
         ),

@@ -9,13 +9,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from statistics import median
 
+import numpy as np
+
 from usarsim_bench.crowd import DEFAULT_CLASS, Crowd
 from usarsim_bench.figures import Aim, Figure, Plan, Section
 from usarsim_bench.recording import (
     Sample,
     between,
     lines,
-    percentile,
     period_errors,
     real_time_factor,
     sensor_samples,
@@ -216,12 +217,14 @@ def jitter_figures(recorded: Sequence[Sequence[Sample]]) -> list[Figure]:
     pooled = [error for one in wall for error in one]
     name = "Error of a period"
     return [
-        Figure(f"{name}, 99th percentile", 1e3 * percentile(pooled, 99.0), "ms", 2, TAIL_AIM),
+        Figure(
+            f"{name}, 99th percentile", 1e3 * float(np.percentile(pooled, 99.0)), "ms", 2, TAIL_AIM
+        ),
         Figure(f"{name}, median", 1e3 * median(pooled), "ms", 2),
         Figure(f"{name}, longest", 1e3 * max(pooled), "ms", 2),
         Figure(
             f"{name}, 99th percentile of the worst robot",
-            1e3 * max(percentile(one, 99.0) for one in wall),
+            1e3 * max(float(np.percentile(one, 99.0)) for one in wall),
             "ms",
             2,
         ),

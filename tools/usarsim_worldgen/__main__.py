@@ -9,7 +9,7 @@ from pathlib import Path
 
 from usarsim_worldgen import GENERATORS, differences, write
 
-_WORLDS = Path(__file__).resolve().parents[3] / "worlds"
+_WORLDS = Path(__file__).resolve().parents[2] / "worlds"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

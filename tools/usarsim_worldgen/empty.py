@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from usarsim_worldgen import substances
+from usarsim_worldgen import furniture as substances
 from usarsim_worldgen.mjcf import Scene
 from usarsim_worldgen.sheet import GeneratedWorld
 

@@ -23,6 +23,8 @@ PAINT_DEPTH = 0.02
 
 _ASSETS = "asset"
 _WORLD = "worldbody"
+_PLACE = ("mesh", "fromto", "pos")
+"""Where a geom is, in the order in which they are written."""
 
 
 def number(value: float) -> str:
@@ -189,7 +191,7 @@ class Scene:
     def floor(self, material: str, half_x: float = 0.0, half_y: float = 0.0, **at: float) -> None:
         """Add the ground: an endless collision plane, drawn endless or as one rectangle."""
         center = (at.get("x", 0.0), at.get("y", 0.0), 0.0)
-        self._geom("floor", "floor", "plane", center, UPRIGHT, (half_x, half_y, 1.0), material)
+        self._geom("floor", "floor", "plane", material, pos=center, size=(half_x, half_y, 1.0))
 
     def paint(
         self, prefix: str, x: tuple[float, float], y: tuple[float, float], material: str
@@ -209,7 +211,8 @@ class Scene:
         role: str = "obstacle",
     ) -> str:
         """Add a static box by centre and full extents; role is `ground` or `obstacle`."""
-        return self._geom(prefix, role, "box", center, quat, [edge / 2 for edge in size], material)
+        half = [edge / 2 for edge in size]
+        return self._geom(prefix, role, "box", material, quat, pos=center, size=half)
 
     def block(
         self, prefix: str, lower: Vector, upper: Vector, material: str, *, role: str = "obstacle"
@@ -241,20 +244,8 @@ class Scene:
             material: of all faces.
             yaw: uphill direction, degrees anticlockwise from +x.
         """
-        mesh = self._wedge(size[0], size[1], rise)
-        quat = turned(yaw=yaw)
-        name = self._name(prefix)
-        attributes: Attributes = {
-            "name": name,
-            "class": "ground",
-            "type": "mesh",
-            "mesh": mesh,
-            "pos": (*low, 0.0),
-            "quat": None if quat == UPRIGHT else quat,
-            "material": material,
-        }
-        self._lines[_WORLD].append(_element("geom", attributes))
-        return name
+        mesh, quat = self._wedge(size[0], size[1], rise), turned(yaw=yaw)
+        return self._geom(prefix, "ground", "mesh", material, quat, mesh=mesh, pos=(*low, 0.0))
 
     def _wedge(self, length: float, width: float, rise: float) -> str:
         name = f"wedge_{number(length)}x{number(width)}x{number(rise)}".replace(".", "p")
@@ -268,38 +259,24 @@ class Scene:
 
     def pipe(self, prefix: str, ends: tuple[Vector, Vector], radius: float, material: str) -> str:
         """Add a static cylinder between two points."""
-        name = self._name(prefix)
-        attributes: Attributes = {
-            "name": name,
-            "class": "obstacle",
-            "type": "cylinder",
-            "fromto": (*ends[0], *ends[1]),
-            "size": (radius,),
-            "material": material,
-        }
-        self._lines[_WORLD].append(_element("geom", attributes))
-        return name
+        fromto = (*ends[0], *ends[1])
+        return self._geom(prefix, "obstacle", "cylinder", material, fromto=fromto, size=(radius,))
 
     def _geom(
         self,
         prefix: str,
         role: str,
         kind: str,
-        center: Vector,
-        quat: Quaternion,
-        size: Sequence[float],
         material: str,
+        quat: Quaternion = UPRIGHT,
+        **place: object,
     ) -> str:
         name = self._name(prefix)
-        attributes: Attributes = {
-            "name": name,
-            "class": role,
-            "type": kind,
-            "pos": center,
-            "quat": None if quat == UPRIGHT else quat,
-            "size": size,
-            "material": material,
-        }
+        attributes: Attributes = {"name": name, "class": role, "type": kind}
+        for key in _PLACE:
+            attributes[key] = place.get(key)
+        attributes["quat"] = None if quat == UPRIGHT else quat
+        attributes |= {"size": place.get("size"), "material": material}
         self._lines[_WORLD].append(_element("geom", attributes))
         return name
 

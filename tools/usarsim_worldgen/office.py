@@ -14,7 +14,8 @@ y=-10 +---------+-----+-----+-----+-----+-------+
 
 from __future__ import annotations
 
-from usarsim_worldgen import furniture, substances
+from usarsim_worldgen import furniture
+from usarsim_worldgen import furniture as substances
 from usarsim_worldgen.mjcf import Movable, Scene, turned
 from usarsim_worldgen.sheet import GeneratedWorld
 from usarsim_worldgen.walls import WallSize, door, wall, window

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from usarsim_worldgen import GENERATORS
 
-_ROOT = Path(__file__).resolve().parents[3]
+_ROOT = Path(__file__).resolve().parents[2]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -13,7 +13,8 @@ y=-6  +-----------+-------------------------------------+
 
 from __future__ import annotations
 
-from usarsim_worldgen import furniture, substances
+from usarsim_worldgen import furniture
+from usarsim_worldgen import furniture as substances
 from usarsim_worldgen.mjcf import Scene
 from usarsim_worldgen.sheet import GeneratedWorld
 from usarsim_worldgen.walls import WallSize, door, wall

@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from usarsim_worldgen import furniture, substances, terrain
+from usarsim_worldgen import furniture, terrain
+from usarsim_worldgen import furniture as substances
 from usarsim_worldgen.mjcf import Scene
 from usarsim_worldgen.sheet import GeneratedWorld, Start
 

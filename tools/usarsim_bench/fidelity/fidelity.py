@@ -9,16 +9,12 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from usarsim_bench.fidelity import trials_flat as flat
-from usarsim_bench.fidelity import trials_machines as machines
-from usarsim_bench.fidelity import trials_terrain as terrain
-from usarsim_bench.fidelity import trials_tracks as tracks
 from usarsim_bench.fidelity.results import ANY, Band, Result, as_json, as_markdown, as_table
 from usarsim_bench.fidelity.stage import StageError
+from usarsim_bench.fidelity.table import TRIALS, Trial
 from usarsim_bench.fidelity.workshop import Workshop
 from usarsim_server import files as atomic
 from usarsim_server.errors import UsarsimError, at
@@ -28,61 +24,6 @@ TIMESTEPS = (0.001, 0.002, 0.004, 0.005)
 QUICK_TIMESTEPS = (0.004,)
 BEGIN, END = "<!-- fidelity table: begin -->", "<!-- fidelity table: end -->"
 """Lines of a page between which `--markdown` puts the table."""
-
-
-@dataclass(frozen=True, slots=True)
-class Trial:
-    """A group of acceptance tests that are measured together.
-
-    Attributes:
-        tests: their numbers.
-        run: yields results for a sequence of time steps.
-    """
-
-    tests: tuple[str, ...]
-    run: Callable[[Workshop, Sequence[float]], Iterator[Result]]
-
-
-TRIALS = (
-    Trial(("V1",), flat.straight_speed),
-    Trial(("V2",), flat.straight_drift),
-    Trial(("V3", "#23"), flat.top_speed),
-    Trial(("V4",), flat.turn_ratio),
-    Trial(("V5", "V6"), flat.effective_track),
-    Trial(("V7",), flat.speed_independence),
-    Trial(("V8",), flat.friction_independence),
-    Trial(("V9",), flat.timestep_independence),
-    Trial(("#120",), flat.timestep_agreement),
-    Trial(("V10", "#61"), flat.hop),
-    Trial(("V11",), flat.arc),
-    Trial(("V12",), flat.yaw_rate_limit),
-    Trial(("V13",), flat.stopping),
-    Trial(("V14",), terrain.grade),
-    Trial(("V15",), terrain.slope_limits),
-    Trial(("V16",), terrain.parking),
-    Trial(("V17",), terrain.square_steps),
-    Trial(("V18",), terrain.gaps),
-    Trial(("V19", "#61", "#62"), terrain.step_fields),
-    Trial(("V19", "#61", "#62"), tracks.step_fields),
-    Trial(("V20",), terrain.cubic_field),
-    Trial(("V21",), tracks.stairs),
-    Trial(("V22",), terrain.sliding),
-    Trial(("V23",), machines.hovering),
-    Trial(("V24", "#42", "#43"), machines.speeds),
-    Trial(("V25", "#40", "#41"), machines.radius),
-    Trial(("V26",), flat.repeatability),
-    Trial(("V27",), flat.odometry),
-    Trial(("#38",), flat.pivot),
-    Trial(("#39",), tracks.turning),
-    Trial(("#46",), tracks.flippers),
-    Trial(("#47",), tracks.speed),
-    Trial(("#49",), machines.depth),
-    Trial(("#59",), terrain.wall),
-    Trial(("#59",), tracks.wall),
-    Trial(("#60",), terrain.crate),
-    Trial(("#63", "#64"), flat.resting),
-)
-"""All acceptance tests of the robots that there are, in the order of the table."""
 
 
 def run_trials(
@@ -97,12 +38,14 @@ def run_trials(
     """
     with Workshop() as shop:
         for trial in trials:
-            try:
-                for result in trial.run(shop, timesteps):
-                    if not tests or result.test in tests:
-                        yield result
-            except StageError as error:
-                yield Result(trial.tests[0], "", str(error), None, math.nan, "", "", Band(0.0, 0.0))
+            for robot in trial.robots:
+                try:
+                    for result in trial.run(shop, robot, timesteps):
+                        if not tests or result.test in tests:
+                            yield result
+                except StageError as error:
+                    failed = trial.tests[0], robot, str(error), None, math.nan
+                    yield Result(*failed, "", "", Band(0.0, 0.0))
 
 
 def main(args: list[str]) -> int:

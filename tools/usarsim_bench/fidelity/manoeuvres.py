@@ -1,4 +1,6 @@
-"""Manoeuvres on level ground and what is measured in them (robots reference 3.3, V1 to V13, V27).
+"""Manoeuvres on level ground, in air and water, and what is measured in them.
+
+Robots reference 3.3, V1 to V13 and V23 to V27.
 
 Every function takes a stage with a fresh robot, drives it by DRIVE commands and returns numbers.
 """
@@ -12,6 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from usarsim_bench.fidelity.stage import Stage, turned, yaw_of
+from usarsim_server.protocol.dialects import FACETS
+from usarsim_server.robots.description import RobotDescription
+from usarsim_server.robots.families.ackerman import SteeredFamily
+from usarsim_server.simulation.frames import Pose, rpy_from_quaternion
 from usarsim_server.simulation.snapshot import RobotBody
 
 SPIN_UP = 2.0
@@ -85,6 +91,11 @@ class Turn:
     own: bool
     odometry: float
 
+    @property
+    def exaggeration(self) -> float:
+        """By what odometry exaggerates the turn, times the grip: 1 if it goes by the wheels."""
+        return self.odometry * self.grip
+
 
 def turn_in_place(stage: Stage, speed: float, seconds: float = 10.0) -> Turn:
     """Turn anticlockwise with the sides at -speed and +speed (rad/s)."""
@@ -126,6 +137,31 @@ def turn_in_place(stage: Stage, speed: float, seconds: float = 10.0) -> Turn:
     )
 
 
+def about_axle(stage: Stage) -> tuple[float, float]:
+    """Turn a robot with casters once about its driven axle.
+
+    Returns:
+        Largest way of the axle's middle from its place (m), and the angle turned (rad).
+    """
+    report = stage.robot.report
+    spin = stage.capped(3.0)
+    period = math.tau * report.track_width / (2.0 * spin * report.wheel_radius)
+    axle = Pose((stage.robot.driven_wheels[0].position[0], 0.0, 0.0))
+    stage.settle()
+    stage.drive(-spin, spin)
+    stage.run(1.0)
+    last = stage.state
+    middle = (last.pose @ axle).position
+    angle = drift = 0.0
+    for _ in range(20):
+        stage.run(period / 20.0)
+        state = stage.state
+        angle += turned(yaw_of(last), yaw_of(state))
+        drift = max(drift, math.dist((state.pose @ axle).position, middle))
+        last = state
+    return drift, angle
+
+
 @dataclass(frozen=True, slots=True)
 class Arc:
     """A curve: yaw rate (rad/s) and its ratio to that of a differential robot."""
@@ -134,7 +170,7 @@ class Arc:
     ratio: float
 
 
-def drive_arc(stage: Stage, left: float, right: float, seconds: float = 5.0) -> Arc:
+def arc(stage: Stage, left: float, right: float, seconds: float = 5.0) -> Arc:
     """Drive a curve with given wheel speeds (rad/s)."""
     stage.settle()
     stage.drive(left, right)
@@ -148,8 +184,8 @@ def drive_arc(stage: Stage, left: float, right: float, seconds: float = 5.0) -> 
     return Arc(angle / seconds, angle / seconds / ideal)
 
 
-def stop(stage: Stage, speed: float) -> float:
-    """Way (m) from the command to stop until rest, from a ground speed (m/s)."""
+def stop(stage: Stage, speed: float) -> tuple[float, float]:
+    """Way (m) from the command to stop, from a ground speed (m/s), and the speed after it."""
     stage.settle()
     spin = speed / stage.robot.report.wheel_radius
     stage.drive(spin, spin)
@@ -157,7 +193,8 @@ def stop(stage: Stage, speed: float) -> float:
     stage.drive(0.0, 0.0)
     begin = stage.state
     stage.run(SPIN_UP)
-    return math.hypot(*_way(begin, stage.state)[:2])
+    end = stage.state
+    return math.hypot(*_way(begin, end)[:2]), abs(end.linear_velocity[0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,3 +260,153 @@ def _mean_spin(before: RobotBody, after: RobotBody) -> float:
     """Mean of the absolute wheel speeds between two looks, rad/s."""
     spins = (after.wheel_angles - before.wheel_angles) / (after.time - before.time)
     return float(np.abs(spins).mean())
+
+
+# -- cars ------------------------------------------------------------------------------------------
+
+STEER = 0.3
+"""rad (robots reference 3.3 V25)."""
+GROUND_SPEED = 1.0
+"""m/s at most; tyres slip little at that speed."""
+WALKED = 4.0
+"""s that a circle is watched."""
+
+
+@dataclass(frozen=True, slots=True)
+class Circle:
+    """A drive on a circle.
+
+    Attributes:
+        radius: of the circle on which the middle of the axle that is not steered goes, m.
+        ratio: of the radius to that of wheel base and steering angle.
+        clockwise: seen from above.
+        own: whether two parts of the robot ever touched each other.
+    """
+
+    radius: float
+    ratio: float
+    clockwise: bool
+    own: bool
+
+
+def unsteered_axle(robot: RobotDescription) -> float:
+    """How far ahead of the reference point the wheels stand that no joint steers, m."""
+    steering = robot.family
+    assert isinstance(steering, SteeredFamily)
+    places = [wheel.x for wheel in steering.wheels if wheel.joint is None]
+    return sum(places) / len(places)
+
+
+def ideal_radius(robot: RobotDescription, steer: float) -> float:
+    """Wheel base over the tangent of the steering angle, m (robots reference 3.3 V25)."""
+    steering = robot.family
+    assert isinstance(steering, SteeredFamily)
+    places = [wheel.x for wheel in steering.wheels]
+    return (max(places) - min(places)) / math.tan(abs(steer))
+
+
+def circle(stage: Stage, steer: float = STEER, seconds: float = WALKED) -> Circle:
+    """Drive ahead with the wheels turned by an angle (rad, positive to the right)."""
+    robot = stage.robot
+    steering = robot.family
+    assert isinstance(steering, SteeredFamily)
+    front = any(wheel.joint and wheel.front for wheel in steering.wheels)
+    stage.settle()
+    spin = min(GROUND_SPEED / steering.wheels[0].radius, robot.drive.max_wheel_speed / 2.0)
+    command = f"{{FrontSteer {steer if front else 0.0}}} {{RearSteer {0.0 if front else steer}}}"
+    stage.client.send(f"DRIVE {{Speed 0}} {command}")
+    stage.run(1.0)
+    stage.client.send(f"DRIVE {{Speed {spin:.9g}}} {command}")
+    stage.run(1.0)
+    probe, axle = stage.probe(), (unsteered_axle(robot), 0.0, 0.0)
+    way = angle = 0.0
+    own = False
+    last = stage.state
+    # Every twentieth step is enough for the length of a circle: the chord is as long as the arc.
+    for number, state in enumerate(stage.steps(seconds)):
+        if number % 20:
+            continue
+        before, after = ((one.pose @ Pose(axle)).position for one in (last, state))
+        way += math.dist(before, after)
+        angle += turned(yaw_of(last), yaw_of(state))
+        own |= probe.look(state.snapshot).own
+        last = state
+    radius = way / abs(angle) if angle else math.inf
+    return Circle(radius, radius / ideal_radius(robot, steer), angle < 0.0, own)
+
+
+# -- aircraft and submarines -----------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Flight:
+    """A flight straight ahead, then a turn on the spot.
+
+    Attributes:
+        speed: m/s. rate: rad/s, clockwise.
+        rise: largest change of height while turning, m.
+    """
+
+    speed: float
+    rate: float
+    rise: float
+
+
+def hover(stage: Stage, seconds: float = 10.0) -> tuple[float, float]:
+    """Vertical speed (m/s) and drift (m) of an aircraft that is told to stand still."""
+    stage.client.send("DRIVE " + _velocities())
+    begin = stage.settle()
+    fastest = 0.0
+    for state in stage.steps(seconds):
+        fastest = max(fastest, abs(state.linear_velocity[2]))
+    return fastest, math.dist(begin.pose.position, stage.state.pose.position)
+
+
+def fly(stage: Stage, speed: float = 2.0, rate: float = 100.0) -> Flight:
+    """Fly at a speed (m/s), stop, turn clockwise at a rate (deg/s)."""
+    stage.client.send("DRIVE " + _velocities(linear=speed))
+    stage.run(3.0)
+    began = stage.state
+    stage.run(2.0)
+    way = math.dist(began.pose.position, stage.state.pose.position)
+    ground = way / (stage.state.time - began.time)
+    unit = FACETS[stage.robot.dialect].rotational_velocity_unit
+    stage.client.send("DRIVE " + _velocities(yaw=math.radians(rate) / unit))
+    stage.run(2.0)
+    begin = last = stage.state
+    angle = rise = 0.0
+    for state in stage.steps(2.0):
+        angle -= turned(yaw_of(last), yaw_of(state))
+        rise = max(rise, abs(state.pose.position[2] - begin.pose.position[2]))
+        last = state
+    return Flight(ground, angle / (last.time - begin.time), rise)
+
+
+def nose_down(state: RobotBody) -> float:
+    """Pitch of the wire frame, rad: negative with the nose down."""
+    return -rpy_from_quaternion(state.pose.quaternion)[1]
+
+
+def lean(stage: Stage, speed: float) -> tuple[float, float]:
+    """Pitch (rad, wire) that an aircraft takes at a speed ahead, and s until within 2 deg of it."""
+    stage.settle()
+    stage.client.send("DRIVE " + _velocities(linear=speed))
+    pitches = [nose_down(state) for state in stage.steps(2.0)]
+    near = np.abs(np.array(pitches) - pitches[-1]) < math.radians(2.0)
+    return pitches[-1], float(np.argmax(near)) * stage.timestep
+
+
+def _velocities(linear: float = 0.0, yaw: float = 0.0) -> str:
+    return (
+        f"{{AltitudeVelocity 0}} {{LinearVelocity {linear:.9g}}} {{LateralVelocity 0}}"
+        f" {{RotationalVelocity {yaw:.9g}}} {{Normalized false}}"
+    )
+
+
+def dive(stage: Stage, seconds: float = 30.0) -> float:
+    """How far (m) a submarine moves while commands of other families reach it."""
+    begin = stage.settle()
+    stage.client.send("DRIVE {Left 5} {Right 5}", "DRIVE {Speed 5} {FrontSteer 0} {RearSteer 0}")
+    stage.client.send("DRIVE " + _velocities(linear=1.0))
+    stage.run(seconds)
+    return math.dist(begin.pose.position, stage.state.pose.position)

@@ -156,6 +156,10 @@ class Stage(Closing):
         """Command the wheel speeds of both sides, rad/s."""
         self.client.send(f"DRIVE {{Left {left:.9g}}} {{Right {right:.9g}}}")
 
+    def capped(self, speed: float) -> float:
+        """A wheel speed (rad/s), or the highest that the robot can do."""
+        return min(speed, self.robot.drive.max_wheel_speed)
+
     def settle(self) -> RobotBody:
         """Let the robot come to rest; returns its state."""
         self.run(SETTLE)

@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import mujoco
 import numpy as np
 
+from usarsim_bench.fidelity import worlds
+from usarsim_bench.fidelity.lanes import LANE, Lane, drive_lanes
 from usarsim_bench.fidelity.stage import Stage, tilt, turned, yaw_of
+from usarsim_bench.fidelity.workshop import Workshop
 from usarsim_bench.fidelity.worlds import FIELD_START, POST, POSTS
+from usarsim_server.robots.description import RobotDescription
+from usarsim_server.sessions.robots import robot_model
+from usarsim_server.simulation.articulation import JointOrder, Order
 from usarsim_server.simulation.engine import Engine
+from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import PhysicsOptions
 from usarsim_server.simulation.snapshot import RobotBody
 from usarsim_server.worlds.loader import load_world
@@ -24,6 +33,9 @@ AHEAD = 1.0
 """m ahead of the robot where it is steered to."""
 FIELD_END = FIELD_START + POST * POSTS
 """x of the far edge of a step field, m."""
+BEYOND = 0.3
+"""m behind a field where it counts as crossed."""
+LOW_POSTS = tuple(n / 100 for n in range(7))
 
 
 def climb(stage: Stage, speed: float, seconds: float = 5.0) -> float:
@@ -70,6 +82,11 @@ class Crossing:
     jump: float
     own: bool
     warnings: int
+
+    @property
+    def across(self) -> bool:
+        """Whether it came out on the far side of a step field, not off its edge."""
+        return self.x > FIELD_END + BEYOND and abs(self.y) < 0.6
 
 
 def cross(
@@ -133,6 +150,11 @@ class Push:
     speed: float
     x: float
 
+    @property
+    def before(self) -> float:
+        """How far before the wall, m."""
+        return FIELD_START - self.x
+
 
 def push_wall(stage: Stage, speed: float, seconds: float = 6.0) -> Push:
     """Drive into the wall of the scene and keep pushing."""
@@ -151,7 +173,7 @@ def push_crate(stage: Stage, speed: float, way: float) -> tuple[float, float, fl
     """Push the crate of the scene until it has moved a way (m) or half as much time again is over.
 
     Returns:
-        How far the crate moved, and where it is then, ahead and aside of the robot (m).
+        How far the crate moved, and how far it is then ahead and aside of the robot (m).
     """
     stage.settle()
     crate = stage.probe().model.body("crate").id
@@ -168,7 +190,7 @@ def push_crate(stage: Stage, speed: float, way: float) -> tuple[float, float, fl
     ahead, aside, _ = back.rotate(
         (x - state.pose.position[0], y - state.pose.position[1], z - state.pose.position[2])
     )
-    return moved, ahead, aside
+    return moved, ahead, abs(aside)
 
 
 def slide_block(world: Path, timestep: float, speed: float) -> tuple[float, float]:
@@ -190,3 +212,126 @@ def slide_block(world: Path, timestep: float, speed: float) -> tuple[float, floa
         engine.advance(1)
         heights.append(float(data.qpos[2]))
     return float(np.hypot(*(data.qpos[:2] - begin[:2]))), max(heights) - min(heights)
+
+
+# -- tracks ----------------------------------------------------------------------------------------
+
+RUN = 0.3
+"""m/s of the belts in all these tests (robots reference 5.2 #47)."""
+TRACKED = (
+    *("Kenaf", "Tarantula", "TeleMax", "Talon"),
+    *("Rugbot", "Matilda", "crawler_robot", "Soryu"),
+)
+PUSHES = (1.0, 0.3, -1.0)
+"""Shares of their top speed at which robots run into a wall, the last one backwards."""
+PUSHING = 10.0
+"""s from the start to the end of a push."""
+COURSE = 4.0
+"""How sharply a robot is steered back to its line (see `cross`)."""
+STAIRS_END = FIELD_START + 6 * 0.28
+"""x of the edge of the landing, m."""
+LOAD = 5.0
+"""kg on the tip of a flipper (5.2 #46)."""
+GRAVITY = 9.81
+
+
+def spin(stage: Stage, belts: float = RUN) -> float:
+    """Speed of the sprockets (rad/s) at which the belts run at a speed (m/s)."""
+    return belts / stage.robot.driven_wheels[0].radius
+
+
+def posture(stage: Stage, angles: Mapping[str, float]) -> None:
+    """Bring flippers to angles (rad)."""
+    groups = " ".join(f"{{{joint} {angle:g}}}" for joint, angle in angles.items())
+    stage.client.send(f"MULTIDRIVE {groups}")
+    stage.run(2.0)
+
+
+def raised(front: float, rear: float = 0.0) -> dict[str, float]:
+    """Angles of four flippers that are raised by so much (rad) in front and at the back.
+
+    All of them turn about the same axis, so those in front go up with negative angles.
+    """
+    return {"FRFlipper": -front, "FLFlipper": -front, "RRFlipper": rear, "RLFlipper": rear}
+
+
+def ground_speed(stage: Stage, seconds: float = 3.0) -> float:
+    """Ground speed (m/s) with the belts at `RUN`, after two seconds."""
+    stage.settle()
+    stage.drive(spin(stage), spin(stage))
+    stage.run(2.0)
+    begin = stage.state.pose.position
+    stage.run(seconds)
+    return math.dist(begin[:2], stage.state.pose.position[:2]) / seconds
+
+
+def flipper_error(
+    shop: Workshop, robot: RobotDescription, joint: str, angle: float, timestep: float
+) -> float:
+    """Largest error (rad) of a flipper that holds an angle with a load hung on its outer roller.
+
+    The load is no thing in the world: it pulls in the physics itself, below the protocol.
+    """
+    options = PhysicsOptions(timestep=timestep)
+    engine = Engine(shop.scenery(worlds.flat()), options, slots=(robot_model(robot),))
+    engine.occupy(0, 0, Pose((0.0, 0.0, robot.rest_height)))
+    engine.command_joints(0, {joint: JointOrder(Order.POSITION, angle)})
+    engine.advance(round(3.0 / timestep))
+    layout = engine.world.layouts[0]
+    model, data = engine.world.model, engine.data
+    body = layout.links[joint.lower()]
+    reach = max(
+        (model.geom_pos[geom] for geom in layout.geoms if model.geom_bodyid[geom] == body),
+        key=lambda place: abs(float(place[0])),
+    )
+    pull, nothing = np.array([0.0, 0.0, -LOAD * GRAVITY]), np.zeros(3)
+    worst = 0.0
+    for _ in range(round(2.0 / timestep)):
+        point = data.xpos[body] + data.xmat[body].reshape(3, 3) @ reach
+        data.qfrc_applied[:] = 0.0
+        mujoco.mj_applyFT(model, data, pull, nothing, point, body, data.qfrc_applied)
+        engine.advance(1)
+        worst = max(worst, abs(float(data.qpos[layout.joint_qpos[joint.lower()]]) - angle))
+    return worst
+
+
+def stand_up(stage: Stage) -> tuple[float, float]:
+    """Lower all flippers by 0.8 rad: largest error of an angle (rad), and rise of the body (m)."""
+    wanted = raised(-0.8, -0.8)
+    begin = stage.settle()
+    posture(stage, wanted)
+    stage.run(4.0)
+    end = stage.state
+    error = max(abs(end.joint_position(joint) - angle) for joint, angle in wanted.items())
+    return error, end.pose.position[2] - begin.pose.position[2]
+
+
+def cross_field(shop: Workshop, robot: str, seed: int, timestep: float) -> Crossing:
+    """Cross a step field of posts up to 6 cm with raised flippers, kept on course."""
+    scene = worlds.step_field(f"low{seed}", worlds.symmetric_heights(seed, LOW_POSTS))
+    with shop.stage(scene, robot, timestep) as stage:
+        posture(stage, raised(0.4, 0.4))
+        return cross(stage, spin(stage), 20.0, FIELD_END + BEYOND, COURSE)
+
+
+def climb_stairs(shop: Workshop, timestep: float, robot: str = "Kenaf") -> Crossing:
+    """Climb six steps of 18 x 28 cm at mu 1 with the front flippers, if any, raised by 0.7 rad."""
+    with shop.stage(worlds.stairs(), robot, timestep) as stage:
+        if any(link.joint == "FRFlipper" for link in stage.robot.links):
+            posture(stage, raised(0.7))
+        return cross(stage, spin(stage), 25.0, STAIRS_END + 0.5, COURSE)
+
+
+def tilts_at_wall(shop: Workshop, timestep: float) -> dict[str, float]:
+    """Largest tilt (rad) of each class that runs into a wall and goes on, at any of `PUSHES`."""
+    lanes = [
+        Lane(robot, share * robot.drive.max_wheel_speed)
+        for robot in map(shop.describe, TRACKED)
+        for share in PUSHES
+    ]
+    scene = worlds.wall(LANE * len(lanes))
+    outcomes = drive_lanes(shop, scene, lanes, timestep, PUSHING)
+    worst = dict.fromkeys(TRACKED, 0.0)
+    for lane, outcome in zip(lanes, outcomes, strict=True):
+        worst[lane.robot.name] = max(worst[lane.robot.name], outcome.tilt)
+    return worst

@@ -5,14 +5,13 @@ from __future__ import annotations
 import shutil
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, TypeVar
 
 import mujoco
 
 from usarsim_bench.fidelity import worlds
 from usarsim_bench.fidelity.manoeuvres import Turn, turn_in_place
-from usarsim_bench.fidelity.results import Band, Result
 from usarsim_bench.fidelity.stage import Stage
 from usarsim_server.robots.catalog import load_roster
 from usarsim_server.robots.description import RobotDescription
@@ -20,6 +19,8 @@ from usarsim_server.simulation.frames import Pose
 from usarsim_server.testing import Closing
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.scene import build_scene
+
+Found = TypeVar("Found")
 
 VARIANTS = {
     # The wheel limit of 1.3 read as turns per second (robots reference 1.2).
@@ -32,38 +33,19 @@ LITERAL = ("Hummer", "Sedan", "FrontAckerman", "BasicAckermanRobot")
 """Cars that are tried with the original's rule of steering, too, under names with _literal."""
 
 
-@dataclass(frozen=True, slots=True)
-class Case:
-    """What is common to the results of one run."""
-
-    test: str
-    robot: str
-    timestep: float | None
-
-    def result(self, quantity: str, measured: float, unit: str, target: str, band: Band) -> Result:
-        """One result of the run."""
-        return Result(
-            self.test, self.robot, quantity, self.timestep, float(measured), unit, target, band
-        )
-
-
 class Workshop(Closing):
     """Makes stages in a temporary folder, and remembers measurements that several tests share.
 
     Attributes:
         turn_seconds: simulated s that a turn in place is watched.
+        script_seconds: simulated s that runs are compared bit for bit.
     """
 
-    def __init__(self, turn_seconds: float = 10.0) -> None:
-        """Make an empty workshop.
-
-        Args:
-            turn_seconds: simulated s that a turn in place is watched.
-        """
-        self.turn_seconds = turn_seconds
+    def __init__(self, turn_seconds: float = 10.0, script_seconds: float = 60.0) -> None:
+        self.turn_seconds, self.script_seconds = turn_seconds, script_seconds
         self._folder = Path(tempfile.mkdtemp(prefix="usarsim-fidelity-"))
         self._robots = self._folder / "robots"
-        self._turns: dict[tuple[str, float, float, float], Turn] = {}
+        self._found: dict[object, Any] = {}
         for name, (parent, drive) in VARIANTS.items():
             worlds.write_robot(self._robots, name, parent, drive)
         for name in LITERAL:
@@ -92,18 +74,21 @@ class Workshop(Closing):
         assert found is not None, robot
         return found
 
-    def rest_height(self, robot: str) -> float:
-        """Height of the reference point of a resting robot, m."""
-        return self.describe(robot).rest_height
-
     def turn(self, robot: str, timestep: float, speed: float, friction: float = 1.0) -> Turn:
         """A turn in place on level ground, measured once; the speed is cut to what it can do."""
-        key = (robot, timestep, speed, friction)
-        if key not in self._turns:
+
+        def drive() -> Turn:
             with self.stage(worlds.flat(friction), robot, timestep) as stage:
-                spin = min(speed, stage.robot.drive.max_wheel_speed)
-                self._turns[key] = turn_in_place(stage, spin, self.turn_seconds)
-        return self._turns[key]
+                return turn_in_place(stage, stage.capped(speed), self.turn_seconds)
+
+        return self.once(("turn", robot, timestep, speed, friction), drive)
+
+    def once(self, key: object, measure: Callable[[], Found]) -> Found:
+        """What a measurement found, which is taken the first time that its key comes."""
+        if key not in self._found:
+            self._found[key] = measure()
+        found: Found = self._found[key]
+        return found
 
     def close(self) -> None:
         """Remove the folder."""

@@ -60,6 +60,8 @@ PACKAGES = (
     Package("opencv-python-headless", "cv2", "opencv-python-headless>=4.9", "camera pictures"),
     Package("pillow", "PIL", "pillow>=10.1", "textures, and pictures in files"),
     Package("psutil", "psutil", "psutil>=6", "figures of processes and of the machine"),
+    Package("mapbox_earcut", "mapbox_earcut", "mapbox_earcut>=2.0", "polygons of imported maps"),
+    Package("PyYAML", "yaml", "PyYAML>=6", "grid maps of ROS"),
     Package(
         *("usd-core", "pxr", "usd-core>=24.8"),
         "maps of Unreal 4 and 5 (.usd, .usda, .usdc, .usdz) cannot be imported",
