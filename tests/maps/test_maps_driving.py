@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from built_worlds import build_world, cuboid_mesh, grid_mesh, scene_of, thing
 from t3d_maps import brush, level, start, two_rooms
+from udk_maps import room as udk_room
 
 from usarsim_maps.convert import Request, import_map
 from usarsim_maps.scene import Scene, SceneObject
@@ -86,6 +88,37 @@ def test_a_map_can_be_served_at_once(tmp_path: Path) -> None:
         start = rehearsal.assembly.world.starts[0]
         assert start.pose.rotate((1.0, 0.0, 0.0)) == pytest.approx((0.0, -1.0, 0.0))
         assert rehearsal.assembly.world.name == "two"
+
+
+def package(folder: Path) -> Path:
+    """A room as a UDK map."""
+    path = folder / "hall.udk"
+    path.write_bytes(udk_room().content())
+    return path
+
+
+def stage(folder: Path) -> Path:
+    """A floor with a wall as a stage."""
+    made = pytest.importorskip("usd_stages")
+    hall = made.stage_at(folder / "hall.usda", unit=0.01)
+    made.box(hall, "/World/Floor", (-500, -500, -10), (500, 500, 0))
+    made.box(hall, "/World/Wall", (200, -500, 0), (220, 500, 200))
+    made.moved(made.UsdGeom.Xform.Define(hall, "/World/PlayerStart_0"), (0, 0, 24))
+    hall.GetRootLayer().Save()
+    return folder / "hall.usda"
+
+
+@pytest.mark.parametrize("make", [package, stage])
+def test_maps_of_other_formats_can_be_served(tmp_path: Path, make: Callable[[Path], Path]) -> None:
+    """A robot drives in a UDK map or a stage until its wall (items 19, 27, 38)."""
+    with Rehearsal(world=str(make(tmp_path))) as rehearsal:
+        client = rehearsal.connect()
+        client.send("GETSTARTPOSES")
+        (line,) = client.take("NFO {StartPoses 1}")
+        assert "PlayerStart_0 0.0000,0.0000,-0.2400" in line
+        x, _, z = Ride(rehearsal, "PlayerStart_0").drive(4.0, 8.0)[-1]
+        assert 1.2 < x < 2.0
+        assert 0.0 < z < 0.4
 
 
 def triangle_floor() -> SceneObject:

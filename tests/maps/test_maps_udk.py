@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from built_worlds import AXES, build_world
-from t3d_maps import corner, cuboid, two_rooms
+from t3d_maps import corner, cuboid
 from udk_maps import Map, box_nodes, room, scene_of, world_of
 from unreal_fixture import Name, Object, Ref, Struct, rotator, vector
 
@@ -21,7 +21,6 @@ from usarsim_maps.unreal.brushes import read_built_level
 from usarsim_maps.unreal.library import load_package
 from usarsim_maps.unreal.udk import level_of
 from usarsim_server.simulation.frames import wire_from_pose
-from usarsim_server.testing import Rehearsal
 
 # ---- brushes -------------------------------------------------------------------------------
 
@@ -256,39 +255,8 @@ def test_lights_and_air(tmp_path: Path) -> None:
     assert scene.kill_z == -20.0
 
 
-def test_two_rooms_of_text_still_work(tmp_path: Path) -> None:
-    """The text reader shares the level with this one: its map is what it was."""
-    (tmp_path / "two.t3d").write_text(two_rooms())
-    scene = read_scene(tmp_path / "two.t3d")
-    assert [start.tag for start in scene.starts] == ["Entry", "PlayerStart_1"]
-    assert len(scene.brushes) == 3
-
-
 MAPS = os.environ.get("USARSIM_MAPS", "")
 SOCCER = Path(MAPS) / "RoboSoccer.udk"
-
-# ---- end to end ----------------------------------------------------------------------------
-
-
-def test_a_package_can_be_served(tmp_path: Path) -> None:
-    """The world of a server may be a UDK map; a robot stands in it (items 19, 27)."""
-    source = tmp_path / "hall.udk"
-    source.write_bytes(room().content())
-    with Rehearsal(world=str(source)) as rehearsal:
-        client = rehearsal.connect()
-        client.send("GETSTARTPOSES")
-        (line,) = client.take("NFO {StartPoses 1}")
-        assert "PlayerStart_0 0.0000,0.0000,-0.2400" in line
-        client.send("INIT {ClassName USARBot.P3AT} {Name R} {Start PlayerStart_0}")
-        rehearsal.run(1.0)
-        client.send("DRIVE {Left 3.0} {Right 3.0}")
-        rehearsal.run(12.0)
-        snapshot = rehearsal.assembly.simulation.look()
-        layout = max(snapshot.layouts.items())[1]
-        x, _, z = snapshot.xpos[layout.base]
-        assert 1.2 < x < 2.0
-        assert 0.0 < z < 0.4
-
 
 # ---- the real map --------------------------------------------------------------------------
 

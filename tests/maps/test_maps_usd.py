@@ -13,7 +13,6 @@ from usd_stages import box, extents, moved, read, reference, saved, stage_at, wo
 from usarsim_maps.findings import Findings
 from usarsim_maps.reader import find_reader
 from usarsim_maps.scene import LightKind, Mesh
-from usarsim_server.testing import Rehearsal
 
 pxr = pytest.importorskip("pxr", reason="usd-core is not installed: pip install usd-core")
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, Vt  # noqa: E402
@@ -359,26 +358,3 @@ def test_arrays(tmp_path: Path) -> None:
     mesh.GetPointsAttr().Set(Vt.Vec3fArray())
     box(stage, "/World/Good", (0, 0, 0), (1, 1, 1))
     assert [thing.name for thing in saved(stage).objects] == ["Good"]
-
-
-def test_a_stage_can_be_served(tmp_path: Path) -> None:
-    """The world of a server may be a stage; a robot drives in it until a wall (items 27, 38)."""
-    stage = stage_at(tmp_path / "hall.usda", unit=0.01)
-    box(stage, "/World/Floor", (-500, -500, -10), (500, 500, 0))
-    box(stage, "/World/Wall", (200, -500, 0), (220, 500, 200))
-    moved(UsdGeom.Xform.Define(stage, "/World/PlayerStart_1"), (0, 0, 92))
-    stage.GetRootLayer().Save()
-    with Rehearsal(world=str(tmp_path / "hall.usda")) as rehearsal:
-        client = rehearsal.connect()
-        client.send("GETSTARTPOSES")
-        (line,) = client.take("NFO {StartPoses 1}")
-        assert "PlayerStart_1 0.0000,0.0000,-0.9200" in line
-        client.send("INIT {ClassName USARBot.P2AT} {Name R} {Start PlayerStart_1}")
-        rehearsal.run(1.0)
-        client.send("DRIVE {Left 4.0} {Right 4.0}")
-        rehearsal.run(8.0)
-        snapshot = rehearsal.assembly.simulation.look()
-        layout = max(snapshot.layouts.items())[1]
-        x, _, z = snapshot.xpos[layout.base]
-        assert 1.2 < x < 2.0
-        assert 0.0 < z < 0.4
