@@ -98,7 +98,9 @@ def test_all_that_is_carried_answers() -> None:
                 for head in ("CONF", "GEO"):
                     found = [line for line in lines if line.startswith(f"{head} {{Type {kind}}}")]
                     assert len(found) == 1, (head, kind)
-            assert drive.status(dialect).startswith("STA {Type GroundVehicle}")
+            reports = drive.reports(dialect)
+            assert reports[0].startswith("STA {Type GroundVehicle}")
+            assert any(line.startswith("SEN {") for line in reports)
 
 
 def test_size_and_portrait() -> None:

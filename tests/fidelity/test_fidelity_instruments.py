@@ -10,10 +10,11 @@ import pytest
 
 from usarsim_bench.fidelity import theory, worlds
 from usarsim_bench.fidelity.manoeuvres import rest, watch_straight
-from usarsim_bench.fidelity.stage import StageError, tilt, turned, yaw_of
+from usarsim_bench.fidelity.stage import StageError, turned, yaw_of
 from usarsim_bench.fidelity.terrain import creep, cross
 from usarsim_bench.fidelity.workshop import VARIANTS, Workshop
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
+from usarsim_server.testing.single_robot import tilt
 from usarsim_server.worlds.loader import load_world
 
 STEP = 0.004

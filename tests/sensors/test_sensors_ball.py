@@ -67,5 +67,5 @@ def test_a_world_without_a_ball_is_silent() -> None:
 
 def test_the_object_has_to_be_a_name() -> None:
     """A number is refused with the cure."""
-    with pytest.raises(RobotDescriptionError, match="object: 3 is not a name"):
+    with pytest.raises(RobotDescriptionError, match="object: 3 is not text"):
         helper(object=3)

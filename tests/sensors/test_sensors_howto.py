@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+import sys
 import tomllib
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -30,9 +32,10 @@ def thermometer(monkeypatch: pytest.MonkeyPatch) -> Any:
     """The example's class, registered for the length of a test."""
     sensor_types()
     monkeypatch.setattr(registry.TYPES, "_types", dict(registry.TYPES._types))
-    names: dict[str, Any] = {"__name__": "thermometer_of_the_page"}
-    exec(blocks("python")[0], names)
-    return names["Thermometer"]
+    page = ModuleType("thermometer_of_the_page")
+    monkeypatch.setitem(sys.modules, page.__name__, page)
+    exec(blocks("python")[0], vars(page))
+    return page.Thermometer
 
 
 @pytest.mark.usefixtures("thermometer")

@@ -20,37 +20,35 @@ from usarsim_server.protocol.messages import EffectorMount, effector_status
 from usarsim_server.protocol.numbers import read_number
 from usarsim_server.protocol.values import Item
 from usarsim_server.robots.description import EffectorDescription, RobotDescription
-from usarsim_server.robots.mounting import SetResult
-from usarsim_server.sensors.parameters import Parameters
+from usarsim_server.robots.mounting import DeclaredItem, SetResult
 from usarsim_server.simulation.articulation import HandModel, JointOrder, Order
 from usarsim_server.simulation.frames import flip_point, wire_from_pose
 from usarsim_server.simulation.simulation import BodyHandle
 from usarsim_server.simulation.snapshot import RobotBody
 
 
-class Effector(ABC):
+class Effector(DeclaredItem, ABC):
     """Base of all effectors; one instance belongs to one robot and is used by one thread.
 
     Attributes:
         name: item name, also the name of its body and of its hand.
         description: what the robot file says.
         robot: the class it is mounted on.
-        parameters: the remaining keys of the robot file; what is read here is known as a key.
     """
 
     wire_type: ClassVar[str]
     """Type on the wire, canonical spelling."""
 
     def __init__(self, description: EffectorDescription, robot: RobotDescription) -> None:
-        """Read the description; subclasses read their own keys from `self.parameters`.
+        """Read the description.
 
         Raises:
             RobotDescriptionError: a key has a value that cannot be used.
         """
+        super().__init__(description.item)
         self.name = description.name
         self.description = description
         self.robot = robot
-        self.parameters = Parameters(description.item)
         self.first_tool: str | None = None
         """Detached effector that it holds from the start, if any."""
 

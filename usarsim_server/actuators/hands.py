@@ -1,8 +1,5 @@
-"""The gripper: fingers that close on a thing (protocol reference 3.7, 4.8, 4.9).
-
-The vacuum gripper: a suction cup (robots reference 1.10).
-
-The tool changer: a coupling that takes loose effectors (robots reference 1.10).
+"""Hands: the gripper, whose fingers close on a thing (protocol reference 3.7, 4.8, 4.9), the vacuum
+gripper, a suction cup, and the tool changer, which takes loose effectors (robots reference 1.10).
 """
 
 from __future__ import annotations
@@ -12,6 +9,7 @@ from functools import cached_property
 from typing import ClassVar
 
 from usarsim_server.actuators.effector import Effector, create_effector, register_effector
+from usarsim_server.fields import field
 from usarsim_server.protocol.messages import effector_status, gripper_item, tool_changer_item
 from usarsim_server.protocol.values import Item
 from usarsim_server.robots.description import EffectorDescription, RobotDescription
@@ -35,9 +33,10 @@ class Gripper(Effector):
 
     wire_type: ClassVar[str] = "Gripper"
 
+    strength: float = field(default=DEFAULT_STRENGTH, above=0.0)
+
     def __init__(self, description: EffectorDescription, robot: RobotDescription) -> None:
         super().__init__(description, robot)
-        self.strength = self.parameters.number("strength", DEFAULT_STRENGTH, above=0.0)
         if not description.fingers:
             raise self.parameters.error(
                 "finger", "a gripper without fingers", "add [[effector.finger]] tables"
@@ -72,10 +71,8 @@ class VacuumGripper(Effector):
 
     wire_type: ClassVar[str] = "Gripper"
 
-    def __init__(self, description: EffectorDescription, robot: RobotDescription) -> None:
-        super().__init__(description, robot)
-        self.reach = self.parameters.number("suction_length", 0.125, above=0.0)
-        self.force = self.parameters.number("force", 10.0, above=0.0)
+    reach: float = field(default=0.125, above=0.0, key="suction_length")
+    force: float = field(default=10.0, above=0.0)
 
     def hand(self) -> HandModel:
         """It holds what is in front of the tip."""
@@ -116,11 +113,11 @@ class ToolChanger(Effector):
 
     wire_type: ClassVar[str] = "ToolChanger"
 
+    position_tolerance: float = field(default=0.5, low=0.0)
+    angle_tolerance: float = field(default=0.5, low=0.0)
+
     def __init__(self, description: EffectorDescription, robot: RobotDescription) -> None:
         super().__init__(description, robot)
-        read = self.parameters
-        self.position_tolerance = read.number("position_tolerance", 0.5, minimum=0.0)
-        self.angle_tolerance = read.number("angle_tolerance", 0.5, minimum=0.0)
         self.tools = {other.name: other for other in robot.effectors if other.detached}
         self.first_tool = self._first_tool()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 WIDTH, HEIGHT = 960, 720
 """Of the picture, pixels."""
+LONGEST = 240
+"""Characters of a line that are shown; scans are longer."""
 _TYPE = re.compile(r"\{Type (\w+)\}")
 
 
@@ -44,14 +46,16 @@ def check(path: Path, folders: Sequence[Path], picture: Path | None) -> int:
     logs.configure("error")
     file = _load(path, folders)
     robot = file.description
-    for block in details(robot):
-        print(block, end="\n\n")
     with TestDrive(robot) as drive:
-        for dialect in Dialect:
-            lines = [*drive.lines(dialect), drive.status(dialect)]
-            print(f"Clients of the dialect {dialect.value} are told:", *lines, sep="\n", end="\n\n")
+        # Whatever is wrong with the file has been found before anything is printed.
+        told = {dialect: [*drive.lines(dialect), *drive.reports(dialect)] for dialect in Dialect}
+        for block in details(robot):
+            print(block, end="\n\n")
+        for dialect, lines in told.items():
+            print(f"Clients of the dialect {dialect.value} are told:")
+            print(*map(_shortened, lines), sep="\n", end="\n\n")
         rest = drive.rest()
-        print(facts(_names(file, drive)), end="\n\n")
+        print(facts(_names(file, drive, told)), end="\n\n")
         if drive.vehicle.sensors:
             print(table(("SENSOR", "SEN TYPE", *_eras()), _sensors(drive)), end="\n\n")
         if picture is not None:
@@ -96,11 +100,17 @@ def _load(path: Path, folders: Sequence[Path]) -> RobotFile:
     return Library(layers).load(layers[here] / path.name, here)
 
 
-def _names(file: RobotFile, drive: TestDrive) -> Iterator[tuple[str, str]]:
+def _shortened(line: str) -> str:
+    return line if len(line) <= LONGEST else f"{line[:LONGEST]}... ({len(line)} characters)"
+
+
+def _names(
+    file: RobotFile, drive: TestDrive, told: Mapping[Dialect, Sequence[str]]
+) -> Iterator[tuple[str, str]]:
     names = (*file.aliases, *file.alias_patterns, *file.exact_aliases)
     yield "also called", ", ".join(names) or "nothing else"
-    for dialect in Dialect:
-        found = _TYPE.search(drive.status(dialect))
+    for dialect, lines in told.items():
+        found = _TYPE.search(next((line for line in lines if line.startswith("STA")), ""))
         yield f"STA in {dialect.value}", f"Type {found[1]}" if found else "without a Type"
     size = drive.size()
     yield "size", f"{number(size[0])} x {number(size[1])} x {number(size[2])} m at rest"

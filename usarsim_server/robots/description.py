@@ -318,7 +318,7 @@ class ItemDescription:
         link: link that carries it; None for the chassis.
         pose: relative to the link (or the reference point).
         parameters: remaining keys of the table, checked by the sensor's own factory.
-        where: `file: [[sensor]] number n (name)` for error messages.
+        where: `file: [[sensor]] n (name)` for error messages.
     """
 
     type: str
@@ -377,7 +377,7 @@ class CameraDescription:
         pose: relative to the link (or the reference point); it looks along x, z is up.
         fov: horizontal field of view when the robot appears, rad.
         min_fov, max_fov: ends of the zoom, rad.
-        where: `file: [[camera]] number n (name)` for error messages.
+        where: `file: [[camera]] n (name)` for error messages.
         size: width and height of its pictures, pixels; None: those of a tile.
     """
 

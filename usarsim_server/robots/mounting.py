@@ -1,7 +1,7 @@
 """What sensors, effectors and cameras have in common as items of a robot.
 
-Each of them sits on the chassis or on a link, which GEO tells in the words of the dialect, and
-answers a SET with an outcome.
+Its keys in robot files are fields of its class, it sits on the chassis or on a link, which GEO
+tells in the words of the dialect, and it answers a SET with an outcome.
 """
 
 from __future__ import annotations
@@ -9,13 +9,45 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
+from usarsim_server.errors import RobotDescriptionError
+from usarsim_server.fields import keys
 from usarsim_server.protocol.dialects import FACETS
 from usarsim_server.protocol.values import Dialect, Segment
-from usarsim_server.robots.description import RobotDescription
+from usarsim_server.robots.description import ItemDescription, RobotDescription
 from usarsim_server.simulation.frames import Pose
+from usarsim_server.tables import Table
 
 HARD = "HARD"
 """Mount of everything fixed to the body in `ut2004`."""
+
+
+class DeclaredItem:
+    """A sensor or an effector; its keys in robot files are the fields of its class.
+
+    A field made by `usarsim_server.fields.field` is read from the item's table when the item is
+    made. A subclass changes a default by a plain assignment: `max_range = 20.0`.
+
+    Attributes:
+        parameters: the table, for what a declaration cannot say; what is read is known as a key.
+    """
+
+    def __init_subclass__(cls, **given: object) -> None:
+        super().__init_subclass__(**given)
+        dataclass(init=False, repr=False, eq=False, match_args=False)(cls)
+
+    def __init__(self, item: ItemDescription) -> None:
+        """Read the declared fields.
+
+        Raises:
+            RobotDescriptionError: a key has a value that cannot be used.
+        """
+        place = item.where or f"{type(self).__name__} {item.name}"
+        self.parameters = Table(
+            item.parameters, place, RobotDescriptionError, kind=f"a {item.type}"
+        )
+        for key in keys(type(self)):
+            default = getattr(type(self), key.name, key.default())
+            setattr(self, key.name, key.read(self.parameters, default))
 
 
 class SetResult(Enum):

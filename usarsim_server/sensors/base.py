@@ -1,13 +1,10 @@
-"""What a sensor is: a reading, a period, noise, and the text of both dialects.
+"""What a sensor is, which types there are, and how one is made from a table of a robot file.
 
 A sensor type is one class in one file. It says which rays it needs, turns a robot's state and
-the ray answers into a reading, and writes the reading's data segments. Everything around it
-(scheduling, heads, Time, batching, GEO) is done once, for all sensors, elsewhere.
-
-Which sensor types exist, and how one of them is made from a line of a robot file.
-
-A new file in this package is enough to add a type; outside packages use the entry point group
-`usarsim_server.sensors` (see `usarsim_server.plugins`).
+the ray answers into a reading, and writes the reading's data segments. Its keys in robot files are
+fields of the class. Everything around it (scheduling, heads, Time, batching, GEO) is done once, for
+all sensors, elsewhere. A new file in this package is enough to add a type; outside packages use the
+entry point group `usarsim_server.sensors` (see `usarsim_server.plugins`).
 """
 
 from __future__ import annotations
@@ -20,11 +17,11 @@ from typing import ClassVar
 import numpy as np
 
 import usarsim_server.sensors as package
+from usarsim_server.fields import field
 from usarsim_server.plugins import PluginTypes
 from usarsim_server.protocol.values import Dialect, Item, Segment
 from usarsim_server.robots.description import ItemDescription, RobotDescription
-from usarsim_server.robots.mounting import SetReply, SetResult
-from usarsim_server.sensors.parameters import Parameters
+from usarsim_server.robots.mounting import DeclaredItem, SetReply, SetResult
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.objects import ObjectFacts
 from usarsim_server.simulation.rays.query import RayFan, RayHits
@@ -70,14 +67,13 @@ class SensorContext:
         return self.surroundings or Surroundings(self.world)
 
 
-class Sensor(ABC):
+class Sensor(DeclaredItem, ABC):
     """Base of all sensors; one instance belongs to one robot and is used by one thread.
 
     Attributes:
         name: item name of the robot file.
         link: link that carries the sensor, None for the chassis.
         mount: pose relative to the link or the reference point, simulation frame.
-        parameters: the remaining keys of the robot file; what is read here is known as a key.
     """
 
     wire_type: ClassVar[str]
@@ -95,17 +91,18 @@ class Sensor(ABC):
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.1}
     """Default reporting interval in simulated seconds; 0 reports on SCAN only."""
 
+    own_interval: float | None = field(default=None, key="interval", low=0.0, unit="s")
+
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
-        """Read the item; subclasses read their own keys from `self.parameters`.
+        """Read the item.
 
         Raises:
             RobotDescriptionError: a key of the item has a value that cannot be used.
         """
+        super().__init__(item)
         self.name = item.name
         self.link = item.link
         self.mount = item.pose
-        self.parameters = Parameters(item)
-        self._interval = self.parameters.optional_number("interval", minimum=0.0)
 
     @abstractmethod
     def measure(self, robot: RobotState, hits: Sequence[RayHits]) -> bool:
@@ -141,7 +138,7 @@ class Sensor(ABC):
 
     def interval(self, dialect: Dialect) -> float:
         """Reporting interval in simulated seconds."""
-        return self.intervals[dialect] if self._interval is None else self._interval
+        return self.intervals[dialect] if self.own_interval is None else self.own_interval
 
     def item(self, dialect: Dialect) -> Item:
         """The last reading as an item of a SEN line."""

@@ -12,6 +12,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.fields import field
 from usarsim_server.protocol.numbers import boolean, fixed
 from usarsim_server.protocol.values import Dialect, Segment
 from usarsim_server.robots.description import ItemDescription
@@ -45,15 +46,12 @@ class Touch(Sensor):
     timed: ClassVar[frozenset[Dialect]] = frozenset({Dialect.UDK})
     batched: ClassVar[frozenset[Dialect]] = frozenset({Dialect.UT2004})
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.1}
-    default_probe_length: ClassVar[float] = PROBE_LENGTH
+
+    diameter: float = field(default=0.01, above=0.0, high=1.0)
+    probe_length: float = field(default=PROBE_LENGTH, above=0.0, high=1.0)
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
-        read = self.parameters
-        self.diameter = read.number("diameter", 0.01, above=0.0, maximum=1.0)
-        self.probe_length = read.number(
-            "probe_length", self.default_probe_length, above=0.0, maximum=1.0
-        )
         self._starts, self._ways = self.probes()
         self.touched = False
 
@@ -107,18 +105,17 @@ class TouchArray(Touch):
     wire_type: ClassVar[str] = "TouchArray"
     batched: ClassVar[frozenset[Dialect]] = NOWHERE
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.1}
-    default_probe_length: ClassVar[float] = 0.02
+    probe_length = 0.02
+
+    arc_radius: float = field(default=0.17, above=0.0, high=10.0)
+    arc_angle: float = field(default=3.14, above=0.0, high=math.tau)
+    arc_roll: float = field(default=0.0)
+    arc_pitch: float = field(default=0.0)
+    arc_yaw: float = field(default=0.0)
 
     def probes(self) -> tuple[Array, Array]:
         """The discs of all pads, each looking outward, from right to left."""
-        read = self.parameters
-        self.arc_radius = read.number("arc_radius", 0.17, above=0.0, maximum=10.0)
-        self.arc_angle = read.number("arc_angle", 3.14, above=0.0, maximum=math.tau)
-        self.arc_rotation = (
-            read.number("arc_roll", 0.0),
-            read.number("arc_pitch", 0.0),
-            read.number("arc_yaw", 0.0),
-        )
+        self.arc_rotation = (self.arc_roll, self.arc_pitch, self.arc_yaw)
         arc = pose_from_wire((0.0, 0.0, 0.0), self.arc_rotation)
         disc = disc_probes(self.diameter / 2)
         starts, ways = [], []

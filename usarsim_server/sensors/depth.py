@@ -20,6 +20,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.fields import field
 from usarsim_server.protocol.dialects import FACETS, announced_angle
 from usarsim_server.protocol.numbers import boolean, fixed, ranges, vector
 from usarsim_server.protocol.values import Dialect, Segment
@@ -59,19 +60,19 @@ class RangeImager(Ranging):
     wire_type: ClassVar[str] = "RangeImager"
     time_digits: ClassVar[Mapping[Dialect, int]] = {Dialect.UT2004: 2, Dialect.UDK: 4}
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.1, Dialect.UDK: 0.1}
-    default_max_range: ClassVar[float] = 20.0
+    max_range = 20.0
+
+    fov: float = field(default=1.01226, above=0.0, high=np.pi)
+    vertical_fov: float = field(default=0.7854, above=0.0, high=np.pi)
+    width: int = field(default=320, low=1, high=1280)
+    height: int = field(default=240, low=1, high=1024)
+    frames: int = field(default=20, low=1, high=1024)
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
-        read = self.parameters
-        self.fov = read.number("fov", 1.01226, above=0.0, maximum=np.pi)
-        self.vertical_fov = read.number("vertical_fov", 0.7854, above=0.0, maximum=np.pi)
-        self.width = read.count("width", 320, minimum=1, maximum=1280)
-        self.height = read.count("height", 240, minimum=1, maximum=1024)
-        self.frames = read.count("frames", 20, minimum=1, maximum=1024)
         if self.height % self.frames:
             problem = f"{self.height} rows cannot be divided into {self.frames} equal frames"
-            raise read.error("frames", problem, "write a divisor of height")
+            raise self.parameters.error("frames", problem, "write a divisor of height")
         self._yaw = self.fov * (np.arange(self.width) / self.width - 0.5)
         self._pitch = self.vertical_fov * (0.5 - np.arange(self.height) / self.height)
         self._next: int | None = None
@@ -131,7 +132,7 @@ class RangeImager(Ranging):
             return SetResult.UNKNOWN
         if self._next is None:
             self._next = 0
-        return SetResult.SCAN if self._interval == 0.0 else SetResult.OK
+        return SetResult.SCAN if self.own_interval == 0.0 else SetResult.OK
 
     def _directions(self, frame: int) -> Array:
         """Rays (n, 3) of one frame in the sensor's frame."""
@@ -160,7 +161,7 @@ class _PointCloud(Ranging):
 
     wire_type: ClassVar[str] = "PCL"
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.2}
-    default_max_range: ClassVar[float] = 40.0
+    max_range = 40.0
     separator: ClassVar[str]
     digits: ClassVar[int]
 
@@ -189,13 +190,13 @@ class RotatingPointCloudScanner(_PointCloud):
     separator: ClassVar[str] = ";"
     digits: ClassVar[int] = 2
 
+    beams: int = field(default=256, low=2, high=10_000)
+    fov: float = field(default=2.094395, above=0.0, high=7.0)
+    vertical_fov: float = field(default=0.785398, low=0.0, high=np.pi)
+    spin_period: float = field(default=1.0, low=0.01)
+
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
-        read = self.parameters
-        self.beams = read.count("beams", 256, minimum=2, maximum=10_000)
-        self.fov = read.number("fov", 2.094395, above=0.0, maximum=7.0)
-        self.vertical_fov = read.number("vertical_fov", 0.785398, minimum=0.0, maximum=np.pi)
-        self.spin_period = read.number("spin_period", 1.0, minimum=0.01)
         self._yaw = np.linspace(-self.fov / 2, self.fov / 2, self.beams)
 
     def rays(self, robot: RobotState) -> Sequence[RayFan]:
@@ -222,11 +223,11 @@ class SonarArray(_PointCloud):
     separator: ClassVar[str] = " "
     digits: ClassVar[int] = 4
 
+    grid: int = field(default=30, low=1, high=100)
+    spacing: float = field(default=0.05, above=0.0, high=10.0)
+
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
-        read = self.parameters
-        self.grid = read.count("grid", 30, minimum=1, maximum=100)
-        self.spacing = read.number("spacing", 0.05, above=0.0, maximum=10.0)
         places = self.spacing * (np.arange(self.grid) - (self.grid - 1) / 2)
         left = np.repeat(-places, self.grid)
         self._starts = np.column_stack((np.zeros(self.grid**2), left, np.tile(places, self.grid)))

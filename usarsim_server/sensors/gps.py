@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.fields import field
 from usarsim_server.protocol.numbers import fixed
 from usarsim_server.protocol.values import Dialect, Segment
 from usarsim_server.robots.description import ItemDescription
@@ -55,12 +56,12 @@ class Gps(Sensor):
     timed: ClassVar[frozenset[Dialect]] = NOWHERE
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.2}
 
+    noise: bool = field(default=True)
+    max_noise: float = field(default=2.5, low=0.0)
+    min_noise: float = field(default=0.75, low=0.0)
+
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
-        read = self.parameters
-        self.noise = read.flag("noise", True)
-        self.max_noise = read.number("max_noise", 2.5, minimum=0.0)
-        self.min_noise = read.number("min_noise", 0.75, minimum=0.0)
         self._rng = context.rng
         self._origin = context.world.origin
         self._north, self._east, _ = _compass_axes(context.world)

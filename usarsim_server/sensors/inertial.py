@@ -21,6 +21,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.fields import field
 from usarsim_server.protocol.dialects import ANGLE_UNIT, FACETS
 from usarsim_server.protocol.numbers import fixed, vector
 from usarsim_server.protocol.values import Dialect, Segment
@@ -95,16 +96,16 @@ class InertialNavigation(Sensor):
     timed: ClassVar[frozenset[Dialect]] = NOWHERE
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.2}
 
+    precision: float = field(default=1000.0, above=0.0)
+    sigma: float = field(default=0.05, low=0.0)
+    drifting: bool = field(default=True)
+
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
-        read = self.parameters
-        precision = read.number("precision", 1000.0, above=0.0)
-        self.sigma = read.number("sigma", 0.05, minimum=0.0)
-        drifting = read.flag("drifting", True)
         self._rng = context.rng
-        means = self._rng.uniform(-0.5, 0.5, size=(2, 3)) if drifting else np.zeros((2, 3))
-        self._angle_means: Array = means[0] / precision**2
-        self._axis_means: Array = means[1] / precision
+        means = self._rng.uniform(-0.5, 0.5, size=(2, 3)) if self.drifting else np.zeros((2, 3))
+        self._angle_means: Array = means[0] / self.precision**2
+        self._axis_means: Array = means[1] / self.precision
         self._started = False
         self._aligned = False
         self._location: Array = np.zeros(3)

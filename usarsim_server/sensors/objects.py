@@ -16,6 +16,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from usarsim_server.fields import field
 from usarsim_server.protocol.messages.text import token
 from usarsim_server.protocol.numbers import vector
 from usarsim_server.protocol.values import Dialect, Segment
@@ -24,7 +25,7 @@ from usarsim_server.robots.mounting import SetResult
 from usarsim_server.sensors.base import NOWHERE, Sensor, SensorContext, register
 from usarsim_server.sensors.people import in_sight, sight_lines, within_cone
 from usarsim_server.sensors.ranges import fan_at, wire_directions
-from usarsim_server.sensors.scanners import MIN_RESOLUTION, beam_count
+from usarsim_server.sensors.scanners import MIN_RESOLUTION, beam_count, check_resolution
 from usarsim_server.simulation.frames import Vector, flip_point, wire_from_pose
 from usarsim_server.simulation.objects import ObjectFacts
 from usarsim_server.simulation.rays.query import RayFan, RayHits
@@ -43,15 +44,12 @@ class BallHelper(Sensor):
     timed: ClassVar[frozenset[Dialect]] = frozenset({Dialect.UDK})
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.2}
 
+    ball: str = field(default="ball", key="object")
+    fov: float = field(default=math.tau, above=0.0, high=math.tau)
+    max_range: float = field(default=20.0, above=0.0)
+
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
-        read = self.parameters
-        name = read.raw("object")
-        if name is not None and not isinstance(name, str):
-            raise read.error("object", f"{name!r} is not a name", 'for example object = "ball"')
-        self.ball = name or "ball"
-        self.fov = read.number("fov", math.tau, above=0.0, maximum=math.tau)
-        self.max_range = read.number("max_range", 20.0, above=0.0)
         self._objects = context.objects
         self._place: Vector | None = None
         self.visible = False
@@ -98,12 +96,13 @@ class ObjectSensor(Sensor):
     timed: ClassVar[frozenset[Dialect]] = NOWHERE
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.5, Dialect.UDK: 0.5}
 
+    fov: float = field(default=0.174, above=0.0, high=7.0)
+    resolution: float = field(default=0.017, low=MIN_RESOLUTION)
+    max_range: float = field(default=1000.0, above=0.0)
+
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
-        read = self.parameters
-        self.fov = read.number("fov", 0.174, above=0.0, maximum=7.0)
-        self.resolution = read.number("resolution", 0.017, minimum=MIN_RESOLUTION, maximum=self.fov)
-        self.max_range = read.number("max_range", 1000.0, above=0.0)
+        check_resolution(self.parameters, self.resolution, self.fov)
         self.beams = beam_count(self.fov, self.resolution)
         steps = np.arange(self.beams, dtype=np.float64)
         self._directions = wire_directions(self.fov / 2 - self.resolution * steps)

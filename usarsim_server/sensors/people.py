@@ -21,6 +21,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.fields import field
 from usarsim_server.protocol.numbers import fixed, vector
 from usarsim_server.protocol.values import Dialect, Item, Segment, Vector
 from usarsim_server.robots.description import ItemDescription
@@ -119,16 +120,16 @@ class VictimSensor(Sensor):
     wire_type: ClassVar[str] = "VictSensor"
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.2}
 
+    max_range: float = field(default=4.0, above=0.0, high=100.0)
+    horizontal_fov: float = field(default=FOV, above=0.0, high=math.tau)
+    vertical_fov: float = field(default=FOV, above=0.0, high=math.pi)
+    step: float = field(default=STEP, low=0.01, high=math.pi)
+    noise: float = field(default=0.05, low=0.0, high=1.0)
+    send_head: bool = field(default=False)
+    name_without_victims: bool = field(default=True)
+
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
-        read = self.parameters
-        self.max_range = read.number("max_range", 4.0, above=0.0, maximum=100.0)
-        self.horizontal_fov = read.number("horizontal_fov", FOV, above=0.0, maximum=math.tau)
-        self.vertical_fov = read.number("vertical_fov", FOV, above=0.0, maximum=math.pi)
-        self.step = read.number("step", STEP, minimum=0.01, maximum=math.pi)
-        self.noise = read.number("noise", 0.05, minimum=0.0, maximum=1.0)
-        self.send_head = read.flag("send_head", False)
-        self.name_without_victims = read.flag("name_without_victims", True)
         self._life = context.life
         self._victims = {victim.name: victim for victim in self._life.victims}
         self._rng = context.rng
@@ -278,12 +279,12 @@ class HumanMotionSensor(Sensor):
     timed: ClassVar[frozenset[Dialect]] = frozenset({Dialect.UDK})
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.2}
 
+    max_range: float = field(default=5.0, above=0.0)
+    fov: float = field(default=math.radians(100.0), above=0.0, high=math.tau)
+    full_speed: float = field(default=0.3, above=0.0)
+
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
-        read = self.parameters
-        self.max_range = read.number("max_range", 5.0, above=0.0)
-        self.fov = read.number("fov", math.radians(100.0), above=0.0, maximum=math.tau)
-        self.full_speed = read.number("full_speed", 0.3, above=0.0)
         self._life = context.life
         self._objects = context.objects
         self._victims = [victim for victim in self._life.victims if victim.moves]

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
+from usarsim_server.fields import field
 from usarsim_server.protocol.dialects import FACETS
 from usarsim_server.protocol.numbers import fixed, vector
 from usarsim_server.protocol.values import Dialect, Segment
@@ -28,11 +29,10 @@ class GroundTruth(Sensor):
 
     wire_type: ClassVar[str] = "GroundTruth"
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.05, Dialect.UDK: 0.1}
-    default_of: ClassVar[str] = "robot"
+    of: str = field(default="robot", choices=("robot", "sensor"), any_case=True)
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
-        self.of = self.parameters.choice("of", self.default_of, ("robot", "sensor"))
         self._location, self._orientation = wire_from_pose(IDENTITY)
 
     def measure(self, robot: RobotState, hits: Sequence[RayHits]) -> bool:
@@ -59,7 +59,7 @@ class GroundTruth(Sensor):
 class GroundTruthMovable(GroundTruth):
     """Pose of the sensor itself; on the wire it is a GroundTruth like the other."""
 
-    default_of: ClassVar[str] = "sensor"
+    of = "sensor"
 
 
 SEA_LEVEL = 111.0
@@ -75,9 +75,10 @@ class MagneticCompass(Sensor):
 
     wire_type: ClassVar[str] = "MagneticCompass"
 
+    literal: bool = field(default=False)
+
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
-        self.literal = self.parameters.flag("literal", False)
         self._north = context.world.north
         self._heading = 0.0
 
@@ -101,9 +102,10 @@ class Altimeter(Sensor):
 
     wire_type: ClassVar[str] = "AltitudeSensor"
 
+    sea_level: float = field(default=SEA_LEVEL)
+
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
-        self.sea_level = self.parameters.number("sea_level", SEA_LEVEL)
         self._start: float | None = None
         self._relative = 0.0
 

@@ -26,12 +26,13 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.fields import field
 from usarsim_server.protocol.dialects import FACETS, announced_angle
 from usarsim_server.protocol.numbers import fixed, ranges, vector
 from usarsim_server.protocol.values import Dialect, Segment
 from usarsim_server.robots.description import ItemDescription
 from usarsim_server.sensors.base import NOWHERE, Sensor, SensorContext, register
-from usarsim_server.sensors.smoke import SmokeSight
+from usarsim_server.sensors.smoke import HOKUYO_BUDGET, MODELS, SmokeSight
 from usarsim_server.simulation.frames import IDENTITY, Pose, flip_point, wire_from_pose
 from usarsim_server.simulation.rays.query import RayFan, RayHits
 from usarsim_server.simulation.snapshot import RobotState
@@ -47,23 +48,26 @@ class Ranging(Sensor):
     every echo. The original had no noise (robots reference 2.3), so both are 0 by default.
     """
 
-    default_min_range: ClassVar[float] = 0.1
-    default_max_range: ClassVar[float]
+    min_range: float = field(default=0.1, low=0.0)
+    max_range: float = field(above=0.0)
+    noise: float = field(default=0.0, low=0.0)
+    noise_ratio: float = field(default=0.0, low=0.0)
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
-        read = self.parameters
-        self.min_range = read.number("min_range", self.default_min_range, minimum=0.0)
-        self.max_range = read.number("max_range", self.default_max_range, above=self.min_range)
-        self._sigma = read.number("noise", 0.0, minimum=0.0)
-        self._sigma_ratio = read.number("noise_ratio", 0.0, minimum=0.0)
+        if self.max_range <= self.min_range:
+            raise self.parameters.error(
+                "max_range",
+                f"{self.max_range!r} is out of range",
+                f"write a number greater than min_range, {self.min_range:g}",
+            )
         self._rng = context.rng
 
     def echoes(self, distances: Array) -> Array:
         """Distances with noise, misses and everything too far set to the maximum range."""
         ranges = np.minimum(distances, self.max_range)
-        if self._sigma > 0.0 or self._sigma_ratio > 0.0:
-            deviation = np.maximum(self._sigma, self._sigma_ratio * ranges)
+        if self.noise > 0.0 or self.noise_ratio > 0.0:
+            deviation = np.maximum(self.noise, self.noise_ratio * ranges)
             noisy = ranges + deviation * self._rng.standard_normal(ranges.shape)
             hit = distances < self.max_range
             ranges = np.where(hit, np.clip(noisy, 0.0, self.max_range), self.max_range)
@@ -170,12 +174,15 @@ class RangeSensor(SingleRange):
     """
 
     wire_type: ClassVar[str] = "Range"
-    default_max_range: ClassVar[float] = 3.0
+    max_range = 3.0
     through_glass: ClassVar[bool] = False
+
+    smoke: str = field(default="ignore", choices=MODELS, any_case=True)
+    smoke_budget: float = field(default=HOKUYO_BUDGET, above=0.0)
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
-        self._sight = SmokeSight(self.parameters, context, "ignore")
+        self._sight = SmokeSight(context, self.smoke, self.smoke_budget)
 
     def rays(self, robot: RobotState) -> Sequence[RayFan]:
         """The single ray along the mount axis."""
@@ -194,8 +201,8 @@ class InfraredSensor(RangeSensor):
     """Looks through glass and keeps its reading within both limits."""
 
     wire_type: ClassVar[str] = "IR"
-    default_min_range: ClassVar[float] = 0.2
-    default_max_range: ClassVar[float] = 1.5
+    min_range = 0.2
+    max_range = 1.5
     through_glass: ClassVar[bool] = True
 
     def distance(self, hits: Sequence[RayHits]) -> float:
@@ -222,16 +229,16 @@ class Sonar(SingleRange):
 
     wire_type: ClassVar[str] = "Sonar"
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.2}
-    default_max_range: ClassVar[float] = 5.0
+    max_range = 5.0
+
+    beam_angle: float = field(default=0.349, above=0.0, high=math.pi)
+    max_incidence: float = field(default=0.17453, above=0.0, high=math.pi / 2)
+    cones: int = field(default=2, low=0, high=MAX_CONES)
+    rays_per_cone: int = field(default=8, low=1, high=MAX_RAYS_PER_CONE)
+    literal: bool = field(default=False)
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
-        read = self.parameters
-        self.beam_angle = read.number("beam_angle", 0.349, above=0.0, maximum=math.pi)
-        self.max_incidence = read.number("max_incidence", 0.17453, above=0.0, maximum=math.pi / 2)
-        self.cones = read.count("cones", 2, minimum=0, maximum=MAX_CONES)
-        self.rays_per_cone = read.count("rays_per_cone", 8, minimum=1, maximum=MAX_RAYS_PER_CONE)
-        self.literal = read.flag("literal", False)
         cones = 0 if self.literal else self.cones
         self._directions = cone_directions(self.beam_angle / 2, cones, self.rays_per_cone)
         self._facing = math.cos(self.max_incidence)
@@ -296,14 +303,14 @@ class LineLaser(Ranging):
     wire_type: ClassVar[str] = "LineLaser"
     timed: ClassVar[frozenset[Dialect]] = NOWHERE
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.1}
-    default_max_range: ClassVar[float] = 5.0
+    max_range = 5.0
+
+    fov: float = field(default=1.570796, above=0.0, high=7.0)
+    beams: int = field(default=120, low=2, high=10_000)
+    literal: bool = field(default=False)
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
-        read = self.parameters
-        self.fov = read.number("fov", 1.570796, above=0.0, maximum=7.0)
-        self.beams = read.count("beams", 120, minimum=2, maximum=10_000)
-        self.literal = read.flag("literal", False)
         self._directions = wire_directions(np.linspace(-self.fov / 2, self.fov / 2, self.beams))
         self._pose = IDENTITY
         self._points: Array | None = None

@@ -10,6 +10,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
+from usarsim_server.fields import field
 from usarsim_server.protocol.numbers import vector
 from usarsim_server.protocol.values import Dialect, Segment
 from usarsim_server.robots.description import ItemDescription
@@ -45,12 +46,12 @@ class RfidReader(Sensor):
     most: ClassVar[int] = MAX_TAGS
     """Most tags that one line reports."""
 
+    max_range: float = field(default=6.0, above=0.0)
+    single_shot_range: float = field(default=1.0, above=0.0)
+    line_of_sight: bool = field(default=False)
+
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
-        read = self.parameters
-        self.max_range = read.number("max_range", 6.0, above=0.0)
-        self.single_shot_range = read.number("single_shot_range", 1.0, above=0.0)
-        self.line_of_sight = read.flag("line_of_sight", False)
         self._life = context.life
         self._near: list[RfidTag] = []
         self._heard: list[tuple[RfidTag, str]] = []
@@ -136,10 +137,11 @@ class VictimRfidReader(Sensor):
     timed: ClassVar[frozenset[Dialect]] = frozenset({Dialect.UDK})
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.2}
 
+    max_range: float = field(default=6.0, above=0.0)
+    keys: str = field(default="long", choices=("long", "short"), any_case=True)
+
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
-        self.max_range = self.parameters.number("max_range", 6.0, above=0.0)
-        self.keys = self.parameters.choice("keys", "long", ("long", "short"))
         self._victims = [victim for victim in context.life.victims if victim.tag is not None]
         self._turn = 0
         self._found: tuple[LiveVictim, str] | None = None
@@ -181,9 +183,10 @@ class RfidReleaser(Sensor):
     wire_type: ClassVar[str] = "RFIDReleaser"
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.0, Dialect.UDK: 0.0}
 
+    left: int = field(default=50, low=0, high=1000, key="capacity")
+
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
-        self.left = self.parameters.count("capacity", 50, minimum=0, maximum=1000)
         self._life = context.life
 
     def measure(self, robot: RobotState, hits: Sequence[RayHits]) -> bool:

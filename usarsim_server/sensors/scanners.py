@@ -15,6 +15,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.fields import field
 from usarsim_server.protocol.dialects import FACETS, announced_angle, range_digits
 from usarsim_server.protocol.numbers import boolean, fixed, ranges, vector
 from usarsim_server.protocol.values import Dialect, Segment
@@ -22,9 +23,10 @@ from usarsim_server.robots.description import ItemDescription
 from usarsim_server.robots.mounting import SetResult
 from usarsim_server.sensors.base import EVERYWHERE, SensorContext, register
 from usarsim_server.sensors.ranges import Ranging, fan_at, wire_directions
-from usarsim_server.sensors.smoke import SmokeSight
+from usarsim_server.sensors.smoke import HOKUYO_BUDGET, MODELS, SmokeSight
 from usarsim_server.simulation.rays.query import RayFan, RayHits
 from usarsim_server.simulation.snapshot import RobotState
+from usarsim_server.tables import Table
 
 Array = NDArray[np.float64]
 
@@ -50,24 +52,22 @@ class RangeScanner(Ranging):
     wire_type: ClassVar[str] = "RangeScanner"
     time_digits: ClassVar[Mapping[Dialect, int]] = {Dialect.UT2004: 2, Dialect.UDK: 4}
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.2}
-    default_max_range: ClassVar[float] = 4.0
-    default_fov: ClassVar[float] = 3.14
-    default_resolution: ClassVar[float] = 0.157
+    max_range = 4.0
     through_glass: ClassVar[bool] = False
-    default_smoke: ClassVar[str] = "ignore"
     last_beam: ClassVar[bool] = True
     """Whether a beam at exactly -FOV/2 is part of the scan."""
 
+    fov: float = field(default=3.14, above=0.0, high=7.0)
+    resolution: float = field(default=0.157, low=MIN_RESOLUTION)
+    sweep: str = field(default="yaw", choices=("yaw", "pitch"), any_case=True)
+    strict_min_range: bool = field(default=False)
+    smoke: str = field(default="ignore", choices=MODELS, any_case=True)
+    smoke_budget: float = field(default=HOKUYO_BUDGET, above=0.0)
+
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
-        read = self.parameters
-        self.fov = read.number("fov", self.default_fov, above=0.0, maximum=7.0)
-        self.resolution = read.number(
-            "resolution", self.default_resolution, minimum=MIN_RESOLUTION, maximum=self.fov
-        )
-        self.sweep = read.choice("sweep", "yaw", ("yaw", "pitch"))
-        self.strict_min_range = read.flag("strict_min_range", False)
-        self._sight = SmokeSight(read, context, self.default_smoke)
+        check_resolution(self.parameters, self.resolution, self.fov)
+        self._sight = SmokeSight(context, self.smoke, self.smoke_budget)
         self.beams = beam_count(self.fov, self.resolution, self.last_beam)
         self._directions = self._scan_directions()
         self._ranges: Array = np.full(self.beams, self.max_range)
@@ -127,9 +127,9 @@ class RangeScanner(Ranging):
 class Sick(RangeScanner):
     """SICK LMS200 as USARSim had it: 181 beams of one degree, 20 m."""
 
-    default_max_range: ClassVar[float] = 20.0
-    default_fov: ClassVar[float] = 3.14159
-    default_resolution: ClassVar[float] = 0.01745
+    max_range = 20.0
+    fov = 3.14159
+    resolution = 0.01745
 
 
 @register("Hokuyo", "HokuyoURG04LX")
@@ -137,9 +137,9 @@ class Hokuyo(RangeScanner):
     """Hokuyo URG-04LX as USARSim had it: 228 beams over 240 degrees, 4 m."""
 
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.3}
-    default_fov: ClassVar[float] = 4.189
-    default_smoke: ClassVar[str] = "budget"
-    default_resolution: ClassVar[float] = 0.0184086914
+    fov = 4.189
+    smoke = "budget"
+    resolution = 0.0184086914
 
 
 @register("IRScanner")
@@ -153,9 +153,9 @@ class InfraredScanner(RangeScanner):
     wire_type: ClassVar[str] = "IRScanner"
     timed: ClassVar[frozenset[Dialect]] = EVERYWHERE
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.1}
-    default_min_range: ClassVar[float] = 0.2
-    default_max_range: ClassVar[float] = 10.0
-    default_resolution: ClassVar[float] = 0.087
+    min_range = 0.2
+    max_range = 10.0
+    resolution = 0.087
     through_glass: ClassVar[bool] = True
     last_beam: ClassVar[bool] = False
 
@@ -164,6 +164,13 @@ class InfraredScanner(RangeScanner):
         super().measure(robot, hits)
         self._ranges = np.maximum(self._ranges, self.min_range)
         return True
+
+
+def check_resolution(table: Table, resolution: float, fov: float, key: str = "resolution") -> None:
+    """Refuse steps between beams that are wider than their field of view (both rad)."""
+    if resolution > fov:
+        cure = f"write a number of at most {fov:g}"
+        raise table.error(key, f"{resolution!r} is out of range", cure)
 
 
 def beam_count(fov: float, resolution: float, last_beam: bool = True) -> int:
@@ -203,14 +210,20 @@ class RangeScanner3D(Ranging):
     aliases: ClassVar[tuple[str, ...]] = ("rangescanner3d", "3drangescanner")
     time_digits: ClassVar[Mapping[Dialect, int]] = {Dialect.UT2004: 2, Dialect.UDK: 4}
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.4, Dialect.UDK: 0.4}
-    default_max_range: ClassVar[float] = 20.0
+    max_range = 20.0
+    fov: float = field(default=1.0472, above=0.0, high=7.0)
+    resolution: float = field(default=0.0209, low=MIN_RESOLUTION)
+    vertical_fov: float = field(default=0.4363, above=0.0, high=np.pi)
+    vertical_resolution: float = field(default=0.0145, low=MIN_RESOLUTION)
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
-        self.fov, self.resolution, self.columns = self._axis("", 1.0472, 0.0209, 7.0)
-        self.vertical_fov, self.vertical_resolution, self.rows = self._axis(
-            "vertical_", 0.4363, 0.0145, np.pi
+        check_resolution(self.parameters, self.resolution, self.fov)
+        check_resolution(
+            self.parameters, self.vertical_resolution, self.vertical_fov, "vertical_resolution"
         )
+        self.columns = beam_count(self.fov, self.resolution)
+        self.rows = beam_count(self.vertical_fov, self.vertical_resolution)
         if self.rows * self.columns > MAX_BEAMS:
             problem = f"{self.rows} rows of {self.columns} beams are more than {MAX_BEAMS} beams"
             raise self.parameters.error("resolution", problem, "write a coarser resolution")
@@ -240,17 +253,6 @@ class RangeScanner3D(Ranging):
     def set(self, opcode: str, params: str, robot: RobotState) -> SetResult:
         """SCAN asks for one scan now."""
         return SetResult.SCAN if opcode == "SCAN" else SetResult.UNKNOWN
-
-    def _axis(
-        self, prefix: str, fov: float, resolution: float, largest: float
-    ) -> tuple[float, float, int]:
-        """Field of view, step (rad) and number of beams along one axis."""
-        read = self.parameters
-        fov = read.number(f"{prefix}fov", fov, above=0.0, maximum=largest)
-        resolution = read.number(
-            f"{prefix}resolution", resolution, minimum=MIN_RESOLUTION, maximum=fov
-        )
-        return fov, resolution, beam_count(fov, resolution)
 
     def _head(self, dialect: Dialect) -> tuple[Segment, Segment]:
         def pair(*angles: float) -> str:

@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.sensors.base import SensorContext
-from usarsim_server.sensors.parameters import Parameters
 from usarsim_server.simulation.rays.query import RayFan
 
 Array = NDArray[np.float64]
@@ -36,19 +35,13 @@ BLIND = 0.0
 class SmokeSight:
     """The smoke in the way of one sensor's beams."""
 
-    def __init__(self, read: Parameters, context: SensorContext, model: str) -> None:
-        """Read the parameters `smoke` and `smoke_budget`.
+    def __init__(self, context: SensorContext, model: str, budget: float) -> None:
+        """Take the parameters `smoke` (one of `MODELS`) and `smoke_budget` of a sensor.
 
-        Args:
-            read: of the sensor.
-            context: of the sensor; its random stream is used by `scatter`.
-            model: the default of `smoke`, one of `MODELS`.
-
-        Raises:
-            RobotDescriptionError: a parameter has a value that cannot be used.
+        The random stream of the context is used by `scatter`.
         """
-        self._model = read.choice("smoke", model, MODELS)
-        self._budget = read.number("smoke_budget", HOKUYO_BUDGET, above=0.0)
+        self._model = model
+        self._budget = budget
         self._field = context.smoke
         self._rng = context.rng
         self._fan: RayFan | None = None

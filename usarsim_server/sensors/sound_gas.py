@@ -12,6 +12,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
+from usarsim_server.fields import field
 from usarsim_server.protocol.numbers import fixed, vector
 from usarsim_server.protocol.values import Dialect, Segment
 from usarsim_server.robots.description import ItemDescription
@@ -71,9 +72,10 @@ class SoundSensor(_Ear):
     timed: ClassVar[frozenset[Dialect]] = frozenset({Dialect.UDK})
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.2}
 
+    threshold: float = field(default=0.0, low=0.0)
+
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
-        self.threshold = self.parameters.number("threshold", 0.0, minimum=0.0)
         self.loudness = 0.0
         self.duration = 0.0
 
@@ -110,10 +112,11 @@ class AcousticArray(_Ear):
     wire_type: ClassVar[str] = "Acoustic"
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 1.0, Dialect.UDK: 1.0}
 
+    max_range: float = field(default=4000.0, above=0.0)
+    literal: bool = field(default=False)
+
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
-        self.max_range = self.parameters.number("max_range", 4000.0, above=0.0)
-        self.literal = self.parameters.flag("literal", False)
         self._since: float | None = None
         self._report: list[tuple[float, tuple[Segment, ...]]] = []
 
@@ -187,10 +190,11 @@ class Co2Sensor(Sensor):
     timed: ClassVar[frozenset[Dialect]] = frozenset({Dialect.UDK})
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.2}
 
+    noise: float = field(default=0.0, low=0.0)
+    ambient: float = field(default=0.0, low=0.0, high=100.0)
+
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
-        self.noise = self.parameters.number("noise", 0.0, minimum=0.0)
-        self.ambient = self.parameters.number("ambient", 0.0, minimum=0.0, maximum=100.0)
         self._rng = context.rng
         self._life = context.life
         self._victims = [victim for victim in self._life.victims if victim.traits.co2 > 0.0]

@@ -17,6 +17,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.fields import field
 from usarsim_server.protocol.dialects import FACETS
 from usarsim_server.protocol.numbers import fixed, ranges, vector
 from usarsim_server.protocol.values import Dialect, Segment, Vector
@@ -58,11 +59,11 @@ class Odometry(Sensor):
     timed: ClassVar[frozenset[Dialect]] = frozenset({Dialect.UDK})
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.1}
 
+    encoder_resolution: float = field(default=0.0099, above=0.0)
+    quantised: bool = field(default=False)
+
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
-        read = self.parameters
-        self.encoder_resolution = read.number("encoder_resolution", 0.0099, above=0.0)
-        self.quantised = read.flag("quantised", False)
         robot = context.robot
         self._left = front_wheel(robot, "left")
         self._right = front_wheel(robot, "right")
@@ -148,13 +149,13 @@ class Encoder(Sensor):
     batched: ClassVar[frozenset[Dialect]] = frozenset({Dialect.UT2004})
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.1}
 
+    resolution: float = field(default=0.01745, above=0.0)
+    noise: float = field(default=0.005, low=0.0, high=1.0)
+    udk_literal: bool = field(default=False)
+    cumulative: bool = field(default=False)
+
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
-        read = self.parameters
-        self.resolution = read.number("resolution", 0.01745, above=0.0)
-        self.noise = read.number("noise", 0.005, minimum=0.0, maximum=1.0)
-        self.udk_literal = read.flag("udk_literal", False)
-        self.cumulative = read.flag("cumulative", False)
         self._joint = self._find_joint(context.robot)
         self.wheel = None if self._joint else self._find_wheel(context.robot)
         self._works = self._joint is not None or has_wheel_sensors(context.robot)

@@ -6,6 +6,7 @@ This is how authors of robot files see what they have written before any client 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -13,7 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_bench.fidelity.stage import ContactProbe, tilt
 from usarsim_server.actuators.effector import create_effectors
 from usarsim_server.cameras.backend import Quality
 from usarsim_server.cameras.painter import Painter, PainterOptions
@@ -31,6 +31,7 @@ from usarsim_server.sessions.robot_role import Pilot, PilotOptions
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.snapshot import RobotBody, RobotLayout
 from usarsim_server.testing import Closing, Rehearsal
+from usarsim_server.testing.single_robot import ContactProbe, tilt
 
 DROP = 0.3
 """m above its rest height from which a robot is let down."""
@@ -41,6 +42,8 @@ WATCH = 1.0
 LOOK = 0.5
 """Simulated s between two looks at a robot that gathers speed."""
 LONGEST_RUN = 40.0
+LISTEN, TICK = 2.0, 0.1
+"""Simulated s for which its lines are read, and between two readings."""
 STEADY = 0.01
 """Share of its speed by which a robot may still gain within a look."""
 
@@ -52,6 +55,7 @@ OFF_HEIGHT = 0.02  # m
 STUCK = 1e-3  # m/s
 
 _PICTURE = Quality(shadows=4096, multisample=4)
+_STREAM = re.compile(r"\{(?:Type|Name) [^}]*")
 _log = Log("garage")
 
 
@@ -149,18 +153,18 @@ class TestDrive(Closing):
             yield from pilot.obey(GetConf(wire_type))
             yield from pilot.obey(GetGeo(wire_type))
 
-    def status(self, dialect: Dialect) -> str:
-        """A STA line; lets a moment pass."""
+    def reports(self, dialect: Dialect) -> list[str]:
+        """The first line of each stream, STA and SEN among them; lets `LISTEN` s pass."""
         pilot = self._pilot(dialect)
-        while True:
+        found: dict[str, str] = {}
+        for _ in range(round(LISTEN / TICK)):
             snapshot = self._state().snapshot
             reading = pilot.read(snapshot, pilot.schedule.take_due(snapshot.time))
-            self._rehearsal.run(0.1)
-            if reading is None:
-                continue
-            for line in reading.finish(self.vehicle.body.cast(reading.fans, snapshot)):
-                if line.startswith("STA"):
-                    return line
+            if reading is not None:
+                for line in reading.finish(self.vehicle.body.cast(reading.fans, snapshot)):
+                    found.setdefault("".join((line[:3], *_STREAM.findall(line)[:2])), line)
+            self._rehearsal.run(TICK)
+        return list(found.values())
 
     def _wire_types(self, dialect: Dialect) -> list[str]:
         robot = self.robot
