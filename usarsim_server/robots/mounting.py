@@ -45,8 +45,9 @@ class DeclaredItem:
         self.parameters = Table(
             item.parameters, place, RobotDescriptionError, kind=f"a {item.type}"
         )
-        for key in keys(type(self)):
-            default = getattr(type(self), key.name, key.default())
+        cls: type = type(self)
+        for key in keys(cls):
+            default = getattr(cls, key.name, key.default())
             setattr(self, key.name, key.read(self.parameters, default))
 
 

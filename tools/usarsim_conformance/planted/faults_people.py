@@ -52,8 +52,8 @@ plant(
 plant(
     "sensors.bumper.reach",
     "usarsim_server/sensors/contact.py",
-    "default_probe_length: ClassVar[float] = 0.02",
-    "default_probe_length: ClassVar[float] = 0.002",
+    "probe_length = 0.02",
+    "probe_length = 0.002",
     notices="control.values.bumper-reach",
     field="Touch of Bumper",
 )
