@@ -121,9 +121,7 @@ def test_a_type_like_no_other_is_refused_without_a_guess() -> None:
 
 def test_an_unknown_parameter_names_the_key_and_the_cure() -> None:
     """create_sensor refuses keys that the type does not have."""
-    with pytest.raises(
-        RobotDescriptionError, match=r"\(lms200\): fow: unknown .*did you mean fov"
-    ):
+    with pytest.raises(RobotDescriptionError, match=r"\(lms200\): fow: unknown .*did you mean fov"):
         make("SICK", "lms200", fow=3.0)
 
 
