@@ -11,6 +11,7 @@ import struct
 import zlib
 from pathlib import Path
 
+import gltf_samples
 import mesh_samples as samples
 import numpy as np
 from lzo_fixture import lzo_pack
@@ -251,12 +252,12 @@ def collada() -> list[bytes]:
 
 def gltf() -> list[bytes]:
     """The wedge as text."""
-    return [json.dumps(samples.gltf()).encode()]
+    return [json.dumps(gltf_samples.gltf()).encode()]
 
 
 def glb() -> list[bytes]:
     """The wedge as bytes."""
-    return [samples.glb(samples.gltf())]
+    return [gltf_samples.glb(gltf_samples.gltf())]
 
 
 def obj() -> list[bytes]:

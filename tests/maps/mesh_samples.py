@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import copy
 import io
 import json
 import struct
@@ -16,7 +14,6 @@ import numpy as np
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from PIL import Image
 
 from usarsim_maps.findings import Findings
 from usarsim_maps.meshes.mesh_files import merge_meshes
@@ -210,56 +207,6 @@ def ply_binary(order: str) -> bytes:
     return content
 
 
-GLTF_POINTS = upright(WEDGE).astype("<f4").tobytes()
-GLTF_UVS = np.array([[0, 0], [1, 0], [0, 1], [0.25, 0.5]]).astype("<f4").tobytes()
-GLTF_INDICES = FACES.astype("<u2").tobytes()
-GLTF_BLOB = GLTF_POINTS + GLTF_UVS + GLTF_INDICES
-
-
-def png() -> bytes:
-    """A red PNG."""
-    stream = io.BytesIO()
-    Image.new("RGB", (2, 2), (255, 0, 0)).save(stream, "PNG")
-    return stream.getvalue()
-
-
-def gltf(**changes: Any) -> dict[str, Any]:
-    """The wedge as glTF; keywords replace or add members of the outermost object."""
-    base = {
-        "asset": {"version": "2.0"},
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"name": "Wedge", "mesh": 0}],
-        "meshes": [{"name": "wedge", "primitives": [
-            {"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "indices": 2, "material": 0}]}],
-        "materials": [{"name": "red", "pbrMetallicRoughness": {"baseColorFactor": [1, 0, 0, 1]}}],
-        "accessors": [
-            {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"},
-            {"bufferView": 0, "byteOffset": 48, "componentType": 5126, "count": 4, "type": "VEC2"},
-            {"bufferView": 1, "componentType": 5123, "count": 12, "type": "SCALAR"},
-        ],
-        "bufferViews": [
-            {"buffer": 0, "byteLength": 80},
-            {"buffer": 0, "byteOffset": 80, "byteLength": 24},
-        ],
-        "buffers": [{"byteLength": len(GLTF_BLOB),
-            "uri": "data:application/octet-stream;base64," + base64.b64encode(GLTF_BLOB).decode()}],
-    }  # fmt: skip
-    return copy.deepcopy(base) | changes
-
-
-def glb(value: dict[str, Any], blob: bytes = GLTF_BLOB) -> bytes:
-    """The binary form."""
-    value = copy.deepcopy(value)
-    value["buffers"] = [{"byteLength": len(blob)}]
-    text = json.dumps(value).encode()
-    text += b" " * (-len(text) % 4)
-    blob += b"\0" * (-len(blob) % 4)
-    body = struct.pack("<II", len(text), 0x4E4F534A) + text
-    body += struct.pack("<II", len(blob), 0x004E4942) + blob
-    return struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body
-
-
 SQUARE = "0 0 0 1 0 0 1 1 0 0 1 0"
 
 
@@ -417,3 +364,46 @@ def xaml() -> str:
         "</DiffuseMaterial.Brush></DiffuseMaterial></GeometryModel3D.Material></GeometryModel3D>"
         "</ModelVisual3D.Content></ModelVisual3D>"
     )
+
+
+ASE = """*3DSMAX_ASCIIEXPORT\t200
+*MATERIAL_LIST {
+\t*MATERIAL_COUNT 1
+\t*MATERIAL 0 {
+\t\t*MATERIAL_NAME "Stone"
+\t\t*MAP_DIFFUSE {
+\t\t\t*BITMAP "C:\\\\art\\\\Stone.tga"
+\t\t}
+\t}
+}
+*GEOMOBJECT {
+\t*NODE_NAME "Pyramid"
+\t*MESH {
+\t\t*MESH_NUMVERTEX 4
+\t\t*MESH_VERTEX_LIST {
+\t\t\t*MESH_VERTEX 0 0.0 0.0 0.0
+\t\t\t*MESH_VERTEX 1 250.0 0.0 0.0
+\t\t\t*MESH_VERTEX 2 0.0 500.0 0.0
+\t\t\t*MESH_VERTEX 3 0.0 0.0 250.0
+\t\t}
+\t\t*MESH_FACE_LIST {
+\t\t\t*MESH_FACE 0: A: 0 B: 2 C: 1 AB: 1 BC: 1 CA: 1 *MESH_SMOOTHING 1 *MESH_MTLID 0
+\t\t\t*MESH_FACE 1: A: 0 B: 1 C: 3 AB: 1 BC: 1 CA: 1 *MESH_SMOOTHING 1 *MESH_MTLID 0
+\t\t\t*MESH_FACE 2: A: 0 B: 3 C: 2 AB: 1 BC: 1 CA: 1 *MESH_SMOOTHING 1 *MESH_MTLID 0
+\t\t\t*MESH_FACE 3: A: 1 B: 2 C: 3 AB: 1 BC: 1 CA: 1 *MESH_SMOOTHING 1 *MESH_MTLID 0
+\t\t}
+\t\t*MESH_TVERTLIST {
+\t\t\t*MESH_TVERT 0 0.0 0.0 0.0
+\t\t\t*MESH_TVERT 1 1.0 0.5 0.0
+\t\t}
+\t\t*MESH_TFACELIST {
+\t\t\t*MESH_TFACE 0 0 0 1
+\t\t\t*MESH_TFACE 1 0 1 0
+\t\t\t*MESH_TFACE 2 0 0 0
+\t\t\t*MESH_TFACE 3 1 1 1
+\t\t}
+\t}
+\t*MATERIAL_REF 0
+}
+"""
+"""A pyramid of 250 and 500 Unreal units."""

@@ -263,26 +263,6 @@ class TestMaterials:
 class TestBadFiles:
     """Errors."""
 
-    @pytest.mark.parametrize(
-        ("old", "new", "told"),
-        [
-            ("</library_geometries>", "", "line 8"),
-            (" 3</p>", " 9</p>", "index 9 of 4 entries"),
-            ('source="#g-p"', 'source="#nowhere"', "source '#nowhere' is missing"),
-            (" 3</p>", " three</p>", "line 5"),
-            ('count="4" stride', 'count="4000000000" stride', "count='4000000000'"),
-            ('count="4" stride', 'count="1000000000" stride', "1000000000 entries"),
-            ("<COLLADA", "<!DOCTYPE x [<!ENTITY a 'b'>]><COLLADA", "entities"),
-        ],
-    )
-    def test_what_is_wrong(self, tmp_path: Path, old: str, new: str, told: str) -> None:
-        """Errors name file and line (item 73); entities are refused."""
-        text = dae(dae_wedge())
-        assert old in text
-        message = refusal(lambda: read(write(tmp_path, text.replace(old, new, 1))))
-        assert "map.dae: line " in message
-        assert told in message
-
     def test_nodes_in_each_other(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         """Cycles and trees that double at every level are refused."""
         monkeypatch.setattr(collada, "MAX_NODES", 1000)

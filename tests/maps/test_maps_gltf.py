@@ -13,21 +13,15 @@ from typing import Any
 import DracoPy
 import numpy as np
 import pytest
+from gltf_samples import GLTF_BLOB, GLTF_INDICES, GLTF_POINTS, GLTF_UVS, glb, gltf, png
 from hypothesis import given
 from hypothesis import strategies as st
 from mesh_samples import (
     FACES,
     FUZZ,
-    GLTF_BLOB,
-    GLTF_INDICES,
-    GLTF_POINTS,
-    GLTF_UVS,
     WEDGE,
     WEDGE_PLACES,
-    glb,
-    gltf,
     places,
-    png,
     read,
     refusal,
     refused,

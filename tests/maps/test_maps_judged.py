@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 import trimesh
 from collada import geometry, scene, source
-from mesh_samples import glb, read, whole
+from gltf_samples import glb
+from mesh_samples import read, whole
 from numpy.typing import NDArray
 
 from usarsim_maps.units import axis_matrix

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import base64
-import json
 import tracemalloc
 from pathlib import Path
 
 import numpy as np
 import pytest
 from built_worlds import build_world, cuboid_mesh, mesh_of, scene_of, thing
+from gltf_samples import glb, gltf
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from mesh_samples import FACES, TRIANGLES, VERTEX, WEDGE, dae, dae_geometry
+from mesh_samples import FACES, TRIANGLES, VERTEX, WEDGE, dae, dae_geometry, upright
 from sdf_samples import model, sdf, shape, world, write
 from t3d_maps import actor, brush, cuboid, level, polygon, room, start, two_rooms
 from udk_maps import box_triangles, static_mesh
@@ -164,39 +163,21 @@ def test_points_of_lines_have_no_size(tmp_path: Path, name: str) -> None:
 
 def test_lines_of_gltf_and_spare_points_of_stages(tmp_path: Path) -> None:
     """The same where triangles and lines share their points."""
-    points = np.concatenate([WEDGE, [[500, 0, 0], [500, 1, 0]]]).astype("<f4").tobytes()
+    points = np.concatenate([upright(WEDGE), [[500, 0, 0], [500, 1, 0]]]).astype("<f4").tobytes()
     corners = np.concatenate([FACES.ravel(), [4, 5]]).astype("<u2").tobytes()
-    uri = "data:application/octet-stream;base64," + base64.b64encode(points + corners).decode()
-    attributes = {"POSITION": 0}
-    primitives = [
-        {"attributes": attributes, "indices": 1},
-        {"attributes": attributes, "indices": 2, "mode": 1},
+    value = gltf()
+    primitive = {"attributes": {"POSITION": 0}, "indices": 1}
+    value["meshes"] = [{"primitives": [primitive, primitive | {"indices": 2, "mode": 1}]}]
+    short = {"bufferView": 1, "componentType": 5123, "type": "SCALAR"}
+    value["accessors"][0]["count"] = 6
+    value["accessors"][1:] = [short | {"count": 12}, short | {"count": 2, "byteOffset": 24}]
+    value["bufferViews"] = [
+        {"buffer": 0, "byteLength": 72},
+        {"buffer": 0, "byteOffset": 72, "byteLength": 28},
     ]
-    text = json.dumps(
-        {
-            "asset": {"version": "2.0"},
-            "nodes": [{"mesh": 0}],
-            "meshes": [{"primitives": primitives}],
-            "accessors": [
-                {"bufferView": 0, "componentType": 5126, "count": 6, "type": "VEC3"},
-                {"bufferView": 1, "componentType": 5123, "count": 12, "type": "SCALAR"},
-                {
-                    "bufferView": 1,
-                    "byteOffset": 24,
-                    "componentType": 5123,
-                    "count": 2,
-                    "type": "SCALAR",
-                },
-            ],
-            "bufferViews": [
-                {"buffer": 0, "byteLength": len(points)},
-                {"buffer": 0, "byteOffset": len(points), "byteLength": len(corners)},
-            ],
-            "buffers": [{"byteLength": len(points + corners), "uri": uri}],
-        }
-    )
-    report = import_map(Request(write(tmp_path, text, "map.gltf"))).report
-    assert report.extents == pytest.approx((2.0, 3.0, 1.0))
+    text = glb(value, points + corners)
+    report = import_map(Request(write(tmp_path, text, "map.glb"))).report
+    assert report.extents == pytest.approx((2.0, 1.0, 3.0))
     pytest.importorskip("pxr", reason="usd-core is not installed: pip install usd-core")
     stage = (
         '#usda 1.0\n(\n upAxis = "Z"\n metersPerUnit = 1\n)\ndef Mesh "M"\n{\n'

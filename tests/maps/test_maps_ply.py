@@ -13,7 +13,6 @@ from mesh_samples import (
     ply_binary,
     ply_text,
     read,
-    refusal,
     refused,
     stl_text,
     whole,
@@ -81,74 +80,18 @@ def test_strips(tmp_path: Path) -> None:
     assert len(mesh.triangles) == 3
 
 
-class TestBadFiles:
-    """Errors."""
-
-    @pytest.mark.parametrize("content", [ply_text(), ply_binary("<"), ply_binary(">")])
-    def test_absurd_counts(self, tmp_path: Path, content: bytes) -> None:
-        """Headers that promise billions of rows are refused before memory is taken."""
-        for element in (b"element vertex 4", b"element face 4"):
-            many = content.replace(element, element[:-1] + b"99999999999")
-            assert "the file ends" in refused(write(tmp_path, many))
-
-    def test_points_alone(self, tmp_path: Path) -> None:
-        """A point cloud is refused with advice."""
-        content = ply_text().replace(b"element face 4", b"element face 0")
-        assert "points alone are not solid" in refusal(lambda: read(write(tmp_path, content)))
-
-    @pytest.mark.parametrize(
-        ("old", "new", "told"),
-        [
-            (b"format ascii", b"format utf8", "line 2"),
-            (b"property float x", b"property quad x", "line 5"),
-            (b"property float x\n", b"", "no vertices with x, y and z"),
-            (b"3 0 2 1", b"3 0 2 9", "none of the 4 vertices"),
-            (b"3 0 2 1", b"3 0 2 one", "face"),
-            (b"end_header", b"", "no header"),
-        ],
-    )
-    def test_what_is_wrong(self, tmp_path: Path, old: bytes, new: bytes, told: str) -> None:
-        """Errors name file and place (item 73)."""
-        content = ply_text()
-        assert old in content
-        message = refusal(lambda: read(write(tmp_path, content.replace(old, new, 1))))
-        assert "map.ply" in message
-        assert told in message
+@pytest.mark.parametrize("content", [ply_text(), ply_binary("<"), ply_binary(">")])
+def test_absurd_counts(tmp_path: Path, content: bytes) -> None:
+    """Headers that promise billions of rows are refused before memory is taken."""
+    for element in (b"element vertex 4", b"element face 4"):
+        many = content.replace(element, element[:-1] + b"99999999999")
+        assert "the file ends" in refused(write(tmp_path, many))
 
 
-class TestStl:
-    """STL."""
-
-    def test_every_solid_is_an_object(self, tmp_path: Path) -> None:
-        """Names are kept; shared corners are stored once."""
-        scene = read(write(tmp_path, stl_text("floor one") + stl_text("roof"), "map.stl"))
-        assert [thing.name for thing in scene.objects] == ["floor one", "roof"]
-        shape = scene.objects[0].parts[0].shape
-        assert isinstance(shape, Mesh)
-        assert len(shape.vertices) == 4
-
-    def test_absurd_count(self, tmp_path: Path) -> None:
-        """A header that promises 200 GB is refused before memory is taken."""
-        content = b" " * 80 + struct.pack("<I", 0xFFFFFFFF) + b"\0" * 500
-        message = refusal(lambda: read(write(tmp_path, content, "map.stl")))
-        assert "4294967295 triangles are announced, 10 are there" in message
-
-    def test_cut_stl_text(self, tmp_path: Path) -> None:
-        """A file cut between two facets is noticed, too."""
-        content = stl_text()[: stl_text().index("endsolid")].encode()
-        assert "the file ends" in refusal(lambda: read(write(tmp_path, content, "map.stl")))
-
-    @pytest.mark.parametrize(
-        ("old", "new", "where"),
-        [("vertex 2 0 0", "vertex 2 zero 0", "line 6"), ("vertex 2 0 0\n", "", "line 7")],
-    )
-    def test_line_numbers(self, tmp_path: Path, old: str, new: str, where: str) -> None:
-        """Errors name file and line (item 73)."""
-        content = stl_text().replace(old, new, 1).encode()
-        message = refusal(lambda: read(write(tmp_path, content, "map.stl")))
-        assert f"map.stl: {where}:" in message
-
-    @pytest.mark.parametrize("content", [b"", b"solid", b"solid x\nendsolid x\n", b"hello"])
-    def test_nothing_inside(self, tmp_path: Path, content: bytes) -> None:
-        """Files without triangles are refused."""
-        assert "map.stl" in refusal(lambda: read(write(tmp_path, content, "map.stl")))
+def test_solids(tmp_path: Path) -> None:
+    """Names of solids in STL are kept; shared corners are stored once."""
+    scene = read(write(tmp_path, stl_text("floor one") + stl_text("roof"), "map.stl"))
+    assert [thing.name for thing in scene.objects] == ["floor one", "roof"]
+    shape = scene.objects[0].parts[0].shape
+    assert isinstance(shape, Mesh)
+    assert len(shape.vertices) == 4

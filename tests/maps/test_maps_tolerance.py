@@ -12,6 +12,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from gltf_samples import gltf
 from mesh_samples import (
     FACES,
     TRIANGLES,
@@ -20,7 +21,6 @@ from mesh_samples import (
     dae_geometry,
     dae_source,
     dae_wedge,
-    gltf,
     obj,
     ply_text,
     read,

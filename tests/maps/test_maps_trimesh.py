@@ -48,23 +48,6 @@ def test_without_the_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     assert 'pip install "usarsim-server[meshes]"' in message
 
 
-@pytest.mark.parametrize(
-    ("content", "name", "told"),
-    [
-        (OFF[:40], "map.off", "map.off"),
-        ("OFF\n3 0 0\n0 0 0\n1 0 0\n0 1 0\n", "map.off", "triangles"),
-        (b"no archive", "map.3mf", "map.3mf"),
-        (threemf()[:-30], "map.3mf", "damaged archive"),
-        ("<broken", "map.xaml", "map.xaml"),
-    ],
-)
-def test_what_is_wrong(tmp_path: Path, content: bytes | str, name: str, told: str) -> None:
-    """One line that names the file (item 73)."""
-    message = refused(write(tmp_path, content, name))
-    assert told in message
-    assert "\n" not in message
-
-
 def test_archive_that_unpacks_to_more_than_memory(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -212,21 +212,3 @@ def test_inline_files(tmp_path: Path) -> None:
 def test_a_file_that_shows_itself(tmp_path: Path) -> None:
     """Is refused."""
     assert "nested too deeply" in refused(write(tmp_path, x3d('<Inline url="map.x3d"/>')))
-
-
-@pytest.mark.parametrize(
-    ("text", "name", "told"),
-    [
-        (X3D_WEDGE.replace("0 2 1 -1", "0 2 9 -1"), "map.x3d", "line 4: IndexedFaceSet: index 9"),
-        (X3D_WEDGE.replace("0 2 1 -1", "0 x 1 -1"), "map.x3d", "line 4"),
-        (x3d(x3d_shape('<Box size="1 2"/>')), "map.x3d", "rows of 3"),
-        (VRML_WEDGE[:300], "map.wrl", "line"),
-        ("#VRML V1.0 ascii\nSeparator {}", "map.wrl", "VRML 1"),
-        ("#VRML V2.0 utf8\nGroup }", "map.wrl", "line 2"),
-    ],
-)
-def test_what_is_wrong(tmp_path: Path, text: str, name: str, told: str) -> None:
-    """Errors name the file and the line (item 73)."""
-    message = refused(write(tmp_path, text, name))
-    assert name in message
-    assert told in message
