@@ -30,9 +30,9 @@ from usarsim_server.cli import main as usarsim
 from usarsim_server.protocol.commands import interpret
 from usarsim_server.protocol.grammar import Command
 from usarsim_server.protocol.requests import Drive
-from usarsim_server.sessions.session import RobotAgent
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.simulation import BodyHandle
+from usarsim_server.testing import RobotAgent
 
 STATIONS = ("received", "posted", "target", "stepped")
 """Handed to the robot's thread; decided by it; set as the wheels' target speed between two steps of

@@ -34,11 +34,11 @@ from usarsim_bench.figures import Aim, Figure, Plan, Section
 from usarsim_bench.server import run_instrument
 from usarsim_server.robots.catalog import load_roster
 from usarsim_server.robots.description import RobotDescription
-from usarsim_server.sessions.robots import robot_model
 from usarsim_server.simulation.clock import BATCH_STEPS
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.model import PhysicsOptions
 from usarsim_server.simulation.placement import Placement
+from usarsim_server.testing import robot_model
 from usarsim_server.worlds.description import WorldDescription
 from usarsim_server.worlds.loader import find_world, load_world
 from usarsim_server.worlds.scene import build_scene

@@ -30,6 +30,7 @@ from usarsim_server.protocol.grammar import parse_line
 from usarsim_server.services.listener import Endpoint
 from usarsim_server.services.ready import run_services
 from usarsim_server.sessions.outbox import Outbox
+from usarsim_server.sessions.robots import Vehicle, robot_model
 from usarsim_server.sessions.session import RobotAgent
 from usarsim_server.settings import Settings
 
@@ -38,9 +39,12 @@ __all__ = [
     "Closing",
     "Rehearsal",
     "RehearsedClient",
+    "RobotAgent",
     "ScriptedClient",
     "ServerProcess",
+    "Vehicle",
     "eventually",
+    "robot_model",
     "running_server",
     "time_of",
 ]

@@ -11,11 +11,11 @@ import numpy as np
 from usarsim_bench.fidelity.workshop import Workshop
 from usarsim_bench.fidelity.worlds import Scene
 from usarsim_server.robots.description import RobotDescription
-from usarsim_server.sessions.robots import robot_model
 from usarsim_server.simulation.articulation import JointOrder, Order
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
 from usarsim_server.simulation.model import PhysicsOptions
+from usarsim_server.testing import robot_model
 
 LANE = 4.0
 """m between the middles of two lanes."""

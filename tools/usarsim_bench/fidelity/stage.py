@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from usarsim_server.logs import ROOT
-from usarsim_server.sessions.robots import Vehicle
 from usarsim_server.simulation.frames import (
     Pose,
     rpy_from_quaternion,
@@ -15,7 +14,7 @@ from usarsim_server.simulation.frames import (
     wrap_signed,
 )
 from usarsim_server.simulation.snapshot import RobotBody
-from usarsim_server.testing import Closing, Rehearsal
+from usarsim_server.testing import Closing, Rehearsal, Vehicle
 from usarsim_server.testing.single_robot import ContactProbe
 
 SETTLE = 1.0
