@@ -17,6 +17,10 @@ _EPILOG = (
     "`usarsim serve --world SOURCE` imports on the fly."
 )
 
+_SCALE = "scale", "write the number of units that make a metre, such as 250"
+_HEIGHT = "height of a wall", "write metres from 0.01 to 100"
+"""What they are, and how to write them."""
+
 
 def add_parser(subparsers: Subparsers) -> None:
     """Add `import` to the command line."""
@@ -82,12 +86,12 @@ def run(arguments: argparse.Namespace) -> int:
         out=arguments.out,
         name=arguments.name,
         options=ImportOptions(
-            scale=_scale(arguments.scale),
+            scale=_number("--scale", arguments.scale, 1e-9, 1e9, *_SCALE),
             up=arguments.up,
             mirror=arguments.mirror,
             assets=tuple(arguments.assets),
             placeholders=arguments.placeholders,
-            wall_height=_wall_height(arguments.wall_height),
+            wall_height=_number("--wall-height", arguments.wall_height, 0.01, 100.0, *_HEIGHT),
             allow_outside=arguments.allow_outside,
         ),
         sidecar=arguments.sidecar,
@@ -112,29 +116,18 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _scale(text: str | None) -> float | None:
+def _number(
+    option: str, text: str | None, low: float, high: float, what: str, cure: str
+) -> float | None:
+    """The value of an option within limits, None if it was not given."""
     if text is None:
         return None
     try:
         value = float(text)
     except ValueError:
         value = math.nan
-    if not 1e-9 < value < 1e9:
-        cure = "write the number of units that make a metre, such as 250"
-        raise SettingsError(at("--scale", f"{text!r} is no scale", cure))
-    return value
-
-
-def _wall_height(text: str | None) -> float | None:
-    if text is None:
-        return None
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.01 <= value <= 100.0:
-        cure = "write metres from 0.01 to 100"
-        raise SettingsError(at("--wall-height", f"{text!r} is no height of a wall", cure))
+    if not low <= value <= high:
+        raise SettingsError(at(option, f"{text!r} is no {what}", cure))
     return value
 
 

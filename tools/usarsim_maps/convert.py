@@ -15,7 +15,14 @@ from usarsim_maps.build.builder import build
 from usarsim_maps.build.sheet import safe
 from usarsim_maps.cache import RECORD, ImportCache, default_cache
 from usarsim_maps.findings import Findings
-from usarsim_maps.reader import Context, ImportOptions, find_reader, read_scene, without_refused
+from usarsim_maps.reader import (
+    Context,
+    ImportOptions,
+    find_reader,
+    read_scene,
+    unwatched,
+    without_refused,
+)
 from usarsim_maps.report import Report, make_report
 from usarsim_maps.sidecar import find_sidecar, load_sidecar
 from usarsim_maps.terminal import ProgressBar, quiet
@@ -24,10 +31,6 @@ from usarsim_server import files as atomic
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.files import ALLOW, Folders, is_folder, is_regular
 from usarsim_server.worlds.loader import SHEET
-
-
-def _quiet(step: str, part: float) -> None:
-    """Nobody watches."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +74,7 @@ class Imported:
 
 
 @quiet()
-def import_map(request: Request, progress: Callable[[str, float], None] = _quiet) -> Imported:
+def import_map(request: Request, progress: Callable[[str, float], None] = unwatched) -> Imported:
     """Turn a map into a world folder; what libraries warn of meanwhile is only logged.
 
     Args:

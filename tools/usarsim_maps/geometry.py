@@ -7,9 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_maps.scene import Box, Capsule, Cylinder, Mesh, Part, Plane, Sphere
-
-Array = NDArray[np.float64]
+from usarsim_maps.scene import Array, Box, Capsule, Cylinder, Mesh, Part, Plane, Sphere
 
 FARTHEST = 1e7
 """m: a vertex beyond is a bad number, as one that is not finite is; MuJoCo refuses such meshes."""

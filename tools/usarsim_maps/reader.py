@@ -62,7 +62,7 @@ class ImportOptions:
     allow_outside: bool = False
 
 
-def _quiet(step: str, part: float) -> None:
+def unwatched(step: str, part: float) -> None:
     """Nobody watches."""
 
 
@@ -80,7 +80,7 @@ class Context:
 
     options: ImportOptions = field(default_factory=ImportOptions)
     findings: Findings = field(default_factory=Findings)
-    progress: Callable[[str, float], None] = _quiet
+    progress: Callable[[str, float], None] = unwatched
     folders: Folders | None = None
 
     def admit(self, path: Path, asker: Path) -> bool:

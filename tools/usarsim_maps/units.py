@@ -14,12 +14,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from usarsim_maps.scene import Heightfield, Polygon, Scene
+from usarsim_maps.scene import Array, Heightfield, Polygon, Scene
 from usarsim_server.simulation.frames import Pose, Vector
-
-Array = NDArray[np.float64]
 
 UU_PER_METRE = 250.0
 """Unreal units per metre in USARSim maps (worlds reference 2.2)."""

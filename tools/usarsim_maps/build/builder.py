@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from usarsim_maps.build.cells import Point
 from usarsim_maps.build.emitter import Emitter
@@ -35,12 +34,10 @@ from usarsim_maps.build.objects import (
 )
 from usarsim_maps.build.sheet import Entry, NameBook, smoke_tables, write_sheet
 from usarsim_maps.findings import Findings
-from usarsim_maps.scene import Heightfield, Plane, Scene
+from usarsim_maps.scene import Array, Heightfield, Plane, Scene
 from usarsim_maps.units import matrix_of_pose
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.worlds.description import NamedObject
-
-Array = NDArray[np.float64]
 
 SMALLEST, LARGEST = 1.0, 2000.0
 """m: extents of a map that can be true (worlds reference 11)."""

@@ -14,8 +14,6 @@ import itertools
 from collections.abc import Sequence
 
 import numpy as np
-from embreex import rtcore_scene
-from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
 
 from usarsim_maps.build.mesh_error import MEDIAN, SurfaceError, drivable_points, surface_error
@@ -33,11 +31,11 @@ from usarsim_maps.build.pieces import (
     triangles_of,
     volumes,
 )
-from usarsim_maps.build.soup import Soup, components, convex_polygons
+from usarsim_maps.build.soup import Rays, Soup, components, convex_polygons
 from usarsim_maps.build.terrain import as_terrain, is_rolling
 from usarsim_maps.findings import Findings
 from usarsim_maps.geometry import normals_areas
-from usarsim_maps.scene import Collision
+from usarsim_maps.scene import Array, Collision
 
 THICKNESS = 0.05
 """m of slab behind a wall: nothing up to 5 m/s tunnels (worlds reference 9.3)."""
@@ -131,8 +129,7 @@ def _normal(points: Array) -> Array:
 
 def _room_behind(surface: Oriented, polygons: list[Array], normals: Array) -> tuple[Array, Array]:
     """Distance (m) behind each polygon to the next surface: median and least over points of it."""
-    scene = rtcore_scene.EmbreeScene()
-    TriangleMesh(scene, surface.soup.vertices[surface.soup.triangles].astype(np.float32))
+    rays = Rays(surface.soup.vertices[surface.soup.triangles])
     starts, owners = [], []
     for number, points in enumerate(polygons):
         middle = points.mean(axis=0)
@@ -141,14 +138,11 @@ def _room_behind(surface: Oriented, polygons: list[Array], normals: Array) -> tu
         owners.append(np.full(len(inner) + 1, number))
     owner = np.concatenate(owners)
     origin = np.concatenate(starts) - normals[owner] * 1e-3
-    answer = scene.run(origin.astype(np.float32), (-normals[owner]).astype(np.float32), output=1)
-    ways = np.where(answer["primID"] >= 0, answer["tfar"] + 1e-3, np.inf)
+    ways = rays.cast(origin, -normals[owner])[0] + 1e-3
     ends = np.searchsorted(owner, np.arange(len(polygons) + 1))
     each = [ways[a:b] for a, b in itertools.pairwise(ends)]
     return np.array([np.median(some) for some in each]), np.minimum.reduceat(ways, ends[:-1])
 
-
-Array = NDArray[np.float64]
 
 SMALL = 0.35
 """m: a component without a larger extent becomes a hull."""

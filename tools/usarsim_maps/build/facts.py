@@ -11,18 +11,15 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from usarsim_maps.build.objects import bounds_of_object
 from usarsim_maps.build.sheet import Entry, NameBook, rotation, safe
 from usarsim_maps.findings import Findings
-from usarsim_maps.scene import LightKind, Scene
+from usarsim_maps.scene import Array, LightKind, Scene
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.simulation.frames import Pose, Vector, quaternion_from_rpy, rpy_from_quaternion
 from usarsim_server.worlds.description import StartPose
 from usarsim_server.worlds.victims import PELVIS_HEIGHT
-
-Array = NDArray[np.float64]
 
 OUTSIDE, FAR_LIGHT = 40.0, 1000.0
 """m outside the map at which things, and lights, are still believed."""

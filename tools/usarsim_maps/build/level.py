@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from usarsim_maps.build.cells import Cell, Point
 from usarsim_maps.build.csg import Solid, clip_to_box, evaluate
@@ -18,8 +17,6 @@ from usarsim_maps.build.sheet import NameBook
 from usarsim_maps.findings import Findings
 from usarsim_maps.scene import Brush, Heightfield
 from usarsim_server.simulation.frames import IDENTITY
-
-Array = NDArray[np.float64]
 
 GIANT = 400.0
 """m: a brush or object larger than this is a backdrop; it does not count for the bounds."""

@@ -15,14 +15,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from usarsim_maps.build.sheet import NameBook
 from usarsim_maps.findings import Findings
-from usarsim_maps.scene import Light, LightKind
+from usarsim_maps.scene import Array, Light, LightKind
 from usarsim_server.simulation.frames import Vector
-
-Array = NDArray[np.float64]
 
 STEPS = 6
 """Pieces from a lamp to its reach."""

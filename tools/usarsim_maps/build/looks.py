@@ -8,15 +8,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from usarsim_maps.build.csg import Solid, Surface
 from usarsim_maps.build.light import Glow, cut_for_light
 from usarsim_maps.geometry import FARTHEST, LEAST_AREA, normals_areas
-from usarsim_maps.scene import Mesh, Polygon
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int32]
+from usarsim_maps.scene import Array, Mesh, Polygon
 
 LEAST_VERTICES = 4
 """MuJoCo refuses meshes of fewer; a single triangle gets one that nobody uses."""

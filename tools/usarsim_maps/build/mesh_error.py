@@ -13,10 +13,9 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from embreex import rtcore_scene
-from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
 
+from usarsim_maps.build.soup import Rays
 from usarsim_maps.findings import Findings
 from usarsim_server.simulation.rays.scenery import is_visible
 from usarsim_server.simulation.rays.triangles import triangles_of_all
@@ -89,7 +88,7 @@ def drivable_points(seen: Array, places: Array) -> tuple[Array, Array, NDArray[n
     nothing = np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=np.intp)
     if not len(seen) or not len(places):
         return nothing
-    scene = _scene(seen)
+    rays_down = Rays(seen)
     sides = np.cross(seen[:, 1] - seen[:, 0], seen[:, 2] - seen[:, 0])
     rise = sides[:, 2] / np.maximum(np.linalg.norm(sides, axis=1), 1e-30)
     rays = np.arange(len(places))
@@ -98,7 +97,7 @@ def drivable_points(seen: Array, places: Array) -> tuple[Array, Array, NDArray[n
     points, rooms, owners = [], [], []
     for storey in range(STOREYS):
         start = np.column_stack([places[rays], top[rays]])
-        ways, faces = _down(scene, start)
+        ways, faces = rays_down.cast(start)
         hit = faces >= 0
         rays, heights, faces = rays[hit], (start[:, 2] - ways)[hit], faces[hit]
         if not len(rays):
@@ -129,23 +128,10 @@ def surface_error(points: Array, rooms: Array, felt: Array) -> Array:
         return np.full(len(points), np.inf)
     start = points.copy()
     start[:, 2] += np.minimum(rooms - HEADROOM / 2.0, REACH)
-    ways, faces = _down(_scene(felt), start)
+    ways, faces = Rays(felt).cast(start)
     errors: Array = start[:, 2] - ways - points[:, 2]
     errors[(faces < 0) | (errors < -REACH)] = np.inf
     return errors
-
-
-def _scene(triangles: Array) -> rtcore_scene.EmbreeScene:
-    scene = rtcore_scene.EmbreeScene()
-    TriangleMesh(scene, np.ascontiguousarray(triangles, dtype=np.float32))
-    return scene
-
-
-def _down(scene: rtcore_scene.EmbreeScene, start: Array) -> tuple[Array, NDArray[np.int32]]:
-    """Distances and triangles below some points; -1 for none."""
-    ways = np.tile(np.array([[0.0, 0.0, -1.0]], np.float32), (len(start), 1))
-    found = scene.run(np.ascontiguousarray(start, dtype=np.float32), ways, output=1)
-    return found["tfar"].astype(float), found["primID"]
 
 
 RAYS = 60_000

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from usarsim_maps.build.contact import collide
 from usarsim_maps.build.emitter import FELT, SEEN, Emitter, attributes, place
@@ -26,13 +25,11 @@ from usarsim_maps.build.sheet import NameBook
 from usarsim_maps.build.soup import Soup, clean
 from usarsim_maps.findings import Findings
 from usarsim_maps.geometry import outline_of, points_of, size_of
-from usarsim_maps.scene import Box, Collision, Mesh, Part, Plane, Scene, SceneObject
+from usarsim_maps.scene import Array, Box, Collision, Mesh, Part, Plane, Scene, SceneObject
 from usarsim_maps.units import matrix_of_pose, take_apart
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.worlds.description import NamedObject
-
-Array = NDArray[np.float64]
 
 DENSITY = 200.0
 """kg/m^3 of movable things without a mass: furniture is mostly air."""

@@ -11,11 +11,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from embreex import rtcore_scene
-from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
 
-from usarsim_maps.build.soup import Soup
+from usarsim_maps.build.soup import Rays, Soup
 from usarsim_maps.geometry import normals_areas
 
 Array = NDArray[np.float64]
@@ -180,8 +178,7 @@ def _volume(corners: Array, normals: Array, areas: Array) -> float:
 
 def _openness(soup: Soup, chosen: NDArray[np.intp], normals: Array) -> Array:
     """Per triangle the part of its looks to the front that meet nothing, less that to the back."""
-    scene = rtcore_scene.EmbreeScene()
-    TriangleMesh(scene, soup.vertices[soup.triangles].astype(np.float32))
+    rays = Rays(soup.vertices[soup.triangles])
     sideways = np.cross(normals, np.eye(3)[np.argmin(np.abs(normals), axis=1)])
     sideways /= np.linalg.norm(sideways, axis=1)[:, None]
     frames = np.stack([sideways, np.cross(normals, sideways), normals], axis=1)
@@ -190,6 +187,6 @@ def _openness(soup: Soup, chosen: NDArray[np.intp], normals: Array) -> Array:
     for sign in (1.0, -1.0):
         ways = np.einsum("kj,nji->nki", LOOKS * [1.0, 1.0, sign], frames).reshape(-1, 3)
         starts = np.repeat(middles + sign * 1e-3 * normals, len(LOOKS), axis=0)
-        found = scene.run(starts.astype(np.float32), ways.astype(np.float32))
+        _, found = rays.cast(starts, ways)
         seen += sign * (found.reshape(-1, len(LOOKS)) < 0).mean(axis=1)
     return seen

@@ -12,6 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from embreex import rtcore_scene
+from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
 
 from usarsim_maps.geometry import FARTHEST, LEAST_AREA, normals_areas
@@ -249,3 +251,23 @@ def _corners(
         for i in range(size)
         if _turn(points[ring[i - 1]], points[ring[i]], points[ring[(i + 1) % size]], normal) > 1e-5
     ]
+
+
+class Rays:
+    """Triangles (n, 3, 3) that rays can meet."""
+
+    def __init__(self, triangles: Array) -> None:
+        self._scene = rtcore_scene.EmbreeScene()
+        TriangleMesh(self._scene, np.ascontiguousarray(triangles, dtype=np.float32))
+
+    def cast(
+        self, start: Array, ways: Array | tuple[float, float, float] = (0.0, 0.0, -1.0)
+    ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+        """Distances and numbers of triangles; infinity and -1 where nothing is met."""
+        found = self._scene.run(
+            np.ascontiguousarray(start, dtype=np.float32),
+            np.ascontiguousarray(np.broadcast_to(ways, start.shape), dtype=np.float32),
+            output=1,
+        )
+        faces = found["primID"]
+        return np.where(faces >= 0, found["tfar"], np.float32(np.inf)), faces

@@ -11,14 +11,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from embreex import rtcore_scene
-from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
 
 from usarsim_maps.build.mesh_error import SurfaceError
 from usarsim_maps.build.orientation import Oriented
 from usarsim_maps.build.pieces import FieldPiece
-from usarsim_maps.build.soup import SAME_NORMAL, Soup
+from usarsim_maps.build.soup import SAME_NORMAL, Rays, Soup
 from usarsim_maps.geometry import normals_areas
 from usarsim_maps.units import pose_of_matrix
 
@@ -85,7 +83,7 @@ class _Way:
     turn: Array
     low: Array
     high: Array
-    scene: rtcore_scene.EmbreeScene
+    scene: Rays
     probes: Array
     columns: int
     rows: int
@@ -98,8 +96,7 @@ def _way_of(surface: Oriented, turn: Array) -> _Way | None:
     ground = _ground(points, triangles, low, high)
     if ground is None:
         return None
-    scene = rtcore_scene.EmbreeScene()
-    TriangleMesh(scene, points[ground].astype(np.float32))
+    scene = Rays(points[ground])
     columns, rows = _own_grid(points[np.unique(ground)], low, high, len(ground))
     return _Way(turn, low, high, scene, _probes(points, ground), columns, rows)
 
@@ -189,9 +186,7 @@ def _own_grid(used: Array, low: Array, high: Array, count: int) -> tuple[int, in
     return max(2, round(float(size[0]) / step) + 1), max(2, round(float(size[1]) / step) + 1)
 
 
-def _heights(
-    scene: rtcore_scene.EmbreeScene, low: Array, high: Array, columns: int, rows: int
-) -> Array | None:
+def _heights(scene: Rays, low: Array, high: Array, columns: int, rows: int) -> Array | None:
     """Heights (rows, columns) above a grid; None if much of it has no ground."""
     inset = 1e-4 * (high - low)
     x, y = np.meshgrid(
@@ -199,13 +194,12 @@ def _heights(
         np.clip(np.linspace(low[1], high[1], rows), low[1] + inset[1], high[1] - inset[1]),
     )
     top = float(high[2]) + 1.0
-    start = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, top)]).astype(np.float32)
-    down = np.tile(np.array([0.0, 0.0, -1.0], np.float32), (len(start), 1))
-    answer = scene.run(start, down, output=1)
-    found = answer["primID"] >= 0
+    start = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, top)])
+    ways, faces = scene.cast(start)
+    found = faces >= 0
     if found.mean() < COVERED:
         return None
-    heights: Array = np.where(found, top - answer["tfar"].astype(float), low[2])
+    heights: Array = np.where(found, top - ways.astype(float), low[2])
     return heights.reshape(x.shape)
 
 

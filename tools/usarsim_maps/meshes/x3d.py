@@ -12,7 +12,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from usarsim_maps.files import AssetIndex, read_head
 from usarsim_maps.findings import Findings
@@ -29,11 +28,9 @@ from usarsim_maps.meshes.x3d_shapes import make_geometry
 from usarsim_maps.meshes.xml_text import Document, Node, read_xml
 from usarsim_maps.numbers import read_number, read_numbers
 from usarsim_maps.reader import Context, Reader, register
-from usarsim_maps.scene import Material, Mesh, Part, Scene, SceneObject
+from usarsim_maps.scene import Array, Material, Mesh, Part, Scene, SceneObject
 from usarsim_maps.units import axis_turn
 from usarsim_server.errors import MapImportError, at
-
-Array = NDArray[np.float64]
 
 MAX_DEPTH = 200
 MAX_OBJECTS = 100_000

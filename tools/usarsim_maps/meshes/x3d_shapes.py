@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from usarsim_maps.meshes.mesh_files import make_mesh
 from usarsim_maps.meshes.polygons import triangulate
 from usarsim_maps.meshes.xml_text import Document, Node
-from usarsim_maps.scene import Mesh
+from usarsim_maps.scene import Array, Mesh
 
-Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Find = Callable[..., Node | None]
 

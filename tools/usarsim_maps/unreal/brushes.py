@@ -12,12 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_maps.scene import Brush, BrushOperation, Solidity
+from usarsim_maps.scene import Array, Brush, BrushOperation, Solidity
 from usarsim_maps.unreal.archive import Archive, PackageError
 from usarsim_maps.unreal.package import Export, Package
 from usarsim_maps.unreal.properties import read_object
 
-Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 FARTHEST = 1e7

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from usarsim_maps.reader import Context
 from usarsim_maps.scene import (
+    Array,
     Box,
     Brush,
     BrushOperation,
@@ -52,8 +52,6 @@ from usarsim_maps.unreal.names import (
 )
 from usarsim_server.simulation.frames import Pose, Vector
 from usarsim_server.worlds.description import PathNode, Smoke, SmokePuff, StartPose, Victim
-
-Array = NDArray[np.float64]
 
 PLACEHOLDER = Box((0.5, 0.5, 0.5))
 """Stands for a mesh that is missing."""

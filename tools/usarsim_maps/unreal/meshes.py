@@ -11,13 +11,12 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_maps.scene import Mesh
+from usarsim_maps.scene import Array, Mesh
 from usarsim_maps.units import unreal_points
 from usarsim_maps.unreal.archive import Archive, PackageError
 from usarsim_maps.unreal.package import Export, Package
 from usarsim_maps.unreal.properties import Properties, read_object
 
-Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 BYTE_TREE = 770

@@ -7,12 +7,11 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from usarsim_maps.files import read_text
 from usarsim_maps.findings import Findings
 from usarsim_maps.reader import Context, Reader, register
-from usarsim_maps.scene import Brush, Mesh, Part, Polygon, Scene
+from usarsim_maps.scene import Array, Brush, Mesh, Part, Polygon, Scene
 from usarsim_maps.units import matrix_of_pose, pose_of_matrix, unreal_matrix, unreal_points
 from usarsim_maps.unreal.grammar import Block, T3dError, numbers, parse, reference, value_of
 from usarsim_maps.unreal.level import (
@@ -31,8 +30,6 @@ from usarsim_maps.unreal.level import (
 from usarsim_maps.unreal.names import ActorKind, kind_of
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.simulation.frames import IDENTITY
-
-Array = NDArray[np.float64]
 
 MAX_BYTES = 96 << 20
 """Blocks take about ten times the memory of their text."""

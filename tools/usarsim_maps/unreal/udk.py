@@ -11,17 +11,9 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from usarsim_maps.reader import Context, Reader, register
-from usarsim_maps.scene import (
-    Brush,
-    BrushOperation,
-    Mesh,
-    Part,
-    Polygon,
-    Scene,
-)
+from usarsim_maps.scene import Array, Brush, BrushOperation, Mesh, Part, Polygon, Scene
 from usarsim_maps.units import (
     matrix_of_pose,
     pose_of_matrix,
@@ -54,8 +46,6 @@ from usarsim_maps.unreal.names import ActorKind, kind_of
 from usarsim_maps.unreal.package import Export, Package
 from usarsim_maps.unreal.properties import Properties, read_object
 from usarsim_server.errors import MapImportError, at
-
-Array = NDArray[np.float64]
 
 ESSENTIAL = {ActorKind.BRUSH, ActorKind.START}
 """A map whose walls or starts cannot be read is refused; without a lamp it can be used."""

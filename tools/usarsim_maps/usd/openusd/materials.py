@@ -11,17 +11,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pxr import Ar, Sdf, UsdGeom, UsdLux, UsdShade
 
 from usarsim_maps.findings import Findings
 from usarsim_maps.meshes.mesh_files import Axes, Pictures
-from usarsim_maps.scene import NEUTRAL, Color, Light, LightKind, Material
+from usarsim_maps.scene import NEUTRAL, Array, Color, Light, LightKind, Material
 from usarsim_maps.usd.openusd.stage import read_resource
 from usarsim_maps.usd.openusd.values import NOW, array, number, numbers
 from usarsim_server.files import is_regular
-
-Array = NDArray[np.float64]
 
 MAX_STEPS = 16
 """Shaders between a surface and its picture."""

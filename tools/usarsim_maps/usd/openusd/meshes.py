@@ -16,11 +16,10 @@ from pxr import UsdGeom, UsdShade
 
 from usarsim_maps.findings import Findings
 from usarsim_maps.meshes.polygons import triangulate
-from usarsim_maps.scene import Box, Capsule, Cylinder, Mesh, Shape, Sphere
+from usarsim_maps.scene import Array, Box, Capsule, Cylinder, Mesh, Shape, Sphere
 from usarsim_maps.usd.openusd.materials import Finish, Finishes
 from usarsim_maps.usd.openusd.values import NOW, array, number, numbers
 
-Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 

@@ -9,13 +9,10 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pxr import Usd, UsdPhysics
 
 from usarsim_maps.meshes.mesh_files import collision_of
-from usarsim_maps.scene import Collision
-
-Array = NDArray[np.float64]
+from usarsim_maps.scene import Array, Collision
 
 NOW = Usd.TimeCode.EarliestTime()
 """Animated values are taken at their first moment."""

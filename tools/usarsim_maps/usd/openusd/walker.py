@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pxr import Kind, Tf, Usd, UsdGeom
 
 from usarsim_maps.meshes.mesh_files import (
@@ -18,7 +17,7 @@ from usarsim_maps.meshes.mesh_files import (
     collision_of,
 )
 from usarsim_maps.reader import Context
-from usarsim_maps.scene import Collision, Light, Mesh, Part, Scene, SceneObject, Shape
+from usarsim_maps.scene import Array, Collision, Light, Mesh, Part, Scene, SceneObject, Shape
 from usarsim_maps.units import matrix_of_pose
 from usarsim_maps.usd.openusd.materials import LIGHTS, Finish, Finishes, light_of
 from usarsim_maps.usd.openusd.meshes import SHAPES, MeshReader, shape_of
@@ -33,8 +32,6 @@ from usarsim_maps.usd.openusd.values import (
     text,
 )
 from usarsim_server.errors import MapImportError, at
-
-Array = NDArray[np.float64]
 
 MAX_PARTS = 200_000
 """Shapes of one stage, every copy counted."""
