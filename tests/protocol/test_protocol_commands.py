@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from usarsim_server.protocol.commands import interpret, is_global
+from usarsim_server.protocol.commands import interpret
 from usarsim_server.protocol.grammar import IGNORED_WORDS, KNOWN_WORDS, Command, parse_line
 from usarsim_server.protocol.requests import (
     Act,
@@ -519,18 +519,6 @@ def test_an_unknown_word_is_cut_for_the_log() -> None:
 def test_every_known_word_has_a_meaning(word: str) -> None:
     """The words that may start a glued command and those that mean something are the same."""
     assert not isinstance(interpret(Command(word)), Unknown)
-
-
-@pytest.mark.parametrize("word", sorted(KNOWN_WORDS))
-def test_only_four_commands_work_without_a_robot(word: str) -> None:
-    """3.1: INIT and the questions about the world are global, all others are not."""
-    globals_ = {"INIT", "GETSTARTPOSES", "GETPATHNODES", "GETCLOSESTPATHNODE"}
-    assert is_global(interpret(Command(word))) is (word in globals_)
-
-
-def test_unknown_is_not_global() -> None:
-    """An unknown command does not work without a robot either."""
-    assert not is_global(Unknown("FOO"))
 
 
 def test_requests_are_frozen() -> None:

@@ -1,23 +1,30 @@
-"""STA, GEO and CONF of vehicles (protocol reference 4.3, 4.4, 4.7, 4.8; checklist 6.6, 6.8)."""
+"""STA, GEO and CONF of vehicles that drive, fly, walk and dive (protocol reference 4.3, 4.4, 4.7,
+4.8; checklist 6.6, 6.8); CONF of cameras and RES of viewports, exactly as the original wrote them.
+"""
 
 from __future__ import annotations
 
+import math
 import re
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from usarsim_server.protocol import messages
 from usarsim_server.protocol.messages import (
+    CameraItem,
     GroundStatus,
     VehicleStatus,
     aerial_status,
+    camera_configuration,
     ground_configuration,
     ground_geometry,
     ground_status,
     static_configuration,
     static_geometry,
     static_status,
+    viewports_result,
 )
 from usarsim_server.protocol.values import Dialect
 
@@ -205,3 +212,99 @@ def test_configuration_of_a_platform() -> None:
         "CONF {Name KR60} {Type StaticPlatform} {SteeringType None} {Mass 0}"
     )
     assert static_configuration(UT2004, "KR60") == "CONF {Type BaseMachine} {Name KR60}"
+
+
+UT2004, UDK = Dialect.UT2004, Dialect.UDK
+
+
+def test_geometry_of_a_flying_machine() -> None:
+    """UT2004 tells sizes, UDK the name; both say what it is (5.2 no. 17)."""
+    size, middle = (0.999, 0.999, 0.3), (0.0, 0.0, 0.01)
+    assert messages.machine_geometry(UT2004, "AerialVehicle", "AirRobot", size, middle) == (
+        "GEO {Type AerialVehicle} {Name AirRobot} {Dimensions 0.9990,0.9990,0.3000}"
+        " {COG 0.0000,0.0000,0.0100}"
+    )
+    assert messages.machine_geometry(UDK, "AerialVehicle", "AirRobot", size, middle) == (
+        "GEO {Type AerialVehicle} {Name AirRobot}"
+    )
+
+
+def test_configuration_starts_by_dialect() -> None:
+    """Type comes first in UT2004, Name in UDK, as with ground vehicles (4.8)."""
+    limits = [("MaxLinearVelocity", 2.0)]
+    assert messages.machine_configuration(
+        UT2004, "AerialVehicle", "AirRobot", "RotaryWing", 1.0, limits
+    ) == (
+        "CONF {Type AerialVehicle} {Name AirRobot} {SteeringType RotaryWing} {Mass 1.0000}"
+        " {MaxLinearVelocity 2.0000}"
+    )
+    assert messages.machine_configuration(UDK, "LeggedRobot", "Nao", "TwoLegs", 5.0, []) == (
+        "CONF {Name Nao} {Type LeggedRobot} {SteeringType TwoLegs} {Mass 5.0000}"
+    )
+
+
+def test_status_of_a_legged_machine() -> None:
+    """The UDK line is the example of 4.4; UT2004 adds lamp and view."""
+    joints = [("HeadYaw", 0.0), ("HeadPitch", -0.12), ("LShoulderPitch", 1.3999)]
+    assert messages.legged_status(
+        messages.VehicleStatus(time=12.3047, light_intensity=100), joints, UDK
+    ) == (
+        "STA {Time 12.3047} {Battery 99999} {Type LeggedVehicle} {HeadYaw 0.0000}"
+        " {HeadPitch -0.1200} {LShoulderPitch 1.3999}"
+    )
+    lit = messages.VehicleStatus(time=12.3, light=True, light_intensity=100, battery=77, view=2)
+    assert messages.legged_status(lit, joints[:1], UT2004) == (
+        "STA {Type LeggedRobot} {Time 12.30} {HeadYaw 0.0000} {LightToggle True}"
+        " {LightIntensity 100} {Battery 77} {View 2}"
+    )
+
+
+def test_status_of_an_underwater_machine() -> None:
+    """RudderAngle and SternPlaneAngle stand behind Time (4.4)."""
+    status = messages.VehicleStatus(time=1.25, battery=1199)
+    assert messages.nautic_status(status, 0.1, -0.2, UT2004) == (
+        "STA {Type NauticVehicle} {Time 1.25} {RudderAngle 0.1000} {SternPlaneAngle -0.2000}"
+        " {LightToggle False} {LightIntensity 0} {Battery 1199} {View -1}"
+    )
+
+
+USUAL, NARROW, WIDE = (math.radians(angle) for angle in (80.0, 20.0, 120.0))
+
+
+def test_exact_udk_form() -> None:
+    """138: the composed example of side channels reference 2.10, without blanks inside."""
+    item = CameraItem(
+        name="Camera",
+        offset=(320, 0),
+        default_fov=USUAL,
+        min_fov=NARROW,
+        max_fov=WIDE,
+        fov=USUAL,
+    )
+    assert camera_configuration(Dialect.UDK, "Camera", [item]) == (
+        "CONF {Type Camera} {Name Camera}{TextureOffsetX 320}{TextureOffsetY 0}"
+        "{TextureResolutionX 320}{TextureResolutionY 240}{CameraDefFov 80.0000}"
+        "{CameraMinFov 20.0000}{CameraMaxFov 120.0000}{CameraFov 80.0000}"
+    )
+
+
+def test_exact_ut2004_form() -> None:
+    """138, 9: radians, one blank between any two segments, no tiles."""
+    line = camera_configuration(Dialect.UT2004, "Camera", [CameraItem(name="A")] * 2)
+    one = "{Name A} {CameraDefFov 1.3963} {CameraMinFov 0.3491} {CameraMaxFov 2.0944}"
+    assert line == f"CONF {{Type Camera}} {one} {{CameraFov 1.3963}} {one} {{CameraFov 1.3963}}"
+
+
+def test_nothing_without_cameras() -> None:
+    """7: no camera, no line."""
+    assert camera_configuration(Dialect.UDK, "Camera", []) == ""
+
+
+def test_viewports_result_with_configuration() -> None:
+    """Side channels reference 2.11: status after Config and after each viewport."""
+    viewports = [("Camera2", True), *[("Disabled", True)] * 3]
+    assert viewports_result(12.34, viewports, ("SingleView", True)) == (
+        "RES {Time 12.34} {Type Viewports} {Config SingleView} {Status OK} {Viewport1 Camera2} "
+        "{Status OK} {Viewport2 Disabled} {Status OK} {Viewport3 Disabled} {Status OK} "
+        "{Viewport4 Disabled} {Status OK}"
+    )

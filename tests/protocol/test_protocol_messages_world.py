@@ -1,17 +1,118 @@
-"""NFO and DIE lines (protocol reference 1.2, 4.2, 4.12; checklist 2 to 4, 80 to 84)."""
+"""What holds for every message (protocol reference 1.3; checklist 6 to 9), and lines about the
+world: NFO and DIE (1.2, 4.2, 4.12; checklist 2 to 4, 80 to 84), STA and BSTA of avatars (4.4,
+4.13), GetSTA answers of world controllers (4.11; checklist 53, 54, 168, 171).
+"""
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
+
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from usarsim_server.protocol.messages import (
+    AvatarStatus,
+    ObjectStatus,
+    avatar_bones,
+    avatar_status,
     closest_path_node,
     die,
+    encode,
     greeting,
+    object_status,
     path_nodes,
     start_poses,
     status_change,
 )
+from usarsim_server.protocol.messages.text import line, segment, time_segment, token, triple
+
+
+def test_a_line_ends_with_cr_lf() -> None:
+    """6: bytes 13 10 at the end and nowhere else."""
+    assert encode("STA {Type X}") == b"STA {Type X}\r\n"
+
+
+@pytest.mark.parametrize("text", ["", " ", "\r\n", "\t \n"])
+def test_an_empty_line_is_never_sent(text: str) -> None:
+    """7: a text without content gives no bytes at all."""
+    assert encode(text) == b""
+
+
+@pytest.mark.parametrize(
+    ("text", "data"),
+    [
+        ("SEN {Name a\r\nSTA {Type X}}", b"SEN {Name a STA {Type X}}\r\n"),
+        ("SEN {Name a\tb}", b"SEN {Name a b}\r\n"),
+        ("SEN  {Name   a}", b"SEN {Name a}\r\n"),
+        ("  SEN {Name a}  ", b"SEN {Name a}\r\n"),
+        ("SEN {Type Camera} ", b"SEN {Type Camera}\r\n"),
+        (" SEN {Type Camera}", b"SEN {Type Camera}\r\n"),
+        ("SEN {Name a\x00\x1b\x7fb}", b"SEN {Name a b}\r\n"),
+        ("SEN {Name Röver\xa0\x85}", b"SEN {Name R\xf6ver\xa0\x85}\r\n"),
+        ("SEN {Name 寿\u2028}", b"SEN {Name ??}\r\n"),
+    ],
+)
+def test_names_cannot_break_a_line(text: str, data: bytes) -> None:
+    """6, 8: line ends, tabs, control characters and doubled blanks shrink to one blank."""
+    assert encode(text) == data
+
+
+@given(st.text())
+def test_any_text_encodes_to_at_most_one_tidy_line(text: str) -> None:
+    """6 to 8: whatever the text, its bytes are nothing or one well formed line."""
+    data = encode(text)
+    if data:
+        body = data.removesuffix(b"\r\n")
+        assert len(body) == len(data) - 2
+        assert not re.search(rb"[\x00-\x1f]|  ", body)
+        assert body == body.strip(b" ") != b""
+
+
+def test_segments() -> None:
+    """4.5: key and value, or the key alone for an empty value."""
+    assert segment("Name", "F1") == "{Name F1}"
+    assert segment("None") == "{None}"
+    assert segment("Name", "") == "{Name}"
+
+
+def test_braces_inside_a_value_become_parentheses() -> None:
+    """9, 171: no content can open or close a segment."""
+    assert segment("Mem", "a}{Status OK") == "{Mem a)(Status OK}"
+
+
+def test_lines_join_with_single_blanks() -> None:
+    """9: exactly one blank between any two segments."""
+    assert line("SEN", "{A 1}", "{B 2}") == "SEN {A 1} {B 2}"
+    assert line("STA") == "STA"
+
+
+def test_vectors_have_no_blanks() -> None:
+    """54: components are joined by commas only."""
+    assert triple("Location", (1, -0.5, 0), 2) == "{Location 1.00,-0.50,0.00}"
+
+
+def test_time_is_never_negative() -> None:
+    """85: Time matches digits, point, digits, also for a clock that starts below 0."""
+    assert time_segment(-1e-9, 2) == "{Time 0.00}"
+    assert time_segment(-5.0, 4) == "{Time 0.0000}"
+
+
+@given(st.text())
+def test_tokens_are_one_word(text: str) -> None:
+    """82: tags and joint names are single words, never empty, without braces."""
+    word = token(text)
+    assert word
+    assert not re.search(r"[\x00-\x20{}]", word)
+
+
+def test_tokens_keep_ordinary_names() -> None:
+    """An ordinary tag passes unchanged, a blank becomes an underscore."""
+    assert token("RobotStart1") == "RobotStart1"
+    assert token(" Robot Start\t1 ") == "Robot_Start_1"
+    assert token("") == "_"
+
 
 YARD = [
     ("RobotStart1", (1.25, -0.5, -0.2), (0.0, 0.0, 1.57079)),
@@ -95,3 +196,113 @@ def test_a_status_change_is_one_line_of_known_form() -> None:
     assert status_change(12.5, "Battery Empty", "Battery", "b1") == (
         "NFO {Status Battery_Empty} {Time 12.5000} {Type Battery} {Name b1}"
     )
+
+
+WORKER = AvatarStatus(
+    time=12.3047,
+    class_name="USARAvatarNewMale",
+    name="Worker1",
+    location=(2.0, 1.5, -0.98),
+    orientation=(0.0, 0.0, 1.5708),
+    walking=True,
+)
+
+
+def test_status() -> None:
+    """The example of 4.4."""
+    assert avatar_status(WORKER) == (
+        "STA {Time 12.3047} {Type USARAvatarNewMale} {Name Worker1} {Location 2.00,1.50,-0.98} "
+        "{Orientation 0.00,0.00,1.57} {Walking True}"
+    )
+
+
+def test_standing() -> None:
+    """55: booleans are True and False."""
+    assert avatar_status(replace(WORKER, walking=False)).endswith("{Walking False}")
+
+
+def test_a_name_cannot_break_the_line() -> None:
+    """Braces in a name do not open segments."""
+    text = avatar_status(replace(WORKER, name="a} {Walking False"))
+    assert re.fullmatch(r"STA( \{[^{}]*\}){6}", text)
+    assert text.endswith("{Walking True}")
+
+
+def test_bones() -> None:
+    """4.13: a pair of Bone and Rotation for each, in the order given."""
+    bones = [("LeftArm", (0.0, 0.25, 0.0)), ("RightArm", (0.0, -0.251, 0.0))]
+    assert avatar_bones(3.05, "Worker1", bones) == (
+        "BSTA {Time 3.0500} {Name Worker1} {Bone LeftArm} {Rotation 0.00,0.25,0.00} "
+        "{Bone RightArm} {Rotation 0.00,-0.25,0.00}"
+    )
+
+
+BOX = ObjectStatus(
+    name="Box3",
+    size=(0.3, 0.3, 0.3),
+    location=(3.1, 0.2, -0.15),
+    rotation=(0.0, 0.0, 0.7854),
+    memory="red",
+)
+NUMBERS = st.floats(-1e4, 1e4)
+VECTORS = st.tuples(NUMBERS, NUMBERS, NUMBERS)
+
+
+def iridium(text: str) -> list[tuple[str, str]]:
+    """Keys and values as a client reads them that splits at any brace (5.1.2)."""
+    parts = [part for part in re.split(r"[{}]", text)[1:] if part.strip()]
+    return [(key, value) for key, blank, value in (part.partition(" ") for part in parts) if blank]
+
+
+def test_one_object() -> None:
+    """The example of 4.11 with a positive height."""
+    assert object_status([BOX]) == (
+        "STA {Name Box3} {Size 0.3000,0.3000,0.3000} {Location 3.1000,0.2000,-0.1500} "
+        "{Memory red} {Rotation 0.0000,0.0000,0.7854}"
+    )
+
+
+def test_no_object() -> None:
+    """168: the bare head."""
+    assert object_status([]) == "STA"
+
+
+def test_several_objects_stand_in_one_line() -> None:
+    """4.11: one line for all, each from its Name to its Rotation."""
+    other = ObjectStatus(name="B", size=(1, 1, 1), location=(0, 0, 0), rotation=(0, 0, 0))
+    text = object_status([BOX, other])
+    keys = re.findall(r"\{(\w+)", text)
+    assert keys == ["Name", "Size", "Location", "Memory", "Rotation"] * 2
+    assert text.startswith(object_status([BOX]))
+
+
+def test_sizes_are_never_negative() -> None:
+    """4.11 REQ: what the original negated is positive."""
+    upside_down = ObjectStatus(name="n", size=(1, 2, -3), location=(0, 0, 0), rotation=(0, 0, 0))
+    assert "{Size 1.0000,2.0000,3.0000}" in object_status([upside_down])
+
+
+def test_an_empty_memory_is_a_key_with_an_empty_value() -> None:
+    """A client that splits key and value at the blank finds Memory in any case."""
+    blank = ObjectStatus(name="n", size=(1, 1, 1), location=(0, 0, 0), rotation=(0, 0, 0))
+    assert ("Memory", "") in iridium(object_status([blank]))
+    assert b"{Memory }" in encode(object_status([blank]))
+
+
+@given(st.text(max_size=20), st.text(max_size=20), VECTORS, VECTORS, VECTORS)
+def test_braces_are_balanced_whatever_the_names(
+    name: str, memory: str, size: tuple[float, ...], place: tuple[float, ...], turn: tuple[float]
+) -> None:
+    """171: five segments, each opened and closed, none inside another; vectors without blanks."""
+    status = ObjectStatus(
+        name=name,
+        memory=memory,
+        size=size,  # type: ignore[arg-type]
+        location=place,  # type: ignore[arg-type]
+        rotation=turn,  # type: ignore[arg-type]
+    )
+    text = encode(object_status([status])).decode("latin-1")
+    assert re.fullmatch(r"STA( \{[^{}]*\}){5}\r\n", text)
+    vector = r"(-?\d+\.\d{4}(,|(?=\}))){3}"
+    for key in ("Size", "Location", "Rotation"):
+        assert re.search(rf"\{{{key} {vector}\}}", text)

@@ -34,7 +34,6 @@ from usarsim_server.protocol.requests import (
 )
 from usarsim_server.protocol.values import Dialect, Segment, Vector
 
-_GLOBAL = (Init, GetStartPoses, GetPathNodes, GetClosestPathNode)
 _DIALECTS = {dialect.value: dialect for dialect in Dialect}
 _SET_NAMES = frozenset({"type", "name", "opcode", "params"})
 # Segments that name opcode and parameter at once: `{Name Cam} {FOV 0.35}` (3.7).
@@ -52,11 +51,6 @@ def interpret(command: Command) -> Request:
     if command.word in IGNORED_WORDS:
         return Ignored(command.word)
     return Unknown(command.word[:_UNKNOWN_CHARACTERS])
-
-
-def is_global(request: Request) -> bool:
-    """Whether a request works on a connection that has no robot (protocol reference 3.1)."""
-    return isinstance(request, _GLOBAL)
 
 
 class _Fields:
