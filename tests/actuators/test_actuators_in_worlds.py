@@ -296,7 +296,7 @@ def test_pan_goes_left_and_tilt_goes_up(stage: Rehearsal, client: RehearsedClien
     spawn(stage, client, "P2AT")
     client.send("MISPKG {Name CameraPanTilt} {Link 1} {Value 0.3} {Link 2} {Value 0.2}")
     stage.run(3.0)
-    vehicle = stage.assembly.fleet.vehicles[-1].look()
+    vehicle = stage.assembly.fleet.vehicles[-1].body.look()
     assert vehicle is not None
     x, y, z = vehicle.link_pose("CameraPanTilt_Link2").rotate((1.0, 0.0, 0.0))
     assert x > 0.9
@@ -310,10 +310,10 @@ def test_turning_the_camera_does_not_turn_the_robot(
     """A P2AT at rest stays where it is while its pan-tilt moves."""
     spawn(stage, client, "P2AT")
     stage.run(1.0)
-    before = stage.assembly.fleet.vehicles[-1].look()
+    before = stage.assembly.fleet.vehicles[-1].body.look()
     client.send("MISPKG {Name CameraPanTilt} {Link 1} {Value 3} {Link 2} {Value 0.7}")
     stage.run(5.0)
-    after = stage.assembly.fleet.vehicles[-1].look()
+    after = stage.assembly.fleet.vehicles[-1].body.look()
     assert before is not None
     assert after is not None
     assert after.pose.position == pytest.approx(before.pose.position, abs=1e-3)
@@ -327,7 +327,7 @@ def test_wheel_commands_with_a_robot_name_still_drive(
     spawn(stage, client, "P2AT")
     client.send("DRIVE {Name robot_0} {Left 1} {Right 1}")
     stage.run(1.0)
-    vehicle = stage.assembly.fleet.vehicles[-1].look()
+    vehicle = stage.assembly.fleet.vehicles[-1].body.look()
     assert vehicle is not None
     assert vehicle.wheel_speeds == pytest.approx([1.0] * 4, abs=0.05)
 
@@ -340,7 +340,7 @@ def test_without_power_nothing_moves(stage: Rehearsal, client: RehearsedClient) 
     client.send("MISPKG {Name CameraPanTilt} {Link 1} {Value 1}", "GETCONF {Type MisPkg}")
     stage.run(2.0)
     assert not any(line.startswith(("MISSTA", "CONF")) for line in client.lines)
-    vehicle = stage.assembly.fleet.vehicles[-1].look()
+    vehicle = stage.assembly.fleet.vehicles[-1].body.look()
     assert vehicle is not None
     assert vehicle.joint_position("CameraPanTilt_Joint1") == pytest.approx(0.0, abs=1e-3)
 
@@ -354,7 +354,7 @@ def test_arm_platforms_report_their_links(stage: Rehearsal, client: RehearsedCli
     settle(stage, client, 2.0)
     found = values(client, "ASTA", "KR60Arm")
     assert found == {i: pytest.approx(value, abs=1e-3) for i, value in enumerate(targets, start=1)}
-    foot = stage.assembly.fleet.vehicles[-1].look()
+    foot = stage.assembly.fleet.vehicles[-1].body.look()
     assert foot is not None
     assert foot.pose.position == pytest.approx((0.0, 0.0, 0.25), abs=1e-4)
     client.send("GETGEO {Type Robot}", "GETCONF {Type Robot}")
@@ -440,7 +440,7 @@ def test_an_arm_takes_a_parcel_and_puts_it_down(bench: Rehearsal) -> None:
     client.send("SET {Type Gripper} {Opcode CLOSE}")
     bench.run(1.5)
     vehicle = bench.assembly.fleet.vehicles[-1]
-    state = vehicle.look()
+    state = vehicle.body.look()
     assert state is not None
     assert state.hand("P3ATGripper").holding == "parcel"
     news = "NFO {Status ItemAttached} {Time "
@@ -479,7 +479,7 @@ def test_a_vacuum_gripper_on_a_tool_changer(bench: Rehearsal) -> None:
     vehicle = bench.assembly.fleet.vehicles[-1]
 
     def holding(hand: str) -> str | None:
-        state = vehicle.look()
+        state = vehicle.body.look()
         assert state is not None
         return state.hand(hand).holding
 
@@ -495,7 +495,7 @@ def test_a_vacuum_gripper_on_a_tool_changer(bench: Rehearsal) -> None:
     client.send("MISPKG {Name KR60Arm} {Link 2} {Value 0} {Order 1}")
     bench.run(0.5)
     assert holding("KR60gripper") == "case"
-    state = vehicle.look()
+    state = vehicle.body.look()
     assert state is not None
     assert state.pose.position == pytest.approx((20.0, 0.0, 0.0), abs=1e-3)
     client.take()

@@ -70,12 +70,12 @@ def test_commands_move_the_robot(name: str) -> None:
         client.send(f"INIT {{ClassName USARBot.{name}}} {{Location 0,0,-1.0}}")
         rehearsal.run(1.5)
         (vehicle,) = rehearsal.assembly.fleet.vehicles
-        before = vehicle.look()
+        before = vehicle.body.look()
         assert before is not None
         for _ in range(3):
             client.send(MIXED[name](dice))
             rehearsal.run(0.3)
-        after = vehicle.look()
+        after = vehicle.body.look()
         assert after is not None
         moved = np.abs(after.snapshot.qpos - before.snapshot.qpos).max()
     assert moved > 0.02

@@ -172,7 +172,7 @@ def labels(stage: Rehearsal) -> list[str]:
 def place(stage: Rehearsal, name: str) -> float:
     """x of a robot, m."""
     vehicle = stage.assembly.fleet.find(name)
-    state = None if vehicle is None else vehicle.look()
+    state = None if vehicle is None else vehicle.body.look()
     assert state is not None
     return round(state.pose.position[0], 1)
 

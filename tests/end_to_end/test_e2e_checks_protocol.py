@@ -49,7 +49,7 @@ class Player:
     @property
     def body(self) -> RobotBody:
         """Its state; it must not have been lost."""
-        state = self.vehicle.look()
+        state = self.vehicle.body.look()
         assert state is not None, "lost"
         return state
 

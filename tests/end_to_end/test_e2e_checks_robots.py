@@ -74,14 +74,14 @@ def hire(stage: Rehearsal) -> Iterator[Hire]:
 
 def place(vehicle: Vehicle) -> Vector:
     """Where it is; it must not have been lost."""
-    state = vehicle.look()
+    state = vehicle.body.look()
     assert state is not None, "lost"
     return state.pose.position
 
 
 def upright(vehicle: Vehicle) -> float:
     """Cosine of the angle between its own z axis and the vertical."""
-    state = vehicle.look()
+    state = vehicle.body.look()
     assert state is not None, "lost"
     return state.pose.rotate((0.0, 0.0, 1.0))[2]
 
@@ -122,7 +122,7 @@ def test_robots_of_the_later_generation(
     client.send("GETCONF {Type Robot}")
     (told,) = re.findall(r"\{Mass ([\d.]+)\}", client.take("CONF")[0])
     assert float(geo) == pytest.approx(separation, abs=1e-4)
-    state = robot.look()
+    state = robot.body.look()
     assert state is not None
     model = stage.assembly.simulation.compiled(state.snapshot).model
     moved = float(model.body_subtreemass[state.layout.base])

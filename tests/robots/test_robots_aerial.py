@@ -263,7 +263,7 @@ class Pilot:
     @property
     def state(self) -> RobotBody:
         """Where it is."""
-        state = self.vehicle.look()
+        state = self.vehicle.body.look()
         assert state is not None
         return state
 
@@ -366,12 +366,12 @@ def test_it_leaves_a_wall_when_told_to(tmp_path: Path) -> None:
         client.send("DRIVE {LinearVelocity 1.5}")
         own.run(4.0)
         vehicle = own.assembly.fleet.vehicles[0]
-        held = vehicle.look()
+        held = vehicle.body.look()
         assert held is not None
         assert held.pose.position[0] < worlds.FIELD_START - 0.3
         client.send("DRIVE {LinearVelocity -1}")
         own.run(1.5)
-        free = vehicle.look()
+        free = vehicle.body.look()
         assert free is not None
         assert free.pose.position[0] < held.pose.position[0] - 0.8
         assert free.linear_velocity[0] == pytest.approx(-1.0, abs=0.05)

@@ -59,7 +59,7 @@ def client(yard: Rehearsal) -> Iterator[RehearsedClient]:
 
 def look(vehicle: Vehicle) -> RobotBody:
     """Its state; it must not have been lost."""
-    state = vehicle.look()
+    state = vehicle.body.look()
     assert state is not None, "lost"
     return state
 

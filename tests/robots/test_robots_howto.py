@@ -67,7 +67,7 @@ def test_arm_example_moves_and_holds(tmp_path: Path) -> None:
         client.send("MISPKG {Name Arm} {Link 1} {Value 0.5}", "DRIVE {Name Arm_Joint2} {Value 0.2}")
         client.send("SET {Type Gripper} {Name Hand} {Opcode CLOSE}")
         stage.run(8.0)
-        arm, hand = client.take("ASTA")[-1], stage.assembly.fleet.vehicles[0].look()
+        arm, hand = client.take("ASTA")[-1], stage.assembly.fleet.vehicles[0].body.look()
         assert re.search(r"\{Link 1\} \{Value 0\.(4999|5)\d*\} \{Link 2\} \{Value 0\.(1999|2)", arm)
         assert hand is not None
         assert hand.hand("Hand").closed
@@ -186,7 +186,7 @@ def test_car_example_drives_a_circle(tmp_path: Path) -> None:
         client.send("INIT {ClassName Cart} {Location 0,0,-0.1}")
         client.send("DRIVE {Speed 5} {FrontSteer 0.3}")
         stage.run(3.0)
-        state = stage.assembly.fleet.vehicles[0].look()
+        state = stage.assembly.fleet.vehicles[0].body.look()
         assert state is not None
         x, y, _ = state.pose.inverse().rotate(state.linear_velocity)
         turning = state.angular_velocity[2]
@@ -206,7 +206,7 @@ def test_aircraft_example_flies(tmp_path: Path) -> None:
         stage.run(2.0)
         client.send("DRIVE {AltitudeVelocity 0} {LinearVelocity 100} {Normalized true}")
         stage.run(2.0)
-        state = stage.assembly.fleet.vehicles[0].look()
+        state = stage.assembly.fleet.vehicles[0].body.look()
         assert state is not None
         assert state.pose.position[2] > 1.5
         assert state.linear_velocity[0] == pytest.approx(4.0, abs=0.1)
@@ -222,14 +222,14 @@ def test_model_file_example_stands_and_moves(tmp_path: Path) -> None:
         client.send("INIT {ClassName Hopper} {Location 0,0,-0.24}")
         stage.run(1.0)
         vehicle = stage.assembly.fleet.vehicles[0]
-        state = vehicle.look()
+        state = vehicle.body.look()
         assert state is not None
         assert state.pose.position[2] == pytest.approx(0.23, abs=0.01)
         assert state.pose.rotate((0.0, 0.0, 1.0))[2] > 0.99
         client.send("SET {Type Joint} {Name Hip} {Opcode Angle} {Params 0.1}")
         client.send("DRIVE {Name Ankle} {Value -0.1}", "ACT {Name Neck} {Link 0} {Value 0.7}")
         stage.run(2.0)
-        state = vehicle.look()
+        state = vehicle.body.look()
         assert state is not None
         places = [state.joint_position(name) for name in ("Hip", "Ankle", "Pan")]
         assert places == pytest.approx([0.1, -0.1, 0.7], abs=0.01)

@@ -168,7 +168,7 @@ def spawn(stage: Rehearsal) -> Iterator[Spawn]:
 
 def look(vehicle: Vehicle) -> RobotBody:
     """Its present state."""
-    state = vehicle.look()
+    state = vehicle.body.look()
     assert state is not None
     return state
 

@@ -328,7 +328,7 @@ def look(stage: Rehearsal, name: str) -> RobotBody:
     """Present state of a robot by its name."""
     vehicle = stage.assembly.fleet.find(name)
     assert vehicle is not None
-    state = vehicle.look()
+    state = vehicle.body.look()
     assert state is not None
     return state
 

@@ -132,13 +132,13 @@ def test_some_wheels_are_enough(driven: tuple[int, ...]) -> None:
         client.send("DRIVE " + "".join(f"{{WheelNumber {n}}} {{WheelSpeed 4}} " for n in driven))
         vehicle = stage.assembly.fleet.vehicles[0]
         stage.run(2.0)
-        state = vehicle.look()
+        state = vehicle.body.look()
         assert state is not None
         assert state.linear_velocity[0] == pytest.approx(4.0 * 0.06, rel=0.01)
         assert state.wheel_speeds == pytest.approx([4.0] * 4, rel=0.01)
         client.send("DRIVE " + "".join(f"{{WheelNumber {n}}} {{WheelSpeed 0}} " for n in range(4)))
         stage.run(1.0)
-        state = vehicle.look()
+        state = vehicle.body.look()
         assert state is not None
         assert abs(state.linear_velocity[0]) < 1e-3
 
@@ -155,9 +155,9 @@ def test_it_goes_sideways() -> None:
         client.send(f"DRIVE {rolling}")
         vehicle = stage.assembly.fleet.vehicles[0]
         stage.run(1.0)
-        before = vehicle.look()
+        before = vehicle.body.look()
         stage.run(1.0)
-        after = vehicle.look()
+        after = vehicle.body.look()
         assert before is not None
         assert after is not None
         (x0, y0, _), (x1, y1, _) = before.pose.position, after.pose.position

@@ -441,19 +441,19 @@ def test_nobody_notices_a_map_object() -> None:
         client.send("INIT {ClassName USARBot.P2AT} {Location 0,0,-0.25}")
         rehearsal.run(1.0)
         *markers, robot = rehearsal.assembly.fleet.vehicles
-        before = [marker.look() for marker in markers]
+        before = [marker.body.look() for marker in markers]
         scan = next(line for line in client.take("SEN") if "{Type RangeScanner}" in line)
         ranges = re.search(r"\{Range ([^}]+)\}", scan)
         assert ranges is not None
         assert len(set(ranges[1].split(","))) == 1, "nothing but the largest range"
         client.send("DRIVE {Left 5} {Right 5}")
         rehearsal.run(4.0)
-        state = robot.look()
+        state = robot.body.look()
         assert state is not None
         assert state.pose.position[0] > 2.3
         assert abs(state.pose.position[1]) < 0.01
         for marker, old in zip(markers, before, strict=True):
-            new = marker.look()
+            new = marker.body.look()
             assert old is not None
             assert new is not None
             assert new.pose == old.pose

@@ -533,7 +533,7 @@ def test_settles_from_high_up(crowd: Rehearsal, name: str, row: int) -> None:
     """#17: dropped from 1.4 or 2.1 m every class stands upright at its rest height after 3 s."""
     vehicle = crowd.assembly.fleet.find(f"{name}{row}")
     assert vehicle is not None
-    state = vehicle.look()
+    state = vehicle.body.look()
     assert state is not None
     x, y, z = state.pose.position
     assert z == pytest.approx(shipped(name).rest_height, abs=0.002)
@@ -544,10 +544,10 @@ def test_settles_from_high_up(crowd: Rehearsal, name: str, row: int) -> None:
 
 def test_nobody_drifts(crowd: Rehearsal) -> None:
     """#64: what stands stays where it is."""
-    before = {one.name: one.look() for one in crowd.assembly.fleet.vehicles}
+    before = {one.name: one.body.look() for one in crowd.assembly.fleet.vehicles}
     crowd.run(5.0)
     for one in crowd.assembly.fleet.vehicles:
-        now, then = one.look(), before[one.name]
+        now, then = one.body.look(), before[one.name]
         assert now is not None
         assert then is not None
         assert math.dist(now.pose.position, then.pose.position) < 1e-4
@@ -591,7 +591,7 @@ def test_flippers_of_udk() -> None:
         client.send("SET {Type Joint} {Name FRFlipper} {Opcode Angle} {Params -0.6}")
         client.send("DRIVE {Name RLFlipper} {Value 0.4}")
         stage.run(2.0)
-        state = stage.assembly.fleet.vehicles[0].look()
+        state = stage.assembly.fleet.vehicles[0].body.look()
         assert state is not None
         angles = [state.joint_position(joint) for joint in FLIPPERS]
         assert angles == pytest.approx([-0.6, 0.0, 0.0, 0.4], abs=0.01)
@@ -673,11 +673,11 @@ def test_belts_run_on_when_the_world_grows() -> None:
         for n in range(9):
             stage.connect().send(f"INIT {{ClassName Kenaf}} {{Location {n},5,-0.09}}")
         stage.run(0.5)
-        state = stage.assembly.fleet.vehicles[0].look()
+        state = stage.assembly.fleet.vehicles[0].body.look()
         assert state is not None
         assert state.linear_velocity[0] == pytest.approx(0.27, abs=0.005)
         for vehicle in stage.assembly.fleet.vehicles[1:]:
-            resting = vehicle.look()
+            resting = vehicle.body.look()
             assert resting is not None
             assert math.hypot(*resting.linear_velocity) < 1e-3
 
@@ -689,7 +689,7 @@ def test_soryu_bends() -> None:
         client.send("INIT {ClassName Soryu} {Location 0,0,-0.08}")
         client.send("MULTIDRIVE {FrontPitch 0.5} {FrontYaw 0.3}")
         stage.run(2.0)
-        state = stage.assembly.fleet.vehicles[0].look()
+        state = stage.assembly.fleet.vehicles[0].body.look()
         assert state is not None
         assert state.joint_position("FrontPitch") == pytest.approx(0.5, abs=0.01)
         head = state.link_pose("FrontBody")
@@ -733,7 +733,7 @@ def test_example_of_the_page_climbs(tmp_path: Path) -> None:
         client.send("INIT {ClassName Crawler} {Location 0,0,-0.1}")
         client.send("MULTIDRIVE {FRFlipper -0.5} {FLFlipper -0.5}", "DRIVE {Left 3} {Right 3}")
         stage.run(3.0)
-        state = stage.assembly.fleet.vehicles[0].look()
+        state = stage.assembly.fleet.vehicles[0].body.look()
         assert state is not None
         assert state.pose.position[0] > 0.5
         tip = state.link_pose("FRFlipper") @ Pose((0.2, 0.0, 0.0))

@@ -173,7 +173,7 @@ def test_it_holds_depth_and_steers(stage: Rehearsal) -> None:
     vehicle = stage.assembly.fleet.vehicles[0]
 
     def look() -> RobotBody:
-        state = vehicle.look()
+        state = vehicle.body.look()
         assert state is not None
         return state
 

@@ -170,7 +170,7 @@ def test_people_make_room(stage: Rehearsal) -> None:
     clients = [avatar(stage, "8,0,-1") for _ in range(2)]
     stage.run(0.4)
     places = [statuses(client)[-1].place[:2] for client in clients]
-    state = stage.assembly.fleet.vehicles[-1].look()
+    state = stage.assembly.fleet.vehicles[-1].body.look()
     assert state is not None
     assert state.pose.position[:2] == pytest.approx((8, 0), abs=0.02)
     assert 0.3 < math.dist(places[0], (8, 0)) < 1.5
@@ -409,7 +409,7 @@ def test_a_person_pushes_a_robot_aside_softly(stage: Rehearsal) -> None:
     vehicle = stage.assembly.fleet.vehicles[-1]
     for _ in range(50):
         stage.run(0.1)
-        state = vehicle.look()
+        state = vehicle.body.look()
         assert state is not None
         highest = max(highest, state.pose.position[2])
     assert now(stage, client).place[:2] == near(44, 0, within=0.02)

@@ -106,7 +106,7 @@ def test_battery_of_init(stage: Rehearsal, client: RehearsedClient) -> None:
     stage.run(1.0)
     assert {line.split()[0] for line in client.lines} == {"STA"}
     vehicle = stage.assembly.fleet.vehicles[-1]
-    state = vehicle.look()
+    state = vehicle.body.look()
     assert state is not None
     assert abs(state.wheel_speeds).max() < 0.05
 
@@ -218,7 +218,7 @@ def test_tilt_signs(stage: Rehearsal, client: RehearsedClient, rotation: str, in
     angles = _numbers(falling[0], "Orientation")
     assert angles[index] == pytest.approx(0.15, abs=0.01)
     assert abs(angles[1 - index]) < 0.01
-    state = stage.assembly.fleet.vehicles[-1].look()
+    state = stage.assembly.fleet.vehicles[-1].body.look()
     assert state is not None
 
 
@@ -227,7 +227,7 @@ def test_tilt_signs(stage: Rehearsal, client: RehearsedClient, rotation: str, in
 
 def _wheels(stage: Rehearsal, seconds: float = 1.5) -> list[float]:
     stage.run(seconds)
-    state = stage.assembly.fleet.vehicles[-1].look()
+    state = stage.assembly.fleet.vehicles[-1].body.look()
     assert state is not None
     speeds: list[float] = state.wheel_speeds.tolist()
     return speeds
@@ -284,17 +284,17 @@ def test_flip(stage: Rehearsal, client: RehearsedClient) -> None:
     """Flip rights an overturned robot in ut2004 and leaves an upright one alone (check 153)."""
     client.send("INIT {ClassName P2AT} {Location 60,16,-0.6} {Rotation 3.14159,0,0.7}")
     stage.run(1.0)
-    state = stage.assembly.fleet.vehicles[-1].look()
+    state = stage.assembly.fleet.vehicles[-1].body.look()
     assert state is not None
     assert state.pose.rotate((0, 0, 1))[2] < -0.8
     client.send("DRIVE {Flip True}")
     stage.run(1.0)
-    state = stage.assembly.fleet.vehicles[-1].look()
+    state = stage.assembly.fleet.vehicles[-1].body.look()
     assert state is not None
     assert state.pose.rotate((0, 0, 1))[2] > 0.99
     client.send("DRIVE {Flip True}")
     stage.run(0.2)
-    still = stage.assembly.fleet.vehicles[-1].look()
+    still = stage.assembly.fleet.vehicles[-1].body.look()
     assert still is not None
     assert still.pose.position == pytest.approx(state.pose.position, abs=0.01)
 

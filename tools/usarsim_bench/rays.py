@@ -102,7 +102,7 @@ def measure(
     snapshot = simulation.look()
     queries = []
     for vehicle in team:
-        state = vehicle.state(snapshot)
+        state = vehicle.body.state(snapshot)
         if state is not None:
             fans = [fan for sensor in vehicle.sensors for fan in sensor.rays(state)]
             queries.append(PendingReport(snapshot, vehicle.robot, fans))

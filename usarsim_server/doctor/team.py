@@ -129,7 +129,7 @@ class Team:
     def rays_wanted(self) -> float:
         """Rays per simulated s that the sensors of one robot ask for."""
         vehicle = self._vehicles[0]
-        state = vehicle.state(self._assembly.simulation.look())
+        state = vehicle.body.state(self._assembly.simulation.look())
         assert state is not None
         dialect = vehicle.description.dialect
         wanted = 0.0
@@ -192,14 +192,14 @@ class Team:
 
 def _survey(vehicle: Vehicle, snapshot: Snapshot) -> list[RayFan]:
     """What all sensors of a robot ask for at once."""
-    state = vehicle.state(snapshot)
+    state = vehicle.body.state(snapshot)
     assert state is not None
     return [fan for sensor in vehicle.sensors for fan in sensor.rays(state)]
 
 
 def _half_circle(vehicle: Vehicle, snapshot: Snapshot, beams: int) -> RayFan:
     """The fan of a scanner that looks ahead."""
-    state = vehicle.state(snapshot)
+    state = vehicle.body.state(snapshot)
     assert state is not None
     pose = state.pose @ SCANNER
     yaw = np.linspace(-math.pi / 2.0, math.pi / 2.0, beams)

@@ -100,7 +100,7 @@ class Pilot(Role):
         self._power.spawned = None
         self._limbs = Articulation(vehicle.description, vehicle.body)
         self._cameras = CameraMount(
-            vehicle.description, vehicle.robot, vehicle.cameras, vehicle.board, vehicle.look
+            vehicle.description, vehicle.robot, vehicle.cameras, vehicle.board, vehicle.body.look
         )
         self._sensors = vehicle.sensors
         self.schedule = Schedule(self._intervals(), self._first_report)
@@ -147,7 +147,7 @@ class Pilot(Role):
 
     def _flip(self) -> None:
         """Set an overturned robot back on its wheels where it lies (protocol reference 3.4)."""
-        state = self.vehicle.look()
+        state = self.body.look()
         if state is None:
             return
         pose = state.pose
@@ -158,7 +158,7 @@ class Pilot(Role):
         yaw = math.atan2(ahead[1], ahead[0])
         upright = (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2))
         lift = self.vehicle.description.rest_height + UPRIGHTING_LIFT
-        self.vehicle.body.teleport(Pose((x, y, z + lift), upright))
+        self.body.teleport(Pose((x, y, z + lift), upright))
 
     def _obey_set(self, request: Set) -> list[str]:
         opcode = request.opcode
@@ -166,7 +166,7 @@ class Pilot(Role):
         if opcode is None or not chosen:
             self._log.debug("SET has no addressee", type=request.type, name=request.name)
             return []
-        state = self.vehicle.look()
+        state = self.body.look()
         if state is None:
             return []
         lines: list[str] = []
@@ -205,7 +205,7 @@ class Pilot(Role):
     # -- reports -----------------------------------------------------------------------------
 
     def read(self, snapshot: Snapshot, due: Sequence[int]) -> PendingReport | None:
-        state = self.vehicle.state(snapshot)
+        state = self.body.state(snapshot)
         if state is None:
             return None
         if self._power.spawned is None:

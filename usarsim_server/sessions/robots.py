@@ -30,7 +30,7 @@ from usarsim_server.simulation.model import RobotModel
 from usarsim_server.simulation.objects import ObjectFacts
 from usarsim_server.simulation.simulation import BodyHandle, Simulation
 from usarsim_server.simulation.slots import always
-from usarsim_server.simulation.snapshot import RobotBody, Snapshot
+from usarsim_server.simulation.snapshot import Snapshot
 from usarsim_server.worlds.description import WorldDescription
 from usarsim_server.worlds.labels import Labels
 from usarsim_server.worlds.smoke import smoke_field
@@ -117,14 +117,6 @@ class Vehicle:
         """Its number in the simulation."""
         return self.body.number
 
-    def state(self, snapshot: Snapshot) -> RobotBody | None:
-        """Its state in a snapshot; None if it is not in there."""
-        return self.body.state(snapshot)
-
-    def look(self) -> RobotBody | None:
-        """Its present state; None if it has left the world."""
-        return self.body.look()
-
 
 TRUE_POSE = "GroundTruth"
 """Type on the wire of all sensors that tell the true pose."""
@@ -192,7 +184,7 @@ class Fleet:
         # In this order: a robot that is counted is in the picture, unless it has just left.
         present = self.vehicles
         snapshot = self._simulation.look()
-        found = ((one, one.state(snapshot)) for one in present)
+        found = ((one, one.body.state(snapshot)) for one in present)
         return [
             Station(one.name, state.pose.position, one.power.seconds(snapshot.time) <= 0)
             for one, state in found
@@ -306,7 +298,7 @@ class Fleet:
             SpawnError: if the pose cannot be used.
         """
         vehicle = self.find(name)
-        state = None if vehicle is None else vehicle.look()
+        state = None if vehicle is None else vehicle.body.look()
         if vehicle is None or state is None:
             return False
         self._simulation.move(vehicle.robot, change(state.pose))

@@ -254,7 +254,7 @@ class TestDrive(Closing):
             )
 
     def _state(self) -> RobotBody:
-        state = self.vehicle.look()
+        state = self.vehicle.body.look()
         if state is None:
             raise UsarsimError(f"{self.robot.source}: the robot was lost from the world")
         return state

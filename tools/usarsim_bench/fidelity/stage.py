@@ -125,7 +125,7 @@ class Stage(Closing):
         Raises:
             StageError: if it is lost.
         """
-        state = self.vehicle.look()
+        state = self.vehicle.body.look()
         if state is None:
             raise StageError(f"the robot was lost: {self.warnings}")
         return state
