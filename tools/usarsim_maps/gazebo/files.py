@@ -24,6 +24,22 @@ from usarsim_server.files import is_regular, read_regular
 Kind: TypeAlias = Callable[[Path], bool]
 """What is wanted: a file, a model, anything."""
 
+VARIABLES = (
+    "GAZEBO_MODEL_PATH",
+    "GAZEBO_RESOURCE_PATH",
+    "GZ_SIM_RESOURCE_PATH",
+    "IGN_GAZEBO_RESOURCE_PATH",
+    "SDF_PATH",
+)
+"""Environment variables with lists of folders."""
+
+MAX_BESIDE = 5_000
+"""Folders that are looked at below the world's own, which may be somebody's home."""
+
+_FUEL = re.compile(
+    r"^https?://[^/]+/.*?models/([^/]+)(?:/(?:tip|\d+))?(?:/files)?(?:/(.*))?$", re.I
+)
+
 MAX_FOLDERS = 100_000
 
 MAX_MANIFEST = 1 << 20
@@ -201,23 +217,6 @@ def _package(manifest: Path) -> str:
     except OSError:
         return ""
     return "" if found is None else found[1].decode("latin-1").lower()
-
-
-VARIABLES = (
-    "GAZEBO_MODEL_PATH",
-    "GAZEBO_RESOURCE_PATH",
-    "GZ_SIM_RESOURCE_PATH",
-    "IGN_GAZEBO_RESOURCE_PATH",
-    "SDF_PATH",
-)
-"""Environment variables with lists of folders."""
-
-MAX_BESIDE = 5_000
-"""Folders that are looked at below the world's own, which may be somebody's home."""
-
-_FUEL = re.compile(
-    r"^https?://[^/]+/.*?models/([^/]+)(?:/(?:tip|\d+))?(?:/files)?(?:/(.*))?$", re.I
-)
 
 
 def model_name(uri: str) -> str:

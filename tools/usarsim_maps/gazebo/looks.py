@@ -21,6 +21,54 @@ from usarsim_server.files import is_regular
 
 Array = NDArray[np.float64]
 
+MAX_SCRIPT_BYTES = 4 << 20
+
+OWN_SCRIPT = "gazebo.material"
+"""Script with Gazebo's own materials, whose colours are below; no map brings it along."""
+
+RGB = tuple[float, float, float]
+
+COLORS: dict[str, RGB] = {
+    "grey": (0.7, 0.7, 0.7),
+    "gray": (0.7, 0.7, 0.7),
+    "darkgrey": (0.18, 0.18, 0.18),
+    "darkgray": (0.18, 0.18, 0.18),
+    "white": (1.0, 1.0, 1.0),
+    "flatblack": (0.1, 0.1, 0.1),
+    "black": (0.0, 0.0, 0.0),
+    "red": (1.0, 0.0, 0.0),
+    "redbright": (0.87, 0.26, 0.07),
+    "green": (0.0, 1.0, 0.0),
+    "blue": (0.0, 0.0, 1.0),
+    "skyblue": (0.13, 0.44, 0.70),
+    "yellow": (1.0, 1.0, 0.0),
+    "zincyellow": (0.97, 0.95, 0.21),
+    "darkyellow": (0.7, 0.7, 0.0),
+    "purple": (1.0, 0.0, 1.0),
+    "turquoise": (0.0, 1.0, 1.0),
+    "torquoise": (0.0, 1.0, 1.0),
+    "orange": (1.0, 0.51, 0.05),
+    "darkorange": (0.83, 0.33, 0.0),
+    "indigo": (0.33, 0.0, 0.5),
+    "darkmagenta": (0.55, 0.0, 0.55),
+    "gold": (0.8, 0.65, 0.12),
+    "bronze": (0.71, 0.43, 0.18),
+    "wood": (0.55, 0.40, 0.25),
+    "woodfloor": (0.60, 0.45, 0.30),
+    "woodpallet": (0.65, 0.52, 0.36),
+    "woodtile": (0.58, 0.42, 0.28),
+    "bricks": (0.55, 0.30, 0.24),
+    "brick": (0.55, 0.30, 0.24),
+    "road": (0.25, 0.25, 0.27),
+    "residential": (0.45, 0.45, 0.45),
+    "grass": (0.30, 0.45, 0.20),
+    "ceilingtiled": (0.85, 0.85, 0.82),
+    "paintedwall": (0.80, 0.78, 0.72),
+    "cloudysky": (0.60, 0.70, 0.80),
+    "checkergreen": (0.3, 0.6, 0.3),
+}
+"""Gazebo's own materials, those with a picture as its mean colour; words in front do not count."""
+
 DOWN = np.array([0.0, 0.0, -1.0])
 
 BRIGHTEST = 0.6
@@ -85,55 +133,6 @@ def dimmed(lights: Sequence[Light]) -> list[Light]:
         else light
         for light in lights
     ]
-
-
-MAX_SCRIPT_BYTES = 4 << 20
-
-OWN_SCRIPT = "gazebo.material"
-"""Script with Gazebo's own materials, whose colours are below; no map brings it along."""
-
-RGB = tuple[float, float, float]
-
-COLORS: dict[str, RGB] = {
-    "grey": (0.7, 0.7, 0.7),
-    "gray": (0.7, 0.7, 0.7),
-    "darkgrey": (0.18, 0.18, 0.18),
-    "darkgray": (0.18, 0.18, 0.18),
-    "white": (1.0, 1.0, 1.0),
-    "flatblack": (0.1, 0.1, 0.1),
-    "black": (0.0, 0.0, 0.0),
-    "red": (1.0, 0.0, 0.0),
-    "redbright": (0.87, 0.26, 0.07),
-    "green": (0.0, 1.0, 0.0),
-    "blue": (0.0, 0.0, 1.0),
-    "skyblue": (0.13, 0.44, 0.70),
-    "yellow": (1.0, 1.0, 0.0),
-    "zincyellow": (0.97, 0.95, 0.21),
-    "darkyellow": (0.7, 0.7, 0.0),
-    "purple": (1.0, 0.0, 1.0),
-    "turquoise": (0.0, 1.0, 1.0),
-    "torquoise": (0.0, 1.0, 1.0),
-    "orange": (1.0, 0.51, 0.05),
-    "darkorange": (0.83, 0.33, 0.0),
-    "indigo": (0.33, 0.0, 0.5),
-    "darkmagenta": (0.55, 0.0, 0.55),
-    "gold": (0.8, 0.65, 0.12),
-    "bronze": (0.71, 0.43, 0.18),
-    "wood": (0.55, 0.40, 0.25),
-    "woodfloor": (0.60, 0.45, 0.30),
-    "woodpallet": (0.65, 0.52, 0.36),
-    "woodtile": (0.58, 0.42, 0.28),
-    "bricks": (0.55, 0.30, 0.24),
-    "brick": (0.55, 0.30, 0.24),
-    "road": (0.25, 0.25, 0.27),
-    "residential": (0.45, 0.45, 0.45),
-    "grass": (0.30, 0.45, 0.20),
-    "ceilingtiled": (0.85, 0.85, 0.82),
-    "paintedwall": (0.80, 0.78, 0.72),
-    "cloudysky": (0.60, 0.70, 0.80),
-    "checkergreen": (0.3, 0.6, 0.3),
-}
-"""Gazebo's own materials, those with a picture as its mean colour; words in front do not count."""
 
 
 @dataclass(slots=True)

@@ -23,6 +23,12 @@ from usarsim_server.simulation.frames import Pose
 
 Array = NDArray[np.float64]
 
+BUILTIN = ("sun", "ground_plane")
+"""Models that Gazebo brings along."""
+
+MAX_MODELS = 20_000
+MAX_DEPTH = 30
+
 
 def _rpy_matrix(position: Array, roll: float, pitch: float, yaw: float) -> Array:
     """Matrix (4, 4) of a place and Rz(yaw) Ry(pitch) Rx(roll)."""
@@ -138,13 +144,6 @@ class Scope:
         node, default = found
         self._known[name] = matrix = self._place(node, default, (*above, name))
         return matrix
-
-
-BUILTIN = ("sun", "ground_plane")
-"""Models that Gazebo brings along."""
-
-MAX_MODELS = 20_000
-MAX_DEPTH = 30
 
 
 @dataclass(frozen=True, slots=True, eq=False)

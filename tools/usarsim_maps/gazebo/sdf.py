@@ -39,6 +39,14 @@ from usarsim_server.worlds.description import StartPose, Victim
 
 Array = NDArray[np.float64]
 
+MAX_BYTES = 256 << 20
+EARTH = 9.8
+IGNORED = {
+    "audio", "atmosphere", "frame", "gravity", "gui", "include", "joint", "light", "magnetic_field",
+    "model", "physics", "plugin", "scene", "spherical_coordinates", "state", "wind",
+}  # fmt: skip
+"""Elements of a world that are read elsewhere, or that change nothing here."""
+
 LARGEST = 1025
 """Rows and columns; larger pictures are reduced."""
 
@@ -116,15 +124,6 @@ class Terrain:
         if found is None:
             found = Pictures(document.path, self.files.context).find(picture)
         return self.looks.add(Material(Path(picture).stem, (1.0, 1.0, 1.0, 1.0), found))
-
-
-MAX_BYTES = 256 << 20
-EARTH = 9.8
-IGNORED = {
-    "audio", "atmosphere", "frame", "gravity", "gui", "include", "joint", "light", "magnetic_field",
-    "model", "physics", "plugin", "scene", "spherical_coordinates", "state", "wind",
-}  # fmt: skip
-"""Elements of a world that are read elsewhere, or that change nothing here."""
 
 
 @register("sdf")

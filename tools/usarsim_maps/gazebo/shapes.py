@@ -37,6 +37,21 @@ from usarsim_server.errors import MapImportError
 
 Array = NDArray[np.float64]
 
+PLACEHOLDER = Box((0.5, 0.5, 0.5))
+
+SIZES = {
+    "box": {"size": 3},
+    "ellipsoid": {"radii": 3},
+    "sphere": {"radius": 1},
+    "cylinder": {"radius": 1, "length": 1},
+    "capsule": {"radius": 1, "length": 1},
+    "cone": {"radius": 1, "length": 1},
+}
+"""Elements that say how large a shape is, and how many numbers each holds."""
+
+STEEPEST_FRICTION = 2.0
+"""Worlds write 100 and more for `it does not slip`."""
+
 AROUND, RINGS = 24, 12
 
 
@@ -92,22 +107,6 @@ def prism_mesh(outline: Array, height: float) -> Mesh:
         faces += [(k, after, after + count), (k, after + count, k + count)]
     points = np.concatenate([low, high])
     return Mesh("polyline", points, np.array(faces, dtype=np.int32).reshape(-1, 3))
-
-
-PLACEHOLDER = Box((0.5, 0.5, 0.5))
-
-SIZES = {
-    "box": {"size": 3},
-    "ellipsoid": {"radii": 3},
-    "sphere": {"radius": 1},
-    "cylinder": {"radius": 1, "length": 1},
-    "capsule": {"radius": 1, "length": 1},
-    "cone": {"radius": 1, "length": 1},
-}
-"""Elements that say how large a shape is, and how many numbers each holds."""
-
-STEEPEST_FRICTION = 2.0
-"""Worlds write 100 and more for `it does not slip`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,6 +1,6 @@
 """Reads COLLADA 1.4 and 1.5 (`.dae`), tolerantly (worlds reference 7; items 43 to 47).
 
-Materials of COLLADA: from a material through its effect to a colour or a picture.
+A material leads through its effect to a colour or a picture.
 """
 
 from __future__ import annotations
@@ -26,6 +26,19 @@ from usarsim_maps.numbers import read_number, read_numbers
 from usarsim_maps.reader import Context, Reader, register
 from usarsim_maps.scene import Color, Light, LightKind, Material, Mesh, Part, Scene, SceneObject
 from usarsim_maps.units import axis_turn
+
+Array = NDArray[np.float64]
+
+MAX_NODES = 100_000
+"""Nodes that a scene shows; nodes that contain others twice could make billions."""
+
+MAX_DEPTH = 200
+
+FAR = 1e12
+"""Larger numbers in nodes have no meaning."""
+
+STEPS = {"matrix": 16, "translate": 3, "scale": 3, "rotate": 4, "lookat": 9}
+"""Transformations of a node, and how many numbers each has."""
 
 SHADERS = ("phong", "lambert", "blinn", "constant")
 GREY: Color = (0.7, 0.7, 0.7, 1.0)
@@ -123,21 +136,6 @@ def _image(name: str, places: list[Node], ids: Mapping[str, Node]) -> str:
     if found is None:
         return ""
     return found.word("ref") or found.text
-
-
-Array = NDArray[np.float64]
-
-MAX_NODES = 100_000
-"""Nodes that a scene shows; nodes that contain others twice could make billions."""
-
-MAX_DEPTH = 200
-
-FAR = 1e12
-"""Larger numbers in nodes have no meaning."""
-
-
-STEPS = {"matrix": 16, "translate": 3, "scale": 3, "rotate": 4, "lookat": 9}
-"""Transformations of a node, and how many numbers each has."""
 
 
 @register("collada")
