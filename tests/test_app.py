@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+
 import pytest
 
 from usarsim_server import app
 from usarsim_server.errors import UsarsimError
+from usarsim_server.sessions.session import RobotAgent
 from usarsim_server.settings import Settings
 from usarsim_server.simulation.engine import Engine
+from usarsim_server.simulation.servos import WheelServos
+from usarsim_server.simulation.simulation import BodyHandle
+from usarsim_server.testing import ScriptedClient, eventually, running_server
 
 
 def test_a_server_without_physics_does_not_live_on(
@@ -22,3 +29,46 @@ def test_a_server_without_physics_does_not_live_on(
     with pytest.raises(UsarsimError, match="the world diverges"):
         app.run(Settings(world="empty", port=0, host="127.0.0.1"))
     assert capsys.readouterr().out.count("READY") <= 1
+
+
+def test_a_drive_passes_eight_functions(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From the socket to the wheels, beside the protocol and the queues between the threads."""
+    carriers = ("protocol", "dispatcher.py", "mailbox.py", "clock.py")
+    package, passed = Path(app.__file__).parent, []
+
+    def note(owner: type, name: str) -> None:
+        original = getattr(owner, name)
+
+        def noted(*arguments: object) -> object:
+            frame = sys._getframe(1)
+            way = [f"{owner.__name__}.{name}"]
+            while frame is not None:
+                code, file = frame.f_code, Path(frame.f_code.co_filename)
+                if file.is_relative_to(package) and not {*file.parts}.intersection(carriers):
+                    way.insert(0, code.co_qualname.partition(".<locals>")[0])
+                frame = frame.f_back
+            passed.extend(one for one in way if one not in passed)
+            return original(*arguments)
+
+        monkeypatch.setattr(owner, name, noted)
+
+    with running_server(world="empty") as (_, endpoints):
+        client = ScriptedClient(endpoints["control"].port)
+        client.send("INIT {ClassName P3AT} {Location 0,0,-0.3}")
+        client.wait_for("STA")
+        note(RobotAgent, "submit")
+        note(BodyHandle, "drive")
+        note(WheelServos, "command")
+        client.send("DRIVE {Left 1} {Right 1}")
+        assert eventually(lambda: "WheelServos.command" in passed)
+        client.close()
+    assert passed == [
+        "_Connection._read",
+        "RobotAgent.submit",
+        "RobotAgent.execute",
+        "Pilot.obey",
+        "WheelConduct.steer",
+        "BodyHandle.drive",
+        "Engine.drive",
+        "WheelServos.command",
+    ]
