@@ -1,8 +1,13 @@
-"""Grippers, vacuum grippers, tool changers: opcodes, hands, EFF, CONF, GEO (4.7 to 4.9)."""
+"""Effectors: their types are found; opcodes, hands, EFF, CONF, GEO (4.7 to 4.9); what hands take and
+let go is told once, tools are where they are held.
+"""
 
 from __future__ import annotations
 
+import logging
 import math
+from importlib.metadata import EntryPoint
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -10,12 +15,26 @@ from actuator_fakes import CUP, HAND, SPARE, Machine, effector, robot
 from hypothesis import given
 from hypothesis import strategies as st
 
-from usarsim_server.actuators.effector import Effector, create_effectors
+from usarsim_server import plugins
+from usarsim_server.actuators import effector as registry
+from usarsim_server.actuators.articulation import Articulation
+from usarsim_server.actuators.effector import (
+    GROUP,
+    Effector,
+    create_effector,
+    create_effectors,
+    effector_types,
+    register_effector,
+)
 from usarsim_server.actuators.hands import ToolChanger
+from usarsim_server.actuators.holdings import Change
+from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.protocol.messages import configuration, effector_geometry
-from usarsim_server.robots.description import EffectorDescription
+from usarsim_server.protocol.values import Item
+from usarsim_server.robots.description import EffectorDescription, RobotDescription
 from usarsim_server.robots.mounting import SetResult
-from usarsim_server.simulation.articulation import Grip, HandState, JointOrder, Order
+from usarsim_server.sessions.robots import robot_model
+from usarsim_server.simulation.articulation import Grip, HandModel, HandState, JointOrder, Order
 from usarsim_server.simulation.frames import Vector
 
 ARMS = robot()
@@ -175,3 +194,182 @@ def test_suction_faces_away_from_the_mount(tip: Vector) -> None:
     if length > 1e-6 or length == 0.0:
         np.testing.assert_allclose(pose.rotate((1.0, 0.0, 0.0)), ahead, atol=1e-4)
     assert math.hypot(*pose.quaternion) == pytest.approx(1.0)
+
+
+class Stage:
+    """The robot with four effectors, one of them a loose tool."""
+
+    def __init__(self) -> None:
+        kind = robot()
+        self.machine = Machine(kind)
+        self.limbs = Articulation(kind, self.machine)
+
+    def look(self, **held: str | None) -> list[Change]:
+        """Changes when hands hold these things; the others keep what they have."""
+        for name, thing in held.items():
+            self.machine.held[name] = HandState(thing is not None, thing)
+        return self.limbs.changes(self.machine.state())
+
+
+def test_the_first_look_tells_nothing() -> None:
+    """What is held from the start is no change, and neither is what stays."""
+    stage = Stage()
+    assert stage.look(Changer="Spare") == []
+    assert stage.look() == []
+
+
+def test_things_are_told_by_the_hand() -> None:
+    """A crate has no type of its own, so the hand is named that took it."""
+    stage = Stage()
+    stage.look()
+    assert stage.look(Hand="crate") == [Change("ItemAttached", "Gripper", "Hand")]
+    assert stage.look() == []
+    assert stage.look(Hand=None) == [Change("ItemReleased", "Gripper", "Hand")]
+
+
+def test_tools_are_told_by_themselves() -> None:
+    """A tool is a part of the robot, with type and name; an exchange is told in order."""
+    stage = Stage()
+    stage.look()
+    assert stage.look(Changer="Spare") == [Change("ToolAttached", "Gripper", "Spare")]
+    assert stage.look(Changer=None, Spare="case") == [
+        Change("ToolReleased", "Gripper", "Spare"),
+        Change("ItemAttached", "Gripper", "Spare"),
+    ]
+    assert stage.look(Spare="parcel") == [
+        Change("ItemReleased", "Gripper", "Spare"),
+        Change("ItemAttached", "Gripper", "Spare"),
+    ]
+
+
+def test_a_robot_without_hands_has_no_changes() -> None:
+    """Most robots have none."""
+    kind = robot(effectors=())
+    machine = Machine(kind)
+    limbs = Articulation(kind, machine)
+    assert limbs.changes(machine.state()) == limbs.changes(machine.state()) == []
+
+
+def test_geometry_of_a_tool_follows_its_holder() -> None:
+    """Loose it is where the file lays it, held it sits on the link of the changer (4.7)."""
+    stage = Stage()
+
+    def told() -> str:
+        return stage.limbs.geometry("Gripper", "Spare")
+
+    resting = (
+        "GEO {Type Gripper} {Name Spare} {Location 0.10,0.00,0.00} {Orientation 0.00,0.00,0.00} "
+        "{Mount Arms} {Tip 0.10,0.00,0.00}"
+    )
+    assert told() == resting
+    stage.look(Changer="Spare")
+    assert told() == resting.replace("{Mount Arms}", "{Mount Wrist} {MountLink 1}")
+    stage.look(Changer=None)
+    assert told() == resting
+    stage.machine.gone = True
+    assert told() == resting
+
+
+@pytest.fixture
+def types(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """The registry for the length of a test."""
+    effector_types()
+    table: dict[str, Any] = dict(registry.TYPES._types)
+    monkeypatch.setattr(registry.TYPES, "_types", table)
+    return table
+
+
+class Magnet(Effector):
+    """What somebody might add: one class in one file."""
+
+    wire_type: ClassVar[str] = "Magnet"
+
+    def __init__(self, description: EffectorDescription, robot: RobotDescription) -> None:
+        super().__init__(description, robot)
+        self.gap = self.parameters.number("gap", 1.0)
+
+    def hand(self) -> HandModel:
+        """A cup without limits."""
+        return HandModel(self.name, Grip.SUCTION, self.name, reach=self.gap)
+
+    def configuration(self) -> Item:
+        """A name only."""
+        return Item(self.name)
+
+
+def test_built_in_types() -> None:
+    """The types of the robots reference, and the names that the original's files have for them."""
+    assert set(effector_types()) == {
+        "Gripper",
+        "GripperEffector",
+        "ToolChanger",
+        "Vacuum",
+        "VacuumCup",
+        "VacuumGripper",
+    }
+
+
+@pytest.mark.usefixtures("types")
+def test_a_new_type_is_one_class() -> None:
+    """A registered class can be mounted, commanded and configured under any case of its name."""
+    register_effector("Magnet")(Magnet)
+    arms = robot(effectors=(effector("MAGNET", "M", gap=0.3),))
+    (magnet,) = create_effectors(arms)
+    machine = Machine(arms)
+    assert magnet.set("CLOSE", "", machine) is SetResult.OK
+    assert machine.hands == [("M", True)]
+    assert robot_model(arms).hands[0].reach == 0.3
+    assert "Magnet" in effector_types()
+
+
+@pytest.mark.usefixtures("types")
+def test_two_classes_of_one_name_are_refused() -> None:
+    """A name stands for one class; registering it again for the same class is no error."""
+    register_effector("Magnet")(Magnet)
+    register_effector("MAGNET")(Magnet)
+
+    class Other(Magnet):
+        pass
+
+    with pytest.raises(ValueError, match="'magnet' is already registered by"):
+        register_effector("magnet")(Other)
+
+
+def test_unknown_types_and_parameters_are_one_clear_error() -> None:
+    """The error names the item, what is known, and the likely meaning."""
+    with pytest.raises(RobotDescriptionError, match=r"test: type: unknown.*did you mean ToolC"):
+        create_effector(effector("ToolChnager", "T"), robot())
+    with pytest.raises(RobotDescriptionError, match="known types: Gripper, "):
+        create_effector(effector("Qqq", "T"), robot())
+    with pytest.raises(RobotDescriptionError, match="colour: unknown key of a Gripper"):
+        create_effector(effector("Gripper", "T", fingers=HAND.fingers, colour=1), robot())
+
+
+def test_types_of_other_packages(
+    types: dict[str, Any], monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Entry points add types; a broken one is logged and does not keep the others away."""
+
+    class Point(EntryPoint):
+        def load(self) -> Any:
+            if self.name == "Magnet":
+                return Magnet
+            raise ImportError("no such module")
+
+    points = [Point(name, "x:y", GROUP) for name in ("Broken", "Magnet")]
+    monkeypatch.setattr(plugins, "entry_points", lambda group: points if group == GROUP else [])
+    monkeypatch.setattr(registry.TYPES, "_discovered", False)
+    monkeypatch.setattr(registry.TYPES, "_broken", {})
+    types.clear()
+    monkeypatch.setattr(plugins, "importlib", _NoImports)
+    with caplog.at_level(logging.WARNING):
+        assert effector_types() == ["Magnet"]
+    assert "Broken" in caplog.text
+
+
+class _NoImports:
+    """Stands for importlib: the built-in modules have been imported already."""
+
+    @staticmethod
+    def import_module(name: str) -> None:
+        """Do nothing."""

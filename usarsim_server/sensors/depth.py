@@ -1,14 +1,12 @@
-"""Depth cameras by rays (robots reference 2.3, protocol reference 4.6).
+"""Depth cameras and point clouds, by rays (robots reference 2.3, protocol reference 4.6).
 
-An image is sent in frames of a few rows, one frame per interval, and each frame casts only its own
-rows at its own moment: 3840 rays ten times a second instead of 76,800 at once. A robot that moves
-meanwhile distorts its image, as it did in the original.
+A depth image is sent in frames of a few rows, one frame per interval, and each frame casts only its
+own rows at its own moment: 3840 rays ten times a second instead of 76,800 at once. A robot that
+moves meanwhile distorts its image, as it did in the original.
 
-Sensors that report points in their own frame: PCL (robots reference 2.3).
-
-Both are built of sonars in the original, which amount to one ray each (robots reference 2.2), and
-like those they clamp to both range limits, so that a beam without echo gives a point at the maximum
-range and the number of points is constant.
+Point clouds (PCL) are in the sensor's own frame. Both kinds are built of sonars in the original,
+which amount to one ray each (robots reference 2.2), and like those they clamp to both range limits,
+so that a beam without echo gives a point at the maximum range and the number of points is constant.
 """
 
 from __future__ import annotations

@@ -1,14 +1,8 @@
-"""Inertial navigation: the true motion with an error in proportion to it (robots reference 2.5).
+"""Inertial sensors: INS, its forerunner INU, IMU and accelerometers (robots reference 2.5, protocol
+reference 4.6 and addendum).
 
-Inertial navigation unit, the forerunner of the INS (protocol reference 4.6).
-
-Inertial measurement unit (robots reference 2.5, protocol reference 4.6).
-
-Accelerometers (robots reference 2.5, protocol reference 4.6 and addendum).
-
-Acceleration of the robot by finite differences, as the original computed it.
-
-Angles as the UDK generation stored and printed them, and differences of angle triples.
+The INS adds an error in proportion to the true motion. Accelerations are finite differences of the
+robot's velocity, as in the original.
 """
 
 from __future__ import annotations

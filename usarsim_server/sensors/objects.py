@@ -1,10 +1,9 @@
-"""The helper of the soccer robots: it knows where the ball is (protocol reference 4.5).
+"""What is in front of the robot: objects (robots reference 2.9, protocol reference 4.6), and the ball
+of the soccer robots (protocol reference 4.5).
 
-Only one client's reader is known of the original (RDK). It shifts the position by a fixed offset,
-which makes sense for a place on the field and not for one relative to a robot; so Pos3D is the
-place in the world.
-
-Recognises what is in front of it (robots reference 2.9, protocol reference 4.6).
+Only one client's reader is known of the original's ball helper (RDK). It shifts the position by a
+fixed offset, which makes sense for a place on the field and not for one relative to a robot; so
+Pos3D is the place in the world.
 """
 
 from __future__ import annotations

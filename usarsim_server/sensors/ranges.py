@@ -1,19 +1,12 @@
-"""What all sensors that measure distances share: limits, misses and noise.
+"""Distances: what all sensors share that measure them, range finders, sonar and line lasers.
 
-Range finders with one ray along the mount axis (robots reference 2.2).
+Range finders have one ray along the mount axis (robots reference 2.2). Ultrasound has a cone of
+rays: a wall reflects it like a mirror, so an oblique surface gives no echo, and a ray of the cone
+counts only if it meets its surface within `max_incidence` of the normal. UDK compared the normal
+with the ray's own direction, by which nearly all facing hits fail and only the centre ray remains;
+`literal = true` reproduces that. Line lasers report the points of a fan of beams in the world (2.3).
 
-Ultrasonic ranging with a cone of rays and a limit of the angle of incidence.
-
-Robots reference 2.2. A wall reflects sound like a mirror, so an oblique surface gives no echo: a
-ray of the cone counts only if it meets its surface within `max_incidence` of the normal. UDK
-compared the normal with the ray's own direction, by which nearly all facing hits fail and only the
-centre ray remains; `literal = true` reproduces that.
-
-Line lasers: a fan of beams whose points are reported in the world (robots reference 2.3).
-
-Bundles of ray directions: computed once in the sensor's own frame, turned once per reading.
-
-Lists of points as text, fast enough for a thousand of them.
+Directions of rays are computed once in the sensor's own frame and turned once per reading.
 """
 
 from __future__ import annotations

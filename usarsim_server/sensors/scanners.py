@@ -1,9 +1,7 @@
-"""Laser range finders that scan a plane (robots reference 2.3, protocol reference 4.5 to 4.8).
+"""Laser range finders that scan a plane, or rows (robots reference 2.3, protocol reference 4.5 to 4.8).
 
-All of them are `RangeScanner` on the wire. A scan starts at the right, +FOV/2 of wire yaw, and ends
-at the left; both end beams are part of it.
-
-Scanners that sweep rows of beams (protocol reference 4.6, RangeScanner3D).
+A scan starts at the right, +FOV/2 of wire yaw, and ends at the left; both end beams are part of it.
+Scanners in a plane are all `RangeScanner` on the wire.
 """
 
 from __future__ import annotations
