@@ -1,5 +1,5 @@
-"""Actuators: link numbers, orders, status, GEO and CONF, and the frames in which GEO announces links
-(protocol reference 3.9, 3.10, 4.7 to 4.9).
+"""Actuators: link numbers, orders, status, GEO and CONF, and the frames in which GEO announces
+links (protocol reference 3.9, 3.10, 4.7 to 4.9).
 """
 
 from __future__ import annotations

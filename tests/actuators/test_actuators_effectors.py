@@ -1,5 +1,5 @@
-"""Effectors: their types are found; opcodes, hands, EFF, CONF, GEO (4.7 to 4.9); what hands take and
-let go is told once, tools are where they are held.
+"""Effectors: their types are found; opcodes, hands, EFF, CONF, GEO (4.7 to 4.9); what hands take
+and let go is told once, tools are where they are held.
 """
 
 from __future__ import annotations

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from machine_fakes import UDK, UT
 
 from usarsim_server.protocol.requests import Drive, WheelTarget
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.catalog import load_roster
 from usarsim_server.robots.families.wheeled import WheelDrive
 
-UT, UDK = Dialect.UT2004, Dialect.UDK
 ROBOTS = {robot.name: robot for robot in load_roster().descriptions()}
 P2AT, P3AT, P2DX = ROBOTS["P2AT"], ROBOTS["P3AT"], ROBOTS["P2DX"]
 LIMIT = 5.385

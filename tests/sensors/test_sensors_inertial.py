@@ -1,5 +1,5 @@
-"""INS, INU, IMU and accelerometers (robots reference 2.5, checklist 86 to 90, 98; protocol checklist
-113; protocol reference 4.5, 4.6).
+"""INS, INU, IMU and accelerometers (robots reference 2.5, checklist 86 to 90, 98; protocol
+checklist 113; protocol reference 4.5, 4.6).
 """
 
 from __future__ import annotations

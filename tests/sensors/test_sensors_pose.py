@@ -1,5 +1,5 @@
-"""Ground truth, compass, altimeter and mission clock (robots reference 2.5, checklist 91, 92, 99, 100;
-protocol checklist 117).
+"""Ground truth, compass, altimeter and mission clock (robots reference 2.5, checklist 91, 92, 99,
+100; protocol checklist 117).
 """
 
 from __future__ import annotations

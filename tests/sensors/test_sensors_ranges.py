@@ -1,5 +1,5 @@
-"""Infrared and plain range finders, sonar, and directions of rays (robots reference 2.2, checklist 65
-to 67, 77).
+"""Infrared and plain range finders, sonar, and directions of rays (robots reference 2.2, checklist
+65 to 67, 77).
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-"""Odometry and tachometer (robots reference 2.4, checklist 79 to 81, 85; protocol checklist 108, 109,
-119).
+"""Odometry and tachometer (robots reference 2.4, checklist 79 to 81, 85; protocol checklist 108,
+109, 119).
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-"""Touch pads and bumpers: small discs probed by short rays, one or an arc of them that reports as one
-(robots reference 2.8).
+"""Touch pads and bumpers: small discs probed by short rays, one or an arc of them that reports as
+one (robots reference 2.8).
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-"""What is in front of the robot: objects (robots reference 2.9, protocol reference 4.6), and the ball
-of the soccer robots (protocol reference 4.5).
+"""What is in front of the robot: objects (robots reference 2.9, protocol reference 4.6), and the
+ball of the soccer robots (protocol reference 4.5).
 
 Only one client's reader is known of the original's ball helper (RDK). It shifts the position by a
 fixed offset, which makes sense for a place on the field and not for one relative to a robot; so

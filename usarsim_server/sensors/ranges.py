@@ -4,7 +4,8 @@ Range finders have one ray along the mount axis (robots reference 2.2). Ultrasou
 rays: a wall reflects it like a mirror, so an oblique surface gives no echo, and a ray of the cone
 counts only if it meets its surface within `max_incidence` of the normal. UDK compared the normal
 with the ray's own direction, by which nearly all facing hits fail and only the centre ray remains;
-`literal = true` reproduces that. Line lasers report the points of a fan of beams in the world (2.3).
+`literal = true` reproduces that. Line lasers report the points of a fan of beams in the world
+(2.3).
 
 Directions of rays are computed once in the sensor's own frame and turned once per reading.
 """

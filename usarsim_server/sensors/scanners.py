@@ -1,4 +1,5 @@
-"""Laser range finders that scan a plane, or rows (robots reference 2.3, protocol reference 4.5 to 4.8).
+"""Laser range finders that scan a plane, or rows (robots reference 2.3, protocol reference 4.5 to
+4.8).
 
 A scan starts at the right, +FOV/2 of wire yaw, and ends at the left; both end beams are part of it.
 Scanners in a plane are all `RangeScanner` on the wire.
