@@ -20,6 +20,7 @@ from usarsim_server.actuators import effector as registry
 from usarsim_server.actuators.articulation import Articulation
 from usarsim_server.actuators.effector import (
     GROUP,
+    Change,
     Effector,
     create_effector,
     create_effectors,
@@ -27,7 +28,6 @@ from usarsim_server.actuators.effector import (
     register_effector,
 )
 from usarsim_server.actuators.hands import ToolChanger
-from usarsim_server.actuators.holdings import Change
 from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.protocol.messages import configuration, effector_geometry
 from usarsim_server.protocol.values import Item

@@ -1,10 +1,11 @@
-"""Writes small robot files for tests."""
+"""Small robot files for tests, and what lines say."""
 
 from __future__ import annotations
 
 import copy
 import json
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -68,3 +69,17 @@ def value(entry: Any) -> str:
             pairs = ", ".join(f"{key(name)} = {value(item)}" for name, item in entry.items())
             return "{" + pairs + "}"
     raise TypeError(f"no TOML for {entry!r}")
+
+
+DIALECTS = ("ut2004", "udk")
+
+
+def kind(line: str) -> str:
+    """Value of the first Type segment, empty if there is none."""
+    found = re.search(r"\{Type (\w+)\}", line)
+    return found.group(1) if found is not None else ""
+
+
+def values(line: str, key: str) -> list[str]:
+    """Values of a key, of segments of their own or inside a multi-pair segment."""
+    return re.findall(rf"[{{ ]{key} ([^{{}} ]*)", line)

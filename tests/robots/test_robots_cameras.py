@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from robot_files import LEFT, RIGHT, table, write
+from test_robots_files_fuzz import QUICK, check, values
 from test_robots_limbs import ARM
-from test_robots_loader_fuzz import QUICK, check, values
 
 from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.robots.catalog import load_robot, load_roster

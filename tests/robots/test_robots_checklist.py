@@ -8,9 +8,8 @@ from collections.abc import Callable, Iterator
 from itertools import pairwise
 
 import pytest
-from robot_files import LEFT, RIGHT, table, write
-from wire_text import DIALECTS, values
-from wire_text import kind as kind_of
+from robot_files import DIALECTS, LEFT, RIGHT, table, values, write
+from robot_files import kind as kind_of
 
 from usarsim_server.testing import Rehearsal, RehearsedClient
 

@@ -10,8 +10,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import pytest
-from wire_text import DIALECTS, values
-from wire_text import kind as kind_of
+from robot_files import DIALECTS, values
+from robot_files import kind as kind_of
 
 from usarsim_server.robots.catalog import load_roster
 from usarsim_server.testing import Rehearsal

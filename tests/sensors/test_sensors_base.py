@@ -1,4 +1,4 @@
-"""Sensor types are found by themselves or through entry points; the how-to page works as written."""
+"""Sensor types are found by themselves and through entry points; the how-to page works as written."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.robots.description import ItemDescription
 from usarsim_server.sensors import base as registry
 from usarsim_server.sensors.base import Sensor, SensorContext, create_sensor, register, sensor_types
-from usarsim_server.sensors.battery import Battery
+from usarsim_server.sensors.pose import Battery
 from usarsim_server.sensors.report import conf_line, sen_lines
 from usarsim_server.simulation.frames import pose_from_wire
 
@@ -152,7 +152,7 @@ def test_a_name_belongs_to_one_class() -> None:
     class Impostor(Battery):
         pass
 
-    with pytest.raises(ValueError, match=r"already registered by usarsim_server\.sensors\.battery"):
+    with pytest.raises(ValueError, match=r"already registered by usarsim_server\.sensors\.pose"):
         register("BATTERY")(Impostor)
     assert type(make("Battery")) is Battery
 

@@ -9,8 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from usarsim_server.actuators.base import Actuator, joint_order
-from usarsim_server.actuators.effector import Effector, create_effectors
-from usarsim_server.actuators.holdings import Change, Holdings
+from usarsim_server.actuators.effector import Change, Effector, Holdings, create_effectors
 from usarsim_server.protocol import messages
 from usarsim_server.protocol.dialects import sends_results
 from usarsim_server.protocol.numbers import read_number

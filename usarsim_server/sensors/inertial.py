@@ -32,6 +32,8 @@ from usarsim_server.simulation.frames import (
 from usarsim_server.simulation.rays.query import RayHits
 from usarsim_server.simulation.snapshot import RobotState
 
+Array = NDArray[np.float64]
+
 
 class AccelerationMeter:
     """Mean acceleration of the robot's reference point between calls.
@@ -68,9 +70,6 @@ def each_turn(angles: Vector | Array) -> Vector:
     """Three angles, each in [0, 2 pi)."""
     x, y, z = angles
     return wrap_turn(float(x)), wrap_turn(float(y)), wrap_turn(float(z))
-
-
-Array = NDArray[np.float64]
 
 
 @register("INS")

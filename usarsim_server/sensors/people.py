@@ -1,14 +1,10 @@
-"""The victim sensor of the UT2004 generation (robots reference 2.9, protocol reference 4.6).
+"""Sensors of people: the victim sensor of the UT2004 generation, detectors of motion, lines of
+sight (robots reference 2.9, protocol reference 4.6).
 
-Rays of a grid look for people. A quarter of the grid is probed at each interval, so a report is
-complete, and sent, at every fourth.
-
-Detectors of moving people (robots reference 2.9).
-
-Only the form of the message is known of the original; the model here is a starting value. Like a
+The victim sensor looks for people with the rays of a grid. A quarter of the grid is probed at each
+interval, so a report is complete, and sent, at every fourth. Of the detector of moving people only
+the form of the message is known of the original; the model here is a starting value: like a
 pyroelectric detector it is surer of what is near and moves fast.
-
-Where things are as a sensor sees them, and whether anything stands in between.
 """
 
 from __future__ import annotations
@@ -32,6 +28,19 @@ from usarsim_server.simulation.rays.query import RayFan, RayHits
 from usarsim_server.simulation.snapshot import RobotState
 from usarsim_server.worlds.description import PARTS, FalseAlarm
 from usarsim_server.worlds.victims import part_of
+
+Array = NDArray[np.float64]
+
+FOV = math.radians(40.0)
+STEP = math.radians(4.0)
+"""rad; VictSensor.uc."""
+
+PATTERNS = ((0.0, 0.0), (0.5, 0.0), (0.5, 0.5), (0.0, 0.5))
+"""Shifts of the four quarters of the grid, in steps of yaw and pitch. Source: VictSensor.uc."""
+
+MAX_PAIRS = 16
+"""Most parts of one line, the nearest victims first: lines stay below 1024 bytes (protocol
+reference 6.7 number 107)."""
 
 MARGIN = 0.2
 """m: what a ray meets this near its end belongs to what it was sent to, such as a head to a
@@ -86,20 +95,6 @@ def in_sight(
 def _belongs(geom: str | None, victim: str) -> bool:
     found = None if geom is None else part_of(geom)
     return found is not None and found[0] == victim
-
-
-Array = NDArray[np.float64]
-
-FOV = math.radians(40.0)
-STEP = math.radians(4.0)
-"""rad; VictSensor.uc."""
-
-PATTERNS = ((0.0, 0.0), (0.5, 0.0), (0.5, 0.5), (0.0, 0.5))
-"""Shifts of the four quarters of the grid, in steps of yaw and pitch. Source: VictSensor.uc."""
-
-MAX_PAIRS = 16
-"""Most parts of one line, the nearest victims first: lines stay below 1024 bytes (protocol
-reference 6.7 number 107)."""
 
 
 @register("VictSensor")

@@ -1,6 +1,5 @@
-"""The true pose, without noise (robots reference 2.5).
-
-Compass, altimeter and mission clock of the UDK generation (robots reference 2.5).
+"""What a robot knows of itself: true pose, compass, altimeter, mission clock (robots reference
+2.5), and the battery, whose state is in STA and never in SEN.
 """
 
 from __future__ import annotations
@@ -147,3 +146,19 @@ class MissionTime(Sensor):
     def data(self, dialect: Dialect) -> tuple[Segment, ...]:
         """Minutes."""
         return (("Minutes", str(self._minutes)),)
+
+
+@register("Battery")
+class Battery(Sensor):
+    """Silent; answers GEO with its place and CONF with its name (robots reference 2.10)."""
+
+    wire_type: ClassVar[str] = "Battery"
+    intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.0, Dialect.UDK: 0.0}
+
+    def measure(self, robot: RobotState, hits: Sequence[RayHits]) -> bool:
+        """Nothing to report."""
+        return False
+
+    def data(self, dialect: Dialect) -> tuple[Segment, ...]:
+        """No data."""
+        return ()

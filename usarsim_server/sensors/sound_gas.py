@@ -1,9 +1,8 @@
-"""Ears: the loudness sensor of UT2004 and the acoustic array of UDK (robots reference 2.9).
+"""Ears and gas sensors: loudness of UT2004, acoustic array of UDK, the breath of people (robots
+reference 2.9).
 
-Both hear the calling victims and the sounds of the world file. A level falls by 20 log10(d / 1 m);
-a source that cannot be seen sounds as if it were twice as far away.
-
-Gas sensors: the breath of people (robots reference 2.9).
+Both ears hear the calling victims and the sounds of the world file. A level falls by 20 log10(d / 1
+m); a source that cannot be seen sounds as if it were twice as far away.
 """
 
 from __future__ import annotations

@@ -1,10 +1,5 @@
-"""Dead reckoning from the front wheels (robots reference 2.4).
-
-Encoders of wheels and of joints (robots reference 2.4, protocol reference 4.6).
-
-Speed and angle of all driven wheels (robots reference 2.4).
-
-Which wheels the wheel sensors look at.
+"""Sensors of wheels and joints: odometry by dead reckoning from the front wheels, encoders, and the
+tachometer (robots reference 2.4, protocol reference 4.6).
 """
 
 from __future__ import annotations
@@ -26,6 +21,8 @@ from usarsim_server.robots.mounting import SetResult
 from usarsim_server.sensors.base import Sensor, SensorContext, register
 from usarsim_server.simulation.rays.query import RayHits
 from usarsim_server.simulation.snapshot import RobotState
+
+Array = NDArray[np.float64]
 
 
 def has_wheel_sensors(robot: RobotDescription) -> bool:
@@ -247,9 +244,6 @@ class Encoder(Sensor):
             if side in self.name.lower():
                 return front_wheel(robot, side)
         return None
-
-
-Array = NDArray[np.float64]
 
 
 @register("Tachometer")

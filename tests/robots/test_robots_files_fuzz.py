@@ -1,4 +1,6 @@
-"""Whatever a robot file says: a robot that MuJoCo can build, or one RobotDescriptionError."""
+"""Whatever a robot file says, of arms as well: a robot that MuJoCo can build, or one
+RobotDescriptionError.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +12,7 @@ from typing import Any
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from robot_files import table, write
+from test_robots_limbs import ARM, GRIPPER
 
 from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.robots.catalog import load_robot
@@ -131,3 +134,53 @@ def test_random_bytes_never_raise_anything_else(data: bytes) -> None:
         loaded = outcome(path)
         assert isinstance(loaded, str)
         assert loaded.startswith(folder)
+
+
+ARMED = table(
+    actuator=[ARM],
+    effector=[GRIPPER, {**GRIPPER, "name": "Loose", "mount": "", "detached": True}],
+)
+FUZZ_PLACES = [place for place in paths(ARMED) if place[0] in ("actuator", "effector")]
+FUZZ_NUMBERS = [place for place in FUZZ_PLACES if isinstance(at_place(ARMED, place), float)]
+
+
+@QUICK
+@given(st.lists(st.tuples(st.sampled_from(FUZZ_PLACES), values), min_size=1, max_size=2))
+def test_damaged_arms_never_raise_anything_else(
+    damages: list[tuple[tuple[Any, ...], Any]],
+) -> None:
+    """An armed robot with one or two values replaced is a robot or a RobotDescriptionError."""
+    robot = copy.deepcopy(ARMED)
+    for place, value in damages:
+        # An earlier damage may have taken the place away.
+        try:
+            put(robot, place, value)
+        except (KeyError, IndexError, TypeError):
+            continue
+    check(robot)
+
+
+@QUICK
+@given(st.dictionaries(st.sampled_from(FUZZ_NUMBERS), numbers, min_size=1, max_size=6))
+def test_numbers_of_arms_within_the_limits_always_compile(
+    changes: dict[tuple[Any, ...], float],
+) -> None:
+    """MuJoCo never refuses an arm that the loader accepts."""
+    robot = copy.deepcopy(ARMED)
+    for place, value in changes.items():
+        put(robot, place, value)
+    check(robot)
+
+
+@QUICK
+@given(st.dictionaries(st.sampled_from(["actuator", "effector", "without"]), values, max_size=3))
+def test_random_tables_of_arms_never_raise_anything_else(changes: dict[str, Any]) -> None:
+    """Anything in place of the tables is a robot or a RobotDescriptionError."""
+    check({**copy.deepcopy(ARMED), **changes})
+
+
+def test_the_undamaged_robot_is_one(tmp_path: Path) -> None:
+    """What is damaged here loads and compiles when it is whole."""
+    robot = outcome(write(tmp_path, "Test", ARMED))
+    assert not isinstance(robot, str), robot
+    assert build_spec(robot).compile().njnt == 1 + 2 + 2 + 2 + 3
