@@ -1,4 +1,4 @@
-"""Sensor types are found by themselves and through entry points; the how-to page works as written."""
+"""Sensor types are found by themselves and through entry points; the how-to works as written."""
 
 from __future__ import annotations
 
