@@ -32,7 +32,7 @@ from usarsim_server.protocol.names import name_key
 from usarsim_server.radio.configuration import RadioOptions, read_radio, read_radio_file
 from usarsim_server.radio.event_log import EventLog
 from usarsim_server.radio.network import Network, RadioWorld
-from usarsim_server.radio.obstacles import SceneryObstacles
+from usarsim_server.radio.stations import SceneryObstacles
 from usarsim_server.robots.catalog import load_roster
 from usarsim_server.services.budget import Owners, Pace, WorkBudget, whole_share
 from usarsim_server.services.comserver import ComServerLimits, ComServerService
@@ -69,7 +69,7 @@ from usarsim_server.worlds.avatars.avatars import Avatars
 from usarsim_server.worlds.avatars.bodies import load_avatars
 from usarsim_server.worlds.description import WorldDescription
 from usarsim_server.worlds.loader import find_world, load_world
-from usarsim_server.worlds.machinery.operators import operators_of
+from usarsim_server.worlds.machinery.obstacles import operators_of
 from usarsim_server.worlds.objects import bodies as object_classes
 from usarsim_server.worlds.objects.bodies import load_objects
 from usarsim_server.worlds.objects.objects import WorldObjects

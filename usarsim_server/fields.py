@@ -276,7 +276,7 @@ def _getter(hint: Any, about: _About) -> tuple[str, Callable[[Any, str, Any], An
     if origin is tuple:
         return _list_getter(parts, about)
     if dataclasses.is_dataclass(hint):
-        return "a table", lambda table, key, default: _inner(table.table(key), hint, default)
+        return "a table", lambda table, key, default: table.one(key, hint, default)
     enum = hint if isinstance(hint, type) and issubclass(hint, Enum) else None
     options = about.choices or (tuple(one.value for one in enum) if enum else ())
     options = parts if origin is Literal else options
@@ -310,9 +310,7 @@ def _list_getter(
     """The same for tuples."""
     element, limits = parts[0], about.limits
     if dataclasses.is_dataclass(element):
-        return "a list of tables", lambda table, key, default: tuple(
-            _inner(one, element, None) for one in table.tables(key)
-        )
+        return "a list of tables", lambda table, key, default: table.all(key, element)
     if element is str:
         return "a list of texts", lambda table, key, default: table.texts(key)
     counts = about.counts or (() if parts[-1] is Ellipsis else (len(parts),))
@@ -324,12 +322,6 @@ def _list_getter(
         return found
 
     return wanted, read
-
-
-def _inner(table: Any, cls: Any, base: Any) -> Any:
-    value = table.read(cls, base)
-    table.finish()
-    return value
 
 
 def _plain(number: float) -> str:

@@ -10,7 +10,7 @@ import json
 import math
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from dataclasses import field as plain_field
 from pathlib import Path
@@ -31,8 +31,6 @@ _SIDE = (16, 2048)
 
 _VISITORS = 16
 """Control connections that are no robots: world controllers, clients that only ask."""
-
-# ---- what a type does not say --------------------------------------------------------------------
 
 
 def _host(table: Table, key: str) -> str:
@@ -59,11 +57,9 @@ def _texts(table: Table, key: str) -> tuple[str, ...]:
     """One text or a list of them, as they stand."""
     value = table.raw(key)
     entries = [value] if isinstance(value, str) else value
-    if not isinstance(entries, list) or not entries:
-        raise table.wrong(key, value, "a text, or a list of texts")
-    if not all(isinstance(one, str) and one.strip() for one in entries):
-        raise table.wrong(key, value, "a text, or a list of texts")
-    return tuple(entries)
+    if isinstance(entries, list) and all(isinstance(one, str) and one.strip() for one in entries):
+        return tuple(entries)
+    raise table.wrong(key, value, "a text, or a list of texts")
 
 
 def _folders(table: Table, key: str) -> tuple[Path, ...]:
@@ -91,29 +87,17 @@ def _image_type(table: Table, key: str) -> ImageType:
     return ImageType(table.count(key, low=0, high=2**31 - 1))
 
 
-def _pair(table: Table, key: str, wanted: str) -> tuple[int, int]:
-    """Two whole numbers with an x between them."""
-    value = table.raw(key)
-    found = (
-        re.fullmatch(r"([0-9]{1,5}) ?[xX] ?([0-9]{1,5})", value) if isinstance(value, str) else None
-    )
-    if found is None:
-        raise table.wrong(key, value, wanted)
-    return int(found[1]), int(found[2])
+def _pair(wanted: str, fits: Callable[[int, int], bool]) -> Callable[[Table, str], tuple[int, int]]:
+    """The reader of two whole numbers with an x between them."""
 
+    def read(table: Table, key: str) -> tuple[int, int]:
+        value = table.raw(key)
+        pair = re.fullmatch(r"([0-9]{1,5}) ?[xX] ?([0-9]{1,5})", str(value))
+        if pair is None or not fits(int(pair[1]), int(pair[2])):
+            raise table.wrong(key, value, wanted)
+        return int(pair[1]), int(pair[2])
 
-def _tiles(table: Table, key: str) -> tuple[int, int]:
-    columns, rows = _pair(table, key, _TILES)
-    if not 1 <= columns * rows <= MOST_TILES:
-        raise table.error(key, f"{columns * rows} tiles do not fit", f"write {_TILES}")
-    return columns, rows
-
-
-def _tile_size(table: Table, key: str) -> tuple[int, int]:
-    width, height = _pair(table, key, _TILE_SIZE)
-    if not all(_SIDE[0] <= side <= _SIDE[1] for side in (width, height)):
-        raise table.error(key, f"{width}x{height} does not fit", f"write {_TILE_SIZE}")
-    return width, height
+    return read
 
 
 def _samples(table: Table, key: str) -> int:
@@ -134,9 +118,6 @@ _PORT: dict[str, Any] = {
     "port": True,
 }
 _SWITCH: dict[str, Any] = {"default": False, "metavar": "true|false"}
-
-
-# ---- the settings --------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,7 +213,7 @@ class Settings:
     )
     tiles: tuple[int, int] = field(
         default=(4, 4),
-        parse=_tiles,
+        parse=_pair(_TILES, lambda columns, rows: 1 <= columns * rows <= MOST_TILES),
         expects=_TILES,
         help="tiles of the full camera image, one camera each",
         shown="4x4",
@@ -241,7 +222,7 @@ class Settings:
     )
     tile_size: tuple[int, int] = field(
         default=(320, 240),  # side channels reference 2.10
-        parse=_tile_size,
+        parse=_pair(_TILE_SIZE, lambda *sides: _SIDE[0] <= min(sides) <= max(sides) <= _SIDE[1]),
         expects=_TILE_SIZE,
         help="pixels of a tile",
         shown="320x240",

@@ -9,13 +9,12 @@ error texts, the help of an option and the key tables of `docs/` follow from the
         color: Vector = field(default=(1.0, 1.0, 1.0), low=0.0, high=1.0, help="red, green, blue")
         kind: Literal["spot", "point"] = field(default="point", help="shape of its light")
         reach: float = field(default=10.0, unit="m", above=0.0, help="where its light ends")
-        name: str | None = field(default=None, help="for world controllers")
 
     table = Table(read_toml(path, WorldError), path, WorldError)
-    lamps = [one.read(Lamp) for one in table.tables("lamp")]  # read(Lamp, base) fills in from base
-    table.finish()                                            # so do the tables of `tables`, each
+    lamps = table.all("lamp", Lamp)  # `table.read(Lamp, base)` fills in what is absent from base
+    table.finish()
 
-What a declaration cannot say is read by a function, `field(parse=...)`, or by a getter.
+What a declaration cannot say is read by a getter, or by a function: `field(parse=...)`.
 """
 
 from __future__ import annotations
@@ -163,8 +162,6 @@ class Table:
         self._known.update(dict.fromkeys(left))
         return left
 
-    # ---- plain values ---------------------------------------------------------------------
-
     def number(
         self,
         key: str,
@@ -253,8 +250,6 @@ class Table:
         hint = "" if close is None else f"did you mean {close}? "
         raise self.error(key, f"{shown(value)} is not known", f"{hint}write {wanted}")
 
-    # ---- lists of numbers -----------------------------------------------------------------
-
     def numbers(
         self,
         key: str,
@@ -290,8 +285,6 @@ class Table:
             raise self.error(key, f"[{first}, {second}] is empty", "write the smaller number first")
         return first, second
 
-    # ---- tables ---------------------------------------------------------------------------
-
     def table(self, key: str) -> Table:
         """A table below this one; empty if it is not written."""
         place = f"{self._place}: {key}" if self._place else f"[{key}]"
@@ -318,8 +311,6 @@ class Table:
             raise self.wrong(key, value, f"a table, [{key}]")
         return MappingProxyType(dict(value))
 
-    # ---- declared values ------------------------------------------------------------------
-
     def read(self, cls: type[T], base: T | None = None, **given: object) -> T:
         """The value whose declared fields stand in this table; `finish` is left to the caller.
 
@@ -337,10 +328,10 @@ class Table:
             return typing.cast(T, dataclasses.replace(typing.cast(Any, base), **values))
         return cls(**values)
 
-    def one(self, key: str, cls: type[T]) -> T:
-        """The declared value in a table below this one, all of whose keys may be absent."""
+    def one(self, key: str, cls: type[T], base: T | None = None) -> T:
+        """The declared value in a table below this one, which may be absent; see `read`."""
         inner = self.table(key)
-        value = inner.read(cls)
+        value = inner.read(cls, base)
         inner.finish()
         return value
 
@@ -352,8 +343,6 @@ class Table:
             found.append(inner.read(what) if isinstance(what, type) else read(inner))
             inner.finish()
         return tuple(found)
-
-    # ---- helpers --------------------------------------------------------------------------
 
     def _below(self, content: Mapping[str, object], place: str) -> Table:
         return Table(content, self.path, self._error, place, hyphens=self._hyphens)

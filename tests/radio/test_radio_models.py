@@ -1,9 +1,13 @@
-"""Propagation models reproduce the values of the references."""
+"""Propagation models reproduce the references; docs/wireless.md and settings files lead to them."""
 
 from __future__ import annotations
 
 import math
+import re
+import tomllib
+from collections.abc import Iterator
 from importlib.metadata import EntryPoint
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -11,7 +15,11 @@ from hypothesis import strategies as st
 from radio_fakes import decibels, model
 
 from usarsim_server import plugins
+from usarsim_server.app import assemble
 from usarsim_server.errors import SettingsError
+from usarsim_server.options import load_settings
+from usarsim_server.radio.configuration import read_radio
+from usarsim_server.radio.event_log import Event
 from usarsim_server.radio.models import (
     GROUP,
     NOTHING,
@@ -208,3 +216,72 @@ def test_models_of_other_packages(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def _missing() -> type:
     raise ImportError("no such package")
+
+
+TEXT = (Path(__file__).parents[2] / "docs" / "wireless.md").read_text(encoding="utf-8")
+
+
+def blocks(language: str) -> Iterator[str]:
+    """The code blocks of a language."""
+    return iter(re.findall(rf"```{language}\n(.*?)```", TEXT, re.DOTALL))
+
+
+def test_the_example_of_settings_is_accepted() -> None:
+    """Every key of the example exists and has a value that fits."""
+    (table,) = (tomllib.loads(text) for text in blocks("toml") if text.startswith("[wireless]"))
+    options = read_radio(table["wireless"], "docs/wireless.md")
+    assert options.model.connects(options.model.strength(30.0, 0))
+    assert not options.model.connects(options.model.strength(30.1, 0))
+
+
+def test_all_models_and_events_are_described() -> None:
+    """No model and no event is missing."""
+    for name in (*model_names(), *Event):
+        assert f"`{name}`" in TEXT
+
+
+QUIET = """
+world = "empty"
+port = 0
+image_port = "off"
+groundtruth_port = "off"
+truth_port = "off"
+"""
+
+
+def services(file: Path, text: str) -> list[str]:
+    """Names of the services that a settings file asks for."""
+    file.write_text(QUIET + text)
+    assembly = assemble(load_settings({}, file))
+    assembly.stop()
+    return [service.name for service in assembly.services]
+
+
+@pytest.mark.parametrize(
+    ("text", "names"),
+    [
+        ("", ["control", "wireless"]),
+        ('wireless_port = "off"', ["control"]),
+        ("comserver_port = 0", ["control", "wireless", "comserver"]),
+        ('wireless_port = "off"\ncomserver_port = 0', ["control", "comserver"]),
+        ('[wireless]\nmodel = "none"', ["control", "wireless"]),
+    ],
+)
+def test_services_as_asked_for(tmp_path: Path, text: str, names: list[str]) -> None:
+    """50000 is on and can be left to others, 5874 is off unless asked for (checks 99, 100)."""
+    assert services(tmp_path / "lab.toml", text) == names
+
+
+def test_a_radio_file_beside_the_settings(tmp_path: Path) -> None:
+    """Its path starts at the settings file, and its mistakes are told with its name."""
+    (tmp_path / "radio.toml").write_text('model = "distance"\ncutof = -90\n')
+    with pytest.raises(SettingsError) as caught:
+        services(tmp_path / "lab.toml", 'wireless = "radio.toml"')
+    assert str(caught.value).startswith(f"{tmp_path}/radio.toml: cutof: unknown key")
+
+
+@pytest.mark.parametrize("text", ["wireless = 3", 'wireless_model = ""', "wireless_log = true"])
+def test_values_of_a_wrong_kind(tmp_path: Path, text: str) -> None:
+    """They are refused where they stand."""
+    with pytest.raises(SettingsError, match=r"lab\.toml: line 7: wireless"):
+        services(tmp_path / "lab.toml", text)

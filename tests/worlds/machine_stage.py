@@ -13,7 +13,7 @@ from usarsim_server.simulation.frames import Vector
 from usarsim_server.simulation.machines import Machine
 from usarsim_server.simulation.model import PhysicsOptions
 from usarsim_server.worlds.loader import load_world
-from usarsim_server.worlds.machinery.operators import operators_of
+from usarsim_server.worlds.machinery.obstacles import operators_of
 from usarsim_server.worlds.scene import build_scene
 
 CRATE = (

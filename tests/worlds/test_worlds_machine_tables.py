@@ -16,7 +16,7 @@ from world_files import HEAD, START, write_world
 from usarsim_server.errors import WorldError
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.machinery.machinery import Drive, Machinery, Spring
-from usarsim_server.worlds.machinery.operators import operators_of
+from usarsim_server.worlds.machinery.obstacles import operators_of
 from usarsim_server.worlds.scene import build_scene
 
 DOOR = '[[door]]\nname = "D"\nkind = "sliding"\nposition = [1, 2, 0]\n'

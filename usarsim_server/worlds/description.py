@@ -75,7 +75,7 @@ class StartPose:
     pose: Pose = field(
         key="position",
         parse=read_pose,
-        expects="3 numbers (m)",
+        expects="3 numbers in m",
         help="0.25 m above the floor; the robot is let down",
         rows=(HEADING,),
     )
@@ -106,7 +106,7 @@ class Victim:
     pose: Pose = field(
         key="position",
         parse=read_pose,
-        expects="3 numbers (m)",
+        expects="3 numbers in m",
         help="of the pelvis: 0.93 m above the ground for `standing`, 0.12 m for `sitting` and "
         "`lying`",
         rows=(
@@ -208,7 +208,7 @@ class SmokeVolume:
     pose: Pose = field(
         key="position",
         parse=_read_heading,
-        expects="3 numbers (m)",
+        expects="3 numbers in m",
         help="its middle",
         rows=(("yaw_degrees", "a number", "0", "heading of the body"),),
     )

@@ -42,6 +42,7 @@ class Wave:
         low=1.0,
         high=80.0,
         convert=math.radians,
+        shown="35",
         help="half angle",
     )
     period: float = field(default=1.6, unit="s", low=0.5, high=60.0, help="of the swing")

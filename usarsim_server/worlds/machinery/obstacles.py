@@ -1,4 +1,7 @@
-"""Obstacles that go their way: functions of time, unless they wait for whoever is in front."""
+"""Obstacles that go their way: functions of time, unless they wait for whoever is in front.
+
+`operators_of` gathers those who run all machinery of a world.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +11,11 @@ import math
 from dataclasses import dataclass
 
 from usarsim_server.simulation.frames import Pose, Vector, quaternion_from_rpy
-from usarsim_server.simulation.machines import Presence, Zone
+from usarsim_server.simulation.machines import Machine, Presence, Zone
 from usarsim_server.simulation.movers import Mover
-from usarsim_server.worlds.machinery.machinery import Obstacle
+from usarsim_server.worlds.machinery.doors import DoorOperator
+from usarsim_server.worlds.machinery.lifts import LiftOperator
+from usarsim_server.worlds.machinery.machinery import Drive, Machinery, Obstacle
 
 SOON = 0.05
 """s: how far ahead an obstacle looks to learn where it goes."""
@@ -148,3 +153,21 @@ class ObstacleDriver:
         height = max(z - AROUND, z / 2.0)
         half = (x + abs(dx) / 2.0 + AROUND, y + abs(dy) / 2.0 + AROUND, height + abs(dz) / 2.0)
         return Zone(middle, half)
+
+
+@dataclass(frozen=True, slots=True)
+class Operators:
+    """Movers that are functions of time alone, and machines that decide."""
+
+    movers: tuple[Mover, ...]
+    machines: tuple[Machine, ...]
+
+
+def operators_of(machinery: Machinery) -> Operators:
+    """Fresh operators of all machinery; for `Simulation.set_movers`."""
+    doors = [DoorOperator(one) for one in machinery.doors if isinstance(one.mechanism, Drive)]
+    waiting = [ObstacleDriver(one) for one in machinery.obstacles if one.distance > 0.0]
+    return Operators(
+        movers=tuple(travelling(one) for one in machinery.obstacles if one.distance == 0.0),
+        machines=(*doors, *map(LiftOperator, machinery.lifts), *waiting),
+    )
