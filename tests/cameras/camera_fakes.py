@@ -10,13 +10,16 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.cameras.painter import Painter
-from usarsim_server.cameras.view import CameraView, Eye
+from usarsim_server.cameras.painter import Painter, PainterOptions
+from usarsim_server.cameras.studio import Studio, StudioOptions
+from usarsim_server.cameras.view import CameraView, Eye, Frame, Grid
+from usarsim_server.cameras.watching import EMPTY
 from usarsim_server.errors import UsarsimError
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
 from usarsim_server.simulation.model import CompiledWorld, RobotModel
 from usarsim_server.simulation.simulation import Simulation, SimulationOptions
 from usarsim_server.simulation.snapshot import Snapshot
+from usarsim_server.testing import PATIENCE, eventually
 
 Geom = mujoco.mjtGeom
 Picture = NDArray[np.uint8]
@@ -182,3 +185,91 @@ class FakeWorld:
     def compiled(self, snapshot: Snapshot) -> CompiledWorld:
         """The model of a snapshot."""
         return self._yard.simulation.compiled(snapshot)
+
+
+GRID = Grid(2, 2, 32, 24)
+
+
+MOMENT = 0.15
+"""s of wall time in which nothing may happen."""
+
+
+class Board:
+    """Cameras that a test puts there."""
+
+    grid = GRID
+
+    def __init__(self) -> None:
+        self.views: tuple[CameraView, ...] = ()
+
+
+class Set:
+    """A yard with three carts, their cameras on the first three tiles, and a studio."""
+
+    def __init__(self) -> None:
+        self.yard = Yard()
+        # One sees the red box, one looks away from it, one sees it from the side.
+        places = ((0.0, 0.0, 0.0), (-3.0, -4.0, 3.1), (3.0, -4.0, 1.3))
+        self.robots = [self.yard.park(*place) for place in places]
+        self.world = FakeWorld(self.yard)
+        self.board = Board()
+        self.board.views = tuple(
+            camera(robot, tile, key=tile + 1) for tile, robot in enumerate(self.robots)
+        )
+        self.studio = self.make()
+
+    def make(self, **options: object) -> Studio:
+        """A studio over the same yard."""
+        painter = PainterOptions(renderer="rays")
+        return Studio(
+            self.world,
+            self.board,  # type: ignore[arg-type]
+            StudioOptions(painter=painter, **options),  # type: ignore[arg-type]
+        )
+
+
+class Watcher:
+    """Takes frames."""
+
+    def __init__(self) -> None:
+        self.frames: list[Frame] = []
+        self._news = threading.Condition()
+
+    def __call__(self, frame: Frame) -> None:
+        with self._news:
+            self.frames.append(frame)
+            self._news.notify_all()
+
+    def wait(self, count: int = 1) -> Frame:
+        """The newest frame, once there are so many."""
+        with self._news:
+            assert self._news.wait_for(lambda: len(self.frames) >= count, PATIENCE), "no frame came"
+            return self.frames[-1]
+
+
+def until(condition: Callable[[], bool]) -> None:
+    """Wait for something that another thread does."""
+    assert eventually(condition)
+
+
+def part(frame: Frame, tile: int) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
+    """A tile of a frame."""
+    region = GRID.region(tile)
+    return frame.pixels[region.y :, region.x :][: region.height, : region.width]
+
+
+def empty(frame: Frame, tile: int) -> bool:
+    """Whether a tile is plain."""
+    return bool((part(frame, tile) == EMPTY).all())
+
+
+WIDTH, HEIGHT = 160, 120
+
+
+def seen(painter: Painter, yard: Yard, robot: int, **kind: object) -> Picture:
+    """What the camera of a cart sees."""
+    snapshot = yard.look()
+    view = camera(robot, **kind)  # type: ignore[arg-type]
+    eye = painter.place(view, snapshot, WIDTH, HEIGHT)
+    assert eye is not None
+    return painter.tile(eye, snapshot).copy()

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 
 import mujoco
 import pytest
-from camera_fakes import MakePainter, Yard
+from camera_fakes import MakePainter, Set, Yard
 
 from usarsim_server.cameras import backend as probe
 from usarsim_server.cameras.painter import Painter, PainterOptions, nobody_lit
@@ -66,3 +66,11 @@ def make_painter(yard: Yard, renderer: str) -> Iterator[MakePainter]:
     yield make
     for painter in painters:
         painter.close()
+
+
+@pytest.fixture
+def stage() -> Iterator[Set]:
+    """A set that is cleared away at the end."""
+    one = Set()
+    yield one
+    one.studio.close()

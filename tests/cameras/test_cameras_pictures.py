@@ -9,40 +9,29 @@ import numpy as np
 import pytest
 from camera_fakes import (
     FOV,
+    HEIGHT,
     MAST,
     RED_BOX,
+    WIDTH,
     Geom,
     MakePainter,
-    Picture,
     Yard,
     camera,
     cart,
-    eye_at,
     is_red,
     scenery,
+    seen,
 )
 from numpy.typing import NDArray
 
-from usarsim_server.cameras.backend import Quality
 from usarsim_server.cameras.gl import GlBackend
 from usarsim_server.cameras.painter import Painter, PainterOptions
 from usarsim_server.cameras.view import View, looking
-from usarsim_server.simulation.frames import IDENTITY, Pose
+from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import RobotModel
 from usarsim_server.simulation.rays.query import RayFan
 from usarsim_server.simulation.simulation import Simulation, SimulationOptions
 from usarsim_server.worlds.description import Smoke, SmokeVolume
-
-WIDTH, HEIGHT = 160, 120
-
-
-def seen(painter: Painter, yard: Yard, robot: int, **kind: object) -> Picture:
-    """What the camera of a cart sees."""
-    snapshot = yard.look()
-    view = camera(robot, **kind)  # type: ignore[arg-type]
-    eye = painter.place(view, snapshot, WIDTH, HEIGHT)
-    assert eye is not None
-    return painter.tile(eye, snapshot).copy()
 
 
 def test_a_box_is_where_geometry_puts_it(yard: Yard, make_painter: MakePainter) -> None:
@@ -404,71 +393,3 @@ class _Night(Yard):
             return spec
 
         self.simulation = Simulation(dark, SimulationOptions())
-
-
-class TestQuality:
-    """Shadows and samples, which only OpenGL has."""
-
-    def test_shadows_are_cast(self, gl: str) -> None:
-        """With a shadow map the floor behind the box is darker than without."""
-        yard = _Sunny()
-        view = View(looking((4.0, 0.3, 6.0), (4.5, 0.3, 0.0)), 0.6, 120, 90)
-        pictures = []
-        for shadows in (0, 1024):
-            options = PainterOptions(gl, Quality(shadows=shadows))
-            painter = Painter(yard.simulation.compiled, options)
-            pictures.append(painter.picture(view, yard.look()).astype(int))
-            painter.close()
-        assert ((pictures[0] - pictures[1]).sum(axis=-1) > 30).sum() > 100
-
-    def test_samples_smooth_edges(self, gl: str, yard: Yard) -> None:
-        """With four samples the edge of the box is a mixture of its colours."""
-        view = View(looking((0.0, 0.3, 0.5), (4.0, 0.0, 0.9)), 0.6, 120, 90)
-        colors = []
-        for samples in (0, 4):
-            painter = Painter(yard.simulation.compiled, PainterOptions(gl, Quality(0, samples)))
-            picture = painter.picture(view, yard.look())
-            colors.append(len(np.unique(picture.reshape(-1, 3), axis=0)))
-            painter.close()
-        assert colors[1] > colors[0]
-
-
-class _Sunny(Yard):
-    """The yard with a sun that casts shadows."""
-
-    def __init__(self) -> None:
-        def sunny() -> mujoco.MjSpec:
-            spec = scenery()
-            for light in spec.lights:
-                light.castshadow = True
-            return spec
-
-        self.simulation = Simulation(sunny, SimulationOptions())
-
-
-def test_two_painters_in_turns(yard: Yard, make_painter: MakePainter) -> None:
-    """Painters of one thread do not disturb each other, not even when one is closed."""
-    robot = yard.park(0.0, 0.0)
-    other_yard = Yard()
-    other_yard.park(3.0, -3.0, 1.0)
-    one, other = make_painter(), make_painter(of=other_yard)
-    first = seen(one, yard, robot)
-    seen(other, other_yard, robot)
-    assert np.array_equal(seen(one, yard, robot), first)
-    other.close()
-    assert np.array_equal(seen(one, yard, robot), first)
-
-
-def test_a_camera_without_robot_stands_still(yard: Yard, make_painter: MakePainter) -> None:
-    """A spectator's pose is that of the world; a robot that is not there has no eye."""
-    painter, snapshot = make_painter(), yard.look()
-    pose = looking((0.0, 0.0, 0.5), RED_BOX)
-    still = painter.place(camera(None, pose=pose), snapshot, WIDTH, HEIGHT)
-    assert still == eye_at(pose)
-    assert painter.place(camera(99), snapshot, WIDTH, HEIGHT) is None
-    robot = yard.park(0.0, 0.0)
-    snapshot = yard.look()
-    assert painter.place(camera(robot, link="nose"), snapshot, WIDTH, HEIGHT) is None
-    on_robot = painter.place(camera(robot, pose=IDENTITY), snapshot, WIDTH, HEIGHT)
-    assert on_robot is not None
-    assert on_robot.pose.position == pytest.approx((0.0, 0.0, 0.1), abs=0.02)

@@ -7,6 +7,12 @@ from collections.abc import Iterator
 import mujoco
 import pytest
 from hypothesis import settings
+from sim_fakes import (
+    Start,
+    simulation,
+)
+
+from usarsim_server.simulation.simulation import Simulation
 
 # The same examples in every run, and no complaints about a busy machine.
 settings.register_profile("deterministic", derandomize=True, deadline=None)
@@ -20,3 +26,18 @@ def mujoco_warnings() -> Iterator[list[str]]:
     mujoco.set_mju_user_warning(warnings.append)
     yield warnings
     mujoco.set_mju_user_warning(None)
+
+
+@pytest.fixture
+def start() -> Iterator[Start]:
+    """Starts simulations with a physics thread and stops them in the end."""
+    running: list[Simulation] = []
+
+    def begin(**options: object) -> Simulation:
+        running.append(simulation(**options))  # type: ignore[arg-type]
+        running[-1].start()
+        return running[-1]
+
+    yield begin
+    for one in running:
+        one.stop()

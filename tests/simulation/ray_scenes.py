@@ -7,10 +7,16 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from sim_fakes import Geom
+from sim_fakes import (
+    Geom,
+)
 
+from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.model import SHELF_NAME, CompiledWorld
-from usarsim_server.simulation.rays.query import RayFan
+from usarsim_server.simulation.rays.cast import cast
+from usarsim_server.simulation.rays.moving import DynamicGeometry
+from usarsim_server.simulation.rays.query import RayFan, RayHits
+from usarsim_server.simulation.rays.scenery import StaticGeometry
 from usarsim_server.simulation.snapshot import Snapshot
 
 Array = NDArray[np.float64]
@@ -167,3 +173,76 @@ def explained(reference: Reference, origin: Array, direction: Array, seen: float
     if np.isinf(seen):
         return bool(np.isinf(found).any())
     return bool(found.min() - 1e-3 <= seen <= found.max() + 1e-3)
+
+
+class Caster:
+    """All that is needed to cast rays in the world of an engine."""
+
+    def __init__(self, engine: Engine) -> None:
+        self.engine = engine
+        self.static = StaticGeometry(engine.world)
+        self.dynamic = DynamicGeometry(engine.world)
+
+    def __call__(self, *fans: RayFan, robot: int | None = None) -> list[RayHits]:
+        """Cast fans in the present state."""
+        return self.at(self.engine.snapshot(), *fans, robot=robot)
+
+    def at(self, snapshot: Snapshot, *fans: RayFan, robot: int | None = None) -> list[RayHits]:
+        """Cast fans in the state of a snapshot."""
+        return cast(fans, snapshot, robot, self.static, self.dynamic)
+
+
+def ray(
+    origin: tuple[float, ...], direction: tuple[float, ...], reach: float = 20.0, **options: bool
+) -> RayFan:
+    """A fan of one ray."""
+    way = np.array([direction], dtype=float)
+    return RayFan(np.array(origin, dtype=float), way / np.linalg.norm(way), reach, **options)
+
+
+def check_against_reference(
+    caster: Caster, fans: list[RayFan], robot: int | None = None, tolerance: float = 1e-3
+) -> int:
+    """Every distance is MuJoCo's within the tolerance, but at edges; returns the number of hits."""
+    snapshot = caster.engine.snapshot()
+    reference = Reference(caster.engine.world)
+    reference.show(snapshot, robot)
+    hits = 0
+    for fan, answer in zip(fans, caster.at(snapshot, *fans, robot=robot), strict=True):
+        truth, _, _ = reference.cast(fan.origin, fan.directions)
+        truth[truth > fan.max_range] = np.inf
+        good = agree(answer.distances, truth, tolerance)
+        hits += int(np.isfinite(truth).sum())
+        assert good.mean() > 0.9
+        for index in np.flatnonzero(~good):
+            seen = float(answer.distances[index])
+            assert explained(reference, fan.origin, fan.directions[index], seen)
+    return hits
+
+
+def outside_height_fields(engine: Engine, fans: list[RayFan]) -> list[RayFan]:
+    """Fans that do not start inside a height field, where MuJoCo answers oddly."""
+    model, data = engine.world.model, engine.data
+    kept = []
+    for fan in fans:
+        inside = False
+        for geom in np.flatnonzero(model.geom_type == Geom.mjGEOM_HFIELD):
+            local = data.geom_xmat[geom].reshape(3, 3).T @ (fan.origin - data.geom_xpos[geom])
+            inside |= bool((np.abs(local) < [1.6, 1.1, 0.7]).all())
+        if not inside:
+            kept.append(fan)
+    return kept
+
+
+def narrow_fans(dice: np.random.Generator) -> list[RayFan]:
+    """Fans of different width and range, among them rings and single rays."""
+    fans = []
+    for width in (0.0, 0.05, 0.3, 1.0, 3.0) * 3:
+        axis = dice.normal(size=3)
+        directions = axis / np.linalg.norm(axis) + width * dice.normal(size=(12, 3))
+        directions /= np.linalg.norm(directions, axis=1)[:, None]
+        origin = dice.uniform((-5, -5, 0.0), (5, 5, 3))
+        if width == 1.0:
+            origin = origin + 0.2 * dice.normal(size=(12, 3))
+        fans.append(RayFan(origin, directions, float(dice.choice([0.5, 2.0, 20.0]))))
+    return fans

@@ -21,6 +21,7 @@ from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import PhysicsOptions, RobotModel
 from usarsim_server.simulation.simulation import Simulation, SimulationOptions
 from usarsim_server.simulation.snapshot import Snapshot
+from usarsim_server.testing import eventually
 
 RADIUS = 0.11
 HALF_BASE = 0.1331
@@ -314,3 +315,11 @@ class SlowWatcher(Watcher):
             with self._mail:
                 self._letters.popleft()
             self._attention()
+
+
+Start = Callable[..., Simulation]
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    """Poll until something is true."""
+    assert eventually(condition)

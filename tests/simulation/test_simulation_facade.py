@@ -6,7 +6,6 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import mujoco
@@ -16,45 +15,23 @@ from sim_fakes import (
     RADIUS,
     ROBOT,
     ROGUE,
-    SlowWatcher,
+    Start,
     Watcher,
     pose_at,
     robot_model,
     simulation,
     straight,
+    wait_until,
 )
 
 from usarsim_server.errors import SpawnError, UsarsimError
 from usarsim_server.simulation import simulation as module
 from usarsim_server.simulation.articulation import JointOrder, Order
-from usarsim_server.simulation.clock import BATCH_STEPS, MAX_AHEAD
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import RobotModel
 from usarsim_server.simulation.rays.query import RayFan
 from usarsim_server.simulation.simulation import Simulation
-from usarsim_server.testing import PATIENCE, eventually
-
-Start = Callable[..., Simulation]
-
-
-@pytest.fixture
-def start() -> Iterator[Start]:
-    """Starts simulations with a physics thread and stops them in the end."""
-    running: list[Simulation] = []
-
-    def begin(**options: object) -> Simulation:
-        running.append(simulation(**options))  # type: ignore[arg-type]
-        running[-1].start()
-        return running[-1]
-
-    yield begin
-    for one in running:
-        one.stop()
-
-
-def wait_until(condition: Callable[[], bool]) -> None:
-    """Poll until something is true."""
-    assert eventually(condition)
+from usarsim_server.testing import PATIENCE
 
 
 def position(world: Simulation, robot: int) -> np.ndarray:
@@ -254,131 +231,6 @@ class TestRequests:
             world.body(robot).drive(straight(2.0))
             np.testing.assert_array_equal(world.body(robot).wheel_targets(), straight(2.0))
         assert "request" in caplog.text
-
-
-class TestListeners:
-    """Who wants snapshots gets them."""
-
-    def test_wakes_at_the_asked_times(self) -> None:
-        """Snapshots come at the first step that is not before their time, without drift."""
-        world = simulation()
-        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
-        watcher = Watcher(0.1)
-        world.body(robot).attach(watcher)
-        world.run_until(10.0)
-        times = [snapshot.time for snapshot in watcher.snapshots]
-        assert times[0] == pytest.approx(world.timestep)
-        np.testing.assert_allclose(times[1:], 0.1 * np.arange(1, 101), atol=1e-9)
-
-    def test_odd_periods_do_not_drift(self) -> None:
-        """Robots checklist 114: a period that is no multiple of the step is kept on average."""
-        world = simulation()
-        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
-        watcher = Watcher(0.033)
-        world.body(robot).attach(watcher)
-        world.run_until(20.0)
-        times = np.array([snapshot.time for snapshot in watcher.snapshots])
-        late = times - 0.033 * np.arange(len(times))
-        assert late.min() > -1e-9
-        assert late.max() <= world.timestep + 1e-9
-
-    def test_two_listeners_see_the_same_instant(self) -> None:
-        """Listeners that are due together get the same snapshot (protocol checklist 68)."""
-        world = simulation()
-        watchers = []
-        for number in range(2):
-            robot, _ = world.spawn(ROBOT, pose_at(0.0, 1.0 * number))
-            watchers.append(Watcher(0.1))
-            world.body(robot).attach(watchers[-1])
-        world.run_until(1.0)
-        one, other = watchers
-        assert len(one.snapshots) == len(other.snapshots) == 11
-        assert all(a is b for a, b in zip(one.snapshots, other.snapshots, strict=True))
-
-    def test_lockstep_waits_for_the_slow(self, start: Start) -> None:
-        """In lockstep every snapshot is dealt with before time goes on."""
-        world = start()
-        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
-        watcher = SlowWatcher(0.1, 0.005, world.attention)
-        world.body(robot).attach(watcher)
-        wait_until(lambda: len(watcher.done) >= 20)
-        world.remove(robot)
-        wait_until(lambda: robot not in world.look().layouts)
-        watcher.stop()
-        times = [snapshot.time for snapshot in watcher.snapshots[:20]]
-        np.testing.assert_allclose(np.diff(times), 0.1, atol=world.timestep + 1e-9)
-        assert watcher.done[:20] == watcher.snapshots[:20]
-
-    @pytest.mark.parametrize("speed", [1.0, 50.0])
-    def test_the_slow_hold_a_paced_world_back(self, start: Start, speed: float) -> None:
-        """A listener that cannot keep up gets every snapshot, and time slows down for it."""
-        world = start(speed=speed)
-        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
-        watcher = SlowWatcher(0.02, 0.03, lambda: None)
-        world.body(robot).attach(watcher)
-        ahead: list[float] = []
-        while len(watcher.done) < 40:
-            ahead.append(world.look().time - watcher.oldest)
-        watcher.stop()
-        times = [snapshot.time for snapshot in watcher.done]
-        np.testing.assert_allclose(np.diff(times), 0.02, atol=world.timestep + 1e-9)
-        assert max(ahead) < MAX_AHEAD + BATCH_STEPS * world.timestep + 1e-9
-
-    def test_time_stands_still_while_nobody_is_there(self, start: Start) -> None:
-        """In lockstep no time passes without listeners, also not between spawn and attach."""
-        world = start()
-        time.sleep(0.02)
-        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
-        time.sleep(0.02)
-        assert world.look().time == 0.0
-        watcher = Watcher(0.1)
-        world.body(robot).attach(watcher)
-        wait_until(lambda: len(watcher.snapshots) > 3)
-        assert watcher.snapshots[0].time == pytest.approx(world.timestep)
-        world.remove(robot)
-        wait_until(lambda: robot not in world.look().layouts)
-        before = world.look().time
-        time.sleep(0.02)
-        assert world.look().time == before
-
-    def test_time_stands_still_during_a_spawn(self, start: Start) -> None:
-        """In lockstep no time passes while a robot is being made."""
-        world = start()
-        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
-        world.body(robot).attach(Watcher(0.1))
-        moments: list[float] = []
-
-        def build() -> mujoco.MjSpec:
-            moments.append(world.look().time)
-            time.sleep(0.02)
-            moments.append(world.look().time)
-            return ROBOT.build()
-
-        wait_until(lambda: world.look().time > 0.5)
-        world.spawn(RobotModel("slow", build, ROBOT.driven, RADIUS), pose_at(0.0, 2.0))
-        assert moments[0] == moments[1] > 0.0
-        wait_until(lambda: world.look().time > moments[1] + 0.5)
-
-    def test_attach_to_a_lost_robot(self) -> None:
-        """A listener of a robot that is gone is told so at once."""
-        world = simulation()
-        watcher = Watcher(0.1)
-        world.body(5).attach(watcher)
-        world.settle()
-        assert len(watcher.reasons) == 1
-
-    def test_removal_ends_the_snapshots(self) -> None:
-        """A removed robot's listener is neither woken nor told that it was lost."""
-        world = simulation()
-        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
-        watcher = Watcher(0.1)
-        world.body(robot).attach(watcher)
-        world.run_until(0.5)
-        count = len(watcher.snapshots)
-        world.remove(robot)
-        world.run_until(1.0)
-        assert len(watcher.snapshots) == count
-        assert watcher.reasons == []
 
 
 class TestLosses:

@@ -1,12 +1,17 @@
-"""What looks like one piece: welded bodies and wheels, and what does not."""
+"""What rays see: rigid pieces, the surface that is looked at, moving glass, facts about things."""
 
 from __future__ import annotations
 
 import mujoco
 import numpy as np
 import pytest
+from sim_fakes import RADIUS, Geom, floor, pose_at, robot_model, simulation
 
+from usarsim_server.simulation.frames import Pose
+from usarsim_server.simulation.model import RobotModel
 from usarsim_server.simulation.rays.moving import Lump, find_lumps
+from usarsim_server.simulation.rays.query import RayFan, RayHits
+from usarsim_server.simulation.simulation import Simulation
 
 BODY = """
 <mujoco>
@@ -121,3 +126,102 @@ def test_only_what_is_visible_counts() -> None:
         (model.body("base").id, (model.geom("wheel").id,))
     ]
     assert find_lumps(model, lambda geom: False) == []
+
+
+DOWN = RayFan(np.array([3.0, 0.0, 5.0]), np.array([[0.0, 0.0, -1.0]]), 50.0, identify=True)
+
+
+def stage(movable: bool) -> mujoco.MjSpec:
+    """A floor, a picture of a box 1 m high that nobody touches, and a solid of 0.4 m in it."""
+    spec = floor()()
+    body = spec.worldbody.add_body(name="thing", pos=[3.0, 0.0, 0.0])
+    if movable:
+        body.add_freejoint()
+    body.add_geom(
+        name="seen",
+        type=Geom.mjGEOM_BOX,
+        size=[0.5, 0.5, 0.5],
+        pos=[0.0, 0.0, 0.5],
+        contype=0,
+        conaffinity=0,
+        group=2,
+        mass=0.0,
+    )
+    body.add_geom(
+        name="felt", type=Geom.mjGEOM_BOX, size=[0.5, 0.5, 0.2], pos=[0.0, 0.0, 0.2], group=3
+    )
+    return spec
+
+
+@pytest.mark.parametrize("movable", [False, True])
+def test_rays_meet_what_is_seen(movable: bool) -> None:
+    """A ray never returns a geom of group 3, whether it moves or not (worlds reference 13, 57)."""
+    world = simulation(lambda: stage(movable))
+    hits = world.cast([DOWN], world.look(), None)[0]
+    assert hits.distances[0] == pytest.approx(4.0, abs=1e-5)
+    assert hits.names == ("seen",)
+
+
+def test_robots_stand_on_what_is_felt() -> None:
+    """A robot put between the two surfaces stays there: only the solid is in its way."""
+    world = simulation(lambda: stage(False))
+    number, pose = world.spawn(robot_model(), pose_at(3.0, 0.0, 0.4 + RADIUS))
+    assert pose.position[2] == pytest.approx(0.4 + RADIUS, abs=0.02)
+    world.run_until(1.0)
+    layout = world.look().layouts[number]
+    height = world.look().xpos[layout.base][2]
+    assert height == pytest.approx(0.4 + RADIUS, abs=0.01)
+
+
+def pane(material: str, rigid: bool) -> RobotModel:
+    """A sheet of 2 cm across the x axis."""
+
+    def build() -> mujoco.MjSpec:
+        spec = mujoco.MjSpec()
+        spec.add_material(name=material, rgba=[0.5, 0.5, 0.5, 0.5])
+        base = spec.worldbody.add_body(name="base", mocap=not rigid)
+        if rigid:
+            base.add_freejoint(name="free")
+        base.add_geom(type=Geom.mjGEOM_BOX, size=[0.01, 1, 0.5], mass=9.0, material=material)
+        return spec
+
+    key = f"pane:{material}:{rigid}"
+    return RobotModel(key, build, driven=(), rest_height=0.5, kinematic=not rigid, robot=False)
+
+
+def ahead(world: Simulation, through_glass: bool) -> RayHits:
+    """What one ray along +x sees."""
+    fan = RayFan(
+        np.array([0.0, 0.0, 0.5]),
+        np.array([[1.0, 0.0, 0.0]]),
+        20.0,
+        through_glass=through_glass,
+        identify=True,
+    )
+    return world.cast([fan], world.look(), None)[0]
+
+
+@pytest.mark.parametrize("rigid", [False, True])
+def test_lasers_pass_moving_glass(rigid: bool) -> None:
+    """A ray that passes glass passes a pane of it, and meets what is behind; others do not."""
+    world = simulation(floor())
+    world.spawn(pane("Glass", rigid), Pose((2.0, 0.0, 0.5)))
+    world.spawn(pane("Wood", rigid), Pose((4.0, 0.0, 0.5)))
+    assert ahead(world, through_glass=False).distances[0] == pytest.approx(1.99, abs=1e-6)
+    assert ahead(world, through_glass=True).distances[0] == pytest.approx(3.99, abs=1e-6)
+    assert ahead(world, through_glass=False).distances[0] == pytest.approx(1.99, abs=1e-6)
+
+
+def test_facts_about_a_thing() -> None:
+    """Facts name its number, its true size and its material as its maker called it."""
+    world = simulation(floor())
+    world.spawn(pane("Wood", True), Pose((9.0, 9.0, 0.5)))
+    number, _ = world.spawn(pane("Wood", False), Pose((4.0, 0.0, 0.5)))
+    name = ahead(world, through_glass=True).names
+    assert name is not None
+    assert name[0] is not None
+    facts = world.object_facts(name[0], world.look())
+    assert facts is not None
+    assert (facts.robot, facts.material) == (number, "Wood")
+    assert facts.size == pytest.approx((0.02, 2.0, 1.0))
+    assert facts.pose.position == pytest.approx((4.0, 0.0, 0.5))

@@ -1,4 +1,4 @@
-"""What moving bodies do to what they touch: carry, turn, push; and what they leave alone."""
+"""What moving bodies and conveyor belts do to what touches them."""
 
 from __future__ import annotations
 
@@ -8,11 +8,23 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 import pytest
-from sim_fakes import Geom, add_crate, engine_with, floor, run, whole_state
+from sim_fakes import (
+    ROBOT,
+    Geom,
+    add_box,
+    add_crate,
+    engine_with,
+    floor,
+    pose_at,
+    run,
+    simulation,
+    whole_state,
+)
 
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose, Vector
 from usarsim_server.simulation.movers import Mover
+from usarsim_server.simulation.simulation import Simulation
 
 Way = Callable[[float], Pose]
 
@@ -117,3 +129,71 @@ def test_a_robot_rides_along() -> None:
     go(engine, lambda time: Pose((0.0, 0.4 * time, 0.1)), 2.0)
     moved = whole_state(engine, 0)[:3] - before
     assert moved == pytest.approx([0.0, 0.8, 0.0], abs=0.03)
+
+
+class TestBelts:
+    """Conveyors."""
+
+    @staticmethod
+    def world() -> Simulation:
+        """Two belts that obey together and one of its own, a crate on each."""
+
+        def scene() -> mujoco.MjSpec:
+            spec = floor()()
+            for n, name in enumerate(("line:1", "line:2", "other")):
+                belt = add_box(spec, name, (0.0, 2.0 * n, 0.1), (4.0, 0.5, 0.1))
+                belt.surfacevel = [0.3, 0.0, 0.0, 0.0, 0.0, 0.0]
+                add_crate(spec, f"crate{n}", (0.0, 2.0 * n, 0.35))
+            add_box(spec, "still", (0.0, -3.0, 0.1), (4.0, 0.5, 0.1))
+            return spec
+
+        return simulation(scene)
+
+    @staticmethod
+    def crates(world: Simulation) -> list[float]:
+        """How far the crates are along x."""
+        return world.look().qpos[0:21:7].tolist()
+
+    def test_belts_carry_at_the_speed_of_the_scene(self) -> None:
+        """A crate on a belt goes with it."""
+        world = self.world()
+        world.run_until(3.0)
+        assert self.crates(world) == pytest.approx([0.9] * 3, abs=0.03)
+
+    def test_a_tag_scales_its_belts(self) -> None:
+        """Factor 2 doubles, -1 turns round, 0 stops; other belts are left alone."""
+        world = self.world()
+        assert world.run_belts("LINE", 2.0) == 2
+        assert world.run_belts("other", 0.0) == 1
+        world.run_until(2.0)
+        assert self.crates(world) == pytest.approx([1.2, 1.2, 0.0], abs=0.05)
+        before = self.crates(world)
+        assert world.run_belts("line", -1.0) == 2
+        world.run_until(4.0)
+        moved = np.array(self.crates(world)) - before
+        assert moved == pytest.approx([-0.6, -0.6, 0.0], abs=0.08)
+
+    def test_a_sleeping_crate_is_woken_by_its_belt(self) -> None:
+        """What fell asleep on a belt that stood goes on when the belt does."""
+        world = self.world()
+        world.run_belts("other", 0.0)
+        world.run_until(6.0)
+        world.run_belts("other", 1.0)
+        before = self.crates(world)[2]
+        world.run_until(8.0)
+        assert self.crates(world)[2] - before == pytest.approx(0.6, abs=0.03)
+
+    @pytest.mark.parametrize("tag", ["nothing", "", "still", "line:", "floor"])
+    def test_unknown_tags_do_nothing(self, tag: str) -> None:
+        """Only geoms with a moving surface are belts."""
+        assert self.world().run_belts(tag, 2.0) == 0
+
+    def test_belts_keep_their_speed_in_a_larger_model(self) -> None:
+        """A robot that comes later changes nothing."""
+        world = self.world()
+        world.run_belts("line:1", 3.0)
+        world.spawn(ROBOT, pose_at(0.0, -6.0))
+        before = self.crates(world)
+        world.run_until(world.look().time + 2.0)
+        moved = np.array(self.crates(world)) - before
+        assert moved == pytest.approx([1.8, 0.6, 0.6], abs=0.06)

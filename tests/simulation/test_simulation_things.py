@@ -11,6 +11,7 @@ from limb_fakes import CRANE, close, holding
 from sim_fakes import (
     ROBOT,
     Geom,
+    Watcher,
     add_box,
     add_crate,
     base_qpos,
@@ -345,7 +346,7 @@ class TestSlots:
         world = simulation(hole, lower=(-50.0, -50.0, -5.0))
         number, _ = world.spawn(thing(rigid=True), at(3.0))
         robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
-        world.body(robot).attach(EveryTenth())
+        world.body(robot).attach(Watcher(0.1))
         world.run_until(2.0)
         assert number not in world.look().layouts
         assert robot in world.look().layouts
@@ -364,111 +365,6 @@ class TestSlots:
             ends.append(world.look())
         assert np.array_equal(ends[0].qpos, ends[1].qpos)
         assert np.array_equal(ends[0].xpos, ends[1].xpos)
-
-
-class EveryTenth:
-    """A listener that is woken ten times a second."""
-
-    def __init__(self) -> None:
-        self.due = 0.0
-
-    def wake(self, snapshot: object) -> None:
-        """Ask for the next one."""
-        self.due += 0.1
-
-    def settled(self) -> bool:
-        """When it is idle."""
-        return self.idle()
-
-    def idle(self) -> bool:
-        """Always."""
-        return True
-
-    @property
-    def oldest(self) -> float:
-        """No snapshot is left."""
-        return math.inf
-
-    @property
-    def horizon(self) -> float:
-        """The world need not wait."""
-        return math.inf
-
-    def overdue(self) -> None:
-        """Never."""
-        raise AssertionError
-
-    def lost(self, reason: str) -> None:
-        """Want nothing more."""
-        self.due = math.inf
-
-
-class TestBelts:
-    """Conveyors."""
-
-    @staticmethod
-    def world() -> Simulation:
-        """Two belts that obey together and one of its own, a crate on each."""
-
-        def scene() -> mujoco.MjSpec:
-            spec = floor()()
-            for n, name in enumerate(("line:1", "line:2", "other")):
-                belt = add_box(spec, name, (0.0, 2.0 * n, 0.1), (4.0, 0.5, 0.1))
-                belt.surfacevel = [0.3, 0.0, 0.0, 0.0, 0.0, 0.0]
-                add_crate(spec, f"crate{n}", (0.0, 2.0 * n, 0.35))
-            add_box(spec, "still", (0.0, -3.0, 0.1), (4.0, 0.5, 0.1))
-            return spec
-
-        return simulation(scene)
-
-    @staticmethod
-    def crates(world: Simulation) -> list[float]:
-        """How far the crates are along x."""
-        return world.look().qpos[0:21:7].tolist()
-
-    def test_belts_carry_at_the_speed_of_the_scene(self) -> None:
-        """A crate on a belt goes with it."""
-        world = self.world()
-        world.run_until(3.0)
-        assert self.crates(world) == pytest.approx([0.9] * 3, abs=0.03)
-
-    def test_a_tag_scales_its_belts(self) -> None:
-        """Factor 2 doubles, -1 turns round, 0 stops; other belts are left alone."""
-        world = self.world()
-        assert world.run_belts("LINE", 2.0) == 2
-        assert world.run_belts("other", 0.0) == 1
-        world.run_until(2.0)
-        assert self.crates(world) == pytest.approx([1.2, 1.2, 0.0], abs=0.05)
-        before = self.crates(world)
-        assert world.run_belts("line", -1.0) == 2
-        world.run_until(4.0)
-        moved = np.array(self.crates(world)) - before
-        assert moved == pytest.approx([-0.6, -0.6, 0.0], abs=0.08)
-
-    def test_a_sleeping_crate_is_woken_by_its_belt(self) -> None:
-        """What fell asleep on a belt that stood goes on when the belt does."""
-        world = self.world()
-        world.run_belts("other", 0.0)
-        world.run_until(6.0)
-        world.run_belts("other", 1.0)
-        before = self.crates(world)[2]
-        world.run_until(8.0)
-        assert self.crates(world)[2] - before == pytest.approx(0.6, abs=0.03)
-
-    @pytest.mark.parametrize("tag", ["nothing", "", "still", "line:", "floor"])
-    def test_unknown_tags_do_nothing(self, tag: str) -> None:
-        """Only geoms with a moving surface are belts."""
-        assert self.world().run_belts(tag, 2.0) == 0
-
-    def test_belts_keep_their_speed_in_a_larger_model(self) -> None:
-        """A robot that comes later changes nothing."""
-        world = self.world()
-        world.run_belts("line:1", 3.0)
-        world.spawn(ROBOT, pose_at(0.0, -6.0))
-        before = self.crates(world)
-        world.run_until(world.look().time + 2.0)
-        moved = np.array(self.crates(world)) - before
-        assert moved == pytest.approx([1.8, 0.6, 0.6], abs=0.06)
 
 
 class TestHeld:
