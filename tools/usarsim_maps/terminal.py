@@ -1,7 +1,4 @@
-"""What libraries have to say while a map is read goes into the log, not to the terminal.
-
-A progress bar for people at a terminal; silent everywhere else.
-"""
+"""What a terminal shows of an import: a progress bar, and nothing of what libraries have to say."""
 
 from __future__ import annotations
 

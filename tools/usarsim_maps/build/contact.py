@@ -1,11 +1,9 @@
-"""Which convex pieces a shape collides with (worlds reference 9.4).
+"""Which convex pieces a shape collides with (worlds reference 9.2 to 9.4).
 
-Thin convex slabs behind the true surface: contact geometry of triangle soups.
-
-MuJoCo collides a mesh as its convex hull, which would fill every room. Coplanar triangles merged
-into convex polygons, each with a thin slab behind it, keep the surface exact (worlds reference
-9.2 and 9.3). What may be driven on is exact from above even where nobody can tell which side of it
-is outside: there the slab lies below.
+MuJoCo collides a mesh as its convex hull, which would fill every room. So coplanar triangles are
+merged into convex polygons, each with a thin slab behind it, which keeps the surface exact. What
+may be driven on is exact from above even where nobody can tell which side of it is outside: there
+the slab lies below. Props, solid blocks and rolling ground get something cheaper that is as true.
 """
 
 from __future__ import annotations
@@ -60,6 +58,37 @@ PLATE = 0.3
 
 RIGHT_ANGLE = 1e-3
 """Cosine of the angles of what counts as a rectangle."""
+
+
+SMALL = 0.35
+"""m: a component without a larger extent becomes a hull."""
+
+FULL = 0.9
+"""A closed component that fills this part of its hull may become a hull."""
+
+PROP = 3.0
+"""m: what is smaller is a prop."""
+
+PROP_PIECES = 64
+ROOM_PIECES = 4_000
+MAP_PIECES = 50_000
+"""Pieces of a prop, of something below 12 m, and of a whole building that are not yet many: beyond
+them something coarser stands for the surface, if it is true to it. Beyond `MAP_PIECES`, always."""
+
+MOVABLE_PIECES = 16
+"""Most hulls of a thing that is pushed, where nothing drives on it."""
+
+MOVABLE_SURFACE = 1_000
+"""Most pieces of one that is driven on."""
+
+GROUND = 1.1
+"""m along and across from which on a thing that could be pushed is rather driven on."""
+
+GRID = 60
+"""Rays along each side of a thing with which what is coarser is compared with it."""
+
+LEAST_DRIVABLE = 0.25
+"""m^2: on less than this nothing drives."""
 
 
 def slabs(surface: Oriented, up: Array, *, within: bool = False) -> list[Piece]:
@@ -142,37 +171,6 @@ def _room_behind(surface: Oriented, polygons: list[Array], normals: Array) -> tu
     ends = np.searchsorted(owner, np.arange(len(polygons) + 1))
     each = [ways[a:b] for a, b in itertools.pairwise(ends)]
     return np.array([np.median(some) for some in each]), np.minimum.reduceat(ways, ends[:-1])
-
-
-SMALL = 0.35
-"""m: a component without a larger extent becomes a hull."""
-
-FULL = 0.9
-"""A closed component that fills this part of its hull may become a hull."""
-
-PROP = 3.0
-"""m: what is smaller is a prop."""
-
-PROP_PIECES = 64
-ROOM_PIECES = 4_000
-MAP_PIECES = 50_000
-"""Pieces of a prop, of something below 12 m, and of a whole building that are not yet many: beyond
-them something coarser stands for the surface, if it is true to it. Beyond `MAP_PIECES`, always."""
-
-MOVABLE_PIECES = 16
-"""Most hulls of a thing that is pushed, where nothing drives on it."""
-
-MOVABLE_SURFACE = 1_000
-"""Most pieces of one that is driven on."""
-
-GROUND = 1.1
-"""m along and across from which on a thing that could be pushed is rather driven on."""
-
-GRID = 60
-"""Rays along each side of a thing with which what is coarser is compared with it."""
-
-LEAST_DRIVABLE = 0.25
-"""m^2: on less than this nothing drives."""
 
 
 def collide(

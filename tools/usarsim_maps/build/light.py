@@ -1,10 +1,8 @@
-"""Lamps of the scene: what MuJoCo and the cameras can make of the lights of a map.
-
-Large faces cut small where lamps shine on them.
+"""Light: what MuJoCo and the cameras can make of the lamps of a map.
 
 OpenGL as MuJoCo uses it computes light at the corners of triangles, and in between goes from one
 to the other. A floor of two triangles has its corners far from the lamp above its middle: it would
-stay dark.
+stay dark. So large faces are cut small where lamps shine on them.
 """
 
 from __future__ import annotations
@@ -29,6 +27,29 @@ SHORTEST_LIGHT, LONGEST = 0.25, 2.0
 
 THIN = 1e-3
 """m: a cut this near to a corner is not made."""
+
+
+MAX_LAMPS = 7
+"""OpenGL's fixed lights are eight, and the headlight is one of them."""
+
+SHORTEST = 0.1
+"""m that a lamp shines at least."""
+
+FADING = 5.0
+"""Lamps fade as 1 / (1 + FADING (d / reach)^2). Unreal's own law is about (1 - (d / reach)^2)^2,
+which has no such form; this one stays within 0.18 of it, and no other does better."""
+
+STRENGTH = 0.8
+"""Of a lamp of brightness 1, in MuJoCo's measure: the server's headlight adds to it."""
+
+BRIGHTEST = 1.2
+"""What all lamps may add up to at the place of one of them; screens know no more than white."""
+
+ALL_AROUND: dict[str, object] = {"type": "spot", "cutoff": 180.0, "exponent": 0.0}
+"""A lamp that shines everywhere: MuJoCo knows point lights, but its OpenGL leaves them dark."""
+
+PARALLEL = 0.9999
+"""Cosine between suns that are one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,29 +116,6 @@ def _halves(points: Array, axis: int, at: float) -> list[Array]:
             below.append(middle)
             above.append(middle)
     return [np.array(part) for part in (below, above) if len(part) >= 3]
-
-
-MAX_LAMPS = 7
-"""OpenGL's fixed lights are eight, and the headlight is one of them."""
-
-SHORTEST = 0.1
-"""m that a lamp shines at least."""
-
-FADING = 5.0
-"""Lamps fade as 1 / (1 + FADING (d / reach)^2). Unreal's own law is about (1 - (d / reach)^2)^2,
-which has no such form; this one stays within 0.18 of it, and no other does better."""
-
-STRENGTH = 0.8
-"""Of a lamp of brightness 1, in MuJoCo's measure: the server's headlight adds to it."""
-
-BRIGHTEST = 1.2
-"""What all lamps may add up to at the place of one of them; screens know no more than white."""
-
-ALL_AROUND: dict[str, object] = {"type": "spot", "cutoff": 180.0, "exponent": 0.0}
-"""A lamp that shines everywhere: MuJoCo knows point lights, but its OpenGL leaves them dark."""
-
-PARALLEL = 0.9999
-"""Cosine between suns that are one."""
 
 
 def chosen_lights(lights: Sequence[Light], findings: Findings) -> list[Light]:

@@ -1,9 +1,8 @@
 """How far what is felt lies from what is seen, on everything that may be driven on.
 
 Rays go straight down through all storeys of what is seen. Where they meet a surface that is not too
-steep, and free above it, another ray asks for the height at which something is felt there.
-
-The compiled scene compared with itself: what is felt against what is seen, thing by thing.
+steep, and free above it, another ray asks for the height at which something is felt there. So one
+mesh is judged while it is built, and in the end the compiled scene, thing by thing.
 """
 
 from __future__ import annotations
@@ -39,6 +38,19 @@ REACH = 1.0
 
 PAST = 1e-3
 """m behind a surface where the look for the next one begins."""
+
+
+RAYS = 60_000
+"""Places on which a map is compared."""
+
+LEAST, MOST_MODELS = 9, 900
+"""Of them on each thing that is seen."""
+
+ENDLESS = 1000.0
+"""m: half of what stands for an endless plane; what is larger is a backdrop."""
+
+TOLD = 12
+"""Warnings at most; the worst."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,19 +144,6 @@ def surface_error(points: Array, rooms: Array, felt: Array) -> Array:
     errors: Array = start[:, 2] - ways - points[:, 2]
     errors[(faces < 0) | (errors < -REACH)] = np.inf
     return errors
-
-
-RAYS = 60_000
-"""Places on which a map is compared."""
-
-LEAST, MOST_MODELS = 9, 900
-"""Of them on each thing that is seen."""
-
-ENDLESS = 1000.0
-"""m: half of what stands for an endless plane; what is larger is a backdrop."""
-
-TOLD = 12
-"""Warnings at most; the worst."""
 
 
 @dataclass(frozen=True, slots=True)

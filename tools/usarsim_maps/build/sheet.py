@@ -14,6 +14,11 @@ Entry = Mapping[str, object]
 """Keys and values of one table; None values are left out."""
 
 
+_UNSAFE = re.compile(r"[^A-Za-z0-9_.+\-]+")
+
+LONGEST = 120
+
+
 def write_sheet(
     head: Entry, single: Mapping[str, Entry], lists: Mapping[str, Sequence[Entry]]
 ) -> str:
@@ -102,11 +107,6 @@ def _value(value: object) -> str:
     if isinstance(value, Sequence):
         return "[" + ", ".join(_value(item) for item in value) + "]"
     raise TypeError(f"{value!r} has no place in a world file")
-
-
-_UNSAFE = re.compile(r"[^A-Za-z0-9_.+\-]+")
-
-LONGEST = 120
 
 
 def safe(name: str) -> str:

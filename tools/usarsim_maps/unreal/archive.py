@@ -17,6 +17,15 @@ MAX_STRING = 1 << 20
 """Characters of one string."""
 
 
+TAG = 0x9E2A83C1
+
+ZLIB, LZO, LZX = 1, 2, 4
+"""Compression flags."""
+
+MAX_BLOCK = 16 << 20
+"""Bytes of one block; the engine uses 128 KiB."""
+
+
 class PackageError(ValueError):
     """Bytes that make no sense.
 
@@ -166,14 +175,6 @@ class Archive:
         if length >= 0:
             return self.bytes(length).rstrip(b"\0").decode("latin-1")
         return self.bytes(-2 * length).decode("utf-16-le", errors="replace").rstrip("\0")
-
-
-TAG = 0x9E2A83C1
-ZLIB, LZO, LZX = 1, 2, 4
-"""Compression flags."""
-
-MAX_BLOCK = 16 << 20
-"""Bytes of one block; the engine uses 128 KiB."""
 
 
 def inflate_part(archive: Archive, method: int, limit: int) -> bytes:

@@ -17,6 +17,54 @@ from usarsim_maps.units import ROTATION_UNIT
 from usarsim_server.simulation.frames import Pose, wire_from_pose
 from usarsim_server.worlds.description import PathNode, StartPose, Victim
 
+MOVABLE = {"kactor", "kactorspawnable", "kactorfromstatic", "kactor_ball", "fracturedkactor"}
+MESHES = {"staticmeshactor", "interpactor", "mover", "staticmeshcollectionactor"}
+LEVELS = {"worldinfo", "levelinfo", "zoneinfo", "skyzoneinfo"}
+LIGHTS = {"light", "spotlight", "pointlight", "skylight", "sunlight", "triggerlight"}
+
+PACKAGE = "victimpackage."
+"""Path nodes whose tags begin so are people in the modules of the world generator."""
+
+LYING = ("lay", "lying", "dead", "sleep", "prone", "collapse")
+SITTING = ("sit", "hugknees", "kneel", "crouch", "squat")
+WAVING = ("wave", "waving", "push", "scratch")
+
+_STUFF: tuple[tuple[str, tuple[float, float, float]], ...] = (
+    ("wood plank parquet timber", (0.52, 0.38, 0.25)),
+    ("brick", (0.58, 0.36, 0.28)),
+    ("conc concrete cement", (0.56, 0.56, 0.54)),
+    ("slate", (0.36, 0.39, 0.43)),
+    ("marble", (0.80, 0.78, 0.74)),
+    ("asphalt tarmac", (0.28, 0.28, 0.29)),
+    ("tile tiles", (0.70, 0.66, 0.58)),
+    ("gold", (0.68, 0.56, 0.30)),
+    ("rust rusty", (0.46, 0.30, 0.21)),
+    ("metal steel wire wires chainlink", (0.48, 0.51, 0.55)),
+    ("grass turf lawn", (0.28, 0.45, 0.22)),
+    ("carpet fabric cloth cubicle", (0.42, 0.46, 0.53)),
+    ("sand", (0.74, 0.66, 0.48)),
+    ("dirt mud soil", (0.42, 0.33, 0.24)),
+    ("rock stone gravel rubble", (0.50, 0.48, 0.45)),
+    ("water", (0.25, 0.38, 0.45)),
+    ("plaster stucco", (0.76, 0.73, 0.67)),
+    ("white", (0.88, 0.88, 0.86)),
+    ("black", (0.10, 0.10, 0.10)),
+    ("red", (0.66, 0.18, 0.15)),
+    ("green", (0.22, 0.50, 0.25)),
+    ("blue", (0.18, 0.32, 0.62)),
+    ("yellow", (0.82, 0.70, 0.20)),
+    ("ceiling roof", (0.80, 0.80, 0.78)),
+    ("wall walls", (0.74, 0.70, 0.61)),
+    ("floor ground", (0.47, 0.44, 0.40)),
+)
+"""Words and colours (red, green, blue as on screens); what things are made of comes before where
+they are, so that a wall of brick is brick."""
+
+_WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+")
+
+LONG = 4
+"""Letters from which on a word may be the beginning or end of one in the name (`concwall`)."""
+
 
 class ActorKind(Enum):
     """Groups of actor classes."""
@@ -33,12 +81,6 @@ class ActorKind(Enum):
     FOG = "fog"
     LEVEL = "level"
     OTHER = "other"
-
-
-MOVABLE = {"kactor", "kactorspawnable", "kactorfromstatic", "kactor_ball", "fracturedkactor"}
-MESHES = {"staticmeshactor", "interpactor", "mover", "staticmeshcollectionactor"}
-LEVELS = {"worldinfo", "levelinfo", "zoneinfo", "skyzoneinfo"}
-LIGHTS = {"light", "spotlight", "pointlight", "skylight", "sunlight", "triggerlight"}
 
 
 def kind_of(actor_class: str) -> ActorKind:
@@ -89,14 +131,6 @@ def path_node_of(name: str, tag: str, actor_class: str, pose: Pose) -> PathNode:
     return PathNode(announced(name, tag, actor_class), pose.position)
 
 
-PACKAGE = "victimpackage."
-"""Path nodes whose tags begin so are people in the modules of the world generator."""
-
-LYING = ("lay", "lying", "dead", "sleep", "prone", "collapse")
-SITTING = ("sit", "hugknees", "kneel", "crouch", "squat")
-WAVING = ("wave", "waving", "push", "scratch")
-
-
 class VictimNames:
     """Names `MaleVictim_0`, `FemaleVictim_0`, ... as clients know them."""
 
@@ -136,43 +170,6 @@ def victim_of_tag(tag: str, pose: Pose, names: VictimNames) -> Victim:
         status="Dead" if "dead" in animation else "Alive",
         properties=properties,
     )
-
-
-_STUFF: tuple[tuple[str, tuple[float, float, float]], ...] = (
-    ("wood plank parquet timber", (0.52, 0.38, 0.25)),
-    ("brick", (0.58, 0.36, 0.28)),
-    ("conc concrete cement", (0.56, 0.56, 0.54)),
-    ("slate", (0.36, 0.39, 0.43)),
-    ("marble", (0.80, 0.78, 0.74)),
-    ("asphalt tarmac", (0.28, 0.28, 0.29)),
-    ("tile tiles", (0.70, 0.66, 0.58)),
-    ("gold", (0.68, 0.56, 0.30)),
-    ("rust rusty", (0.46, 0.30, 0.21)),
-    ("metal steel wire wires chainlink", (0.48, 0.51, 0.55)),
-    ("grass turf lawn", (0.28, 0.45, 0.22)),
-    ("carpet fabric cloth cubicle", (0.42, 0.46, 0.53)),
-    ("sand", (0.74, 0.66, 0.48)),
-    ("dirt mud soil", (0.42, 0.33, 0.24)),
-    ("rock stone gravel rubble", (0.50, 0.48, 0.45)),
-    ("water", (0.25, 0.38, 0.45)),
-    ("plaster stucco", (0.76, 0.73, 0.67)),
-    ("white", (0.88, 0.88, 0.86)),
-    ("black", (0.10, 0.10, 0.10)),
-    ("red", (0.66, 0.18, 0.15)),
-    ("green", (0.22, 0.50, 0.25)),
-    ("blue", (0.18, 0.32, 0.62)),
-    ("yellow", (0.82, 0.70, 0.20)),
-    ("ceiling roof", (0.80, 0.80, 0.78)),
-    ("wall walls", (0.74, 0.70, 0.61)),
-    ("floor ground", (0.47, 0.44, 0.40)),
-)
-"""Words and colours (red, green, blue as on screens); what things are made of comes before where
-they are, so that a wall of brick is brick."""
-
-_WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+")
-
-LONG = 4
-"""Letters from which on a word may be the beginning or end of one in the name (`concwall`)."""
 
 
 def likely_color(name: str) -> Color | None:

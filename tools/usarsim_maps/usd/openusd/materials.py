@@ -26,6 +26,26 @@ MAX_STEPS = 16
 TILE = "<UDIM>"
 
 
+LIGHTS = {
+    "SphereLight": LightKind.POINT,
+    "CylinderLight": LightKind.POINT,
+    "DiskLight": LightKind.SPOT,
+    "RectLight": LightKind.SPOT,
+    "DistantLight": LightKind.DIRECTIONAL,
+    "DomeLight": LightKind.AMBIENT,
+    "DomeLight_1": LightKind.AMBIENT,
+}
+
+ORDINARY_LAMP = 20.0
+"""cd: what counts as brightness 1."""
+
+FADED = 5.0
+"""lx at which a lamp has faded."""
+
+NEAREST, FARTHEST = 5.0, 100.0
+"""m: limits of a lamp's reach."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Finish:
     """A material and how it uses texture coordinates.
@@ -237,26 +257,6 @@ def srgb(value: float) -> float:
     if value <= 0.0031308:
         return 12.92 * value
     return float(1.055 * value ** (1.0 / 2.4) - 0.055)
-
-
-LIGHTS = {
-    "SphereLight": LightKind.POINT,
-    "CylinderLight": LightKind.POINT,
-    "DiskLight": LightKind.SPOT,
-    "RectLight": LightKind.SPOT,
-    "DistantLight": LightKind.DIRECTIONAL,
-    "DomeLight": LightKind.AMBIENT,
-    "DomeLight_1": LightKind.AMBIENT,
-}
-
-ORDINARY_LAMP = 20.0
-"""cd: what counts as brightness 1."""
-
-FADED = 5.0
-"""lx at which a lamp has faded."""
-
-NEAREST, FARTHEST = 5.0, 100.0
-"""m: limits of a lamp's reach."""
 
 
 def light_of(prim: Any, matrix: Array, axes: Axes) -> Light:

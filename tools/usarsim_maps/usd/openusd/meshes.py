@@ -23,6 +23,16 @@ from usarsim_maps.usd.openusd.values import NOW, array, number, numbers
 Integers = NDArray[np.int64]
 
 
+SHAPES = {"Cube", "Sphere", "Cylinder", "Capsule", "Cone", "Plane"}
+"""Types of prims that are understood beside meshes."""
+
+AROUND = 24
+"""Corners around what becomes a mesh because it is scaled unevenly."""
+
+SAME = 1e-4
+"""Relative difference of scales that count as equal."""
+
+
 @dataclass(slots=True)
 class MeshReader:
     """Reads meshes; copies share one, whether they are instances in the stage or merely equal.
@@ -173,16 +183,6 @@ def _primvar(
         if index.max(initial=0) < len(values):
             return values[index]
     return None
-
-
-SHAPES = {"Cube", "Sphere", "Cylinder", "Capsule", "Cone", "Plane"}
-"""Types of prims that are understood beside meshes."""
-
-AROUND = 24
-"""Corners around what becomes a mesh because it is scaled unevenly."""
-
-SAME = 1e-4
-"""Relative difference of scales that count as equal."""
 
 
 def shape_of(prim: Any, matrix: Array) -> tuple[Shape, Array] | None:

@@ -18,6 +18,14 @@ NOW = Usd.TimeCode.EarliestTime()
 """Animated values are taken at their first moment."""
 
 
+APPROXIMATIONS = {
+    "boundingCube": Collision.BOX,
+    "boundingSphere": Collision.SPHERE,
+    "convexHull": Collision.HULL,
+}
+"""Others (none, convexDecomposition, meshSimplification, sdf) are left to the builder."""
+
+
 def matrix(value: Any) -> Array:
     """(4, 4) for column vectors; the library's are for rows."""
     answer: Array = np.array(value, dtype=float).T
@@ -60,20 +68,7 @@ def text(prim: Any, name: str) -> str:
     return str(value) if isinstance(value, str) else ""
 
 
-def authored(prim: Any, name: str) -> bool:
-    """Whether somebody has given an attribute a value."""
-    attribute = prim.GetAttribute(name)
-    return bool(attribute and attribute.HasAuthoredValue())
-
-
 # ---- physics ---------------------------------------------------------------------------------
-
-APPROXIMATIONS = {
-    "boundingCube": Collision.BOX,
-    "boundingSphere": Collision.SPHERE,
-    "convexHull": Collision.HULL,
-}
-"""Others (none, convexDecomposition, meshSimplification, sdf) are left to the builder."""
 
 
 def collision(prim: Any) -> Collision:
