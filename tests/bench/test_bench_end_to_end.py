@@ -205,7 +205,7 @@ def _teams_hurried(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_swarm(tmp_path: Path) -> None:
     """A size asked for has its figures, and the aims of a large team."""
     figures = measured(tmp_path, "swarm", 1.8)
-    assert figures["2 robots: real-time factor, lowest of all"]["aim"] == ">= 0.999"
+    assert figures["2 robots: real-time factor, lowest of all robots"]["aim"] == ">= 0.999"
     assert figures["2 robots: processor use of the server"]["aim"] == "<= 1.2"
     assert figures["2 robots: lines sent"]["value"] > 0
 

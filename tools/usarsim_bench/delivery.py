@@ -23,17 +23,16 @@ from usarsim_bench.camera_client import Viewer, ViewerTrial, summed_up
 from usarsim_bench.cameras import TILE_SIZE, grid, tiles_of
 from usarsim_bench.crowd import DEFAULT_CLASS, Crowd
 from usarsim_bench.figures import Aim, Figure, Plan, Section
-from usarsim_bench.rendering import BareRenderer
+from usarsim_bench.rendering import BareRenderer, assemble_team
 from usarsim_bench.robot_files import SURVEYOR, SURVEYOR_CAMERAS, scouts
 from usarsim_bench.server import SERVE, BenchError, Server, run_instrument
 from usarsim_bench.team import TeamTrial, gather, load_figures, try_team
-from usarsim_server.app import Assembly, assemble
+from usarsim_server.app import Assembly
 from usarsim_server.cameras.encoding import encode_jpeg
 from usarsim_server.cameras.painter import Painter, PainterOptions
 from usarsim_server.cameras.view import Eye
 from usarsim_server.errors import UsarsimError
 from usarsim_server.protocol.images import NORMAL
-from usarsim_server.settings import Settings
 from usarsim_server.simulation.snapshot import Snapshot
 
 SETTLE = 1.0
@@ -75,7 +74,15 @@ def measure_frames(
     Raises:
         UsarsimError: if the world or the class cannot be used, or carries no camera.
     """
-    assembly = _assembly(world, robot_class, folders, robots)
+    assembly = assemble_team(
+        world,
+        robot_class,
+        robots,
+        speed=math.inf,
+        robots=tuple(folders),
+        max_robots=robots,
+        tile_size=TILE,
+    )
     try:
         assembly.simulation.run_until(SETTLE)
         snapshot = assembly.simulation.look()
@@ -110,30 +117,6 @@ def _drawn(bare: BareRenderer, renderer: str, eyes: Sequence[Eye], seconds: floa
 def _eyes(assembly: Assembly, painter: Painter, snapshot: Snapshot) -> list[Eye]:
     placed = (painter.place(view, snapshot, *TILE) for view in assembly.board.views)
     return [eye for eye in placed if eye is not None]
-
-
-def _assembly(world: str, robot_class: str, folders: Sequence[Path], robots: int) -> Assembly:
-    assembly = assemble(
-        Settings(
-            world=world,
-            speed=math.inf,
-            robots=tuple(folders),
-            max_robots=robots,
-            tile_size=TILE,
-            port=None,
-            image_port=None,
-            groundtruth_port=None,
-            wireless_port=None,
-            truth_port=None,
-        )
-    )
-    description = assembly.fleet.describe(robot_class)
-    if description is None:
-        raise UsarsimError(f"there is no robot class {robot_class!r} (see usarsim robots)")
-    starts = assembly.world.starts
-    for number in range(robots):
-        assembly.fleet.spawn(description, None, starts[number % len(starts)].pose)
-    return assembly
 
 
 def main(arguments: Sequence[str]) -> int:

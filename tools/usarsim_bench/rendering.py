@@ -41,6 +41,7 @@ from usarsim_server.cameras.gl import QUADS, SLICES, STACKS
 from usarsim_server.cameras.painter import Painter, PainterOptions
 from usarsim_server.cameras.posed_model import Stage
 from usarsim_server.cameras.view import Eye, Frame, View
+from usarsim_server.errors import UsarsimError
 from usarsim_server.protocol.images import NORMAL
 from usarsim_server.sensors.ranges import wire_directions
 from usarsim_server.settings import Settings
@@ -286,27 +287,29 @@ def measure_watched(world: str, robots: int, cameras: int, seconds: float) -> Wa
 
 def _assembly(world: str, robots: int, speed: float, cameras: int = 1) -> Assembly:
     """A world with a team, and with as many cameras as are wanted."""
-    assembly = assemble(
-        Settings(
-            world=world,
-            speed=speed,
-            port=None,
-            image_port=None,
-            groundtruth_port=None,
-            wireless_port=None,
-            truth_port=None,
-        )
-    )
-    description = assembly.fleet.describe(ROBOT_CLASS)
-    assert description is not None
-    starts = assembly.world.starts
-    for number in range(robots):
-        assembly.fleet.spawn(description, None, starts[number % len(starts)].pose)
+    assembly = assemble_team(world, ROBOT_CLASS, robots, speed=speed)
     vehicles = assembly.fleet.vehicles
     for number in range(cameras - len(assembly.board.views)):
         vehicle = vehicles[number % robots]
         turned = Pose(MAST.position, (math.cos(number), 0.0, 0.0, math.sin(number)))
         assembly.board.add(f"More{number}", vehicle.name, vehicle.robot, None, turned, 1.3963)
+    return assembly
+
+
+def assemble_team(world: str, robot_class: str, size: int, **settings: Any) -> Assembly:
+    """A server without ports, and a team on the start poses of its world, in turn.
+
+    Raises:
+        UsarsimError: if the world or the class cannot be used.
+    """
+    ports = dict.fromkeys(("port", "image_port", "groundtruth_port", "wireless_port", "truth_port"))
+    assembly = assemble(Settings(world=world, **{**ports, **settings}))
+    description = assembly.fleet.describe(robot_class)
+    if description is None:
+        raise UsarsimError(f"there is no robot class {robot_class!r} (see usarsim robots)")
+    starts = assembly.world.starts
+    for number in range(size):
+        assembly.fleet.spawn(description, None, starts[number % len(starts)].pose)
     return assembly
 
 

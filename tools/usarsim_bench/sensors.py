@@ -10,7 +10,6 @@ import random
 import re
 import tempfile
 from collections.abc import Iterable
-from dataclasses import replace
 from pathlib import Path
 
 from usarsim_bench.crowd import DEFAULT_CLASS, Behaviour, Controller, Crowd, wander
@@ -18,7 +17,7 @@ from usarsim_bench.figures import Aim, Figure, Plan, Section
 from usarsim_bench.recording import Chunk, lines, rate, streams
 from usarsim_bench.robot_files import write_class
 from usarsim_bench.server import SERVE, Server
-from usarsim_bench.team import FACTOR_AIM, TeamTrial, load_figures, try_team
+from usarsim_bench.team import FACTOR_AIM, TeamTrial, named, team_figures, try_team
 
 ROBOTS = 4
 SECONDS = 30.0
@@ -117,10 +116,10 @@ def measure_sensors(plan: Plan) -> Section:
         f"Lasers: {DEFAULT_CLASS} with its own sensors and a scanner of {BEAMS} beams, "
         f"{LASER_RATE:g} times a second.",
         (
-            *_team_figures("All types", every),
+            *named("All types", team_figures(every, FACTOR_AIM)),
             Figure("All types: streams of a robot, fewest", min(len(streams(c)) for c in told)),
             Figure("All types: depth images of all robots", images, "1/s"),
-            *_team_figures("Lasers", laser),
+            *named("Lasers", team_figures(laser, FACTOR_AIM)),
             Figure("Lasers: whole scans of a robot, fewest", min(scans), "1/s", 2, RATE_AIM),
         ),
     )
@@ -138,15 +137,3 @@ def _watch(
     ):
         trial = try_team(server, crowd, robots, seconds, robot_class)
         return trial, [one.chunks for one in crowd.controllers]
-
-
-def _team_figures(team: str, trial: TeamTrial) -> list[Figure]:
-    figures = [
-        Figure("real-time factor, lowest of all robots", trial.factor, "", 4, FACTOR_AIM),
-        Figure("real-time factor, worst second of any robot", trial.worst, "", 4),
-        Figure("processor use of the server", trial.load.process, "cores", 2),
-        Figure("lines sent", trial.lines, "1/s", 0),
-        Figure("data sent", trial.octets / 1e3, "kB/s", 0),
-        *load_figures(trial.load),
-    ]
-    return [replace(one, name=f"{team}: {one.name[0].lower()}{one.name[1:]}") for one in figures]

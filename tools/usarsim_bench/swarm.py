@@ -26,12 +26,13 @@ from usarsim_bench.robot_files import LASER_NAME, LASER_PERIOD, SCOUT, SCOUT_SEN
 from usarsim_bench.server import SERVE, BenchError, Server, load_between
 from usarsim_bench.team import (
     FACTOR_AIM,
-    MIB,
     SECONDS,
     SETTLE,
     TeamTrial,
     gather,
     load_figures,
+    named,
+    team_figures,
     try_team,
 )
 
@@ -79,32 +80,8 @@ def _trial(plan: Plan, robots: int, seconds: float) -> TeamTrial:
 
 def swarm_figures(trial: TeamTrial) -> list[Figure]:
     """The figures of one size; sizes beyond the usual one have no aims."""
-    aimed = trial.robots <= ROBOTS
-    name = f"{trial.robots} robots"
-    return [
-        Figure(
-            f"{name}: real-time factor, lowest of all",
-            trial.factor,
-            "",
-            4,
-            FACTOR_AIM if aimed else None,
-        ),
-        Figure(f"{name}: real-time factor, worst second of any", trial.worst, "", 4),
-        Figure(
-            f"{name}: processor use of the server",
-            trial.load.process,
-            "cores",
-            2,
-            CORES_AIM if aimed else None,
-        ),
-        Figure(f"{name}: memory of the server", trial.resident / MIB, "MiB", 0),
-        Figure(f"{name}: lines sent", trial.lines, "1/s", 0),
-        Figure(f"{name}: data sent", trial.octets / 1e6, "MB/s", 2),
-        *(
-            Figure(f"{name}: {one.name[0].lower()}{one.name[1:]}", one.value, one.unit, one.digits)
-            for one in load_figures(trial.load)
-        ),
-    ]
+    aims = (FACTOR_AIM, CORES_AIM) if trial.robots <= ROBOTS else ()
+    return named(f"{trial.robots} robots", team_figures(trial, *aims))
 
 
 LOCKSTEP_ROBOTS = 16

@@ -6,8 +6,8 @@ One of them is mixed: robots of every kind together, each driven in its own word
 from __future__ import annotations
 
 import random
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from usarsim_bench.crowd import DEFAULT_CLASS, Controller, Crowd, wander
 from usarsim_bench.figures import Aim, Figure, Plan, Section
@@ -135,16 +135,28 @@ def measure_team(plan: Plan) -> Section:
         f"A team of {robots} robots",
         f"{robots} {DEFAULT_CLASS} with all their sensors in {plan.world}, random DRIVE commands "
         f"at 2 Hz each, clients in another process, {seconds:g} s.",
-        (
-            Figure("Real-time factor, lowest of all robots", trial.factor, "", 4, FACTOR_AIM),
-            Figure("Real-time factor, worst second of any robot", trial.worst, "", 4),
-            Figure("Processor use of the server", trial.load.process, "cores", 2, CORES_AIM),
-            Figure("Memory of the server", trial.resident / MIB, "MiB", 0),
-            Figure("Lines sent", trial.lines, "1/s", 0),
-            Figure("Data sent", trial.octets / 1e3, "kB/s", 0),
-            *load_figures(trial.load),
-        ),
+        tuple(team_figures(trial, FACTOR_AIM, CORES_AIM)),
     )
+
+
+def team_figures(
+    trial: TeamTrial, factor: Aim | None = None, cores: Aim | None = None
+) -> list[Figure]:
+    """How well a team kept time and at which cost, with aims for the factor and the cores."""
+    return [
+        Figure("Real-time factor, lowest of all robots", trial.factor, "", 4, factor),
+        Figure("Real-time factor, worst second of any robot", trial.worst, "", 4),
+        Figure("Processor use of the server", trial.load.process, "cores", 2, cores),
+        Figure("Memory of the server", trial.resident / MIB, "MiB", 0),
+        Figure("Lines sent", trial.lines, "1/s", 0),
+        Figure("Data sent", trial.octets / 1e3, "kB/s", 0),
+        *load_figures(trial.load),
+    ]
+
+
+def named(team: str, figures: Iterable[Figure]) -> list[Figure]:
+    """The figures of one team among several, whose name stands before theirs."""
+    return [replace(one, name=f"{team}: {one.name[0].lower()}{one.name[1:]}") for one in figures]
 
 
 def load_figures(load: Load) -> list[Figure]:
@@ -292,13 +304,5 @@ def measure_garage(plan: Plan) -> Section:
         f"A mixed team of {robots} robots",
         f"{', '.join(list(MIXED)[:robots])} with all their sensors in {plan.world}, random "
         f"commands of their kind at 2 Hz each, clients in another process, {seconds:g} s.",
-        (
-            Figure("Real-time factor, lowest of all robots", trial.factor, "", 4, FACTOR_AIM),
-            Figure("Real-time factor, worst second of any robot", trial.worst, "", 4),
-            Figure("Processor use of the server", trial.load.process, "cores", 2, CORES_AIM),
-            Figure("Memory of the server", trial.resident / MIB, "MiB", 0),
-            Figure("Lines sent", trial.lines, "1/s", 0),
-            Figure("Data sent", trial.octets / 1e3, "kB/s", 0),
-            *load_figures(trial.load),
-        ),
+        tuple(team_figures(trial, FACTOR_AIM, CORES_AIM)),
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 import socket
 from collections.abc import Callable, Sequence
+from typing import Any
 
 from usarsim_bench.hostile.attack import MIB, Answers, Attack, holding
 from usarsim_bench.hostile.links import HOST, Link, Site
@@ -159,28 +160,35 @@ def _told(answers: Answers) -> Sequence[str]:
     return faults
 
 
+def _both(
+    name: str, what: str, links: Callable[[bool], _Links], port: str, **promised: Any
+) -> tuple[Attack, Attack]:
+    """An attack whose clients read what they asked for, and the same never read."""
+    return (
+        Attack(name, what, links(True), (port,), **promised),
+        Attack(f"{name}-unread", "the same, never read", links(False), (port,), **promised),
+    )
+
+
+def _asked(count: int, port: str, question: bytes) -> Callable[[bool], _Links]:
+    return lambda reads: _asking(count, port, question, reads=reads)
+
+
+_BLOCKS = b"SEND 16000 " + b"\x55" * 16_000 + b";"
+
 SIDE_ATTACKS = (
-    Attack(
+    *_both(
         "positions",
         "30 clients ask GETPOS and GETOBS on 50000",
-        _asking(30, "wireless", POSITIONS, reads=True),
-        ("wireless",),
+        _asked(30, "wireless", POSITIONS),
+        "wireless",
     ),
-    Attack(
-        "positions-unread",
-        "the same, never read",
-        _asking(30, "wireless", POSITIONS, reads=False),
-        ("wireless",),
-    ),
-    Attack(
+    *_both(
         "relays",
         "16 links of two names, full speed both ways, read",
-        _relays(True),
-        ("wireless",),
+        _relays,
+        "wireless",
         options=NO_RADIO,
-    ),
-    Attack(
-        "relays-unread", "the same, never read", _relays(False), ("wireless",), options=NO_RADIO
     ),
     Attack(
         "descriptors",
@@ -197,41 +205,20 @@ SIDE_ATTACKS = (
         ("wireless",),
     ),
     holding("wireless-held", "wireless"),
-    Attack(
+    *_both(
         "groundtruth",
         "20 clients ask GETPOS and GETOBS on 7435",
-        _asking(20, "groundtruth", POSITIONS, reads=True),
-        ("groundtruth",),
-    ),
-    Attack(
-        "groundtruth-unread",
-        "the same, never read",
-        _asking(20, "groundtruth", POSITIONS, reads=False),
-        ("groundtruth",),
+        _asked(20, "groundtruth", POSITIONS),
+        "groundtruth",
     ),
     holding("groundtruth-held", "groundtruth"),
-    Attack(
-        "truth", "30 clients ask on 3989", _asking(30, "truth", b"\r\n", reads=True), ("truth",)
-    ),
-    Attack(
-        "truth-unread",
-        "the same, never read",
-        _asking(30, "truth", b"\r\n", reads=False),
-        ("truth",),
-    ),
+    *_both("truth", "30 clients ask on 3989", _asked(30, "truth", b"\r\n"), "truth"),
     holding("truth-held", "truth"),
-    Attack(
+    *_both(
         "pictures",
         "16 clients ask for pictures and tiles and read",
-        _asking(16, "images", PICTURE + TILES, reads=True),
-        ("images",),
-        growth=128 * MIB,
-    ),
-    Attack(
-        "pictures-unread",
-        "the same, never read",
-        _asking(16, "images", PICTURE + TILES, reads=False),
-        ("images",),
+        _asked(16, "images", PICTURE + TILES),
+        "images",
         growth=128 * MIB,
     ),
     Attack(
@@ -241,33 +228,18 @@ SIDE_ATTACKS = (
         ("images",),
     ),
     holding("image-held", "images"),
-    Attack(
-        "junk-links",
-        "16 links of 5874 carry junk at full speed",
-        _junk_links(True),
-        ("comserver",),
-        options=NO_RADIO,
-    ),
-    Attack(
-        "full-links",
-        "16 links of 5874 carry blocks of 16 kB, read",
-        _full_links(b"SEND 16000 " + b"\x55" * 16_000 + b";", True),
-        ("comserver",),
-        options=NO_RADIO,
-    ),
-    Attack(
-        "small-links",
-        "the same, single bytes",
-        _full_links(b"SEND 1 x;", True),
-        ("comserver",),
-        options=NO_RADIO,
-    ),
-    Attack(
-        "links-unread",
-        "the same with 16 kB, never read",
-        _full_links(b"SEND 16000 " + b"\x55" * 16_000 + b";", False),
-        ("comserver",),
-        options=NO_RADIO,
+    *(
+        Attack(name, what, links, ("comserver",), options=NO_RADIO)
+        for name, what, links in (
+            ("junk-links", "16 links of 5874 carry junk at full speed", _junk_links(True)),
+            (
+                "full-links",
+                "16 links of 5874 carry blocks of 16 kB, read",
+                _full_links(_BLOCKS, True),
+            ),
+            ("small-links", "the same, single bytes", _full_links(b"SEND 1 x;", True)),
+            ("links-unread", "the same with 16 kB, never read", _full_links(_BLOCKS, False)),
+        )
     ),
     Attack(
         "registry",
