@@ -23,18 +23,12 @@ GAP_AIM = Aim("<", 200.0)
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """A span in which a robot came, or in which nobody came, for comparison.
+    """A span in which a robot came, or in which nobody came, for comparison."""
 
-    Attributes:
-        name: for people.
-        start, stop: the span, wall time.
-        delay: s from INIT to the newcomer's first STA line; None if nobody came.
-    """
-
-    name: str
-    start: float
+    name: str  # for people
+    start: float  # the span, wall time
     stop: float
-    delay: float | None = None
+    delay: float | None = None  # s from INIT to the newcomer's first STA line; None if nobody came
 
 
 def disturbance(recorded: list[dict[str, list[float]]], start: float, stop: float) -> float:
@@ -148,17 +142,11 @@ Streams = list[dict[str, list[float]]]
 
 @dataclass(frozen=True, slots=True)
 class Visits:
-    """Newcomers to a team, one at a time, and spans in which nobody came.
+    """Newcomers to a team, one at a time, and spans in which nobody came."""
 
-    Attributes:
-        waits: s from INIT to the first sensor line, of each newcomer.
-        busy: wall times of the second after each INIT.
-        quiet: as many spans of that length in which nobody came.
-    """
-
-    waits: list[float]
-    busy: list[Span]
-    quiet: list[Span]
+    waits: list[float]  # s from INIT to the first sensor line, of each newcomer
+    busy: list[Span]  # wall times of the second after each INIT
+    quiet: list[Span]  # as many spans of that length in which nobody came
 
 
 def waits(controllers: Sequence[Controller]) -> list[float]:

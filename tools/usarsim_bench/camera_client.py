@@ -22,19 +22,12 @@ _READ = 1 << 18
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """One answered request.
+    """One answered request."""
 
-    Attributes:
-        asked: wall time just before the request was sent.
-        come: wall time at which its last byte was there.
-        octets: of header and payload.
-        content: checksum of the payload, by which repeats are known.
-    """
-
-    asked: float
-    come: float
-    octets: int
-    content: int
+    asked: float  # wall time just before the request was sent
+    come: float  # wall time at which its last byte was there
+    octets: int  # of header and payload
+    content: int  # checksum of the payload, by which repeats are known
 
 
 class Viewer(CarefulClosing):
@@ -115,22 +108,14 @@ class Viewer(CarefulClosing):
 
 @dataclass(frozen=True, slots=True)
 class ViewerTrial:
-    """What one viewer got over a span of time.
+    """What one viewer got over a span of time."""
 
-    Attributes:
-        pictures: received per second.
-        news: pictures per second that differed from the one before.
-        median, tail: s from asking to the last byte; median and 99th percentile.
-        longest: s, the longest of them.
-        octets: received per second.
-    """
-
-    pictures: float
-    news: float
-    median: float
+    pictures: float  # received per second
+    news: float  # pictures per second that differed from the one before
+    median: float  # s from asking to the last byte; median and 99th percentile
     tail: float
-    longest: float
-    octets: float
+    longest: float  # s, the longest of them
+    octets: float  # received per second
 
 
 def summed_up(pictures: Sequence[Picture], start: float, stop: float) -> ViewerTrial:

@@ -114,17 +114,11 @@ LOOK_FACTOR_AIM = Aim(">=", 0.999)
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """One way of looking.
+    """One way of looking."""
 
-    Attributes:
-        name: for people.
-        rectangle: asked for, pixels; None for the full frame.
-        rate: requests per second; None for as many as can be.
-    """
-
-    name: str
-    rectangle: tuple[int, int, int, int] | None
-    rate: float | None
+    name: str  # for people
+    rectangle: tuple[int, int, int, int] | None  # asked for, pixels; None for the full frame
+    rate: float | None  # requests per second; None for as many as can be
 
 
 LOOKS: Sequence[Look] = (

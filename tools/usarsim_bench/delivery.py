@@ -42,21 +42,13 @@ TILE = 320, 240
 
 @dataclass(frozen=True, slots=True)
 class Frames:
-    """What the loop made.
+    """What the loop made."""
 
-    Attributes:
-        renderer: platform of OpenGL; "rays" if there is none here, so that nothing was drawn.
-        cameras: that took turns.
-        pictures: per s of wall time.
-        cores: processors kept busy meanwhile, by this process.
-        octets: mean length of a JPEG.
-    """
-
-    renderer: str
-    cameras: int
-    pictures: float
-    cores: float
-    octets: float
+    renderer: str  # platform of OpenGL; "rays" if there is none here, so that nothing was drawn
+    cameras: int  # that took turns
+    pictures: float  # per s of wall time
+    cores: float  # processors kept busy meanwhile, by this process
+    octets: float  # mean length of a JPEG
 
 
 def measure_frames(

@@ -21,27 +21,16 @@ _PACKAGES = ("mujoco", "numpy", "embreex")
 
 @dataclass(frozen=True, slots=True)
 class Machine:
-    """A computer and the software that matters.
+    """A computer and the software that matters."""
 
-    Attributes:
-        processor: model name.
-        cores: that the machine has.
-        usable_cores: that this process may use.
-        memory: bytes.
-        system: kernel and architecture.
-        python: implementation and version.
-        packages: versions by distribution name; "none" for what is not installed.
-        load: programs ready to run, mean of the last minute, before measuring began.
-    """
-
-    processor: str
-    cores: int
-    usable_cores: int
-    memory: int
-    system: str
-    python: str
-    packages: dict[str, str]
-    load: float
+    processor: str  # model name
+    cores: int  # that the machine has
+    usable_cores: int  # that this process may use
+    memory: int  # bytes
+    system: str  # kernel and architecture
+    python: str  # implementation and version
+    packages: dict[str, str]  # versions by distribution name; "none" for what is not installed
+    load: float  # programs ready to run, mean of the last minute, before measuring began
 
     def facts(self) -> list[tuple[str, str]]:
         """Name and value of everything, for people."""
@@ -108,21 +97,13 @@ class Aim:
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """One measured number.
+    """One measured number."""
 
-    Attributes:
-        name: what it is.
-        value: as measured.
-        unit: of the value; empty for ratios and counts.
-        digits: after the point, for people.
-        aim: what it should be, or None if it only informs.
-    """
-
-    name: str
-    value: float
-    unit: str = ""
-    digits: int = 2
-    aim: Aim | None = None
+    name: str  # what it is
+    value: float  # as measured
+    unit: str = ""  # of the value; empty for ratios and counts
+    digits: int = 2  # after the point, for people
+    aim: Aim | None = None  # what it should be, or None if it only informs
 
     @property
     def met(self) -> bool | None:
@@ -137,51 +118,31 @@ class Figure:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Many cases beside each other.
+    """Many cases beside each other."""
 
-    Attributes:
-        heads: of the columns; the first names the case.
-        rows: a text for each column.
-    """
-
-    heads: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
+    heads: tuple[str, ...]  # of the columns; the first names the case
+    rows: tuple[tuple[str, ...], ...]  # a text for each column
 
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """The figures of one measurement.
+    """The figures of one measurement."""
 
-    Attributes:
-        key: of the measurement.
-        title: for people.
-        setting: under which circumstances they were taken.
-        figures: in the order to show them.
-        failure: why there are none, or None.
-        table: of the cases that the figures sum up, or None.
-    """
-
-    key: str
-    title: str
-    setting: str
-    figures: tuple[Figure, ...]
-    failure: str | None = None
-    table: Table | None = None
+    key: str  # of the measurement
+    title: str  # for people
+    setting: str  # under which circumstances they were taken
+    figures: tuple[Figure, ...]  # in the order to show them
+    failure: str | None = None  # why there are none, or None
+    table: Table | None = None  # of the cases that the figures sum up, or None
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """All sections of one run.
+    """All sections of one run."""
 
-    Attributes:
-        machine: that they were taken on.
-        taken: when the run began, UTC.
-        sections: in the order to show them.
-    """
-
-    machine: Machine
-    taken: datetime
-    sections: tuple[Section, ...]
+    machine: Machine  # that they were taken on
+    taken: datetime  # when the run began, UTC
+    sections: tuple[Section, ...]  # in the order to show them
 
     @property
     def facts(self) -> list[tuple[str, str]]:
@@ -205,26 +166,18 @@ def _silent(text: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What to measure with.
+    """What to measure with."""
 
-    Attributes:
-        robots: size of the team; None for the measurement's own.
-        seconds: how long to measure; None for the measurement's own. What it means in each case
-            is said by the measurement.
-        world: name or folder of the world.
-        seed: of the clients' behaviour.
-        say: told what goes on while it takes its time.
-        brief: only to see whether something is badly wrong: of several sizes one is enough.
-        attacks: names of those that `hostile` is to try; none for all.
-    """
-
-    robots: int | None = None
+    robots: int | None = None  # size of the team; None for the measurement's own
     seconds: float | None = None
-    world: str = "arena"
-    seed: int = 0
-    say: Callable[[str], None] = _silent
+    """How long to measure; None for the measurement's own. What it means in each case is said by
+    the measurement."""
+    world: str = "arena"  # name or folder of the world
+    seed: int = 0  # of the clients' behaviour
+    say: Callable[[str], None] = _silent  # told what goes on while it takes its time
     brief: bool = False
-    attacks: tuple[str, ...] = ()
+    """Only to see whether something is badly wrong: of several sizes one is enough."""
+    attacks: tuple[str, ...] = ()  # names of those that `hostile` is to try; none for all
 
     def sizes(self, usual: Sequence[int], brief: int) -> tuple[int, ...]:
         """Sizes of the teams to measure: the one asked for, else the usual ones.

@@ -56,31 +56,18 @@ _KIBI = 1024
 
 @dataclass(frozen=True, slots=True)
 class Importing:
-    """One map.
+    """One map."""
 
-    Attributes:
-        first: s of wall time for the first import.
-        again: s of wall time for the second, from the cache; the best of three.
-        compiling: s of wall time from the world folder to a compiled model.
-        scan: s of wall time for one scan of `BEAMS` beams, median.
-        hits: part of the beams that met something.
-        peak: bytes of resident memory at the most.
-        model: bytes of the compiled model.
-        pieces: solid geoms.
-        triangles: that rays meet.
-        starts: start poses.
-    """
-
-    first: float
-    again: float
-    compiling: float
-    scan: float
-    hits: float
-    peak: int
-    model: int
-    pieces: int
-    triangles: int
-    starts: int
+    first: float  # s of wall time for the first import
+    again: float  # s of wall time for the second, from the cache; the best of three
+    compiling: float  # s of wall time from the world folder to a compiled model
+    scan: float  # s of wall time for one scan of `BEAMS` beams, median
+    hits: float  # part of the beams that met something
+    peak: int  # bytes of resident memory at the most
+    model: int  # bytes of the compiled model
+    pieces: int  # solid geoms
+    triangles: int  # that rays meet
+    starts: int  # start poses
 
 
 def measure(source: Path, out: Path, assets: Sequence[Path] = ()) -> Importing:
@@ -182,21 +169,13 @@ _PATIENCE = 300.0
 
 @dataclass(frozen=True, slots=True)
 class Map:
-    """One map.
+    """One map."""
 
-    Attributes:
-        name: for people.
-        source: its file.
-        assets: folders of the meshes that it names.
-        seconds: aim for its import.
-        scan: aim for a scan, us; None where it only informs.
-    """
-
-    name: str
-    source: Path
-    assets: Sequence[Path]
-    seconds: Aim
-    scan: Aim | None
+    name: str  # for people
+    source: Path  # its file
+    assets: Sequence[Path]  # folders of the meshes that it names
+    seconds: Aim  # aim for its import
+    scan: Aim | None  # aim for a scan, us; None where it only informs
 
 
 def measure_import(plan: Plan) -> Section:

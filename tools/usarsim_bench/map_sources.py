@@ -33,15 +33,10 @@ _DOOR = 1.2
 
 @dataclass(slots=True)
 class Shape:
-    """Triangles with shared vertices, metres, z up; faces look outwards.
+    """Triangles with shared vertices, metres, z up; faces look outwards."""
 
-    Attributes:
-        vertices: corners.
-        triangles: indices.
-    """
-
-    vertices: list[Triple] = field(default_factory=list)
-    triangles: list[tuple[int, int, int]] = field(default_factory=list)
+    vertices: list[Triple] = field(default_factory=list)  # corners
+    triangles: list[tuple[int, int, int]] = field(default_factory=list)  # indices
 
     def prism(self, ring: Sequence[tuple[float, float]], low: float, high: float) -> None:
         """Add an upright prism over a convex anticlockwise ring of x, y."""

@@ -37,17 +37,11 @@ LEAST_TREND = 60.0
 
 @dataclass(frozen=True, slots=True)
 class Churn:
-    """What coming and going did.
+    """What coming and going did."""
 
-    Attributes:
-        spawned: robots that came.
-        silent: those of them that never said anything before they left again.
-        resident: bytes of memory over wall time, since it began.
-    """
-
-    spawned: int
-    silent: int
-    resident: list[tuple[float, float]]
+    spawned: int  # robots that came
+    silent: int  # those of them that never said anything before they left again
+    resident: list[tuple[float, float]]  # bytes of memory over wall time, since it began
 
 
 def churn(server: Server, crowd: Crowd, seconds: float, seed: int) -> Churn:

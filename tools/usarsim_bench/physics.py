@@ -52,26 +52,17 @@ may catch up."""
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """One stretch of the server's work and the pause behind it.
+    """One stretch of the server's work and the pause behind it."""
 
-    Attributes:
-        moment: of the pause, s, `time.perf_counter`, which all processes of the machine share.
-        robots: active ones.
-        thread: processor seconds of the physics thread per step.
-        engine: the part of it that was spent in `Engine.advance`.
-        mujoco: the part of that that was spent inside MuJoCo's two half steps: bare MuJoCo with the
-            same contacts, in the very same states; 0 if the engine steps otherwise.
-        bare: processor seconds of a bare step.
-        contacts: of the scene at the pause.
-    """
-
-    moment: float
-    robots: int
-    thread: float
-    engine: float
+    moment: float  # of the pause, s, `time.perf_counter`, which all processes of the machine share
+    robots: int  # active ones
+    thread: float  # processor seconds of the physics thread per step
+    engine: float  # the part of it that was spent in `Engine.advance`
     mujoco: float
-    bare: float
-    contacts: int
+    """The part of that that was spent inside MuJoCo's two half steps: bare MuJoCo with the same
+    contacts, in the very same states; 0 if the engine steps otherwise."""
+    bare: float  # processor seconds of a bare step
+    contacts: int  # of the scene at the pause
 
 
 class BareSteps:

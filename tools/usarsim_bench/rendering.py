@@ -117,45 +117,30 @@ RANGE_IMAGER = (320, 240, 1.01226, 0.7854, 20.0)
 
 @dataclass(frozen=True, slots=True)
 class Costs:
-    """Processor milliseconds per picture of 320 x 240; medians. Infinite: no OpenGL here.
+    """Processor milliseconds per picture of 320 x 240; medians. Infinite: no OpenGL here."""
 
-    Attributes:
-        renderer: what drew `tile`.
-        bare, tile, smoky, lit, rays, jpeg: see the module.
-        depth_rendered, depth_rays: a whole depth image.
-        to_bare: `bare` over `tile`: the part of the speed of bare MuJoCo that is left.
-    """
-
-    renderer: str
+    renderer: str  # what drew `tile`
     robots: int
-    bare: float
+    bare: float  # see the module
     tile: float
     smoky: float
     lit: float
     rays: float
     jpeg: float
-    depth_rendered: float
+    depth_rendered: float  # a whole depth image
     depth_rays: float
-    to_bare: float
+    to_bare: float  # `bare` over `tile`: the part of the speed of bare MuJoCo that is left
 
 
 @dataclass(frozen=True, slots=True)
 class Watched:
-    """A number of watched cameras at real time.
+    """A number of watched cameras at real time."""
 
-    Attributes:
-        cameras: watched.
-        pictures: of all of them per s of wall time.
-        age: median s between the simulated instant of a frame and its delivery.
-        oldest: 99th percentile of that.
-        factor: simulated over wall time meanwhile.
-    """
-
-    cameras: int
-    pictures: float
-    age: float
-    oldest: float
-    factor: float
+    cameras: int  # watched
+    pictures: float  # of all of them per s of wall time
+    age: float  # median s between the simulated instant of a frame and its delivery
+    oldest: float  # 99th percentile of that
+    factor: float  # simulated over wall time meanwhile
 
 
 def measure_costs(world: str, robots: int) -> Costs:

@@ -46,15 +46,10 @@ _TIME = re.compile(rb"STA .*?\{Time ([0-9.]+)\}")
 
 @dataclass(slots=True)
 class Stream:
-    """The status lines of one robot, judged by the simulated time that they tell.
+    """The status lines of one robot, judged by the simulated time that they tell."""
 
-    Attributes:
-        lines: that came.
-        missing: that should have come between two of them.
-    """
-
-    lines: int = 0
-    missing: int = 0
+    lines: int = 0  # that came
+    missing: int = 0  # that should have come between two of them
     _last: float | None = None
     _gaps: list[float] = field(default_factory=list)
     _rest: bytes = b""

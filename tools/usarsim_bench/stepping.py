@@ -59,29 +59,18 @@ _CALIBRATION_CALLS = 1000
 
 @dataclass(frozen=True, slots=True)
 class Stepping:
-    """One scene.
+    """One scene."""
 
-    Attributes:
-        world, robots: the scene.
-        steps: of each loop, in all.
-        engine, mujoco, bare: steps per s of processor time, medians of the repetitions; see the
-            module.
-        contacts: mean number of contacts in the engine.
-        bare_contacts: the same in the bare loop.
-        to_mujoco: rate of the engine over that of MuJoCo's part, median of the repetitions.
-        to_bare: the same over the bare loop.
-    """
-
-    world: str
+    world: str  # the scene
     robots: int
-    steps: int
-    engine: float
+    steps: int  # of each loop, in all
+    engine: float  # steps per s of processor time, medians of the repetitions; see the module
     mujoco: float
     bare: float
-    contacts: float
-    bare_contacts: float
-    to_mujoco: float
-    to_bare: float
+    contacts: float  # mean number of contacts in the engine
+    bare_contacts: float  # the same in the bare loop
+    to_mujoco: float  # rate of the engine over that of MuJoCo's part, median of the repetitions
+    to_bare: float  # the same over the bare loop
 
 
 @dataclass(frozen=True, slots=True)

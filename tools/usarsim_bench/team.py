@@ -36,26 +36,16 @@ LARGEST_AIM = Aim(">=", ROBOTS)
 
 @dataclass(frozen=True, slots=True)
 class TeamTrial:
-    """What a team saw over one measurement.
+    """What a team saw over one measurement."""
 
-    Attributes:
-        robots: its size.
-        factor: real-time factor of the robot that had the lowest.
-        worst: the lowest factor of any robot in any stretch of a second.
-        load: processors used meanwhile.
-        lines, octets: received per second by all clients together.
-        resident: bytes of memory of the server at the end.
-        start, stop: wall times between which it was watched.
-    """
-
-    robots: int
-    factor: float
-    worst: float
-    load: Load
-    lines: float
+    robots: int  # its size
+    factor: float  # real-time factor of the robot that had the lowest
+    worst: float  # the lowest factor of any robot in any stretch of a second
+    load: Load  # processors used meanwhile
+    lines: float  # received per second by all clients together
     octets: float
-    resident: int
-    start: float
+    resident: int  # bytes of memory of the server at the end
+    start: float  # wall times between which it was watched
     stop: float
 
 

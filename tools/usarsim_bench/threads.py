@@ -35,16 +35,12 @@ _ROLES = (
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """What had been used at one moment.
+    """What had been used at one moment."""
 
-    Attributes:
-        moment: s, `time.perf_counter`, which all processes of the machine share.
-        spent: processor seconds since the start of the process by what they were spent on:
-            physics, reports, sockets, drawing, encoding, others.
-    """
-
-    moment: float
+    moment: float  # s, `time.perf_counter`, which all processes of the machine share
     spent: Mapping[str, float]
+    """Processor seconds since the start of the process by what they were spent on: physics,
+    reports, sockets, drawing, encoding, others."""
 
 
 def look() -> Look:

@@ -25,19 +25,13 @@ class WallSize:
 
 @dataclass(frozen=True, slots=True)
 class Opening:
-    """A hole in a wall.
+    """A hole in a wall."""
 
-    Attributes:
-        middle: coordinate along the wall, m.
-        width, bottom, top: m.
-        glass: material of the pane in it; None for a free passage.
-    """
-
-    middle: float
-    width: float
+    middle: float  # coordinate along the wall, m
+    width: float  # m
     bottom: float
     top: float
-    glass: str | None = None
+    glass: str | None = None  # material of the pane in it; None for a free passage
 
 
 def door(middle: float, width: float = DOOR_WIDTH) -> Opening:
@@ -101,17 +95,12 @@ POST = 0.06
 
 @dataclass(frozen=True, slots=True)
 class Maze:
-    """A maze drawn with `+--+` and `|`; `oo` and `o` are panels with a hole to look through.
-
-    Attributes:
-        rows: text lines; odd ones hold cells, even ones the walls between rows of cells.
-        left: x of the left edge of the drawing, m.
-        top: y of its upper edge, m.
-    """
+    """A maze drawn with `+--+` and `|`; `oo` and `o` are panels with a hole to look through."""
 
     rows: tuple[str, ...]
-    left: float
-    top: float
+    """Text lines; odd ones hold cells, even ones the walls between rows of cells."""
+    left: float  # x of the left edge of the drawing, m
+    top: float  # y of its upper edge, m
 
     @property
     def shape(self) -> tuple[int, int]:

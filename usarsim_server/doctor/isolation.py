@@ -32,21 +32,13 @@ _PACKAGES = Path(__file__).resolve().parents[2]
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a trial ended.
+    """How a trial ended."""
 
-    Attributes:
-        values: what it found out; empty if it failed.
-        failure: why it failed, in one line; None if it did not.
-        told: the failure is an error meant for users, and no defect.
-        advice: what such an error says about mending it.
-        missing: it failed because this Python module is not installed.
-    """
-
-    values: Mapping[str, Any] = field(default_factory=dict)
-    failure: str | None = None
-    told: bool = False
-    advice: str | None = None
-    missing: str | None = None
+    values: Mapping[str, Any] = field(default_factory=dict)  # what it found out; empty if it failed
+    failure: str | None = None  # why it failed, in one line; None if it did not
+    told: bool = False  # the failure is an error meant for users, and no defect
+    advice: str | None = None  # what such an error says about mending it
+    missing: str | None = None  # it failed because this Python module is not installed
 
 
 def attempt(

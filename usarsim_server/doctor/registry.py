@@ -37,38 +37,24 @@ class Mark(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One line of the report.
+    """One line of the report."""
 
-    Attributes:
-        subject: what was looked at, a word or two.
-        mark: see there.
-        text: what was found, and what it means.
-        cure: the one command that mends it.
-        advice: where no command does, what to do instead.
-        values: the same in numbers, for machines; finite, and named with their units.
-    """
-
-    subject: str
-    mark: Mark
-    text: str
-    cure: str | None = None
-    advice: str | None = None
+    subject: str  # what was looked at, a word or two
+    mark: Mark  # see there
+    text: str  # what was found, and what it means
+    cure: str | None = None  # the one command that mends it
+    advice: str | None = None  # where no command does, what to do instead
     values: Mapping[str, object] = field(default_factory=dict)
+    """The same in numbers, for machines; finite, and named with their units."""
 
 
 @dataclass(frozen=True, slots=True)
 class Checked:
-    """What one check found.
+    """What one check found."""
 
-    Attributes:
-        key: of the check.
-        title: for readers.
-        findings: in the order of the report.
-    """
-
-    key: str
-    title: str
-    findings: tuple[Finding, ...]
+    key: str  # of the check
+    title: str  # for readers
+    findings: tuple[Finding, ...]  # in the order of the report
 
 
 def counted(sections: Sequence[Checked], mark: Mark) -> int:
@@ -97,15 +83,11 @@ TIMEOUT = 60.0
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """What checks may ask for.
+    """What checks may ask for."""
 
-    Attributes:
-        settings: those that the server would run with.
-        given: options of the command line that they came from, in order, flag and text.
-    """
-
-    settings: Settings
+    settings: Settings  # those that the server would run with
     given: tuple[tuple[str, str], ...] = ()
+    """Options of the command line that they came from, in order, flag and text."""
 
     def serve(self, options: Mapping[str, object]) -> str:
         """The command that starts the server with these settings but for some options."""
@@ -122,23 +104,15 @@ Look = Callable[[Context], Iterable[Finding]]
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One check.
+    """One check."""
 
-    Attributes:
-        key: one word, for machines.
-        title: for readers.
-        order: place in the report; low numbers come first.
-        look: what it does.
-        measures: it takes seconds, because it measures; left out when there is hurry.
-        apart: it needs libraries that may be broken, and so runs in a process of its own.
-    """
-
-    key: str
-    title: str
-    order: int
-    look: Look
-    measures: bool = False
+    key: str  # one word, for machines
+    title: str  # for readers
+    order: int  # place in the report; low numbers come first
+    look: Look  # what it does
+    measures: bool = False  # it takes seconds, because it measures; left out when there is hurry
     apart: bool = False
+    """It needs libraries that may be broken, and so runs in a process of its own."""
 
 
 class Audience(Protocol):

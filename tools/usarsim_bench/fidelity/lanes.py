@@ -27,32 +27,20 @@ GLANCE = 5
 
 @dataclass(frozen=True, slots=True)
 class Lane:
-    """What one robot does.
+    """What one robot does."""
 
-    Attributes:
-        robot: of what class.
-        spin: of its driven wheels, rad/s; a robot that backs stands the other way round.
-        posture: angles of joints, rad.
-    """
-
-    robot: RobotDescription
-    spin: float
-    posture: Mapping[str, float] = field(default_factory=dict)
+    robot: RobotDescription  # of what class
+    spin: float  # of its driven wheels, rad/s; a robot that backs stands the other way round
+    posture: Mapping[str, float] = field(default_factory=dict)  # angles of joints, rad
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How it went.
+    """How it went."""
 
-    Attributes:
-        tilt: largest angle of the robot to the vertical, rad.
-        ahead: way of the reference point along the lane, m.
-        rise: of the reference point, m.
-    """
-
-    tilt: float
-    ahead: float
-    rise: float
+    tilt: float  # largest angle of the robot to the vertical, rad
+    ahead: float  # way of the reference point along the lane, m
+    rise: float  # of the reference point, m
 
 
 def drive_lanes(

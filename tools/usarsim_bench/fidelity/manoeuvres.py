@@ -27,19 +27,12 @@ _ODOMETRY = re.compile(r"\{Type Odometry\}.*\{Pose [^,]+,[^,]+,([^,}]+)\}")
 
 @dataclass(frozen=True, slots=True)
 class Straight:
-    """A straight drive.
+    """A straight drive."""
 
-    Attributes:
-        speed: mean ground speed in steady motion, m/s.
-        ratio: speed relative to that of the commanded wheel speed times the wheel radius.
-        lateral: largest distance from the line of the start, m.
-        yaw: largest deviation from the heading of the start, rad.
-    """
-
-    speed: float
-    ratio: float
-    lateral: float
-    yaw: float
+    speed: float  # mean ground speed in steady motion, m/s
+    ratio: float  # speed relative to that of the commanded wheel speed times the wheel radius
+    lateral: float  # largest distance from the line of the start, m
+    yaw: float  # largest deviation from the heading of the start, rad
 
 
 def drive_straight(stage: Stage, speed: float, seconds: float = 6.0) -> Straight:
@@ -67,29 +60,17 @@ def watch_straight(stage: Stage, start: RobotBody, speed: float, seconds: float)
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """A turn in place.
+    """A turn in place."""
 
-    Attributes:
-        rate: mean yaw rate, rad/s, anticlockwise.
-        ratio: rate relative to a differential robot that does what was commanded.
-        grip: rate relative to a differential robot whose wheels turn as fast as these did.
-        track: effective track, m: that of the differential robot that would turn like this.
-        hop: peak to peak of the body's height, m.
-        contact: share of the steps in which every driven wheel touched the ground.
-        drift: largest distance of the reference point from where the turn was steady first, m.
-        own: whether two parts of the robot ever touched each other.
-        odometry: rate of the odometry's heading relative to the true one; NaN without odometry.
-    """
-
-    rate: float
-    ratio: float
-    grip: float
-    track: float
-    hop: float
-    contact: float
-    drift: float
-    own: bool
-    odometry: float
+    rate: float  # mean yaw rate, rad/s, anticlockwise
+    ratio: float  # rate relative to a differential robot that does what was commanded
+    grip: float  # rate relative to a differential robot whose wheels turn as fast as these did
+    track: float  # effective track, m: that of the differential robot that would turn like this
+    hop: float  # peak to peak of the body's height, m
+    contact: float  # share of the steps in which every driven wheel touched the ground
+    drift: float  # largest distance of the reference point from where the turn was steady first, m
+    own: bool  # whether two parts of the robot ever touched each other
+    odometry: float  # rate of the odometry's heading relative to the true one; NaN without odometry
 
     @property
     def exaggeration(self) -> float:
@@ -274,19 +255,12 @@ WALKED = 4.0
 
 @dataclass(frozen=True, slots=True)
 class Circle:
-    """A drive on a circle.
+    """A drive on a circle."""
 
-    Attributes:
-        radius: of the circle on which the middle of the axle that is not steered goes, m.
-        ratio: of the radius to that of wheel base and steering angle.
-        clockwise: seen from above.
-        own: whether two parts of the robot ever touched each other.
-    """
-
-    radius: float
-    ratio: float
-    clockwise: bool
-    own: bool
+    radius: float  # of the circle on which the middle of the axle that is not steered goes, m
+    ratio: float  # of the radius to that of wheel base and steering angle
+    clockwise: bool  # seen from above
+    own: bool  # whether two parts of the robot ever touched each other
 
 
 def unsteered_axle(robot: RobotDescription) -> float:

@@ -37,27 +37,16 @@ ANY = Band()
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """One measurement.
+    """One measurement."""
 
-    Attributes:
-        test: number in robots reference 3.3 (V4) or, for single items, section 5 (#59).
-        robot: class name, or what was tested instead.
-        quantity: what was measured, with the conditions.
-        timestep: s; None if the measurement is over several time steps.
-        measured: the value; NaN if the test could not be carried through.
-        unit: of measured, target and band; empty for plain numbers.
-        target: where the value should be, in words.
-        band: where it has to be.
-    """
-
-    test: str
-    robot: str
-    quantity: str
-    timestep: float | None
-    measured: float
-    unit: str
-    target: str
-    band: Band
+    test: str  # number in robots reference 3.3 (V4) or, for single items, section 5 (#59)
+    robot: str  # class name, or what was tested instead
+    quantity: str  # what was measured, with the conditions
+    timestep: float | None  # s; None if the measurement is over several time steps
+    measured: float  # the value; NaN if the test could not be carried through
+    unit: str  # of measured, target and band; empty for plain numbers
+    target: str  # where the value should be, in words
+    band: Band  # where it has to be
 
     @property
     def passed(self) -> bool:

@@ -63,26 +63,16 @@ def creep(stage: Stage, seconds: float = 10.0) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Crossing:
-    """A drive over an obstacle.
+    """A drive over an obstacle."""
 
-    Attributes:
-        x, y: where the reference point ended, m.
-        rise: its height above where it began, m.
-        tilt: largest angle of the robot to the vertical, rad.
-        depth: deepest overlap with anything, m.
-        jump: longest way of the reference point within one step, m.
-        own: whether two parts of the robot ever touched each other.
-        warnings: warnings of the server, those of MuJoCo included.
-    """
-
-    x: float
+    x: float  # where the reference point ended, m
     y: float
-    rise: float
-    tilt: float
-    depth: float
-    jump: float
-    own: bool
-    warnings: int
+    rise: float  # its height above where it began, m
+    tilt: float  # largest angle of the robot to the vertical, rad
+    depth: float  # deepest overlap with anything, m
+    jump: float  # longest way of the reference point within one step, m
+    own: bool  # whether two parts of the robot ever touched each other
+    warnings: int  # warnings of the server, those of MuJoCo included
 
     @property
     def across(self) -> bool:
@@ -137,19 +127,12 @@ def _off_course(state: RobotBody) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Push:
-    """A push against a wall.
+    """A push against a wall."""
 
-    Attributes:
-        depth: deepest overlap with anything from the first touch on, m.
-        rise: highest lift of the reference point above its rest height, m.
-        speed: ground speed at the end, m/s.
-        x: where the reference point ended, m.
-    """
-
-    depth: float
-    rise: float
-    speed: float
-    x: float
+    depth: float  # deepest overlap with anything from the first touch on, m
+    rise: float  # highest lift of the reference point above its rest height, m
+    speed: float  # ground speed at the end, m/s
+    x: float  # where the reference point ended, m
 
     @property
     def before(self) -> float:

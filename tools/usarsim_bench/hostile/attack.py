@@ -20,34 +20,24 @@ of the streams that the robots get."""
 
 @dataclass(frozen=True, slots=True)
 class Attack:
-    """One way to mean a server no good.
+    """One way to mean a server no good."""
 
-    Attributes:
-        name: as in `--attack NAME`.
-        what: what the attackers do, for people.
-        links: makes their connections; may prepare something, with calls that block.
-        ports: where a new client must get its answer meanwhile, beside robot control.
-        growth: bytes that the server's memory may grow by.
-        options: of the server.
-        faults: of the answers that new clients got meanwhile; none if they are as promised.
-        descriptors: that the server may hold more than before.
-        wait: s that a new client may have to wait for its answer.
-        least: s that the attack must last to show anything.
-        busy_loops: programs that only need a processor. With them, or with a speed that the
-            machine cannot keep, only what is lost counts, not how fast it went.
-    """
-
-    name: str
-    what: str
+    name: str  # as in `--attack NAME`
+    what: str  # what the attackers do, for people
     links: Callable[[Site], Sequence[Link]]
+    """Makes their connections; may prepare something, with calls that block."""
     ports: tuple[str, ...] = ()
-    growth: float = 64 * MIB
-    options: tuple[str, ...] = ()
+    """Where a new client must get its answer meanwhile, beside robot control."""
+    growth: float = 64 * MIB  # bytes that the server's memory may grow by
+    options: tuple[str, ...] = ()  # of the server
     faults: Callable[[Answers], Sequence[str]] = lambda _: ()
-    descriptors: int = 512
-    wait: float = 2.0
-    least: float = 0.0
+    """Of the answers that new clients got meanwhile; none if they are as promised."""
+    descriptors: int = 512  # that the server may hold more than before
+    wait: float = 2.0  # s that a new client may have to wait for its answer
+    least: float = 0.0  # s that the attack must last to show anything
     busy_loops: int = 0
+    """Programs that only need a processor. With them, or with a speed that the machine cannot keep,
+    only what is lost counts, not how fast it went."""
 
     @property
     def overload(self) -> bool:

@@ -36,37 +36,24 @@ First = bytes | Callable[[int], bytes]
 
 @dataclass(slots=True)
 class Damage:
-    """What the attackers got through.
+    """What the attackers got through."""
 
-    Attributes:
-        connections: made or tried.
-        closed: of these, ended by the server.
-        sent, received: bytes.
-        cpu: s of processor time that the attackers used.
-        seconds: of wall time that it lasted.
-    """
-
-    connections: int = 0
-    closed: int = 0
-    sent: int = 0
+    connections: int = 0  # made or tried
+    closed: int = 0  # of these, ended by the server
+    sent: int = 0  # bytes
     received: int = 0
-    cpu: float = 0.0
-    seconds: float = 0.0
+    cpu: float = 0.0  # s of processor time that the attackers used
+    seconds: float = 0.0  # of wall time that it lasted
 
 
 @dataclass
 class Site:
-    """Where to attack.
+    """Where to attack."""
 
-    Attributes:
-        ports: of the server, by the names of its READY line.
-        ended: set when the attack is over.
-        kept: sockets that stay open, and unread, as long as the attack lasts.
-    """
-
-    ports: Mapping[str, int]
-    ended: threading.Event = field(default_factory=threading.Event)
+    ports: Mapping[str, int]  # of the server, by the names of its READY line
+    ended: threading.Event = field(default_factory=threading.Event)  # set when the attack is over
     kept: list[socket.socket] = field(default_factory=list)
+    """Sockets that stay open, and unread, as long as the attack lasts."""
 
     def dial(self, port: int) -> socket.socket:
         """A connection to some port, whose calls block for a while; `OSError` if there is none."""

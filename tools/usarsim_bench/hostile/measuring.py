@@ -39,49 +39,30 @@ LONGEST_END = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """What a team saw over some time.
+    """What a team saw over some time."""
 
-    Attributes:
-        rate: lines of all streams per s of wall time.
-        factor: real-time factor of the robot that had the lowest.
-        lost: lines that are missing in simulated time.
-        gap: s by which the longest silence of any stream exceeded its interval.
-        cores: processors that the server used.
-        resident, peak: bytes of the server's memory at the beginning and at the most.
-        descriptors: most that it had.
-    """
-
-    rate: float
-    factor: float
-    lost: int
-    gap: float
-    cores: float
-    resident: int
+    rate: float  # lines of all streams per s of wall time
+    factor: float  # real-time factor of the robot that had the lowest
+    lost: int  # lines that are missing in simulated time
+    gap: float  # s by which the longest silence of any stream exceeded its interval
+    cores: float  # processors that the server used
+    resident: int  # bytes of the server's memory at the beginning and at the most
     peak: int
-    descriptors: int
+    descriptors: int  # most that it had
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """One attack and what came of it.
-
-    Attributes:
-        attack: which.
-        before, during, after: what the team saw.
-        damage: what the attackers got through.
-        wait: longest s that a new client waited for its answer, and on which port.
-        faults: of the answers to new clients.
-        end: s that the server took to end under attack; infinite if it had to be killed.
-    """
+    """One attack and what came of it."""
 
     attack: Attack
-    before: Span
+    before: Span  # what the team saw
     during: Span
     after: Span
-    damage: Damage
-    wait: tuple[float, str]
-    faults: tuple[str, ...]
-    end: float
+    damage: Damage  # what the attackers got through
+    wait: tuple[float, str]  # longest s that a new client waited for its answer, and on which port
+    faults: tuple[str, ...]  # of the answers to new clients
+    end: float  # s that the server took to end under attack; infinite if it had to be killed
 
     @property
     def rate(self) -> float:

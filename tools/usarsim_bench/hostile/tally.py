@@ -16,23 +16,14 @@ _TIME = re.compile(rb"\{Time ([0-9.]+)\}")
 
 @dataclass(slots=True)
 class StreamTally:
-    """One periodic line of one robot.
+    """One periodic line of one robot."""
 
-    Attributes:
-        interval: simulated s between two of them, as they themselves tell.
-        count: lines of the span.
-        lost: lines of the span that are missing in simulated time.
-        gap: s of wall time of its longest silence in the span.
-        last: wall time of the latest line, at first the beginning of the span.
-        told: simulated time of the latest line.
-    """
-
-    interval: float
-    last: float
-    count: int = 0
-    lost: int = 0
-    gap: float = 0.0
-    told: float | None = None
+    interval: float  # simulated s between two of them, as they themselves tell
+    last: float  # wall time of the latest line, at first the beginning of the span
+    count: int = 0  # lines of the span
+    lost: int = 0  # lines of the span that are missing in simulated time
+    gap: float = 0.0  # s of wall time of its longest silence in the span
+    told: float | None = None  # simulated time of the latest line
 
     def note(self, moment: float, told: float) -> None:
         """One more line, with its wall time and its simulated time."""

@@ -29,19 +29,12 @@ Runs = Mapping[int, Outcome]
 
 @dataclass(slots=True)
 class Measured:
-    """What our own side took so far, by number of robots.
+    """What our own side took so far, by number of robots."""
 
-    Attributes:
-        rovers: in one process.
-        bare: MuJoCo alone.
-        sockets: rovers over sockets.
-        humanoids: over sockets.
-    """
-
-    rovers: dict[int, Outcome] = field(default_factory=dict)
-    bare: dict[int, Outcome] = field(default_factory=dict)
-    sockets: dict[int, Outcome] = field(default_factory=dict)
-    humanoids: dict[int, Outcome] = field(default_factory=dict)
+    rovers: dict[int, Outcome] = field(default_factory=dict)  # in one process
+    bare: dict[int, Outcome] = field(default_factory=dict)  # MuJoCo alone
+    sockets: dict[int, Outcome] = field(default_factory=dict)  # rovers over sockets
+    humanoids: dict[int, Outcome] = field(default_factory=dict)  # over sockets
 
     def against(self, peer: Peer) -> Runs:
         """The runs that a peer is compared with."""
@@ -50,17 +43,13 @@ class Measured:
 
 @dataclass(frozen=True, slots=True)
 class Tools:
-    """What does the work; tests put in their own.
-
-    Attributes:
-        environments: makes the environments of others, in a folder if there is one.
-        own: makes our own side.
-        run: runs a workload: command, work, s after which it is given up.
-    """
+    """What does the work; tests put in their own."""
 
     environments: Callable[[Path | None], Environments] = Environments
-    own: Callable[[], OwnSide] = OwnSide
+    """Makes the environments of others, in a folder if there is one."""
+    own: Callable[[], OwnSide] = OwnSide  # makes our own side
     run: Callable[[Sequence[str], str, float], Outcome] = run_workload
+    """Runs a workload: command, work, s after which it is given up."""
 
 
 def compare(

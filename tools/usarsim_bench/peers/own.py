@@ -103,25 +103,16 @@ def joint_targets(rest: dict[str, float], now: float) -> str:
 
 @dataclass(slots=True)
 class _Client:
-    """One connection.
+    """One connection."""
 
-    Attributes:
-        controller: its socket.
-        now: simulated time of the latest STA line, s.
-        due: simulated time of the next command, s.
-        lines, octets, scans: received so far.
-        status: the latest STA line.
-        tail: the beginning of a line that is not whole yet.
-    """
-
-    controller: Controller
-    now: float = -math.inf
-    due: float = 0.0
-    lines: int = 0
+    controller: Controller  # its socket
+    now: float = -math.inf  # simulated time of the latest STA line, s
+    due: float = 0.0  # simulated time of the next command, s
+    lines: int = 0  # received so far
     octets: int = 0
     scans: int = 0
-    status: bytes = b""
-    tail: bytes = b""
+    status: bytes = b""  # the latest STA line
+    tail: bytes = b""  # the beginning of a line that is not whole yet
 
     def read(self) -> None:
         """Take what has arrived; remember the latest simulated time."""

@@ -28,19 +28,13 @@ _SCAN = re.compile(r"SEN .*\{Type RangeScanner\}.*\{Range ([^{}]*)\}")
 
 @dataclass(slots=True)
 class Counts:
-    """What was done within the measured time.
+    """What was done within the measured time."""
 
-    Attributes:
-        scans, beams, hits: whole scans, their beams, and those of them that hit something.
-        reach: sum of all ranges measured, m.
-        metres: way of all robots together.
-    """
-
-    scans: int = 0
+    scans: int = 0  # whole scans, their beams, and those of them that hit something
     beams: int = 0
     hits: int = 0
-    reach: float = 0.0
-    metres: float = 0.0
+    reach: float = 0.0  # sum of all ranges measured, m
+    metres: float = 0.0  # way of all robots together
 
     def add_scan(self, line: str, far: float) -> None:
         """Count a line if it is a scan; `far` is the range of a beam that hits nothing, m."""

@@ -25,37 +25,25 @@ WORKLOADS = Path(__file__).with_name("workloads")
 
 @dataclass(frozen=True, slots=True)
 class Peer:
-    """Another simulator.
+    """Another simulator."""
 
-    Attributes:
-        name: on the command line, and of its environment; a file name.
-        title: for people.
-        home: its page.
-        packages: what pip is to install, with bounds of the versions that the workload was
-            written for.
-        python: oldest and newest minor version of Python 3 that they can be installed for.
-        workload: file in `peers/workloads/` that does the work.
-        against: what of ours it is compared with: `rovers` are wheeled robots with a laser inside
-            one process, `humanoids` robots of many joints over sockets.
-        same: what is the same on both sides, one or two sentences.
-        different: what is not, and what is not compared at all.
-        most: robots that it takes; None for any number.
-        most_because: the reason for `most`.
-        binary: whether only wheels will do; a package that takes long to compile should not be.
-    """
-
-    name: str
-    title: str
-    home: str
+    name: str  # on the command line, and of its environment; a file name
+    title: str  # for people
+    home: str  # its page
     packages: tuple[str, ...]
+    """What pip is to install, with bounds of the versions that the workload was written for."""
     python: tuple[int, int]
-    workload: str
+    """Oldest and newest minor version of Python 3 that they can be installed for."""
+    workload: str  # file in `peers/workloads/` that does the work
     against: Literal["rovers", "humanoids"]
-    same: str
-    different: str
-    most: int | None = None
-    most_because: str = ""
+    """What of ours it is compared with: `rovers` are wheeled robots with a laser inside one
+    process, `humanoids` robots of many joints over sockets."""
+    same: str  # what is the same on both sides, one or two sentences
+    different: str  # what is not, and what is not compared at all
+    most: int | None = None  # robots that it takes; None for any number
+    most_because: str = ""  # the reason for `most`
     binary: bool = True
+    """Whether only wheels will do; a package that takes long to compile should not be."""
 
     @property
     def script(self) -> Path:

@@ -63,45 +63,29 @@ WARM_UP = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """Something upright that does not move.
+    """Something upright that does not move."""
 
-    Attributes:
-        center: x, y, z of its middle, m.
-        half: half of its edges, m.
-        yaw: rad, anticlockwise.
-    """
-
-    center: tuple[float, float, float]
-    half: tuple[float, float, float]
-    yaw: float = 0.0
+    center: tuple[float, float, float]  # x, y, z of its middle, m
+    half: tuple[float, float, float]  # half of its edges, m
+    yaw: float = 0.0  # rad, anticlockwise
 
 
 @dataclass(frozen=True, slots=True)
 class Work:
-    """Everything that a run is told.
+    """Everything that a run is told."""
 
-    Attributes:
-        robots: how many.
-        seconds: simulated s to measure.
-        wall_limit: s of wall time after which a run that is slow may stop early.
-        warm_up: simulated s before.
-        half_x, half_y: of the hall, which is centred on the origin, m.
-        boxes: walls and crates.
-        starts: x, y (m), yaw (rad) of each robot.
-        commands: for every `command_period` of simulated time from the start of the warm-up, each
-            robot's left and right wheel speed, rad/s; begins again when it is at its end.
-    """
-
-    robots: int
-    seconds: float
-    wall_limit: float
-    warm_up: float
-    half_x: float
+    robots: int  # how many
+    seconds: float  # simulated s to measure
+    wall_limit: float  # s of wall time after which a run that is slow may stop early
+    warm_up: float  # simulated s before
+    half_x: float  # of the hall, which is centred on the origin, m
     half_y: float
-    boxes: tuple[Box, ...]
-    starts: tuple[tuple[float, float, float], ...]
+    boxes: tuple[Box, ...]  # walls and crates
+    starts: tuple[tuple[float, float, float], ...]  # x, y (m), yaw (rad) of each robot
     command_period: float
     commands: tuple[tuple[tuple[float, float], ...], ...]
+    """For every `command_period` of simulated time from the start of the warm-up, each robot's left
+    and right wheel speed, rad/s; begins again when it is at its end."""
 
     def as_json(self) -> str:
         """One JSON object with the attributes, and what the robots and their lasers are like."""
@@ -254,21 +238,13 @@ _FOREIGN = ("PYTHONPATH", "PYTHONHOME", "PYTHONSTARTUP")
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """One run of the work.
+    """One run of the work."""
 
-    Attributes:
-        version: of the simulator.
-        simulated: s of simulated time measured.
-        wall: s of wall time that they took.
-        cpu: s of processor time that they took.
-        counts: what was done meanwhile, by name.
-    """
-
-    version: str
-    simulated: float
-    wall: float
-    cpu: float
-    counts: Mapping[str, float]
+    version: str  # of the simulator
+    simulated: float  # s of simulated time measured
+    wall: float  # s of wall time that they took
+    cpu: float  # s of processor time that they took
+    counts: Mapping[str, float]  # what was done meanwhile, by name
 
     @property
     def factor(self) -> float:

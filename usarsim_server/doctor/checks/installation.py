@@ -34,21 +34,13 @@ VERSIONS_TIMEOUT = 60.0
 
 @dataclass(frozen=True, slots=True)
 class Package:
-    """A library that the server uses.
+    """A library that the server uses."""
 
-    Attributes:
-        name: of the distribution.
-        module: that is imported.
-        requirement: as `pyproject.toml` has it.
-        purpose: what it is for; of an optional one, what cannot be done without it.
-        optional: the server runs without it.
-    """
-
-    name: str
-    module: str
-    requirement: str
-    purpose: str
-    optional: bool = False
+    name: str  # of the distribution
+    module: str  # that is imported
+    requirement: str  # as `pyproject.toml` has it
+    purpose: str  # what it is for; of an optional one, what cannot be done without it
+    optional: bool = False  # the server runs without it
 
 
 _MESHES = "maps in 3MF, OFF and XAML cannot be imported"
@@ -269,32 +261,21 @@ WITHOUT = "pictures are cast with rays, which takes about four times as long"
 
 @dataclass(frozen=True, slots=True)
 class Device:
-    """A graphics card that the system knows.
+    """A graphics card that the system knows."""
 
-    Attributes:
-        path: of its file.
-        usable: we may use it.
-    """
-
-    path: str
-    usable: bool
+    path: str  # of its file
+    usable: bool  # we may use it
 
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """What the server would draw with.
-
-    Attributes:
-        tried: ways to have OpenGL that were tried, and why they do not work.
-        platform: the way that works; None for none.
-        renderer: GL_RENDERER of it; empty if it would not say.
-        cards: what the system knows.
-    """
+    """What the server would draw with."""
 
     tried: tuple[tuple[str, str], ...]
-    platform: str | None
-    renderer: str = ""
-    cards: tuple[Device, ...] = ()
+    """Ways to have OpenGL that were tried, and why they do not work."""
+    platform: str | None  # the way that works; None for none
+    renderer: str = ""  # GL_RENDERER of it; empty if it would not say
+    cards: tuple[Device, ...] = ()  # what the system knows
 
 
 @check("graphics", "Graphics", order=50)

@@ -52,17 +52,11 @@ def look_at_machine(context: Context) -> Iterator[Finding]:
 
 @dataclass(frozen=True, slots=True)
 class Activity:
-    """What went on during a short while.
+    """What went on during a short while."""
 
-    Attributes:
-        processors: of the whole machine.
-        busy: how many of them were busy, on average.
-        busiest: the program that used most; None if none could be seen.
-    """
-
-    processors: int
-    busy: float
-    busiest: Process | None
+    processors: int  # of the whole machine
+    busy: float  # how many of them were busy, on average
+    busiest: Process | None  # the program that used most; None if none could be seen
 
 
 def cores(group: Path = CGROUP) -> float:
