@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from usarsim_maps.findings import Findings
-from usarsim_maps.meshes.mesh_files import merge_meshes
+from usarsim_maps.meshes.polygons import merge_meshes
 from usarsim_maps.reader import Context, ImportOptions, read_scene
 from usarsim_maps.scene import Mesh, Scene
 from usarsim_server.errors import MapImportError

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from usarsim_maps.gazebo.files import GazeboFiles
 from usarsim_maps.gazebo.looks import Looks
 from usarsim_maps.gazebo.models import Scope, matrix_from
-from usarsim_maps.meshes.mesh_files import merge_meshes
-from usarsim_maps.meshes.polygons import triangulate_one
+from usarsim_maps.meshes.polygons import merge_meshes, triangulate_one
 from usarsim_maps.meshes.xml_text import Document, Node
 from usarsim_maps.reader import ImportOptions, read_scene, readers
 from usarsim_maps.scene import (

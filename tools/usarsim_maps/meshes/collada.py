@@ -15,16 +15,14 @@ from numpy.typing import NDArray
 from usarsim_maps.meshes.collada_mesh import read_geometry
 from usarsim_maps.meshes.mesh_files import (
     Axes,
-    Markers,
     Pictures,
+    Stage,
     axes_of,
-    check_count,
-    with_hulls,
 )
 from usarsim_maps.meshes.xml_text import Document, Node, read_xml
 from usarsim_maps.numbers import read_number, read_numbers
 from usarsim_maps.reader import Context, Reader, register
-from usarsim_maps.scene import Color, Light, LightKind, Material, Mesh, Part, Scene, SceneObject
+from usarsim_maps.scene import Color, LightKind, Material, Part, Scene, SceneObject
 from usarsim_maps.units import axis_turn
 
 Array = NDArray[np.float64]
@@ -151,7 +149,7 @@ class ColladaReader(Reader):
         document = read_xml(source, tolerant=True, findings=context.findings)
         if document.root.tag != "COLLADA":
             raise document.error(document.root, "this is no COLLADA file", "check the extension")
-        return _Stage(document, context, _axes(document, context)).scene()
+        return _Stage(document, context, _axes(document, context)).filled()
 
 
 def _axes(document: Document, context: Context) -> Axes:
@@ -175,27 +173,21 @@ def _axes(document: Document, context: Context) -> Axes:
     return axes_of(context.options, up, unit)
 
 
-class _Stage:
+class _Stage(Stage):
     """A scene being filled."""
 
     def __init__(self, document: Document, context: Context, axes: Axes) -> None:
+        super().__init__(document.path, context, axes)
         self._document = document
-        self._context = context
-        self._axes = axes
         self._ids: dict[str, Node] = {}
         for node in document.root.walk():
             name = node.get("id")
             if name:
                 self._ids.setdefault(name, node)
-        self._pictures = Pictures(document.path, context)
-        self._materials = read_materials(document, self._ids, self._pictures)
-        self._geometries: dict[str, Mesh | None] = {}
-        self._triangles = self._shown = 0
-        self._objects: list[SceneObject] = []
-        self._lights: list[Light] = []
-        self._markers = Markers()
+        self._materials = read_materials(document, self._ids, self.pictures)
+        self._shown = 0
 
-    def scene(self) -> Scene:
+    def filled(self) -> Scene:
         """Everything that the file's scene shows."""
         top = self._visual_scene()
         if top is None:
@@ -203,13 +195,7 @@ class _Stage:
         else:
             for child in top.all("node"):
                 self._node(child, np.eye(4), ())
-        return Scene(
-            source=self._axes.source(self._document.path, "COLLADA", self._pictures.files),
-            objects=with_hulls(self._objects),
-            materials=dict(self._materials),
-            **self._markers.fields(),
-            lights=tuple(self._lights),
-        )
+        return self.scene("COLLADA", self._materials)
 
     def target(self, reference: str) -> Node | None:
         """The element that a URL refers to."""
@@ -257,7 +243,7 @@ class _Stage:
                     if found is not None and found.tag == "node":
                         self._node(found, matrix, above)
                     else:
-                        self._context.findings.missing("file", child.get("url")[:200])
+                        self.findings.missing("file", child.get("url")[:200])
                     shown = True
                 case "instance_geometry" | "instance_controller":
                     self._instance(child, name, matrix)
@@ -268,8 +254,7 @@ class _Stage:
                 case "instance_camera":
                     shown = True
         if not shown:
-            kind = self._markers.take(name, self._axes.pose(matrix))
-            self._context.findings.count(kind or "empty node")
+            self.mark(name, matrix)
 
     def _instance(self, instance: Node, name: str, matrix: Array) -> None:
         """A geometry, or the geometry that a controller bends."""
@@ -287,26 +272,24 @@ class _Stage:
                 bind = values.reshape(4, 4)
             found = self.target(skin.get("source"))
         if found is None or found.tag != "geometry":
-            self._context.findings.missing("mesh", instance.get("url")[:200])
+            self.findings.missing("mesh", instance.get("url")[:200])
             return
         self._show(found, instance, name, matrix, bind)
 
     def _show(self, geometry: Node, instance: Node, name: str, matrix: Array, bind: Array) -> None:
-        key = geometry.get("id") or str(id(geometry))
-        if key not in self._geometries:
-            found = read_geometry(self._document, self._ids, geometry, self._context.findings)
-            self._geometries[key] = found
-            self._triangles += 0 if found is None else len(found.triangles)
-            check_count(self._document.path, self._triangles)
-        known = self._geometries[key]
+        document, findings = self._document, self.findings
+        known = self.mesh(
+            geometry.get("id") or str(id(geometry)),
+            lambda: read_geometry(document, self._ids, geometry, findings),
+        )
         if known is None:
             return
-        pose, local = self._axes.place(matrix)
+        pose, local = self.axes.place(matrix)
         bound = dict(self._bound(instance))
         materials = {slot: bound.get(symbol, symbol) for slot, symbol in enumerate(known.materials)}
         part = Part(known, local @ bind, materials=materials)
-        self._context.findings.count("mesh node")
-        self._objects.append(SceneObject(name, (part,), pose, kind="node"))
+        findings.count("mesh node")
+        self.objects.append(SceneObject(name, (part,), pose, kind="node"))
 
     def _bound(self, instance: Node) -> Iterator[tuple[str, str]]:
         """Symbols of a geometry, and names of the materials that an instance binds to them."""
@@ -321,7 +304,7 @@ class _Stage:
         matrix = np.eye(4)
         for child in node.children:
             if child.tag == "skew":
-                self._context.findings.warn(self._document.path.name, "skew is not applied")
+                self.findings.warn(self.path.name, "skew is not applied")
             if child.tag not in STEPS:
                 continue
             values = self._document.vector(child, STEPS[child.tag], far=FAR)
@@ -359,21 +342,14 @@ class _Stage:
         strength = float(values.max())
         if strength <= 0.0:
             return
-        r, g, b = (values / strength).clip(0.0, 1.0).tolist()
         cone = self._document.number(lamp.child("falloff_angle"))
-        x, y, z = (self._axes.linear @ matrix[:3, 3]).tolist()
-        dx, dy, dz = (self._axes.linear @ -matrix[:3, 2]).tolist()
-        self._context.findings.count("light")
-        self._lights.append(
-            Light(
-                name=name,
-                kind=kinds.get(lamp.tag, LightKind.POINT),
-                position=(x, y, z),
-                direction=(dx, dy, dz),
-                color=(r, g, b),
-                brightness=min(1.0, strength),
-                cone=45.0 if cone is None else min(90.0, max(1.0, cone / 2.0)),
-            )
+        self.light(
+            name,
+            kinds.get(lamp.tag, LightKind.POINT),
+            matrix,
+            (values / strength).clip(0.0, 1.0).tolist(),
+            brightness=min(1.0, strength),
+            cone=45.0 if cone is None else min(90.0, max(1.0, cone / 2.0)),
         )
 
 

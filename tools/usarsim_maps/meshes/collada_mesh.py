@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_maps.findings import Findings
-from usarsim_maps.meshes.mesh_files import MeshBuilder, check_count
-from usarsim_maps.meshes.polygons import triangulate, triangulate_one
+from usarsim_maps.meshes.polygons import MeshBuilder, triangulate, triangulate_one
 from usarsim_maps.meshes.xml_text import Document, Node
 from usarsim_maps.scene import Mesh
 from usarsim_server.errors import MapImportError
@@ -60,7 +59,7 @@ class _Mesh:
 
     def read(self, geometry: Node, mesh: Node) -> Mesh | None:
         """All primitives of a mesh in one."""
-        whole = MeshBuilder()
+        whole = MeshBuilder(self._document.path)
         for primitive in mesh.children:
             if primitive.tag not in PRIMITIVES:
                 if primitive.tag in ("lines", "linestrips"):
@@ -187,7 +186,6 @@ class _Mesh:
                 found = self._polygons(primitive, inputs)
             case _:
                 found = self._chains(primitive, inputs)
-        check_count(self._document.path, len(found))
         return found
 
     def _corners(self, indices: Node | None, inputs: _Inputs) -> Integers:

@@ -16,17 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_maps.meshes.gltf_data import DRACO, DracoPrimitive, GltfFile, Item, load_gltf
-from usarsim_maps.meshes.mesh_files import (
-    Axes,
-    Markers,
-    MeshBuilder,
-    Pictures,
-    axes_of,
-    check_count,
-    with_hulls,
-)
+from usarsim_maps.meshes.mesh_files import Axes, Pictures, Stage, axes_of
+from usarsim_maps.meshes.polygons import MeshBuilder
 from usarsim_maps.reader import Context, Reader, register
-from usarsim_maps.scene import Light, LightKind, Material, Mesh, Part, Scene, SceneObject
+from usarsim_maps.scene import LightKind, Material, Mesh, Part, Scene, SceneObject
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.simulation.frames import Pose
 
@@ -70,43 +63,28 @@ class GltfReader(Reader):
             cure = "export without compression and without this extension"
             raise MapImportError(at(source, f"the file requires {missing[0]}", cure))
         axes = axes_of(context.options, "Y")
-        return _Stage(file, context, axes).scene()
+        return _Stage(file, context, axes).filled()
 
 
-class _Stage:
+class _Stage(Stage):
     """A scene being filled."""
 
     def __init__(self, file: GltfFile, context: Context, axes: Axes) -> None:
+        super().__init__(file.path, context, axes)
         self._file = file
-        self._context = context
-        self._axes = axes
-        self._meshes: dict[int, Mesh | None] = {}
-        self._pictures = Pictures(file.path, context)
-        self._materials = finish_materials(file, self._pictures)
-        self._triangles = 0
-        self._objects: list[SceneObject] = []
-        self._lights: list[Light] = []
-        self._markers = Markers()
+        self._materials = finish_materials(file, self.pictures)
 
-    def scene(self) -> Scene:
+    def filled(self) -> Scene:
         """Everything that the default scene shows."""
-        findings = self._context.findings
         for item, matrix in self._nodes():
             for whole in self._instances(item, matrix):
                 self._node(item, whole)
-                if len(self._objects) > MAX_OBJECTS:
+                if len(self.objects) > MAX_OBJECTS:
                     raise item.error(f"more than {MAX_OBJECTS} objects", "split the map")
         if self._file.items("skins"):
-            findings.warn(self._file.path.name, "figures with bones are shown as modelled")
-        return Scene(
-            source=self._axes.source(
-                self._file.path, "glTF", [*self._file.files, *self._pictures.files]
-            ),
-            objects=with_hulls(self._objects),
-            materials={material.name: material for material, _ in self._materials},
-            **self._markers.fields(),
-            lights=tuple(self._lights),
-        )
+            self.findings.warn(self.path.name, "figures with bones are shown as modelled")
+        materials = {material.name: material for material, _ in self._materials}
+        return self.scene("glTF", materials, self._file.files)
 
     # ---- nodes -----------------------------------------------------------------------------
 
@@ -131,7 +109,7 @@ class _Stage:
             own = _matrix(node)
             if own is None:
                 text = f"{node.place} has no place; left out with all in it"
-                self._context.findings.warn(self._file.path.name, text)
+                self.findings.warn(self.path.name, text)
                 continue
             matrix = parent @ own
             yield node, matrix
@@ -164,14 +142,14 @@ class _Stage:
         name = node.text("name") or f"node{node.number}"
         extras = node.item("extras")
         number = node.index("mesh", self._file.items("meshes"))
-        findings = self._context.findings
         if number is not None:
-            mesh = self._mesh(number)
+            meshes = self._file.items("meshes")
+            mesh = self.mesh(number, lambda: self._build(meshes[number]))
             if mesh is None:
                 return
-            findings.count("mesh node")
-            pose, local = self._axes.place(matrix)
-            self._objects.append(
+            self.findings.count("mesh node")
+            pose, local = self.axes.place(matrix)
+            self.objects.append(
                 SceneObject(
                     name=name,
                     parts=(Part(mesh, local),),
@@ -187,43 +165,30 @@ class _Stage:
         lights = self._file.root.item("extensions").item("KHR_lights_punctual").items("lights")
         light = node.item("extensions").item("KHR_lights_punctual").index("light", lights)
         if light is not None:
-            findings.count("light")
-            self._lights.append(self._light(lights[light], name, matrix))
+            self._light(lights[light], name, matrix)
             return
-        kind = self._markers.take(name, self._axes.pose(matrix), extras.text("tag"))
-        findings.count(kind or "empty node")
+        self.mark(name, matrix, extras.text("tag"))
 
-    def _light(self, light: Item, name: str, matrix: Array) -> Light:
+    def _light(self, light: Item, name: str, matrix: Array) -> None:
         kinds = {"directional": LightKind.DIRECTIONAL, "spot": LightKind.SPOT}
         kind = kinds.get(light.text("type"), LightKind.POINT)
         strength = light.number_or("intensity", 1.0)
         if kind is not LightKind.DIRECTIONAL:
             strength /= ORDINARY_LAMP
-        r, g, b = light.vector("color", (1.0, 1.0, 1.0), self._context.findings)
-        x, y, z = (self._axes.linear @ matrix[:3, 3]).tolist()
-        dx, dy, dz = (self._axes.linear @ -matrix[:3, 2]).tolist()
-        return Light(
-            name=name,
-            kind=kind,
-            position=(x, y, z),
-            direction=(dx, dy, dz),
-            color=(r, g, b),
+        self.light(
+            name,
+            kind,
+            matrix,
+            light.vector("color", (1.0, 1.0, 1.0), self.findings),
             brightness=min(10.0, max(0.0, strength)),
-            reach=max(0.0, light.number_or("range", 0.0)) / self._axes.units_per_metre,
+            reach=max(0.0, light.number_or("range", 0.0)) / self.axes.units_per_metre,
             cone=float(np.degrees(light.item("spot").number_or("outerConeAngle", np.pi / 4.0))),
         )
 
     # ---- meshes ----------------------------------------------------------------------------
 
-    def _mesh(self, number: int) -> Mesh | None:
-        """A mesh, the same one for all nodes that show it."""
-        if number not in self._meshes:
-            item = self._file.items("meshes")[number]
-            self._meshes[number] = self._build(item)
-        return self._meshes[number]
-
     def _build(self, item: Item) -> Mesh | None:
-        whole = MeshBuilder()
+        whole = MeshBuilder(self.path)
         for primitive in item.items("primitives"):
             found = self._primitive(primitive)
             if found is None:
@@ -232,8 +197,6 @@ class _Stage:
             whole.add(
                 vertices, triangles, None if texture is None else texture[triangles], [material]
             )
-            self._triangles += len(triangles)
-            check_count(self._file.path, self._triangles)
         return whole.mesh(item.text("name") or f"mesh{item.number}")
 
     def _primitive(self, item: Item) -> tuple[Array, Integers, Array | None, str] | None:
@@ -242,7 +205,7 @@ class _Stage:
         attributes, accessors = item.item("attributes"), self._file.items("accessors")
         place = attributes.index("POSITION", accessors)
         if mode not in (4, 5, 6) or place is None:
-            self._context.findings.skip("points and lines")
+            self.findings.skip("points and lines")
             return None
         packed = None
         if DRACO in item.item("extensions").value:
@@ -272,7 +235,7 @@ class _Stage:
                     if len(texture) != len(vertices):
                         raise item.error("texture coordinates are not as many as vertices")
         except MapImportError as error:  # a surface without its looks is a surface
-            self._context.findings.warn(self._file.path.name, f"{error}; its looks were left out")
+            self.findings.warn(self.path.name, f"{error}; its looks were left out")
             texture = None
         return vertices, _triangles(chain, int(mode)), texture, name
 

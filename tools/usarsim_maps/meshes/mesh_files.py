@@ -9,7 +9,7 @@ they say; their x axis points forward.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PureWindowsPath
 from typing import Any
@@ -19,8 +19,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_maps.files import AssetIndex
+from usarsim_maps.meshes.polygons import check_count
 from usarsim_maps.reader import Context, ImportOptions
-from usarsim_maps.scene import Collision, Mesh, Scene, SceneObject, Source, map_victim
+from usarsim_maps.scene import (
+    Collision,
+    Light,
+    LightKind,
+    Material,
+    Mesh,
+    Scene,
+    SceneObject,
+    Source,
+    map_victim,
+)
 from usarsim_maps.units import MIRROR, axis_matrix, matrix_of_pose, pose_of_matrix
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.files import is_regular
@@ -28,16 +39,12 @@ from usarsim_server.simulation.frames import Pose
 from usarsim_server.worlds.description import PathNode, StartPose, Victim
 
 Array = NDArray[np.float64]
-Integers = NDArray[np.integer[Any]]
 
 CURE = "the file is damaged or cut off; export it again"
 
 PICTURES = (".png", ".tga", ".dds", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff")
 """Extensions of pictures, in the order of preference."""
 
-
-MAX_TRIANGLES = 8_000_000
-"""Of one file; more would take gigabytes."""
 
 NEARBY = ("", "textures", "materials/textures", "images", "maps", "texture")
 """Folders in which exporters leave pictures, relative to the mesh or to a folder above it."""
@@ -108,138 +115,6 @@ def axes_of(options: ImportOptions, up: str, unit: float = 1.0, *, stated: bool 
     if options.mirror:
         linear = MIRROR @ linear
     return Axes(linear, scale, up, options.mirror, not stated and options.scale is None)
-
-
-# ---- meshes ----------------------------------------------------------------------------------
-
-
-def make_mesh(
-    name: str,
-    points: Array,
-    triangles: Integers,
-    *,
-    uvs: Array | None = None,
-    slots: Integers | None = None,
-    materials: Sequence[str] = (),
-    linear: Array | None = None,
-) -> Mesh:
-    """A mesh of those points that its triangles use.
-
-    Args:
-        name: of the mesh.
-        points, triangles, uvs, materials, slots: see `MeshBuilder.add`.
-        linear: (3, 3) applied to the points; where it mirrors, triangles are turned round.
-    """
-    used, inverse = np.unique(triangles.reshape(-1), return_inverse=True)
-    corners = inverse.reshape(-1, 3)
-    vertices = points[used]
-    if linear is not None:
-        with np.errstate(invalid="ignore", over="ignore"):
-            vertices = vertices @ linear.T
-        if np.linalg.det(linear) < 0.0:
-            corners = corners[:, ::-1]
-            uvs = None if uvs is None else uvs[:, ::-1]
-    return Mesh(
-        name=name,
-        vertices=vertices,
-        triangles=corners.astype(np.int32),
-        uvs=uvs,
-        slots=None if slots is None else slots.astype(np.int32),
-        materials=tuple(materials),
-    )
-
-
-class MeshBuilder:
-    """Collects triangles in blocks, each with its materials, into one mesh."""
-
-    def __init__(self) -> None:
-        self._points: list[Array] = []
-        self._blocks: list[tuple[Integers, Array | None, Integers]] = []
-        self._first: dict[int, int] = {}
-        self._materials: dict[str, int] = {}
-
-    def add(
-        self,
-        points: Array,
-        triangles: Integers,
-        uvs: Array | None = None,
-        materials: Sequence[str] = ("",),
-        slots: Integers | None = None,
-    ) -> None:
-        """Add triangles (m, 3) of points (n, 3); the same array of points is stored once.
-
-        Args:
-            points: all or more of those that the triangles use.
-            triangles: indices into them.
-            uvs: (m, 3, 2), v upwards.
-            materials: names of those that the slots mean.
-            slots: (m,) numbers of materials; None: all triangles have the first one.
-        """
-        if id(points) not in self._first:
-            self._first[id(points)] = sum(map(len, self._points))
-            self._points.append(points)
-        known = self._materials
-        table = np.array([known.setdefault(name, len(known)) for name in materials])
-        own = np.zeros(len(triangles), np.int64) if slots is None else slots
-        chosen = table[np.clip(own, 0, len(table) - 1)]
-        self._blocks.append((triangles + self._first[id(points)], uvs, chosen))
-
-    def mesh(self, name: str, hulls: Sequence[Array] = ()) -> Mesh | None:
-        """All of it; None if nothing was added."""
-        if not self._blocks:
-            return None
-        triangles, uvs, slots = zip(*self._blocks, strict=True)
-        textured = any(own is not None for own in uvs)
-        plain = (np.zeros((len(t), 3, 2)) if u is None else u for t, u, _ in self._blocks)
-        return Mesh(
-            name=name,
-            vertices=np.concatenate(self._points),
-            triangles=np.concatenate(triangles).astype(np.int32),
-            uvs=np.concatenate(list(plain)) if textured else None,
-            slots=np.concatenate(slots).astype(np.int32),
-            materials=tuple(self._materials),
-            hulls=tuple(hulls),
-        )
-
-
-def merge_meshes(scene: Scene, name: str) -> Mesh | None:
-    """One mesh out of everything visible in a scene, hulls of the artist included.
-
-    Parts that are solid and not visible become hulls. None if there is no mesh at all.
-    """
-    merged, hulls = MeshBuilder(), []
-    for thing in scene.objects:
-        for part in thing.parts:
-            mesh = part.shape
-            if not isinstance(mesh, Mesh):
-                continue
-            matrix = matrix_of_pose(thing.pose) @ part.matrix
-            linear, offset = matrix[:3, :3], matrix[:3, 3]
-            if not part.visible:
-                hulls.append(mesh.vertices @ linear.T + offset)
-                continue
-            hulls += [np.asarray(hull) @ linear.T + offset for hull in mesh.hulls]
-            turned = -1 if np.linalg.det(linear) < 0.0 else 1
-            names = enumerate(mesh.materials or ("",))
-            merged.add(
-                mesh.vertices @ linear.T + offset,
-                mesh.triangles[:, ::turned],
-                None if mesh.uvs is None else mesh.uvs[:, ::turned],
-                [part.materials.get(slot, name) for slot, name in names],
-                mesh.slots,
-            )
-    return merged.mesh(name, hulls)
-
-
-def check_count(source: Path, count: int) -> None:
-    """Refuse a file with too many triangles.
-
-    Raises:
-        MapImportError: it has.
-    """
-    if count > MAX_TRIANGLES:
-        problem = f"{count} triangles are more than {MAX_TRIANGLES}"
-        raise MapImportError(at(source, problem, "simplify the mesh, or split it"))
 
 
 def broken(source: Path, problem: str, where: int | str | None = None) -> MapImportError:
@@ -395,3 +270,53 @@ class Markers:
             self.victims.append(map_victim(word, pose, figure))
             return "victim"
         return None
+
+
+class Stage:
+    """A scene being filled from a file of nodes."""
+
+    def __init__(self, path: Path, context: Context, axes: Axes) -> None:
+        self.path = path
+        self.axes = axes
+        self.findings = context.findings
+        self.pictures = Pictures(path, context)
+        self.markers = Markers()
+        self.objects: list[SceneObject] = []
+        self.lights: list[Light] = []
+        self._meshes: dict[object, Mesh | None] = {}
+        self._triangles = 0
+
+    def mesh(self, key: object, make: Callable[[], Mesh | None]) -> Mesh | None:
+        """A mesh, made once for all nodes that show it."""
+        if key not in self._meshes:
+            self._meshes[key] = found = make()
+            self._triangles += 0 if found is None else len(found.triangles)
+            check_count(self.path, self._triangles)
+        return self._meshes[key]
+
+    def mark(self, name: str, matrix: Array, tag: str = "") -> None:
+        """Take a node without geometry for what its name says."""
+        kind = self.markers.take(name, self.axes.pose(matrix), tag)
+        self.findings.count(kind or "empty node")
+
+    def light(
+        self, name: str, kind: LightKind, matrix: Array, color: Iterable[float], **facts: Any
+    ) -> None:
+        """A light that shines along -z of its node."""
+        x, y, z = (self.axes.linear @ matrix[:3, 3]).tolist()
+        dx, dy, dz = (self.axes.linear @ -matrix[:3, 2]).tolist()
+        r, g, b = color
+        self.findings.count("light")
+        self.lights.append(Light(name, kind, (x, y, z), (dx, dy, dz), (r, g, b), **facts))
+
+    def scene(
+        self, title: str, materials: Mapping[str, Material], files: Iterable[Path] = ()
+    ) -> Scene:
+        """All of it; the title is that of the format."""
+        return Scene(
+            source=self.axes.source(self.path, title, [*files, *self.pictures.files]),
+            objects=with_hulls(self.objects),
+            materials=dict(materials),
+            lights=tuple(self.lights),
+            **self.markers.fields(),
+        )

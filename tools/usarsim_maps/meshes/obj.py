@@ -17,17 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_maps.files import read_text
-from usarsim_maps.meshes.mesh_files import (
-    MAX_TRIANGLES,
-    Axes,
-    Pictures,
-    axes_of,
-    broken,
-    check_count,
-    make_mesh,
-    with_hulls,
-)
-from usarsim_maps.meshes.polygons import triangulate
+from usarsim_maps.meshes.mesh_files import Axes, Pictures, axes_of, broken, with_hulls
+from usarsim_maps.meshes.polygons import MAX_TRIANGLES, check_count, make_mesh, triangulate
 from usarsim_maps.numbers import read_number
 from usarsim_maps.reader import Context, Reader, register
 from usarsim_maps.scene import Material, Part, Scene, SceneObject

@@ -16,15 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_maps.files import read_bytes
-from usarsim_maps.meshes.mesh_files import (
-    MAX_TRIANGLES,
-    Pictures,
-    axes_of,
-    broken,
-    check_count,
-    make_mesh,
-)
-from usarsim_maps.meshes.polygons import triangulate
+from usarsim_maps.meshes.mesh_files import Pictures, axes_of, broken
+from usarsim_maps.meshes.polygons import MAX_TRIANGLES, check_count, make_mesh, triangulate
 from usarsim_maps.numbers import read_number, read_whole
 from usarsim_maps.reader import Context, Reader, register
 from usarsim_maps.scene import Material, Part, Scene, SceneObject

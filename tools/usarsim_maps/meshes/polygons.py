@@ -1,15 +1,28 @@
-"""Polygons into triangles: fans for convex ones, ear clipping (mapbox_earcut) for the rest."""
+"""Polygons into triangles, triangles into meshes.
+
+Convex polygons become fans, ears are clipped of the rest (mapbox_earcut).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 import mapbox_earcut
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_maps.scene import Mesh, Scene
+from usarsim_maps.units import matrix_of_pose
+from usarsim_server.errors import MapImportError, at
+
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Indices = NDArray[np.integer[Any]]
+
+MAX_TRIANGLES = 8_000_000
+"""Of one file; more would take gigabytes."""
 
 MAX_CORNERS = 10_000
 """Polygons with more corners become fans: one that crosses itself takes the square of them."""
@@ -103,3 +116,139 @@ def _flat(points: Array, outline: Array) -> Array:
     flat: Array = points[:, [(1, 2), (2, 0), (0, 1)][axis]]
     flat = flat * (-1.0 if normal[axis] < 0.0 else 1.0, 1.0)
     return np.ascontiguousarray(flat)
+
+
+# ---- meshes ----------------------------------------------------------------------------------
+
+
+def make_mesh(
+    name: str,
+    points: Array,
+    triangles: Indices,
+    *,
+    uvs: Array | None = None,
+    slots: Indices | None = None,
+    materials: Sequence[str] = (),
+    linear: Array | None = None,
+) -> Mesh:
+    """A mesh of those points that its triangles use.
+
+    Args:
+        name: of the mesh.
+        points, triangles, uvs, materials, slots: see `MeshBuilder.add`.
+        linear: (3, 3) applied to the points; where it mirrors, triangles are turned round.
+    """
+    used, inverse = np.unique(triangles.reshape(-1), return_inverse=True)
+    corners = inverse.reshape(-1, 3)
+    vertices = points[used]
+    if linear is not None:
+        with np.errstate(invalid="ignore", over="ignore"):
+            vertices = vertices @ linear.T
+        if np.linalg.det(linear) < 0.0:
+            corners = corners[:, ::-1]
+            uvs = None if uvs is None else uvs[:, ::-1]
+    return Mesh(
+        name=name,
+        vertices=vertices,
+        triangles=corners.astype(np.int32),
+        uvs=uvs,
+        slots=None if slots is None else slots.astype(np.int32),
+        materials=tuple(materials),
+    )
+
+
+class MeshBuilder:
+    """Collects triangles in blocks, each with its materials, into one mesh."""
+
+    def __init__(self, source: Path | None = None) -> None:
+        """A file that is given is refused when its triangles are too many."""
+        self._source = source
+        self._points: list[Array] = []
+        self._blocks: list[tuple[Indices, Array | None, Indices]] = []
+        self._first: dict[int, int] = {}
+        self._materials: dict[str, int] = {}
+
+    def add(
+        self,
+        points: Array,
+        triangles: Indices,
+        uvs: Array | None = None,
+        materials: Sequence[str] = ("",),
+        slots: Indices | None = None,
+    ) -> None:
+        """Add triangles (m, 3) of points (n, 3); the same array of points is stored once.
+
+        Args:
+            points: all or more of those that the triangles use.
+            triangles: indices into them.
+            uvs: (m, 3, 2), v upwards.
+            materials: names of those that the slots mean.
+            slots: (m,) numbers of materials; None: all triangles have the first one.
+        """
+        if id(points) not in self._first:
+            self._first[id(points)] = sum(map(len, self._points))
+            self._points.append(points)
+        known = self._materials
+        table = np.array([known.setdefault(name, len(known)) for name in materials])
+        own = np.zeros(len(triangles), np.int64) if slots is None else slots
+        chosen = table[np.clip(own, 0, len(table) - 1)]
+        self._blocks.append((triangles + self._first[id(points)], uvs, chosen))
+        if self._source is not None:
+            check_count(self._source, sum(len(block) for block, _, _ in self._blocks))
+
+    def mesh(self, name: str, hulls: Sequence[Array] = ()) -> Mesh | None:
+        """All of it; None if nothing was added."""
+        if not self._blocks:
+            return None
+        triangles, uvs, slots = zip(*self._blocks, strict=True)
+        textured = any(own is not None for own in uvs)
+        plain = (np.zeros((len(t), 3, 2)) if u is None else u for t, u, _ in self._blocks)
+        return Mesh(
+            name=name,
+            vertices=np.concatenate(self._points),
+            triangles=np.concatenate(triangles).astype(np.int32),
+            uvs=np.concatenate(list(plain)) if textured else None,
+            slots=np.concatenate(slots).astype(np.int32),
+            materials=tuple(self._materials),
+            hulls=tuple(hulls),
+        )
+
+
+def merge_meshes(scene: Scene, name: str) -> Mesh | None:
+    """One mesh out of everything visible in a scene, hulls of the artist included.
+
+    Parts that are solid and not visible become hulls. None if there is no mesh at all.
+    """
+    merged, hulls = MeshBuilder(), []
+    for thing in scene.objects:
+        for part in thing.parts:
+            mesh = part.shape
+            if not isinstance(mesh, Mesh):
+                continue
+            matrix = matrix_of_pose(thing.pose) @ part.matrix
+            linear, offset = matrix[:3, :3], matrix[:3, 3]
+            if not part.visible:
+                hulls.append(mesh.vertices @ linear.T + offset)
+                continue
+            hulls += [np.asarray(hull) @ linear.T + offset for hull in mesh.hulls]
+            turned = -1 if np.linalg.det(linear) < 0.0 else 1
+            names = enumerate(mesh.materials or ("",))
+            merged.add(
+                mesh.vertices @ linear.T + offset,
+                mesh.triangles[:, ::turned],
+                None if mesh.uvs is None else mesh.uvs[:, ::turned],
+                [part.materials.get(slot, name) for slot, name in names],
+                mesh.slots,
+            )
+    return merged.mesh(name, hulls)
+
+
+def check_count(source: Path, count: int) -> None:
+    """Refuse a file with too many triangles.
+
+    Raises:
+        MapImportError: it has.
+    """
+    if count > MAX_TRIANGLES:
+        problem = f"{count} triangles are more than {MAX_TRIANGLES}"
+        raise MapImportError(at(source, problem, "simplify the mesh, or split it"))

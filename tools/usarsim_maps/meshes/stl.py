@@ -13,14 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_maps.files import read_bytes
-from usarsim_maps.meshes.mesh_files import (
-    MAX_TRIANGLES,
-    axes_of,
-    broken,
-    check_count,
-    make_mesh,
-    with_hulls,
-)
+from usarsim_maps.meshes.mesh_files import axes_of, broken, with_hulls
+from usarsim_maps.meshes.polygons import MAX_TRIANGLES, check_count, make_mesh
 from usarsim_maps.numbers import read_number
 from usarsim_maps.reader import Context, Reader, register
 from usarsim_maps.scene import Part, Scene, SceneObject

@@ -16,13 +16,8 @@ from typing import Any
 import numpy as np
 
 from usarsim_maps.files import MAX_BYTES, read_bytes
-from usarsim_maps.meshes.mesh_files import (
-    Axes,
-    axes_of,
-    check_count,
-    make_mesh,
-    with_hulls,
-)
+from usarsim_maps.meshes.mesh_files import Axes, axes_of, with_hulls
+from usarsim_maps.meshes.polygons import check_count, make_mesh
 from usarsim_maps.reader import Context, Reader, need, register
 from usarsim_maps.scene import Material, Mesh, Part, Scene, SceneObject
 from usarsim_server.errors import MapImportError, at

@@ -17,18 +17,15 @@ from usarsim_maps.files import AssetIndex, read_head
 from usarsim_maps.findings import Findings
 from usarsim_maps.meshes.mesh_files import (
     Axes,
-    Markers,
-    Pictures,
+    Stage,
     axes_of,
-    check_count,
-    with_hulls,
 )
 from usarsim_maps.meshes.vrml_text import read_vrml
 from usarsim_maps.meshes.x3d_shapes import make_geometry
 from usarsim_maps.meshes.xml_text import Document, Node, read_xml
 from usarsim_maps.numbers import read_number, read_numbers
 from usarsim_maps.reader import Context, Reader, register
-from usarsim_maps.scene import Array, Material, Mesh, Part, Scene, SceneObject
+from usarsim_maps.scene import Array, Material, Part, Scene, SceneObject
 from usarsim_maps.units import axis_turn
 from usarsim_server.errors import MapImportError, at
 
@@ -72,7 +69,7 @@ class X3dReader(Reader):
     def read(self, source: Path, context: Context) -> Scene:
         """See `Reader.read`."""
         document = _load(source, context.findings)
-        return _Stage(document, context, axes_of(context.options, "Y", _unit(document))).scene()
+        return _Stage(document, context, axes_of(context.options, "Y", _unit(document))).filled()
 
 
 def _load(path: Path, findings: Findings) -> Document:
@@ -105,37 +102,27 @@ def _defined(document: Document) -> dict[str, Node]:
     return names
 
 
-class _Stage:
+class _Stage(Stage):
     """A scene being filled."""
 
     def __init__(self, document: Document, context: Context, axes: Axes) -> None:
+        super().__init__(document.path, context, axes)
         self._document = document
         self._context = context
-        self._axes = axes
-        self._pictures = Pictures(document.path, context)
         self._names = _defined(document)
-        self._meshes: dict[int, Mesh | None] = {}
         self._materials: dict[str, Material] = {}
         self._looks: dict[int, str] = {}
-        self._objects: list[SceneObject] = []
-        self._markers = Markers()
-        self._triangles = self._visited = 0
+        self._visited = 0
         self._index: AssetIndex | None = None
         self._documents = [document]  # all stay: what is cached goes by the identity of nodes
 
-    def scene(self) -> Scene:
+    def filled(self) -> Scene:
         """Everything that the file shows."""
         self._node(self._document.root, np.eye(4), "", 0)
-        if not self._objects:
+        if not self.objects:
             problem = "there are no faces in this file"
             raise MapImportError(at(self._document.path, problem, CURE))
-        files = [document.path for document in self._documents]
-        return Scene(
-            source=self._axes.source(files[0], "X3D", [*files, *self._pictures.files]),
-            objects=with_hulls(self._objects),
-            materials=self._materials,
-            **self._markers.fields(),
-        )
+        return self.scene("X3D", self._materials, [one.path for one in self._documents])
 
     def _meant(self, node: Node) -> Node:
         """The node itself, or the one that it uses once more."""
@@ -167,8 +154,7 @@ class _Stage:
             matrix = parent @ self._matrix(node)
             self._children(node, matrix, name, depth)
             if not node.children and node.get("DEF"):
-                kind = self._markers.take(name, self._axes.pose(matrix))
-                self._context.findings.count(kind or "empty node")
+                self.mark(name, matrix)
         elif node.tag in GROUPS:
             self._children(node, parent, name, depth)
         elif node.tag == "LOD":
@@ -180,7 +166,7 @@ class _Stage:
         elif node.tag == "Inline":
             self._inline(node, parent, name, depth)
         else:
-            self._context.findings.skip(node.tag)
+            self.findings.skip(node.tag)
 
     def _children(self, node: Node, matrix: Array, name: str, depth: int) -> None:
         for child in node.children:
@@ -199,38 +185,34 @@ class _Stage:
         urls = list(_strings(node.get("url")))
         found = next(filter(None, (self._index.find(u, X3dReader.extensions) for u in urls)), None)
         if found is None or found.suffix.lower() not in X3dReader.extensions:
-            self._context.findings.missing("file", " ".join(urls)[:200])
+            self.findings.missing("file", " ".join(urls)[:200])
             return
         if len(self._documents) >= MAX_FILES:
             raise self._document.error(node, f"more than {MAX_FILES} files", "split the map")
         outer = self._document, self._names
-        self._document = _load(found, self._context.findings)
+        self._document = _load(found, self.findings)
         self._documents.append(self._document)
         self._names = _defined(self._document)
         self._node(self._document.root, matrix, name, depth + 1)
         self._document, self._names = outer
 
     def _shape(self, node: Node, matrix: Array, name: str) -> None:
-        if len(self._objects) >= MAX_OBJECTS:
+        if len(self.objects) >= MAX_OBJECTS:
             raise self._document.error(node, f"more than {MAX_OBJECTS} shapes", "split the map")
         geometry = self._geometry(node)
         if geometry is None:
             return
-        if id(geometry) not in self._meshes:
-            mesh = make_geometry(self._document, geometry, self._field_of(geometry))
-            self._triangles += 0 if mesh is None else len(mesh.triangles)
-            check_count(self._document.path, self._triangles)
-            self._meshes[id(geometry)] = mesh
-        mesh = self._meshes[id(geometry)]
+        find = self._field_of(geometry)
+        mesh = self.mesh(id(geometry), lambda: make_geometry(self._document, geometry, find))
         if mesh is None:
-            self._context.findings.skip(geometry.tag)
+            self.findings.skip(geometry.tag)
             return
-        pose, local = self._axes.place(matrix)
+        pose, local = self.axes.place(matrix)
         look = self._look(self._child(node, "Appearance"))
         part = Part(mesh, local, materials={0: look} if look else {})
         word = node.get("DEF") or name or geometry.get("DEF") or geometry.tag
-        self._context.findings.count("shape")
-        self._objects.append(SceneObject(word, (part,), pose=pose, kind="shape"))
+        self.findings.count("shape")
+        self.objects.append(SceneObject(word, (part,), pose=pose, kind="shape"))
 
     def _geometry(self, shape: Node) -> Node | None:
         """What a shape shows: the child that is no appearance and no description."""
@@ -260,7 +242,7 @@ class _Stage:
                 color = (r, g, b, 1.0 - clear)
             picture = None
             if texture is not None:
-                found = (self._pictures.find(url) for url in _strings(texture.get("url")))
+                found = (self.pictures.find(url) for url in _strings(texture.get("url")))
                 picture = next((path for path in found if path is not None), None)
                 color = (1.0, 1.0, 1.0, color[3])
             name = appearance.get("DEF") or (material.get("DEF") if material is not None else "")

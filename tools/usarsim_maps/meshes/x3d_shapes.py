@@ -8,8 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_maps.meshes.mesh_files import make_mesh
-from usarsim_maps.meshes.polygons import triangulate
+from usarsim_maps.meshes.polygons import make_mesh, triangulate
 from usarsim_maps.meshes.xml_text import Document, Node
 from usarsim_maps.scene import Array, Mesh
 

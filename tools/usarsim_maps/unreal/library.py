@@ -6,7 +6,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from usarsim_maps.files import AssetIndex, read_bytes
-from usarsim_maps.meshes.mesh_files import PICTURES, merge_meshes
+from usarsim_maps.meshes.mesh_files import PICTURES
+from usarsim_maps.meshes.polygons import merge_meshes
 from usarsim_maps.reader import Context, read_scene, readers
 from usarsim_maps.scene import Material, Mesh
 from usarsim_maps.units import UU_PER_METRE

@@ -9,13 +9,8 @@ from typing import Any
 import numpy as np
 from pxr import Kind, Tf, Usd, UsdGeom
 
-from usarsim_maps.meshes.mesh_files import (
-    Axes,
-    Markers,
-    Pictures,
-    check_count,
-    collision_of,
-)
+from usarsim_maps.meshes.mesh_files import Axes, Markers, Pictures, collision_of
+from usarsim_maps.meshes.polygons import check_count
 from usarsim_maps.reader import Context
 from usarsim_maps.scene import Array, Collision, Light, Mesh, Part, Scene, SceneObject, Shape
 from usarsim_maps.units import matrix_of_pose
