@@ -17,11 +17,6 @@ from usarsim_maps.units import ROTATION_UNIT
 from usarsim_server.simulation.frames import Pose, wire_from_pose
 from usarsim_server.worlds.description import PathNode, StartPose, Victim
 
-MOVABLE = {"kactor", "kactorspawnable", "kactorfromstatic", "kactor_ball", "fracturedkactor"}
-MESHES = {"staticmeshactor", "interpactor", "mover", "staticmeshcollectionactor"}
-LEVELS = {"worldinfo", "levelinfo", "zoneinfo", "skyzoneinfo"}
-LIGHTS = {"light", "spotlight", "pointlight", "skylight", "sunlight", "triggerlight"}
-
 PACKAGE = "victimpackage."
 """Path nodes whose tags begin so are people in the modules of the world generator."""
 
@@ -83,32 +78,27 @@ class ActorKind(Enum):
     OTHER = "other"
 
 
+_CLASSES = {
+    ActorKind.VOLUME: ".*volume",
+    ActorKind.BRUSH: "brush",
+    ActorKind.MOVABLE: "kactor.*|fracturedkactor",
+    ActorKind.MESH: "staticmeshactor.*|staticmeshcollectionactor|interpactor|mover",
+    ActorKind.START: ".*playerstart",
+    ActorKind.PATH_NODE: ".*pathnode",
+    ActorKind.VICTIM: ".*victim",
+    ActorKind.LIGHT: ".*light|.*lighttoggleable",
+    ActorKind.SMOKE: ".*smoke.*",
+    ActorKind.FOG: ".*heightfog",
+    ActorKind.LEVEL: "worldinfo|levelinfo|zoneinfo|skyzoneinfo",
+}
+"""Their names in lower case; the first that fits counts."""
+
+
 def kind_of(actor_class: str) -> ActorKind:
     """The group of an actor class, by its name alone (package prefixes do not count)."""
     name = actor_class.rpartition(".")[2].lower()
-    if name.endswith("volume"):
-        return ActorKind.VOLUME
-    if name == "brush":
-        return ActorKind.BRUSH
-    if name in MOVABLE or name.startswith("kactor"):
-        return ActorKind.MOVABLE
-    if name in MESHES or name.startswith("staticmeshactor"):
-        return ActorKind.MESH
-    if name.endswith("playerstart"):
-        return ActorKind.START
-    if name.endswith("pathnode"):
-        return ActorKind.PATH_NODE
-    if name.endswith("victim"):
-        return ActorKind.VICTIM
-    if name in LIGHTS or name.endswith(("light", "lighttoggleable")):
-        return ActorKind.LIGHT
-    if "smoke" in name:
-        return ActorKind.SMOKE
-    if name.endswith("heightfog"):
-        return ActorKind.FOG
-    if name in LEVELS:
-        return ActorKind.LEVEL
-    return ActorKind.OTHER
+    fitting = (kind for kind, names in _CLASSES.items() if re.fullmatch(names, name, re.DOTALL))
+    return next(fitting, ActorKind.OTHER)
 
 
 def announced(name: str, tag: str, actor_class: str) -> str:
