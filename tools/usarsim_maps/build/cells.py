@@ -209,11 +209,6 @@ def split(cell: Cell, plane: Plane, inner: int, outer: int) -> tuple[Cell | None
     return _sound(inside), _sound(outside)
 
 
-def clip(cell: Cell, plane: Plane, surface: int) -> Cell | None:
-    """The part of a cell behind a plane."""
-    return split(cell, plane, surface, surface)[0]
-
-
 def _sound(faces: list[Face]) -> Cell | None:
     """The cell, None if it is a sliver."""
     if len(faces) < 4:

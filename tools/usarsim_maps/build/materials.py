@@ -28,13 +28,11 @@ class Finish:
         name: unique and safe.
         color: multiplies the picture.
         picture: file name below `textures/`, None without one.
-        mean: colour of the picture as a whole, times `color`; for plans and previews.
     """
 
     name: str
     color: Color
     picture: str | None
-    mean: Color
 
 
 def finish_materials(
@@ -55,16 +53,10 @@ def finish_materials(
         material = materials.get(name)
         if material is None:
             material = Material(name, NEUTRAL)
-        picture, mean = None, material.color
         image = _open(material, findings)
-        if image is not None:
-            picture, shade = _write(image, folder, written)
-            r, g, b, a = material.color
-            mean = (r * shade[0], g * shade[1], b * shade[2], a)
-        color = tuple(min(1.0, max(0.0, c)) for c in material.color)
-        answer[name] = Finish(
-            book.take(name or "plain"), (color[0], color[1], color[2], color[3]), picture, mean
-        )
+        picture = None if image is None else _write(image, folder, written)
+        r, g, b, a = (min(1.0, max(0.0, c)) for c in material.color)
+        answer[name] = Finish(book.take(name or "plain"), (r, g, b, a), picture)
     return answer
 
 
@@ -85,15 +77,11 @@ def _open(material: Material, findings: Findings) -> Image.Image | None:
         return None
 
 
-def _write(
-    image: Image.Image, folder: Path, written: dict[str, str]
-) -> tuple[str, tuple[float, float, float]]:
+def _write(image: Image.Image, folder: Path, written: dict[str, str]) -> str:
     pixels = image.tobytes()
     digest = hashlib.sha256(str(image.size).encode() + pixels).hexdigest()[:16]
     if digest not in written:
         folder.mkdir(parents=True, exist_ok=True)
         written[digest] = f"{digest}.png"
         image.save(folder / written[digest], optimize=False, compress_level=4)
-    small = image.resize((1, 1), Image.Resampling.BOX).getpixel((0, 0))
-    assert isinstance(small, tuple)
-    return written[digest], (small[0] / 255.0, small[1] / 255.0, small[2] / 255.0)
+    return written[digest]
