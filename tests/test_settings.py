@@ -103,14 +103,10 @@ BAD = [
     ("world", "", '""'),
     ("host", "", '""'),
     ("host", "a\tb", '"a\\tb"'),
-    *((key, text, toml) for key in PORT_KEYS for text, toml in [("-1", "-1"), ("65536", "65536")]),
-    *((key, text, toml) for key in PORT_KEYS for text, toml in [("on", '"on"'), ("1.5", "1.5")]),
     ("image_type", "JPEG", '"JPEG"'),
     ("image_type", "-1", "-1"),
     ("image_type", "true", "true"),
     ("image_legacy", "yes", '"yes"'),
-    ("image_legacy", "1", "1"),
-    ("image_silent_push", "-1", "-1"),
     ("image_silent_push", "never", '"never"'),
     ("tiles", "0x4", '"0x4"'),
     ("tiles", "13x5", '"13x5"'),
@@ -118,83 +114,38 @@ BAD = [
     ("tiles", "-4x-4", '"-4x-4"'),
     ("renderer", "opengl", '"opengl"'),
     ("spectator", " ", '[" "]'),
-    ("camera_rate", "0", "0"),
-    ("shadows", "-1", "-1"),
     ("multisample", "3", "3"),
     ("multisample", "true", "true"),
     ("tile_size", "15x240", '"15x240"'),
     ("tile_size", "320x2049", '"320x2049"'),
     ("tile_size", "320*240", '"320*240"'),
     ("tile_size", "99999x99999", '"99999x99999"'),
-    ("dialect", "utopia", '"utopia"'),
     ("dialect", "UDK", '"UDK"'),
-    ("speed", "0", "0"),
-    ("speed", "-1", "-1"),
-    ("speed", "nan", "nan"),
     ("speed", "inf", "inf"),
-    ("speed", "fast", '"fast"'),
-    ("speed", "1e9", "1e9"),
-    ("seed", "-1", "-1"),
-    ("seed", "1.5", "1.5"),
-    ("seed", "x", '"x"'),
-    ("seed", str(2**63), str(2**63 - 1) + "0"),
-    ("timestep", "0", "0"),
-    ("timestep", "1", "1"),
-    ("timestep", "soon", '"soon"'),
-    ("max_robots", "0", "0"),
-    ("max_robots", "257", "257"),
-    ("max_objects", "-1", "-1"),
-    ("max_objects", "4097", "4097"),
-    ("max_robots", "many", '"many"'),
+    ("port", "1.5", "1.5"),
     ("log_level", "loud", '"loud"'),
 ]
+
+NUMBERS = [option for option in OPTIONS if math.isfinite(option.declared.limits.low)]
 
 ILL_TYPED = [
     ("world", "3"),
     ("host", "3"),
-    ("port", "true"),
     ("port", '"3000"'),
     ("port", "3000.0"),
     ("dialect", "1"),
-    ("speed", "true"),
-    ("speed", '"2"'),
-    ("seed", "false"),
-    ("timestep", '"0.004"'),
     ("robots", "1"),
     ("robots", "[1]"),
     ("robots", '[""]'),
-    ("max_robots", "1.0"),
-    ("log_level", "1"),
     ("sta_order", '"utd"'),
-    ("max_connections", "0"),
-    ("max_connections", '"64"'),
     ("default_start", '"last"'),
     ("second_init", "true"),
     ("clean_on_close", '"true"'),
     ("clean_on_close", "1"),
-    ("image_legacy", '"true"'),
     ("image_type", "3.0"),
     ("tiles", "[4, 4]"),
-    ("tiles", "4"),
     ("tile_size", "true"),
     ("image_type", '"3"'),
-    ("outbox_bytes", "1"),
-    ("max_per_address", "0"),
-    ("max_per_address", "true"),
-    ("connection_rate", "0"),
-    ("connection_rate", "nan"),
-    ("line_bytes", "65535"),
-    ("command_rate", "180"),
-    ("command_rate", '"none"'),
-    ("spawn_rate", "0"),
-    ("idle_timeout", "1"),
-    ("idle_timeout", "false"),
-    ("reply_bytes", "0"),
-    ("quiet_period", "-0.1"),
-    ("quiet_period", "nan"),
-    ("quiet_period", "[0.27]"),
-    ("port", "2026-01-01"),
-    ("port", "{}"),
 ]
 
 
@@ -427,6 +378,19 @@ def test_ill_typed_value_is_refused(tmp_path: Path, key: str, toml: str) -> None
     with pytest.raises(SettingsError) as caught:
         load_settings({}, path)
     assert str(caught.value).startswith(f"{path}: line 1: {key}: ")
+
+
+@pytest.mark.parametrize("option", NUMBERS, ids=lambda option: option.key)
+def test_numbers_keep_within_their_limits(tmp_path: Path, option) -> None:
+    """One below, one above, and what is no number are refused in either place."""
+    limits = option.declared.limits
+    for value in (limits.low - 1, limits.high * 2 + 1, math.nan, "many", "true"):
+        with pytest.raises(SettingsError, match=rf"^{option.flag}: .*write a "):
+            option.read_text(str(value))
+    for value in (limits.low - 1, limits.high * 2 + 1, "nan", "true", '"many"', "[1]", "{}"):
+        path = written(tmp_path, f"{option.key} = {value}\n")
+        with pytest.raises(SettingsError, match=rf"lab\.toml: line 1: {option.key}: .*write a "):
+            load_settings({}, path)
 
 
 @pytest.mark.parametrize(
