@@ -15,7 +15,7 @@ from usarsim_server.fields import field
 from usarsim_server.simulation.frames import Pose, Vector, quaternion_from_rpy, wire_from_pose
 from usarsim_server.simulation.ground import Surface
 from usarsim_server.tables import Table
-from usarsim_server.worlds.machinery.machinery import Machinery
+from usarsim_server.worlds.machinery.machinery import Machinery, read_heading
 
 POSTURES = ("standing", "sitting", "lying")
 
@@ -47,12 +47,6 @@ def read_pose(table: Table, key: str = "position") -> Pose:
     else:
         turn = (0.0, 0.0, table.number("yaw_degrees", 0.0))
     return Pose(position, quaternion_from_rpy(*map(math.radians, turn)))
-
-
-def _read_heading(table: Table, key: str) -> Pose:
-    """Position and `yaw_degrees`."""
-    yaw = math.radians(table.number("yaw_degrees", 0.0))
-    return Pose(table.vector(key), quaternion_from_rpy(0.0, 0.0, yaw))
 
 
 def _read_memory(table: Table, key: str) -> str:
@@ -207,7 +201,7 @@ class SmokeVolume:
     shape: str = field(absent="box", choices=("box", "ellipsoid"), help="of the body")
     pose: Pose = field(
         key="position",
-        parse=_read_heading,
+        parse=read_heading,
         expects="3 numbers in m",
         help="its middle",
         rows=(("yaw_degrees", "a number", "0", "heading of the body"),),

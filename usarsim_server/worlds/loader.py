@@ -37,7 +37,7 @@ from usarsim_server.worlds.description import (
     Zone,
 )
 from usarsim_server.worlds.life import check_corners, read_false_alarm, read_sound, traits_of
-from usarsim_server.worlds.machinery.reading import read_machinery
+from usarsim_server.worlds.machinery.machinery import read_machinery
 from usarsim_server.worlds.media import read_smoke, read_surface
 
 SHEET = "world.toml"
