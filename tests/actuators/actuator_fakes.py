@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -23,6 +24,7 @@ from usarsim_server.robots.families.wheeled import Platform
 from usarsim_server.simulation.articulation import HandState, JointOrder
 from usarsim_server.simulation.frames import Pose, Vector, pose_from_wire
 from usarsim_server.simulation.snapshot import RobotBody, RobotLayout, Snapshot
+from usarsim_server.testing import Rehearsal, RehearsedClient
 
 ZERO: Vector = (0.0, 0.0, 0.0)
 UT2004, UDK = Dialect.UT2004, Dialect.UDK
@@ -216,3 +218,24 @@ class Machine:
             hands={5: {name: self.held.get(name, HandState()) for name in self._hands}},
         )
         return RobotBody(snapshot, layout)
+
+
+def spawn(stage: Rehearsal, client: RehearsedClient, name: str, extra: str = "") -> None:
+    """Spawn a robot at the origin, away from everybody, and let its quiet period pass."""
+    client.send(f"INIT {{ClassName USARBot.{name}}} {{Location 0,0,-0.25}} {extra}")
+    stage.run(0.5)
+    client.take()
+
+
+def values(client: RehearsedClient, head: str, name: str) -> dict[int, float]:
+    """Position by link number in the newest status line of an actuator."""
+    lines = [x for x in client.lines if x.startswith(head + " ") and f"{{Name {name}}}" in x]
+    pairs = re.findall(r"\{Link (\d+)\} \{Value (-?[\d.]+)\}", lines[-1])
+    return {int(link): float(value) for link, value in pairs}
+
+
+def settle(stage: Rehearsal, client: RehearsedClient, seconds: float) -> None:
+    """Let time pass and keep only the lines of the last half second."""
+    stage.run(seconds)
+    client.take()
+    stage.run(0.5)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, cast
 
+import mujoco
 import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -13,7 +14,9 @@ from usarsim_server.protocol.requests import Drive, WheelTarget
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.families.base import Conduct, StatusFacts
+from usarsim_server.sessions.robots import robot_model
 from usarsim_server.simulation.articulation import JointOrder, Order
+from usarsim_server.simulation.model import CompiledWorld, PhysicsOptions, compile_world
 from usarsim_server.simulation.simulation import BodyHandle
 from usarsim_server.simulation.snapshot import RobotBody
 
@@ -127,3 +130,13 @@ wild_drives = st.builds(
     ),
 )
 """Commands with members of all families, absent, enormous and nonsensical ones among them."""
+
+
+def floor() -> mujoco.MjSpec:
+    return mujoco.MjSpec.from_string(
+        '<mujoco><worldbody><geom type="plane" size="0 0 1"/></worldbody></mujoco>'
+    )
+
+
+def compiled(robot: RobotDescription, copies: int = 1) -> CompiledWorld:
+    return compile_world(floor, (robot_model(robot),) * copies, PhysicsOptions(), 0)

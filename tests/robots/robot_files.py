@@ -20,6 +20,16 @@ LEFT: dict[str, Any] = {
 RIGHT: dict[str, Any] = {**LEFT, "name": "RightWheel", "position": [0.0, 0.15, 0.05]}
 CASTER: dict[str, Any] = {"position": [-0.15, 0.0, 0.12], "radius": 0.03, "mass": 0.2}
 SENSOR: dict[str, Any] = {"type": "Sonar", "name": "F1", "position": [0.2, 0.0, -0.1]}
+PIECE: dict[str, Any] = {"kind": "box", "size": [0.1, 0.02, 0.02], "mass": 0.2}
+LINK: dict[str, Any] = {"shape": [PIECE]}
+ARM: dict[str, Any] = {
+    "name": "Arm",
+    "position": [0.1, 0.0, -0.1],
+    "link": [
+        {**LINK, "axis": [0, 0, -1], "limits": [-1.0, 2.0]},
+        {**LINK, "position": [0.0, 0.0, -0.1], "axis": [0, 2, 0], "home": 0.5},
+    ],
+}
 
 
 def table(**changes: Any) -> dict[str, Any]:

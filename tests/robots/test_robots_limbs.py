@@ -9,7 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from robot_files import LEFT, SENSOR, SHAPE, table, write
+from robot_files import ARM, LINK, PIECE, SENSOR, table, write
 
 from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.robots.catalog import load_robot
@@ -19,16 +19,6 @@ from usarsim_server.sessions.robots import robot_model
 from usarsim_server.simulation.articulation import Grip, ToolModel
 from usarsim_server.simulation.frames import Pose, wire_from_pose
 
-PIECE: dict[str, Any] = {"kind": "box", "size": [0.1, 0.02, 0.02], "mass": 0.2}
-LINK: dict[str, Any] = {"shape": [PIECE]}
-ARM: dict[str, Any] = {
-    "name": "Arm",
-    "position": [0.1, 0.0, -0.1],
-    "link": [
-        {**LINK, "axis": [0, 0, -1], "limits": [-1.0, 2.0]},
-        {**LINK, "position": [0.0, 0.0, -0.1], "axis": [0, 2, 0], "home": 0.5},
-    ],
-}
 FINGER: dict[str, Any] = {**LINK, "joint": "prismatic", "limits": [0.01, 0.04]}
 GRIPPER: dict[str, Any] = {
     "type": "Gripper",
@@ -39,12 +29,6 @@ GRIPPER: dict[str, Any] = {
     "shape": [PIECE],
     "finger": [FINGER, {**FINGER, "axis": [0, 0, -1]}],
     "strength": 12.0,
-}
-PLATFORM: dict[str, Any] = {
-    "kind": "static",
-    "dialect": "udk",
-    "shape": [{**SHAPE, "mass": 100.0}],
-    "actuator": [ARM],
 }
 
 
@@ -241,7 +225,7 @@ def test_mistakes_in_effectors(tmp_path: Path, effector: dict[str, Any], error: 
     ("effector", "error"),
     [
         (gripper(type="Grippa"), "unknown effector type 'Grippa'.*did you mean Gripper"),
-        (gripper(strenght=1.0), "strenght: unknown key of a Gripper .write strength"),
+        (gripper(strenght=1.0), "strenght: unknown key of a Gripper .did you mean strength"),
         (gripper(strength=-1.0), "strength: -1.0 is out of range"),
         (gripper(finger=None), "finger: a gripper without fingers"),
         (
@@ -316,38 +300,6 @@ def test_what_sat_on_a_dropped_arm_is_missed(tmp_path: Path) -> None:
         load_robot(write(tmp_path, "Blind", {"extends": "Seer", "without": ["Arm"]}))
     with pytest.raises(RobotDescriptionError, match="no inherited sensor 'Nose'"):
         extend(tmp_path, without=["Nose"])
-
-
-# -- platforms -------------------------------------------------------------------------------------
-
-
-def test_a_platform_has_neither_wheels_nor_drive(tmp_path: Path) -> None:
-    """`static` needs no wheels and stands on its reference point; CONF tells no limits."""
-    robot = load_robot(write(tmp_path, "Desk", PLATFORM))
-    assert robot.kind == "static"
-    assert (robot.wheels, robot.casters, robot.battery, robot.rest_height) == ((), (), None, 0.0)
-    assert robot.report.steering_type == "None"
-    assert robot.report.mass == pytest.approx(100.4)
-    assert robot_model(robot).anchored
-    assert not robot_model(load(tmp_path)).anchored
-
-
-@pytest.mark.parametrize(
-    ("key", "value"), [("wheel", [LEFT]), ("caster", []), ("drive", {"max_wheel_speed": 1.0})]
-)
-def test_a_platform_refuses_wheels(tmp_path: Path, key: str, value: Any) -> None:
-    """Wheels of a platform are a mistake, not a decoration."""
-    with pytest.raises(RobotDescriptionError, match=f"{key}: stands on a robot without wheels"):
-        load_robot(write(tmp_path, "Desk", {**PLATFORM, key: value}))
-
-
-def test_a_platform_does_not_become_a_vehicle(tmp_path: Path) -> None:
-    """Neither may a variant turn a vehicle into a platform."""
-    write(tmp_path, "Desk", PLATFORM)
-    with pytest.raises(RobotDescriptionError, match="kind: is differential, Desk is static"):
-        load_robot(write(tmp_path, "Cart", {"extends": "Desk", "kind": "differential"}))
-    low = load_robot(write(tmp_path, "Low", {"extends": "Desk", "rest_height": 0.2}))
-    assert low.rest_height == 0.2
 
 
 # -- models ----------------------------------------------------------------------------------------

@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from robot_files import CASTER, LEFT, RIGHT, SENSOR, SHAPE, table, write
+from robot_files import ARM, CASTER, LEFT, RIGHT, SENSOR, SHAPE, table, write
 
 from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.catalog import load_robot
 from usarsim_server.robots.description import BatteryDescription
+from usarsim_server.sessions.robots import robot_model
 from usarsim_server.simulation.frames import wire_from_pose
 
 
@@ -399,3 +400,40 @@ def test_missing_file_and_folder(tmp_path: Path) -> None:
         load_robot(tmp_path / "Absent.toml")
     with pytest.raises(RobotDescriptionError, match="no such folder"):
         load_robot(tmp_path / "absent" / "Absent.toml")
+
+
+PLATFORM: dict[str, Any] = {
+    "kind": "static",
+    "dialect": "udk",
+    "shape": [{**SHAPE, "mass": 100.0}],
+    "actuator": [ARM],
+}
+
+
+def test_a_platform_has_neither_wheels_nor_drive(tmp_path: Path) -> None:
+    """`static` needs no wheels and stands on its reference point; CONF tells no limits."""
+    robot = load_robot(write(tmp_path, "Desk", PLATFORM))
+    assert robot.kind == "static"
+    assert (robot.wheels, robot.casters, robot.battery, robot.rest_height) == ((), (), None, 0.0)
+    assert robot.report.steering_type == "None"
+    assert robot.report.mass == pytest.approx(100.4)
+    assert robot_model(robot).anchored
+    assert not robot_model(load(tmp_path)).anchored
+
+
+@pytest.mark.parametrize(
+    ("key", "value"), [("wheel", [LEFT]), ("caster", []), ("drive", {"max_wheel_speed": 1.0})]
+)
+def test_a_platform_refuses_wheels(tmp_path: Path, key: str, value: Any) -> None:
+    """Wheels of a platform are a mistake, not a decoration."""
+    with pytest.raises(RobotDescriptionError, match=f"{key}: stands on a robot without wheels"):
+        load_robot(write(tmp_path, "Desk", {**PLATFORM, key: value}))
+
+
+def test_a_platform_does_not_become_a_vehicle(tmp_path: Path) -> None:
+    """Neither may a variant turn a vehicle into a platform."""
+    write(tmp_path, "Desk", PLATFORM)
+    with pytest.raises(RobotDescriptionError, match="kind: is differential, Desk is static"):
+        load_robot(write(tmp_path, "Cart", {"extends": "Desk", "kind": "differential"}))
+    low = load_robot(write(tmp_path, "Low", {"extends": "Desk", "rest_height": 0.2}))
+    assert low.rest_height == 0.2

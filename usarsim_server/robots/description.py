@@ -21,28 +21,34 @@ from numpy.typing import NDArray
 
 from usarsim_server.fields import field
 from usarsim_server.protocol.values import Dialect, Vector
-from usarsim_server.simulation.frames import IDENTITY, Pose, flip_point
+from usarsim_server.robots.keys import (
+    CHANNELS,
+    FASTEST,
+    GREY,
+    HEAVIEST,
+    LIGHTEST,
+    LONGEST,
+    MASS,
+    ORIGIN,
+    POINT,
+    RAMP,
+    SIZE,
+    STRENGTH,
+    STRONGEST,
+    Color,
+    read_axis,
+)
+from usarsim_server.simulation.frames import IDENTITY, Pose
 from usarsim_server.tables import Table
 
 if TYPE_CHECKING:
     from usarsim_server.robots.families.base import Family
-
-Color = tuple[float, float, float, float]
 
 SERVO_DROOP = 0.01
 """rad/s that a wheel loses at its full torque unless its robot file says otherwise: next to
 nothing, as with a speed controller that has an integral part. A wheel that gives way under the
 drag of a turn makes slow turns slower still (robots reference 3.3 V7)."""
 
-# Beyond these a number is a slip of the pen, and MuJoCo would refuse it far from its origin.
-LONGEST = 100.0  # m
-SHORTEST = 1e-4  # m
-HEAVIEST = 1e5  # kg
-LIGHTEST = 1e-3  # kg, of anything that moves by itself
-FASTEST = 1e4  # rad/s
-STRONGEST = 1e6  # N m, N
-
-GREY: Color = (0.5, 0.5, 0.5, 1.0)
 STEERING_TYPES = ("SkidSteered", "AckermanSteered", "OmniDrive", "Unknown", "None")
 """What CONF may announce (protocol reference 4.8)."""
 
@@ -50,22 +56,6 @@ DEFAULT_TORQUE = 20.0
 """N m: MotorTorque of UT2004 (robots reference 1.6)."""
 ANNOUNCED_TORQUE = 50000.0
 """MaxTorque of a joint that says nothing else, N m (robots reference 1.2)."""
-
-
-def opaque(channels: Sequence[float]) -> Color:
-    """A colour that may lack its alpha."""
-    red, green, blue, alpha = (*channels, 1.0)[:4]
-    return red, green, blue, alpha
-
-
-def read_axis(table: Table, key: str) -> Vector:
-    """A direction of a robot file as a unit vector."""
-    axis = flip_point(table.vector(key, low=-LONGEST, high=LONGEST))
-    length = math.hypot(*axis)
-    if length < 1e-6:
-        raise table.error(key, "has no direction", "write a vector such as [0, 0, 1]")
-    x, y, z = (value / length + 0.0 for value in axis)
-    return x, y, z
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,17 +85,8 @@ class Shape:
     kind: str
     size: tuple[float, ...]
     pose: Pose
-    mass: float = field(
-        default=0.0, unit="kg", low=0.0, high=HEAVIEST, help="0 for a purely visual piece"
-    )
-    color: Color = field(
-        default=GREY,
-        low=0.0,
-        high=1.0,
-        counts=(3, 4),
-        convert=opaque,
-        help="red, green, blue, alpha",
-    )
+    mass: float = field(default=0.0, **MASS, help="0 for a purely visual piece")
+    color: Color = field(default=GREY, **CHANNELS, help="red, green, blue, alpha")
     collides: bool = field(
         default=True, help="takes part in contacts; rays and cameras see it anyway"
     )
@@ -125,14 +106,10 @@ class Wheel:
     name: str
     side: str
     position: Vector = field(
-        low=-LONGEST,
-        high=LONGEST,
-        unit="m",
-        convert=flip_point,
-        help="centre relative to the reference point, or to the link that carries it",
+        **POINT, help="centre relative to the reference point, or to the link that carries it"
     )
-    radius: float = field(low=SHORTEST, high=LONGEST, unit="m")
-    width: float = field(low=SHORTEST, high=LONGEST, unit="m")
+    radius: float = field(**SIZE)
+    width: float = field(**SIZE)
     mass: float = field(low=LIGHTEST, high=HEAVIEST, unit="kg")
     driven: bool = field(default=True, help="false for a free wheel")
     link: str | None = None
@@ -145,9 +122,9 @@ class Wheel:
 class Caster:
     """A frictionless ball that stands in for a swivel caster."""
 
-    position: Vector = field(low=-LONGEST, high=LONGEST, unit="m", convert=flip_point)
-    radius: float = field(low=SHORTEST, high=LONGEST, unit="m")
-    mass: float = field(default=0.0, low=0.0, high=HEAVIEST, unit="kg")
+    position: Vector = field(**POINT)
+    radius: float = field(**SIZE)
+    mass: float = field(default=0.0, **MASS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,26 +134,15 @@ class DriveDescription:
     max_wheel_speed: float = field(
         low=1e-3, high=FASTEST, unit="rad/s", help="announced as MaxSpeed and never exceeded"
     )
-    wheel_torque: float = field(
-        default=8.0,
-        low=1e-3,
-        high=STRONGEST,
-        unit="N m",
-        help="that the servo of a wheel can exert",
-    )
+    wheel_torque: float = field(default=8.0, **STRENGTH, unit="N m", help="of a wheel's servo")
     servo_gain: float = field(
         default=8.0 / SERVO_DROOP,
-        low=1e-3,
-        high=STRONGEST,
+        **STRENGTH,
         unit="N m s/rad",
         help="of the velocity servo: load over gain is the speed that a wheel loses under load",
     )
-    wheel_acceleration: float = field(
-        default=10.0, low=1e-3, high=1e6, unit="rad/s^2", help="ramp of wheel speed targets"
-    )
-    wheel_deceleration: float = field(
-        default=40.0, low=1e-3, high=1e6, unit="rad/s^2", help="ramp towards standstill"
-    )
+    wheel_acceleration: float = field(default=10.0, **RAMP, help="ramp of wheel speed targets")
+    wheel_deceleration: float = field(default=40.0, **RAMP, help="ramp towards standstill")
     parking_brake_delay: float = field(
         default=0.3, low=0.0, high=1e6, unit="s", help="of zero command before wheels are held"
     )
@@ -255,7 +221,7 @@ class LinkDescription:
     shapes: tuple[Shape, ...] = ()
     limits: tuple[float, float] | None = None
     max_speed: float = 1.0
-    max_torque: float = field(default=DEFAULT_TORQUE, low=1e-3, high=STRONGEST, unit="N m or N")
+    max_torque: float = field(default=DEFAULT_TORQUE, **STRENGTH, unit="N m or N")
     damping: float = field(
         default=0.0, low=0.0, high=STRONGEST, unit="N m s/rad or N s/m", help="passive resistance"
     )
@@ -294,14 +260,7 @@ class ActuatorDescription:
     mount: str | None
     pose: Pose
     links: tuple[LinkDescription, ...]
-    tip: Vector = field(
-        default=(0.0, 0.0, 0.0),
-        low=-LONGEST,
-        high=LONGEST,
-        unit="m",
-        convert=flip_point,
-        help="tool point in the frame of the last link",
-    )
+    tip: Vector = field(default=ORIGIN, **POINT, help="tool point in the frame of the last link")
     package: bool = field(
         default=True,
         help="an item with CONF, GEO and status lines; otherwise STA tells where its joints are",
@@ -343,14 +302,7 @@ class EffectorDescription:
     item: ItemDescription
     shapes: tuple[Shape, ...] = ()
     fingers: tuple[LinkDescription, ...] = ()
-    tip: Vector = field(
-        default=(0.0, 0.0, 0.0),
-        low=-LONGEST,
-        high=LONGEST,
-        unit="m",
-        convert=flip_point,
-        help="where it holds, relative to its pose",
-    )
+    tip: Vector = field(default=ORIGIN, **POINT, help="where it holds, relative to its pose")
     detached: bool = field(
         default=False, help="lies loose beside the robot, where its pose says, until it is taken"
     )

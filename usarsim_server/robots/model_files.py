@@ -23,19 +23,22 @@ from usarsim_server.model_check import ALLOW_MODEL
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import (
     DEFAULT_TORQUE,
-    FASTEST,
-    HEAVIEST,
-    STRONGEST,
     ActuatorDescription,
-    Color,
     JointType,
     LinkDescription,
     Mesh,
     Shape,
 )
+from usarsim_server.robots.keys import (
+    FASTEST,
+    HEAVIEST,
+    PART_NAME,
+    RESERVED_NAMES,
+    STRONGEST,
+    Color,
+)
 from usarsim_server.robots.model_sources import load_model
 from usarsim_server.robots.reading.limbs import DEFAULT_SPEED, read_limits
-from usarsim_server.robots.reading.parts import PART_NAME, RESERVED_NAMES
 from usarsim_server.simulation.frames import IDENTITY, Pose
 from usarsim_server.tables import Table, suggest
 

@@ -13,9 +13,17 @@ from dataclasses import dataclass, replace
 
 from usarsim_server.fields import field
 from usarsim_server.protocol.values import Vector
-from usarsim_server.robots.description import LONGEST, ActuatorDescription, Color, home_pose, opaque
-from usarsim_server.robots.reading.parts import read_all, read_link
-from usarsim_server.simulation.frames import Pose, flip_point
+from usarsim_server.robots.description import ActuatorDescription, home_pose
+from usarsim_server.robots.keys import (
+    CHANNELS,
+    LONGEST,
+    ORIGIN,
+    POINT,
+    Color,
+    read_link,
+)
+from usarsim_server.robots.reading.parts import read_all
+from usarsim_server.simulation.frames import Pose
 from usarsim_server.tables import Table
 
 SMALLEST = 1e-3
@@ -75,17 +83,14 @@ class Track:
     rollers: tuple[Roller, ...]
     width: float = field(low=SMALLEST, high=LONGEST, unit="m")
     position: Vector = field(
-        default=(0.0, 0.0, 0.0),
-        low=-LONGEST,
-        high=LONGEST,
-        unit="m",
-        convert=flip_point,
+        default=ORIGIN,
+        **POINT,
         help="of the track's frame relative to the link or to the reference point",
     )
     friction: float = field(
         default=1.0, low=0.0, high=100.0, help="against ground that has none of its own"
     )
-    color: Color = field(default=RUBBER, low=0.0, high=1.0, counts=(3, 4), convert=opaque)
+    color: Color = field(default=RUBBER, **CHANNELS)
 
     def place(self, actuators: Sequence[ActuatorDescription]) -> Pose:
         """Pose of its frame relative to the reference point when the robot appears."""

@@ -13,9 +13,6 @@ from typing import TypeVar
 
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import (
-    FASTEST,
-    HEAVIEST,
-    LIGHTEST,
     ActuatorDescription,
     CameraDescription,
     EffectorDescription,
@@ -24,13 +21,16 @@ from usarsim_server.robots.description import (
     RobotDescription,
     Shape,
 )
-from usarsim_server.robots.reading.parts import (
+from usarsim_server.robots.keys import (
+    FASTEST,
+    HEAVIEST,
+    LIGHTEST,
     WORD,
     part_name,
     read_link,
     read_pose,
-    read_shape,
 )
+from usarsim_server.robots.reading.parts import read_shape
 from usarsim_server.tables import Table, suggest
 
 DEFAULT_SPEED = {Dialect.UT2004: 0.1745, Dialect.UDK: 1.571}

@@ -6,7 +6,6 @@ simulation frame. A part that the file leaves out is taken from the robot that i
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -17,10 +16,7 @@ from usarsim_server.logs import Log
 from usarsim_server.protocol.values import Vector
 from usarsim_server.robots.description import (
     ANNOUNCED_TORQUE,
-    LIGHTEST,
-    LONGEST,
     SERVO_DROOP,
-    SHORTEST,
     ActuatorDescription,
     BatteryDescription,
     Caster,
@@ -33,11 +29,17 @@ from usarsim_server.robots.description import (
     home_pose,
 )
 from usarsim_server.robots.families.base import Family
-from usarsim_server.simulation.frames import Pose, pose_from_wire
+from usarsim_server.robots.keys import (
+    LIGHTEST,
+    LONGEST,
+    SHORTEST,
+    WORD,
+    part_name,
+    read_link,
+    read_pose,
+)
+from usarsim_server.simulation.frames import Pose
 from usarsim_server.tables import Table, suggest
-
-RESERVED_NAMES = frozenset({"base", "free"})
-"""The chassis body and its joint; no wheel may take these names."""
 
 SHAPE_SIZES = {"box": 3, "cylinder": 2, "sphere": 1, "ellipsoid": 3, "capsule": 2}
 """How many numbers each kind of shape has as its size."""
@@ -57,10 +59,6 @@ _DERIVED = dict.fromkeys(
     ("wheel_radius", "track_width", "wheel_base", "wheel_separation", "mass"),
     "leave it out: it follows from the wheels and masses, so that GEO and motion agree",
 )
-PART_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
-WORD = re.compile(r"[^\s{}]+")
-"""Item names and types on the wire."""
-
 _log = Log("robots")
 
 Parent = RobotDescription | None
@@ -123,15 +121,6 @@ def _wheel(table: Table, links: Sequence[str]) -> Wheel:
     wheel = table.read(Wheel, name=name, side=side, link=link)
     table.finish()
     return wheel
-
-
-def part_name(table: Table) -> str:
-    """The name of a wheel, a link or an actuator."""
-    name = table.text("name")
-    if not PART_NAME.fullmatch(name) or name.lower() in RESERVED_NAMES:
-        cure = "use letters, digits and _, first a letter, not base or free"
-        raise table.error("name", f"is {name!r}", cure)
-    return name
 
 
 def read_casters(reader: Table, parent: Parent) -> tuple[Caster, ...]:
@@ -385,17 +374,3 @@ def _item(table: Table, links: Sequence[str]) -> ItemDescription:
             raise table.error(key, f"is {word!r}", "use one word without blanks and braces")
     table.number("interval", 0.0, low=0.0, high=1e6)
     return ItemDescription(type_, name, link, read_pose(table), table.rest("interval"), table.place)
-
-
-def read_link(table: Table, links: Sequence[str]) -> str | None:
-    link = table.text("link", "")
-    known = {known.lower(): known for known in links}
-    if link and link.lower() not in known:
-        raise table.error("link", f"no link {link!r}", suggest(link, links))
-    return known[link.lower()] if link else None
-
-
-def read_pose(table: Table) -> Pose:
-    location = table.vector("position", (0.0, 0.0, 0.0), low=-LONGEST, high=LONGEST)
-    rotation = table.vector("rotation", (0.0, 0.0, 0.0), low=-1000.0, high=1000.0)
-    return pose_from_wire(location, rotation)
