@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from usarsim_conformance.own_server import OwnServer, StartError, judge_classes
+from usarsim_conformance.own_server import OwnServer, StartError, judge_classes, robot_classes
 from usarsim_conformance.own_server import as_table as as_class_table
 from usarsim_conformance.places import place_from
 from usarsim_conformance.planted import all_faults, select_faults
@@ -174,11 +174,12 @@ def _plant(pattern: str, list_only: bool) -> int:
 
 
 def _classes(text: str) -> list[str]:
-    """Names between commas; every class of the roster for `all`."""
+    """Names between commas; every class of the server for `all`."""
     if text.lower() == "all":
-        from usarsim_server.robots.catalog import load_roster
-
-        return list(load_roster().names())
+        try:
+            return robot_classes()
+        except StartError as error:
+            raise UsarsimError(str(error)) from None
     return [name.strip() for name in text.split(",") if name.strip()]
 
 

@@ -23,6 +23,7 @@ from usarsim_conformance.survey import Target
 STAGE = Path(__file__).with_name("stage")
 """A world like the empty one with a few people far off, and robots with sensors of every type."""
 
+_USARSIM = (sys.executable, "-m", "usarsim_server.cli")
 _PORTS = ("", "image-", "groundtruth-", "wireless-", "comserver-", "truth-")
 _MOST_ROBOTS = 32
 _PATIENCE = 10.0
@@ -51,8 +52,8 @@ class OwnServer(Closing):
             StartError: if it does not become ready.
         """
         ports = [f"--{name}port=0" for name in _PORTS]
-        command = [sys.executable, "-m", "usarsim_server.cli", "serve"]
-        command += ["--world", str(STAGE / "world"), "--robots", str(STAGE / "robots")]
+        command = [*_USARSIM, "serve", "--world", str(STAGE / "world")]
+        command += ["--robots", str(STAGE / "robots")]
         # On a busy machine robots that have left may be counted a little longer.
         command += ["--max-robots", str(_MOST_ROBOTS)]
         self._errors = tempfile.TemporaryFile("w+")  # noqa: SIM115  (closed by `stop`)
@@ -99,6 +100,18 @@ class OwnServer(Closing):
     def close(self) -> None:
         """See `stop`."""
         self.stop()
+
+
+def robot_classes() -> list[str]:
+    """All classes that `usarsim robots` lists.
+
+    Raises:
+        StartError: if it does not.
+    """
+    listing = subprocess.run([*_USARSIM, "robots"], capture_output=True, text=True)
+    if listing.returncode:
+        raise StartError(f"`usarsim robots` failed: {listing.stderr.strip()}")
+    return [line.split()[0] for line in listing.stdout.splitlines()[1:] if line.strip()]
 
 
 def judge_classes(

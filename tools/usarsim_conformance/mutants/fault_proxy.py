@@ -38,6 +38,8 @@ class Link:
     """Whether the server does not get to know that the kit has hung up."""
     keeps_kit: bool = False
     """Whether the kit does not get to know that the server has hung up."""
+    ignores_eof: bool = False
+    """Whether the server does not get to know that the kit has ended its half."""
     minds_eof: bool = False
     """Whether end of file from the kit ends the connection at once."""
 
@@ -214,7 +216,8 @@ class Proxy:
             if link.minds_eof or link.hangs_up or self.memory.get("dead"):
                 writer.close()
             elif not link.keeps_server:
-                back.write_eof()
+                if not link.ignores_eof:
+                    back.write_eof()
                 await answers
         finally:
             answers.cancel()

@@ -39,6 +39,26 @@ class KeepsLeavers(Link):
     keeps_server = True
 
 
+class IgnoresHalfClose(Link):
+    """The server goes on for who has ended its half of the connection."""
+
+    ignores_eof = True
+
+
+class InPieces(Link):
+    """What comes at once is cut behind some bytes, counted from the end if below zero."""
+
+    cut = 20
+
+    def pieces(self, data: bytes) -> list[bytes]:
+        return [data[: self.cut], data[self.cut :]]
+
+
+def in_pieces(cut: int) -> type[Link]:
+    """A link that cuts what comes at once there."""
+    return type("Cut", (InPieces,), {"cut": cut})
+
+
 class FirstForEver(Link):
     """The first answer is that to everything."""
 
@@ -47,15 +67,16 @@ class FirstForEver(Link):
 
 
 class Odd(Link):
-    """Every second answer is another one."""
+    """Every so many answers one is another one."""
 
     change: tuple[bytes, bytes]
+    every = 2
 
     def said(self, unit: bytes) -> bytes:
         if not re.search(self.change[0], unit):
             return unit
         self.memory["count"] = self.memory.get("count", 0) + 1
-        return unit if self.memory["count"] % 2 else re.sub(*self.change, unit)
+        return unit if self.memory["count"] % self.every else re.sub(*self.change, unit)
 
 
 class FewClients(Link):
@@ -70,6 +91,7 @@ class KeepsGhosts(Link):
     keeps_kit = True
 
 
-def odd(pattern: str, text: str) -> type[Link]:
-    """A link on which the pattern is replaced in every second answer that it fits."""
-    return type("OddOne", (Odd,), {"change": (pattern.encode(), text.encode())})
+def odd(pattern: str, text: str, every: int = 2) -> type[Link]:
+    """A link on which the pattern is replaced in one of so many answers that it fits."""
+    change = pattern.encode(), text.encode()
+    return type("OddOne", (Odd,), {"change": change, "every": every})

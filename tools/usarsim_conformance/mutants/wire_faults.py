@@ -13,8 +13,10 @@ from typing import Any, TypeVar
 from usarsim_conformance.mutants.fault_proxy import Link, LinkKind, Proxy
 
 Kind = TypeVar("Kind", bound=type[Link])
-Pair = tuple[str, str]
-"""Regular expression and replacement, one character per byte."""
+Found = re.Match[bytes]
+Pair = tuple[str, str | Callable[[Found], bytes]]
+"""Regular expression and replacement, one character per byte, or what makes it of what was
+found."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,45 +92,70 @@ class _Rewrites(Link):
     """Says or hears by regular expressions."""
 
     def __init__(
-        self, saying: tuple[Pair, ...], hearing: tuple[Pair, ...], service: str, proxy: Proxy
+        self,
+        saying: tuple[Pair, ...],
+        hearing: tuple[Pair, ...],
+        since: str,
+        service: str,
+        proxy: Proxy,
     ) -> None:
         super().__init__(service, proxy)
         self._saying, self._hearing = _compiled(saying), _compiled(hearing)
+        self._since, self._begun = _pattern(since), not since
 
     def said(self, unit: bytes) -> bytes:
-        for pattern, text in self._saying:
+        for pattern, text in self._saying if self._begun else ():
             unit = pattern.sub(text, unit)
         return unit
 
     def heard(self, data: bytes) -> bytes:
+        self._begun = self._begun or self._since.search(data) is not None
         for pattern, text in self._hearing:
             data = pattern.sub(text, data)
         return data
 
 
-def _compiled(pairs: tuple[Pair, ...]) -> list[tuple[re.Pattern[bytes], bytes]]:
-    return [(_pattern(pattern), text.encode("latin-1")) for pattern, text in pairs]
+def _compiled(
+    pairs: tuple[Pair, ...],
+) -> list[tuple[re.Pattern[bytes], bytes | Callable[[Found], bytes]]]:
+    return [
+        (_pattern(pattern), text.encode("latin-1") if isinstance(text, str) else text)
+        for pattern, text in pairs
+    ]
 
 
 def _pattern(text: str) -> re.Pattern[bytes]:
     return re.compile(text.encode("latin-1"))
 
 
-def said(check: str, *pairs: Pair, hearing: tuple[Pair, ...] = (), **how: Any) -> None:
+def axis(name: str, number: int, change: Callable[[float], float]) -> Pair:
+    """Changes a number of a vector that a segment of a name holds."""
+
+    def other(found: Found) -> bytes:
+        digits = len(found[2].partition(b".")[2])
+        return found[1] + b"%.*f" % (digits, change(float(found[2])))
+
+    return rf"(\{{{name} (?:[-\d.]+,){{{number}}})([-\d.]+)", other
+
+
+def said(
+    check: str, *pairs: Pair, hearing: tuple[Pair, ...] = (), since: str = "", **how: Any
+) -> None:
     """The server says something else: what the patterns fit in each of its lines is replaced.
 
     Args:
         check: that is meant to notice.
         pairs: pattern and replacement.
         hearing: the same for what it hears.
+        since: what a connection must have sent before, as a regular expression.
         how: see `enter`.
     """
-    enter(check, partial(_Rewrites, pairs, hearing), **how)
+    enter(check, partial(_Rewrites, pairs, hearing, since), **how)
 
 
 def heard(check: str, *pairs: Pair, **how: Any) -> None:
     """The server hears something else: what the patterns fit in what is sent is replaced."""
-    enter(check, partial(_Rewrites, (), pairs), **how)
+    enter(check, partial(_Rewrites, (), pairs, ""), **how)
 
 
 def deaf(check: str, pattern: str, **how: Any) -> None:

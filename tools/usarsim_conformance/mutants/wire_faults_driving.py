@@ -28,6 +28,34 @@ said(
 deaf("control.motion.unknown-name", "Name robot_0")
 deaf("control.motion.wheel-by-wheel", "WheelNumber")
 
+heard("control.motion.forward", (r"(Left|Right) (?=[\d.])", r"\1 -"))
+heard("control.motion.clockwise", (r"\{Left ([^}]*)\} \{Right ([^}]*)\}", r"{Left \2} {Right \1}"))
+deaf("control.motion.stops", r"\{Left -?0\.0000\} \{Right -?0\.0000\}")
+said("control.motion.speed", (r"WheelRadius [\d.]+", "WheelRadius 0.1950"))
+said("control.motion.clamped", (r"MaxSpeed [\d.]+", "MaxSpeed 2.0000"))
+heard("control.motion.normalized", (r" \{Normalized \w+\}", ""))
+heard("control.motion.normalized-once", (r"(\{Right [\d.]+\})\r", r"\1 {Normalized true}" "\r"))
+heard("control.motion.one-side", (r"DRIVE \{(?:Left|Right) [\d.]+\}\r", "DRIVE {Light true}\r"))
+deaf("control.motion.flip-over", "Flip")
+
+
+@wire_fault("control.motion.persists")
+class Watchdog(Link):
+    """A robot stops some time after its last command."""
+
+    told = 0
+
+    def heard(self, data: bytes) -> bytes:
+        self.told = 0 if b"DRIVE" in data else self.told
+        return data
+
+    def said(self, unit: bytes) -> bytes:
+        self.told += unit.startswith(b"STA")
+        if self.told == 13:
+            self.ask(b"DRIVE {Left 0} {Right 0}\r\n")
+        return unit
+
+
 # Cars and aircraft.
 
 heard(
@@ -65,34 +93,28 @@ said(
 )
 
 
-@wire_fault("control.underwater.depth")
-class Sinks(Link):
-    """Every GroundTruth is a little deeper than the one before."""
+class Creeps(Link):
+    """Every GroundTruth is a little further ahead than the one before."""
 
+    axes = rb""
     told = 0
 
     def said(self, unit: bytes) -> bytes:
-        return re.sub(
-            rb"(\{Type GroundTruth\}.*\{Location [-\d.]+,[-\d.]+,)([-\d.]+)", self._deeper, unit
-        )
+        pattern = rb"(\{Type GroundTruth\}.*\{Location " + self.axes + rb")([-\d.]+)"
+        return re.sub(pattern, self._further, unit)
 
-    def _deeper(self, found: re.Match[bytes]) -> bytes:
+    def _further(self, found: re.Match[bytes]) -> bytes:
         self.told += 1
         return found[1] + b"%.2f" % (float(found[2]) + 0.05 * self.told)
 
 
-class Slides(Link):
-    """A robot that should stay is somewhere else after a DRIVE."""
+@wire_fault("control.underwater.depth")
+class Sinks(Creeps):
+    """Every GroundTruth is a little deeper than the one before."""
 
-    def heard(self, data: bytes) -> bytes:
-        self.memory["driven"] = self.memory.get("driven") or data.startswith(b"DRIVE")
-        return data
-
-    def said(self, unit: bytes) -> bytes:
-        if not self.memory.get("driven"):
-            return unit
-        return re.sub(rb"(\{Location )-?\d+", rb"\g<1>20", unit)
+    axes = rb"[-\d.]+,[-\d.]+,"
 
 
-wire_fault("control.legged.no-drive")(Slides)
-wire_fault("control.underwater.stays")(Slides)
+wire_fault("control.motion.rests")(Creeps)
+for _check in ("control.legged.no-drive", "control.underwater.stays"):
+    said(_check, (r"(\{Location )-?\d+", r"\g<1>20"), since="DRIVE")

@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from usarsim_conformance.mutants.fault_proxy import Link
-from usarsim_conformance.mutants.links import FewClients, NoHalves, OneAtATime
+from usarsim_conformance.mutants.links import (
+    FewClients,
+    Greets,
+    NoHalves,
+    OneAtATime,
+    in_pieces,
+)
 from usarsim_conformance.mutants.wire_faults import deaf, hangs_up, heard, said, tires, wire_fault
 
 CONTROL = ("control",)
@@ -28,6 +34,10 @@ heard("images.push.not-for-askers", (r"^OK$", "OKOK"))
 
 
 tires("images.request.rapid", b"OK")
+heard("images.request.lower-case", ("ok", "OK"))
+heard("images.request.ok-crlf", (r"^OK\r\n$", "OKOK"))
+heard("images.request.pipelined", ("(?:OK){5}", "OK"))
+heard("images.request.ook", ("OOK", "OK"))
 
 
 # Rectangles: what `U` and four numbers are taken for.
@@ -46,6 +56,9 @@ heard(
     "images.rectangle.big-endian",
     (f"U{_numbers(1, 2, 40, 30)}", "U" + _bytes(1 << 24, 2 << 24, 40 << 24, 30 << 24)),
 )
+heard("images.rectangle.byte-by-byte", (r"^U$", ""))
+heard("images.rectangle.binary", (r"(?s)^U.*OK.*", "\\g<0>U" + 16 * "\xff"))
+hangs_up("images.rectangle.qt-padding", r"^\x00{3}U")
 heard("images.rectangle.crossing", (rf"(?s)U.{{8}}{_numbers(20, 20)}", r"\g<0>\g<0>"))
 heard("images.rectangle.followed", (rf"(?s)(U{_numbers(0, 0, 32, 24)}).+", r"\1"))
 hangs_up("images.rectangle.huge", r"U\xff{16}")
@@ -59,6 +72,7 @@ heard(
 
 # Connections.
 
+wire_fault("images.connect.silent")(Greets)
 
 wire_fault("images.clients.half-close")(NoHalves)
 wire_fault("images.clients.slow-reader")(OneAtATime)
@@ -104,12 +118,7 @@ class LosesOne(Link):
         return b"" if self.told == 7 else unit
 
 
-@wire_fault("images.header.one-write")
-class HeaderFirst(Link):
-    """Header and payload in two pieces."""
-
-    def pieces(self, data: bytes) -> list[bytes]:
-        return [data[:5], data[5:]]
+wire_fault("images.header.one-write")(in_pieces(5))
 
 
 @wire_fault("images.legacy.frame-first")
@@ -190,6 +199,60 @@ _repainted(
 _repainted("images.jpeg.decodes", lambda old: old[::2] if old.shape[:2] == (30, 50) else old)
 _encoded("images.jpeg.baseline", progressive=True)
 _encoded("images.jpeg.quality", quality=15)
+
+
+_repainted("images.content.sky-is-blue", lambda old: old[:, :, ::-1])
+_repainted("images.content.upright", lambda old: old[::-1])
+
+
+class Later(Link):
+    """Is wrong from the second answer of the second connection on: the first tells what kind of
+    stream it is, the first answer of others is to the mark."""
+
+    first = False
+    told = 0
+
+    def begin(self) -> None:
+        self.first = self.memory.setdefault("first", self) is self
+
+    def said(self, unit: bytes) -> bytes:
+        self.told += 1
+        return unit if self.first or self.told < 2 else self.changed(unit)
+
+    def changed(self, unit: bytes) -> bytes:
+        """Another reply."""
+        return unit
+
+
+@wire_fault("images.request.ok")
+class NeedsLineEnd(Later):
+    """OK by itself is not heard."""
+
+    def heard(self, data: bytes) -> bytes:
+        return b"" if data == b"OK" and not self.first else data
+
+
+def _reframed(check: str, change: Callable[[bytes], bytes], **how: Any) -> None:
+    """Replies are whole others."""
+    kind = type("Reframed", (Later,), {"changed": lambda _, unit: change(unit)})
+    wire_fault(check, **how)(kind)
+
+
+def _unpadded(unit: bytes) -> bytes:
+    width, row = int.from_bytes(unit[5:7]), -(-3 * int.from_bytes(unit[5:7]) // 4) * 4
+    rows = (unit[start : start + 3 * width] for start in range(9, len(unit), row or 1))
+    return _frame(unit[0], unit[5:9] + b"".join(rows))
+
+
+_reframed("images.header.length", lambda unit: unit[:1] + len(unit).to_bytes(4) + unit[5:])
+_reframed(
+    "images.header.length",
+    lambda unit: unit[:1] + (len(unit) - 5).to_bytes(4, "little") + unit[5:],
+)
+_reframed("images.header.one-type", lambda unit: unit if len(unit) > 5000 else b"\x04" + unit[1:])
+_reframed("images.rectangle.outside", lambda unit: unit if len(unit) > 5 else b"")
+_reframed("images.jpeg.markers", lambda unit: _frame(unit[0], unit[5:-2]))
+_reframed("images.raw.padding", _unpadded, server="raw")
 
 
 @wire_fault("images.content.moves")

@@ -5,14 +5,16 @@ from __future__ import annotations
 import re
 
 from usarsim_conformance.mutants.fault_proxy import Link
-from usarsim_conformance.mutants.links import DiesOfHangup, KeepsLeavers
+from usarsim_conformance.mutants.links import DiesOfHangup, IgnoresHalfClose, KeepsLeavers
 from usarsim_conformance.mutants.wire_faults import (
     answers,
+    axis,
     deaf,
     dies,
     hangs_up,
     heard,
     said,
+    tires,
     wire_fault,
 )
 
@@ -32,7 +34,31 @@ heard("control.input.lfcr", (r"\n\r$", "\r\nGETSTARTPOSES\r\n"))
 heard("control.input.split-end", (r"^\n(?=GETSTARTPOSES)", "GETSTARTPOSES\r\n"))
 heard("control.input.unended", (r"GETSTARTPOSES$", "GETSTARTPOSES\r\n"))
 
+heard("control.input.lf", (r"POSES\n$", "POSES"))
+heard("control.input.cr", (r"POSES\r$", "POSES"))
+heard("control.input.split", (r"^GETSTART$", "GETSTART\r\n"))
+heard("control.input.packet", (r"\r\nGETGEO[^\r]*", ""))
+answers("control.input.blank-lines", r"^\r\n\r\n", "ERROR")
+heard("control.input.glued", (r"\}DRIVE[^\r]*", "}"))
+deaf("control.input.outer-blanks", r" \t ")
+
 # The grammar of commands.
+
+deaf("control.grammar.case", r"\{TYPE")
+answers("control.grammar.unknown-command", "HELLO", "ERROR {Reason unknown command}")
+heard("control.grammar.bare-name", (r"\{Bad\}[^\r]*", "{Bad}"))
+heard("control.grammar.first-wins", (r"\{Type Robot\} (\{Type NoSuch)", r"\1"))
+deaf("control.grammar.open-brace", r" \{Name(?=\r)")
+heard("control.grammar.booleans", (r"\{Light (?:True|TRUE|1)\}", "{Light maybe}"))
+heard("control.grammar.numbers", (r"((?:Left|Right) \d+),\d+", r"\1"))
+heard("control.grammar.number-junk", (r"(Left|Right) [\d.]+abc", r"\1 0"))
+said(
+    "control.grammar.not-finite",
+    (r"(\{Type GroundTruth\}.*\{Location )[-\d.]+", r"\1nan"),
+    since="(?i)nan",
+)
+heard("control.grammar.vector-blanks", (r"\{Location [-\d.]+ [-\d. ]*\}", _FAR % 12))
+heard("control.grammar.vector-zeros", (r"\{Location -?0\d[^}]*\}", _FAR % 15))
 
 answers("control.grammar.before-init", "^DRIVE", "ERROR {No robot}")
 deaf("control.grammar.inner-blanks", r"\{  Type")
@@ -54,6 +80,20 @@ deaf("control.grammar.vector-six", "0,0000, 0,0000")
 heard("control.grammar.vector-two", (r"\{Location [^}]*\}", _FAR % 9))
 
 # INIT.
+
+deaf("control.init.case", "Init ")
+deaf("control.init.spawns", "INIT")
+answers("control.init.silent", "INIT", "RES {Time 0.00} {Type Robot} {Status OK}")
+said("control.init.quiet-period", axis("Time", 0, lambda time: time - 0.5))
+said("control.init.prompt", axis("Time", 0, lambda time: time + 3.0))
+hangs_up("control.init.unknown-class", "NoSuchRobotAtAll")
+deaf("control.init.no-package", r"ClassName (?!USARBot\.)")
+deaf("control.init.class-case", "usarBOT")
+deaf("control.init.no-name", r"INIT (?![^\r]*\{Name)")
+heard("control.init.start", (r"\{Start rOBOT[^}]*\} ", ""))
+heard("control.init.battery", (r" \{Battery 300\}", ""))
+said("control.init.start-poses-count", (r"StartPoses \d+", "StartPoses 3"))
+heard("control.init.location", axis("Location", 0, lambda x: x + 0.3))
 
 deaf("control.init.classname", r"\{Classname")
 answers("control.init.closest-node", "GETCLOSESTPATHNODE", "NFO {PathNode N 0,0,0}", dialect=UDK)
@@ -84,7 +124,27 @@ class NamesOnce(Link):
         return data
 
 
+wire_fault("control.connection.again")(NamesOnce)
+
+
+@wire_fault("control.init.second")
+class SecondRobot(Link):
+    """Who sends INIT again is told of a robot elsewhere."""
+
+    inits = 0
+
+    def heard(self, data: bytes) -> bytes:
+        self.inits += data.startswith(b"INIT")
+        return data
+
+    def said(self, unit: bytes) -> bytes:
+        return unit if self.inits < 2 else re.sub(rb"(\{Location )-?\d+", rb"\g<1>77", unit)
+
+
 # How a dialect is chosen.
+
+heard("control.dialect.classname", ("Classname", "ClassName"))
+deaf("control.dialect.actuator", "Type Actuator")
 
 heard("control.dialect.default", (r"(INIT [^\r]*)", r"\1 {Dialect udk}"))
 heard("control.dialect.forced", (r" \{Dialect \w+\}", ""))
@@ -97,7 +157,16 @@ said("control.geo.robot", (r"(GEO .*WheelRadius.*\r\n)", r"\1\1"))
 said("control.conf.both-names", (r"CONF \{Type Actuator\}.*\r\n", ""))
 said("control.conf.next-line", (r"(CONF \{Type Actuator\})", "NFO {Status Ready}\r\n" r"\1"))
 
+answers("control.conf.no-match", "NoSuchType", "CONF {Type NoSuchType}")
+heard("control.conf.named-item", (r"(GETCONF \{Type \w+\}) \{Name [^}]*\}", r"\1"))
+
 # SET and CONTROL.
+
+deaf("control.set.odometry-reset", "Opcode RESET")
+deaf("control.set.ins-pose", "Opcode POSE")
+said("control.set.result", (r"^RES .*\r\n", ""))
+_RESULT = "RES {Time 1.00} {Type Odometry} {Name Odometry} {Status OK}"
+answers("control.set.no-result-udk", "Opcode", _RESULT, dialect=UDK)
 
 said("control.set.releaser", (r"\{status OK\}", "{Status OK}"))
 said("control.set.rfid", ("Mem two words", "Mem two"))
@@ -122,6 +191,7 @@ answers("control.world.silent", "Type Kill", "STA {Killed 1}")
 
 wire_fault("control.connection.leaves")(KeepsLeavers)
 wire_fault("control.world.cleans-up")(KeepsLeavers)
+wire_fault("control.connection.half-close")(IgnoresHalfClose)
 
 
 @wire_fault("control.connection.crowd")
@@ -145,3 +215,31 @@ said(
 hangs_up("control.robust.long-names", "n{2000}")
 deaf("control.robust.many-segments", r"(?:\{A 1\}){500}")
 hangs_up("control.robust.near-misses", r"(?:[^\n]*\n){350}")
+hangs_up("control.robust.garbage", r"[\x80-\xff]")
+deaf("control.robust.long-line", "x{4096}")
+tires("control.robust.request-flood", b"GETGEO {Type Robot}")
+
+
+@wire_fault("control.robust.slow-reader")
+class WaitsForReaders(Link):
+    """While somebody does not read, nobody else is heard."""
+
+    def heard(self, data: bytes) -> bytes:
+        if b"GETGEO {Type Sonar}" in data:
+            self.memory["awaited"] = self
+        return data if self.memory.get("awaited", self) is self else b""
+
+
+@wire_fault("control.robust.isolated")
+class TellsEverybody(Link):
+    """Everybody gets the CONF that one has asked for."""
+
+    def begin(self) -> None:
+        self.memory.setdefault("all", []).append(self)
+
+    def said(self, unit: bytes) -> bytes:
+        if unit.startswith(b"CONF"):
+            for one in self.memory["all"]:
+                if one is not self:
+                    one.say(unit)
+        return unit

@@ -15,9 +15,12 @@ from usarsim_conformance.mutants.links import (
     KeepsLeavers,
     NoHalves,
     OneAtATime,
+    in_pieces,
     odd,
 )
 from usarsim_conformance.mutants.wire_faults import (
+    Found,
+    answers,
     deaf,
     dies,
     hangs_up,
@@ -54,6 +57,30 @@ said("groundtruth.getpos.none", (r"\{Robots 0\}", "{Robots 0} "))
 said("groundtruth.getpos.place", (r"Location -?\d+", "Location 77"))
 said("groundtruth.getpos.station", ("BatteryEmpty False", "BatteryEmpty True"))
 deaf("groundtruth.request.case", "getpos")
+answers("groundtruth.request.blank-lines", r"^\r\n\r\n", "")
+answers("groundtruth.request.unknown", "HELLO", "ERROR")
+heard("groundtruth.request.pipelined", (r"(?s)^([^\r]*\r\n).+", r"\1"))
+said("groundtruth.getpos.form", (r"\r\n", "\n"))
+said("groundtruth.getpos.form", (r"\} \{Name", "}  {Name"))
+said("groundtruth.getpos.names", (r"(?<=\{Name )\S+", lambda found: found[0].lower()))
+said("groundtruth.getpos.splitter", (" (Location|BatteryEmpty) ", r"} {\1 "))
+wire_fault("groundtruth.getpos.leaves", services=CONTROL)(KeepsLeavers)
+wire_fault("groundtruth.getobs.bodies")(odd(r"ObstCount \d", "ObstCount 7"))
+said("groundtruth.getobs.any-case", (r"ObstCount \d", "ObstCount -1"))
+said("groundtruth.getobs.echo", (r"\{Start [^}]*\}", "{Start 0.0000,0.0000,0.0000}"))
+deaf("groundtruth.getobs.missing", "GETOBS")
+
+
+def _backwards(found: Found) -> bytes:
+    return found[1] + b" ".join(re.findall(rb"\{[^}]*\}", found[2])[::-1])
+
+
+def _rounded(found: Found) -> bytes:
+    return b"%.4f" % (float(found[0]) + (-0.0001 if found[0].startswith(b"-") else 0.0001))
+
+
+said("groundtruth.getpos.order", (r"^(POSITIONS \{Robots \d+\} )([^\r]*)", _backwards))
+said("groundtruth.getpos.truncated", (r"(?<=[ ,])-?\d+\.\d{4}", _rounded))
 hangs_up("groundtruth.request.garbage", r"\xff")
 heard("groundtruth.request.line-ends", (r"GETPOS\r$", ""))
 dies("groundtruth.request.long-line", "A{10000}")
@@ -95,6 +122,15 @@ class Slow(Link):
 
 
 # Wireless simulation.
+
+wire_fault("wireless.kick.leaver")(KeepsGhosts)
+wire_fault("wireless.dns.stable")(odd(r"(\{Port \d+)(\d)\}", r"\1}"))
+said("wireless.getss.self", (r"Strength INF\} \{Error SS\.To\.Self", "Strength 0"))
+said("wireless.getss.known", ("Strength -", "Strength "))
+said("wireless.init.once", (r"ERROR \{Reason Method\.[^}]*\}", "INITREPLY {Status OK}"))
+said("wireless.init.first", (r"ERROR \{Reason Must\.[^}]*\}", "SS {Robot A} {Strength -50}"))
+said("wireless.init.duplicate", (r"Alread\.", "Already."))
+said("wireless.reversedns.owner", (r"(REVERSEDNSREPLY .*\{Robot )[^}]*", r"\1Nobody"))
 
 wire_fault("wireless.init.free-again")(KeepsLeavers)
 wire_fault("wireless.request.slow-reader")(OneAtATime)
@@ -144,6 +180,7 @@ def _road(check: str) -> Callable[[type[Link]], type[Link]]:
 
 
 _road("wireless.relay.several")(OneAtATime)
+_road("wireless.relay.hangup")(KeepsLeavers)
 
 
 @_road("wireless.relay.back")
@@ -152,6 +189,14 @@ class TextBack(Link):
 
     def said(self, unit: bytes) -> bytes:
         return unit.replace(b"\0", b"")
+
+
+@_road("wireless.relay.there")
+class TextThere(Link):
+    """Zero bytes are lost on the way there."""
+
+    def heard(self, data: bytes) -> bytes:
+        return data.replace(b"\0", b"")
 
 
 @_road("wireless.relay.half-close")
@@ -177,6 +222,16 @@ _road("wireless.relay.refused")(KeepsGhosts)
 _road("wireless.relay.leaver")(KeepsGhosts)
 
 # USARTruth.
+
+heard("truth.query.unknown-class", (r"\{class [^}]*\}", "{Actors}"))
+said("truth.query.unknown-class", (r"^\{End\}\r\n", ""))
+said("truth.query.class", (r"\{Class ", "{Class USARBot."))
+heard("truth.query.empty-line", (r"^\r\n$", ""))
+heard("truth.query.keys", (r"\{name p2at", "{name P2AT"))
+said("truth.listing.form", (r"(\{Rotation [^,]*),", r"\1, "))
+said("truth.listing.names", (r"\{Name [^}]*\}", "{Name Kit}"))
+said("truth.listing.digits", (r"(\{Location -?\d+\.\d\d)", r"\g<1>0"))
+wire_fault("truth.listing.one-read")(in_pieces(-7))
 
 wire_fault("truth.clients.slow-reader")(OneAtATime)
 wire_fault("truth.clients.vanishes")(DiesOfHangup)
