@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import json
+import queue
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
-from usarsim_conformance.mutants.control_faults import all_faults
-from usarsim_conformance.mutants.control_server import Session, control_server
+from usarsim_conformance.mutants.fault_proxy import proxied
+from usarsim_conformance.mutants.wire_faults import all_wire_faults
 from usarsim_conformance.registry import Verdict, all_checks, select
 from usarsim_conformance.runner import judge_all
 from usarsim_conformance.side_lines import split_reply
@@ -23,22 +24,20 @@ from usarsim_server.testing import running_server
 
 
 @contextmanager
-def serving(kind: type[Session] = Session) -> Iterator[str]:
-    """A small server in another thread; its port as text."""
-    ready = threading.Event()
-    found: list[tuple[int, asyncio.AbstractEventLoop, asyncio.Event]] = []
+def faulty(name: str, ports: Mapping[str, int]) -> Iterator[str]:
+    """Our own server with a fault that a proxy in another thread makes; its port as text."""
+    found: queue.Queue[tuple[int, asyncio.AbstractEventLoop, asyncio.Event]] = queue.Queue()
+    fault = all_wire_faults()[name]
 
     async def serve() -> None:
-        async with control_server(kind) as port:
+        async with proxied(fault.kind, ports, fault.services) as faulty_ports:
             stop = asyncio.Event()
-            found.append((port, asyncio.get_running_loop(), stop))
-            ready.set()
+            found.put((faulty_ports["control"], asyncio.get_running_loop(), stop))
             await stop.wait()
 
     thread = threading.Thread(target=asyncio.run, args=(serve(),))
     thread.start()
-    assert ready.wait(5.0)
-    port, loop, stop = found[0]
+    port, loop, stop = found.get(timeout=5.0)
     try:
         yield str(port)
     finally:
@@ -49,11 +48,12 @@ def serving(kind: type[Session] = Session) -> Iterator[str]:
 _FAST = ["--robot", "P2AT", "--dialect", "ut2004"]
 
 
-def test_a_conforming_server(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_conforming_server(
+    tmp_path: Path, own_ports: Mapping[str, int], capsys: pytest.CaptureFixture[str]
+) -> None:
     """Exit code 0, a table on standard output, and three files."""
-    with serving() as port:
-        words = ["--port", port, *_FAST, "--only", "greeting", "--report", str(tmp_path / "r")]
-        assert main(["conformance", *words, "--name", "Mini"]) == 0
+    words = ["--port", str(own_ports["control"]), *_FAST, "--only", "greeting"]
+    assert main(["conformance", *words, "--report", str(tmp_path / "r"), "--name", "Mini"]) == 0
     told = capsys.readouterr()
     assert "Mini conforms." in told.out
     assert "report.html" in told.err
@@ -64,9 +64,11 @@ def test_a_conforming_server(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert "<!DOCTYPE html>" in (tmp_path / "r" / "report.html").read_text()
 
 
-def test_a_server_with_a_fault(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_server_with_a_fault(
+    own_ports: Mapping[str, int], capsys: pytest.CaptureFixture[str]
+) -> None:
     """Exit code 1, and the report shows the bytes."""
-    with serving(all_faults()["AnswersUnknown"].kind) as port:
+    with faulty("control.grammar.unknown-command", own_ports) as port:
         words = ["--port", port, *_FAST, "--only", "unknown-command,init.silent"]
         assert main(["conformance", *words]) == 1
     told = capsys.readouterr()
@@ -75,11 +77,13 @@ def test_a_server_with_a_fault(capsys: pytest.CaptureFixture[str]) -> None:
     assert f"127.0.0.1:{port} does NOT conform." in told.out
 
 
-def test_places_and_comparison(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_places_and_comparison(
+    tmp_path: Path, own_ports: Mapping[str, int], capsys: pytest.CaptureFixture[str]
+) -> None:
     """A place by coordinates is used; two reports are put side by side."""
-    with serving() as port:
-        words = ["--port", port, *_FAST, "--start", "20,0,-0.25", "--only", "init.prompt"]
-        assert main(["conformance", *words, "--report", str(tmp_path)]) == 0
+    words = ["--port", str(own_ports["control"]), *_FAST, "--start", "20,0,-0.25"]
+    words += ["--only", "control.init.no-package", "--report", str(tmp_path)]
+    assert main(["conformance", *words]) == 0
     report = tmp_path / "report.json"
     assert "20.0000,0.0000,-0.2500" not in report.read_text()  # passes keep no transcript
     page = tmp_path / "compare.html"

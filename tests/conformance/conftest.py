@@ -1,0 +1,16 @@
+"""A server of our own that several tests ask."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import pytest
+
+from usarsim_conformance.own_server import OwnServer
+
+
+@pytest.fixture(scope="session")
+def own_ports() -> Iterator[Mapping[str, int]]:
+    """Ports by service of our own server, whose time passes as fast as the machine goes."""
+    with OwnServer("--speed", "max") as server:
+        yield server.ports
