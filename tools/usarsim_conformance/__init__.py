@@ -2,5 +2,6 @@
 
 The kit knows a server by its ports only. A rule is one function in a file of `checks/` (see
 `registry.check`); the runner judges a server by all of them, in every dialect that it speaks;
-`mutants/` holds servers with a known fault each, which prove that the checks can fail.
+`mutants/` holds proxies that make a known fault each, `planted/` edits of our own server, which
+prove that the checks can fail.
 """

@@ -14,6 +14,7 @@ from functools import cached_property
 
 from usarsim_conformance.case import PATIENCE, Case
 from usarsim_conformance.control import Pose, Robot, pose_of, turned
+from usarsim_conformance.grounds import lane
 from usarsim_conformance.lines import Line
 from usarsim_conformance.places import Place
 from usarsim_conformance.recordings import wheels_of
@@ -31,12 +32,6 @@ BEARERS = ("KitBench", "KitFlyer", "RescueP2AT", "AirRobot", "P3AT", "Kenaf", "N
 """Classes that carry what the robot of most checks may lack. The first two are brought along by
 `--self`; other servers do not have them."""
 
-_FAR = 120.0
-"""m from the origin of the world to the nearest open floor; beyond every sensor's range of the
-start poses, and of each other."""
-_LANES = 18
-_APART = 45.0
-"""m between two of them."""
 _PACE = 0.5
 """m/s of excursions."""
 _GRAIN = 0.012
@@ -263,13 +258,6 @@ async def bearer(case: Case, *types: str, fixed: str = "") -> str:
     raise NotApplicable(f"no robot of this server carries {' and '.join(types)}")
 
 
-def open_floor(case: Case) -> Place:
-    """A place of one's own, far from everybody."""
-    row, column = divmod(next(case.run.numbers) % (_LANES * _LANES), _LANES)
-    high = case.survey.places[0].location[2]
-    return Place(None, (_FAR + _APART * row, _APART * (column - _LANES / 2), high))
-
-
 async def spawn_far(case: Case, class_name: str, place: Place | None = None) -> Robot:
     """A robot on open floor, at rest.
 
@@ -278,7 +266,7 @@ async def spawn_far(case: Case, class_name: str, place: Place | None = None) -> 
     """
     if not case.has_place:
         await case.place()  # so many robots at a time and no more
-    place = place or open_floor(case)
+    place = place or lane(case)
     robot = await case.spawn(place=place, class_name=class_name)
     lines = await robot.run(1.2)
     poses = [pose_of(line) for line in lines if line.type == "GroundTruth"]

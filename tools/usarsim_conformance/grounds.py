@@ -1,4 +1,5 @@
-"""Open floor away from the start poses, for robots that need room and checks that build there."""
+"""Open floor away from the start poses, for robots that need room and checks that build there: lots
+that GETOBS has looked over, and lanes out of sight of everybody."""
 
 from __future__ import annotations
 
@@ -28,6 +29,20 @@ _RINGS = 12
 _AT_WORK = 8
 """Robots on open floor at a time; each costs the server what one at a start place costs."""
 _COUNT = re.compile(r"\{ObstCount ([^{}]*)\}$")
+
+_FAR = 120.0
+"""m from the origin of the world to the nearest open floor; beyond every sensor's range of the
+start poses, and of each other."""
+_LANES = 18
+_APART = 45.0
+"""m between two of them."""
+
+
+def lane(case: Case) -> Place:
+    """A place of one's own, far from everybody; whether there is floor, who goes there finds."""
+    row, column = divmod(next(case.run.numbers) % (_LANES * _LANES), _LANES)
+    high = case.survey.places[0].location[2]
+    return Place(None, (_FAR + _APART * row, _APART * (column - _LANES / 2), high))
 
 
 class _Lots:

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 
 from usarsim_conformance.case import Case
 from usarsim_conformance.control import ControlClient, Robot
-from usarsim_conformance.excursions import Equipment, Mount, Track, equipment, open_floor, spawn_far
+from usarsim_conformance.excursions import Equipment, Mount, Track, equipment, spawn_far
+from usarsim_conformance.grounds import lane
 from usarsim_conformance.lines import Line
 from usarsim_conformance.places import Place
 
@@ -322,7 +323,7 @@ async def among_walls(case: Case, class_name: str, round_about: bool = False) ->
 
     async def build(case: Case) -> Surrounded:
         client = await controller(case)
-        base = open_floor(case)
+        base = lane(case)
         base = Place(None, base.location, (0.0, 0.0, _YAW))
         robot = await spawn_far(case, class_name, base)
         height = (await robot.pose()).location[2]

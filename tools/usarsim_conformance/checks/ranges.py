@@ -14,9 +14,9 @@ from usarsim_conformance.excursions import (
     Track,
     bearer,
     equipment,
-    open_floor,
     spawn_far,
 )
+from usarsim_conformance.grounds import lane
 from usarsim_conformance.ranging import SLACK, Beam, judge_beam, limit, ray, values_of, walls_for
 from usarsim_conformance.registry import UNREAL, check
 from usarsim_conformance.walls import (
@@ -277,7 +277,7 @@ async def _approach(case: Case, type: str) -> tuple[Equipment, _Approach]:
 
     async def come(case: Case) -> _Approach:
         client = await controller(case)
-        base = open_floor(case)
+        base = lane(case)
         robot = await spawn_far(case, class_name, base)
         height = (await robot.pose()).location[2]
         builder = Builder(case, client, base, height)

@@ -9,7 +9,8 @@ from statistics import fmean, median
 
 from usarsim_conformance.case import Case
 from usarsim_conformance.control import Pose
-from usarsim_conformance.excursions import Track, bearer, open_floor, spawn_far
+from usarsim_conformance.excursions import Track, bearer, spawn_far
+from usarsim_conformance.grounds import lane
 from usarsim_conformance.lines import Line
 from usarsim_conformance.places import Place
 from usarsim_conformance.ranging import CHANCE, spread_bounds
@@ -266,7 +267,7 @@ async def _stations(case: Case) -> list[_Station]:
     class_name = await bearer(case, "GPS", "GroundTruth")
 
     async def watch(case: Case) -> list[_Station]:
-        base = open_floor(case)
+        base = lane(case)
         x, y, z = base.location
 
         async def stand(ahead: float, right: float) -> _Station:

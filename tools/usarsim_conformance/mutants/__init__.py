@@ -1,1 +1,1 @@
-"""Small servers with a known fault each: what the checks of the kit are checked with."""
+"""Proxies that make one fault each of a healthy server: what checks are checked with."""

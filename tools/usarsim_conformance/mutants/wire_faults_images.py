@@ -11,14 +11,19 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from usarsim_conformance.mutants.fault_proxy import Link
-from usarsim_conformance.mutants.links import (
+from usarsim_conformance.mutants.wire_faults import (
     FewClients,
     Greets,
     NoHalves,
     OneAtATime,
+    deaf,
+    hangs_up,
+    heard,
     in_pieces,
+    said,
+    tires,
+    wire_fault,
 )
-from usarsim_conformance.mutants.wire_faults import deaf, hangs_up, heard, said, tires, wire_fault
 
 CONTROL = ("control",)
 Pixels = NDArray[np.uint8]

@@ -5,8 +5,10 @@ from __future__ import annotations
 import re
 
 from usarsim_conformance.mutants.fault_proxy import Link
-from usarsim_conformance.mutants.links import DiesOfHangup, IgnoresHalfClose, KeepsLeavers
 from usarsim_conformance.mutants.wire_faults import (
+    DiesOfHangup,
+    IgnoresHalfClose,
+    KeepsLeavers,
     answers,
     axis,
     deaf,

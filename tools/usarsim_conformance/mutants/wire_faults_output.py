@@ -6,8 +6,15 @@ import math
 import re
 
 from usarsim_conformance.mutants.fault_proxy import Link
-from usarsim_conformance.mutants.links import in_pieces, odd
-from usarsim_conformance.mutants.wire_faults import Found, axis, heard, said, wire_fault
+from usarsim_conformance.mutants.wire_faults import (
+    Found,
+    axis,
+    heard,
+    in_pieces,
+    odd,
+    said,
+    wire_fault,
+)
 
 UDK, GAZEBO = "udk", "gazebo"
 _GLUED = (r"\} \{", "}{")
