@@ -200,35 +200,42 @@ Decorator = Callable[[Function], Function]
 
 
 def checks_of(
-    service: str, *, reference: str = "side channels reference"
+    service: str,
+    *,
+    reference: str = "side channels reference",
+    dialects: tuple[str, ...] = ONCE,
 ) -> Callable[..., Decorator]:
-    """A decorator like `registry.check` for one side channel.
-
-    Dialects play no part there, so every check runs once.
+    """A decorator like `check` for one service, which takes name, title, source and severity.
 
     Args:
-        service: the channel; the identifiers begin with it.
-        reference: where the numbers of sources are found.
+        service: that is judged; the identifiers begin with it.
+        reference: where a source is found that begins with a number.
+        dialects: see `check`; on the side channels dialects play no part.
     """
-    return partial(_check, service, reference)
+    return partial(_check, service, reference, dialects)
 
 
 def _check(
     service: str,
     reference: str,
+    usual: tuple[str, ...],
     id: str,
     title: str,
     source: str,
     severity: Severity = Severity.MUST,
     *,
+    dialects: tuple[str, ...] | None = None,
     exclusive: bool = False,
 ) -> Decorator:
     return check(
         f"{service}.{id}",
         title,
-        source=f"{reference} {source}",
+        source=f"{reference} {source}" if source[0].isdigit() else source,
         severity=severity,
-        dialects=ONCE,
+        dialects=usual if dialects is None else dialects,
         service=service,
         exclusive=exclusive,
     )
+
+
+control = checks_of("control", reference="protocol reference", dialects=DIALECTS)

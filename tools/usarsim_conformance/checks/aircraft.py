@@ -7,7 +7,7 @@ from itertools import pairwise
 
 from usarsim_conformance.case import Case
 from usarsim_conformance.control import Robot
-from usarsim_conformance.registry import UDK, UNREAL, Severity, check
+from usarsim_conformance.registry import UDK, UNREAL, Severity, control
 from usarsim_conformance.trips import Trip, near, of_classes, on_open_floor, ride
 
 QUADROTORS = ("AirRobot", "ARDrone")
@@ -108,10 +108,10 @@ async def _axis(case: Case, axis: str, plus: str, minus: str, wanted: float) -> 
             )
 
 
-@check(
-    "control.aerial.altitude-velocity",
+@control(
+    "aerial.altitude-velocity",
     "AltitudeVelocity is m/s upwards",
-    source="protocol reference 3.4.4; robots reference 5.2, no. 42",
+    "3.4.4; robots reference 5.2, no. 42",
     dialects=UNREAL,
 )
 async def altitude(case: Case) -> None:
@@ -120,10 +120,10 @@ async def altitude(case: Case) -> None:
     await _axis(case, "AltitudeVelocity", "up", "down", _SPEED)
 
 
-@check(
-    "control.aerial.linear-velocity",
+@control(
+    "aerial.linear-velocity",
     "LinearVelocity is m/s ahead",
-    source="protocol reference 3.4.4; robots reference 5.2, no. 42",
+    "3.4.4; robots reference 5.2, no. 42",
     dialects=UNREAL,
 )
 async def linear(case: Case) -> None:
@@ -132,10 +132,10 @@ async def linear(case: Case) -> None:
     await _axis(case, "LinearVelocity", "ahead", "behind", _SPEED)
 
 
-@check(
-    "control.aerial.lateral-velocity",
+@control(
+    "aerial.lateral-velocity",
     "LateralVelocity is m/s to the right",
-    source="protocol reference 3.4.4; robots reference 5.2, no. 42",
+    "3.4.4; robots reference 5.2, no. 42",
     dialects=UNREAL,
 )
 async def lateral(case: Case) -> None:
@@ -144,10 +144,10 @@ async def lateral(case: Case) -> None:
     await _axis(case, "LateralVelocity", "right", "left", _SPEED)
 
 
-@check(
-    "control.aerial.rotational-velocity",
+@control(
+    "aerial.rotational-velocity",
     "RotationalVelocity turns clockwise at its rate",
-    source="protocol reference 3.4.4 and 6, no. 152; robots reference 5.2, no. 44",
+    "3.4.4 and 6, no. 152; robots reference 5.2, no. 44",
     dialects=UNREAL,
 )
 async def rotational(case: Case) -> None:
@@ -156,12 +156,8 @@ async def rotational(case: Case) -> None:
     await _axis(case, "RotationalVelocity", "clockwise", "anticlockwise", _SPIN)
 
 
-@check(
-    "control.aerial.percent",
-    "CONF tells what percent are of",
-    source="protocol reference 3.4.4",
-    dialects=UNREAL,
-    severity=Severity.SHOULD,
+@control(
+    "aerial.percent", "CONF tells what percent are of", "3.4.4", Severity.SHOULD, dialects=UNREAL
 )
 async def percent(case: Case) -> None:
     """`{Normalized true}` with 50 on one axis gives half of what CONF names as its maximum, if it
@@ -188,12 +184,12 @@ async def percent(case: Case) -> None:
         case.skip("CONF names no largest velocities")
 
 
-@check(
-    "control.aerial.pitches",
+@control(
+    "aerial.pitches",
     "Flying ahead the nose goes down",
-    source="protocol reference 3.4.4; robots reference 5.2, no. 43",
+    "3.4.4; robots reference 5.2, no. 43",
+    Severity.SHOULD,
     dialects=UNREAL,
-    severity=Severity.SHOULD,
 )
 async def pitches(case: Case) -> None:
     """An AirRobot that flies ahead has its nose down by 25 degrees, backwards up; others by MaxTilt
@@ -201,12 +197,12 @@ async def pitches(case: Case) -> None:
     await _leans(case, "pitch", (("ahead", -1.0), ("behind", 1.0)))
 
 
-@check(
-    "control.aerial.rolls",
+@control(
+    "aerial.rolls",
     "Flying to the right the right side goes down",
-    source="protocol reference 3.4.4",
+    "3.4.4",
+    Severity.SHOULD,
     dialects=UNREAL,
-    severity=Severity.SHOULD,
 )
 async def rolls(case: Case) -> None:
     """An AirRobot that flies to the right has its right side down by 25 degrees, to the left its
@@ -233,12 +229,12 @@ async def _leans(case: Case, angle: str, legs: tuple[tuple[str, float], ...]) ->
             )
 
 
-@check(
-    "control.aerial.lean-angles",
+@control(
+    "aerial.lean-angles",
     "PitchAngle and RollAngle are degrees",
-    source="protocol reference 3.4.4",
+    "3.4.4",
+    Severity.SHOULD,
     dialects=UDK,
-    severity=Severity.SHOULD,
 )
 async def lean_angles(case: Case) -> None:
     """`DRIVE {PitchAngle 12}` raises the nose by 12 degrees, `{RollAngle 12}` lowers the right
@@ -253,12 +249,7 @@ async def lean_angles(case: Case) -> None:
             )
 
 
-@check(
-    "control.aerial.keeps",
-    "Absent segments keep their value",
-    source="protocol reference 3.4.4",
-    dialects=UNREAL,
-)
+@control("aerial.keeps", "Absent segments keep their value", "3.4.4", dialects=UNREAL)
 async def keeps(case: Case) -> None:
     """LinearVelocity stays in force when LateralVelocity alone is sent after it."""
     for trip in await _flights(case):

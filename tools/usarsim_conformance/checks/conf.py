@@ -9,17 +9,12 @@ import re
 from usarsim_conformance.case import PATIENCE, Case
 from usarsim_conformance.control import Robot
 from usarsim_conformance.recordings import ground_told, items_of, standing, told
-from usarsim_conformance.registry import GAZEBO, ONCE, UDK, UNREAL, Severity, check
+from usarsim_conformance.registry import GAZEBO, ONCE, UDK, UNREAL, Severity, control
 
 _N4 = r"-?\d+\.\d{4}"
 
 
-@check(
-    "control.conf.ground",
-    "CONF of ground vehicles",
-    source="protocol reference 6, no. 130",
-    dialects=UNREAL,
-)
+@control("conf.ground", "CONF of ground vehicles", "6, no. 130", dialects=UNREAL)
 async def conf_ground(case: Case) -> None:
     """A ground vehicle's CONF has SteeringType, Mass, MaxSpeed, MaxTorque, MaxFrontSteer,
     MaxRearSteer in this order; Type and Name come first, in ut2004 Type before Name, in udk
@@ -30,12 +25,12 @@ async def conf_ground(case: Case) -> None:
     case.expect(line.names == first + rest, f"other segments: {line}")
 
 
-@check(
-    "control.conf.ground-gazebo",
+@control(
+    "conf.ground-gazebo",
     "CONF in the form of the Gazebo prototype",
-    source="protocol reference 4.15",
+    "4.15",
+    Severity.SHOULD,
     dialects=GAZEBO,
-    severity=Severity.SHOULD,
 )
 async def conf_gazebo(case: Case) -> None:
     """In the prototype's form Type comes before Name and nothing stands between segments."""
@@ -44,13 +39,7 @@ async def conf_gazebo(case: Case) -> None:
     case.expect("} {" not in line.text, f"blanks between segments: {line}")
 
 
-@check(
-    "control.conf.numbers",
-    "Numbers of CONF",
-    source="protocol reference 2.2 and 4.8",
-    dialects=UNREAL,
-    severity=Severity.SHOULD,
-)
+@control("conf.numbers", "Numbers of CONF", "2.2 and 4.8", Severity.SHOULD, dialects=UNREAL)
 async def conf_numbers(case: Case) -> None:
     """Numbers of the robot's CONF have four digits; steering limits of skid steered robots may be
     a plain 0 in udk."""
@@ -61,7 +50,7 @@ async def conf_numbers(case: Case) -> None:
         case.expect(plain or re.fullmatch(_N4, value), f"{name} is {value!r}: {line}")
 
 
-@check("control.conf.steering", "SteeringType is known", source="protocol reference 4.8")
+@control("conf.steering", "SteeringType is known", "4.8")
 async def steering(case: Case) -> None:
     """SteeringType is SkidSteered, AckermanSteered, OmniDrive, Unknown or None."""
     value = (await ground_told(case, "GETCONF")).get("SteeringType")
@@ -69,12 +58,7 @@ async def steering(case: Case) -> None:
     case.expect(value in known, f"SteeringType is {value!r}")
 
 
-@check(
-    "control.conf.plausible",
-    "CONF tells plausible numbers",
-    source="protocol reference 4.8",
-    severity=Severity.SHOULD,
-)
+@control("conf.plausible", "CONF tells plausible numbers", "4.8", Severity.SHOULD)
 async def plausible(case: Case) -> None:
     """Mass, MaxSpeed and MaxTorque are above zero, and MaxSpeed is at most 200 rad/s."""
     line = await ground_told(case, "GETCONF")
@@ -83,12 +67,7 @@ async def plausible(case: Case) -> None:
         case.expect(0.0 < value <= most, f"{name} is {line.get(name)}")
 
 
-@check(
-    "control.conf.class-name",
-    "The name is the class",
-    source="protocol reference 6, no. 133",
-    dialects=UNREAL,
-)
+@control("conf.class-name", "The name is the class", "6, no. 133", dialects=UNREAL)
 async def class_name(case: Case) -> None:
     """Name in vehicle CONF and GEO is the class name, without package."""
     for command in ("GETCONF", "GETGEO"):
@@ -97,12 +76,7 @@ async def class_name(case: Case) -> None:
         case.expect(name.lower() == case.robot_class.lower(), f"Name is {name!r}: {line}")
 
 
-@check(
-    "control.conf.scanner",
-    "CONF of RangeScanner",
-    source="protocol reference 6, no. 136",
-    dialects=UNREAL,
-)
+@control("conf.scanner", "CONF of RangeScanner", "6, no. 136", dialects=UNREAL)
 async def conf_scanner(case: Case) -> None:
     """RangeScanner CONF has MaxRange, MinRange, Resolution, Fov with exactly this case, before
     the panning flags."""
@@ -112,13 +86,7 @@ async def conf_scanner(case: Case) -> None:
     case.expect(line.names[start : start + 4] == wanted, f"other segments: {line}")
 
 
-@check(
-    "control.conf.panning",
-    "Paning and Panning",
-    source="protocol reference 5.2, no. 11",
-    dialects=UNREAL,
-    severity=Severity.INFORMATIVE,
-)
+@control("conf.panning", "Paning and Panning", "5.2, no. 11", Severity.INFORMATIVE, dialects=UNREAL)
 async def panning(case: Case) -> None:
     """The panning flag is spelled Paning in ut2004 and Panning in udk."""
     line = await told(case, "GETCONF", "RangeScanner")
@@ -126,12 +94,7 @@ async def panning(case: Case) -> None:
     case.expect(wanted in line.names, f"no {wanted}: {line}")
 
 
-@check(
-    "control.conf.scanner-agrees",
-    "CONF and SEN of a scanner agree",
-    source="protocol reference 4.6 and 4.8",
-    severity=Severity.SHOULD,
-)
+@control("conf.scanner-agrees", "CONF and SEN of a scanner agree", "4.6 and 4.8", Severity.SHOULD)
 async def scanner_agrees(case: Case) -> None:
     """Resolution and Fov of CONF are Resolution and FOV of SEN, within 1 percent."""
     conf = await told(case, "GETCONF", "RangeScanner")
@@ -141,9 +104,7 @@ async def scanner_agrees(case: Case) -> None:
             case.expect(gap <= 0.01 * abs(line.number(sent)), f"{key}: {conf}, but {line}")
 
 
-@check(
-    "control.conf.sonar", "CONF of Sonar", source="protocol reference 6, no. 137", dialects=UNREAL
-)
+@control("conf.sonar", "CONF of Sonar", "6, no. 137", dialects=UNREAL)
 async def conf_sonar(case: Case) -> None:
     """Sonar CONF contains MaxRange and MinRange of every item."""
     line = await told(case, "GETCONF", "Sonar")
@@ -151,9 +112,7 @@ async def conf_sonar(case: Case) -> None:
         case.expect({"MaxRange", "MinRange"} <= set(item), f"{item['Name']} lacks them: {line}")
 
 
-@check(
-    "control.conf.camera", "CONF of Camera", source="protocol reference 6, no. 138", dialects=UNREAL
-)
+@control("conf.camera", "CONF of Camera", "6, no. 138", dialects=UNREAL)
 async def conf_camera(case: Case) -> None:
     """Camera CONF contains CameraDefFov, CameraMinFov, CameraMaxFov, CameraFov, in radians in
     ut2004 and in degrees in udk."""
@@ -168,12 +127,7 @@ async def conf_camera(case: Case) -> None:
     case.expect(degrees == (case.dialect == "udk"), f"in the wrong unit: {line}")
 
 
-@check(
-    "control.conf.actuator",
-    "CONF of Actuator",
-    source="protocol reference 6, no. 139",
-    dialects=UDK,
-)
+@control("conf.actuator", "CONF of Actuator", "6, no. 139", dialects=UDK)
 async def conf_actuator(case: Case) -> None:
     """Actuator CONF numbers links from 1 and gives JointType, MaxTorque, MinValue, MaxValue of
     each."""
@@ -185,12 +139,7 @@ async def conf_actuator(case: Case) -> None:
     case.expect(line.get("Link") == "1", f"links do not begin with 1: {line}")
 
 
-@check(
-    "control.conf.aerial",
-    "CONF of aerial robots has a Type",
-    source="protocol reference 5.2, no. 17",
-    dialects=UNREAL,
-)
+@control("conf.aerial", "CONF of aerial robots has a Type", "5.2, no. 17", dialects=UNREAL)
 async def conf_aerial(case: Case) -> None:
     """CONF and GEO of an aerial robot have Type AerialVehicle in every dialect."""
     robot = await case.spawn("aerial")
@@ -201,13 +150,13 @@ async def conf_aerial(case: Case) -> None:
         case.expect(line.type == "AerialVehicle", f"{line}")
 
 
-@check("control.conf.robot", "GETCONF of the robot", source="protocol reference 6, no. 124")
+@control("conf.robot", "GETCONF of the robot", "6, no. 124")
 async def conf_robot(case: Case) -> None:
     """`GETCONF {Type Robot}` gives exactly one line, with or without Name."""
     await _once(case, "GETCONF", "CONF")
 
 
-@check("control.geo.robot", "GETGEO of the robot", source="protocol reference 6, no. 124")
+@control("geo.robot", "GETGEO of the robot", "6, no. 124")
 async def geo_robot(case: Case) -> None:
     """`GETGEO {Type Robot}` gives exactly one line, with or without Name."""
     await _once(case, "GETGEO", "GEO")
@@ -221,12 +170,7 @@ async def _once(case: Case, command: str, head: str) -> None:
         case.expect(len(found) == 1, f"{request} gave {len(found)} lines")
 
 
-@check(
-    "control.conf.every-item",
-    "Every item that is streamed answers",
-    source="protocol reference 6, no. 125",
-    severity=Severity.MUST,
-)
+@control("conf.every-item", "Every item that is streamed answers", "6, no. 125", Severity.MUST)
 async def every_item(case: Case) -> None:
     """For every item that appears in SEN, MISSTA or ASTA, GETCONF and GETGEO with its Type and
     Name give a line: a missing reply blocks one client for ever."""
@@ -240,9 +184,7 @@ async def every_item(case: Case) -> None:
             case.expect(line is not None, f"{command} {{Type {type}}} {{Name {name}}}: no reply")
 
 
-@check(
-    "control.conf.named-item", "A request by name gives that item", source="protocol reference 3.8"
-)
+@control("conf.named-item", "A request by name gives that item", "3.8")
 async def named_item(case: Case) -> None:
     """The reply to a request with Name tells of the item of this name only."""
     recording = await standing(case)
@@ -254,11 +196,7 @@ async def named_item(case: Case) -> None:
         case.expect(line.type == type, f"{command} of {type} told of type {line.type}")
 
 
-@check(
-    "control.conf.by-type",
-    "A request by type gives all items in a line",
-    source="protocol reference 6, no. 127",
-)
+@control("conf.by-type", "A request by type gives all items in a line", "6, no. 127")
 async def by_type(case: Case) -> None:
     """A request by type without Name gives one line with all items of the type."""
     recording = await standing(case)
@@ -275,12 +213,7 @@ async def by_type(case: Case) -> None:
             case.expect(wanted <= told, f"{command} {{Type {type}}} lacks {wanted - told}: {line}")
 
 
-@check(
-    "control.conf.no-match",
-    "Nothing matches, nothing is said",
-    source="protocol reference 6, no. 126",
-    dialects=UNREAL,
-)
+@control("conf.no-match", "Nothing matches, nothing is said", "6, no. 126", dialects=UNREAL)
 async def no_match(case: Case) -> None:
     """A request with unknown Type or Name gives no line."""
     robot = await case.spawn()
@@ -297,12 +230,7 @@ async def no_match(case: Case) -> None:
     case.expect(not found, f"it was answered: {found[:1]}")
 
 
-@check(
-    "control.conf.canonical",
-    "The type is spelled canonically",
-    source="protocol reference 6, no. 128",
-    severity=Severity.SHOULD,
-)
+@control("conf.canonical", "The type is spelled canonically", "6, no. 128", Severity.SHOULD)
 async def canonical(case: Case) -> None:
     """The Type of a reply has the canonical spelling even if asked in lower case."""
     recording = await standing(case)
@@ -314,12 +242,7 @@ async def canonical(case: Case) -> None:
     case.expect(line.type == types[0], f"{line.type!r} instead of {types[0]!r}")
 
 
-@check(
-    "control.conf.both-names",
-    "MisPkg and Actuator both answer",
-    source="protocol reference 6, no. 141",
-    dialects=UNREAL,
-)
+@control("conf.both-names", "MisPkg and Actuator both answer", "6, no. 141", dialects=UNREAL)
 async def both_names(case: Case) -> None:
     """GETCONF of MisPkg and of Actuator are both answered for a robot with an arm."""
     robot = await case.spawn("arm")
@@ -327,12 +250,7 @@ async def both_names(case: Case) -> None:
         await robot.client.ask(f"GETCONF {{Type {type}}}", f"CONF {{Type {type}")
 
 
-@check(
-    "control.conf.next-line",
-    "The CONF is the next line",
-    source="protocol reference 6, no. 142",
-    dialects=ONCE,
-)
+@control("conf.next-line", "The CONF is the next line", "6, no. 142", dialects=ONCE)
 async def next_line(case: Case) -> None:
     """After INIT and `GETCONF {Type Actuator}` in one packet the next line after the greeting is
     the CONF: one client reads exactly one line."""
@@ -360,10 +278,10 @@ async def _lens(case: Case, robot: Robot) -> tuple[str, list[float]]:
     return line.items()[0]["Name"], [line.number(key) / unit for key in _KEYS]
 
 
-@check(
-    "control.values.camera-zoom",
+@control(
+    "values.camera-zoom",
     "Zoom sets the angle of view",
-    source="robots reference 2.7; protocol reference 4.8",
+    "robots reference 2.7; protocol reference 4.8",
     dialects=UNREAL,
 )
 async def camera_zoom(case: Case) -> None:

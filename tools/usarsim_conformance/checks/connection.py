@@ -11,7 +11,7 @@ from usarsim_conformance.control import REPLY, ControlClient
 from usarsim_conformance.lines import Line
 from usarsim_conformance.places import LEAVES
 from usarsim_conformance.recordings import standing
-from usarsim_conformance.registry import ONCE, UNREAL, Severity, check
+from usarsim_conformance.registry import ONCE, UNREAL, Severity, control
 from usarsim_conformance.survey import dialect_of
 from usarsim_conformance.wire import Wire
 
@@ -19,12 +19,7 @@ _SILENCE = 5.0
 _CROWD = 40
 
 
-@check(
-    "control.connection.greeting",
-    "Greets whoever connects, with one line",
-    source="protocol reference 6, no. 2",
-    dialects=ONCE,
-)
+@control("connection.greeting", "Greets whoever connects, with one line", "6, no. 2", dialects=ONCE)
 async def greeting(case: Case) -> None:
     """Soon after accept, before any input, the server sends exactly one line, the game NFO."""
     client = await case.connect(greet=False)
@@ -35,10 +30,10 @@ async def greeting(case: Case) -> None:
     case.expect(not more, f"a second line was sent: {more[:1]}")
 
 
-@check(
-    "control.connection.greeting-segments",
+@control(
+    "connection.greeting-segments",
     "The greeting has Gametype, Level, TimeLimit",
-    source="protocol reference 6, no. 3",
+    "6, no. 3",
     dialects=ONCE,
 )
 async def greeting_segments(case: Case) -> None:
@@ -51,12 +46,12 @@ async def greeting_segments(case: Case) -> None:
     case.expect(re.fullmatch(r"\d+", limit), f"TimeLimit is {limit!r}, no integer")
 
 
-@check(
-    "control.connection.greeting-level",
+@control(
+    "connection.greeting-level",
     "The level is a bare name",
-    source="protocol reference 6, no. 4",
+    "6, no. 4",
+    Severity.SHOULD,
     dialects=ONCE,
-    severity=Severity.SHOULD,
 )
 async def greeting_level(case: Case) -> None:
     """The Level of the greeting is not empty and has no suffix `.LevelInfo`."""
@@ -66,12 +61,7 @@ async def greeting_level(case: Case) -> None:
     case.expect(".levelinfo" not in level.lower(), f"Level is {level!r}")
 
 
-@check(
-    "control.connection.quiet",
-    "Says nothing to a silent client",
-    source="protocol reference 6, no. 5",
-    dialects=ONCE,
-)
+@control("connection.quiet", "Says nothing to a silent client", "6, no. 5", dialects=ONCE)
 async def quiet(case: Case) -> None:
     """After the greeting nothing is sent on a connection that sends no command."""
     client = await case.connect()
@@ -79,11 +69,7 @@ async def quiet(case: Case) -> None:
     case.expect(line is None, f"without a command the server said {line}")
 
 
-@check(
-    "control.connection.crlf",
-    "Lines end with CR LF",
-    source="protocol reference 6, no. 6",
-)
+@control("connection.crlf", "Lines end with CR LF", "6, no. 6")
 async def crlf(case: Case) -> None:
     """Every server line ends with bytes 13 10, and has neither elsewhere."""
     recording = await standing(case)
@@ -92,11 +78,7 @@ async def crlf(case: Case) -> None:
         case.expect(b"\r" not in line.raw[:-2], f"a CR within a line: {line.raw[:200]!r}")
 
 
-@check(
-    "control.connection.no-empty-lines",
-    "Sends no empty lines",
-    source="protocol reference 6, no. 7",
-)
+@control("connection.no-empty-lines", "Sends no empty lines", "6, no. 7")
 async def no_empty_lines(case: Case) -> None:
     """No empty line is ever sent."""
     recording = await standing(case)
@@ -104,11 +86,7 @@ async def no_empty_lines(case: Case) -> None:
     case.expect(not empty, f"{empty} of {len(recording.lines)} lines are empty")
 
 
-@check(
-    "control.connection.blanks",
-    "Lines have no stray blanks",
-    source="protocol reference 6, no. 8",
-)
+@control("connection.blanks", "Lines have no stray blanks", "6, no. 8")
 async def blanks(case: Case) -> None:
     """No server line contains a tab or a doubled blank, or starts or ends with a blank."""
     for line in (await standing(case)).lines:
@@ -117,12 +95,7 @@ async def blanks(case: Case) -> None:
         case.expect(line.text == line.text.strip(" "), f"a blank at the edge: {line.raw[:200]!r}")
 
 
-@check(
-    "control.connection.separation",
-    "One blank between segments",
-    source="protocol reference 6, no. 9",
-    dialects=UNREAL,
-)
+@control("connection.separation", "One blank between segments", "6, no. 9", dialects=UNREAL)
 async def separation(case: Case) -> None:
     """Between a closing brace and the next opening one there is exactly one blank, and one
     between head and first brace. (The camera CONF of the udk dialect is glued by tradition.)"""
@@ -134,11 +107,7 @@ async def separation(case: Case) -> None:
         case.expect(re.match(r"[A-Z]+( \{|$)", line.text), f"no head and one blank: {line}")
 
 
-@check(
-    "control.connection.braces",
-    "Braces are balanced and never nested",
-    source="protocol reference 1.5",
-)
+@control("connection.braces", "Braces are balanced and never nested", "1.5")
 async def braces(case: Case) -> None:
     """Every opening brace of a server line is closed before the next one opens."""
     for line in (await standing(case)).lines:
@@ -146,12 +115,7 @@ async def braces(case: Case) -> None:
         case.expect(signs == "{}" * (len(signs) // 2), f"unbalanced braces: {line}")
 
 
-@check(
-    "control.connection.heads",
-    "Only known heads are sent",
-    source="protocol reference 4.1",
-    severity=Severity.SHOULD,
-)
+@control("connection.heads", "Only known heads are sent", "4.1", Severity.SHOULD)
 async def heads(case: Case) -> None:
     """Every line begins with a head that clients know, in capitals."""
     known = {"NFO", "STA", "SEN", "MISSTA", "ASTA", "EFF", "BSTA", "CONF", "GEO", "RES", "DIE"}
@@ -159,11 +123,11 @@ async def heads(case: Case) -> None:
         case.expect(line.head in known or not line.text.strip(), f"unknown head: {line}")
 
 
-@check(
-    "control.connection.whole-lines",
+@control(
+    "connection.whole-lines",
     "Lines are not cut over segments",
-    source="protocol reference 6, no. 10 and 1.1",
-    severity=Severity.SHOULD,
+    "6, no. 10 and 1.1",
+    Severity.SHOULD,
 )
 async def whole_lines(case: Case) -> None:
     """Each line is handed to the socket in one write, so that no read ends within a line."""
@@ -172,13 +136,13 @@ async def whole_lines(case: Case) -> None:
     case.expect(share < 0.05, f"{recording.torn} reads ended in the middle of a line")
 
 
-@check(
-    "control.connection.crowd",
+@control(
+    "connection.crowd",
     f"Serves {_CROWD} connections",
-    source="protocol reference 6, no. 12",
+    "6, no. 12",
+    Severity.SHOULD,
     dialects=ONCE,
     exclusive=True,
-    severity=Severity.SHOULD,
 )
 async def crowd(case: Case) -> None:
     """Dozens of connections at a time are greeted and answered."""
@@ -190,12 +154,7 @@ async def crowd(case: Case) -> None:
     case.expect(not mute, f"{mute} of {_CROWD} connections were not answered")
 
 
-@check(
-    "control.connection.come-and-go",
-    "Short connections do no harm",
-    source="protocol reference 6, no. 14",
-    dialects=ONCE,
-)
+@control("connection.come-and-go", "Short connections do no harm", "6, no. 14", dialects=ONCE)
 async def come_and_go(case: Case) -> None:
     """Clients that connect and leave at once, politely or with a reset, leave the server well."""
     for number in range(20):
@@ -207,12 +166,12 @@ async def come_and_go(case: Case) -> None:
     case.expect(await (await case.connect()).is_alive(), "a later connection is not answered")
 
 
-@check(
-    "control.connection.half-close",
+@control(
+    "connection.half-close",
     "A half-closed connection is closed",
-    source="protocol reference 6, no. 14",
+    "6, no. 14",
+    Severity.SHOULD,
     dialects=ONCE,
-    severity=Severity.SHOULD,
 )
 async def half_close(case: Case) -> None:
     """If the client ends its half of the connection, the server ends the other within seconds."""
@@ -221,12 +180,7 @@ async def half_close(case: Case) -> None:
     case.expect(await robot.client.wire.hung_up(REPLY), f"the server went on for {REPLY:g} s")
 
 
-@check(
-    "control.connection.again",
-    "The same INIT works again after closing",
-    source="protocol reference 6, no. 15",
-    dialects=ONCE,
-)
+@control("connection.again", "The same INIT works again after closing", "6, no. 15", dialects=ONCE)
 async def again(case: Case) -> None:
     """After the client has closed, the same INIT can be repeated on a new connection, whether the
     first ended politely or with a reset."""
@@ -244,12 +198,7 @@ def _reset(client: ControlClient) -> None:
     client.wire.reset()
 
 
-@check(
-    "control.connection.leaves",
-    "A robot leaves with its connection",
-    source="protocol reference 6, no. 13",
-    dialects=ONCE,
-)
+@control("connection.leaves", "A robot leaves with its connection", "6, no. 13", dialects=ONCE)
 async def leaves(case: Case) -> None:
     """Closing the socket removes the robot from the world within 1 s."""
     robot = await case.spawn()
@@ -292,12 +241,7 @@ async def _streamed(case: Case, *commands: str) -> Line:
     return await client.wait(lambda line: line.head == "STA", PATIENCE, "STA")
 
 
-@check(
-    "control.dialect.default",
-    "A UT2004 robot speaks ut2004",
-    source="protocol reference 6, no. 174",
-    dialects=ONCE,
-)
+@control("dialect.default", "A UT2004 robot speaks ut2004", "6, no. 174", dialects=ONCE)
 async def default(case: Case) -> None:
     """INIT with ClassName of a UT2004 robot and nothing else gives ut2004 shapes."""
     robot = await _u4_class(case)
@@ -306,12 +250,7 @@ async def default(case: Case) -> None:
     case.expect(dialect_of(line) == "ut2004", f"{line}")
 
 
-@check(
-    "control.dialect.classname",
-    "Classname switches to udk",
-    source="protocol reference 6, no. 173",
-    dialects=ONCE,
-)
+@control("dialect.classname", "Classname switches to udk", "6, no. 173", dialects=ONCE)
 async def classname(case: Case) -> None:
     """INIT with `Classname` gives udk shapes from the first streamed line."""
     robot = await _u4_class(case)
@@ -320,12 +259,7 @@ async def classname(case: Case) -> None:
     case.expect(dialect_of(line) == "udk", f"{line}")
 
 
-@check(
-    "control.dialect.actuator",
-    "GETCONF of Actuator switches to udk",
-    source="protocol reference 6, no. 175",
-    dialects=ONCE,
-)
+@control("dialect.actuator", "GETCONF of Actuator switches to udk", "6, no. 175", dialects=ONCE)
 async def actuator(case: Case) -> None:
     """`GETCONF {Type Actuator}` directly after INIT switches to udk."""
     robot = await _u4_class(case)
@@ -336,12 +270,7 @@ async def actuator(case: Case) -> None:
     case.expect(dialect_of(line) == "udk", f"{line}")
 
 
-@check(
-    "control.dialect.forced",
-    "Dialect forces a dialect",
-    source="protocol reference 6, no. 176",
-    dialects=UNREAL,
-)
+@control("dialect.forced", "Dialect forces a dialect", "6, no. 176", dialects=UNREAL)
 async def forced(case: Case) -> None:
     """`{Dialect udk}` or `{Dialect ut2004}` in INIT forces the dialect and ends automatic
     change."""
@@ -356,12 +285,7 @@ async def forced(case: Case) -> None:
     case.expect(dialect_of(line) == case.dialect, f"{line}")
 
 
-@check(
-    "control.dialect.side-by-side",
-    "Two dialects at a time",
-    source="protocol reference 6, no. 178",
-    dialects=ONCE,
-)
+@control("dialect.side-by-side", "Two dialects at a time", "6, no. 178", dialects=ONCE)
 async def side_by_side(case: Case) -> None:
     """Two connections with different dialects work at the same time, with robots of the same
     class."""
@@ -379,13 +303,7 @@ async def side_by_side(case: Case) -> None:
             case.expect(dialect_of(line) == dialect, f"not {dialect}: {line}")
 
 
-@check(
-    "control.dialect.steady",
-    "A dialect does not flicker",
-    source="protocol reference 5.3",
-    dialects=UNREAL,
-    severity=Severity.SHOULD,
-)
+@control("dialect.steady", "A dialect does not flicker", "5.3", Severity.SHOULD, dialects=UNREAL)
 async def steady(case: Case) -> None:
     """All STA lines of a connection have one shape."""
     robot = await case.spawn()

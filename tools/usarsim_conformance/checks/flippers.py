@@ -6,7 +6,7 @@ import math
 
 from usarsim_conformance.case import Case
 from usarsim_conformance.control import Robot
-from usarsim_conformance.registry import UT2004, Severity, check
+from usarsim_conformance.registry import UT2004, Severity, control
 from usarsim_conformance.trips import Trip, near, of_classes, on_open_floor, ride
 
 CRAWLERS = ("Kenaf", "TeleMax")
@@ -59,11 +59,8 @@ async def _crawls(case: Case) -> list[Trip]:
     return found
 
 
-@check(
-    "control.flippers.each",
-    "Every flipper by its name",
-    source="protocol reference 3.5, 4.3 and 6, no. 154 and 155",
-    dialects=UT2004,
+@control(
+    "flippers.each", "Every flipper by its name", "3.5, 4.3 and 6, no. 154 and 155", dialects=UT2004
 )
 async def each(case: Case) -> None:
     """MULTIDRIVE with one flipper moves this one to its angle, as STA tells it under the same name
@@ -87,12 +84,12 @@ def _compare(case: Case, trip: Trip, leg: str, wanted: dict[str, float]) -> None
         )
 
 
-@check(
-    "control.flippers.lift",
+@control(
+    "flippers.lift",
     "Lowered flippers lift their side",
-    source="protocol reference 3.5; robots reference 5.2, no. 46",
+    "3.5; robots reference 5.2, no. 46",
+    Severity.SHOULD,
     dialects=UT2004,
-    severity=Severity.SHOULD,
 )
 async def lift(case: Case) -> None:
     """A positive angle lowers a front flipper and a negative one a rear flipper. With both front
@@ -161,12 +158,12 @@ async def _steps(case: Case, classes: tuple[str, ...]) -> list[Trip]:
     return await of_classes(case, classes, step)
 
 
-@check(
-    "control.omni.speed",
+@control(
+    "omni.speed",
     "WheelSpeed times WheelRadius is the speed",
-    source="protocol reference 3.4.3",
+    "3.4.3",
+    Severity.SHOULD,
     dialects=UT2004,
-    severity=Severity.SHOULD,
 )
 async def wheel_speed(case: Case) -> None:
     """With the same WheelSpeed on all wheels and none steered the robot runs at WheelSpeed times
@@ -183,12 +180,8 @@ async def wheel_speed(case: Case) -> None:
             )
 
 
-@check(
-    "control.omni.sides",
-    "Even wheels are left, odd ones right",
-    source="protocol reference 3.4.3",
-    dialects=UT2004,
-    severity=Severity.SHOULD,
+@control(
+    "omni.sides", "Even wheels are left, odd ones right", "3.4.3", Severity.SHOULD, dialects=UT2004
 )
 async def wheel_sides(case: Case) -> None:
     """Wheels are counted front left, front right, rear left, rear right: with 0 and 2 faster than 1
@@ -203,12 +196,12 @@ async def wheel_sides(case: Case) -> None:
             )
 
 
-@check(
-    "control.omni.steer",
+@control(
+    "omni.steer",
     "WheelSteer is positive to the right",
-    source="protocol reference 3.4.3 and 3.4.2",
+    "3.4.3 and 3.4.2",
+    Severity.SHOULD,
     dialects=UT2004,
-    severity=Severity.SHOULD,
 )
 async def wheel_steer(case: Case) -> None:
     """With all wheels steered by 0.4 rad the robot moves 0.4 rad to the right of where it looks and
@@ -232,12 +225,12 @@ async def wheel_steer(case: Case) -> None:
             )
 
 
-@check(
-    "control.omni.steering-type",
+@control(
+    "omni.steering-type",
     "SteeringType of robots driven wheel by wheel",
-    source="protocol reference 4.8",
+    "4.8",
+    Severity.SHOULD,
     dialects=UT2004,
-    severity=Severity.SHOULD,
 )
 async def steering_type(case: Case) -> None:
     """SteeringType of CONF is OmniDrive for a robot whose wheels are steered one by one."""
@@ -249,12 +242,12 @@ async def steering_type(case: Case) -> None:
 # Lamps.
 
 
-@check(
-    "control.status.light-intensity",
+@control(
+    "status.light-intensity",
     "LightIntensity follows the lamp",
-    source="protocol reference 4.3",
+    "4.3",
+    Severity.SHOULD,
     dialects=UT2004,
-    severity=Severity.SHOULD,
 )
 async def light_intensity(case: Case) -> None:
     """In ut2004 LightIntensity of STA is 0 while the headlight is off, above 0 while it is on."""

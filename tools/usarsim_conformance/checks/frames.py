@@ -10,12 +10,12 @@ from usarsim_conformance.case import Case
 from usarsim_conformance.control import Robot, turned
 from usarsim_conformance.places import Place
 from usarsim_conformance.recordings import driven, ground_told, standing, wheels_of
-from usarsim_conformance.registry import GAZEBO, ONCE, UDK, UNREAL, UT2004, Severity, check
+from usarsim_conformance.registry import GAZEBO, ONCE, UDK, UNREAL, UT2004, Severity, control
 
 _NUMBER = r"-?\d+\.\d+|-?\d+"
 
 
-@check("control.numbers.plain", "Numbers are plain decimals", source="protocol reference 6, no. 53")
+@control("numbers.plain", "Numbers are plain decimals", "6, no. 53")
 async def plain(case: Case) -> None:
     """No server line contains an exponent, nan, inf, a leading plus, or a comma as decimal
     point."""
@@ -28,18 +28,14 @@ async def plain(case: Case) -> None:
                 case.expect(bad is None, f"{word!r} in {name}: {line}")
 
 
-@check("control.numbers.vectors", "Vectors have no blanks", source="protocol reference 6, no. 54")
+@control("numbers.vectors", "Vectors have no blanks", "6, no. 54")
 async def vectors(case: Case) -> None:
     """The numbers of a vector are joined by commas without blanks."""
     for line in (await standing(case)).lines:
         case.expect(not re.search(r"\d, +-?\d|\d ,", line.text), f"a blank in a vector: {line}")
 
 
-@check(
-    "control.numbers.triples",
-    "Locations and Orientations are triples",
-    source="protocol reference 4.5",
-)
+@control("numbers.triples", "Locations and Orientations are triples", "4.5")
 async def triples(case: Case) -> None:
     """Location and Orientation always hold three numbers with commas between."""
     form = re.compile(rf"({_NUMBER}),({_NUMBER}),({_NUMBER})")
@@ -50,9 +46,7 @@ async def triples(case: Case) -> None:
                 case.expect(value is None or form.fullmatch(value), f"{name} is {value!r}: {line}")
 
 
-@check(
-    "control.numbers.booleans", "Booleans are True and False", source="protocol reference 6, no. 55"
-)
+@control("numbers.booleans", "Booleans are True and False", "6, no. 55")
 async def booleans(case: Case) -> None:
     """Booleans are written `True` and `False`."""
     for line in (await standing(case)).lines:
@@ -81,73 +75,41 @@ async def _digits(case: Case, type: str) -> None:
                 case.expect(found == wanted, f"{name} has {found} digits, not {wanted}: {line}")
 
 
-@check(
-    "control.digits.sonar",
-    "Digits of Sonar",
-    source="protocol reference 6, no. 66",
-    dialects=UNREAL,
-    severity=Severity.SHOULD,
-)
+@control("digits.sonar", "Digits of Sonar", "6, no. 66", Severity.SHOULD, dialects=UNREAL)
 async def digits_sonar(case: Case) -> None:
     """Sonar ranges have four digits after the point."""
     await _digits(case, "Sonar")
 
 
-@check(
-    "control.digits.rangescanner",
-    "Digits of RangeScanner",
-    source="protocol reference 6, no. 66",
-    dialects=UNREAL,
-    severity=Severity.SHOULD,
+@control(
+    "digits.rangescanner", "Digits of RangeScanner", "6, no. 66", Severity.SHOULD, dialects=UNREAL
 )
 async def digits_scanner(case: Case) -> None:
     """Ranges of a scan have four digits (ut2004) or two (udk)."""
     await _digits(case, "RangeScanner")
 
 
-@check(
-    "control.digits.odometry",
-    "Digits of Odometry",
-    source="protocol reference 6, no. 66",
-    dialects=UNREAL,
-    severity=Severity.SHOULD,
-)
+@control("digits.odometry", "Digits of Odometry", "6, no. 66", Severity.SHOULD, dialects=UNREAL)
 async def digits_odometry(case: Case) -> None:
     """The odometry pose has four digits."""
     await _digits(case, "Odometry")
 
 
-@check(
-    "control.digits.ins",
-    "Digits of INS",
-    source="protocol reference 6, no. 66",
-    dialects=UNREAL,
-    severity=Severity.SHOULD,
-)
+@control("digits.ins", "Digits of INS", "6, no. 66", Severity.SHOULD, dialects=UNREAL)
 async def digits_ins(case: Case) -> None:
     """INS locations have two digits."""
     await _digits(case, "INS")
 
 
-@check(
-    "control.digits.groundtruth",
-    "Digits of GroundTruth",
-    source="protocol reference 6, no. 66",
-    dialects=UNREAL,
-    severity=Severity.SHOULD,
+@control(
+    "digits.groundtruth", "Digits of GroundTruth", "6, no. 66", Severity.SHOULD, dialects=UNREAL
 )
 async def digits_ground_truth(case: Case) -> None:
     """GroundTruth locations have two digits (ut2004) or three (udk)."""
     await _digits(case, "GroundTruth")
 
 
-@check(
-    "control.digits.time",
-    "Digits of SEN Time",
-    source="protocol reference 2.2",
-    dialects=UNREAL,
-    severity=Severity.SHOULD,
-)
+@control("digits.time", "Digits of SEN Time", "2.2", Severity.SHOULD, dialects=UNREAL)
 async def digits_time(case: Case) -> None:
     """Time in SEN has four digits, but two for RangeScanner in ut2004."""
     for line in (await standing(case)).of("SEN"):
@@ -158,21 +120,14 @@ async def digits_time(case: Case) -> None:
         case.expect(len(value.partition(".")[2]) == wanted, f"not {wanted} digits: {line}")
 
 
-@check(
-    "control.frames.down", "z points down", source="protocol reference 6, no. 56", dialects=UNREAL
-)
+@control("frames.down", "z points down", "6, no. 56", dialects=UNREAL)
 async def down(case: Case) -> None:
     """A robot that is put higher reports a smaller z; the wire frame has z down."""
     fell = await _fallen(case, down=-1.2)
     case.expect(fell > 0.0, f"falling changed z by {fell:.2f}: z points up")
 
 
-@check(
-    "control.frames.up",
-    "z points up in the Gazebo prototype",
-    source="protocol reference 4.15",
-    dialects=GAZEBO,
-)
+@control("frames.up", "z points up in the Gazebo prototype", "4.15", dialects=GAZEBO)
 async def up(case: Case) -> None:
     """The prototype reports the frame of Gazebo: z up."""
     fell = await _fallen(case, down=1.2)
@@ -191,13 +146,7 @@ async def _fallen(case: Case, down: float) -> float:
     return fell
 
 
-@check(
-    "control.frames.floor",
-    "Robots stand above the floor",
-    source="protocol reference 2.5",
-    dialects=UNREAL,
-    severity=Severity.SHOULD,
-)
+@control("frames.floor", "Robots stand above the floor", "2.5", Severity.SHOULD, dialects=UNREAL)
 async def floor(case: Case) -> None:
     """A mount above the reference point has a negative z in GEO: the laser of a ground robot is
     not below its wheels."""
@@ -210,12 +159,7 @@ async def floor(case: Case) -> None:
         case.expect(z < 0.05, f"the scanner is mounted at z {z}: {reply}")
 
 
-@check(
-    "control.frames.clockwise",
-    "Yaw grows clockwise",
-    source="protocol reference 6, no. 58",
-    dialects=UNREAL,
-)
+@control("frames.clockwise", "Yaw grows clockwise", "6, no. 58", dialects=UNREAL)
 async def clockwise(case: Case) -> None:
     """A robot that turns clockwise seen from above, left wheels forward and right ones back,
     shows increasing yaw."""
@@ -224,12 +168,7 @@ async def clockwise(case: Case) -> None:
     case.expect(turn > 0.0, f"turning clockwise changed the yaw by {turn:.2f} rad")
 
 
-@check(
-    "control.frames.right",
-    "y grows to the right",
-    source="protocol reference 6, no. 57",
-    dialects=UNREAL,
-)
+@control("frames.right", "y grows to the right", "6, no. 57", dialects=UNREAL)
 async def right(case: Case) -> None:
     """A robot that drives a curve to the right ends with a larger y, seen from its start."""
     robot = await case.spawn()
@@ -249,7 +188,7 @@ async def right(case: Case) -> None:
     case.expect(side > 0.005, f"y, seen from the start, changed by {side:.3f} m")
 
 
-@check("control.frames.facing", "Yaw of pi/2 faces +y", source="protocol reference 6, no. 61")
+@control("frames.facing", "Yaw of pi/2 faces +y", "6, no. 61")
 async def facing(case: Case) -> None:
     """A robot put with yaw 1.5708 drives towards +y of the wire frame."""
     base = await _known_place(case)
@@ -277,15 +216,13 @@ async def _tilted(case: Case, axis: int) -> None:
     case.expect(found > 0.0, f"an angle of +0.35 is reported as {found:.2f}")
 
 
-@check("control.frames.pitch", "Nose up is positive pitch", source="protocol reference 6, no. 59")
+@control("frames.pitch", "Nose up is positive pitch", "6, no. 59")
 async def pitch(case: Case) -> None:
     """A robot put with its nose raised, pitch positive, reports positive pitch."""
     await _tilted(case, 1)
 
 
-@check(
-    "control.frames.roll", "Right side down is positive roll", source="protocol reference 6, no. 60"
-)
+@control("frames.roll", "Right side down is positive roll", "6, no. 60")
 async def roll(case: Case) -> None:
     """A robot put with its right side lowered, roll positive, reports positive roll."""
     await _tilted(case, 0)
@@ -299,12 +236,7 @@ async def _angles(case: Case, type: str, low: float, high: float) -> None:
             case.expect(low <= angle <= high, f"an angle outside {low:g} to {high:g}: {line}")
 
 
-@check(
-    "control.frames.ins-angles",
-    "INS angles are not negative",
-    source="protocol reference 6, no. 64",
-    dialects=UNREAL,
-)
+@control("frames.ins-angles", "INS angles are not negative", "6, no. 64", dialects=UNREAL)
 async def ins_angles(case: Case) -> None:
     """INS orientations are in [0, 6.2832), also for a robot with negative yaw."""
     if not (await standing(case)).of("SEN", "INS"):
@@ -312,12 +244,7 @@ async def ins_angles(case: Case) -> None:
     await _angles(case, "INS", 0.0, 6.2832)
 
 
-@check(
-    "control.frames.truth-angles",
-    "GroundTruth angles are not negative",
-    source="protocol reference 6, no. 65",
-    dialects=UT2004,
-)
+@control("frames.truth-angles", "GroundTruth angles are not negative", "6, no. 65", dialects=UT2004)
 async def truth_angles(case: Case) -> None:
     """In ut2004 GroundTruth orientations are in [0, 6.2832)."""
     if not (await standing(case)).of("SEN", "GroundTruth"):
@@ -325,12 +252,7 @@ async def truth_angles(case: Case) -> None:
     await _angles(case, "GroundTruth", 0.0, 6.2832)
 
 
-@check(
-    "control.frames.truth-angles-udk",
-    "GroundTruth angles are signed",
-    source="protocol reference 6, no. 65",
-    dialects=UDK,
-)
+@control("frames.truth-angles-udk", "GroundTruth angles are signed", "6, no. 65", dialects=UDK)
 async def truth_angles_udk(case: Case) -> None:
     """In udk GroundTruth orientations are in (-3.1416, 3.1416]."""
     if not (await standing(case)).of("SEN", "GroundTruth"):
@@ -338,7 +260,7 @@ async def truth_angles_udk(case: Case) -> None:
     await _angles(case, "GroundTruth", -3.1416, 3.1416)
 
 
-@check("control.time.monotonic", "Time never goes back", source="protocol reference 6, no. 67")
+@control("time.monotonic", "Time never goes back", "6, no. 67")
 async def monotonic(case: Case) -> None:
     """Time never decreases on a connection, from line to line of the same kind."""
     latest: dict[tuple[str, str], float] = {}
@@ -350,7 +272,7 @@ async def monotonic(case: Case) -> None:
         latest[key] = line.time
 
 
-@check("control.time.advances", "Time advances", source="protocol reference 2.6")
+@control("time.advances", "Time advances", "2.6")
 async def advances(case: Case) -> None:
     """Time advances from STA to STA, and all lines of a moment agree within a second."""
     lines = (await standing(case)).streamed
@@ -360,12 +282,7 @@ async def advances(case: Case) -> None:
     case.expect(max(stated) - min(stated) < 1.0 + times[-1] - times[0], "lines disagree on Time")
 
 
-@check(
-    "control.time.shared",
-    "All robots share a clock",
-    source="protocol reference 6, no. 68",
-    dialects=ONCE,
-)
+@control("time.shared", "All robots share a clock", "6, no. 68", dialects=ONCE)
 async def shared(case: Case) -> None:
     """Two robots report equal Time for lines of the same moment; Time does not start with
     INIT."""

@@ -19,7 +19,7 @@ from usarsim_conformance.excursions import (
     fly_about,
 )
 from usarsim_conformance.ranging import CHANCE, spread_bounds
-from usarsim_conformance.registry import UNREAL, NotApplicable, Severity, check
+from usarsim_conformance.registry import UNREAL, NotApplicable, Severity, control
 from usarsim_conformance.walls import turned_by
 
 _SIGMA = 0.05
@@ -127,10 +127,10 @@ def _judge_noise(case: Case, found: _Errors, axes: Sequence[int], what: str) -> 
     )
 
 
-@check(
-    "control.values.ins-location",
+@control(
+    "values.ins-location",
     "INS follows the robot",
-    source="robots reference 2.5; protocol reference 4.6",
+    "robots reference 2.5; protocol reference 4.6",
     dialects=UNREAL,
 )
 async def ins_location(case: Case) -> None:
@@ -154,11 +154,11 @@ async def ins_location(case: Case) -> None:
             )
 
 
-@check(
-    "control.values.ins-noise",
+@control(
+    "values.ins-noise",
     "INS is as inexact as it should be",
-    source="robots reference 2.5",
-    severity=Severity.SHOULD,
+    "robots reference 2.5",
+    Severity.SHOULD,
     dialects=UNREAL,
 )
 async def ins_noise(case: Case) -> None:
@@ -168,10 +168,10 @@ async def ins_noise(case: Case) -> None:
     _judge_noise(case, _location_errors(track), (0, 1, 2), "Location")
 
 
-@check(
-    "control.values.ins-orientation",
+@control(
+    "values.ins-orientation",
     "INS turns with the robot",
-    source="robots reference 2.5; protocol reference 4.6",
+    "robots reference 2.5; protocol reference 4.6",
     dialects=UNREAL,
 )
 async def ins_orientation(case: Case) -> None:
@@ -179,10 +179,10 @@ async def ins_orientation(case: Case) -> None:
     await _orientation_follows(case, "INS")
 
 
-@check(
-    "control.values.inu-orientation",
+@control(
+    "values.inu-orientation",
     "INU turns with the robot",
-    source="robots reference 2.5; protocol reference 4.6",
+    "robots reference 2.5; protocol reference 4.6",
     dialects=UNREAL,
 )
 async def inu_orientation(case: Case) -> None:
@@ -207,11 +207,11 @@ async def _orientation_follows(case: Case, type: str) -> None:
             )
 
 
-@check(
-    "control.values.ins-orientation-noise",
+@control(
+    "values.ins-orientation-noise",
     "INS turns as inexactly as it should",
-    source="robots reference 2.5",
-    severity=Severity.SHOULD,
+    "robots reference 2.5",
+    Severity.SHOULD,
     dialects=UNREAL,
 )
 async def ins_orientation_noise(case: Case) -> None:
@@ -220,10 +220,10 @@ async def ins_orientation_noise(case: Case) -> None:
     _judge_noise(case, _orientation_errors(track, "INS"), (2,), "Orientation")
 
 
-@check(
-    "control.values.compass",
+@control(
+    "values.compass",
     "A compass turns clockwise",
-    source="robots reference 2.5; protocol reference 4.6",
+    "robots reference 2.5; protocol reference 4.6",
     dialects=UNREAL,
 )
 async def compass(case: Case) -> None:
@@ -246,10 +246,10 @@ async def compass(case: Case) -> None:
     )
 
 
-@check(
-    "control.values.altitude",
+@control(
+    "values.altitude",
     "An altimeter tells metres",
-    source="robots reference 2.5; protocol reference 6, no. 123",
+    "robots reference 2.5; protocol reference 6, no. 123",
     dialects=UNREAL,
 )
 async def altitude(case: Case) -> None:
@@ -312,10 +312,10 @@ def _judge_acceleration(
         )
 
 
-@check(
-    "control.values.accel",
+@control(
+    "values.accel",
     "Accel is the change of velocity",
-    source="robots reference 2.5; protocol reference 4.6",
+    "robots reference 2.5; protocol reference 4.6",
     dialects=UNREAL,
 )
 async def accel(case: Case) -> None:
@@ -324,10 +324,10 @@ async def accel(case: Case) -> None:
     _judge_acceleration(case, await _flown(case, "Accel"), "Accel", "Acceleration", 0.0, False)
 
 
-@check(
-    "control.values.accelerometer",
+@control(
+    "values.accelerometer",
     "An accelerometer adds gravity",
-    source="robots reference 2.5; protocol reference 4.6",
+    "robots reference 2.5; protocol reference 4.6",
     dialects=UNREAL,
 )
 async def accelerometer(case: Case) -> None:
@@ -337,10 +337,10 @@ async def accelerometer(case: Case) -> None:
     _judge_acceleration(case, flight, "AcceleroMeter", "ProperAcceleration", 9.81, False)
 
 
-@check(
-    "control.values.imu-acceleration",
+@control(
+    "values.imu-acceleration",
     "IMU tells the change of velocity",
-    source="robots reference 2.5; protocol reference 4.6",
+    "robots reference 2.5; protocol reference 4.6",
     dialects=UNREAL,
 )
 async def imu_acceleration(case: Case) -> None:
@@ -348,10 +348,10 @@ async def imu_acceleration(case: Case) -> None:
     _judge_acceleration(case, await _flown(case, "IMU"), "IMU", "XYZAcceleration", 0.0, True)
 
 
-@check(
-    "control.values.imu-rotation",
+@control(
+    "values.imu-rotation",
     "IMU tells where the robot turns",
-    source="robots reference 2.5; protocol reference 4.6",
+    "robots reference 2.5; protocol reference 4.6",
     dialects=UNREAL,
 )
 async def imu_rotation(case: Case) -> None:

@@ -8,7 +8,7 @@ import re
 from usarsim_conformance.case import PATIENCE, Case
 from usarsim_conformance.places import Place
 from usarsim_conformance.recordings import standing
-from usarsim_conformance.registry import DIALECTS, ONCE, UDK, UNREAL, Severity, check
+from usarsim_conformance.registry import ONCE, UDK, UNREAL, Severity, control
 
 _QUIET = 0.22
 """s; a little less than the 0.25 s that are demanded, for times that are rounded."""
@@ -16,7 +16,7 @@ _PROMPT = 2.25
 """s; a little more than the 2 s that are demanded: how long ago the time was told is not known."""
 
 
-@check("control.init.spawns", "INIT brings a robot into the world", source="protocol reference 1.2")
+@control("init.spawns", "INIT brings a robot into the world", "1.2")
 async def spawns(case: Case) -> None:
     """After a valid INIT the server sends STA and SEN lines of the robot."""
     client = await case.connect()
@@ -33,7 +33,7 @@ async def spawns(case: Case) -> None:
         case.fail("STA comes, but no SEN")
 
 
-@check("control.init.silent", "INIT has no direct reply", source="protocol reference 6, no. 69")
+@control("init.silent", "INIT has no direct reply", "6, no. 69")
 async def silent(case: Case) -> None:
     """A valid INIT produces no direct reply: what follows is the robot's own report."""
     client = await case.connect()
@@ -46,11 +46,7 @@ async def silent(case: Case) -> None:
     case.expect(line.head != "NFO" or "Status" in line.names, f"INIT was answered: {line}")
 
 
-@check(
-    "control.init.quiet-period",
-    "A quiet time follows INIT",
-    source="protocol reference 6, no. 70 and 1.8",
-)
+@control("init.quiet-period", "A quiet time follows INIT", "6, no. 70 and 1.8")
 async def quiet_period(case: Case) -> None:
     """The first STA or SEN comes not before 0.25 s of simulated time after INIT, so that replies to
     requests sent with it go out first."""
@@ -58,12 +54,7 @@ async def quiet_period(case: Case) -> None:
     case.expect(waited >= _QUIET, f"the first line came after {waited:.3f} s")
 
 
-@check(
-    "control.init.prompt",
-    "The first STA comes in time",
-    source="protocol reference 6, no. 70",
-    severity=Severity.INFORMATIVE,
-)
+@control("init.prompt", "The first STA comes in time", "6, no. 70", Severity.INFORMATIVE)
 async def prompt(case: Case) -> None:
     """The first STA comes not later than 2 s of simulated time after INIT. Servers build a robot
     while the world goes on, which takes wall time: informative."""
@@ -77,12 +68,7 @@ async def _waited(case: Case) -> float:
     return waited
 
 
-@check(
-    "control.init.unknown-class",
-    "An unknown class is no end",
-    source="protocol reference 6, no. 71",
-    dialects=ONCE,
-)
+@control("init.unknown-class", "An unknown class is no end", "6, no. 71", dialects=ONCE)
 async def unknown_class(case: Case) -> None:
     """INIT with an unknown class produces no output, and a valid INIT on the same connection
     works."""
@@ -102,40 +88,25 @@ async def _class_spelled(case: Case, spell: str) -> None:
     await case.appears(init)
 
 
-@check(
-    "control.init.package",
-    "Class with its package",
-    source="protocol reference 6, no. 72",
-    dialects=ONCE,
-)
+@control("init.package", "Class with its package", "6, no. 72", dialects=ONCE)
 async def package(case: Case) -> None:
     """The class may be written with its package: `USARBot.P2AT`."""
     await _class_spelled(case, f"USARBot.{case.robot_class}")
 
 
-@check(
-    "control.init.no-package",
-    "Class without package",
-    source="protocol reference 6, no. 72",
-    dialects=ONCE,
-)
+@control("init.no-package", "Class without package", "6, no. 72", dialects=ONCE)
 async def no_package(case: Case) -> None:
     """The class may be written without its package: `P2AT`."""
     await _class_spelled(case, case.robot_class)
 
 
-@check(
-    "control.init.class-case",
-    "Class in any case",
-    source="protocol reference 6, no. 72",
-    dialects=ONCE,
-)
+@control("init.class-case", "Class in any case", "6, no. 72", dialects=ONCE)
 async def class_case(case: Case) -> None:
     """The class is matched without regard to case."""
     await _class_spelled(case, f"usarBOT.{case.robot_class.swapcase()}")
 
 
-@check("control.init.case", "INIT in any case", source="protocol reference 1.6", dialects=ONCE)
+@control("init.case", "INIT in any case", "1.6", dialects=ONCE)
 async def init_case(case: Case) -> None:
     """`Init {CLASSNAME ..}` works as `INIT {ClassName ..}` does."""
     place = await case.place()
@@ -143,12 +114,7 @@ async def init_case(case: Case) -> None:
     await case.appears(init.replace("INIT", "Init").replace("ClassName", "CLASSNAME"))
 
 
-@check(
-    "control.init.classname",
-    "ClassName spelled Classname",
-    source="protocol reference 6, no. 73",
-    dialects=ONCE,
-)
+@control("init.classname", "ClassName spelled Classname", "6, no. 73", dialects=ONCE)
 async def classname(case: Case) -> None:
     """`Classname`, as the ROS and MOAST family writes it, is accepted for ClassName."""
     place = await case.place()
@@ -156,7 +122,7 @@ async def classname(case: Case) -> None:
     await case.appears(init.replace("ClassName", "Classname"))
 
 
-@check("control.init.glued", "INIT without blanks", source="protocol reference 3.2", dialects=ONCE)
+@control("init.glued", "INIT without blanks", "3.2", dialects=ONCE)
 async def glued(case: Case) -> None:
     """INIT works without blanks between its segments."""
     place = await case.place()
@@ -164,12 +130,7 @@ async def glued(case: Case) -> None:
     await case.appears(init)
 
 
-@check(
-    "control.init.order",
-    "Segments of INIT in any order",
-    source="protocol reference 3.2",
-    dialects=ONCE,
-)
+@control("init.order", "Segments of INIT in any order", "3.2", dialects=ONCE)
 async def order(case: Case) -> None:
     """The segments of INIT may stand in any order."""
     place = await case.place()
@@ -180,12 +141,7 @@ async def order(case: Case) -> None:
     await case.appears(init)
 
 
-@check(
-    "control.init.no-name",
-    "INIT without Name",
-    source="protocol reference 6, no. 74",
-    dialects=ONCE,
-)
+@control("init.no-name", "INIT without Name", "6, no. 74", dialects=ONCE)
 async def no_name(case: Case) -> None:
     """INIT without Name works, also for two robots at a time."""
     for _ in range(2):
@@ -193,13 +149,7 @@ async def no_name(case: Case) -> None:
         await case.appears(case.init(place))
 
 
-@check(
-    "control.init.same-name",
-    "Two robots of one name",
-    source="protocol reference 3.2",
-    dialects=ONCE,
-    severity=Severity.SHOULD,
-)
+@control("init.same-name", "Two robots of one name", "3.2", Severity.SHOULD, dialects=ONCE)
 async def same_name(case: Case) -> None:
     """Two clients that give their robots the same name both get one."""
     name = case.new_name()
@@ -208,36 +158,20 @@ async def same_name(case: Case) -> None:
         await case.appears(case.init(place, name))
 
 
-@check(
-    "control.init.name-with-blanks",
-    "A name with blanks",
-    source="protocol reference 3.2",
-    dialects=ONCE,
-)
+@control("init.name-with-blanks", "A name with blanks", "3.2", dialects=ONCE)
 async def name_with_blanks(case: Case) -> None:
     """A robot name may contain blanks."""
     place = await case.place()
     await case.appears(case.init(place, f"{case.new_name()} the first"))
 
 
-@check(
-    "control.init.no-place",
-    "INIT without a place",
-    source="protocol reference 6, no. 75",
-    dialects=ONCE,
-    exclusive=True,
-)
+@control("init.no-place", "INIT without a place", "6, no. 75", dialects=ONCE, exclusive=True)
 async def no_place(case: Case) -> None:
     """INIT without Location and Start spawns a robot, at 0,0,0 or at a start position."""
     await case.appears(f"INIT {{ClassName USARBot.{case.robot_class}}} {{Name {case.new_name()}}}")
 
 
-@check(
-    "control.init.location",
-    "Spawns at the Location",
-    source="protocol reference 6, no. 63",
-    dialects=DIALECTS,
-)
+@control("init.location", "Spawns at the Location", "6, no. 63")
 async def location(case: Case) -> None:
     """The first reported pose agrees with Location and Rotation within 5 cm and 0.02 rad in x, y
     and yaw on flat ground."""
@@ -252,12 +186,7 @@ async def location(case: Case) -> None:
     case.expect(abs(turned) < 0.025, f"asked for yaw {place.rotation[2]}, it has {pose.yaw}")
 
 
-@check(
-    "control.init.extras",
-    "Unknown segments of INIT",
-    source="protocol reference 6, no. 78",
-    dialects=ONCE,
-)
+@control("init.extras", "Unknown segments of INIT", "6, no. 78", dialects=ONCE)
 async def extras(case: Case) -> None:
     """INIT with segments of other eras (Team, Skin, unknown ones) works."""
     place = await case.place()
@@ -267,13 +196,7 @@ async def extras(case: Case) -> None:
     await case.appears(init)
 
 
-@check(
-    "control.init.battery",
-    "Battery sets the battery",
-    source="protocol reference 6, no. 78",
-    dialects=ONCE,
-    severity=Severity.SHOULD,
-)
+@control("init.battery", "Battery sets the battery", "6, no. 78", Severity.SHOULD, dialects=ONCE)
 async def battery(case: Case) -> None:
     """`{Battery 300}` of INIT sets the battery that STA shows."""
     robot = await case.spawn(extra=" {Battery 300}")
@@ -283,12 +206,7 @@ async def battery(case: Case) -> None:
     case.expect(280 <= value <= 300, f"STA shows Battery {value:g}")
 
 
-@check(
-    "control.init.second",
-    "A second INIT is no second robot",
-    source="protocol reference 6, no. 79",
-    dialects=ONCE,
-)
+@control("init.second", "A second INIT is no second robot", "6, no. 79", dialects=ONCE)
 async def second(case: Case) -> None:
     """A second INIT after success does not create a second robot: the connection goes on
     reporting one, at one place."""
@@ -307,9 +225,7 @@ async def second(case: Case) -> None:
     case.expect(len(set(times)) == len(times), "two STA lines for one moment")
 
 
-@check(
-    "control.init.start", "Spawns at a start position", source="protocol reference 6, no. 76 and 83"
-)
+@control("init.start", "Spawns at a start position", "6, no. 76 and 83")
 async def start(case: Case) -> None:
     """INIT with Start of a listed tag spawns at the pose listed for it, whatever the case of the
     tag and whether or not a Location is given, too."""
@@ -323,10 +239,10 @@ async def start(case: Case) -> None:
     case.expect(away < 0.1, f"Start {tag} led to {pose.location} instead of {place.location}")
 
 
-@check(
-    "control.init.unknown-start",
+@control(
+    "init.unknown-start",
     "An unknown Start spawns anyway",
-    source="protocol reference 6, no. 77",
+    "6, no. 77",
     dialects=ONCE,
     exclusive=True,
 )
@@ -335,12 +251,7 @@ async def unknown_start(case: Case) -> None:
     await case.appears(case.init(Place("NoSuchStart"), case.new_name()))
 
 
-@check(
-    "control.init.start-poses",
-    "GETSTARTPOSES before and after INIT",
-    source="protocol reference 6, no. 80",
-    dialects=ONCE,
-)
+@control("init.start-poses", "GETSTARTPOSES before and after INIT", "6, no. 80", dialects=ONCE)
 async def start_poses(case: Case) -> None:
     """GETSTARTPOSES is answered before INIT and after it."""
     client = await case.connect()
@@ -349,12 +260,7 @@ async def start_poses(case: Case) -> None:
     case.expect(await robot.client.is_alive(), "no answer after INIT")
 
 
-@check(
-    "control.init.start-poses-count",
-    "StartPoses counts what follows",
-    source="protocol reference 6, no. 81",
-    dialects=ONCE,
-)
+@control("init.start-poses-count", "StartPoses counts what follows", "6, no. 81", dialects=ONCE)
 async def start_poses_count(case: Case) -> None:
     """The reply to GETSTARTPOSES begins `NFO {StartPoses n}` and n groups follow; with n = 0 no
     second segment exists."""
@@ -365,12 +271,7 @@ async def start_poses_count(case: Case) -> None:
     case.expect(len(words) == 3 * int(count), f"{count} poses are announced: {line}")
 
 
-@check(
-    "control.init.start-poses-form",
-    "Start poses in the flat form",
-    source="protocol reference 6, no. 82",
-    dialects=UNREAL,
-)
+@control("init.start-poses-form", "Start poses in the flat form", "6, no. 82", dialects=UNREAL)
 async def start_poses_form(case: Case) -> None:
     """The second segment holds groups `tag x,y,z r,p,y`, all separated by single blanks."""
     line = await (await case.connect()).ask("GETSTARTPOSES", "NFO {StartPoses")
@@ -381,12 +282,8 @@ async def start_poses_form(case: Case) -> None:
     case.expect(re.fullmatch(pattern, line.text), f"another form: {line}")
 
 
-@check(
-    "control.init.path-nodes",
-    "GETPATHNODES lists path nodes",
-    source="protocol reference 6, no. 84",
-    dialects=UDK,
-    severity=Severity.SHOULD,
+@control(
+    "init.path-nodes", "GETPATHNODES lists path nodes", "6, no. 84", Severity.SHOULD, dialects=UDK
 )
 async def path_nodes(case: Case) -> None:
     """GETPATHNODES is answered by `NFO {PathNodes n}` with n groups in a second segment."""
@@ -397,12 +294,12 @@ async def path_nodes(case: Case) -> None:
     case.expect(len(words) == 3 * int(count), f"{count} nodes are announced: {line}")
 
 
-@check(
-    "control.init.closest-node",
+@control(
+    "init.closest-node",
     "GETCLOSESTPATHNODE needs a Location",
-    source="protocol reference 6, no. 84",
+    "6, no. 84",
+    Severity.SHOULD,
     dialects=UDK,
-    severity=Severity.SHOULD,
 )
 async def closest_node(case: Case) -> None:
     """GETCLOSESTPATHNODE without Location is not answered."""

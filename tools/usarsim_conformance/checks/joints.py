@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from usarsim_conformance.case import Case
 from usarsim_conformance.control import Robot
 from usarsim_conformance.lines import Line, number
-from usarsim_conformance.registry import ONCE, UNREAL, UT2004, Failed, Severity, check
+from usarsim_conformance.registry import ONCE, UNREAL, UT2004, Failed, Severity, control
 from usarsim_conformance.trips import Leg, Trip, near, of_classes, on_open_floor, ride
 
 ARMED = ("P2AT", "P3AT_arm")
@@ -162,10 +162,10 @@ def _sent(trip: Trip, leg: str) -> dict[int, float]:
     return dict(zip(links, values, strict=True))
 
 
-@check(
-    "control.arm.each-link",
+@control(
+    "arm.each-link",
     "Every link goes where it is told",
-    source="protocol reference 3.9, 4.9 and 6, no. 157 and 158",
+    "3.9, 4.9 and 6, no. 157 and 158",
     dialects=UNREAL,
 )
 async def each_link(case: Case) -> None:
@@ -182,12 +182,12 @@ async def each_link(case: Case) -> None:
                 )
 
 
-@check(
-    "control.arm.both-limits",
+@control(
+    "arm.both-limits",
     "Links stop at both limits of CONF",
-    source="protocol reference 4.8 and 6, no. 160",
+    "4.8 and 6, no. 160",
+    Severity.SHOULD,
     dialects=UNREAL,
-    severity=Severity.SHOULD,
 )
 async def both_limits(case: Case) -> None:
     """Told to go far beyond, a link stops at MaxRange or MaxValue of CONF, and the other way at
@@ -211,13 +211,7 @@ async def both_limits(case: Case) -> None:
         case.skip("no link has limits that it reaches in 15 s")
 
 
-@check(
-    "control.arm.speed",
-    "Links move at the speed of CONF",
-    source="protocol reference 4.8",
-    dialects=UNREAL,
-    severity=Severity.SHOULD,
-)
+@control("arm.speed", "Links move at the speed of CONF", "4.8", Severity.SHOULD, dialects=UNREAL)
 async def arm_speed(case: Case) -> None:
     """On a long way a link moves at MaxSpeed (MaxRotationSpeed) of CONF, within 15 percent."""
     judged = 0
@@ -256,13 +250,7 @@ def _rate(leg: Leg, name: str, link: int) -> float:
     return (middle[-1][1] - middle[0][1]) / (middle[-1][0] - middle[0][0])
 
 
-@check(
-    "control.arm.order",
-    "Order 1 is a speed",
-    source="protocol reference 3.9",
-    dialects=UT2004,
-    severity=Severity.SHOULD,
-)
+@control("arm.order", "Order 1 is a speed", "3.9", Severity.SHOULD, dialects=UT2004)
 async def arm_order(case: Case) -> None:
     """`{Link i} {Value v} {Order 1}` moves a link at v, both ways, within 20 percent."""
     judged = 0
@@ -282,13 +270,7 @@ async def arm_order(case: Case) -> None:
         case.skip("no link has limits that it reaches in 15 s")
 
 
-@check(
-    "control.arm.torque",
-    "Torque stays below MaxTorque",
-    source="protocol reference 4.9",
-    dialects=UT2004,
-    severity=Severity.SHOULD,
-)
+@control("arm.torque", "Torque stays below MaxTorque", "4.9", Severity.SHOULD, dialects=UT2004)
 async def torque(case: Case) -> None:
     """Torque of MISSTA never exceeds MaxTorque of CONF, in either direction."""
     for arm in await _arms(case):
@@ -329,12 +311,7 @@ def _step(index: int) -> float:
     return 0.05 + 0.02 * (index % 5)
 
 
-@check(
-    "control.legged.each-joint",
-    "Every joint by its name",
-    source="protocol reference 3.7, 4.4 and 6, no. 156",
-    dialects=ONCE,
-)
+@control("legged.each-joint", "Every joint by its name", "3.7, 4.4 and 6, no. 156", dialects=ONCE)
 async def each_joint(case: Case) -> None:
     """`SET {Type Joint} {Name j} {Opcode Angle} {Params a}` moves joint j to a, and STA tells a
     under its name; where a limit is in the way of one direction, it does in the other."""

@@ -8,7 +8,7 @@ from usarsim_conformance.case import Case
 from usarsim_conformance.checks.values import lit
 from usarsim_conformance.control import ControlClient
 from usarsim_conformance.lines import Line
-from usarsim_conformance.registry import ONCE, UNREAL, check
+from usarsim_conformance.registry import ONCE, UNREAL, control
 
 _POSES = "NFO {StartPoses"
 
@@ -36,55 +36,32 @@ async def _ended_by(case: Case, end: bytes) -> None:
     case.expect(count == 1, f"GETSTARTPOSES ended by {end!r} was answered {count} times, not once")
 
 
-@check(
-    "control.input.crlf",
-    "CR LF ends a command",
-    source="protocol reference 6, no. 21",
-    dialects=ONCE,
-)
+@control("input.crlf", "CR LF ends a command", "6, no. 21", dialects=ONCE)
 async def ends_crlf(case: Case) -> None:
     """A command followed by CR LF is answered, once."""
     await _ended_by(case, b"\r\n")
 
 
-@check(
-    "control.input.lf",
-    "LF alone ends a command",
-    source="protocol reference 6, no. 22",
-    dialects=UNREAL,
-)
+@control("input.lf", "LF alone ends a command", "6, no. 22", dialects=UNREAL)
 async def ends_lf(case: Case) -> None:
     """A command followed by LF alone is answered without further input."""
     await _ended_by(case, b"\n")
 
 
-@check(
-    "control.input.cr",
-    "CR alone ends a command",
-    source="protocol reference 6, no. 23",
-    dialects=UNREAL,
-)
+@control("input.cr", "CR alone ends a command", "6, no. 23", dialects=UNREAL)
 async def ends_cr(case: Case) -> None:
     """A command followed by CR alone is answered without further input."""
     await _ended_by(case, b"\r")
 
 
-@check(
-    "control.input.lfcr",
-    "LF CR ends one command",
-    source="protocol reference 6, no. 24",
-    dialects=UNREAL,
-)
+@control("input.lfcr", "LF CR ends one command", "6, no. 24", dialects=UNREAL)
 async def ends_lfcr(case: Case) -> None:
     """A command followed by LF CR is answered exactly once."""
     await _ended_by(case, b"\n\r")
 
 
-@check(
-    "control.input.crlf-lf",
-    "CR LF LF ends one command",
-    source="protocol reference, addendum",
-    dialects=ONCE,
+@control(
+    "input.crlf-lf", "CR LF LF ends one command", "protocol reference, addendum", dialects=ONCE
 )
 async def ends_crlf_lf(case: Case) -> None:
     """A command followed by CR LF and a further LF, as student controllers send it, is answered
@@ -92,12 +69,7 @@ async def ends_crlf_lf(case: Case) -> None:
     await _ended_by(case, b"\r\n\n")
 
 
-@check(
-    "control.input.packet",
-    "Two commands in one packet",
-    source="protocol reference 6, no. 25",
-    dialects=ONCE,
-)
+@control("input.packet", "Two commands in one packet", "6, no. 25", dialects=ONCE)
 async def one_packet(case: Case) -> None:
     """Two commands in one packet are both executed, in order."""
     robot = await case.spawn()
@@ -107,12 +79,7 @@ async def one_packet(case: Case) -> None:
     await robot.wait("GEO {")
 
 
-@check(
-    "control.input.bytes",
-    "One byte per packet",
-    source="protocol reference 6, no. 26",
-    dialects=ONCE,
-)
+@control("input.bytes", "One byte per packet", "6, no. 26", dialects=ONCE)
 async def byte_by_byte(case: Case) -> None:
     """A command sent one byte per packet is executed."""
     client = await case.connect()
@@ -123,12 +90,7 @@ async def byte_by_byte(case: Case) -> None:
     case.expect(count == 1, f"it was answered {count} times, not once")
 
 
-@check(
-    "control.input.split",
-    "A command in two packets",
-    source="protocol reference 6, no. 26",
-    dialects=ONCE,
-)
+@control("input.split", "A command in two packets", "6, no. 26", dialects=ONCE)
 async def split(case: Case) -> None:
     """A command cut within a word, the rest coming later, is executed once."""
     client = await case.connect()
@@ -139,12 +101,7 @@ async def split(case: Case) -> None:
     case.expect(count == 1, f"it was answered {count} times, not once")
 
 
-@check(
-    "control.input.split-end",
-    "CR and LF in two packets",
-    source="protocol reference 6, no. 24",
-    dialects=ONCE,
-)
+@control("input.split-end", "CR and LF in two packets", "6, no. 24", dialects=ONCE)
 async def split_end(case: Case) -> None:
     """If a packet ends between CR and LF, the command is executed once, and the next one too."""
     client = await case.connect()
@@ -155,12 +112,7 @@ async def split_end(case: Case) -> None:
     case.expect(count == 2, f"two commands were answered {count} times")
 
 
-@check(
-    "control.input.unended",
-    "No end, no execution",
-    source="protocol reference 6, no. 27",
-    dialects=ONCE,
-)
+@control("input.unended", "No end, no execution", "6, no. 27", dialects=ONCE)
 async def unended(case: Case) -> None:
     """A command without terminator is not executed until the terminator arrives."""
     client = await case.connect()
@@ -172,12 +124,7 @@ async def unended(case: Case) -> None:
     case.expect(count == 1, f"once ended, it was answered {count} times")
 
 
-@check(
-    "control.input.blank-lines",
-    "Blank lines do nothing",
-    source="protocol reference 6, no. 28",
-    dialects=ONCE,
-)
+@control("input.blank-lines", "Blank lines do nothing", "6, no. 28", dialects=ONCE)
 async def blank_lines(case: Case) -> None:
     """Twenty blank lines produce no output and no error."""
     client = await case.connect()
@@ -187,12 +134,7 @@ async def blank_lines(case: Case) -> None:
     case.expect(await client.is_alive(), "the connection no longer answers")
 
 
-@check(
-    "control.input.glued",
-    "Commands glued to a brace",
-    source="protocol reference 6, no. 29",
-    dialects=UNREAL,
-)
+@control("input.glued", "Commands glued to a brace", "6, no. 29", dialects=UNREAL)
 async def glued(case: Case) -> None:
     """A command that follows a closing brace without a line end is executed too:
     `SET {..} {..}DRIVE {..}`."""
@@ -208,12 +150,7 @@ async def glued(case: Case) -> None:
     )
 
 
-@check(
-    "control.input.glued-requests",
-    "Requests glued together",
-    source="protocol reference 6, no. 29",
-    dialects=UNREAL,
-)
+@control("input.glued-requests", "Requests glued together", "6, no. 29", dialects=UNREAL)
 async def glued_requests(case: Case) -> None:
     """Two requests on one line, the second right behind the brace of the first, are answered."""
     robot = await case.spawn()
@@ -222,11 +159,7 @@ async def glued_requests(case: Case) -> None:
     await robot.wait("GEO {", what="reply to the second request")
 
 
-@check(
-    "control.input.init-packet",
-    "INIT and requests in one packet",
-    source="protocol reference 6, no. 30 and 1.8",
-)
+@control("input.init-packet", "INIT and requests in one packet", "6, no. 30 and 1.8")
 async def init_packet(case: Case) -> None:
     """INIT, GETCONF and GETGEO in one packet: both replies arrive, in the order of the
     requests."""
@@ -240,12 +173,7 @@ async def init_packet(case: Case) -> None:
     case.expect(heads == ["CONF", "GEO"], f"replies came as {heads}")
 
 
-@check(
-    "control.input.outer-blanks",
-    "Blanks around a command",
-    source="protocol reference 6, no. 31",
-    dialects=ONCE,
-)
+@control("input.outer-blanks", "Blanks around a command", "6, no. 31", dialects=ONCE)
 async def outer_blanks(case: Case) -> None:
     """Leading and trailing blanks and tabs of a line are ignored."""
     client = await case.connect()
@@ -254,10 +182,10 @@ async def outer_blanks(case: Case) -> None:
     case.expect(count == 1, f"it was answered {count} times, not once")
 
 
-@check(
-    "control.input.before-greeting",
+@control(
+    "input.before-greeting",
     "Commands may come before the greeting is read",
-    source="protocol reference, addendum",
+    "protocol reference, addendum",
     dialects=ONCE,
 )
 async def before_greeting(case: Case) -> None:

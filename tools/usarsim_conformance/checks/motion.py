@@ -8,7 +8,7 @@ from itertools import pairwise
 from usarsim_conformance.case import Case
 from usarsim_conformance.control import Robot, turned
 from usarsim_conformance.recordings import driven, ground_told, wheels_of
-from usarsim_conformance.registry import ONCE, UDK, UNREAL, UT2004, Severity, check
+from usarsim_conformance.registry import ONCE, UDK, UNREAL, UT2004, Severity, control
 
 _STILL = 0.02
 """m/s below which a robot stands; sensors print centimetres."""
@@ -34,9 +34,7 @@ async def _rolling(robot: Robot, *commands: str, seconds: float = 1.0) -> tuple[
     return (forward * math.cos(turn / 2) + side * math.sin(turn / 2)) / passed, turn / passed
 
 
-@check(
-    "control.motion.forward", "Equal speeds drive forward", source="protocol reference 6, no. 143"
-)
+@control("motion.forward", "Equal speeds drive forward", "6, no. 143")
 async def forward(case: Case) -> None:
     """`DRIVE {Left v} {Right v}` with v above zero drives forward along the robot's x."""
     ahead, side, turn = (await driven(case)).phases["forward"].moved
@@ -44,18 +42,15 @@ async def forward(case: Case) -> None:
     case.expect(abs(side) < 0.3 * ahead and abs(turn) < 0.4, f"it went ({ahead:.2f}, {side:.2f})")
 
 
-@check("control.motion.back", "Negative speeds drive back", source="protocol reference 6, no. 143")
+@control("motion.back", "Negative speeds drive back", "6, no. 143")
 async def back(case: Case) -> None:
     """`DRIVE {Left -v} {Right -v}` drives back."""
     ahead, _, _ = (await driven(case)).phases["back"].moved
     case.expect(ahead < -0.05, f"it went {ahead:.2f} m forward")
 
 
-@check(
-    "control.motion.clockwise",
-    "Left forward, right back turns clockwise",
-    source="protocol reference 6, no. 143",
-    dialects=UNREAL,
+@control(
+    "motion.clockwise", "Left forward, right back turns clockwise", "6, no. 143", dialects=UNREAL
 )
 async def clockwise(case: Case) -> None:
     """`DRIVE {Left v} {Right -v}` turns clockwise seen from above: left and right are not
@@ -64,10 +59,10 @@ async def clockwise(case: Case) -> None:
     case.expect(turn > _TURNS, f"it turned by {turn:.2f} rad, clockwise positive")
 
 
-@check(
-    "control.motion.anticlockwise",
+@control(
+    "motion.anticlockwise",
     "Right forward, left back turns anticlockwise",
-    source="protocol reference 6, no. 143",
+    "6, no. 143",
     dialects=UNREAL,
 )
 async def anticlockwise(case: Case) -> None:
@@ -76,12 +71,8 @@ async def anticlockwise(case: Case) -> None:
     case.expect(turn < -_TURNS, f"it turned by {turn:.2f} rad, clockwise positive")
 
 
-@check(
-    "control.motion.in-place",
-    "Opposite speeds turn on the spot",
-    source="protocol reference 3.4.1",
-    dialects=UNREAL,
-    severity=Severity.SHOULD,
+@control(
+    "motion.in-place", "Opposite speeds turn on the spot", "3.4.1", Severity.SHOULD, dialects=UNREAL
 )
 async def in_place(case: Case) -> None:
     """With opposite speeds the robot turns and hardly leaves its place."""
@@ -89,7 +80,7 @@ async def in_place(case: Case) -> None:
     case.expect(math.hypot(ahead, side) < 0.25, f"it moved by ({ahead:.2f}, {side:.2f}) m")
 
 
-@check("control.motion.stops", "Zero stops", source="protocol reference 6, no. 145")
+@control("motion.stops", "Zero stops", "6, no. 145")
 async def stops(case: Case) -> None:
     """`DRIVE {Left 0} {Right 0}` stops the wheels."""
     phase = (await driven(case)).phases["steady"]
@@ -98,7 +89,7 @@ async def stops(case: Case) -> None:
     case.expect(abs(turn) < 0.3, f"it turned on by {turn:.2f} rad")
 
 
-@check("control.motion.rests", "A robot at rest stays", source="robots reference 5.3, no. 64")
+@control("motion.rests", "A robot at rest stays", "robots reference 5.3, no. 64")
 async def rests(case: Case) -> None:
     """A robot that is not driven does not move."""
     ahead, side, turn = (await driven(case)).phases["rest"].moved
@@ -106,12 +97,7 @@ async def rests(case: Case) -> None:
     case.expect(abs(turn) < 0.03, f"it turned by {turn:.3f} rad")
 
 
-@check(
-    "control.motion.speed",
-    "WheelRadius predicts the speed",
-    source="protocol reference 6, no. 132",
-    severity=Severity.SHOULD,
-)
+@control("motion.speed", "WheelRadius predicts the speed", "6, no. 132", Severity.SHOULD)
 async def speed(case: Case) -> None:
     """Wheel speed times WheelRadius of GEO is the speed of the robot within 10 percent."""
     drive = await driven(case)
@@ -127,12 +113,12 @@ async def speed(case: Case) -> None:
     case.expect(abs(found - wanted) < 0.1 * wanted + 0.02, f"{found:.3f} m/s, not {wanted:.3f}")
 
 
-@check(
-    "control.motion.turn-rate",
+@control(
+    "motion.turn-rate",
     "WheelSeparation predicts turning",
-    source="protocol reference 6, no. 132",
+    "6, no. 132",
+    Severity.INFORMATIVE,
     dialects=UNREAL,
-    severity=Severity.INFORMATIVE,
 )
 async def turn_rate(case: Case) -> None:
     """r (L - R) / separation is the turning rate within 10 percent. (Wheels that scrub turn a
@@ -148,12 +134,7 @@ async def turn_rate(case: Case) -> None:
     case.expect(abs(found - wanted) < 0.1 * wanted, f"{found:.2f} rad/s, not {wanted:.2f}")
 
 
-@check(
-    "control.motion.persists",
-    "A command stays in force",
-    source="protocol reference 6, no. 144",
-    dialects=ONCE,
-)
+@control("motion.persists", "A command stays in force", "6, no. 144", dialects=ONCE)
 async def persists(case: Case) -> None:
     """A drive command persists without repetition: there is no watchdog."""
     robot = await case.spawn()
@@ -181,13 +162,7 @@ async def _cruising(case: Case, command: str) -> tuple[float, float, float]:
         return found, radius, limit
 
 
-@check(
-    "control.motion.clamped",
-    "Speeds are clamped",
-    source="protocol reference 6, no. 131",
-    dialects=UNREAL,
-    exclusive=True,
-)
+@control("motion.clamped", "Speeds are clamped", "6, no. 131", dialects=UNREAL, exclusive=True)
 async def clamped(case: Case) -> None:
     """Commanding more than MaxSpeed of CONF gives MaxSpeed."""
     found, radius, limit = await _cruising(case, "DRIVE {Left 1000} {Right 1000}")
@@ -195,12 +170,8 @@ async def clamped(case: Case) -> None:
     case.expect(abs(found - wanted) < 0.2 * wanted, f"{found:.3f} m/s, not {wanted:.3f}")
 
 
-@check(
-    "control.motion.normalized",
-    "Normalized is percent",
-    source="protocol reference 6, no. 146",
-    dialects=UNREAL,
-    exclusive=True,
+@control(
+    "motion.normalized", "Normalized is percent", "6, no. 146", dialects=UNREAL, exclusive=True
 )
 async def normalized(case: Case) -> None:
     """`DRIVE {Left 50} {Right 50} {Normalized true}` runs at half of MaxSpeed."""
@@ -220,11 +191,8 @@ async def _after_normalized(case: Case) -> tuple[float, float, float]:
     return found, value * radius, value / 100.0 * limit * radius
 
 
-@check(
-    "control.motion.normalized-once",
-    "Normalized holds for its command",
-    source="protocol reference 6, no. 147",
-    dialects=UT2004,
+@control(
+    "motion.normalized-once", "Normalized holds for its command", "6, no. 147", dialects=UT2004
 )
 async def normalized_once(case: Case) -> None:
     """In ut2004 a DRIVE without Normalized is in rad/s, whatever the one before was."""
@@ -232,12 +200,7 @@ async def normalized_once(case: Case) -> None:
     case.expect(abs(found - plain) < 0.25 * plain, f"{found:.3f} m/s, not {plain:.3f}")
 
 
-@check(
-    "control.motion.normalized-sticky",
-    "Normalized sticks in udk",
-    source="protocol reference 6, no. 147",
-    dialects=UDK,
-)
+@control("motion.normalized-sticky", "Normalized sticks in udk", "6, no. 147", dialects=UDK)
 async def normalized_sticky(case: Case) -> None:
     """In udk ground vehicles remember Normalized until it is sent again."""
     found, _, percent = await _after_normalized(case)
@@ -251,34 +214,24 @@ async def _one_side(case: Case) -> tuple[float, float]:
     return await _rolling(robot, "DRIVE {Left 0} {Right 0}", f"DRIVE {{Left {value}}}")
 
 
-@check(
-    "control.motion.one-side",
-    "One side alone keeps the other",
-    source="protocol reference 6, no. 148",
-    dialects=UT2004,
-)
+@control("motion.one-side", "One side alone keeps the other", "6, no. 148", dialects=UT2004)
 async def one_side(case: Case) -> None:
     """In ut2004 `DRIVE {Left v}` alone keeps the right side: the robot turns clockwise."""
     _, rate = await _one_side(case)
     case.expect(rate > 0.012, f"it turns at {rate:.3f} rad/s, clockwise positive")
 
 
-@check(
-    "control.motion.one-side-udk",
-    "One side alone does nothing in udk",
-    source="protocol reference 6, no. 148",
-    dialects=UDK,
-)
+@control("motion.one-side-udk", "One side alone does nothing in udk", "6, no. 148", dialects=UDK)
 async def one_side_udk(case: Case) -> None:
     """In udk `DRIVE {Left v}` alone does nothing."""
     speed, rate = await _one_side(case)
     case.expect(abs(speed) < _STILL and abs(rate) < 0.05, f"{speed:.3f} m/s, {rate:.3f} rad/s")
 
 
-@check(
-    "control.motion.unknown-name",
+@control(
+    "motion.unknown-name",
     "A Name in a wheel command is ignored",
-    source="protocol reference, addendum",
+    "protocol reference, addendum",
     dialects=ONCE,
 )
 async def unknown_name(case: Case) -> None:
@@ -292,12 +245,7 @@ async def unknown_name(case: Case) -> None:
     case.expect(found > 0.5 * value * radius, f"it drives at {found:.3f} m/s")
 
 
-@check(
-    "control.motion.segments-of-all",
-    "Segments of all vehicle kinds at once",
-    source="protocol reference 5.1.2",
-    dialects=ONCE,
-)
+@control("motion.segments-of-all", "Segments of all vehicle kinds at once", "5.1.2", dialects=ONCE)
 async def segments_of_all(case: Case) -> None:
     """A DRIVE that carries zeros for all kinds of vehicles, as one client sends it to stop, stops
     the robot."""
@@ -313,12 +261,7 @@ async def segments_of_all(case: Case) -> None:
     case.expect(abs(found) < 0.05, f"it drives on at {found:.3f} m/s")
 
 
-@check(
-    "control.motion.flip",
-    "Flip does an upright robot no harm",
-    source="protocol reference 6, no. 153",
-    dialects=UNREAL,
-)
+@control("motion.flip", "Flip does an upright robot no harm", "6, no. 153", dialects=UNREAL)
 async def flip(case: Case) -> None:
     """`DRIVE {Flip True}` leaves an upright robot upright, where it is."""
     robot = await case.spawn()
@@ -330,12 +273,7 @@ async def flip(case: Case) -> None:
     case.expect(tilt < 0.2, f"it is tilted by {tilt:.2f} rad")
 
 
-@check(
-    "control.motion.flip-over",
-    "Flip rights an overturned robot",
-    source="protocol reference 6, no. 153",
-    dialects=UT2004,
-)
+@control("motion.flip-over", "Flip rights an overturned robot", "6, no. 153", dialects=UT2004)
 async def flip_over(case: Case) -> None:
     """In ut2004 `DRIVE {Flip True}` puts an overturned ground vehicle upright."""
     await ground_told(case, "GETCONF")
@@ -352,12 +290,8 @@ async def flip_over(case: Case) -> None:
     case.expect(tilt < 0.3, f"it is still tilted by {tilt:.2f} rad")
 
 
-@check(
-    "control.motion.wheel-by-wheel",
-    "Wheels one by one",
-    source="protocol reference 6, no. 150",
-    dialects=UT2004,
-    severity=Severity.SHOULD,
+@control(
+    "motion.wheel-by-wheel", "Wheels one by one", "6, no. 150", Severity.SHOULD, dialects=UT2004
 )
 async def wheel_by_wheel(case: Case) -> None:
     """`DRIVE {WheelNumber 0} {WheelSpeed v} {WheelNumber 1} {WheelSpeed v}` drives wheels 0 and 1
@@ -370,12 +304,7 @@ async def wheel_by_wheel(case: Case) -> None:
     case.expect(found > 0.4 * value * radius, f"it drives at {found:.3f} m/s")
 
 
-@check(
-    "control.motion.order",
-    "Commands are executed in order",
-    source="protocol reference 1.8",
-    dialects=ONCE,
-)
+@control("motion.order", "Commands are executed in order", "1.8", dialects=ONCE)
 async def in_order(case: Case) -> None:
     """Of many drive commands in one packet the last counts."""
     robot = await case.spawn()

@@ -11,7 +11,7 @@ from usarsim_conformance.control import ControlClient, turned
 from usarsim_conformance.grounds import open_floor
 from usarsim_conformance.lines import Line, numbers
 from usarsim_conformance.places import Place
-from usarsim_conformance.registry import ONCE, Severity, check
+from usarsim_conformance.registry import ONCE, Severity, control
 from usarsim_conformance.walls import controller, create, status_of
 
 _SOON = 30.0
@@ -37,12 +37,7 @@ def _same(line: Line, name: str, wanted: tuple[float, ...], slack: float) -> boo
     return math.dist(found, wanted) <= slack
 
 
-@check(
-    "control.world.poses",
-    "GetSTA tells all of a pose",
-    source="protocol reference 3.14, 4.11 and 6, no. 168",
-    dialects=ONCE,
-)
+@control("world.poses", "GetSTA tells all of a pose", "3.14, 4.11 and 6, no. 168", dialects=ONCE)
 async def poses(case: Case) -> None:
     """Location and Rotation of GetSTA are those of Create, then those of AbsMove, on all axes with
     their signs; RelMove adds to both in the axes of the world, however the object is turned. Memory
@@ -93,12 +88,7 @@ _LEAN = 0.35
 """rad."""
 
 
-@check(
-    "control.world.seen",
-    "Objects stand where GetSTA tells",
-    source="protocol reference 2.5, 3.14 and 4.6",
-    dialects=ONCE,
-)
+@control("world.seen", "Objects stand where GetSTA tells", "2.5, 3.14 and 4.6", dialects=ONCE)
 async def seen(case: Case) -> None:
     """A robot's scanner, whose mount GEO tells, sees a board where Location puts it, turned as
     Rotation says: positive yaw brings its right end nearer, positive pitch takes its lower part
@@ -170,13 +160,7 @@ def _points(line: Line) -> list[tuple[float, float]]:
     ]
 
 
-@check(
-    "control.world.rotates",
-    "Rotate turns at its Speed",
-    source="protocol reference 3.14",
-    dialects=ONCE,
-    severity=Severity.SHOULD,
-)
+@control("world.rotates", "Rotate turns at its Speed", "3.14", Severity.SHOULD, dialects=ONCE)
 async def rotates(case: Case) -> None:
     """`{Type Rotate} {Speed r,p,y}` turns an object about the axis of its component at so many
     rad/s, in the positive direction; about roll, pitch and yaw, within 20 percent."""
@@ -233,12 +217,8 @@ async def _timed(case: Case, client: ControlClient, name: str) -> _Timed:
     return _Timed(line, earliest, case.clock.told + _LATE)
 
 
-@check(
-    "control.world.path",
-    "Way points are followed at their Speed",
-    source="protocol reference 3.14",
-    dialects=ONCE,
-    severity=Severity.SHOULD,
+@control(
+    "world.path", "Way points are followed at their Speed", "3.14", Severity.SHOULD, dialects=ONCE
 )
 async def path(case: Case) -> None:
     """An object with way points and `{Type SetWP} {Speed v}` moves to them in their order at v,
@@ -288,13 +268,7 @@ async def path(case: Case) -> None:
         case.expect(await case.soon(left, _SOON), "with Loop it stays at the last way point")
 
 
-@check(
-    "control.world.physics",
-    "Physics decides what falls",
-    source="protocol reference 3.14",
-    dialects=ONCE,
-    severity=Severity.SHOULD,
-)
+@control("world.physics", "Physics decides what falls", "3.14", Severity.SHOULD, dialects=ONCE)
 async def physics(case: Case) -> None:
     """An object with Physics None stays in the air; RigidBody and Falling fall to the floor, where
     Ground stands at once: half its size above it, all three at one height."""
@@ -325,12 +299,12 @@ async def physics(case: Case) -> None:
             )
 
 
-@check(
-    "control.world.robots",
+@control(
+    "world.robots",
     "AbsMove and RelMove put robots elsewhere",
-    source="protocol reference 3.14",
+    "3.14",
+    Severity.SHOULD,
     dialects=ONCE,
-    severity=Severity.SHOULD,
 )
 async def robots(case: Case) -> None:
     """AbsMove with the name of a robot puts it there, facing as told; RelMove adds. Its own sensors

@@ -9,7 +9,7 @@ from usarsim_conformance.case import Case
 from usarsim_conformance.excursions import Track, bearer, equipment, spawn_far
 from usarsim_conformance.lines import Line, numbers
 from usarsim_conformance.ranging import CHANCE, spread_bounds
-from usarsim_conformance.registry import UNREAL, UT2004, Severity, check
+from usarsim_conformance.registry import UNREAL, UT2004, Severity, control
 from usarsim_conformance.visits import View, Visit, visit, watch_walker
 
 _NOISE = 0.05
@@ -31,10 +31,10 @@ def _seen(view: View) -> list[list[tuple[str, tuple[float, ...]]]]:
     return [_parts(line) for _, line in view.track.of("VictSensor") if _parts(line)]
 
 
-@check(
-    "control.values.victim-location",
+@control(
+    "values.victim-location",
     "A victim is where it is seen",
-    source="robots reference 2.9; protocol reference 4.6",
+    "robots reference 2.9; protocol reference 4.6",
     dialects=UNREAL,
 )
 async def victim_location(case: Case) -> None:
@@ -73,11 +73,11 @@ async def victim_location(case: Case) -> None:
             )
 
 
-@check(
-    "control.values.victim-noise",
+@control(
+    "values.victim-noise",
     "A victim is seen as inexactly as it should",
-    source="robots reference 2.9",
-    severity=Severity.SHOULD,
+    "robots reference 2.9",
+    Severity.SHOULD,
     dialects=UNREAL,
 )
 async def victim_noise(case: Case) -> None:
@@ -109,10 +109,10 @@ async def victim_noise(case: Case) -> None:
     )
 
 
-@check(
-    "control.values.victim-view",
+@control(
+    "values.victim-view",
     "A victim sensor sees what is in its field of view",
-    source="robots reference 2.9; protocol reference 4.8",
+    "robots reference 2.9; protocol reference 4.8",
     dialects=UNREAL,
 )
 async def victim_view(case: Case) -> None:
@@ -141,10 +141,10 @@ async def victim_view(case: Case) -> None:
             )
 
 
-@check(
-    "control.values.victim-tag",
+@control(
+    "values.victim-tag",
     "A victim's tag is where the victim is",
-    source="robots reference 2.9; protocol reference 4.6",
+    "robots reference 2.9; protocol reference 4.6",
     dialects=UNREAL,
 )
 async def victim_tag(case: Case) -> None:
@@ -172,11 +172,11 @@ async def victim_tag(case: Case) -> None:
     case.expect(len(names) == 1, f"VictimName of the same victim is {names}")
 
 
-@check(
-    "control.values.co2",
+@control(
+    "values.co2",
     "CO2 thins with the square of the distance",
-    source="robots reference 2.9",
-    severity=Severity.SHOULD,
+    "robots reference 2.9",
+    Severity.SHOULD,
     dialects=UNREAL,
 )
 async def co2(case: Case) -> None:
@@ -199,11 +199,11 @@ async def co2(case: Case) -> None:
         )
 
 
-@check(
-    "control.values.loudness",
+@control(
+    "values.loudness",
     "Sound fades by 6 dB with every doubling",
-    source="robots reference 2.9",
-    severity=Severity.SHOULD,
+    "robots reference 2.9",
+    Severity.SHOULD,
     dialects=UNREAL,
 )
 async def loudness(case: Case) -> None:
@@ -229,10 +229,10 @@ async def loudness(case: Case) -> None:
         )
 
 
-@check(
-    "control.values.acoustic",
+@control(
+    "values.acoustic",
     "An acoustic array hears where a call comes from",
-    source="robots reference 2.9; protocol reference 4.6",
+    "robots reference 2.9; protocol reference 4.6",
     dialects=UNREAL,
 )
 async def acoustic(case: Case) -> None:
@@ -276,11 +276,11 @@ async def acoustic(case: Case) -> None:
         )
 
 
-@check(
-    "control.values.human-motion",
+@control(
+    "values.human-motion",
     "HumanMotion tells who moves",
-    source="robots reference 2.9",
-    severity=Severity.SHOULD,
+    "robots reference 2.9",
+    Severity.SHOULD,
     dialects=UT2004,
 )
 async def human_motion(case: Case) -> None:
@@ -303,10 +303,10 @@ async def human_motion(case: Case) -> None:
     )
 
 
-@check(
-    "control.values.rfid-location",
+@control(
+    "values.rfid-location",
     "A tag is where it was dropped",
-    source="robots reference 2.9; protocol reference 4.6",
+    "robots reference 2.9; protocol reference 4.6",
     dialects=UNREAL,
 )
 async def rfid_location(case: Case) -> None:
@@ -315,10 +315,10 @@ async def rfid_location(case: Case) -> None:
     await _judge_tag(case, "RFID")
 
 
-@check(
-    "control.values.rfid-tag-location",
+@control(
+    "values.rfid-tag-location",
     "A tag is where it was dropped, for a tag reader",
-    source="robots reference 2.9; protocol reference 4.6",
+    "robots reference 2.9; protocol reference 4.6",
     dialects=UNREAL,
 )
 async def rfid_tag_location(case: Case) -> None:

@@ -18,16 +18,11 @@ from usarsim_conformance.ranging import (
     walls_for,
 )
 from usarsim_conformance.recordings import senses, standing, told
-from usarsim_conformance.registry import GAZEBO, UNREAL, check
+from usarsim_conformance.registry import GAZEBO, UNREAL, control
 from usarsim_conformance.walls import Scene, Vector, turned_by
 
 
-@check(
-    "control.values.scan-3d-range",
-    "A scan in rows measures a wall",
-    source="protocol reference 4.6",
-    dialects=UNREAL,
-)
+@control("values.scan-3d-range", "A scan in rows measures a wall", "4.6", dialects=UNREAL)
 async def scan_3d_range(case: Case) -> None:
     """Range of a RangeScanner3D is row by row from up to down, each from right to left, by the two
     angles of Resolution and FOV."""
@@ -58,10 +53,10 @@ async def scan_3d_range(case: Case) -> None:
         judge_beam(case, found, type, "Range", one, False, floor)
 
 
-@check(
-    "control.values.image-range",
+@control(
+    "values.image-range",
     "A depth picture measures a wall",
-    source="robots reference 2.3; protocol reference 4.6",
+    "robots reference 2.3; protocol reference 4.6",
     dialects=UNREAL,
 )
 async def image_range(case: Case) -> None:
@@ -160,11 +155,8 @@ def _triples(text: str) -> list[Vector]:
     return found
 
 
-@check(
-    "control.values.line-laser-points",
-    "Points of a line laser lie on the wall",
-    source="protocol reference 4.6",
-    dialects=UNREAL,
+@control(
+    "values.line-laser-points", "Points of a line laser lie on the wall", "4.6", dialects=UNREAL
 )
 async def line_laser_points(case: Case) -> None:
     """Location and Orientation of a LineLaser are where it is in the world, and Points where its
@@ -200,12 +192,7 @@ async def line_laser_points(case: Case) -> None:
     case.expect(met["ahead"] > met["half"] > 0, f"Points on a wall and half of it: {met}")
 
 
-@check(
-    "control.values.cloud-points",
-    "Points of a cloud lie on the wall",
-    source="protocol reference 4.6",
-    dialects=UNREAL,
-)
+@control("values.cloud-points", "Points of a cloud lie on the wall", "4.6", dialects=UNREAL)
 async def cloud_points(case: Case) -> None:
     """Points of a PCL sensor are in its own frame, x ahead, y to the right, z down: those of a wall
     lie on it."""
@@ -250,10 +237,10 @@ async def cloud_points(case: Case) -> None:
             case.expect(count < whole, f"points of {name} do not miss a wall that is not there")
 
 
-@check(
-    "control.values.object-sensor",
+@control(
+    "values.object-sensor",
     "An object sensor tells what is ahead",
-    source="robots reference 2.9; protocol reference 4.6",
+    "robots reference 2.9; protocol reference 4.6",
     dialects=UNREAL,
 )
 async def object_sensor(case: Case) -> None:
@@ -293,12 +280,7 @@ async def object_sensor(case: Case) -> None:
     case.need(seen > 1, "too few ObjectSensor lines")
 
 
-@check(
-    "control.sensors.scan-order",
-    "Segments of a scan",
-    source="protocol reference 6, no. 102",
-    dialects=UNREAL,
-)
+@control("sensors.scan-order", "Segments of a scan", "6, no. 102", dialects=UNREAL)
 async def scan_order(case: Case) -> None:
     """RangeScanner segments are Name, Resolution, FOV, Range in this order, Range last, with
     exactly this spelling."""
@@ -307,9 +289,7 @@ async def scan_order(case: Case) -> None:
         case.expect(names == ("Name", "Resolution", "FOV", "Range"), f"other segments: {line}")
 
 
-@check(
-    "control.sensors.scan-numbers", "A scan is numbers with commas", source="protocol reference 4.6"
-)
+@control("sensors.scan-numbers", "A scan is numbers with commas", "4.6")
 async def scan_numbers(case: Case) -> None:
     """Ranges are plain numbers joined by single commas, none missing, none at the end."""
     for line in (await senses(case, "RangeScanner"))[1]:
@@ -317,7 +297,7 @@ async def scan_numbers(case: Case) -> None:
         case.expect(values and not any(map(math.isnan, values)), f"no plain numbers: {line}")
 
 
-@check("control.sensors.scan-count", "Number of ranges", source="protocol reference 6, no. 103")
+@control("sensors.scan-count", "Number of ranges", "6, no. 103")
 async def scan_count(case: Case) -> None:
     """The number of ranges is floor(FOV / Resolution) + 1 and never exceeds
     round(printed FOV / printed Resolution) + 1, beyond which one client crashes."""
@@ -328,12 +308,7 @@ async def scan_count(case: Case) -> None:
         case.expect(count >= math.floor(beams), f"{count} ranges for {beams:.1f} steps: {line}")
 
 
-@check(
-    "control.sensors.scan-miss",
-    "A beam without echo reads MaxRange",
-    source="protocol reference 6, no. 105",
-    dialects=UNREAL,
-)
+@control("sensors.scan-miss", "A beam without echo reads MaxRange", "6, no. 105", dialects=UNREAL)
 async def scan_miss(case: Case) -> None:
     """No range is larger than the MaxRange of CONF."""
     recording, lines = await senses(case, "RangeScanner")
@@ -346,10 +321,10 @@ async def scan_miss(case: Case) -> None:
         case.expect(most <= limit + 1e-3, f"{most} although MaxRange is {limit}")
 
 
-@check(
-    "control.sensors.scan-right-first",
+@control(
+    "sensors.scan-right-first",
     "Scans begin on the right",
-    source="protocol reference 6, no. 104",
+    "6, no. 104",
     dialects=UNREAL,
     exclusive=True,
 )
@@ -360,10 +335,10 @@ async def scan_right_first(case: Case) -> None:
     case.expect(change < 0.5, f"a robot on the right shortened ranges at {change:.0%} of the list")
 
 
-@check(
-    "control.sensors.scan-left-first",
+@control(
+    "sensors.scan-left-first",
     "Scans begin on the left in the Gazebo prototype",
-    source="protocol reference 4.15",
+    "4.15",
     dialects=GAZEBO,
     exclusive=True,
 )
@@ -400,11 +375,7 @@ async def _shadow(case: Case, right: float) -> float:
     return median(nearer)
 
 
-@check(
-    "control.sensors.scan-length",
-    "A scan of 181 beams fits 2000 bytes",
-    source="protocol reference 6, no. 106",
-)
+@control("sensors.scan-length", "A scan of 181 beams fits 2000 bytes", "6, no. 106")
 async def scan_length(case: Case) -> None:
     """A RangeScanner line of at most 181 beams is shorter than 2000 bytes."""
     for line in (await senses(case, "RangeScanner"))[1]:

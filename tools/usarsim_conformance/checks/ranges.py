@@ -18,7 +18,7 @@ from usarsim_conformance.excursions import (
 )
 from usarsim_conformance.grounds import lane
 from usarsim_conformance.ranging import SLACK, Beam, judge_beam, limit, ray, values_of, walls_for
-from usarsim_conformance.registry import UNREAL, check
+from usarsim_conformance.registry import UNREAL, control
 from usarsim_conformance.walls import (
     Builder,
     Scene,
@@ -41,10 +41,10 @@ async def _single(case: Case, type: str, least: bool) -> None:
     case.need(seen > 3, f"too few {type} lines")
 
 
-@check(
-    "control.values.ir-range",
+@control(
+    "values.ir-range",
     "IR measures the distance ahead of it",
-    source="robots reference 2.2",
+    "robots reference 2.2",
     dialects=UNREAL,
 )
 async def ir_range(case: Case) -> None:
@@ -53,10 +53,10 @@ async def ir_range(case: Case) -> None:
     await _single(case, "IR", True)
 
 
-@check(
-    "control.values.range-range",
+@control(
+    "values.range-range",
     "A range sensor measures the distance ahead of it",
-    source="robots reference 2.2",
+    "robots reference 2.2",
     dialects=UNREAL,
 )
 async def range_range(case: Case) -> None:
@@ -64,10 +64,10 @@ async def range_range(case: Case) -> None:
     await _single(case, "Range", False)
 
 
-@check(
-    "control.values.sonar-range",
+@control(
+    "values.sonar-range",
     "A sonar measures the nearest echo",
-    source="robots reference 2.2; protocol reference 6, no. 101",
+    "robots reference 2.2; protocol reference 6, no. 101",
     dialects=UNREAL,
 )
 async def sonar_range(case: Case) -> None:
@@ -119,10 +119,10 @@ def _beam_angle(found: Surrounded, item: str) -> float:
     return float(conf.get("BeamAngle") or conf.get("beamAngle") or 0.349)
 
 
-@check(
-    "control.values.sonar-cone",
+@control(
+    "values.sonar-cone",
     "A sonar sees its cone and no more",
-    source="robots reference 2.2",
+    "robots reference 2.2",
     dialects=UNREAL,
 )
 async def sonar_cone(case: Case) -> None:
@@ -202,10 +202,10 @@ async def _scanner(case: Case, type: str, least: bool) -> None:
     case.need(seen > 10, f"too few {type} lines")
 
 
-@check(
-    "control.values.scan-range",
+@control(
+    "values.scan-range",
     "A scan measures a wall",
-    source="robots reference 2.3; protocol reference 6, no. 103 to 105",
+    "robots reference 2.3; protocol reference 6, no. 103 to 105",
     dialects=UNREAL,
 )
 async def scan_range(case: Case) -> None:
@@ -214,10 +214,10 @@ async def scan_range(case: Case) -> None:
     await _scanner(case, "RangeScanner", False)
 
 
-@check(
-    "control.values.ir-scan-range",
+@control(
+    "values.ir-scan-range",
     "A scan by infrared measures a wall",
-    source="robots reference 2.3",
+    "robots reference 2.3",
     dialects=UNREAL,
 )
 async def ir_scan_range(case: Case) -> None:
@@ -226,12 +226,7 @@ async def ir_scan_range(case: Case) -> None:
     await _scanner(case, "IRScanner", True)
 
 
-@check(
-    "control.values.scan-head",
-    "A scan says what CONF says",
-    source="protocol reference 4.6 and 4.8",
-    dialects=UNREAL,
-)
+@control("values.scan-head", "A scan says what CONF says", "4.6 and 4.8", dialects=UNREAL)
 async def scan_head(case: Case) -> None:
     """Resolution and FOV of a scan are Resolution and Fov of CONF, and the number of ranges follows
     from them."""
@@ -337,11 +332,8 @@ def _judge_reach(case: Case, found: _Approach, least: float, most: float) -> Non
         )
 
 
-@check(
-    "control.values.touch-reach",
-    "A touch pad feels what is close",
-    source="robots reference 2.8",
-    dialects=UNREAL,
+@control(
+    "values.touch-reach", "A touch pad feels what is close", "robots reference 2.8", dialects=UNREAL
 )
 async def touch_reach(case: Case) -> None:
     """Touch is False while a wall is a centimetre before the pad, and True from a few millimetres
@@ -350,10 +342,10 @@ async def touch_reach(case: Case) -> None:
     _judge_reach(case, found, 0.0, 0.005)
 
 
-@check(
-    "control.values.touch-diameter",
+@control(
+    "values.touch-diameter",
     "A touch pad is as large as it says",
-    source="robots reference 2.8",
+    "robots reference 2.8",
     dialects=UNREAL,
 )
 async def touch_diameter(case: Case) -> None:
@@ -376,11 +368,8 @@ async def touch_diameter(case: Case) -> None:
             )
 
 
-@check(
-    "control.values.bumper-reach",
-    "A bumper feels what is close",
-    source="robots reference 2.8",
-    dialects=UNREAL,
+@control(
+    "values.bumper-reach", "A bumper feels what is close", "robots reference 2.8", dialects=UNREAL
 )
 async def bumper_reach(case: Case) -> None:
     """Touch of a TouchArray is True from 2 cm before its arc on, ArcRadius of CONF from its

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from usarsim_conformance.case import Case
 from usarsim_conformance.control import Pose, Robot, turned
 from usarsim_conformance.lines import Line
-from usarsim_conformance.registry import ONCE, UDK, UNREAL, UT2004, Severity, check
+from usarsim_conformance.registry import ONCE, UDK, UNREAL, UT2004, Severity, control
 
 _HOVER = "DRIVE {AltitudeVelocity 0} {LinearVelocity 0} {LateralVelocity 0} {RotationalVelocity 0}"
 
@@ -26,12 +26,7 @@ async def _flown(case: Case, name: str, value: float, seconds: float = 1.2) -> t
     return before, after
 
 
-@check(
-    "control.aerial.climbs",
-    "AltitudeVelocity climbs",
-    source="protocol reference 6, no. 151",
-    dialects=UNREAL,
-)
+@control("aerial.climbs", "AltitudeVelocity climbs", "6, no. 151", dialects=UNREAL)
 async def climbs(case: Case) -> None:
     """Positive AltitudeVelocity climbs: z becomes smaller."""
     before, after = await _flown(case, "AltitudeVelocity", 1.0)
@@ -39,35 +34,22 @@ async def climbs(case: Case) -> None:
     case.expect(rise > 0.3, f"it rose by {rise:.2f} m")
 
 
-@check(
-    "control.aerial.forward",
-    "LinearVelocity flies forward",
-    source="protocol reference 6, no. 151",
-    dialects=UNREAL,
-)
+@control("aerial.forward", "LinearVelocity flies forward", "6, no. 151", dialects=UNREAL)
 async def flies_forward(case: Case) -> None:
     """Positive LinearVelocity flies forward."""
     before, after = await _flown(case, "LinearVelocity", 0.6)
     case.expect(before.ahead(after)[0] > 0.15, f"it went {before.ahead(after)} m ahead and right")
 
 
-@check(
-    "control.aerial.right",
-    "LateralVelocity flies right",
-    source="protocol reference 6, no. 151",
-    dialects=UNREAL,
-)
+@control("aerial.right", "LateralVelocity flies right", "6, no. 151", dialects=UNREAL)
 async def flies_right(case: Case) -> None:
     """Positive LateralVelocity flies to the right."""
     before, after = await _flown(case, "LateralVelocity", 0.6)
     case.expect(before.ahead(after)[1] > 0.15, f"it went {before.ahead(after)} m ahead and right")
 
 
-@check(
-    "control.aerial.turns",
-    "RotationalVelocity turns clockwise",
-    source="protocol reference 6, no. 151 and 152",
-    dialects=UNREAL,
+@control(
+    "aerial.turns", "RotationalVelocity turns clockwise", "6, no. 151 and 152", dialects=UNREAL
 )
 async def turns(case: Case) -> None:
     """Positive RotationalVelocity turns clockwise, in rad/s in ut2004 and in degrees per second
@@ -78,9 +60,7 @@ async def turns(case: Case) -> None:
     case.expect(0.3 < turn < 1.6, f"it turned by {turn:.2f} rad, clockwise positive, in 1 s")
 
 
-@check(
-    "control.aerial.hovers", "Zeros hover", source="protocol reference 6, no. 151", dialects=UNREAL
-)
+@control("aerial.hovers", "Zeros hover", "6, no. 151", dialects=UNREAL)
 async def hovers(case: Case) -> None:
     """With all velocities zero the robot stays where it is in the air."""
     before, after = await _flown(case, "AltitudeVelocity", 0.0)
@@ -99,23 +79,17 @@ async def _steered(case: Case, *commands: str) -> tuple[float, Line]:
     return before.ahead(after)[0], [line for line in lines if line.head == "STA"][-1]
 
 
-@check(
-    "control.ackerman.drives",
-    "Speed drives a car",
-    source="protocol reference 3.4.2",
-    dialects=UNREAL,
-    exclusive=True,
-)
+@control("ackerman.drives", "Speed drives a car", "3.4.2", dialects=UNREAL, exclusive=True)
 async def car_drives(case: Case) -> None:
     """`DRIVE {Speed v} {FrontSteer 0} {RearSteer 0}` drives a car forward."""
     ahead, _ = await _steered(case, "DRIVE {Speed 2} {FrontSteer 0} {RearSteer 0}")
     case.expect(ahead > 0.05, f"it went {ahead:.2f} m forward")
 
 
-@check(
-    "control.ackerman.speed-alone",
+@control(
+    "ackerman.speed-alone",
     "Speed alone drives a car",
-    source="protocol reference 6, no. 149",
+    "6, no. 149",
     dialects=UT2004,
     exclusive=True,
 )
@@ -125,12 +99,8 @@ async def speed_alone(case: Case) -> None:
     case.expect(ahead > 0.05, f"it went {ahead:.2f} m forward")
 
 
-@check(
-    "control.ackerman.all-three",
-    "All three are needed in udk",
-    source="protocol reference 6, no. 149",
-    dialects=UDK,
-    exclusive=True,
+@control(
+    "ackerman.all-three", "All three are needed in udk", "6, no. 149", dialects=UDK, exclusive=True
 )
 async def all_three(case: Case) -> None:
     """In udk a car needs Speed, FrontSteer and RearSteer; one alone does nothing."""
@@ -138,10 +108,10 @@ async def all_three(case: Case) -> None:
     case.expect(abs(ahead) < 0.03, f"it went {ahead:.2f} m forward")
 
 
-@check(
-    "control.ackerman.steer-limits",
+@control(
+    "ackerman.steer-limits",
     "Steering stays within limits",
-    source="protocol reference 6, no. 149",
+    "6, no. 149",
     dialects=UNREAL,
     exclusive=True,
 )
@@ -152,12 +122,7 @@ async def steer_limits(case: Case) -> None:
         case.expect(abs(status.number(name)) < 1.6, f"{name} is {status.get(name)}")
 
 
-@check(
-    "control.flippers.multidrive",
-    "MULTIDRIVE moves flippers",
-    source="protocol reference 6, no. 154",
-    dialects=UT2004,
-)
+@control("flippers.multidrive", "MULTIDRIVE moves flippers", "6, no. 154", dialects=UT2004)
 async def multidrive(case: Case) -> None:
     """`MULTIDRIVE {FRFlipper 0.4} {FLflipper 0.4}` moves both flippers there, names in any
     case."""
@@ -199,12 +164,7 @@ async def _moved(case: Case, robot: Robot, command: str, target: float) -> None:
     case.fail(f"link 1 of {name} is at {value:.3f}, not at {target}")
 
 
-@check(
-    "control.arm.mispkg",
-    "MISPKG counts links from 1",
-    source="protocol reference 6, no. 157",
-    dialects=UNREAL,
-)
+@control("arm.mispkg", "MISPKG counts links from 1", "6, no. 157", dialects=UNREAL)
 async def mispkg(case: Case) -> None:
     """`MISPKG {Name p} {Link 1} {Value 0.2}`, with and without Order, moves the first link."""
     robot = await case.spawn("arm")
@@ -212,24 +172,14 @@ async def mispkg(case: Case) -> None:
     await _moved(case, robot, "MISPKG {Name <arm>} {Link 1} {Value 0.1} {Order 0}", 0.1)
 
 
-@check(
-    "control.arm.act",
-    "ACT counts links from 0",
-    source="protocol reference 6, no. 158",
-    dialects=UDK,
-)
+@control("arm.act", "ACT counts links from 0", "6, no. 158", dialects=UDK)
 async def act(case: Case) -> None:
     """`ACT {Name a} {Link 0} {Value 0.2}` moves the link that ASTA reports as Link 1."""
     robot = await case.spawn("arm")
     await _moved(case, robot, "ACT {Name <arm>} {Link 0} {Value 0.2}", 0.2)
 
 
-@check(
-    "control.arm.out-of-range",
-    "Links that are none are ignored",
-    source="protocol reference 6, no. 159",
-    dialects=UNREAL,
-)
+@control("arm.out-of-range", "Links that are none are ignored", "6, no. 159", dialects=UNREAL)
 async def out_of_range(case: Case) -> None:
     """Links out of range are ignored without disturbing the other groups of the command."""
     robot = await case.spawn("arm")
@@ -241,12 +191,7 @@ async def out_of_range(case: Case) -> None:
     )  # fmt: skip
 
 
-@check(
-    "control.arm.links",
-    "Links are reported from 1",
-    source="protocol reference 4.9",
-    dialects=UNREAL,
-)
+@control("arm.links", "Links are reported from 1", "4.9", dialects=UNREAL)
 async def links(case: Case) -> None:
     """MISSTA (ut2004, with Torque) and ASTA (udk) number links from 1 without a gap."""
     robot = await case.spawn("arm")
@@ -259,12 +204,8 @@ async def links(case: Case) -> None:
     case.expect(line.names == ("Time", "Name", *group * len(numbers)), f"{line}")
 
 
-@check(
-    "control.arm.limits",
-    "Joints stop at their limits",
-    source="protocol reference 6, no. 160",
-    dialects=UNREAL,
-    severity=Severity.SHOULD,
+@control(
+    "arm.limits", "Joints stop at their limits", "6, no. 160", Severity.SHOULD, dialects=UNREAL
 )
 async def limits(case: Case) -> None:
     """A value beyond a joint's limit stops at the limit told by CONF."""
@@ -283,12 +224,7 @@ async def limits(case: Case) -> None:
             case.expect(value <= high + 0.05, f"link 1 is at {value}, beyond {high}")
 
 
-@check(
-    "control.arm.gripper",
-    "Grippers open and close",
-    source="protocol reference 6, no. 161",
-    dialects=UDK,
-)
+@control("arm.gripper", "Grippers open and close", "6, no. 161", dialects=UDK)
 async def gripper(case: Case) -> None:
     """`SET {Type Gripper} {Name g} {Opcode OPEN}` and CLOSE change the Status of EFF."""
     robot = await case.spawn("gripper")
@@ -306,12 +242,12 @@ def _status(status: str) -> Callable[[Line], bool]:
     return lambda line: line.head == "EFF" and line.get("Status") == status
 
 
-@check(
-    "control.legged.no-drive",
+@control(
+    "legged.no-drive",
     "DRIVE moves no legged robot",
-    source="robots reference 5.2, no. 48",
+    "robots reference 5.2, no. 48",
+    Severity.SHOULD,
     dialects=ONCE,
-    severity=Severity.SHOULD,
 )
 async def no_drive(case: Case) -> None:
     """DRIVE to a legged robot does not move it."""
@@ -322,12 +258,7 @@ async def no_drive(case: Case) -> None:
     case.expect(away < 0.1, f"it moved by {away:.2f} m")
 
 
-@check(
-    "control.legged.joints",
-    "SET moves a joint",
-    source="protocol reference 6, no. 156",
-    dialects=UDK,
-)
+@control("legged.joints", "SET moves a joint", "6, no. 156", dialects=UDK)
 async def joints(case: Case) -> None:
     """`SET {Type Joint} {Name j} {Opcode Angle} {Params 0.2}` moves a joint that STA reports."""
     robot = await case.spawn("legged")
@@ -340,12 +271,12 @@ async def joints(case: Case) -> None:
     case.expect(abs(value - 0.2) < 0.06, f"{names[0]} is at {value}")
 
 
-@check(
-    "control.underwater.stays",
+@control(
+    "underwater.stays",
     "A submarine without orders stays",
-    source="robots reference 5.2, no. 49",
+    "robots reference 5.2, no. 49",
+    Severity.INFORMATIVE,
     dialects=ONCE,
-    severity=Severity.INFORMATIVE,
     exclusive=True,
 )
 async def submarine(case: Case) -> None:

@@ -9,7 +9,7 @@ import re
 from usarsim_conformance.case import Case
 from usarsim_conformance.clock import Stalled
 from usarsim_conformance.control import ControlClient, Robot
-from usarsim_conformance.registry import ONCE, Failed, Severity, check
+from usarsim_conformance.registry import ONCE, Failed, Severity, control
 
 _GARBAGE_LINES = 1000
 _LONG_LINE = 65536
@@ -26,12 +26,7 @@ async def _obeys(case: Case, robot: Robot) -> None:
     await robot.wait(lambda line: line.head == "STA", what="STA")
 
 
-@check(
-    "control.robust.garbage",
-    "Random bytes are survived",
-    source="protocol reference 6, no. 19",
-    dialects=ONCE,
-)
+@control("robust.garbage", "Random bytes are survived", "6, no. 19", dialects=ONCE)
 async def garbage(case: Case) -> None:
     """The connection stays open after 1000 lines of random bytes, and a valid command sent
     afterwards works."""
@@ -44,12 +39,7 @@ async def garbage(case: Case) -> None:
     await _obeys(case, robot)
 
 
-@check(
-    "control.robust.near-misses",
-    "Nearly right commands are survived",
-    source="protocol reference 1.7",
-    dialects=ONCE,
-)
+@control("robust.near-misses", "Nearly right commands are survived", "1.7", dialects=ONCE)
 async def near_misses(case: Case) -> None:
     """Commands with braces, blanks and values in wrong places, and truncated ones, do no harm."""
     robot = await case.spawn()
@@ -77,12 +67,7 @@ async def near_misses(case: Case) -> None:
     await _obeys(case, robot)
 
 
-@check(
-    "control.robust.long-line",
-    "A line of 65536 bytes is processed",
-    source="protocol reference 6, no. 20",
-    dialects=ONCE,
-)
+@control("robust.long-line", "A line of 65536 bytes is processed", "6, no. 20", dialects=ONCE)
 async def long_line(case: Case) -> None:
     """A line of 65536 bytes is processed."""
     robot = await case.spawn()
@@ -92,12 +77,7 @@ async def long_line(case: Case) -> None:
     await robot.wait("CONF {")
 
 
-@check(
-    "control.robust.endless-line",
-    "A line without end is discarded",
-    source="protocol reference 6, no. 20",
-    dialects=ONCE,
-)
+@control("robust.endless-line", "A line without end is discarded", "6, no. 20", dialects=ONCE)
 async def endless_line(case: Case) -> None:
     """A line of 1 MiB without terminator is discarded, and the connection survives."""
     robot = await case.spawn()
@@ -107,12 +87,12 @@ async def endless_line(case: Case) -> None:
     await _obeys(case, robot)
 
 
-@check(
-    "control.robust.many-segments",
+@control(
+    "robust.many-segments",
     "A command of a thousand segments",
-    source="protocol reference 6, no. 20",
+    "6, no. 20",
+    Severity.SHOULD,
     dialects=ONCE,
-    severity=Severity.SHOULD,
 )
 async def many_segments(case: Case) -> None:
     """A command with a thousand segments is read: the last of them counts."""
@@ -121,11 +101,8 @@ async def many_segments(case: Case) -> None:
     await robot.wait("CONF {")
 
 
-@check(
-    "control.robust.flood",
-    "A flood of commands is executed",
-    source="protocol reference, addendum",
-    dialects=ONCE,
+@control(
+    "robust.flood", "A flood of commands is executed", "protocol reference, addendum", dialects=ONCE
 )
 async def flood(case: Case) -> None:
     """Two thousand DRIVE commands in a row, more than a client that answers every line, are worked
@@ -136,12 +113,7 @@ async def flood(case: Case) -> None:
     case.expect(await robot.client.is_alive(_FLOOD_WITHIN), "the connection no longer answers")
 
 
-@check(
-    "control.robust.request-flood",
-    "A flood of requests is answered",
-    source="protocol reference 6, no. 18",
-    dialects=ONCE,
-)
+@control("robust.request-flood", "A flood of requests is answered", "6, no. 18", dialects=ONCE)
 async def request_flood(case: Case) -> None:
     """Two hundred requests in one packet are all answered."""
     robot = await case.spawn()
@@ -152,13 +124,7 @@ async def request_flood(case: Case) -> None:
     case.expect(count == 200, f"{count} of 200 requests were answered")
 
 
-@check(
-    "control.robust.init-flood",
-    "INIT over and over",
-    source="protocol reference 6, no. 79",
-    dialects=ONCE,
-    severity=Severity.SHOULD,
-)
+@control("robust.init-flood", "INIT over and over", "6, no. 79", Severity.SHOULD, dialects=ONCE)
 async def init_flood(case: Case) -> None:
     """Two hundred further INIT commands on a connection do no harm."""
     robot = await case.spawn()
@@ -166,12 +132,7 @@ async def init_flood(case: Case) -> None:
     await _obeys(case, robot)
 
 
-@check(
-    "control.robust.long-names",
-    "Very long names and numbers",
-    source="protocol reference 1.7",
-    dialects=ONCE,
-)
+@control("robust.long-names", "Very long names and numbers", "1.7", dialects=ONCE)
 async def long_names(case: Case) -> None:
     """A robot name of 2000 characters and numbers of 2000 digits do no harm: an INIT with such a
     name may be refused, and then another one works on the same connection."""
@@ -191,13 +152,8 @@ async def long_names(case: Case) -> None:
         case.expect(not re.search(r"[ ,](nan|inf)", line.text, re.I), f"not a number: {line}")
 
 
-@check(
-    "control.robust.far-away",
-    "Places far away",
-    source="protocol reference 1.7",
-    dialects=ONCE,
-    severity=Severity.SHOULD,
-    exclusive=True,
+@control(
+    "robust.far-away", "Places far away", "1.7", Severity.SHOULD, dialects=ONCE, exclusive=True
 )
 async def far_away(case: Case) -> None:
     """INIT with a location beyond all worlds, or none that is a number, harms nobody else: other
@@ -216,10 +172,10 @@ async def far_away(case: Case) -> None:
     case.expect(abs(pose.location[0]) < 1e6, f"another robot is at {pose.location}")
 
 
-@check(
-    "control.robust.slow-reader",
+@control(
+    "robust.slow-reader",
     "A client that does not read stops nobody",
-    source="protocol reference 6, no. 16",
+    "6, no. 16",
     dialects=ONCE,
     exclusive=True,
 )
@@ -240,10 +196,10 @@ async def slow_reader(case: Case) -> None:
     lazy.close()
 
 
-@check(
-    "control.robust.late-reader",
+@control(
+    "robust.late-reader",
     "A client that reads late reads whole lines",
-    source="protocol reference 6, no. 17 and 18",
+    "6, no. 17 and 18",
     dialects=ONCE,
     exclusive=True,
 )
@@ -262,11 +218,8 @@ async def late_reader(case: Case) -> None:
     case.fail("GETSTARTPOSES was not answered")
 
 
-@check(
-    "control.robust.reset-reader",
-    "A client that resets while not reading",
-    source="protocol reference 6, no. 14",
-    dialects=ONCE,
+@control(
+    "robust.reset-reader", "A client that resets while not reading", "6, no. 14", dialects=ONCE
 )
 async def reset_reader(case: Case) -> None:
     """A client that stopped reading and then resets its connection harms nobody."""
@@ -278,12 +231,7 @@ async def reset_reader(case: Case) -> None:
     await _obeys(case, watcher)
 
 
-@check(
-    "control.robust.torn-command",
-    "Hanging up in the middle of a command",
-    source="protocol reference 6, no. 14",
-    dialects=ONCE,
-)
+@control("robust.torn-command", "Hanging up in the middle of a command", "6, no. 14", dialects=ONCE)
 async def torn_command(case: Case) -> None:
     """A connection that ends in the middle of a command, with and without a robot, harms
     nobody."""
@@ -297,12 +245,7 @@ async def torn_command(case: Case) -> None:
     await _obeys(case, watcher)
 
 
-@check(
-    "control.robust.isolated",
-    "Clients do not read each other's lines",
-    source="protocol reference 1.1",
-    dialects=ONCE,
-)
+@control("robust.isolated", "Clients do not read each other's lines", "1.1", dialects=ONCE)
 async def isolated(case: Case) -> None:
     """Replies go to whoever asked; a silent connection beside a busy one stays silent."""
     silent = await case.connect()

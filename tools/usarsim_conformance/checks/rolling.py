@@ -20,7 +20,7 @@ from usarsim_conformance.excursions import (
     spawn_far,
 )
 from usarsim_conformance.recordings import watched
-from usarsim_conformance.registry import ONCE, UNREAL, check
+from usarsim_conformance.registry import ONCE, UNREAL, control
 
 _WHEELS = 0.05
 """Part by which a rate may differ from that of the wheels: they take a moment, times are rough."""
@@ -52,10 +52,10 @@ def _poses(stretch: Stretch) -> list[tuple[float, tuple[float, ...]]]:
     return [(time, line.numbers("Pose")) for time, line in stretch.steady.of("Odometry")]
 
 
-@check(
-    "control.values.odometry-distance",
+@control(
+    "values.odometry-distance",
     "Odometry goes as far as the wheels",
-    source="robots reference 2.4",
+    "robots reference 2.4",
     dialects=UNREAL,
 )
 async def odometry_distance(case: Case) -> None:
@@ -88,10 +88,10 @@ async def odometry_distance(case: Case) -> None:
             )
 
 
-@check(
-    "control.values.odometry-heading",
+@control(
+    "values.odometry-heading",
     "Odometry turns as the wheels say",
-    source="robots reference 2.4",
+    "robots reference 2.4",
     dialects=UNREAL,
 )
 async def odometry_heading(case: Case) -> None:
@@ -118,10 +118,10 @@ async def odometry_heading(case: Case) -> None:
                 )
 
 
-@check(
-    "control.values.odometry-path",
+@control(
+    "values.odometry-path",
     "Odometry goes where it heads",
-    source="robots reference 2.4; protocol reference 6, no. 108",
+    "robots reference 2.4; protocol reference 6, no. 108",
     dialects=UNREAL,
 )
 async def odometry_path(case: Case) -> None:
@@ -167,10 +167,10 @@ def _by_tachometer(stretch: Stretch, name: str) -> list[float]:
     return []
 
 
-@check(
-    "control.values.encoder-ticks",
+@control(
+    "values.encoder-ticks",
     "Ticks are turns of the wheel",
-    source="robots reference 2.4; protocol reference 6, no. 110",
+    "robots reference 2.4; protocol reference 6, no. 110",
     dialects=UNREAL,
 )
 async def encoder_ticks(case: Case) -> None:
@@ -214,11 +214,8 @@ async def encoder_ticks(case: Case) -> None:
                     )
 
 
-@check(
-    "control.values.tachometer",
-    "Vel and Pos of a Tachometer",
-    source="robots reference 2.4",
-    dialects=UNREAL,
+@control(
+    "values.tachometer", "Vel and Pos of a Tachometer", "robots reference 2.4", dialects=UNREAL
 )
 async def tachometer(case: Case) -> None:
     """Vel of every wheel is the speed it was told, within 5 percent, that of one side for each, and
@@ -258,12 +255,7 @@ _TOLD = ("Odometry", "INS", "GPS", "GroundTruth", "Tachometer", "Sonar")
 """Types whose CONF tells a ScanInterval (protocol reference 4.8)."""
 
 
-@check(
-    "control.values.scan-interval",
-    "ScanInterval is kept",
-    source="protocol reference 4.8 and 6, no. 122",
-    dialects=UNREAL,
-)
+@control("values.scan-interval", "ScanInterval is kept", "4.8 and 6, no. 122", dialects=UNREAL)
 async def scan_interval(case: Case) -> None:
     """ScanInterval of CONF is the time between two reports in s, within 12 percent."""
     worn = await equipment(case, case.robot_class)
@@ -296,10 +288,10 @@ async def scan_interval(case: Case) -> None:
         )
 
 
-@check(
-    "control.values.battery-drain",
+@control(
+    "values.battery-drain",
     "A battery loses a second in a second",
-    source="robots reference 2.10",
+    "robots reference 2.10",
     dialects=UNREAL,
 )
 async def battery_drain(case: Case) -> None:
@@ -313,12 +305,7 @@ async def battery_drain(case: Case) -> None:
     case.expect(abs(lost - passed) <= 1.05, f"Battery fell by {lost:g} in {passed:.1f} s")
 
 
-@check(
-    "control.values.mission-time",
-    "MissionTime counts minutes",
-    source="robots reference 2.5",
-    dialects=ONCE,
-)
+@control("values.mission-time", "MissionTime counts minutes", "robots reference 2.5", dialects=ONCE)
 async def mission_time(case: Case) -> None:
     """Minutes of MissionTime is 0 at first, and 1 a minute of simulated time later."""
     robot = await spawn_far(case, await bearer(case, "MissionTime"))

@@ -8,18 +8,13 @@ from itertools import pairwise
 
 from usarsim_conformance.case import Case
 from usarsim_conformance.recordings import driven, senses, standing
-from usarsim_conformance.registry import DIALECTS, ONCE, UDK, UNREAL, UT2004, Severity, check
+from usarsim_conformance.registry import ONCE, UDK, UNREAL, UT2004, Severity, control
 
 _OF_MOUNTS = ("ECTilt", "ECPan")
 """Encoders that count turns of a camera's mount (robots reference 2)."""
 
 
-@check(
-    "control.sensors.sonar-range",
-    "Sonars stay in their range",
-    source="protocol reference 6, no. 101",
-    dialects=UNREAL,
-)
+@control("sensors.sonar-range", "Sonars stay in their range", "6, no. 101", dialects=UNREAL)
 async def sonar_range(case: Case) -> None:
     """Sonar values lie in [MinRange, MaxRange] of CONF; without echo the value is MaxRange."""
     recording, lines = await senses(case, "Sonar")
@@ -35,12 +30,7 @@ async def sonar_range(case: Case) -> None:
             case.expect(low - 1e-3 <= float(item["Range"]) <= high + 1e-3, f"{item}: {line}")
 
 
-@check(
-    "control.sensors.odometry-start",
-    "Odometry starts at zero",
-    source="protocol reference 6, no. 108",
-    dialects=UNREAL,
-)
+@control("sensors.odometry-start", "Odometry starts at zero", "6, no. 108", dialects=UNREAL)
 async def odometry_start(case: Case) -> None:
     """Odometry is 0,0,0 at spawn, wherever the robot stands."""
     for line in (await senses(case, "Odometry"))[1][:1]:
@@ -49,12 +39,7 @@ async def odometry_start(case: Case) -> None:
         case.expect(max(map(abs, pose)) < 0.02, f"not zero: {line}")
 
 
-@check(
-    "control.sensors.odometry-forward",
-    "Odometry grows forward",
-    source="protocol reference 6, no. 108",
-    dialects=UNREAL,
-)
+@control("sensors.odometry-forward", "Odometry grows forward", "6, no. 108", dialects=UNREAL)
 async def odometry_forward(case: Case) -> None:
     """Odometry x grows by the distance driven, within 10 percent."""
     forward = (await driven(case)).phases["forward"]
@@ -70,11 +55,8 @@ async def odometry_forward(case: Case) -> None:
     )
 
 
-@check(
-    "control.sensors.odometry-clockwise",
-    "Odometry theta grows clockwise",
-    source="protocol reference 6, no. 108",
-    dialects=UNREAL,
+@control(
+    "sensors.odometry-clockwise", "Odometry theta grows clockwise", "6, no. 108", dialects=UNREAL
 )
 async def odometry_clockwise(case: Case) -> None:
     """Odometry theta grows in a clockwise turn."""
@@ -85,12 +67,7 @@ async def odometry_clockwise(case: Case) -> None:
     case.expect(turn > 0.05, f"theta changed by {turn:.3f} in a clockwise turn")
 
 
-@check(
-    "control.sensors.encoder-forward",
-    "Encoders count forward",
-    source="protocol reference 6, no. 110",
-    dialects=UNREAL,
-)
+@control("sensors.encoder-forward", "Encoders count forward", "6, no. 110", dialects=UNREAL)
 async def encoder_forward(case: Case) -> None:
     """Encoder ticks increase when the wheels roll forward and decrease when they roll back."""
     drive = await driven(case)
@@ -110,7 +87,7 @@ async def encoder_forward(case: Case) -> None:
             case.expect(change * sign > 0, f"{item_name} changed by {change:g} driving {name}")
 
 
-@check("control.sensors.encoder-integers", "Ticks are integers", source="protocol reference 4.6")
+@control("sensors.encoder-integers", "Ticks are integers", "4.6")
 async def encoder_integers(case: Case) -> None:
     """Encoder ticks are integers."""
     for line in (await senses(case, "Encoder"))[1]:
@@ -118,12 +95,12 @@ async def encoder_integers(case: Case) -> None:
             case.expect(re.fullmatch(r"-?\d+", item.get("Tick", "")), f"{item}: {line}")
 
 
-@check(
-    "control.sensors.encoder-names-udk",
+@control(
+    "sensors.encoder-names-udk",
     "Encoders are called Wk in udk",
-    source="protocol reference 4.6 and 5.3",
+    "4.6 and 5.3",
+    Severity.SHOULD,
     dialects=UDK,
-    severity=Severity.SHOULD,
 )
 async def encoder_names_udk(case: Case) -> None:
     """In udk encoders of wheels report under the names W0, W1, ..."""
@@ -136,11 +113,8 @@ async def encoder_names_udk(case: Case) -> None:
 _GPS = re.compile(r"\d+,\d+\.\d{4},([NSEW])")
 
 
-@check(
-    "control.sensors.gps",
-    "GPS in degrees, minutes and a letter",
-    source="protocol reference 6, no. 111 and 112",
-    dialects=UNREAL,
+@control(
+    "sensors.gps", "GPS in degrees, minutes and a letter", "6, no. 111 and 112", dialects=UNREAL
 )
 async def gps(case: Case) -> None:
     """GPS minutes have four digits, degrees are integers, hemisphere letters are N/S and E/W;
@@ -156,30 +130,25 @@ async def gps(case: Case) -> None:
             case.expect(found and found[1] in letters, f"{name}: {line}")
 
 
-@check(
-    "control.sensors.ground-truth",
-    "GroundTruth is Location, Orientation",
-    source="protocol reference 6, no. 117",
-    dialects=DIALECTS,
-)
+@control("sensors.ground-truth", "GroundTruth is Location, Orientation", "6, no. 117")
 async def ground_truth(case: Case) -> None:
     """GroundTruth has Location and then Orientation."""
     for line in (await senses(case, "GroundTruth"))[1]:
         case.expect(line.names[-2:] == ("Location", "Orientation"), f"{line}")
 
 
-@check("control.sensors.ins", "INS is Location, Orientation", source="protocol reference 4.5")
+@control("sensors.ins", "INS is Location, Orientation", "4.5")
 async def ins(case: Case) -> None:
     """INS has Location and then Orientation."""
     for line in (await senses(case, "INS"))[1]:
         case.expect(line.names[-2:] == ("Location", "Orientation"), f"{line}")
 
 
-@check(
-    "control.sensors.ins-agrees",
+@control(
+    "sensors.ins-agrees",
     "INS agrees with the truth at first",
-    source="protocol reference 4.6",
-    severity=Severity.SHOULD,
+    "4.6",
+    Severity.SHOULD,
     dialects=UNREAL,
 )
 async def ins_agrees(case: Case) -> None:
@@ -192,7 +161,7 @@ async def ins_agrees(case: Case) -> None:
     case.expect(away < 0.5, f"{away:.2f} m away: {lines[0]}")
 
 
-@check("control.sensors.touch", "Touch is True or False", source="protocol reference 6, no. 118")
+@control("sensors.touch", "Touch is True or False", "6, no. 118")
 async def touch(case: Case) -> None:
     """Touch values are `True` or `False`; a robot in the open touches nothing."""
     for line in (await senses(case, "Touch"))[1]:
@@ -200,12 +169,7 @@ async def touch(case: Case) -> None:
             case.expect(item.get("Touch") in ("True", "False"), f"{item}: {line}")
 
 
-@check(
-    "control.sensors.tachometer",
-    "Tachometer has Vel and Pos",
-    source="protocol reference 6, no. 119",
-    dialects=UNREAL,
-)
+@control("sensors.tachometer", "Tachometer has Vel and Pos", "6, no. 119", dialects=UNREAL)
 async def tachometer(case: Case) -> None:
     """A Tachometer has Vel before Pos with equal counts."""
     for line in (await senses(case, "Tachometer"))[1]:
@@ -215,11 +179,8 @@ async def tachometer(case: Case) -> None:
         case.expect(len(line.numbers("Vel")) == len(line.numbers("Pos")), f"{line}")
 
 
-@check(
-    "control.sensors.victims",
-    "Victims are told in known words",
-    source="protocol reference 6, no. 114 and 115",
-    dialects=UNREAL,
+@control(
+    "sensors.victims", "Victims are told in known words", "6, no. 114 and 115", dialects=UNREAL
 )
 async def victims(case: Case) -> None:
     """A VictSensor says `{Status NoVictims}` after its Name, or PartName and Location pairs with
@@ -234,24 +195,14 @@ async def victims(case: Case) -> None:
         case.expect({value for name, value in data if name == "PartName"} <= parts, f"{line}")
 
 
-@check(
-    "control.sensors.camera-silent",
-    "Cameras send no SEN",
-    source="protocol reference 4.6",
-    dialects=UT2004,
-)
+@control("sensors.camera-silent", "Cameras send no SEN", "4.6", dialects=UT2004)
 async def camera_silent(case: Case) -> None:
     """In ut2004 a camera sends no SEN line: pictures travel on another port."""
     lines = (await standing(case)).of("SEN", "Camera")
     case.expect(not lines, f"a camera's line: {lines[:1]}")
 
 
-@check(
-    "control.sensors.climb",
-    "AltitudeSensor grows upwards",
-    source="protocol reference 6, no. 123",
-    dialects=ONCE,
-)
+@control("sensors.climb", "AltitudeSensor grows upwards", "6, no. 123", dialects=ONCE)
 async def climb(case: Case) -> None:
     """The relative altitude of an AltitudeSensor increases when climbing."""
     robot = await case.spawn("aerial")

@@ -15,7 +15,7 @@ from usarsim_conformance.lines import Line
 from usarsim_conformance.places import Place
 from usarsim_conformance.ranging import CHANCE, spread_bounds
 from usarsim_conformance.recordings import irregular, senses, standing, watched
-from usarsim_conformance.registry import UDK, UNREAL, UT2004, Severity, check
+from usarsim_conformance.registry import UDK, UNREAL, UT2004, Severity, control
 
 _UNTIMED = (
     "Odometry", "INS", "INU", "GPS", "Encoder", "Touch", "RFID", "RFIDTag", "HumanMotion",
@@ -38,9 +38,7 @@ _WHEN_THERE = ("RFID", "RFIDTag", "VictSensor", "VictRFID", "HumanMotion", "Soun
 """Types that may report only when there is something to report."""
 
 
-@check(
-    "control.sensors.named", "Every SEN has Type and Name", source="protocol reference 6, no. 94"
-)
+@control("sensors.named", "Every SEN has Type and Name", "6, no. 94")
 async def named(case: Case) -> None:
     """Every SEN line has a Type and, unless it is the camera's, a Name."""
     for line in (await senses(case))[1]:
@@ -48,7 +46,7 @@ async def named(case: Case) -> None:
         case.expect(line.type == "Camera" or line.get("Name"), f"no Name: {line}")
 
 
-@check("control.sensors.order", "Time, Type, Name, data", source="protocol reference 6, no. 95")
+@control("sensors.order", "Time, Type, Name, data", "6, no. 95")
 async def order(case: Case) -> None:
     """Time, if present, is the first segment; Type precedes Name; Name precedes all data."""
     for line in (await senses(case))[1]:
@@ -59,12 +57,7 @@ async def order(case: Case) -> None:
         case.expect(line.type == "Camera" or rest[1:2] == ["Name"], f"no Name next: {line}")
 
 
-@check(
-    "control.sensors.untimed",
-    "Types without Time",
-    source="protocol reference 6, no. 96",
-    dialects=UT2004,
-)
+@control("sensors.untimed", "Types without Time", "6, no. 96", dialects=UT2004)
 async def untimed(case: Case) -> None:
     """In ut2004 Odometry, INS, GPS, Encoder, Touch, RFID, HumanMotion, Sound, CO2Sensor lines
     have no Time: index-based clients would read the wrong segments."""
@@ -75,12 +68,7 @@ async def untimed(case: Case) -> None:
         case.expect("Time" not in line.names, f"a Time: {line}")
 
 
-@check(
-    "control.sensors.timed",
-    "Types with Time",
-    source="protocol reference 6, no. 96",
-    dialects=UT2004,
-)
+@control("sensors.timed", "Types with Time", "6, no. 96", dialects=UT2004)
 async def timed(case: Case) -> None:
     """In ut2004 Sonar, IR, RangeScanner, GroundTruth, VictSensor lines have a Time."""
     lines = [line for line in (await senses(case))[1] if line.type in _TIMED]
@@ -90,13 +78,7 @@ async def timed(case: Case) -> None:
         case.expect(line.names[0] == "Time", f"no Time: {line}")
 
 
-@check(
-    "control.sensors.timed-udk",
-    "Types with Time in udk",
-    source="protocol reference 5.3",
-    dialects=UDK,
-    severity=Severity.SHOULD,
-)
+@control("sensors.timed-udk", "Types with Time in udk", "5.3", Severity.SHOULD, dialects=UDK)
 async def timed_udk(case: Case) -> None:
     """In udk all lines but those of INS, GPS, ObjectSensor and LineLaser have a Time; the INU of
     older robots, which UDK does not know, is no rule's business."""
@@ -105,24 +87,14 @@ async def timed_udk(case: Case) -> None:
             case.expect(line.names[0] == "Time", f"no Time: {line}")
 
 
-@check(
-    "control.sensors.ins-untimed",
-    "INS has no Time",
-    source="protocol reference 6, no. 113",
-    dialects=UNREAL,
-)
+@control("sensors.ins-untimed", "INS has no Time", "6, no. 113", dialects=UNREAL)
 async def ins_untimed(case: Case) -> None:
     """INS lines have no Time in either dialect."""
     for line in (await senses(case, "INS"))[1]:
         case.expect("Time" not in line.names, f"a Time: {line}")
 
 
-@check(
-    "control.sensors.batched",
-    "One line for all of a type",
-    source="protocol reference 6, no. 97 and 99",
-    dialects=UT2004,
-)
+@control("sensors.batched", "One line for all of a type", "6, no. 97 and 99", dialects=UT2004)
 async def batched(case: Case) -> None:
     """In ut2004 all Sonar, IR, Encoder and Touch items of a robot are in one line per type,
     each item one segment `{Name n Range f}`."""
@@ -142,12 +114,7 @@ async def batched(case: Case) -> None:
             )
 
 
-@check(
-    "control.sensors.single",
-    "One line for every item",
-    source="protocol reference 6, no. 98 and 99",
-    dialects=UDK,
-)
+@control("sensors.single", "One line for every item", "6, no. 98 and 99", dialects=UDK)
 async def single(case: Case) -> None:
     """In udk every Sonar, IR, Encoder and Touch item has a line of its own with separate
     segments."""
@@ -162,12 +129,7 @@ async def single(case: Case) -> None:
             case.expect(" " not in names[0], f"pairs in one segment: {line}")
 
 
-@check(
-    "control.sensors.sixteen",
-    "P2AT has sixteen sonars",
-    source="protocol reference 6, no. 100",
-    dialects=UT2004,
-)
+@control("sensors.sixteen", "P2AT has sixteen sonars", "6, no. 100", dialects=UT2004)
 async def sixteen(case: Case) -> None:
     """A P2AT reports sixteen sonars in one line, F1..F8 and then R1..R8."""
     if case.robot_class.lower() != "p2at":
@@ -178,12 +140,7 @@ async def sixteen(case: Case) -> None:
         case.expect([item["Name"] for item in line.items()] == wanted, f"other sonars: {line}")
 
 
-@check(
-    "control.sensors.keys",
-    "Range, Tick and Touch",
-    source="protocol reference 6, no. 97 to 99",
-    dialects=UNREAL,
-)
+@control("sensors.keys", "Range, Tick and Touch", "6, no. 97 to 99", dialects=UNREAL)
 async def keys(case: Case) -> None:
     """The value of a Sonar or IR is called Range, of an Encoder Tick, of a Touch Touch."""
     recording = await standing(case)
@@ -197,12 +154,7 @@ async def keys(case: Case) -> None:
                 case.expect(wanted[type] in item, f"no {wanted[type]} of {item['Name']}: {line}")
 
 
-@check(
-    "control.sensors.short",
-    "Other lines stay below 1024 bytes",
-    source="protocol reference 6, no. 107",
-    severity=Severity.SHOULD,
-)
+@control("sensors.short", "Other lines stay below 1024 bytes", "6, no. 107", Severity.SHOULD)
 async def short(case: Case) -> None:
     """No SEN line of a type without long lists exceeds 1024 bytes."""
     for line in (await senses(case))[1]:
@@ -210,11 +162,7 @@ async def short(case: Case) -> None:
             case.expect(len(line.raw) <= 1024, f"{len(line.raw)} bytes: {line}")
 
 
-@check(
-    "control.sensors.interval",
-    "Sensors keep their intervals",
-    source="protocol reference 6, no. 122",
-)
+@control("sensors.interval", "Sensors keep their intervals", "6, no. 122")
 async def interval(case: Case) -> None:
     """Each periodic sensor reports at a steady interval of simulated time: over eight seconds no
     report is left out and none comes twice. Clients integrate odometry from what they get."""
@@ -297,10 +245,10 @@ def _deviation(satellites: int) -> float:
     return max(2.5 + (0.75 - 2.5) / 8.0 * (satellites - 4), 0.0) / 3.0
 
 
-@check(
-    "control.values.gps-scale",
+@control(
+    "values.gps-scale",
     "GPS tells metres north and east",
-    source="robots reference 2.6; protocol reference 6, no. 111",
+    "robots reference 2.6; protocol reference 6, no. 111",
     dialects=UNREAL,
 )
 async def gps_scale(case: Case) -> None:
@@ -320,10 +268,10 @@ async def gps_scale(case: Case) -> None:
             )
 
 
-@check(
-    "control.values.gps-noise",
+@control(
+    "values.gps-noise",
     "GPS is as inexact as its satellites",
-    source="robots reference 2.6",
+    "robots reference 2.6",
     dialects=UNREAL,
 )
 async def gps_noise(case: Case) -> None:
@@ -348,11 +296,8 @@ async def gps_noise(case: Case) -> None:
         )
 
 
-@check(
-    "control.values.gps-satellites",
-    "Satellites over open floor",
-    source="robots reference 2.6",
-    dialects=UNREAL,
+@control(
+    "values.gps-satellites", "Satellites over open floor", "robots reference 2.6", dialects=UNREAL
 )
 async def gps_satellites(case: Case) -> None:
     """On open floor Satellites is between 4 and 12, the same at places not far from each other."""

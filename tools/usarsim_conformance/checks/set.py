@@ -8,7 +8,7 @@ from usarsim_conformance.case import PATIENCE, Case
 from usarsim_conformance.control import Robot
 from usarsim_conformance.lines import Line
 from usarsim_conformance.recordings import items_of, standing, wheels_of
-from usarsim_conformance.registry import ONCE, UDK, UNREAL, UT2004, NotApplicable, Severity, check
+from usarsim_conformance.registry import ONCE, UDK, UNREAL, UT2004, NotApplicable, Severity, control
 
 _RESCUE = ("RescueP2AT", "P2AT_ATLANTA", "MultiView")
 """Classes of the original's contests; some carry an RFID reader."""
@@ -42,34 +42,19 @@ async def _reset(case: Case, end: str) -> None:
     case.expect(max(map(abs, pose)) < 0.02, f"odometry is {pose} after RESET")
 
 
-@check(
-    "control.set.odometry-reset",
-    "RESET of Odometry",
-    source="protocol reference 6, no. 109",
-    dialects=UNREAL,
-)
+@control("set.odometry-reset", "RESET of Odometry", "6, no. 109", dialects=UNREAL)
 async def odometry_reset(case: Case) -> None:
     """`SET {Type Odometry} {Name n} {Opcode RESET}` returns the pose to 0,0,0."""
     await _reset(case, "")
 
 
-@check(
-    "control.set.trailing-blank",
-    "A blank behind SET",
-    source="protocol reference 6, no. 109",
-    dialects=ONCE,
-)
+@control("set.trailing-blank", "A blank behind SET", "6, no. 109", dialects=ONCE)
 async def trailing_blank(case: Case) -> None:
     """A trailing blank behind SET does no harm."""
     await _reset(case, " ")
 
 
-@check(
-    "control.set.result",
-    "SET is answered by RES",
-    source="protocol reference 6, no. 163",
-    dialects=UT2004,
-)
+@control("set.result", "SET is answered by RES", "6, no. 163", dialects=UT2004)
 async def result(case: Case) -> None:
     """In ut2004 every SET with an Opcode known to the item gives one RES with Time, Type, Name,
     Status."""
@@ -81,12 +66,7 @@ async def result(case: Case) -> None:
     case.expect(found[0].get("Status") == "OK", f"{found[0]}")
 
 
-@check(
-    "control.set.no-result-udk",
-    "SET is not answered in udk",
-    source="protocol reference 6, no. 163",
-    dialects=UDK,
-)
+@control("set.no-result-udk", "SET is not answered in udk", "6, no. 163", dialects=UDK)
 async def no_result(case: Case) -> None:
     """In udk no SET gives a RES."""
     name = await _item(case, "Odometry")
@@ -95,12 +75,7 @@ async def no_result(case: Case) -> None:
     case.expect(not found, f"{found[:1]}")
 
 
-@check(
-    "control.set.unknown",
-    "An unknown SET does no harm",
-    source="protocol reference 3.7",
-    dialects=UNREAL,
-)
+@control("set.unknown", "An unknown SET does no harm", "3.7", dialects=UNREAL)
 async def unknown(case: Case) -> None:
     """SET of unknown types, items and opcodes, or without any, does no harm."""
     robot = await case.spawn()
@@ -113,13 +88,7 @@ async def unknown(case: Case) -> None:
     await robot.wait(lambda line: line.head == "STA", what="STA")
 
 
-@check(
-    "control.set.scan",
-    "SCAN measures at once",
-    source="protocol reference 3.7",
-    dialects=UNREAL,
-    severity=Severity.SHOULD,
-)
+@control("set.scan", "SCAN measures at once", "3.7", Severity.SHOULD, dialects=UNREAL)
 async def scan(case: Case) -> None:
     """`SET {Type RangeScanner} {Name n} {Opcode SCAN}` gives a measurement beside the periodic
     ones: more lines come than without."""
@@ -135,13 +104,7 @@ async def scan(case: Case) -> None:
     case.expect(more >= usual + 4, f"{usual} scans in 1.5 s without SCAN, {more} with eight")
 
 
-@check(
-    "control.set.ins-pose",
-    "POSE sets the estimate of INS",
-    source="protocol reference 3.7",
-    dialects=UNREAL,
-    severity=Severity.SHOULD,
-)
+@control("set.ins-pose", "POSE sets the estimate of INS", "3.7", Severity.SHOULD, dialects=UNREAL)
 async def ins_pose(case: Case) -> None:
     """`SET {Type INS} {Name n} {Opcode POSE} {Params x,y,z,roll,pitch,yaw}` sets the estimate."""
     name = await _item(case, "INS")
@@ -153,12 +116,7 @@ async def ins_pose(case: Case) -> None:
     case.expect(math.dist(line.numbers("Location"), (7, 8, -9)) < 0.3, f"it is {line}")
 
 
-@check(
-    "control.set.zoom",
-    "Zoom with a nameless parameter",
-    source="protocol reference 6, no. 166",
-    dialects=UNREAL,
-)
+@control("set.zoom", "Zoom with a nameless parameter", "6, no. 166", dialects=UNREAL)
 async def zoom(case: Case) -> None:
     """`SET {Type Camera} {Name c} {Opcode Zoom} {0.5}`, a segment without a name, is understood
     as Params 0.5: CameraFov of CONF follows."""
@@ -177,13 +135,7 @@ async def zoom(case: Case) -> None:
     case.expect(abs(fov - wanted) < 0.02 * wanted, f"CameraFov is {fov}, not {wanted:.4f}")
 
 
-@check(
-    "control.set.zoom-limits",
-    "Zoom stays within limits",
-    source="protocol reference 3.7",
-    dialects=UNREAL,
-    severity=Severity.SHOULD,
-)
+@control("set.zoom-limits", "Zoom stays within limits", "3.7", Severity.SHOULD, dialects=UNREAL)
 async def zoom_limits(case: Case) -> None:
     """A field of view beyond the camera's limits is clamped to them; 0 is the default again."""
     recording = await standing(case)
@@ -203,10 +155,10 @@ async def zoom_limits(case: Case) -> None:
         case.expect(gap < 0.01 * told.number(wanted), f"FOV {value} gives {told}")
 
 
-@check(
-    "control.set.viewports",
+@control(
+    "set.viewports",
     "SET of viewports does no harm",
-    source="side channels reference 11, no. 46",
+    "side channels reference 11, no. 46",
     dialects=UNREAL,
 )
 async def viewports(case: Case) -> None:
@@ -220,12 +172,12 @@ async def viewports(case: Case) -> None:
     case.expect(await robot.client.is_alive(), "the connection no longer answers")
 
 
-@check(
-    "control.set.releaser",
+@control(
+    "set.releaser",
     "RFIDReleaser answers with OK at the end",
-    source="protocol reference 6, no. 164",
+    "6, no. 164",
+    Severity.SHOULD,
     dialects=UT2004,
-    severity=Severity.SHOULD,
 )
 async def releaser(case: Case) -> None:
     """The RES of an RFIDReleaser ends in `{status OK}`, lower case, directly before CR LF."""
@@ -236,12 +188,12 @@ async def releaser(case: Case) -> None:
     case.expect(found[0].raw.endswith(b"{status OK}\r\n"), f"{found[0]}")
 
 
-@check(
-    "control.set.rfid",
+@control(
+    "set.rfid",
     "RFID memory is read and written",
-    source="protocol reference 6, no. 40 and 165",
+    "6, no. 40 and 165",
+    Severity.SHOULD,
     dialects=UT2004,
-    severity=Severity.SHOULD,
 )
 async def rfid(case: Case) -> None:
     """What is written to a tag is read back, blanks within it included; an unknown tag gives

@@ -9,7 +9,7 @@ from usarsim_conformance.case import Case
 from usarsim_conformance.checks.values import lit
 from usarsim_conformance.lines import Line
 from usarsim_conformance.recordings import irregular, standing, watched
-from usarsim_conformance.registry import GAZEBO, ONCE, UDK, UNREAL, UT2004, Severity, check
+from usarsim_conformance.registry import GAZEBO, ONCE, UDK, UNREAL, UT2004, Severity, control
 
 _GROUND = re.compile(
     r"STA \{Type GroundVehicle\} \{Time \d+\.\d\d\} \{FrontSteer -?\d+\.\d{4}\}"
@@ -37,12 +37,7 @@ async def _ground(case: Case) -> list[Line]:
     return lines
 
 
-@check(
-    "control.status.ground-ut2004",
-    "STA in the order of UT2004",
-    source="protocol reference 6, no. 85",
-    dialects=UT2004,
-)
+@control("status.ground-ut2004", "STA in the order of UT2004", "6, no. 85", dialects=UT2004)
 async def ground_ut2004(case: Case) -> None:
     """A ground vehicle's STA is Type, Time, FrontSteer, RearSteer, joints, LightToggle,
     LightIntensity, Battery, View, in this order, with two digits of time and four of angles."""
@@ -50,12 +45,7 @@ async def ground_ut2004(case: Case) -> None:
         case.expect(_GROUND.fullmatch(line.text), f"another form: {line}")
 
 
-@check(
-    "control.status.ground-udk",
-    "STA as clients of UDK read it",
-    source="protocol reference 4.3 and 5.3",
-    dialects=UDK,
-)
+@control("status.ground-udk", "STA as clients of UDK read it", "4.3 and 5.3", dialects=UDK)
 async def ground_udk(case: Case) -> None:
     """A ground vehicle's STA has the segments of UDK, in UDK's order or in that of UT2004 with
     View, and four digits of time."""
@@ -68,12 +58,12 @@ async def ground_udk(case: Case) -> None:
         case.expect(ordered, f"neither order: {line}")
 
 
-@check(
-    "control.status.ground-gazebo",
+@control(
+    "status.ground-gazebo",
     "STA in the form of the Gazebo prototype",
-    source="protocol reference 4.15",
+    "4.15",
+    Severity.SHOULD,
     dialects=GAZEBO,
-    severity=Severity.SHOULD,
 )
 async def ground_gazebo(case: Case) -> None:
     """STA is Time, Battery, Type, LightToggle, LightIntensity, FrontSteer, RearSteer,
@@ -87,18 +77,14 @@ async def ground_gazebo(case: Case) -> None:
         case.expect("} {" not in line.text, f"blanks between segments: {line}")
 
 
-@check("control.status.type", "STA names its type", source="protocol reference 5.2, no. 17")
+@control("status.type", "STA names its type", "5.2, no. 17")
 async def has_type(case: Case) -> None:
     """Every STA of a robot has a Type, whatever the dialect."""
     for line in await _states(case):
         case.expect(line.type, f"no Type: {line}")
 
 
-@check(
-    "control.status.integers",
-    "Battery and View are integers",
-    source="protocol reference 6, no. 89",
-)
+@control("status.integers", "Battery and View are integers", "6, no. 89")
 async def integers(case: Case) -> None:
     """Battery, View and LightIntensity are integers."""
     for line in await _states(case):
@@ -109,7 +95,7 @@ async def integers(case: Case) -> None:
             )
 
 
-@check("control.status.time", "STA carries its time", source="protocol reference 4.3")
+@control("status.time", "STA carries its time", "4.3")
 async def has_time(case: Case) -> None:
     """Every STA has a Time, a plain decimal number."""
     robot = await case.spawn()
@@ -118,12 +104,7 @@ async def has_time(case: Case) -> None:
         case.expect(re.fullmatch(r"\d+\.\d+", line.get("Time") or ""), f"no Time: {line}")
 
 
-@check(
-    "control.status.battery",
-    "Battery counts down slowly",
-    source="protocol reference 4.3",
-    severity=Severity.SHOULD,
-)
+@control("status.battery", "Battery counts down slowly", "4.3", Severity.SHOULD)
 async def battery(case: Case) -> None:
     """Battery is 99999 for a robot without one, else seconds that never grow at rest."""
     lines = await _states(case)
@@ -134,9 +115,7 @@ async def battery(case: Case) -> None:
     case.expect(all(a >= b for a, b in pairwise(values)), f"the battery recovers: {values}")
 
 
-@check(
-    "control.status.light", "DRIVE Light switches the light", source="protocol reference 6, no. 90"
-)
+@control("status.light", "DRIVE Light switches the light", "6, no. 90")
 async def light(case: Case) -> None:
     """`DRIVE {Light true}` changes LightToggle to True within two STA lines."""
     robot = await lit(case)
@@ -147,11 +126,7 @@ async def light(case: Case) -> None:
         case.expect(seen[-1].get("LightToggle") == state.title(), f"after {state}: {seen[-1]}")
 
 
-@check(
-    "control.status.light-moves-nothing",
-    "Light moves nothing",
-    source="protocol reference 6, no. 90",
-)
+@control("status.light-moves-nothing", "Light moves nothing", "6, no. 90")
 async def light_moves_nothing(case: Case) -> None:
     """`DRIVE {Light true}` alone does not move the robot."""
     robot = await case.spawn()
@@ -161,13 +136,7 @@ async def light_moves_nothing(case: Case) -> None:
     case.expect(max(map(abs, ahead)) < 0.03, f"the robot moved by {ahead}")
 
 
-@check(
-    "control.status.rate",
-    "STA keeps its rate",
-    source="protocol reference 6, no. 91",
-    dialects=UNREAL,
-    severity=Severity.SHOULD,
-)
+@control("status.rate", "STA keeps its rate", "6, no. 91", Severity.SHOULD, dialects=UNREAL)
 async def rate(case: Case) -> None:
     """STA of ground vehicles comes every 0.2 s (ut2004) or 0.1 s (udk) of simulated time: over
     eight seconds within 2 percent."""
@@ -179,11 +148,7 @@ async def rate(case: Case) -> None:
     case.expect(abs(period - wanted) <= 0.02 * wanted, f"the period is {period:.3f} s")
 
 
-@check(
-    "control.status.steady",
-    "STA is regular",
-    source="protocol reference 6, no. 91",
-)
+@control("status.steady", "STA is regular", "6, no. 91")
 async def steady(case: Case) -> None:
     """No STA is left out and none comes twice: over eight seconds of simulated time the n-th comes
     n periods after the first. Clients integrate what they get."""
@@ -193,24 +158,14 @@ async def steady(case: Case) -> None:
     case.expect(not odd, f"STA is irregular: {odd}")
 
 
-@check(
-    "control.status.aerial",
-    "STA of aerial robots",
-    source="protocol reference 6, no. 87",
-    dialects=UT2004,
-)
+@control("status.aerial", "STA of aerial robots", "6, no. 87", dialects=UT2004)
 async def aerial(case: Case) -> None:
     """An aerial robot's STA has Type AerialVehicle right after the head."""
     robot = await case.spawn("aerial")
     case.expect(robot.first.segments[:1] == (("Type", "AerialVehicle"),), f"{robot.first}")
 
 
-@check(
-    "control.status.flippers",
-    "STA lists the flippers",
-    source="protocol reference 6, no. 88",
-    dialects=UT2004,
-)
+@control("status.flippers", "STA lists the flippers", "6, no. 88", dialects=UT2004)
 async def flippers(case: Case) -> None:
     """A robot with four flippers lists FRFlipper, FLFlipper, RRFlipper, RLFlipper in this order
     between RearSteer and LightToggle."""
@@ -222,13 +177,7 @@ async def flippers(case: Case) -> None:
     case.expect(robot.first.names[place + 1 : place + 5] == tuple(wanted), f"{robot.first}")
 
 
-@check(
-    "control.status.legged",
-    "STA of legged robots",
-    source="protocol reference 4.4",
-    dialects=UNREAL,
-    severity=Severity.SHOULD,
-)
+@control("status.legged", "STA of legged robots", "4.4", Severity.SHOULD, dialects=UNREAL)
 async def legged(case: Case) -> None:
     """A legged robot's STA has Type LeggedRobot (ut2004) or LeggedVehicle (udk)."""
     robot = await case.spawn("legged")
@@ -236,11 +185,8 @@ async def legged(case: Case) -> None:
     case.expect(robot.first.type == wanted, f"{robot.first}")
 
 
-@check(
-    "control.status.battery-dead",
-    "A dead battery ends SEN, not STA",
-    source="protocol reference 6, no. 92 and 162",
-    dialects=ONCE,
+@control(
+    "status.battery-dead", "A dead battery ends SEN, not STA", "6, no. 92 and 162", dialects=ONCE
 )
 async def battery_dead(case: Case) -> None:
     """With battery 0, STA goes on, SEN stops and DRIVE has no effect."""

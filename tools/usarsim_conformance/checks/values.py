@@ -10,12 +10,10 @@ from usarsim_conformance.control import Robot
 from usarsim_conformance.lines import Line
 from usarsim_conformance.places import Place
 from usarsim_conformance.recordings import wheels_of
-from usarsim_conformance.registry import ONCE, UNREAL, UT2004, Inconclusive, Severity, check
+from usarsim_conformance.registry import ONCE, UNREAL, UT2004, Inconclusive, Severity, control
 
 
-@check(
-    "control.grammar.booleans", "Booleans in every spelling", source="protocol reference 6, no. 46"
-)
+@control("grammar.booleans", "Booleans in every spelling", "6, no. 46")
 async def booleans(case: Case) -> None:
     """`true`, `True`, `TRUE` and `1` are true; `false`, `0` and anything else are false."""
     robot = await lit(case)
@@ -58,12 +56,7 @@ async def _speed(robot: Robot, left: str, right: str) -> float:
     return before.ahead(after)[0] / (end - start)
 
 
-@check(
-    "control.grammar.numbers",
-    "Numbers in every spelling",
-    source="protocol reference 6, no. 43",
-    dialects=UNREAL,
-)
+@control("grammar.numbers", "Numbers in every spelling", "6, no. 43", dialects=UNREAL)
 async def number_spellings(case: Case) -> None:
     """`0.5`, `.5`, `+0.5`, `5e-1` and, with a decimal comma, `0,5` are the same number."""
     robot = await case.spawn()
@@ -88,12 +81,7 @@ async def number_spellings(case: Case) -> None:
         )
 
 
-@check(
-    "control.grammar.short-numbers",
-    "A number without its leading zero",
-    source="protocol reference 6, no. 43",
-    dialects=UNREAL,
-)
+@control("grammar.short-numbers", "A number without its leading zero", "6, no. 43", dialects=UNREAL)
 async def short_numbers(case: Case) -> None:
     """`.9` is read as 0.9."""
     robot = await case.spawn()
@@ -103,12 +91,7 @@ async def short_numbers(case: Case) -> None:
     case.expect(abs(speed - wanted) < 0.35 * wanted, f"{speed:.3f} m/s instead of {wanted:.3f}")
 
 
-@check(
-    "control.grammar.number-junk",
-    "Junk behind a number",
-    source="protocol reference 6, no. 44",
-    dialects=UNREAL,
-)
+@control("grammar.number-junk", "Junk behind a number", "6, no. 44", dialects=UNREAL)
 async def number_junk(case: Case) -> None:
     """`1.5abc` is 1.5, and `abc` is 0."""
     robot = await case.spawn()
@@ -123,12 +106,7 @@ async def number_junk(case: Case) -> None:
     case.expect(abs(speed) < 0.02, f"abc moved the robot at {speed:.3f} m/s")
 
 
-@check(
-    "control.grammar.not-finite",
-    "NaN and infinity do no harm",
-    source="protocol reference 6, no. 45",
-    dialects=ONCE,
-)
+@control("grammar.not-finite", "NaN and infinity do no harm", "6, no. 45", dialects=ONCE)
 async def not_finite(case: Case) -> None:
     """`nan`, `inf` and `1e999` leave everything that the robot reports finite."""
     robot = await case.spawn()
@@ -166,43 +144,29 @@ async def _place(case: Case) -> Place:
     raise Inconclusive("the server lists no start poses away from the origin")
 
 
-@check(
-    "control.grammar.vector-commas", "Vectors with commas", source="protocol reference 6, no. 47"
-)
+@control("grammar.vector-commas", "Vectors with commas", "6, no. 47")
 async def vector_commas(case: Case) -> None:
     """`1,2,3` is read as three numbers."""
     place = await _place(case)
     await _lands(case, ",".join(f"{v:.4f}" for v in place.location), place)
 
 
-@check(
-    "control.grammar.vector-comma-blank",
-    "Vectors with commas and blanks",
-    source="protocol reference 6, no. 47",
-)
+@control("grammar.vector-comma-blank", "Vectors with commas and blanks", "6, no. 47")
 async def vector_comma_blank(case: Case) -> None:
     """`1, 2, 3` with blanks behind the commas and around is the same vector as `1,2,3`."""
     place = await _place(case)
     await _lands(case, " " + ", ".join(f"{v:.4f}" for v in place.location) + " ", place)
 
 
-@check(
-    "control.grammar.vector-blanks",
-    "Vectors with blanks only",
-    source="protocol reference 6, no. 47",
-    dialects=UNREAL,
-)
+@control("grammar.vector-blanks", "Vectors with blanks only", "6, no. 47", dialects=UNREAL)
 async def vector_blanks(case: Case) -> None:
     """`1.0 2.0 3.0` with blanks instead of commas is the same vector as `1,2,3`."""
     place = await _place(case)
     await _lands(case, " ".join(f"{v:.6f}" for v in place.location), place)
 
 
-@check(
-    "control.grammar.vector-decimal-comma",
-    "Vectors with decimal commas",
-    source="protocol reference 6, no. 50",
-    dialects=UNREAL,
+@control(
+    "grammar.vector-decimal-comma", "Vectors with decimal commas", "6, no. 50", dialects=UNREAL
 )
 async def vector_decimal_comma(case: Case) -> None:
     """`0,5 1,0 1,8`, as a program in a decimal comma locale writes it, is (0.5, 1.0, 1.8)."""
@@ -210,11 +174,7 @@ async def vector_decimal_comma(case: Case) -> None:
     await _lands(case, " ".join(f"{v:.2f}" for v in place.location).replace(".", ","), place)
 
 
-@check(
-    "control.grammar.vector-zeros",
-    "Leading zeros are decimal",
-    source="protocol reference 6, no. 49",
-)
+@control("grammar.vector-zeros", "Leading zeros are decimal", "6, no. 49")
 async def vector_zeros(case: Case) -> None:
     """`-03.0` and `020` are decimal numbers, never octal."""
     place = await _place(case)
@@ -225,12 +185,8 @@ async def vector_zeros(case: Case) -> None:
     await _lands(case, ", ".join(map(zeros, place.location)), place)
 
 
-@check(
-    "control.grammar.vector-two",
-    "A vector of two numbers",
-    source="protocol reference 6, no. 51",
-    dialects=UT2004,
-    severity=Severity.SHOULD,
+@control(
+    "grammar.vector-two", "A vector of two numbers", "6, no. 51", Severity.SHOULD, dialects=UT2004
 )
 async def vector_two(case: Case) -> None:
     """`1,2` is (1, 2, 0)."""
@@ -238,10 +194,10 @@ async def vector_two(case: Case) -> None:
     await _lands(case, ",".join(f"{v:.4f}" for v in place.location[:2]), place)
 
 
-@check(
-    "control.grammar.vector-six",
+@control(
+    "grammar.vector-six",
     "A vector of six parts does not fail",
-    source="protocol reference, addendum",
+    "protocol reference, addendum",
     dialects=UNREAL,
 )
 async def vector_six(case: Case) -> None:
@@ -254,25 +210,14 @@ async def vector_six(case: Case) -> None:
     )
 
 
-@check(
-    "control.grammar.non-ascii",
-    "Bytes beyond ASCII",
-    source="protocol reference 6, no. 52",
-    dialects=ONCE,
-)
+@control("grammar.non-ascii", "Bytes beyond ASCII", "6, no. 52", dialects=ONCE)
 async def non_ascii(case: Case) -> None:
     """Bytes beyond ASCII in a name do not break the parsing of later segments."""
     place = await case.place()
     await case.appears(case.init(place, case.new_name() + "\xe9\xff\x80"))
 
 
-@check(
-    "control.grammar.nul",
-    "NUL and control bytes",
-    source="protocol reference 1.7",
-    dialects=ONCE,
-    severity=Severity.SHOULD,
-)
+@control("grammar.nul", "NUL and control bytes", "1.7", Severity.SHOULD, dialects=ONCE)
 async def nul(case: Case) -> None:
     """NUL and other control bytes within a line do no harm to the connection."""
     client = await case.connect()

@@ -7,7 +7,7 @@ import math
 
 from usarsim_conformance.case import Case
 from usarsim_conformance.control import Robot
-from usarsim_conformance.registry import ONCE, Severity, check
+from usarsim_conformance.registry import ONCE, Severity, control
 from usarsim_conformance.trips import Trip, near, of_classes, on_open_floor, ride
 
 CARS = ("Sedan", "Hummer", "FrontAckerman", "BasicAckermanRobot")
@@ -96,23 +96,15 @@ async def _turns(case: Case, axle: str) -> None:
         case.skip(f"no car of {', '.join(CARS)} is steered by {axle}Steer")
 
 
-@check(
-    "control.ackerman.front-steer",
-    "Positive FrontSteer turns right",
-    source="protocol reference 3.4.2",
-    dialects=ONCE,
-)
+@control("ackerman.front-steer", "Positive FrontSteer turns right", "3.4.2", dialects=ONCE)
 async def front_steer(case: Case) -> None:
     """A positive FrontSteer turns the front wheels clockwise: driving ahead yaw grows, backwards it
     shrinks; a negative one does the opposite."""
     await _turns(case, "Front")
 
 
-@check(
-    "control.ackerman.rear-steer",
-    "Positive RearSteer turns rear wheels clockwise",
-    source="protocol reference 3.4.2",
-    dialects=ONCE,
+@control(
+    "ackerman.rear-steer", "Positive RearSteer turns rear wheels clockwise", "3.4.2", dialects=ONCE
 )
 async def rear_steer(case: Case) -> None:
     """A positive RearSteer turns the rear wheels clockwise: driving ahead the car turns left and
@@ -120,12 +112,12 @@ async def rear_steer(case: Case) -> None:
     await _turns(case, "Rear")
 
 
-@check(
-    "control.ackerman.radius",
+@control(
+    "ackerman.radius",
     "WheelBase and angle give the radius",
-    source="robots reference 3.2 and 5.2, no. 40",
+    "robots reference 3.2 and 5.2, no. 40",
+    Severity.SHOULD,
     dialects=ONCE,
-    severity=Severity.SHOULD,
 )
 async def radius(case: Case) -> None:
     """A car turns by tan(angle) / WheelBase per metre, WheelBase as in GEO, within 15 percent (cars
@@ -144,12 +136,12 @@ async def radius(case: Case) -> None:
             )
 
 
-@check(
-    "control.ackerman.speed",
+@control(
+    "ackerman.speed",
     "Speed times WheelRadius is the speed",
-    source="protocol reference 6, no. 132 and 3.4.2",
+    "6, no. 132 and 3.4.2",
+    Severity.SHOULD,
     dialects=ONCE,
-    severity=Severity.SHOULD,
 )
 async def speed(case: Case) -> None:
     """Straight ahead and back a car runs at Speed times WheelRadius of GEO within 7 percent, and
@@ -165,12 +157,12 @@ async def speed(case: Case) -> None:
             )
 
 
-@check(
-    "control.ackerman.percent",
+@control(
+    "ackerman.percent",
     "Normalized Speed is percent of MaxSpeed",
-    source="protocol reference 3.4 and 6, no. 146",
+    "3.4 and 6, no. 146",
+    Severity.SHOULD,
     dialects=ONCE,
-    severity=Severity.SHOULD,
 )
 async def percent(case: Case) -> None:
     """`{Speed p} {Normalized true}` runs at p percent of MaxSpeed of CONF times WheelRadius, within
@@ -186,12 +178,7 @@ async def percent(case: Case) -> None:
         )
 
 
-@check(
-    "control.ackerman.status",
-    "STA tells the steering angles",
-    source="protocol reference 4.3",
-    dialects=ONCE,
-)
+@control("ackerman.status", "STA tells the steering angles", "4.3", dialects=ONCE)
 async def status(case: Case) -> None:
     """FrontSteer and RearSteer of STA are the angles that the car was told, with their signs; the
     axle that is not steered stays at 0."""
@@ -205,12 +192,12 @@ async def status(case: Case) -> None:
                 )
 
 
-@check(
-    "control.ackerman.limits",
+@control(
+    "ackerman.limits",
     "CONF tells the steering limits",
-    source="protocol reference 4.8; robots reference 1.4",
+    "4.8; robots reference 1.4",
+    Severity.SHOULD,
     dialects=ONCE,
-    severity=Severity.SHOULD,
 )
 async def limits(case: Case) -> None:
     """Told to steer by 9 rad, STA tells the limit of CONF, on both sides: MaxFrontSteer and
@@ -228,12 +215,7 @@ async def limits(case: Case) -> None:
             )
 
 
-@check(
-    "control.ackerman.steering-type",
-    "SteeringType of cars",
-    source="protocol reference 4.8",
-    dialects=ONCE,
-)
+@control("ackerman.steering-type", "SteeringType of cars", "4.8", dialects=ONCE)
 async def steering_type(case: Case) -> None:
     """SteeringType of CONF is AckermanSteered for cars."""
     for trip in await _cars(case):
@@ -289,12 +271,7 @@ async def _dives(case: Case) -> list[Trip]:
     return await of_classes(case, VESSELS, dive)
 
 
-@check(
-    "control.underwater.propeller",
-    "A positive Propeller drives ahead",
-    source="protocol reference 3.4.5",
-    dialects=ONCE,
-)
+@control("underwater.propeller", "A positive Propeller drives ahead", "3.4.5", dialects=ONCE)
 async def propeller(case: Case) -> None:
     """A positive Propeller drives a submarine ahead along its x, a negative one slows it down and
     drives it back."""
@@ -313,12 +290,12 @@ async def propeller(case: Case) -> None:
         )
 
 
-@check(
-    "control.underwater.percent",
+@control(
+    "underwater.percent",
     "Normalized Propeller is percent of MaxPropeller",
-    source="protocol reference 3.4.5",
+    "3.4.5",
+    Severity.SHOULD,
     dialects=ONCE,
-    severity=Severity.SHOULD,
 )
 async def vessel_percent(case: Case) -> None:
     """A Propeller in percent of MaxPropeller of CONF gives the speed of the same spin in rad/s,
@@ -335,12 +312,12 @@ async def vessel_percent(case: Case) -> None:
         )
 
 
-@check(
-    "control.underwater.rudder",
+@control(
+    "underwater.rudder",
     "A positive Rudder turns right",
-    source="protocol reference 3.4.5; as FrontSteer, 3.4.2",
+    "3.4.5; as FrontSteer, 3.4.2",
+    Severity.SHOULD,
     dialects=ONCE,
-    severity=Severity.SHOULD,
 )
 async def rudder(case: Case) -> None:
     """Ahead, a positive Rudder turns a submarine clockwise, yaw grows; a negative one does the
@@ -355,12 +332,8 @@ async def rudder(case: Case) -> None:
             )
 
 
-@check(
-    "control.underwater.stern-plane",
-    "A positive SternPlane dives",
-    source="protocol reference 3.4.5",
-    dialects=ONCE,
-    severity=Severity.SHOULD,
+@control(
+    "underwater.stern-plane", "A positive SternPlane dives", "3.4.5", Severity.SHOULD, dialects=ONCE
 )
 async def stern_plane(case: Case) -> None:
     """Ahead, a positive SternPlane turns the nose of a submarine down, pitch below 0, and it goes
@@ -382,12 +355,8 @@ async def stern_plane(case: Case) -> None:
         )
 
 
-@check(
-    "control.underwater.status",
-    "STA tells rudder and stern planes",
-    source="protocol reference 4.4",
-    dialects=ONCE,
-    severity=Severity.SHOULD,
+@control(
+    "underwater.status", "STA tells rudder and stern planes", "4.4", Severity.SHOULD, dialects=ONCE
 )
 async def vessel_status(case: Case) -> None:
     """RudderAngle and SternPlaneAngle of STA are the angles that were told, up to MaxRudder and
@@ -414,12 +383,12 @@ async def vessel_status(case: Case) -> None:
                 )
 
 
-@check(
-    "control.underwater.depth",
+@control(
+    "underwater.depth",
     "Without orders it keeps its depth",
-    source="robots reference 5.2, no. 49",
+    "robots reference 5.2, no. 49",
+    Severity.SHOULD,
     dialects=ONCE,
-    severity=Severity.SHOULD,
 )
 async def depth(case: Case) -> None:
     """A submarine whose propeller stands neither rises nor sinks, and does not turn."""
