@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import socket
-import struct
 import threading
 import time
 from collections.abc import Sequence
@@ -14,10 +12,10 @@ from zlib import crc32
 import numpy as np
 
 from usarsim_bench.server import BenchError, CarefulClosing
+from usarsim_client import FULL_FRAME, BlockingConnection, ProtocolError, pictures
 
 _ANSWER_TIMEOUT = 10.0
 _STOP_TIMEOUT = 15.0
-_READ = 1 << 18
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,12 +55,11 @@ class Viewer(CarefulClosing):
         self._failure: str | None = None
         self._stop = threading.Event()
         self._period = 0.0 if rate is None else 1.0 / rate
-        self._request = b"OK" if rectangle is None else b"U" + struct.pack(">4I", *rectangle)
+        self._request = FULL_FRAME if rectangle is None else pictures.rectangle(*rectangle)
         try:
-            self._socket = socket.create_connection(("127.0.0.1", port), _ANSWER_TIMEOUT)
+            self._connection = BlockingConnection(port, patience=_ANSWER_TIMEOUT)
         except OSError as error:
             raise BenchError(f"nobody listens for image clients: {error.strerror}") from None
-        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._thread = threading.Thread(target=self._look, name="viewer", daemon=True)
         self._thread.start()
 
@@ -74,7 +71,7 @@ class Viewer(CarefulClosing):
         """
         self._stop.set()
         self._thread.join(_STOP_TIMEOUT)
-        self._socket.close()
+        self._connection.close()
         if self._failure is not None:
             raise BenchError(f"an image client was failed: {self._failure}")
 
@@ -85,25 +82,15 @@ class Viewer(CarefulClosing):
                 self.pictures.append(self._ask())
                 # A client that was held up does not ask in bursts.
                 due = max(due + self._period, time.perf_counter())
-        except (OSError, BenchError) as error:
+        except (OSError, ProtocolError) as error:
             self._failure = str(error)
 
     def _ask(self) -> Picture:
         asked = time.perf_counter()
-        self._socket.sendall(self._request)
-        length = int.from_bytes(self._exactly(5)[1:])
-        payload = self._exactly(length)
-        return Picture(asked, time.perf_counter(), 5 + length, crc32(payload))
-
-    def _exactly(self, count: int) -> bytearray:
-        data = bytearray(count)
-        view, have = memoryview(data), 0
-        while have < count:
-            taken = self._socket.recv_into(view[have : have + _READ])
-            if not taken:
-                raise BenchError("the server hung up")
-            have += taken
-        return data
+        self._connection.send(self._request)
+        payload = self._connection.picture().payload
+        come = time.perf_counter()
+        return Picture(asked, come, pictures.HEADER.size + len(payload), crc32(payload))
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,7 @@ from itertools import count
 
 from usarsim_bench.recording import Chunk, start_tags
 from usarsim_bench.server import BenchError
-from usarsim_client.blocking import Closing
+from usarsim_client import BlockingConnection, Closing, command
 
 DEFAULT_CLASS = "P3AT"
 DRIVE_PERIOD = 0.5
@@ -218,15 +218,8 @@ def _no_collection() -> Iterator[None]:
 
 
 def _ask_start_tags(port: int) -> list[str]:
-    with socket.create_connection(("127.0.0.1", port), timeout=_ANSWER_TIMEOUT) as client:
-        client.sendall(b"GETSTARTPOSES\r\n")
-        with client.makefile(encoding="latin-1", newline="\r\n") as replies:
-            for line in replies:
-                if line.startswith("NFO {StartPoses"):
-                    tags = start_tags(line)
-                    break
-            else:
-                tags = []
+    with BlockingConnection(port, patience=_ANSWER_TIMEOUT) as client:
+        tags = start_tags(client.ask(command("GETSTARTPOSES"), "NFO {StartPoses").text)
     if not tags:
         raise BenchError("the world has no start poses")
     return tags

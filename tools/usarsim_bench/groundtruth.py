@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import socket
 import threading
 import time
 from collections.abc import Sequence
@@ -16,6 +15,7 @@ from usarsim_bench.crowd import DEFAULT_CLASS, Crowd
 from usarsim_bench.figures import Aim, Figure, Plan, Section
 from usarsim_bench.server import BenchError, CarefulClosing, Load, Server, load_between
 from usarsim_bench.team import ROBOTS, SETTLE, load_figures
+from usarsim_client import BlockingConnection, ProtocolError, command
 
 SECONDS = 20.0
 TURN = 1.0
@@ -57,11 +57,9 @@ class Asker(CarefulClosing):
         self._failure: str | None = None
         self._stopping = threading.Event()
         try:
-            self._socket = socket.create_connection(("127.0.0.1", port), timeout=_PATIENCE)
+            self._connection = BlockingConnection(port, patience=_PATIENCE)
         except OSError as error:
             raise BenchError(f"ground truth cannot be reached: {error}") from None
-        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._lines = self._socket.makefile("rb")
         self._thread = threading.Thread(target=self._run, name="asker", daemon=True)
         self._thread.start()
 
@@ -83,8 +81,7 @@ class Asker(CarefulClosing):
         """
         self._stopping.set()
         self._thread.join(_PATIENCE)
-        self._lines.close()
-        self._socket.close()
+        self._connection.close()
         if self._failure is not None:
             raise BenchError(self._failure)
 
@@ -94,7 +91,7 @@ class Asker(CarefulClosing):
                 begun = time.perf_counter()
                 self._round()
                 self._stopping.wait(max(0.0, TURN - (time.perf_counter() - begun)))
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, ProtocolError) as error:
             self._failure = f"ground truth does not answer: {error}"
 
     def _round(self) -> None:
@@ -111,8 +108,7 @@ class Asker(CarefulClosing):
 
     def _ask(self, question: str, head: str) -> float:
         begun = time.perf_counter()
-        self._socket.sendall(question.encode("latin-1") + b"\r\n")
-        answer = self._lines.readline().decode("latin-1")
+        answer = self._connection.ask(command(question)).text
         if not answer.startswith(head) or "{ObstCount -1" in answer:
             raise ValueError(f"{question!r} was answered {answer!r}")
         return time.perf_counter() - begun

@@ -29,7 +29,7 @@ from usarsim_bench.figures import Aim, Figure, Plan, Section
 from usarsim_bench.recording import between, real_time_factor, status_samples
 from usarsim_bench.server import SERVE, BenchError, Server, load_between
 from usarsim_bench.team import EDGE, ROBOTS, SETTLE, load_figures
-from usarsim_client.blocking import Closing
+from usarsim_client import BlockingConnection, Closing, ProtocolError, command, road
 
 CHUNK = 64 * 1024
 
@@ -88,14 +88,13 @@ class Radio:
         self.name = name
         self._listening = socket.create_server(("127.0.0.1", 0))
         self._listening.settimeout(_PATIENCE)
-        self._control = socket.create_connection(("127.0.0.1", port), timeout=_PATIENCE)
+        self._control = BlockingConnection(port, patience=_PATIENCE)
         own = self._listening.getsockname()[1]
         self._ask(f"INIT {{Robot {name}}} {{Port {own}}}", "INITREPLY {Status OK}")
 
     def road(self, other: str) -> int:
         """Port of the server that leads to another station."""
-        answer = self._ask(f"DNS {{Robot {other}}}", f"DNSREPLY {{Robot {other}}} {{Port ")
-        return int(answer.rpartition(" ")[2].rstrip("}"))
+        return road(self._ask(f"DNS {{Robot {other}}}", "DNSREPLY"), other)
 
     def accept(self) -> socket.socket:
         """Take a connection that the server made."""
@@ -113,17 +112,13 @@ class Radio:
         self._listening.close()
 
     def _ask(self, line: str, expected: str) -> str:
-        self._control.sendall(line.encode() + b"\r\n")
-        answer = b""
-        while not answer.endswith(b"\r\n"):
-            data = self._control.recv(4096)
-            if not data:
-                raise BenchError(f"the wireless simulation hung up on {self.name}")
-            answer += data
-        text = answer.decode("latin-1").strip()
-        if not text.startswith(expected):
-            raise BenchError(f"{line} was answered {text}")
-        return text
+        try:
+            answer = self._control.ask(command(line)).text
+        except ProtocolError:
+            raise BenchError(f"the wireless simulation hung up on {self.name}") from None
+        if not answer.startswith(expected):
+            raise BenchError(f"{line} was answered {answer}")
+        return answer
 
 
 def throughput(mine: socket.socket, theirs: socket.socket, seconds: float) -> float:

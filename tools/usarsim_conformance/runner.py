@@ -20,7 +20,7 @@ from usarsim_conformance.wire import Transcript
 
 _PARALLEL = 8
 """Checks at a time."""
-_ROBOTS = 14
+ROBOTS = 14
 """Robots at a time; with the one that tells the time, and one that is leaving, they fit a small
 server of 16."""
 _GIVES_UP = 600.0
@@ -76,7 +76,7 @@ async def judge_all(
     clock = SimulatedClock(hangs)
     try:
         found = await survey(target, Transcript(), clock)
-        places = found.places[:_ROBOTS]
+        places = found.places[:ROBOTS]
         run = Run(target, found, clock, Places(places, clock))
         jobs = _jobs(checks, found)
         results: dict[tuple[str, str], Result] = {}

@@ -12,7 +12,7 @@ from usarsim_conformance.mutants.fault_proxy import proxied
 from usarsim_conformance.mutants.wire_faults import WireFault
 from usarsim_conformance.places import Places
 from usarsim_conformance.registry import Result, all_checks
-from usarsim_conformance.runner import judge
+from usarsim_conformance.runner import ROBOTS, judge
 from usarsim_conformance.survey import Target, survey
 from usarsim_conformance.wire import Transcript
 
@@ -41,9 +41,9 @@ async def try_wire_faults(
     results: dict[str, Result] = {}
     try:
         found = await survey(target, Transcript(), clock)
-        shared = Run(target, found, clock, Places(found.places, clock))
+        shared = Run(target, found, clock, Places(found.places[:ROBOTS], clock))
         # A check may take two places; with one more than there are checks none waits for ever.
-        slots = asyncio.Semaphore(max(1, len(found.places) - 1))
+        slots = asyncio.Semaphore(max(1, min(ROBOTS, len(found.places)) - 1))
 
         async def attempt(fault: WireFault) -> None:
             async with proxied(fault.kind, ports, fault.services) as faulty:
