@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from typing import Any
 
 from usarsim_conformance.mutants.fault_proxy import Link
 from usarsim_conformance.mutants.wire_faults import (
@@ -170,55 +171,33 @@ class Roads(Link):
         return b"%d" % self.proxy.road(int(port[0]), self.kind)
 
 
-def _road(check: str) -> Callable[[type[Link]], type[Link]]:
-    def decorate(kind: type[Link]) -> type[Link]:
-        wire_fault(check)(type("OtherRoads", (Roads,), {"kind": kind}))
-        return kind
-
-    return decorate
+def _over(check: str, road: type[Link], kind: type[Link]) -> None:
+    """A fault of what is carried between robots: `road` leads it over links of another kind."""
+    wire_fault(check)(type("Over", (road,), {"kind": kind}))
 
 
-_road("wireless.relay.several")(OneAtATime)
-_road("wireless.relay.hangup")(KeepsLeavers)
+def _changed(method: str, change: Callable[[bytes], bytes]) -> type[Link]:
+    return type("Changed", (Link,), {method: lambda _, data: change(data)})
 
 
-@_road("wireless.relay.back")
-class TextBack(Link):
-    """Zero bytes are lost on the way back."""
+def _cut(most: int, left: Callable[[bytes], bytes]) -> type[Link]:
+    """A link that carries so many bytes, and something else in the place of further ones."""
 
-    def said(self, unit: bytes) -> bytes:
-        return unit.replace(b"\0", b"")
+    def heard(self: Any, data: bytes) -> bytes:
+        self.carried = getattr(self, "carried", 0) + len(data)
+        return data if self.carried < most else left(data)
 
-
-@_road("wireless.relay.there")
-class TextThere(Link):
-    """Zero bytes are lost on the way there."""
-
-    def heard(self, data: bytes) -> bytes:
-        return data.replace(b"\0", b"")
+    return type("Cut", (Link,), {"heard": heard})
 
 
-@_road("wireless.relay.half-close")
-class LosesTheLast(Link):
-    """The last byte is lost."""
-
-    def heard(self, data: bytes) -> bytes:
-        return data[:-1]
-
-
-@_road("wireless.relay.much")
-class SomeOfMuch(Link):
-    """Only so much is carried."""
-
-    carried = 0
-
-    def heard(self, data: bytes) -> bytes:
-        self.carried += len(data)
-        return data if self.carried < 200_000 else b""
-
-
-_road("wireless.relay.refused")(KeepsGhosts)
-_road("wireless.relay.leaver")(KeepsGhosts)
+_over("wireless.relay.several", Roads, OneAtATime)
+_over("wireless.relay.hangup", Roads, KeepsLeavers)
+_over("wireless.relay.refused", Roads, KeepsGhosts)
+_over("wireless.relay.leaver", Roads, KeepsGhosts)
+_over("wireless.relay.back", Roads, _changed("said", lambda data: data.replace(b"\0", b"")))
+_over("wireless.relay.there", Roads, _changed("heard", lambda data: data.replace(b"\0", b"")))
+_over("wireless.relay.half-close", Roads, _changed("heard", lambda data: data[:-1]))
+_over("wireless.relay.much", Roads, _cut(200_000, lambda data: b""))
 
 # USARTruth.
 
@@ -249,6 +228,8 @@ heard("truth.query.split", (r"^\{class USARBot\.$", "{class USARBot.}\r\n{class 
 
 tires("truth.clients.ten-per-second", b"\n")
 
+
+# ComServer.
 
 wire_fault("comserver.connect.silent")(Greets)
 wire_fault("comserver.clients.vanishes")(DiesOfHangup)
@@ -297,65 +278,20 @@ class Dialled(Link):
         return found[1] + b"%d" % self.proxy.road(int(found[2]), self.kind)
 
 
-def _dialled(check: str) -> Callable[[type[Link]], type[Link]]:
-    def decorate(kind: type[Link]) -> type[Link]:
-        wire_fault(check)(type("DialledBy", (Dialled,), {"kind": kind}))
-        return kind
-
-    return decorate
-
-
-_dialled("comserver.link.close")(KeepsLeavers)
-_dialled("comserver.link.hangup")(KeepsGhosts)
-_dialled("comserver.link.unanswered")(KeepsLeavers)
-
-
-@_dialled("comserver.link.payload")
-class WithSemicolon(Link):
-    """The semicolon behind the payload is carried, too."""
-
-    def heard(self, data: bytes) -> bytes:
-        return data + b";"
-
-
-@_dialled("comserver.link.binary")
-class NoZeros(Link):
-    """Zero bytes become blanks."""
-
-    def heard(self, data: bytes) -> bytes:
-        return data.replace(b"\0", b" ")
-
-
-@_dialled("comserver.link.joined")
-class CommasForSemicolons(Link):
-    """Semicolons of the payload are not carried as they are."""
-
-    def heard(self, data: bytes) -> bytes:
-        return data.replace(b";", b",")
-
-
-@_dialled("comserver.link.pieces")
-class PiecesReversed(Link):
-    """A piece that has no header comes backwards."""
-
-    def said(self, unit: bytes) -> bytes:
-        return unit[::-1] if unit == b"56789" else unit
-
-
-@_dialled("comserver.link.much")
-class ZerosBehindMuch(Link):
-    """Behind so much, zeros are carried."""
-
-    carried = 0
-
-    def heard(self, data: bytes) -> bytes:
-        self.carried += len(data)
-        return data if self.carried < 50_000 else bytes(len(data))
-
-
-@_dialled("comserver.link.junk")
-class CarriesJunk(Link):
-    """Words that mean nothing are carried."""
-
-    def said(self, unit: bytes) -> bytes:
-        return unit.replace(b"HELLO there;", b"SEND 11 HELLO there;")
+_over("comserver.link.close", Dialled, KeepsLeavers)
+_over("comserver.link.hangup", Dialled, KeepsGhosts)
+_over("comserver.link.unanswered", Dialled, KeepsLeavers)
+_over("comserver.link.payload", Dialled, _changed("heard", lambda data: data + b";"))
+_over("comserver.link.binary", Dialled, _changed("heard", lambda data: data.replace(b"\0", b" ")))
+_over("comserver.link.joined", Dialled, _changed("heard", lambda data: data.replace(b";", b",")))
+_over("comserver.link.much", Dialled, _cut(50_000, lambda data: bytes(len(data))))
+_over(
+    "comserver.link.pieces",
+    Dialled,
+    _changed("said", lambda data: data[::-1] if data == b"56789" else data),
+)
+_over(
+    "comserver.link.junk",
+    Dialled,
+    _changed("said", lambda data: data.replace(b"HELLO there;", b"SEND 11 HELLO there;")),
+)
