@@ -7,6 +7,7 @@ read is 0, a segment nobody knows is skipped, a command nobody knows is `Unknown
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 from usarsim_server.protocol.grammar import IGNORED_WORDS, Command
 from usarsim_server.protocol.numbers import read_bool, read_int, read_number, read_vector
@@ -110,42 +111,37 @@ def _init(command: Command) -> Init:
     )
 
 
+def _text(value: str) -> str | None:
+    return value or None
+
+
+_DRIVE: Mapping[str, tuple[str, Callable[[str], object]]] = {
+    **{name: (name, read_bool) for name in ("normalized", "normalize", "light", "flip")},
+    **{name: (name, read_int) for name in ("order", "steer")},
+    **{name: (name, _text) for name in ("name", "bone", "axis")},
+    **{
+        member.replace("_", ""): (member, read_number)
+        for member in (
+            *("left", "right", "speed", "front_steer", "rear_steer", "value"),
+            *("altitude_velocity", "linear_velocity", "lateral_velocity", "rotational_velocity"),
+            *("pitch_angle", "roll_angle", "spin1", "spin2", "propeller", "rudder", "stern_plane"),
+            *("p_gain", "i_gain", "d_gain", "max_torque"),
+        )
+    },
+}
+"""Segments of DRIVE in lower case: which member of the request each gives, and how it is read."""
+
+
 def _drive(command: Command) -> Drive:
-    fields = _Fields(command)
-    normalized = fields.boolean("normalized")
-    return Drive(
-        # The misspelling is accepted by protocol reference 3.4.
-        normalized=fields.boolean("normalize") if normalized is None else normalized,
-        light=fields.boolean("light"),
-        flip=bool(fields.boolean("flip")),
-        left=fields.number("left"),
-        right=fields.number("right"),
-        speed=fields.number("speed"),
-        front_steer=fields.number("frontsteer"),
-        rear_steer=fields.number("rearsteer"),
-        wheels=_wheels(command.segments),
-        altitude_velocity=fields.number("altitudevelocity"),
-        linear_velocity=fields.number("linearvelocity"),
-        lateral_velocity=fields.number("lateralvelocity"),
-        rotational_velocity=fields.number("rotationalvelocity"),
-        pitch_angle=fields.number("pitchangle"),
-        roll_angle=fields.number("rollangle"),
-        spin1=fields.number("spin1"),
-        spin2=fields.number("spin2"),
-        propeller=fields.number("propeller"),
-        rudder=fields.number("rudder"),
-        stern_plane=fields.number("sternplane"),
-        name=fields.text("name"),
-        value=fields.number("value"),
-        order=fields.integer("order") or 0,
-        steer=fields.integer("steer") or 0,
-        bone=fields.text("bone"),
-        axis=fields.text("axis"),
-        p_gain=fields.number("pgain"),
-        i_gain=fields.number("igain"),
-        d_gain=fields.number("dgain"),
-        max_torque=fields.number("maxtorque"),
-    )
+    members: dict[str, Any] = {}
+    for key, value in command.segments:
+        member, read = _DRIVE.get(key.lower(), ("", _text))
+        if member and member not in members:
+            members[member] = read(value)
+    # The misspelling is accepted by protocol reference 3.4.
+    misspelt = members.pop("normalize", None)
+    members.setdefault("normalized", misspelt)
+    return Drive(wheels=_wheels(command.segments), **members)
 
 
 def _groups(segments: tuple[Segment, ...], opener: str) -> list[dict[str, str]]:
