@@ -1,8 +1,9 @@
-"""World controllers that speak and listen, for the tests of this room."""
+"""World controllers, avatars and robots that speak and listen, for the tests of several rooms."""
 
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 
 import pytest
 
@@ -72,3 +73,73 @@ def ahead(robot: RehearsedClient) -> float:
     assert found is not None
     values = vector(found.group(1))
     return values[len(values) // 2]
+
+
+def numbers(line: str, key: str) -> list[float]:
+    found = re.search(rf"\{{{key} ([^}}]*)\}}", line)
+    assert found is not None, f"no {key} in {line}"
+    return [float(part) for part in found.group(1).split(",")]
+
+
+def last(client: RehearsedClient, wire_type: str) -> str:
+    return [line for line in client.lines if f"{{Type {wire_type}}}" in line][-1]
+
+
+def truth(stage: Rehearsal, client: RehearsedClient) -> tuple[list[float], list[float]]:
+    client.take()
+    stage.run(0.25)
+    line = last(client, "GroundTruth")
+    return numbers(line, "Location"), numbers(line, "Orientation")
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """One STA of an avatar."""
+
+    time: float
+    kind: str
+    name: str
+    place: list[float]
+    turn: list[float]
+    walking: bool
+
+
+def avatar(stage: Rehearsal, place: str = "0,0,-1", **segments: str) -> RehearsedClient:
+    """A new avatar."""
+    client = stage.connect()
+    kind = segments.pop("ClassName", "USARAvatar.USARAvatarNewMale")
+    more = " ".join(f"{{{key} {value}}}" for key, value in segments.items())
+    client.send(f"INIT {{ClassName {kind}}} {{Location {place}}} {more}")
+    return client
+
+
+def leave(stage: Rehearsal, *clients: RehearsedClient) -> None:
+    """Hang up, and let that be known."""
+    for client in clients:
+        client.close()
+    stage.settle()
+    stage.run(0.02)
+
+
+def statuses(client: RehearsedClient) -> list[Status]:
+    """All STA since the last call, each well formed."""
+    found = [STATUS.fullmatch(line) for line in client.take("STA")]
+    assert all(found)
+    return [
+        Status(
+            float(one["time"]),
+            one["kind"],
+            one["name"],
+            [float(part) for part in one["place"].split(",")],
+            [float(part) for part in one["turn"].split(",")],
+            {"True": True, "False": False}[one["walks"]],
+        )
+        for one in found
+        if one is not None
+    ]
+
+
+STATUS = re.compile(
+    r"STA \{Time (?P<time>\d+\.\d{4})\} \{Type (?P<kind>\w+)\} \{Name (?P<name>[^}]*)\} "
+    r"\{Location (?P<place>[^ }]*)\} \{Orientation (?P<turn>[^ }]*)\} \{Walking (?P<walks>\w+)\}"
+)

@@ -228,3 +228,40 @@ class Running:
 
     def __exit__(self, *error: object) -> None:
         self.stop()
+
+
+def received(end: socket.socket, size: int) -> bytes:
+    """So many bytes, or what there is until the end."""
+    data = b""
+    while len(data) < size and (chunk := end.recv(65536)):
+        data += chunk
+    return data
+
+
+def refuses(port: int) -> bool:
+    """Whether nobody listens on a port."""
+    try:
+        socket.create_connection(("127.0.0.1", port), timeout=PATIENCE).close()
+    except ConnectionRefusedError:
+        return True
+    return False
+
+
+def closed(end: socket.socket) -> bool:
+    """Whether the other side has hung up or is lost."""
+    with contextlib.suppress(ConnectionError):
+        return end.recv(65536) == b""
+    return True
+
+
+def stuff(end: socket.socket) -> int:
+    """Send until nothing more is taken; returns how many bytes were."""
+    end.settimeout(0.3)
+    sent = 0
+    with contextlib.suppress(TimeoutError):
+        while sent < ENOUGH:
+            sent += end.send(b"x" * 65536)
+    return sent
+
+
+ENOUGH = 32 * 1024 * 1024

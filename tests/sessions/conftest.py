@@ -18,6 +18,15 @@ def stage() -> Iterator[Rehearsal]:
 
 
 @pytest.fixture
+def connection(stage: Rehearsal) -> Iterator[RehearsedClient]:
+    """A connection that is nothing yet; it is closed after the test."""
+    made = stage.connect()
+    yield made
+    made.close()
+    stage.run(0.05)
+
+
+@pytest.fixture
 def client(stage: Rehearsal) -> Iterator[RehearsedClient]:
     """A world controller; whatever it created is gone after the test."""
     connection = controller(stage)
@@ -25,3 +34,10 @@ def client(stage: Rehearsal) -> Iterator[RehearsedClient]:
     connection.send("CONTROL {Type GetSTA}")
     connection.close()
     stage.settle()
+
+
+@pytest.fixture
+def fresh() -> Iterator[Rehearsal]:
+    """An empty world for one test."""
+    with Rehearsal(world="empty") as rehearsal:
+        yield rehearsal

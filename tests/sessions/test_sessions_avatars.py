@@ -6,10 +6,9 @@ import itertools
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import pytest
-from control_harness import control, controller, near
+from control_harness import Status, avatar, leave, near, statuses
 
 from usarsim_server.sessions import avatar as walker
 from usarsim_server.simulation.frames import Vector
@@ -17,25 +16,9 @@ from usarsim_server.simulation.simulation import Simulation
 from usarsim_server.testing import Rehearsal, RehearsedClient
 from usarsim_server.worlds.avatars.ways import Survey, survey
 
-STATUS = re.compile(
-    r"STA \{Time (?P<time>\d+\.\d{4})\} \{Type (?P<kind>\w+)\} \{Name (?P<name>[^}]*)\} "
-    r"\{Location (?P<place>[^ }]*)\} \{Orientation (?P<turn>[^ }]*)\} \{Walking (?P<walks>\w+)\}"
-)
 BONES = re.compile(
     r"BSTA \{Time \d+\.\d{4}\} \{Name ([^}]*)\}( \{Bone \w+\} \{Rotation [^ }]*\}){4}"
 )
-
-
-@dataclass(frozen=True, slots=True)
-class Status:
-    """One STA of an avatar."""
-
-    time: float
-    kind: str
-    name: str
-    place: list[float]
-    turn: list[float]
-    walking: bool
 
 
 @pytest.fixture(scope="module")
@@ -50,41 +33,6 @@ def office() -> Iterator[Rehearsal]:
     """A world with walls and path nodes."""
     with Rehearsal(world="office") as rehearsal:
         yield rehearsal
-
-
-def avatar(stage: Rehearsal, place: str = "0,0,-1", **segments: str) -> RehearsedClient:
-    """A new avatar."""
-    client = stage.connect()
-    kind = segments.pop("ClassName", "USARAvatar.USARAvatarNewMale")
-    more = " ".join(f"{{{key} {value}}}" for key, value in segments.items())
-    client.send(f"INIT {{ClassName {kind}}} {{Location {place}}} {more}")
-    return client
-
-
-def leave(stage: Rehearsal, *clients: RehearsedClient) -> None:
-    """Hang up, and let that be known."""
-    for client in clients:
-        client.close()
-    stage.settle()
-    stage.run(0.02)
-
-
-def statuses(client: RehearsedClient) -> list[Status]:
-    """All STA since the last call, each well formed."""
-    found = [STATUS.fullmatch(line) for line in client.take("STA")]
-    assert all(found)
-    return [
-        Status(
-            float(one["time"]),
-            one["kind"],
-            one["name"],
-            [float(part) for part in one["place"].split(",")],
-            [float(part) for part in one["turn"].split(",")],
-            {"True": True, "False": False}[one["walks"]],
-        )
-        for one in found
-        if one is not None
-    ]
 
 
 def now(stage: Rehearsal, client: RehearsedClient) -> Status:
@@ -367,15 +315,6 @@ def test_move_to_a_path_node_and_append(office: Rehearsal) -> None:
     leave(office, client)
 
 
-def test_path_nodes_are_told(office: Rehearsal) -> None:
-    """84: without INIT; the closest one by planar distance, nothing without a location."""
-    client = office.connect()
-    client.send("GETPATHNODES", "GETCLOSESTPATHNODE {Location 5,2,99}", "GETCLOSESTPATHNODE")
-    nodes, closest = client.take()
-    assert nodes.startswith("NFO {PathNodes 24} {Lobby -9.0000,0.0000,0.0000 0.0000,0.0000,0.0000 ")
-    assert closest == "NFO {Pathnode Lounge} {Location 5.1000,2.6000,0.0000}"
-
-
 # -- in the world ----------------------------------------------------------------------------------
 
 
@@ -418,19 +357,6 @@ def test_a_person_pushes_a_robot_aside_softly(stage: Rehearsal) -> None:
     assert math.dist((x, y), (42, 0)) < 4.0
     assert highest < 0.5
     leave(stage, robot, client)
-
-
-def test_controllers_and_avatars_together(stage: Rehearsal) -> None:
-    """An avatar is no object: it is neither listed nor removed, and blocks a place."""
-    wc, client = controller(stage), avatar(stage, "50,0,-1", Name="Walker")
-    stage.run(0.4)
-    assert control(wc, "GetSTA") == ["STA"]
-    control(wc, "Create", ClassName="Box", Name="b", Location="50,0,-0.9")
-    assert control(wc, "GetSTA") == ["STA"]
-    control(wc, "KillAll")
-    assert statuses(client)
-    assert [one.name for one, _ in stage.assembly.roles.avatars.present()] == ["Walker"]
-    leave(stage, wc, client)
 
 
 def test_facts_bear_the_name(stage: Rehearsal) -> None:

@@ -6,12 +6,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+import shutil
 from pathlib import Path
 
 import pytest
 from control_harness import (
     HEIGHT,
+    ahead,
     control,
     controller,
     create,
@@ -22,6 +23,7 @@ from control_harness import (
     where,
 )
 
+from usarsim_server.data import data_directory
 from usarsim_server.testing import Rehearsal, RehearsedClient
 
 # -- Physics ---------------------------------------------------------------------------------------
@@ -291,23 +293,16 @@ position = [0.0, 0.0, 0.3]
 WATCH_AT = "0,0,-0.25"
 
 
-@pytest.fixture
-def stage() -> Iterator[Rehearsal]:
-    """An empty world."""
-    with Rehearsal(world="empty") as rehearsal:
-        yield rehearsal
-
-
-def watcher(stage: Rehearsal) -> RehearsedClient:
+def watcher(fresh: Rehearsal) -> RehearsedClient:
     """A robot with all sensors of life, looking along x."""
-    client = stage.connect()
+    client = fresh.connect()
     client.send(f"INIT {{ClassName USARBot.RescueP2AT}} {{Location {WATCH_AT}}}")
     return client
 
 
-def avatar(stage: Rehearsal, location: str, name: str = "W") -> RehearsedClient:
+def avatar(fresh: Rehearsal, location: str, name: str = "W") -> RehearsedClient:
     """Somebody who stands."""
-    client = stage.connect()
+    client = fresh.connect()
     client.send(f"INIT {{ClassName USARAvatar.Worker}} {{Location {location}}} {{Name {name}}}")
     return client
 
@@ -323,56 +318,56 @@ def likely(client: RehearsedClient) -> list[float]:
     return [float(value) for value in readings(client, "HumanMotion", "Prob")]
 
 
-def test_who_walks_past_is_noticed(stage: Rehearsal) -> None:
+def test_who_walks_past_is_noticed(fresh: Rehearsal) -> None:
     """An avatar that stands gives 0, one that walks past does not, one that has stopped is 0."""
-    robot, person = watcher(stage), avatar(stage, "3,-2,-1")
-    stage.run(2.0)
+    robot, person = watcher(fresh), avatar(fresh, "3,-2,-1")
+    fresh.run(2.0)
     assert set(likely(robot)) == {0.0}
     robot.take()
     person.send("MOVE {Location 3,2}")
-    stage.run(3.0)
+    fresh.run(3.0)
     # At 1.3 m/s he is as fast as a sensor wants; 3 of 5 m away he is 40 % likely.
     assert max(likely(robot)) == pytest.approx(0.4, abs=0.12)
-    stage.run(3.0)
+    fresh.run(3.0)
     robot.take()
-    stage.run(1.0)
+    fresh.run(1.0)
     assert likely(robot)
     assert set(likely(robot)) == {0.0}
 
 
-def test_walls_hide_who_walks(stage: Rehearsal) -> None:
+def test_walls_hide_who_walks(fresh: Rehearsal) -> None:
     """Behind a wall that a controller has put up nobody is noticed."""
-    create(controller(stage), "Screen", "1.5,0,-1", Scale="0.2,20,7")
-    robot, person = watcher(stage), avatar(stage, "3,-2,-1")
+    create(controller(fresh), "Screen", "1.5,0,-1", Scale="0.2,20,7")
+    robot, person = watcher(fresh), avatar(fresh, "3,-2,-1")
     person.send("MOVE {Location 3,2}")
-    stage.run(4.0)
+    fresh.run(4.0)
     assert likely(robot)
     assert set(likely(robot)) == {0.0}
 
 
-def test_breath_of_avatars(stage: Rehearsal) -> None:
+def test_breath_of_avatars(fresh: Rehearsal) -> None:
     """Who stands near adds to the CO2, and no more when gone."""
-    robot = watcher(stage)
-    stage.run(1.6)
+    robot = watcher(fresh)
+    fresh.run(1.6)
     before = float(readings(robot, "CO2Sensor", "Density")[-1])
-    person = avatar(stage, "0.75,0,-1")
+    person = avatar(fresh, "0.75,0,-1")
     robot.take()
-    stage.run(1.0)
+    fresh.run(1.0)
     near = float(readings(robot, "CO2Sensor", "Density")[-1])
     person.close()
-    stage.run(0.5)
+    fresh.run(0.5)
     robot.take()
-    stage.run(1.0)
+    fresh.run(1.0)
     after = float(readings(robot, "CO2Sensor", "Density")[-1])
     assert near > before
     assert after == before
 
 
-def test_avatars_are_no_victims(stage: Rehearsal) -> None:
+def test_avatars_are_no_victims(fresh: Rehearsal) -> None:
     """The victim sensor finds victims, as the original did, and nobody else who is about."""
-    robot = watcher(stage)
-    avatar(stage, "2,0,-1")
-    stage.run(4.0)
+    robot = watcher(fresh)
+    avatar(fresh, "2,0,-1")
+    fresh.run(4.0)
     assert set(readings(robot, "VictSensor", "Status")) == {"NoVictims"}
     assert readings(robot, "VictRFID", "VictimName") == []
 
@@ -381,10 +376,10 @@ def test_runs_with_passers_repeat() -> None:
     """Two runs give the same lines."""
     said = []
     for _ in range(2):
-        with Rehearsal(world="empty", seed=3) as stage:
-            robot, person = watcher(stage), avatar(stage, "3,-2,-1")
+        with Rehearsal(world="empty", seed=3) as fresh:
+            robot, person = watcher(fresh), avatar(fresh, "3,-2,-1")
             person.send("MOVE {Location 3,2}")
-            stage.run(3.0)
+            fresh.run(3.0)
             said.append(robot.take("SEN"))
     assert said[0] == said[1]
     assert said[0]
@@ -393,13 +388,59 @@ def test_runs_with_passers_repeat() -> None:
 def test_a_ball_of_a_controller_is_a_ball(tmp_path: Path) -> None:
     """The ball helper finds what a world controller calls ball, where it is then."""
     (tmp_path / "Soccer.toml").write_text(SOCCER, encoding="utf-8")
-    with Rehearsal(world="empty", robots=(tmp_path,)) as stage:
-        client = stage.connect()
+    with Rehearsal(world="empty", robots=(tmp_path,)) as fresh:
+        client = fresh.connect()
         client.send(f"INIT {{ClassName USARBot.Soccer}} {{Location {WATCH_AT}}}")
-        stage.run(2.0)
+        fresh.run(2.0)
         assert readings(client, "Helper", "Pos3D") == []
-        create(controller(stage), "Ball", "2,1,-0.15")
-        stage.run(1.0)
+        create(controller(fresh), "Ball", "2,1,-0.15")
+        fresh.run(1.0)
         places = readings(client, "Helper", "Pos3D")
         assert places[-1] == "2.00,1.00,-0.15"
         assert readings(client, "Helper", "Visible")[-1] == "true"
+
+
+def test_sensors_see_objects(stage: Rehearsal, client: RehearsedClient) -> None:
+    """A laser measures the true distance to an object, and nothing once it is gone."""
+    robot = stage.connect()
+    robot.send("INIT {ClassName P2AT} {Location 60,0,-0.3}")
+    stage.run(1.0)
+    far = ahead(robot)
+    assert far > 10.0
+    create(client, "a", "64,0,-0.6", ClassName="Wall")
+    stage.run(0.5)
+    seen = ahead(robot)
+    control(client, "RelMove", Name="a", Location="1,0,0")
+    stage.run(0.5)
+    assert ahead(robot) - seen == pytest.approx(1.0, abs=0.05)
+    control(client, "Kill", Name="a")
+    stage.run(0.5)
+    assert ahead(robot) == pytest.approx(far, abs=0.1)
+    robot.close()
+    stage.run(0.1)
+
+
+def test_conveyors(tmp_path: Path) -> None:
+    """Conveyor scales the speed of the belts of the scene by their tag."""
+    shutil.copytree(data_directory("worlds") / "empty", tmp_path / "factory")
+    scene = tmp_path / "factory" / "scene.xml"
+    belts = "".join(
+        f'<geom name="line:{n}" type="box" size="5 0.5 0.1" pos="0 {3 * n} 0.1" '
+        'surfacevel="0.4 0 0 0 0 0"/>'
+        for n in range(2)
+    )
+    scene.write_text(scene.read_text().replace("</worldbody>", f"{belts}</worldbody>"))
+    with Rehearsal(world=str(tmp_path / "factory")) as stage:
+        client = controller(stage)
+        for n in range(2):
+            create(client, f"b{n}", f"0,{-3 * n},-0.35", Physics="RigidBody")
+        stage.run(2.0)
+        assert [where(client, f"b{n}")[0] for n in range(2)] == pytest.approx([0.8] * 2, abs=0.05)
+        control(client, "Conveyor", Name="LINE", Speed="-1")
+        stage.run(2.0)
+        assert [where(client, f"b{n}")[0] for n in range(2)] == pytest.approx([0.0] * 2, abs=0.1)
+        control(client, "Conveyor", Name="line", Speed="0")
+        stage.run(1.0)
+        before = where(client, "b0")
+        stage.run(1.0)
+        assert where(client, "b0") == near(*before)

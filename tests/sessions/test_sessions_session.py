@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 import re
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import pytest
+from control_harness import last, numbers, truth
 
-from usarsim_server.protocol.grammar import parse_line
-from usarsim_server.sessions.outbox import Outbox
-from usarsim_server.testing import Rehearsal, RehearsedClient, running_server
+from usarsim_server.testing import Rehearsal, RehearsedClient
 
 
 @pytest.fixture(scope="module")
@@ -28,23 +26,6 @@ def client(stage: Rehearsal) -> Iterator[RehearsedClient]:
     yield connection
     connection.close()
     stage.run(0.05)
-
-
-def _numbers(line: str, key: str) -> list[float]:
-    found = re.search(rf"\{{{key} ([^}}]*)\}}", line)
-    assert found is not None, f"no {key} in {line}"
-    return [float(part) for part in found.group(1).split(",")]
-
-
-def _last(client: RehearsedClient, wire_type: str) -> str:
-    return [line for line in client.lines if f"{{Type {wire_type}}}" in line][-1]
-
-
-def _truth(stage: Rehearsal, client: RehearsedClient) -> tuple[list[float], list[float]]:
-    client.take()
-    stage.run(0.25)
-    line = _last(client, "GroundTruth")
-    return _numbers(line, "Location"), _numbers(line, "Orientation")
 
 
 # -- INIT ------------------------------------------------------------------------------------------
@@ -80,7 +61,7 @@ def test_spellings_of_init(
     """Every spelling of 3.2 spawns at the place it means (checks 47-51, 63, 72-75, 78)."""
     client.send(f"INIT {init}")
     stage.run(0.4)
-    location, orientation = _truth(stage, client)
+    location, orientation = truth(stage, client)
     assert location[:2] == pytest.approx(place, abs=0.05)
     assert math.cos(orientation[2]) > math.cos(0.02)
     assert location[2] == pytest.approx(-0.2, abs=0.1)
@@ -91,7 +72,7 @@ def test_battery_of_init(stage: Rehearsal, client: RehearsedClient) -> None:
     client.send("INIT {ClassName P2AT} {Battery 3} {Location 0,10,-0.3}")
     client.send("DRIVE {Left 1} {Right 1}")
     stage.run(1.0)
-    assert _numbers(_last(client, "GroundVehicle"), "Battery") == [2]
+    assert numbers(last(client, "GroundVehicle"), "Battery") == [2]
     stage.run(2.5)
     news = [line for line in client.take("NFO") if "{Status Battery" in line]
     assert len(news) == 1, "the client is told once"
@@ -101,7 +82,7 @@ def test_battery_of_init(stage: Rehearsal, client: RehearsedClient) -> None:
     stage.run(1.0)
     heads = {line.split()[0] for line in client.lines}
     assert heads == {"STA"}
-    assert _numbers(client.lines[-1], "Battery") == [0]
+    assert numbers(client.lines[-1], "Battery") == [0]
     client.send("DRIVE {Left 2} {Right 2}", "GETCONF {Type Robot}")
     stage.run(1.0)
     assert {line.split()[0] for line in client.lines} == {"STA"}
@@ -122,7 +103,7 @@ def test_start_poses(stage: Rehearsal, client: RehearsedClient) -> None:
     tag, location = words[3], [float(part) for part in words[4].split(",")]
     client.send(f"INIT {{ClassName P2AT}} {{Start {tag.lower()}}} {{Location 90,90,0}}")
     stage.run(0.4)
-    assert _truth(stage, client)[0][:2] == pytest.approx(location[:2], abs=0.05)
+    assert truth(stage, client)[0][:2] == pytest.approx(location[:2], abs=0.05)
     client.send("GETSTARTPOSES")
     assert client.take("NFO") == [reply]
 
@@ -178,16 +159,16 @@ def test_frames_on_the_wire(stage: Rehearsal, client: RehearsedClient) -> None:
     """Spawn rotation, right, and clockwise are as 2.5 has them (checks 57, 58, 61, 143)."""
     client.send("INIT {ClassName P2AT} {Location 10,10,-0.3} {Rotation 0,0,1.5708}")
     stage.run(0.4)
-    location, orientation = _truth(stage, client)
+    location, orientation = truth(stage, client)
     assert orientation[2] == pytest.approx(1.5708, abs=0.02)
     client.send("DRIVE {Left 2} {Right 2}")
     stage.run(2.0)
-    further, _ = _truth(stage, client)
+    further, _ = truth(stage, client)
     assert further[1] > location[1] + 0.3, "it faces +y, its right"
     assert further[0] == pytest.approx(location[0], abs=0.03)
     client.send("DRIVE {Left 2} {Right -2}")
     stage.run(0.5)
-    _, turned = _truth(stage, client)
+    _, turned = truth(stage, client)
     assert turned[2] > orientation[2] + 0.2, "clockwise seen from above"
     client.send("DRIVE {Left -2} {Right -2}")
 
@@ -199,10 +180,10 @@ def test_height_grows_downwards(stage: Rehearsal, client: RehearsedClient) -> No
     first = client.lines or [""]
     stage.run(0.05)
     first = [line for line in client.lines if "GroundTruth" in line]
-    high = _numbers(first[0], "Location")[2]
+    high = numbers(first[0], "Location")[2]
     stage.run(1.5)
     assert high < -0.6
-    assert _numbers(_last(client, "GroundTruth"), "Location")[2] == pytest.approx(-0.15, abs=0.05)
+    assert numbers(last(client, "GroundTruth"), "Location")[2] == pytest.approx(-0.15, abs=0.05)
 
 
 @pytest.mark.parametrize(
@@ -215,7 +196,7 @@ def test_tilt_signs(stage: Rehearsal, client: RehearsedClient, rotation: str, in
     )
     stage.run(0.36)
     falling = [line for line in client.lines if "GroundTruth" in line]
-    angles = _numbers(falling[0], "Orientation")
+    angles = numbers(falling[0], "Orientation")
     assert angles[index] == pytest.approx(0.15, abs=0.01)
     assert abs(angles[1 - index]) < 0.01
     state = stage.assembly.fleet.vehicles[-1].body.look()
@@ -272,12 +253,12 @@ def test_light(stage: Rehearsal, client: RehearsedClient) -> None:
     """Light shows in STA and does not move the robot (check 90)."""
     client.send("INIT {ClassName P2AT} {Location 60,8,-0.3}")
     stage.run(0.6)
-    before, _ = _truth(stage, client)
+    before, _ = truth(stage, client)
     client.send("DRIVE {Light true}")
     client.take()
     stage.run(0.4)
     assert "{LightToggle True} {LightIntensity 100}" in client.take("STA")[-1]
-    assert _truth(stage, client)[0] == pytest.approx(before, abs=0.02)
+    assert truth(stage, client)[0] == pytest.approx(before, abs=0.02)
 
 
 def test_flip(stage: Rehearsal, client: RehearsedClient) -> None:
@@ -334,7 +315,7 @@ def test_set_and_res(stage: Rehearsal, client: RehearsedClient) -> None:
     """RESET zeroes the odometry; ut2004 gets one RES, udk none (checks 108, 109, 163)."""
     client.send("INIT {ClassName P2AT} {Location 80,16,-0.3}", "DRIVE {Left 2} {Right 2}")
     stage.run(3.0)
-    assert _numbers(_last(client, "Odometry"), "Pose")[0] > 0.4
+    assert numbers(last(client, "Odometry"), "Pose")[0] > 0.4
     client.send("DRIVE {Left 0} {Right 0}")
     stage.run(1.0)
     client.take()
@@ -344,7 +325,7 @@ def test_set_and_res(stage: Rehearsal, client: RehearsedClient) -> None:
         client.take("RES")[0],
     )
     stage.run(0.3)
-    assert _numbers(_last(client, "Odometry"), "Pose") == pytest.approx([0, 0, 0], abs=0.002)
+    assert numbers(last(client, "Odometry"), "Pose") == pytest.approx([0, 0, 0], abs=0.002)
     client.send("SET {Type Odometry} {Name Nobody} {Opcode RESET}", "SET {Type Odometry}")
     assert client.take("RES") == []
 
@@ -389,7 +370,7 @@ def test_encoders_are_found_by_either_name(stage: Rehearsal, client: RehearsedCl
     """What streams as Wk in udk answers to that name (check 125)."""
     client.send("INIT {ClassName P2AT} {Location 100,16,-0.3} {Dialect udk}")
     stage.run(0.5)
-    name = re.search(r"\{Name (W\d)\}", _last(client, "Encoder"))
+    name = re.search(r"\{Name (W\d)\}", last(client, "Encoder"))
     assert name is not None
     client.take()
     client.send(f"GETGEO {{Type Encoder}} {{Name {name.group(1)}}}")
@@ -403,89 +384,11 @@ def test_mounts_do_not_turn_with_the_robot(stage: Rehearsal, client: RehearsedCl
     assert "Location 0.1439,0.0000,-0.0920" in client.take("GEO")[0]
 
 
-# -- the thread ------------------------------------------------------------------------------------
-
-
-def test_a_lost_robot_leaves_the_connection_usable(
-    stage: Rehearsal, client: RehearsedClient
-) -> None:
-    """A robot whose state is not finite is removed with DIE; INIT works again (bad states)."""
-    witness = stage.connect()
-    witness.send("INIT {ClassName P2AT} {Location 120,4,-0.3}")
-    client.send("INIT {ClassName P2AT} {Location 120,0,-0.3}")
-    stage.run(1.0)
-    before = _truth(stage, witness)[0]
-    vehicle = stage.assembly.fleet.vehicles[-1]
-    simulation = stage.assembly.simulation
-    layout = simulation.look().layouts[vehicle.robot]
-    simulation._engine.data.qvel[layout.dof] = math.nan
-    client.take()
-    stage.run(0.5)
-    assert client.take("DIE")
-    assert vehicle not in stage.assembly.fleet.vehicles
-    assert _truth(stage, witness)[0] == pytest.approx(before, abs=0.01)
-    client.send("INIT {ClassName P2AT} {Location 120,0,-0.3}")
-    stage.run(0.5)
-    assert client.take("STA")
-    witness.close()
-
-
-def test_one_handler_failing_does_not_touch_another(
-    stage: Rehearsal, client: RehearsedClient, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A defect in one robot's handler removes that robot only."""
-    other = stage.connect()
-    other.send("INIT {ClassName P2AT} {Location 130,0,-0.3}")
-    client.send("INIT {ClassName P2AT} {Location 130,4,-0.3}")
-
-    def fail(request: object) -> list[str]:
-        raise RuntimeError("a defect")
-
-    monkeypatch.setattr(client.agent._role, "obey", fail)
-    client.send("GETCONF {Type Robot}")
-    other.take()
-    stage.run(1.0)
-    assert other.take("STA")
-    assert len(stage.assembly.simulation.snapshot.layouts) >= 1
-    other.close()
-
-
-def eventually(true: Callable[[], bool]) -> bool:
-    """Whether something becomes true, however slow the machine is."""
-    deadline = time.monotonic() + 90.0
-    while not true() and time.monotonic() < deadline:
-        time.sleep(0.002)
-    return true()
-
-
-def test_who_hangs_up_while_waiting_gets_no_robot() -> None:
-    """An INIT whose client has left before its turn came makes no robot, and no larger world that
-    others would wait for."""
-    with running_server(world="empty") as (assembly, _):
-        slots = assembly.simulation._slots
-        agent = assembly.make_agent("hasty", Outbox(), lambda: None)
-        with slots._lock:  # somebody else's class is being compiled
-            agent.submit(parse_line(b"INIT {ClassName P3AT} {Location 0,0,-0.3}"))
-            assert eventually(lambda: slots.busy)
-            agent.close()
-        assert eventually(agent.idle)
-        assert assembly.simulation.look().generation == 0
-        assert assembly.fleet.vehicles == ()
-
-
-def _play(seed: int) -> list[str]:
-    with Rehearsal(world="arena", seed=seed) as stage:
-        clients = [stage.connect() for _ in range(3)]
-        for index, client in enumerate(clients):
-            client.send(f"INIT {{ClassName P{2 + index % 2}AT}} {{Start RobotStart{index + 1}}}")
-            client.send(f"DRIVE {{Left {1 + index}}} {{Right {2 - index}}}")
-            stage.run(0.7)
-        stage.run(4.0)
-        return [line for client in clients for line in client.lines]
-
-
-def test_equal_runs_are_equal_to_the_letter() -> None:
-    """Same seed, world and command times give the same text (robots 113, 115; V26)."""
-    first = _play(seed=3)
-    assert first == _play(seed=3)
-    assert first != _play(seed=4), "the seed drives the noise"
+def test_path_nodes_are_told() -> None:
+    """84: without INIT; the closest one by planar distance, nothing without a location."""
+    with Rehearsal(world="office") as office:
+        client = office.connect()
+        client.send("GETPATHNODES", "GETCLOSESTPATHNODE {Location 5,2,99}", "GETCLOSESTPATHNODE")
+        nodes, closest = client.take()
+    assert nodes.startswith("NFO {PathNodes 24} {Lobby -9.0000,0.0000,0.0000 0.0000,0.0000,0.0000 ")
+    assert closest == "NFO {Pathnode Lounge} {Location 5.1000,2.6000,0.0000}"

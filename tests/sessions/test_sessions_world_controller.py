@@ -4,22 +4,21 @@ from __future__ import annotations
 
 import random
 import re
-import shutil
-from pathlib import Path
 
 import pytest
 from control_harness import (
     HEIGHT,
-    ahead,
+    avatar,
     control,
     controller,
     create,
+    leave,
     near,
     status,
+    statuses,
     where,
 )
 
-from usarsim_server.data import data_directory
 from usarsim_server.testing import Rehearsal, RehearsedClient
 
 # -- who may control -------------------------------------------------------------------------------
@@ -264,26 +263,6 @@ def test_filters(client: RehearsedClient) -> None:
     assert status(client, ClassName="Pallet") == {}
 
 
-def test_sensors_see_objects(stage: Rehearsal, client: RehearsedClient) -> None:
-    """A laser measures the true distance to an object, and nothing once it is gone."""
-    robot = stage.connect()
-    robot.send("INIT {ClassName P2AT} {Location 60,0,-0.3}")
-    stage.run(1.0)
-    far = ahead(robot)
-    assert far > 10.0
-    create(client, "a", "64,0,-0.6", ClassName="Wall")
-    stage.run(0.5)
-    seen = ahead(robot)
-    control(client, "RelMove", Name="a", Location="1,0,0")
-    stage.run(0.5)
-    assert ahead(robot) - seen == pytest.approx(1.0, abs=0.05)
-    control(client, "Kill", Name="a")
-    stage.run(0.5)
-    assert ahead(robot) == pytest.approx(far, abs=0.1)
-    robot.close()
-    stage.run(0.1)
-
-
 def test_facts_about_objects_bear_their_names(stage: Rehearsal, client: RehearsedClient) -> None:
     """Sensors that recognise objects are told the name of the object."""
     create(client, "Target", "0,0,-0.15", Material="Red")
@@ -454,27 +433,14 @@ def test_a_second_init_can_change_the_role() -> None:
         assert stage.assembly.roles.avatars.present() == []
 
 
-def test_conveyors(tmp_path: Path) -> None:
-    """Conveyor scales the speed of the belts of the scene by their tag."""
-    shutil.copytree(data_directory("worlds") / "empty", tmp_path / "factory")
-    scene = tmp_path / "factory" / "scene.xml"
-    belts = "".join(
-        f'<geom name="line:{n}" type="box" size="5 0.5 0.1" pos="0 {3 * n} 0.1" '
-        'surfacevel="0.4 0 0 0 0 0"/>'
-        for n in range(2)
-    )
-    scene.write_text(scene.read_text().replace("</worldbody>", f"{belts}</worldbody>"))
-    with Rehearsal(world=str(tmp_path / "factory")) as stage:
-        client = controller(stage)
-        for n in range(2):
-            create(client, f"b{n}", f"0,{-3 * n},-0.35", Physics="RigidBody")
-        stage.run(2.0)
-        assert [where(client, f"b{n}")[0] for n in range(2)] == pytest.approx([0.8] * 2, abs=0.05)
-        control(client, "Conveyor", Name="LINE", Speed="-1")
-        stage.run(2.0)
-        assert [where(client, f"b{n}")[0] for n in range(2)] == pytest.approx([0.0] * 2, abs=0.1)
-        control(client, "Conveyor", Name="line", Speed="0")
-        stage.run(1.0)
-        before = where(client, "b0")
-        stage.run(1.0)
-        assert where(client, "b0") == near(*before)
+def test_controllers_and_avatars_together(stage: Rehearsal) -> None:
+    """An avatar is no object: it is neither listed nor removed, and blocks a place."""
+    wc, client = controller(stage), avatar(stage, "50,0,-1", Name="Walker")
+    stage.run(0.4)
+    assert control(wc, "GetSTA") == ["STA"]
+    control(wc, "Create", ClassName="Box", Name="b", Location="50,0,-0.9")
+    assert control(wc, "GetSTA") == ["STA"]
+    control(wc, "KillAll")
+    assert statuses(client)
+    assert [one.name for one, _ in stage.assembly.roles.avatars.present()] == ["Walker"]
+    leave(stage, wc, client)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-import socket
 import sys
 import threading
 
@@ -11,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from usarsim_server.services.replies import PIECE, ReplyBuffer
 from usarsim_server.sessions.outbox import GRACE, LEAST_READ, Outbox, OutboxLimits
 from usarsim_server.testing import PATIENCE
 
@@ -305,83 +302,6 @@ def test_threads_lose_no_reply_and_keep_each_ones_order() -> None:
     for head in "ABCD":
         mine = [line for line in received if line.startswith(head.encode())]
         assert mine == [numbered(head, number) for number in range(per_thread)]
-
-
-# Replies of ports that only answer
-
-
-class Pair:
-    """Two ends of a connection with small buffers in the kernel; ours is non-blocking."""
-
-    def __init__(self) -> None:
-        self.ours, self.theirs = socket.socketpair()
-        self.ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
-        self.ours.setblocking(False)
-
-    def __enter__(self) -> Pair:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.ours.close()
-        self.theirs.close()
-
-
-def test_replies_that_come_together_leave_together() -> None:
-    """One send for what belongs to one chunk of requests; nothing before the flush."""
-
-    async def converse(pair: Pair) -> bytes:
-        replies = ReplyBuffer(pair.ours)
-        for number in range(3):
-            await replies.put(b"reply %d\r\n" % number)
-        assert replies.held == 27
-        await replies.flush()
-        await replies.flush()
-        assert replies.held == 0
-        return pair.theirs.recv(1000)
-
-    with Pair() as pair:
-        assert asyncio.run(converse(pair)) == b"reply 0\r\nreply 1\r\nreply 2\r\n"
-
-
-def test_replies_are_worked_out_no_faster_than_the_client_reads() -> None:
-    """A million replies to a client that reads nothing: a few are made, a piece of them is held."""
-    made = 0
-
-    async def converse(pair: Pair) -> None:
-        nonlocal made
-        replies = ReplyBuffer(pair.ours, patience=0.05)
-        for _ in range(1_000_000):
-            made += 1
-            await replies.put(b"x" * 1000)
-            assert replies.held < PIECE + 1000
-
-    with Pair() as pair:
-        with pytest.raises(ConnectionAbortedError, match="does not read"):
-            asyncio.run(converse(pair))
-        assert 0 < made < 2000
-
-
-def test_a_reply_that_nobody_reads_ends_the_connection_and_a_slow_reader_lives() -> None:
-    """Every piece has the whole patience: who reads slowly is served as long as he likes."""
-
-    async def converse(pair: Pair) -> int:
-        pair.theirs.setblocking(False)
-        replies = ReplyBuffer(pair.ours, patience=5.0)
-
-        async def read() -> int:
-            loop, read = asyncio.get_running_loop(), 0
-            while read < 20 * PIECE:
-                read += len(await loop.sock_recv(pair.theirs, 3000))
-                await asyncio.sleep(0)
-            return read
-
-        reader = asyncio.create_task(read())
-        for _ in range(20):
-            await replies.put(b"x" * PIECE)
-        return await reader
-
-    with Pair() as pair:
-        assert asyncio.run(converse(pair)) == 20 * PIECE
 
 
 # -- a client that reads, but slowly ---------------------------------------------------------------
