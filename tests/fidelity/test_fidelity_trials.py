@@ -10,15 +10,17 @@ import pytest
 
 from usarsim_bench.fidelity import theory, worlds
 from usarsim_bench.fidelity.fidelity import TIMESTEPS
-from usarsim_bench.fidelity.lanes import LANE, Lane, drive_lanes
 from usarsim_bench.fidelity.manoeuvres import circle, ideal_radius, turn_in_place
 from usarsim_bench.fidelity.stage import Stage, turned, yaw_of
 from usarsim_bench.fidelity.table import TRIALS, Trial
 from usarsim_bench.fidelity.terrain import (
+    LANE,
     PUSHING,
     RUN,
     TRACKED,
+    Lane,
     cross,
+    drive_lanes,
     flipper_error,
     posture,
     spin,

@@ -1,30 +1,100 @@
-"""Obstacles and what is measured on them (robots reference 3.3, V14 to V22; 5.3 #59 to #64)."""
+"""Obstacles, tracks, robots side by side, and what is measured on them.
+
+Robots reference 3.3, V14 to V22; 5.3 #59 to #64. Lanes hold many robots in one simulation, each
+driven by itself below the protocol.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
 from usarsim_bench.fidelity import worlds
-from usarsim_bench.fidelity.lanes import LANE, Lane, drive_lanes
 from usarsim_bench.fidelity.stage import Stage, turned, yaw_of
 from usarsim_bench.fidelity.workshop import Workshop
-from usarsim_bench.fidelity.worlds import FIELD_START, POST, POSTS
+from usarsim_bench.fidelity.worlds import FIELD_START, POST, POSTS, Scene
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.simulation.articulation import JointOrder, Order
 from usarsim_server.simulation.engine import Engine
-from usarsim_server.simulation.frames import Pose
+from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
 from usarsim_server.simulation.model import PhysicsOptions
 from usarsim_server.simulation.snapshot import RobotBody
 from usarsim_server.testing import robot_model
 from usarsim_server.testing.single_robot import tilt
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.scene import build_scene
+
+LANE = 4.0
+"""m between the middles of two lanes."""
+SETTLE = 2.0
+"""s in which robots come to rest and flippers reach their angles."""
+LANE_GLANCE = 5
+"""Steps between two looks."""
+
+
+@dataclass(frozen=True, slots=True)
+class Lane:
+    """What one robot does."""
+
+    robot: RobotDescription  # of what class
+    spin: float  # of its driven wheels, rad/s; a robot that backs stands the other way round
+    posture: Mapping[str, float] = field(default_factory=dict)  # angles of joints, rad
+
+
+@dataclass(frozen=True, slots=True)
+class LaneRun:
+    """How it went."""
+
+    tilt: float  # largest angle of the robot to the vertical, rad
+    ahead: float  # way of the reference point along the lane, m
+    rise: float  # of the reference point, m
+
+
+def drive_lanes(
+    shop: Workshop, scene: Scene, lanes: Sequence[Lane], timestep: float, seconds: float
+) -> list[LaneRun]:
+    """Let all robots drive along x, from x = 0, in lanes centred about y = 0.
+
+    Args:
+        shop: makes the world.
+        scene: at least `LANE` wide for each robot.
+        lanes: robots and what they do.
+        timestep: s.
+        seconds: that they drive.
+    """
+    models = {lane.robot.model: robot_model(lane.robot) for lane in lanes}
+    engine = Engine(
+        shop.scenery(scene),
+        PhysicsOptions(timestep=timestep),
+        slots=tuple(models[lane.robot.model] for lane in lanes),
+    )
+    for number, lane in enumerate(lanes):
+        aside = (number - (len(lanes) - 1) / 2.0) * LANE
+        turned = quaternion_from_rpy(0.0, 0.0, 0.0 if lane.spin >= 0.0 else math.pi)
+        engine.occupy(number, number, Pose((0.0, aside, lane.robot.rest_height), turned))
+        orders = {name: JointOrder(Order.POSITION, angle) for name, angle in lane.posture.items()}
+        engine.command_joints(number, orders)
+    engine.advance(round(SETTLE / timestep))
+    bases = [layout.base for layout in engine.world.layouts]
+    begin = engine.data.xpos[bases].copy()
+    for number, lane in enumerate(lanes):
+        engine.drive(number, np.full(len(lane.robot.driven_wheels), lane.spin))
+    upright = np.ones(len(lanes))
+    for _ in range(round(seconds / timestep / LANE_GLANCE)):
+        engine.advance(LANE_GLANCE)
+        upright = np.minimum(upright, engine.data.xmat[bases, 8])
+    way = engine.data.xpos[bases] - begin
+    tilts = np.arccos(np.clip(upright, -1.0, 1.0))
+    return [
+        LaneRun(float(tilt), float(ahead), float(rise))
+        for tilt, (ahead, _, rise) in zip(tilts, way, strict=True)
+    ]
+
 
 TOUCH_DOWN = 0.3
 """s that a robot is given to settle on a slope before it gets its command."""
