@@ -9,7 +9,7 @@ import pytest
 
 from usarsim_server import app
 from usarsim_server.errors import UsarsimError
-from usarsim_server.sessions.session import RobotAgent
+from usarsim_server.sessions.session import Session
 from usarsim_server.settings import Settings
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.servos import WheelServos
@@ -56,7 +56,7 @@ def test_a_drive_passes_eight_functions(monkeypatch: pytest.MonkeyPatch) -> None
         client = ScriptedClient(endpoints["control"].port)
         client.send("INIT {ClassName P3AT} {Location 0,0,-0.3}")
         client.wait_for("STA")
-        note(RobotAgent, "submit")
+        note(Session, "submit")
         note(BodyHandle, "drive")
         note(WheelServos, "command")
         client.send("DRIVE {Left 1} {Right 1}")
@@ -64,10 +64,10 @@ def test_a_drive_passes_eight_functions(monkeypatch: pytest.MonkeyPatch) -> None
         client.close()
     assert passed == [
         "_Connection._read",
-        "RobotAgent.submit",
-        "RobotAgent.execute",
+        "Session.submit",
+        "Session.execute",
         "Pilot.obey",
-        "WheelConduct.steer",
+        "WheelController.steer",
         "BodyHandle.drive",
         "Engine.drive",
         "WheelServos.command",

@@ -20,7 +20,7 @@ from usarsim_server.services.comserver import ComServerLimits
 from usarsim_server.services.control import ControlLimits
 from usarsim_server.services.dialogue import TRUTH_LIMITS, DialogueLimits
 from usarsim_server.services.images import ImageLimits
-from usarsim_server.services.relay import Road
+from usarsim_server.services.relay import LinkOptions
 from usarsim_server.services.wireless import WirelessLimits
 from usarsim_server.settings import Settings
 
@@ -149,7 +149,7 @@ def test_bytes_that_a_connection_can_hold() -> None:
     }
     assert max(held for held, _ in expected.values()) < 4 << 20
     assert max(kernel for _, kernel in expected.values()) < 1 << 20
-    assert Road().held_bytes // 1024 == 64
-    assert Road().kernel_bytes // 1024 == 512
-    assert WirelessLimits().link_bytes(Road()) == 36 << 20
+    assert LinkOptions().held_bytes // 1024 == 64
+    assert LinkOptions().kernel_bytes // 1024 == 512
+    assert WirelessLimits().link_bytes(LinkOptions()) == 36 << 20
     assert ComServerLimits().names_bytes == 4 << 20

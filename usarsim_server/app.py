@@ -20,8 +20,8 @@ from usarsim_server.cameras.board import CameraBoard
 from usarsim_server.cameras.encoding import Encoder
 from usarsim_server.cameras.painter import PainterOptions
 from usarsim_server.cameras.posed_model import Stage
+from usarsim_server.cameras.render_loop import RenderLoop, RenderOptions
 from usarsim_server.cameras.spectators import find_viewpoint, named_viewpoints
-from usarsim_server.cameras.studio import Studio, StudioOptions
 from usarsim_server.cameras.view import Grid
 from usarsim_server.data import data_directory
 from usarsim_server.errors import UsarsimError, WorldError, at
@@ -33,7 +33,7 @@ from usarsim_server.radio.configuration import RadioOptions, read_radio, read_ra
 from usarsim_server.radio.event_log import EventLog
 from usarsim_server.radio.network import Network, RadioWorld
 from usarsim_server.radio.stations import SceneryObstacles
-from usarsim_server.robots.catalog import load_roster
+from usarsim_server.robots.catalog import load_catalog
 from usarsim_server.services.budget import Owners, Pace, WorkBudget, whole_share
 from usarsim_server.services.comserver import ComServerLimits, ComServerService
 from usarsim_server.services.control import ControlLimits, ControlService
@@ -49,15 +49,15 @@ from usarsim_server.services.dialogue import (
 from usarsim_server.services.images import ImageService
 from usarsim_server.services.limits import SpawnGate, address_of
 from usarsim_server.services.ready import Service, run_services
-from usarsim_server.services.relay import Road
+from usarsim_server.services.relay import LinkOptions
 from usarsim_server.services.wireless import WirelessLimits, WirelessService
 from usarsim_server.sessions.dispatcher import Dispatcher
 from usarsim_server.sessions.outbox import Outbox, OutboxLimits
-from usarsim_server.sessions.robot_role import PilotOptions
-from usarsim_server.sessions.robots import Fleet
+from usarsim_server.sessions.robot_role import RobotRoleOptions
+from usarsim_server.sessions.robots import Robots
 from usarsim_server.sessions.roles import RoleOptions, Roles
-from usarsim_server.sessions.schedule import BEAT, UNPACED_BEAT
-from usarsim_server.sessions.session import RobotAgent
+from usarsim_server.sessions.schedule import REPORT_GRID, UNPACED_GRID
+from usarsim_server.sessions.session import Session
 from usarsim_server.settings import Settings
 from usarsim_server.simulation.memory import share_heaps
 from usarsim_server.simulation.model import PhysicsOptions
@@ -94,7 +94,7 @@ INSTANT = 0.02
 """Simulated s for which an answer about places holds: a robot at 2 m/s is 4 cm further by then."""
 
 STOP_TIMEOUT = 1.0
-"""s that the agents' threads get to end; the process has three in all."""
+"""s that the sessions' threads get to end; the process has three in all."""
 
 _log = Log("server")
 
@@ -111,49 +111,49 @@ class Assembly:
         surroundings: people, tags and sounds of the world.
         roles: makes what INIT asks for.
         studio: renders what somebody looks at; `run` opens it.
-        dispatcher: serves the agents.
+        dispatcher: serves the sessions.
         services: what listens.
-        agents: those of all connections so far that still exist.
+        sessions: those of all connections so far that still exist.
     """
 
     settings: Settings
     world: WorldDescription
     simulation: Simulation
-    fleet: Fleet
+    robots: Robots
     surroundings: Surroundings
     roles: Roles
-    studio: Studio
+    render_loop: RenderLoop
     dispatcher: Dispatcher
     services: tuple[Service, ...] = ()
-    agents: weakref.WeakSet[RobotAgent] = field(default_factory=weakref.WeakSet)
+    sessions: weakref.WeakSet[Session] = field(default_factory=weakref.WeakSet)
 
     @property
     def board(self) -> CameraBoard:
         """All cameras, and the tiles of the full picture that they fill."""
-        return self.fleet.board
+        return self.robots.board
 
     def owners(self) -> dict[str, str]:
         """The address of the control connection of each robot, by `names.name_key`."""
-        robots = [(agent.robot, agent.peer) for agent in tuple(self.agents)]
+        robots = [(session.robot, session.peer) for session in tuple(self.sessions)]
         return {name_key(name): address_of(peer).strip("[]") for name, peer in robots if name}
 
-    def make_agent(
+    def make_session(
         self, peer: str, outbox: Outbox, on_backlog_low: Callable[[], None]
-    ) -> RobotAgent:
-        """The agent of a new control connection."""
-        agent = RobotAgent(peer, outbox, on_backlog_low, self.roles, self.dispatcher.call)
-        self.agents.add(agent)
-        return agent
+    ) -> Session:
+        """The session of a new control connection."""
+        session = Session(peer, outbox, on_backlog_low, self.roles, self.dispatcher.call)
+        self.sessions.add(session)
+        return session
 
     def stop(self) -> None:
-        """Stop rendering and physics, and wait for the threads that serve the agents.
+        """Stop rendering and physics, and wait for the threads that serve the sessions.
 
         They may be inside native code; a process that ended under them would crash.
         """
         self.simulation.stop()  # first: the renderer may be waiting for it
-        self.studio.close()
-        for agent in tuple(self.agents):
-            agent.close()
+        self.render_loop.close()
+        for session in tuple(self.sessions):
+            session.close()
         self.dispatcher.stop(STOP_TIMEOUT)
 
 
@@ -165,7 +165,7 @@ def assemble(settings: Settings) -> Assembly:
         RobotDescriptionError: if a robot file cannot be used.
     """
     world = load_world(_world_folder(settings.world, settings.allow_outside))
-    roster = load_roster(settings.robots, allow_outside=settings.allow_outside)
+    robot_catalog = load_catalog(settings.robots, allow_outside=settings.allow_outside)
     simulation = Simulation(
         lambda: build_scene(world, allow_outside=settings.allow_outside),
         SimulationOptions(
@@ -183,34 +183,36 @@ def assemble(settings: Settings) -> Assembly:
     simulation.set_movers((*surroundings.movers, *operators.movers), operators.machines)
     board = CameraBoard(Grid(*settings.tiles, *settings.tile_size))
     tells = settings.truth == "on"
-    fleet = Fleet(roster, world, simulation, settings.seed, surroundings, board, tells)
+    robots = Robots(robot_catalog, world, simulation, settings.seed, surroundings, board, tells)
     services: list[Service] = []
     shipped = data_directory("worlds")
     catalog = load_objects([folder / object_classes.SHEET for folder in (shipped, world.folder)])
     objects = WorldObjects(catalog, simulation, world.lower, world.upper)
     classes = load_avatars([folder / avatar_classes.SHEET for folder in (shipped, world.folder)])
     avatars = Avatars(classes, simulation)
-    fleet.call_things(lambda body: objects.label(body) or avatars.label(body), objects.number)
+    robots.call_things(lambda body: objects.label(body) or avatars.label(body), objects.number)
     surroundings.watch(avatars.passers)
-    studio = Studio(simulation, board, _studio_options(settings, world), fleet.lit)
+    render_loop = RenderLoop(simulation, board, _render_options(settings, world), robots.lit)
     _add_spectators(settings, world, simulation, board)
     gate = SpawnGate(settings.robot_rate, float(max(_LEAST_BURST, settings.max_robots)))
     # At a pace the physics looks for itself, once in a while, and is not woken for each report.
     unpaced = math.isinf(settings.speed)
     dispatcher = Dispatcher(simulation.cast_all, simulation.attention if unpaced else None)
-    simulation.wake_together(dispatcher.together)
+    simulation.wake_batched(dispatcher.batched)
     options = _role_options(settings)
-    roles = Roles(world, simulation, fleet, objects, avatars, gate.admit, gate.forget, options)
-    assembly = Assembly(settings, world, simulation, fleet, surroundings, roles, studio, dispatcher)
+    roles = Roles(world, simulation, robots, objects, avatars, gate.admit, gate.forget, options)
+    assembly = Assembly(
+        settings, world, simulation, robots, surroundings, roles, render_loop, dispatcher
+    )
     if settings.port is not None:
         services.append(_control_service(settings, settings.port, assembly))
     if settings.image_port is not None:
         services.append(_image_service(settings, settings.image_port, assembly))
     obstacles = SceneryObstacles(simulation)
-    ground_truth = responder(GroundTruth(fleet.stations, obstacles).answers)
-    actors = Actors(simulation, fleet.classes, surroundings.victims, avatars, objects)
+    ground_truth = responder(GroundTruth(robots.stations, obstacles).answers)
+    actors = Actors(simulation, robots.classes, surroundings.victims, avatars, objects)
     pace = _pace(settings, simulation)
-    instant = Instant(INSTANT / settings.speed, lambda: fleet.vehicles)
+    instant = Instant(INSTANT / settings.speed, lambda: robots.vehicles)
     positions = partial(ground_truth_service, respond=ground_truth)
     poses = partial(truth_service, answer=actors.answer)
     ports = (("groundtruth_port", positions, DialogueLimits()), ("truth_port", poses, TRUTH_LIMITS))
@@ -231,7 +233,7 @@ def assemble(settings: Settings) -> Assembly:
             _log.warning("a port is not opened: ground truth is switched off", setting=key)
     radio_limits = WirelessLimits(idle=settings.idle_timeout)
     desk = Desk("wireless", ground_truth, radio_limits, instant, pace=pace) if tells else None
-    radio = RadioWorld(fleet.stations, obstacles, lambda: simulation.snapshot.time, settings.speed)
+    radio = RadioWorld(robots.stations, obstacles, lambda: simulation.snapshot.time, settings.speed)
     services += _wireless_services(settings, radio, radio_limits, desk, assembly.owners, pace)
     return replace(assembly, services=tuple(services))
 
@@ -281,7 +283,7 @@ async def _serve(assembly: Assembly) -> None:
         loop.call_soon_threadsafe(stop.set)
 
     if assembly.settings.image_port is not None:
-        assembly.studio.open()
+        assembly.render_loop.open()
     assembly.simulation.start(give_up)
     await run_services(assembly.services, stop=stop)
 
@@ -305,7 +307,7 @@ def _control_service(settings: Settings, port: int, assembly: Assembly) -> Contr
         settings.host,
         port,
         greeting,
-        assembly.make_agent,
+        assembly.make_session,
         limits,
         _pace(settings, assembly.simulation),
     )
@@ -315,7 +317,7 @@ def _image_service(settings: Settings, port: int, assembly: Assembly) -> ImageSe
     return ImageService(
         settings.host,
         port,
-        assembly.studio,
+        assembly.render_loop,
         Encoder(settings.image_type),
         legacy=settings.image_legacy,
         silent_push=settings.image_silent_push,
@@ -332,8 +334,8 @@ def _pace(settings: Settings, simulation: Simulation) -> Callable[[], float]:
     return Pace(lambda: simulation.now, settings.speed)
 
 
-def _studio_options(settings: Settings, world: WorldDescription) -> StudioOptions:
-    return StudioOptions(
+def _render_options(settings: Settings, world: WorldDescription) -> RenderOptions:
+    return RenderOptions(
         rate=settings.camera_rate,
         always=settings.always_render,
         painter=PainterOptions(
@@ -392,7 +394,7 @@ def _wireless_services(
                 settings.wireless_port,
                 network(),
                 ground_truth,
-                road=Road(
+                link_options=LinkOptions(
                     options.shape,
                     settings.speed,
                     settings.seed,
@@ -436,9 +438,9 @@ def _role_options(settings: Settings) -> RoleOptions:
         dialect=settings.dialect,
         replace_robot=settings.second_init == "replace",
         tick=settings.tick if settings.lockstep else None,
-        pilot=PilotOptions(
+        role=RobotRoleOptions(
             quiet_period=settings.quiet_period * factor,
-            beat=BEAT if paced else UNPACED_BEAT,
+            beat=REPORT_GRID if paced else UNPACED_GRID,
             udk_sta_order=settings.sta_order == "udk",
         ),
         start_at_first_pose=settings.default_start == "first",

@@ -57,7 +57,7 @@ def test_arm_platforms_report_their_links(stage: Rehearsal, client: RehearsedCli
     settle(stage, client, 2.0)
     found = values(client, "ASTA", "KR60Arm")
     assert found == {i: pytest.approx(value, abs=1e-3) for i, value in enumerate(targets, start=1)}
-    foot = stage.assembly.fleet.vehicles[-1].body.look()
+    foot = stage.assembly.robots.vehicles[-1].body.look()
     assert foot is not None
     assert foot.pose.position == pytest.approx((0.0, 0.0, 0.25), abs=1e-4)
     client.send("GETGEO {Type Robot}", "GETCONF {Type Robot}")
@@ -139,7 +139,7 @@ def test_an_arm_takes_a_parcel_and_puts_it_down(bench: Rehearsal) -> None:
     assert parcel() == pytest.approx(start, abs=0.015), "it was not touched"
     client.send("SET {Type Gripper} {Opcode CLOSE}")
     bench.run(1.5)
-    vehicle = bench.assembly.fleet.vehicles[-1]
+    vehicle = bench.assembly.robots.vehicles[-1]
     state = vehicle.body.look()
     assert state is not None
     assert state.hand("P3ATGripper").holding == "parcel"
@@ -176,7 +176,7 @@ def test_a_vacuum_gripper_on_a_tool_changer(bench: Rehearsal) -> None:
         "GEO {Type Gripper} {Name KR60gripper} {Location 0.06,0.00,0.00} "
         "{Orientation 0.00,1.57,0.00} {Mount KR60Arm} {MountLink 6} {Tip "
     )
-    vehicle = bench.assembly.fleet.vehicles[-1]
+    vehicle = bench.assembly.robots.vehicles[-1]
 
     def holding(hand: str) -> str | None:
         state = vehicle.body.look()

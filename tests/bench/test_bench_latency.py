@@ -15,13 +15,13 @@ from usarsim_bench import latency, threads
 from usarsim_bench.crowd import Controller
 from usarsim_bench.latency import STATIONS, CodedDriver, code, delays, instrumented
 from usarsim_bench.server import BenchError
-from usarsim_server.sessions.session import RobotAgent
+from usarsim_server.sessions.session import Session
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.simulation import BodyHandle
 from usarsim_server.testing import PATIENCE, Rehearsal, eventually
 
 METHODS = (
-    (RobotAgent, "submit"),
+    (Session, "submit"),
     (BodyHandle, "drive"),
     (Engine, "drive"),
     (Engine, "advance"),

@@ -17,7 +17,7 @@ from usarsim_bench.peers.own import HUMANOID, OwnSide, joint_targets, joints_tol
 from usarsim_bench.peers.rovers import Counts
 from usarsim_bench.peers.simulators import PEERS, WORKLOADS
 from usarsim_bench.peers.work import BEAMS, MOST, ROVER, Box, plan_work, write_robots, write_world
-from usarsim_server.robots.catalog import load_roster
+from usarsim_server.robots.catalog import load_catalog
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.scene import build_scene
 
@@ -86,7 +86,7 @@ class TestOurFiles:
 
     def test_the_robot_has_a_laser_and_nothing_else(self, tmp_path: Path) -> None:
         """What is not asked of the others is not asked of ours."""
-        found = load_roster((write_robots(tmp_path),)).find(ROVER)
+        found = load_catalog((write_robots(tmp_path),)).find(ROVER)
         assert found is not None
         assert [one.name for one in found.items] == ["lms200"]
         assert not found.cameras

@@ -113,7 +113,7 @@ def test_extra_cameras_stand_on_robots() -> None:
         views = assembly.board.views
         assert len(views) == 6
         assert [view.tile for view in views] == list(range(6))
-        assert {view.robot for view in views} == {one.robot for one in assembly.fleet.vehicles}
+        assert {view.robot for view in views} == {one.robot for one in assembly.robots.vehicles}
         assert all(isinstance(view.pose, Pose) for view in views)
     finally:
         assembly.stop()

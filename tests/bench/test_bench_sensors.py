@@ -42,7 +42,7 @@ from usarsim_bench.sensors import (
 from usarsim_bench.server import BenchError, Load, Server
 from usarsim_bench.team import MIXED, TeamTrial, measure_garage, roam
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots.catalog import load_roster
+from usarsim_server.robots.catalog import load_catalog
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.sensors.base import Sensor, SensorContext, create_sensor, sensor_types
 from usarsim_server.sensors.scanners import RangeScanner
@@ -54,8 +54,8 @@ KINDS = {"skid_steer", "differential", "tracked", "ackerman", "omni", "aerial", 
 
 def test_the_team_is_mixed() -> None:
     """Sixteen shipped classes of all kinds that a land world has room for, some with arms."""
-    roster = load_roster()
-    robots = [roster.find(name) for name in MIXED]
+    catalog = load_catalog()
+    robots = [catalog.find(name) for name in MIXED]
     assert len(robots) == team.ROBOTS
     assert {robot.kind for robot in robots if robot is not None} == KINDS
     assert sum(any(one.package for one in robot.actuators) for robot in robots if robot) >= 3
@@ -69,7 +69,7 @@ def test_commands_move_the_robot(name: str) -> None:
         client = rehearsal.connect()
         client.send(f"INIT {{ClassName USARBot.{name}}} {{Location 0,0,-1.0}}")
         rehearsal.run(1.5)
-        (vehicle,) = rehearsal.assembly.fleet.vehicles
+        (vehicle,) = rehearsal.assembly.robots.vehicles
         before = vehicle.body.look()
         assert before is not None
         for _ in range(3):
@@ -142,7 +142,7 @@ def test_it_is_a_measurement_with_aims(monkeypatch: pytest.MonkeyPatch) -> None:
 def described(folder: Path, name: str) -> RobotDescription:
     """A class of the bench, as the server reads it."""
     write_classes(folder)
-    found = load_roster([folder]).find(name)
+    found = load_catalog([folder]).find(name)
     assert found is not None
     return found
 
@@ -162,7 +162,7 @@ class TestClasses:
     def test_every_type_is_on_board(self, tmp_path: Path) -> None:
         """The robot has what P3AT has and one sensor of each type, and all of them can be made."""
         robot = described(tmp_path, EVERYTHING)
-        inherited = load_roster().find("P3AT")
+        inherited = load_catalog().find("P3AT")
         assert inherited is not None
         own = [(item.type, item.name) for item in inherited.items]
         added = [(item.type, item.name) for item in robot.items[len(own) :]]
@@ -341,7 +341,7 @@ class TestMeasurement:
 def files_described(folder: Path, name: str) -> RobotDescription:
     """A class of the bench, as the server reads it."""
     write_scouts(folder)
-    found = load_roster([folder]).find(name)
+    found = load_catalog([folder]).find(name)
     assert found is not None
     return found
 

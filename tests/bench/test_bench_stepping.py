@@ -16,7 +16,7 @@ from usarsim_bench.figures import Plan
 from usarsim_bench.physics import BareSteps, Bystander, compared, physics_figures, within
 from usarsim_bench.server import BenchError
 from usarsim_bench.stepping import HALVES, ROBOT_CLASS, Stopwatch, main, measure
-from usarsim_server.robots.catalog import load_roster
+from usarsim_server.robots.catalog import load_catalog
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.worlds.loader import find_world, load_world
 
@@ -194,7 +194,7 @@ class TestTool:
 @pytest.fixture(scope="module")
 def engine() -> Engine:
     """Two robots that have driven for a moment."""
-    description = load_roster(()).find(ROBOT_CLASS)
+    description = load_catalog(()).find(ROBOT_CLASS)
     assert description is not None
     made = stepping._engine(load_world(find_world("empty")), description, 2)
     for robot, speed in enumerate((1.0, -0.5)):

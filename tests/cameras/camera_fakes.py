@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.cameras.painter import Painter, PainterOptions
-from usarsim_server.cameras.studio import Studio, StudioOptions
+from usarsim_server.cameras.render_loop import RenderLoop, RenderOptions
 from usarsim_server.cameras.view import CameraView, Eye, Frame, Grid
 from usarsim_server.cameras.watching import EMPTY
 from usarsim_server.errors import UsarsimError
@@ -156,7 +156,7 @@ def is_red(picture: Picture) -> NDArray[np.bool_]:
 
 
 class FakeWorld:
-    """A yard whose clock the test turns; what the studio needs of a simulation."""
+    """A yard whose clock the test turns; what the render loop needs of a simulation."""
 
     def __init__(self, yard: Yard, speed: float = 1.0) -> None:
         self.speed = speed
@@ -216,15 +216,15 @@ class Set:
         self.board.views = tuple(
             camera(robot, tile, key=tile + 1) for tile, robot in enumerate(self.robots)
         )
-        self.studio = self.make()
+        self.render_loop = self.make()
 
-    def make(self, **options: object) -> Studio:
+    def make(self, **options: object) -> RenderLoop:
         """A studio over the same yard."""
         painter = PainterOptions(renderer="rays")
-        return Studio(
+        return RenderLoop(
             self.world,
             self.board,  # type: ignore[arg-type]
-            StudioOptions(painter=painter, **options),  # type: ignore[arg-type]
+            RenderOptions(painter=painter, **options),  # type: ignore[arg-type]
         )
 
 

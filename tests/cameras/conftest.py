@@ -73,4 +73,4 @@ def stage() -> Iterator[Set]:
     """A set that is cleared away at the end."""
     one = Set()
     yield one
-    one.studio.close()
+    one.render_loop.close()

@@ -85,7 +85,7 @@ def test_order_of_trials(
 def test_importing_loads_no_gl_library() -> None:
     """Whatever the machine lacks, the modules of this room can be imported."""
     program = (
-        "import sys, usarsim_server.cameras.studio, usarsim_server.cameras.gl\n"
+        "import sys, usarsim_server.cameras.render_loop, usarsim_server.cameras.gl\n"
         "print(sorted(name for name in sys.modules if name.split('.')[0] == 'OpenGL'))"
     )
     answer = subprocess.run(

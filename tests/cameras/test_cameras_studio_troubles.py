@@ -1,4 +1,4 @@
-"""The studio when cameras come and go, when it is idle, and when something fails."""
+"""The render loop when cameras come and go, when it is idle, and when something fails."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from camera_fakes import (
 )
 
 from usarsim_server.cameras import painter as painting
-from usarsim_server.cameras import studio as studios
+from usarsim_server.cameras import render_loop as render_loops
 from usarsim_server.cameras.backend import Wanted
 from usarsim_server.cameras.painter import Painter
 from usarsim_server.cameras.posed_model import Stage
@@ -38,12 +38,12 @@ class TestComingsAndGoings:
     def test_the_tile_of_a_camera_that_left_is_plain(self, stage: Set) -> None:
         """Nobody is shown a robot's picture after it has gone; the geometry stays (check 35)."""
         watcher = Watcher()
-        stage.studio.watch(GRID.frame, watcher)
+        stage.render_loop.watch(GRID.frame, watcher)
         watcher.wait()
         stage.board.views = stage.board.views[1:]
-        assert stage.studio.newest(GRID.frame) is None
-        until(lambda: stage.studio.newest(GRID.frame) is not None)
-        frame = stage.studio.newest(GRID.frame)
+        assert stage.render_loop.newest(GRID.frame) is None
+        until(lambda: stage.render_loop.newest(GRID.frame) is not None)
+        frame = stage.render_loop.newest(GRID.frame)
         assert frame is not None
         assert empty(frame, 0)
         assert not empty(frame, 1)
@@ -52,14 +52,14 @@ class TestComingsAndGoings:
     def test_a_stale_tile_is_never_handed_out(self, stage: Set) -> None:
         """A camera's old picture is not mistaken for that of the camera that follows it."""
         watcher = Watcher()
-        watch = stage.studio.watch(GRID.region(0), watcher)
+        watch = stage.render_loop.watch(GRID.region(0), watcher)
         watcher.wait()
         watch.close()
         stage.board.views = ()
-        assert stage.studio.newest(GRID.region(0)) is None  # it still shows who was there
-        stage.studio.watch(GRID.region(0), watcher)
-        until(lambda: stage.studio.newest(GRID.region(0)) is not None)
-        frame = stage.studio.newest(GRID.region(0))
+        assert stage.render_loop.newest(GRID.region(0)) is None  # it still shows who was there
+        stage.render_loop.watch(GRID.region(0), watcher)
+        until(lambda: stage.render_loop.newest(GRID.region(0)) is not None)
+        frame = stage.render_loop.newest(GRID.region(0))
         assert frame is not None
         assert empty(frame, 0)
 
@@ -67,10 +67,10 @@ class TestComingsAndGoings:
         """Who watches the full frame sees a robot that comes while time stands still (check 36)."""
         later, stage.board.views = stage.board.views, ()
         watcher = Watcher()
-        stage.studio.watch(GRID.frame, watcher)
+        stage.render_loop.watch(GRID.frame, watcher)
         watcher.wait()
         stage.board.views = later
-        until(lambda: stage.studio.newest(GRID.frame) is not None)
+        until(lambda: stage.render_loop.newest(GRID.frame) is not None)
         assert is_red(part(watcher.frames[-1], 0)).any()
 
     def test_more_cameras_than_tiles(self, stage: Set) -> None:
@@ -78,9 +78,9 @@ class TestComingsAndGoings:
         surplus = tuple(camera(stage.robots[0], None, key=key) for key in (90, 91))
         stage.board.views = (*stage.board.views, *surplus)
         watcher = Watcher()
-        stage.studio.watch(GRID.frame, watcher)
+        stage.render_loop.watch(GRID.frame, watcher)
         assert is_red(part(watcher.wait(), 0)).any()
-        assert stage.studio.pictures == 3
+        assert stage.render_loop.pictures == 3
 
     def test_a_camera_whose_robot_is_gone_shows_nothing(self, stage: Set) -> None:
         """Between a robot's end and that of its camera the tile is plain, and requests are met."""
@@ -88,13 +88,13 @@ class TestComingsAndGoings:
         stage.yard.simulation.settle()
         stage.world.set_time(0.0)
         watcher = Watcher()
-        stage.studio.watch(GRID.region(0), watcher)
+        stage.render_loop.watch(GRID.region(0), watcher)
         assert empty(watcher.wait(), 0)
 
     def test_a_class_that_is_new_to_the_world(self, stage: Set) -> None:
         """The model grows under a running studio; pictures go on and show the newcomer."""
         watcher = Watcher()
-        stage.studio.watch(GRID.region(1), watcher)
+        stage.render_loop.watch(GRID.region(1), watcher)
         before = part(watcher.wait(), 1).copy()
         stage.yard.park(-5.0, -4.0, model=cart("pink", (0.9, 0.2, 0.9)))
         stage.world.set_time(1.0)
@@ -112,7 +112,7 @@ class TestSinglePictures:
         pictures: list[object] = []
 
         def shoot() -> None:
-            pictures.append(stage.studio.picture(self.VIEW))
+            pictures.append(stage.render_loop.picture(self.VIEW))
 
         threads = [threading.Thread(target=shoot) for _ in range(4)]
         for thread in threads:
@@ -126,34 +126,34 @@ class TestSinglePictures:
 
     def test_its_array_is_the_callers_own(self, stage: Set) -> None:
         """Later pictures do not change earlier ones."""
-        one = stage.studio.picture(self.VIEW)
+        one = stage.render_loop.picture(self.VIEW)
         kept = one.copy()
-        stage.studio.picture(View(looking((0.0, 0.0, 3.0), (0.0, 5.0, 0.0)), 1.0, 48, 36))
+        stage.render_loop.picture(View(looking((0.0, 0.0, 3.0), (0.0, 5.0, 0.0)), 1.0, 48, 36))
         assert np.array_equal(one, kept)
 
     def test_after_the_end(self, stage: Set) -> None:
         """A closed studio refuses instead of letting somebody wait."""
-        stage.studio.close()
+        stage.render_loop.close()
         with pytest.raises(UsarsimError, match="ending"):
-            stage.studio.picture(self.VIEW)
-        stage.studio.watch(GRID.frame, Watcher()).close()
+            stage.render_loop.picture(self.VIEW)
+        stage.render_loop.watch(GRID.frame, Watcher()).close()
 
     def test_an_old_snapshot(self, stage: Set) -> None:
-        """What was can be drawn while somebody has a snapshot of it; then the studio goes on."""
+        """What was can be drawn while somebody has a snapshot of it; then the loop goes on."""
         old = stage.world.look()
         for number in range(6):
             stage.yard.park(-8.0 - number, -8.0, model=cart(f"kind{number}"))
         stage.world.set_time(1.0)
-        assert is_red(stage.studio.picture_of(self.VIEW, old)).any()
-        assert is_red(stage.studio.picture(self.VIEW)).any()
+        assert is_red(stage.render_loop.picture_of(self.VIEW, old)).any()
+        assert is_red(stage.render_loop.picture(self.VIEW)).any()
 
 
 class TestIdle:
     """While nobody watches."""
 
     def test_former_models_are_let_go(self, stage: Set, monkeypatch: pytest.MonkeyPatch) -> None:
-        """The studio is ready for the present model, and holds no other."""
-        monkeypatch.setattr(studios, "IDLE_REFRESH", 0.02)
+        """The render loop is ready for the present model, and holds no other."""
+        monkeypatch.setattr(render_loops, "IDLE_REFRESH", 0.02)
         painted: list[int] = []
         real = Painter.picture
 
@@ -163,7 +163,7 @@ class TestIdle:
 
         monkeypatch.setattr(Painter, "picture", picture)
         view = View(looking((0.0, 0.0, 3.0), (0.0, 5.0, 0.0)), 1.0, 48, 36)
-        stage.studio.picture(view)
+        stage.render_loop.picture(view)
         before = stage.world.look().generation
         stage.yard.park(-8.0, -8.0, model=cart("newcomer"))
         stage.world.set_time(1.0)
@@ -176,12 +176,12 @@ class TestTrouble:
     def test_the_end_of_the_physics_ends_rendering(self, stage: Set) -> None:
         """When the simulation has ended the thread ends too, and closing does not wait."""
         watcher = Watcher()
-        stage.studio.watch(GRID.region(0), watcher)
+        stage.render_loop.watch(GRID.region(0), watcher)
         watcher.wait()
         stage.world.ended = True
-        thread = stage.studio._thread
+        thread = stage.render_loop._thread
         assert thread is not None
-        stage.studio.newest(GRID.region(1))
+        stage.render_loop.newest(GRID.region(1))
         stage.world.set_time(1.0)
         thread.join(PATIENCE)
         assert not thread.is_alive()
@@ -203,7 +203,7 @@ class TestTrouble:
 
         monkeypatch.setattr(painting, "_open", lambda options: Broken())
         watcher = Watcher()
-        stage.studio.watch(GRID.region(0), watcher)
+        stage.render_loop.watch(GRID.region(0), watcher)
         assert is_red(part(watcher.wait(), 0)).any()
         assert Broken.closed
 
@@ -221,7 +221,7 @@ class TestTrouble:
 
         monkeypatch.setattr(RayBackend, "render", sometimes)
         watcher = Watcher()
-        stage.studio.watch(GRID.frame, watcher)
+        stage.render_loop.watch(GRID.frame, watcher)
         frame = watcher.wait()
         assert empty(frame, 0)
         assert not empty(frame, 1)
@@ -231,8 +231,8 @@ class TestTrouble:
 
         def visit() -> None:
             for number in range(20):
-                watch = stage.studio.watch(GRID.region(number % 4), Watcher())
-                stage.studio.newest(GRID.region(number % 4))
+                watch = stage.render_loop.watch(GRID.region(number % 4), Watcher())
+                stage.render_loop.newest(GRID.region(number % 4))
                 watch.close()
 
         threads = [threading.Thread(target=visit) for _ in range(4)]
@@ -240,9 +240,9 @@ class TestTrouble:
             thread.start()
         for thread in threads:
             thread.join(PATIENCE)
-        assert not stage.studio._watches.tiles
+        assert not stage.render_loop._watches.tiles
         watcher = Watcher()
-        stage.studio.watch(GRID.frame, watcher)
+        stage.render_loop.watch(GRID.frame, watcher)
         watcher.wait()
 
 

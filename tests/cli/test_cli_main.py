@@ -135,7 +135,7 @@ def test_interrupted_listing_has_the_code_of_the_shell(monkeypatch) -> None:
     def interrupt(*arguments: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("usarsim_server.robots.catalog.load_roster", interrupt)
+    monkeypatch.setattr("usarsim_server.robots.catalog.load_catalog", interrupt)
     assert main(["robots"]) == 130
 
 

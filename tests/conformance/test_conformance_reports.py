@@ -18,7 +18,7 @@ from usarsim_conformance.registry import (
 )
 from usarsim_conformance.report import Report, Rule, as_json, from_json
 from usarsim_conformance.reports import (
-    Teller,
+    ProgressPrinter,
     as_junit,
     as_list,
     as_page,
@@ -203,7 +203,7 @@ class TestTerminal:
     def test_progress_into_a_file(self) -> None:
         """Without a terminal only findings and now and then a count are written, no escapes."""
         stream = io.StringIO()
-        teller = Teller(stream)
+        teller = ProgressPrinter(stream)
         for number, verdict in enumerate((Verdict.PASS, Verdict.FAIL, Verdict.PASS), start=1):
             found = result(all_checks()[0].id, verdict, reason="seen")
             teller(Progress(number, 3, all_checks()[0], found))

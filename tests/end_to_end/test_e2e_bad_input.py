@@ -166,12 +166,12 @@ def start(stage: Rehearsal, name: str, x: float, kind: str = "USARBot.P2AT") -> 
 
 def labels(stage: Rehearsal) -> list[str]:
     """Names of all robots, in the order of their coming."""
-    return [vehicle.name for vehicle in stage.assembly.fleet.vehicles]
+    return [vehicle.name for vehicle in stage.assembly.robots.vehicles]
 
 
 def place(stage: Rehearsal, name: str) -> float:
     """x of a robot, m."""
-    vehicle = stage.assembly.fleet.find(name)
+    vehicle = stage.assembly.robots.find(name)
     state = None if vehicle is None else vehicle.body.look()
     assert state is not None
     return round(state.pose.position[0], 1)
@@ -208,8 +208,8 @@ def test_a_name_with_fields_in_it_becomes_one_word(
     start(stage, "Be\x07ll\x85", 3.0)
     assert labels(stage) == ["Evil_Location_9,9,0_BatteryEmpty_False", "Be_ll"]
     assert sum("another name" in message for message in caplog.messages) == 2
-    assert stage.assembly.fleet.find("Evil Location 9,9,0 BatteryEmpty False") is not None
-    stations = stage.assembly.fleet.stations()
+    assert stage.assembly.robots.find("Evil Location 9,9,0 BatteryEmpty False") is not None
+    stations = stage.assembly.robots.stations()
     told = positions(Position(one.name, one.position) for one in stations)
     assert told.count(" Location ") == told.count(" BatteryEmpty ") == 2
 
@@ -231,8 +231,8 @@ def test_a_name_too_long_is_refused_and_the_connection_lives(
 
 def test_a_class_that_is_spelled_by_the_client_has_to_be_a_name(stage: Rehearsal) -> None:
     """Classes that match a pattern keep the client's spelling: it is told to scoring tools."""
-    find = stage.assembly.fleet.describe
-    patterns = stage.assembly.fleet._roster._patterns
+    find = stage.assembly.robots.describe
+    patterns = stage.assembly.robots._robot_catalog._patterns
     assert patterns, "some class answers to a pattern"
     for pattern, _ in patterns:
         assert find(pattern.replace("*", "q7")) is not None

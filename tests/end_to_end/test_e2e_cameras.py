@@ -201,11 +201,11 @@ def test_a_camera_keeps_its_own_rate(tmp_path: Path) -> None:
         with ScriptedClient(endpoints["control"].port) as client:
             client.send("INIT {ClassName Slow} {Location 0,0,-0.3}")
             client.wait_for("STA")
-            watch = assembly.studio.watch(assembly.board.grid.region(0), lambda frame: None)
-            wait(lambda: assembly.studio.pictures > 0)
-            start, before = assembly.fleet.time, assembly.studio.pictures
-            wait(lambda: assembly.fleet.time > start + 4.0)
-            taken, seconds = assembly.studio.pictures - before, assembly.fleet.time - start
+            watch = assembly.render_loop.watch(assembly.board.grid.region(0), lambda frame: None)
+            wait(lambda: assembly.render_loop.pictures > 0)
+            start, before = assembly.robots.time, assembly.render_loop.pictures
+            wait(lambda: assembly.robots.time > start + 4.0)
+            taken, seconds = assembly.render_loop.pictures - before, assembly.robots.time - start
             watch.close()
         assert 3 <= taken <= 2.0 * seconds + 2.0
 

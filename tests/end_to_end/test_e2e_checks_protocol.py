@@ -43,7 +43,7 @@ class Player:
         self.stage = stage
         self.client: RehearsedClient = stage.connect()
         self.client.send(f"INIT {{ClassName USARBot.{robot_class}}} {more}")
-        self.vehicle: Vehicle = stage.assembly.fleet.vehicles[-1]
+        self.vehicle: Vehicle = stage.assembly.robots.vehicles[-1]
         stage.run(0.5)
 
     @property

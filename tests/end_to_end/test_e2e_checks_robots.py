@@ -64,7 +64,7 @@ def hire(stage: Rehearsal) -> Iterator[Hire]:
     def make(robot_class: str, more: str) -> tuple[RehearsedClient, Vehicle]:
         clients.append(stage.connect())
         clients[-1].send(f"INIT {{ClassName USARBot.{robot_class}}} {more}")
-        return clients[-1], stage.assembly.fleet.vehicles[-1]
+        return clients[-1], stage.assembly.robots.vehicles[-1]
 
     yield make
     for client in clients:
@@ -152,7 +152,7 @@ def test_a_wall_stops_a_robot_on_the_wire(tmp_path: Path) -> None:
         client = yard.connect()
         client.send("INIT {ClassName P2AT} {Location 0,0,-0.2} {Dialect ut2004}")
         yard.run(0.5)
-        (robot,) = yard.assembly.fleet.vehicles
+        (robot,) = yard.assembly.robots.vehicles
         height = place(robot)[2]
         client.send("GETGEO {Type Robot}", "DRIVE {Left 100} {Right 100} {Normalized true}")
         found = re.search(r"\{Dimensions ([\d.]+),", client.take("GEO")[0])
@@ -222,7 +222,7 @@ def world(folder: Path, bodies: str) -> Path:
 
 
 @pytest.fixture(scope="module")
-def studio(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerProcess]:
+def render_loop(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServerProcess]:
     """A server with raw pictures of a red box ahead of the start."""
     box = (
         f'<geom type="box" pos="{DISTANCE + BOX} 0 1" size="{BOX} {BOX} 1" rgba="0.9 0.05 0.05 1"/>'
@@ -253,10 +253,10 @@ def expected(fov: float, eye: float) -> float:
     return min(float(WIDTH), wide)
 
 
-def test_zoom_on_the_wire_and_in_the_picture(studio: ServerProcess) -> None:
+def test_zoom_on_the_wire_and_in_the_picture(render_loop: ServerProcess) -> None:
     """The default is 1.3963 rad, 0.2 ends at 0.3491, 3.0 at 2.0944, 0 is the default again, and a
     box has the width that belongs to it (5.4 #101)."""
-    client = studio.client()
+    client = render_loop.client()
     client.send("INIT {ClassName P3AT} {Start Start} {Dialect ut2004}")
     client.wait_for("STA")
     client.send("GETGEO {Type Camera}")
@@ -268,7 +268,7 @@ def test_zoom_on_the_wire_and_in_the_picture(studio: ServerProcess) -> None:
         (told,) = re.findall(r"\{CameraFov ([\d.]+)\}", client.wait_for("CONF {Type Camera}"))
         assert float(told) == pytest.approx(fov, abs=2e-4)
         wanted = pytest.approx(expected(fov, float(ahead)), abs=3.0)
-        assert eventually(lambda: red_columns(studio.ports["images"]) == wanted), fov  # noqa: B023
+        assert eventually(lambda: red_columns(render_loop.ports["images"]) == wanted), fov  # noqa: B023
     client.close()
 
 

@@ -1,6 +1,6 @@
 """Every robot class over sockets: it appears, tells what it is, drives in its own words, leaves.
 
-The roster is that of the robots reference 1.1, with its aliases and spellings; every further
+The catalog is that of the robots reference 1.1, with its aliases and spellings; every further
 shipped class is put through the same. Checks 1, 2, 3, 13, 42, 48 of 5.1 and 5.2 are among them.
 
 A robot with an arm and a gripper, over real sockets.
@@ -21,7 +21,7 @@ import pytest
 from side_clients import WirelessModel
 
 from usarsim_server.actuators.effector import create_effectors
-from usarsim_server.robots.catalog import load_roster
+from usarsim_server.robots.catalog import load_catalog
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.sensors.base import SensorContext, create_sensor
 from usarsim_server.testing import ScriptedClient, eventually, running_server
@@ -57,7 +57,7 @@ ROSTER = {
 }
 """Kinds by the DRIVE family of the reference, and the names under which clients ask for them."""
 
-SHIPPED = load_roster()
+SHIPPED = load_catalog()
 CASES = [(name, kind) for kind, names in ROSTER.items() for name in names]
 CASES += [
     (robot.name, robot.kind)

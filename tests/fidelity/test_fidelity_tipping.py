@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from usarsim_server.robots.catalog import load_roster
+from usarsim_server.robots.catalog import load_catalog
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.mjcf import build_spec
 from usarsim_server.sessions.robots import robot_model
@@ -26,7 +26,7 @@ from usarsim_server.simulation.model import PhysicsOptions
 
 ROBOTS = {
     robot.name: robot
-    for robot in load_roster().descriptions()
+    for robot in load_catalog().descriptions()
     if robot.kind in {"skid_steer", "differential", "ackerman", "omni"}
     and robot.name == robot.model
 }

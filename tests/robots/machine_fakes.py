@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from usarsim_server.protocol.requests import Drive, WheelTarget
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import RobotDescription
-from usarsim_server.robots.families.base import Conduct, StatusFacts
+from usarsim_server.robots.families.base import DriveController, StatusFacts
 from usarsim_server.sessions.robots import robot_model
 from usarsim_server.simulation.articulation import JointOrder, Order
 from usarsim_server.simulation.model import CompiledWorld, PhysicsOptions, compile_world
@@ -62,7 +62,9 @@ class Driver:
 
     def __init__(self, description: RobotDescription, dialect: Dialect = UT) -> None:
         self.machine = FakeMachine(description)
-        self.conduct: Conduct = description.family.conduct(description, self.machine)
+        self.drive_controller: DriveController = description.family.drive_controller(
+            description, self.machine
+        )
         self.dialect = dialect
 
     def send(self, **segments: Any) -> bool:
@@ -73,8 +75,8 @@ class Driver:
         """The same with a request."""
         before = self.machine.orders
         if drive.light is not None:
-            self.conduct.light = drive.light
-        self.conduct.steer(drive, self.dialect)
+            self.drive_controller.light = drive.light
+        self.drive_controller.steer(drive, self.dialect)
         return self.machine.orders > before
 
     def status(self, joints: Mapping[str, float] | None = None, battery: int = 1200) -> str:
@@ -85,7 +87,7 @@ class Driver:
             joints=tuple(positions.items()),
             battery=battery,
         )
-        return self.conduct.status(facts, self.dialect)
+        return self.drive_controller.status(facts, self.dialect)
 
 
 class FakeState:

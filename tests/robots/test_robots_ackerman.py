@@ -12,7 +12,7 @@ from machine_fakes import UDK, Driver, wild_drives
 
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots.catalog import load_roster
+from usarsim_server.robots.catalog import load_catalog
 from usarsim_server.robots.families.ackerman import (
     Ackerman,
     SteeredFamily,
@@ -23,7 +23,7 @@ from usarsim_server.robots.families.ackerman import (
 )
 from usarsim_server.robots.mjcf import build_spec
 
-ROBOTS = {robot.name: robot for robot in load_roster().descriptions()}
+ROBOTS = {robot.name: robot for robot in load_catalog().descriptions()}
 
 
 CARS = sorted(name for name, robot in ROBOTS.items() if robot.kind == "ackerman")
@@ -261,7 +261,7 @@ def test_members_of_other_families_do_nothing(dialect: Dialect) -> None:
     assert not driver.send(left=1.0, right=1.0)
     assert not driver.send(linear_velocity=1.0, rotational_velocity=1.0, flip=True)
     assert not driver.send(light=True)
-    assert driver.conduct.light
+    assert driver.drive_controller.light
 
 
 def test_stopping_leaves_the_steering() -> None:
@@ -269,7 +269,7 @@ def test_stopping_leaves_the_steering() -> None:
     driver = Driver(SEDAN)
     driver.send(speed=5.0, front_steer=0.2)
     before = dict(driver.machine.positions)
-    driver.conduct.stop()
+    driver.drive_controller.stop()
     assert driver.machine.wheels == pytest.approx([0.0] * 4)
     assert driver.machine.positions == before
 

@@ -10,13 +10,13 @@ from machine_fakes import Driver
 from robot_files import write
 
 from usarsim_server.errors import RobotDescriptionError
-from usarsim_server.robots.catalog import load_robot, load_roster
+from usarsim_server.robots.catalog import load_catalog, load_robot
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.families.ackerman import (
     SteeredFamily,
 )
 
-ROBOTS = {robot.name: robot for robot in load_roster().descriptions()}
+ROBOTS = {robot.name: robot for robot in load_catalog().descriptions()}
 
 
 def steering(name: str) -> SteeredFamily:

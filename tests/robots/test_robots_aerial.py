@@ -17,14 +17,14 @@ from robot_files import write
 from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots.catalog import load_robot, load_roster
+from usarsim_server.robots.catalog import load_catalog, load_robot
 from usarsim_server.robots.families.aerial import FASTEST, Aerial
 from usarsim_server.robots.mjcf import build_spec
 from usarsim_server.simulation.frames import rpy_from_quaternion
 from usarsim_server.simulation.snapshot import RobotBody
 from usarsim_server.testing import Rehearsal, RehearsedClient
 
-ROBOTS = {robot.name: robot for robot in load_roster().descriptions()}
+ROBOTS = {robot.name: robot for robot in load_catalog().descriptions()}
 AIR, BLIMP = ROBOTS["AirRobot"], ROBOTS["Passarola"]
 TILT = math.radians(25.0)
 
@@ -126,7 +126,7 @@ def test_other_families_do_nothing(dialect: Dialect) -> None:
     driver = Driver(AIR, dialect)
     assert not driver.send(left=1.0, right=1.0, speed=1.0, front_steer=0.1, rear_steer=0.1)
     assert not driver.send(spin1=50.0, spin2=50.0, propeller=3.0, light=True)
-    assert driver.conduct.light
+    assert driver.drive_controller.light
 
 
 @settings(max_examples=150)
@@ -145,7 +145,7 @@ def test_without_power_rotors_stop_and_blimps_stay() -> None:
     for robot, dead in ((AIR, 1.0), (BLIMP, 0.0)):
         driver = Driver(robot)
         driver.send(linear_velocity=1.0, rotational_velocity=0.5)
-        driver.conduct.stop()
+        driver.drive_controller.stop()
         assert law(driver) == [0.0] * 6 + [dead]
 
 
@@ -244,14 +244,14 @@ def world() -> Iterator[Rehearsal]:
         yield rehearsal
 
 
-class Pilot:
+class RobotRole:
     """An aircraft at 2 m, and looks at it in the wire frame."""
 
     def __init__(self, stage: Rehearsal, init: str) -> None:
         self.stage = stage
         self.client: RehearsedClient = stage.connect()
         self.client.send(f"INIT {{ClassName {init}}} {{Location 0,0,-2}}")
-        self.vehicle = stage.assembly.fleet.vehicles[-1]
+        self.vehicle = stage.assembly.robots.vehicles[-1]
         stage.run(0.3)
 
     def fly(self, command: str, seconds: float) -> RobotBody:
@@ -274,85 +274,85 @@ class Pilot:
         return math.degrees(roll), -math.degrees(pitch), -math.degrees(yaw)
 
 
-Hire = Callable[[str], Pilot]
+Hire = Callable[[str], RobotRole]
 
 
 @pytest.fixture
 def hire(world: Rehearsal) -> Iterator[Hire]:
     """Puts aircraft into the world; they leave after the test."""
-    hired: list[Pilot] = []
+    hired: list[RobotRole] = []
 
-    def make(init: str) -> Pilot:
-        hired.append(Pilot(world, init))
+    def make(init: str) -> RobotRole:
+        hired.append(RobotRole(world, init))
         return hired[-1]
 
     yield make
-    for pilot in hired:
-        pilot.client.close()
+    for role in hired:
+        role.client.close()
     world.run(0.05)
 
 
 def test_hover_speed_and_turning(hire: Hire) -> None:
     """AirRobot hovers (V23), flies 2 m/s and turns 100 deg/s (V24); yaw keeps height (5.2 #42)."""
-    pilot = hire("USARBot.AirRobot} {Dialect udk")
-    start = np.array(pilot.state.pose.position)
-    hover = pilot.fly("{LinearVelocity 0}", 5.0)
+    role = hire("USARBot.AirRobot} {Dialect udk")
+    start = np.array(role.state.pose.position)
+    hover = role.fly("{LinearVelocity 0}", 5.0)
     assert abs(hover.linear_velocity[2]) < 0.01
     assert np.linalg.norm(np.array(hover.pose.position) - start) < 0.02
-    fast = pilot.fly("{LinearVelocity 2}", 3.0)
+    fast = role.fly("{LinearVelocity 2}", 3.0)
     assert fast.linear_velocity == pytest.approx((2.0, 0.0, 0.0), abs=0.05)
     height = fast.pose.position[2]
-    turning = pilot.fly("{LinearVelocity 0} {RotationalVelocity 100}", 3.0)
+    turning = role.fly("{LinearVelocity 0} {RotationalVelocity 100}", 3.0)
     assert math.degrees(turning.angular_velocity[2]) == pytest.approx(-100.0, rel=0.02)
     assert turning.pose.position[2] == pytest.approx(height, abs=0.02)
 
 
 def test_pitch_of_forward_flight(hire: Hire) -> None:
     """Pitch goes to -25 deg for forward, +25 for backward, 0 for hover, in 0.65 s (5.2 #43)."""
-    pilot = hire("AirRobot")
-    pilot.fly("{LinearVelocity 1}", 0.4)
-    assert -18.0 < pilot.attitude[1] < -9.0
-    pilot.stage.run(0.4)
-    assert pilot.attitude[1] == pytest.approx(-25.0, abs=1.5)
-    pilot.fly("{LinearVelocity 0}", 1.0)
-    assert pilot.attitude[1] == pytest.approx(0.0, abs=1.0)
-    pilot.fly("{LinearVelocity -1}", 1.2)
-    assert pilot.attitude[1] == pytest.approx(25.0, abs=1.0)
-    pilot.fly("{LinearVelocity 0} {LateralVelocity 1}", 2.0)
-    assert pilot.attitude[0] == pytest.approx(25.0, abs=1.0)
-    assert pilot.state.linear_velocity[1] == pytest.approx(-1.0, abs=0.03)  # to the right
+    role = hire("AirRobot")
+    role.fly("{LinearVelocity 1}", 0.4)
+    assert -18.0 < role.attitude[1] < -9.0
+    role.stage.run(0.4)
+    assert role.attitude[1] == pytest.approx(-25.0, abs=1.5)
+    role.fly("{LinearVelocity 0}", 1.0)
+    assert role.attitude[1] == pytest.approx(0.0, abs=1.0)
+    role.fly("{LinearVelocity -1}", 1.2)
+    assert role.attitude[1] == pytest.approx(25.0, abs=1.0)
+    role.fly("{LinearVelocity 0} {LateralVelocity 1}", 2.0)
+    assert role.attitude[0] == pytest.approx(25.0, abs=1.0)
+    assert role.state.linear_velocity[1] == pytest.approx(-1.0, abs=0.03)  # to the right
 
 
 @pytest.mark.parametrize(("dialect", "value"), [("udk", "90"), ("ut2004", "1.5708")])
 def test_quarter_turn_per_second(hire: Hire, dialect: str, value: str) -> None:
     """RotationalVelocity 90 in `udk` and 1.5708 in `ut2004`: a quarter turn clockwise (5.2 #44)."""
-    pilot = hire(f"AirRobot}} {{Dialect {dialect}")
-    turning = pilot.fly(f"{{RotationalVelocity {value}}}", 1.0)
+    role = hire(f"AirRobot}} {{Dialect {dialect}")
+    turning = role.fly(f"{{RotationalVelocity {value}}}", 1.0)
     assert math.degrees(turning.angular_velocity[2]) == pytest.approx(-90.0, abs=1.0)
 
 
 def test_two_items_of_one_name(hire: Hire) -> None:
     """AirRobot's two GPS are both mounted and both report (5.1 #16)."""
-    pilot = hire("AirRobot")
-    names = [(sensor.wire_type, sensor.name) for sensor in pilot.vehicle.sensors]
+    role = hire("AirRobot")
+    names = [(sensor.wire_type, sensor.name) for sensor in role.vehicle.sensors]
     assert [kind for kind, name in names if name == "GPS"] == ["GPS", "AltitudeSensor"]
-    pilot.client.take()
-    pilot.stage.run(2.0)
-    lines = pilot.client.take("SEN")
+    role.client.take()
+    role.stage.run(2.0)
+    lines = role.client.take("SEN")
     assert any("{Type GPS}" in line for line in lines)
     assert any("{Type AltitudeSensor}" in line for line in lines)
 
 
 def test_a_dead_battery_drops_it(hire: Hire) -> None:
     """When the battery is empty the rotors stop; it falls, lies, and takes no more orders (162)."""
-    pilot = hire("AirRobot} {Battery 2")
-    pilot.fly("{AltitudeVelocity 0.5}", 1.0)
-    assert pilot.state.pose.position[2] > 2.2
-    pilot.stage.run(4.0)
-    assert pilot.state.pose.position[2] == pytest.approx(0.12, abs=0.03)
-    pilot.fly("{AltitudeVelocity 2}", 1.0)
-    assert pilot.state.pose.position[2] < 0.2
-    assert "{Battery 0}" in pilot.client.take("STA")[-1]
+    role = hire("AirRobot} {Battery 2")
+    role.fly("{AltitudeVelocity 0.5}", 1.0)
+    assert role.state.pose.position[2] > 2.2
+    role.stage.run(4.0)
+    assert role.state.pose.position[2] == pytest.approx(0.12, abs=0.03)
+    role.fly("{AltitudeVelocity 2}", 1.0)
+    assert role.state.pose.position[2] < 0.2
+    assert "{Battery 0}" in role.client.take("STA")[-1]
 
 
 def test_it_leaves_a_wall_when_told_to(tmp_path: Path) -> None:
@@ -365,7 +365,7 @@ def test_it_leaves_a_wall_when_told_to(tmp_path: Path) -> None:
         client.send("INIT {ClassName AirRobot} {Location 0,0,-0.6}")
         client.send("DRIVE {LinearVelocity 1.5}")
         own.run(4.0)
-        vehicle = own.assembly.fleet.vehicles[0]
+        vehicle = own.assembly.robots.vehicles[0]
         held = vehicle.body.look()
         assert held is not None
         assert held.pose.position[0] < worlds.FIELD_START - 0.3
@@ -379,21 +379,21 @@ def test_it_leaves_a_wall_when_told_to(tmp_path: Path) -> None:
 
 def test_flight_goes_on_when_others_come(hire: Hire) -> None:
     """Another class appears while it climbs: the world grows, the climb goes on."""
-    pilot = hire("AirRobot")
-    pilot.fly("{AltitudeVelocity 1} {RotationalVelocity 28.6479}", 1.0)
-    other = pilot.stage.connect()
+    role = hire("AirRobot")
+    role.fly("{AltitudeVelocity 1} {RotationalVelocity 28.6479}", 1.0)
+    other = role.stage.connect()
     other.send("INIT {ClassName Zerg} {Location 5,5,-0.2}")
-    pilot.stage.run(1.0)
-    assert pilot.state.linear_velocity[2] == pytest.approx(1.0, abs=0.02)
-    assert pilot.state.angular_velocity[2] == pytest.approx(-0.5, abs=0.01)
+    role.stage.run(1.0)
+    assert role.state.linear_velocity[2] == pytest.approx(1.0, abs=0.02)
+    assert role.state.angular_velocity[2] == pytest.approx(-0.5, abs=0.01)
     other.close()
 
 
 def test_a_blimp_hangs_in_the_air_without_power(hire: Hire) -> None:
     """Passarola with an empty battery comes to rest where it is."""
-    pilot = hire("Passarola} {Battery 1")
-    pilot.fly("{LinearVelocity 1}", 1.0)
-    height = pilot.state.pose.position[2]
-    pilot.stage.run(15.0)
-    assert np.linalg.norm(pilot.state.linear_velocity) < 0.01
-    assert pilot.state.pose.position[2] == pytest.approx(height, abs=0.05)
+    role = hire("Passarola} {Battery 1")
+    role.fly("{LinearVelocity 1}", 1.0)
+    height = role.state.pose.position[2]
+    role.stage.run(15.0)
+    assert np.linalg.norm(role.state.linear_velocity) < 0.01
+    assert role.state.pose.position[2] == pytest.approx(height, abs=0.05)

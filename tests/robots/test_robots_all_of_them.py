@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 import pytest
 
 from usarsim_server.data import data_directory
-from usarsim_server.robots.catalog import load_robot, load_roster
+from usarsim_server.robots.catalog import load_catalog, load_robot
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.sessions.robots import Vehicle
 from usarsim_server.simulation.snapshot import RobotBody
@@ -35,7 +35,7 @@ CLASSES = (
 LISTED = {name.lower() for name in CLASSES}
 OTHERS = tuple(
     robot.name
-    for robot in load_roster().descriptions()
+    for robot in load_catalog().descriptions()
     if robot.kind != "static" and robot.name.lower() not in LISTED
 )
 """Shipped classes that the demo did not know."""
@@ -103,7 +103,7 @@ def test_all_others_settle_too(yard: Rehearsal, client: RehearsedClient, name: s
 def settles(yard: Rehearsal, client: RehearsedClient, name: str, height: float) -> None:
     """Spawn a class at a height (m) and see that it stands there, upright and still, in the end."""
     client.send(f"INIT {{ClassName USARBot.{name}}} {{Location 4.0,-2.0,-{height}}}")
-    (vehicle,) = yard.assembly.fleet.vehicles
+    (vehicle,) = yard.assembly.robots.vehicles
     robot = vehicle.description
     assert robot.name.lower() == name.lower()
     heights = fallen(yard, vehicle)
@@ -126,7 +126,7 @@ def settles(yard: Rehearsal, client: RehearsedClient, name: str, height: float) 
     assert max(heights[landed:]) < robot.rest_height + 0.05, "bounces"
 
 
-DRIVEN = {robot.name: robot for robot in load_roster().descriptions() if robot.wheels}
+DRIVEN = {robot.name: robot for robot in load_catalog().descriptions() if robot.wheels}
 STRAIGHT, TURNING = sorted(DRIVEN), sorted(n for n, r in DRIVEN.items() if r.kind == "differential")
 FASTEST = 3.0
 """m/s; beyond it only a part of the limit is tried."""

@@ -13,10 +13,10 @@ import pytest
 from robot_files import DIALECTS, values
 from robot_files import kind as kind_of
 
-from usarsim_server.robots.catalog import load_roster
+from usarsim_server.robots.catalog import load_catalog
 from usarsim_server.testing import Rehearsal
 
-CLASSES = load_roster().names()
+CLASSES = load_catalog().names()
 ITEM_TYPES = ("Actuator", "MisPkg", "Gripper", "ToolChanger", "VacuumGripper", "Camera")
 SPACING = 9.0
 """m between robots, so that none stands in another's way; they see each other all the same."""
@@ -55,7 +55,7 @@ def _listen(dialect: str, classes: Sequence[str]) -> Iterator[Heard]:
         stage.run(0.3 + LISTEN)
         for name, client in clients.items():
             stream = tuple(client.take())
-            description = stage.assembly.fleet.describe(name)
+            description = stage.assembly.robots.describe(name)
             assert description is not None
             types = {sensor.type for sensor in description.items} | {kind_of(s) for s in stream}
             for wire_type in ("Robot", *ITEM_TYPES, *sorted(types)):

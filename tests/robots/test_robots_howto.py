@@ -19,7 +19,7 @@ from usarsim_server.cli.robot_check import check
 from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots.catalog import load_robot, load_roster
+from usarsim_server.robots.catalog import load_catalog, load_robot
 from usarsim_server.robots.families import base
 from usarsim_server.robots.families import base as registry
 from usarsim_server.robots.families.base import families
@@ -47,19 +47,19 @@ def section(title: str) -> set[str]:
 def test_example_is_a_robot(tmp_path: Path) -> None:
     """The example of the page is a robot that can be found under its names and built."""
     (tmp_path / "Rover.toml").write_text(BLOCKS[0], encoding="utf-8")
-    roster = load_roster([tmp_path])
-    robot = roster.find("USARBot.Rover")
+    catalog = load_catalog([tmp_path])
+    robot = catalog.find("USARBot.Rover")
     assert robot is not None
     assert [item.name for item in robot.items] == ["Scanner1", "F1"]
     assert robot.rest_height == pytest.approx(0.12)
-    assert roster.find("minirover") is not None
+    assert catalog.find("minirover") is not None
     assert build_spec(robot).compile().body_mass.sum() == pytest.approx(robot.report.mass)
 
 
 def test_variant_example_is_a_fast_p3at(tmp_path: Path) -> None:
     """The variant of the page replaces P3AT by a fast one."""
     (tmp_path / "P3AT.toml").write_text(BLOCKS[1], encoding="utf-8")
-    robot = load_roster([tmp_path]).find("P3AT")
+    robot = load_catalog([tmp_path]).find("P3AT")
     assert robot is not None
     assert robot.drive.max_wheel_speed == 8.17
 
@@ -74,7 +74,7 @@ def test_arm_example_moves_and_holds(tmp_path: Path) -> None:
         client.send("MISPKG {Name Arm} {Link 1} {Value 0.5}", "DRIVE {Name Arm_Joint2} {Value 0.2}")
         client.send("SET {Type Gripper} {Name Hand} {Opcode CLOSE}")
         stage.run(8.0)
-        arm, hand = client.take("ASTA")[-1], stage.assembly.fleet.vehicles[0].body.look()
+        arm, hand = client.take("ASTA")[-1], stage.assembly.robots.vehicles[0].body.look()
         assert re.search(r"\{Link 1\} \{Value 0\.(4999|5)\d*\} \{Link 2\} \{Value 0\.(1999|2)", arm)
         assert hand is not None
         assert hand.hand("Hand").closed
@@ -193,7 +193,7 @@ def test_car_example_drives_a_circle(tmp_path: Path) -> None:
         client.send("INIT {ClassName Cart} {Location 0,0,-0.1}")
         client.send("DRIVE {Speed 5} {FrontSteer 0.3}")
         stage.run(3.0)
-        state = stage.assembly.fleet.vehicles[0].body.look()
+        state = stage.assembly.robots.vehicles[0].body.look()
         assert state is not None
         x, y, _ = state.pose.inverse().rotate(state.linear_velocity)
         turning = state.angular_velocity[2]
@@ -213,7 +213,7 @@ def test_aircraft_example_flies(tmp_path: Path) -> None:
         stage.run(2.0)
         client.send("DRIVE {AltitudeVelocity 0} {LinearVelocity 100} {Normalized true}")
         stage.run(2.0)
-        state = stage.assembly.fleet.vehicles[0].body.look()
+        state = stage.assembly.robots.vehicles[0].body.look()
         assert state is not None
         assert state.pose.position[2] > 1.5
         assert state.linear_velocity[0] == pytest.approx(4.0, abs=0.1)
@@ -228,7 +228,7 @@ def test_model_file_example_stands_and_moves(tmp_path: Path) -> None:
         client = stage.connect()
         client.send("INIT {ClassName Hopper} {Location 0,0,-0.24}")
         stage.run(1.0)
-        vehicle = stage.assembly.fleet.vehicles[0]
+        vehicle = stage.assembly.robots.vehicles[0]
         state = vehicle.body.look()
         assert state is not None
         assert state.pose.position[2] == pytest.approx(0.23, abs=0.01)

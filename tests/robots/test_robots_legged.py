@@ -11,14 +11,14 @@ from robot_files import write
 
 from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots.catalog import load_robot, load_roster
+from usarsim_server.robots.catalog import load_catalog, load_robot
 from usarsim_server.robots.families.legged import Legged
 from usarsim_server.robots.mjcf import build_spec
 from usarsim_server.sessions.robots import Vehicle
 from usarsim_server.simulation.snapshot import RobotBody
 from usarsim_server.testing import Rehearsal, RehearsedClient
 
-ROBOTS = {robot.name: robot for robot in load_roster().descriptions()}
+ROBOTS = {robot.name: robot for robot in load_catalog().descriptions()}
 NAO = ROBOTS["Nao"]
 LEGGED = sorted(name for name, robot in ROBOTS.items() if robot.kind == "legged")
 
@@ -107,9 +107,9 @@ def test_drive_is_refused(dialect: Dialect) -> None:
     assert not driver.send(left=1.0, right=1.0)
     assert not driver.send(speed=1.0, front_steer=0.2, rear_steer=0.2, normalized=True)
     assert not driver.send(linear_velocity=1.0, propeller=3.0, light=True)
-    driver.conduct.stop()
+    driver.drive_controller.stop()
     assert driver.machine.orders == 0
-    assert driver.conduct.light
+    assert driver.drive_controller.light
 
 
 @pytest.mark.parametrize(
@@ -158,7 +158,7 @@ def spawn(stage: Rehearsal) -> Iterator[Spawn]:
         client = stage.connect()
         clients.append(client)
         client.send(f"INIT {{ClassName {init}}} {{Location 0,0,-0.4}}")
-        return client, stage.assembly.fleet.vehicles[-1]
+        return client, stage.assembly.robots.vehicles[-1]
 
     yield make
     for client in clients:

@@ -1,4 +1,4 @@
-"""Every class of the roster: figures of the reference, and what they do in the world."""
+"""Every class of the catalog: figures of the reference, and what they do in the world."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from robot_files import table, write
 
 from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots.catalog import load_roster
+from usarsim_server.robots.catalog import load_catalog
 from usarsim_server.robots.families.base import families
 from usarsim_server.sessions.robots import robot_model
 from usarsim_server.simulation.engine import Engine
@@ -24,7 +24,7 @@ from usarsim_server.simulation.model import PhysicsOptions
 from usarsim_server.simulation.snapshot import RobotBody
 from usarsim_server.testing import Rehearsal, RehearsedClient
 
-ROSTER = load_roster()
+ROSTER = load_catalog()
 ROBOTS = {robot.name: robot for robot in ROSTER.descriptions()}
 FLOATS = ("aerial", "underwater")
 STATIC = sorted(name for name, robot in ROBOTS.items() if robot.kind == "static")
@@ -92,21 +92,21 @@ def test_two_fork_lifts() -> None:
 def test_exact_aliases(tmp_path: Path) -> None:
     """They win in their own spelling, follow a class that is replaced, and are unique."""
     write(tmp_path, "Rover", table(exact_aliases=["p2AT"]))
-    roster = load_roster([tmp_path])
+    catalog = load_catalog([tmp_path])
     for name, model in (("p2AT", "Rover"), ("P2AT", "P2AT"), ("p2at", "P2AT")):
-        robot = roster.find(f"USARBot.{name}")
+        robot = catalog.find(f"USARBot.{name}")
         assert robot is not None
         assert robot.model == model
     write(tmp_path / "own", "ForkliftUDK", table())
-    robot = load_roster([tmp_path / "own"]).find("Forklift")
+    robot = load_catalog([tmp_path / "own"]).find("Forklift")
     assert robot is not None
     assert (robot.name, robot.kind) == ("Forklift", "differential")
     write(tmp_path, "Other", table(exact_aliases=["p2AT"]))
     with pytest.raises(RobotDescriptionError, match="'p2AT' is also an exact alias in"):
-        load_roster([tmp_path])
+        load_catalog([tmp_path])
     write(tmp_path, "Other", table(exact_aliases=["a b"]))
     with pytest.raises(RobotDescriptionError, match="exact_aliases: has 'a b'"):
-        load_roster([tmp_path])
+        load_catalog([tmp_path])
 
 
 # -- figures ---------------------------------------------------------------------------------------
@@ -326,7 +326,7 @@ def platforms() -> Iterator[tuple[Rehearsal, dict[str, RehearsedClient]]]:
 
 def look(stage: Rehearsal, name: str) -> RobotBody:
     """Present state of a robot by its name."""
-    vehicle = stage.assembly.fleet.find(name)
+    vehicle = stage.assembly.robots.find(name)
     assert vehicle is not None
     state = vehicle.body.look()
     assert state is not None
@@ -376,9 +376,9 @@ def test_an_unknown_class_leaves_the_connection_usable() -> None:
     with Rehearsal(world="empty") as stage:
         client = stage.connect()
         client.send("INIT {ClassName USARBot.NoSuchRobot} {Location 0,0,-1}")
-        assert not stage.assembly.fleet.vehicles
+        assert not stage.assembly.robots.vehicles
         client.send("INIT {ClassName USARBot.Lisa} {Location 0,0,-0.2}")
-        (vehicle,) = stage.assembly.fleet.vehicles
+        (vehicle,) = stage.assembly.robots.vehicles
         assert vehicle.description.name == "Lisa"
 
 
@@ -419,4 +419,4 @@ def test_classes_come_one_after_the_other() -> None:
             client.send(f"INIT {{ClassName USARBot.{name}}} {{Location {8 * number},0,-2}}")
             stage.run(0.6)
             assert client.take("STA"), name
-        assert len(stage.assembly.fleet.vehicles) == len(names)
+        assert len(stage.assembly.robots.vehicles) == len(names)

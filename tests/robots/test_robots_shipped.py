@@ -10,13 +10,13 @@ import pytest
 
 from usarsim_server.protocol.messages import ground_configuration, ground_geometry
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots.catalog import load_roster
+from usarsim_server.robots.catalog import load_catalog
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.sensors.base import SensorContext, create_sensor
 from usarsim_server.simulation.frames import wire_from_pose
 from usarsim_server.worlds.description import WorldDescription
 
-ROBOTS = {robot.name: robot for robot in load_roster().descriptions()}
+ROBOTS = {robot.name: robot for robot in load_catalog().descriptions()}
 
 
 WORLD = WorldDescription("test", "Test", "", "", Path(), Path("scene.xml"), ())

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from usarsim_server.data import data_directory
-from usarsim_server.robots.catalog import load_roster
+from usarsim_server.robots.catalog import load_catalog
 from usarsim_server.simulation.frames import wire_from_pose
 from usarsim_server.testing import Rehearsal
 
-ROBOTS = {robot.name: robot for robot in load_roster().descriptions()}
+ROBOTS = {robot.name: robot for robot in load_catalog().descriptions()}
 
 
 SHIPPED = sorted(data_directory("robots").glob("*.toml"), key=lambda path: path.name.lower())
@@ -163,7 +163,7 @@ def test_nobody_notices_a_map_object() -> None:
         client = rehearsal.connect()
         client.send("INIT {ClassName USARBot.P2AT} {Location 0,0,-0.25}")
         rehearsal.run(1.0)
-        *markers, robot = rehearsal.assembly.fleet.vehicles
+        *markers, robot = rehearsal.assembly.robots.vehicles
         before = [marker.body.look() for marker in markers]
         scan = next(line for line in client.take("SEN") if "{Type RangeScanner}" in line)
         ranges = re.search(r"\{Range ([^}]+)\}", scan)

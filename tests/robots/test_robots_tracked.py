@@ -12,7 +12,7 @@ import pytest
 from machine_fakes import compiled
 
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots.catalog import load_roster
+from usarsim_server.robots.catalog import load_catalog
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.families.tracked import Tracked
 from usarsim_server.sensors.base import SensorContext, create_sensor
@@ -20,7 +20,7 @@ from usarsim_server.simulation.frames import Pose
 from usarsim_server.testing import Rehearsal
 from usarsim_server.worlds.description import WorldDescription
 
-ROSTER = load_roster()
+ROSTER = load_catalog()
 
 
 FLIPPERS = ("FRFlipper", "FLFlipper", "RRFlipper", "RLFlipper")
@@ -167,7 +167,7 @@ def crowd() -> Iterator[Rehearsal]:
 @pytest.mark.parametrize("name", CLASSES)
 def test_settles_from_high_up(crowd: Rehearsal, name: str, row: int) -> None:
     """#17: dropped from 1.4 or 2.1 m every class stands upright at its rest height after 3 s."""
-    vehicle = crowd.assembly.fleet.find(f"{name}{row}")
+    vehicle = crowd.assembly.robots.find(f"{name}{row}")
     assert vehicle is not None
     state = vehicle.body.look()
     assert state is not None
@@ -180,9 +180,9 @@ def test_settles_from_high_up(crowd: Rehearsal, name: str, row: int) -> None:
 
 def test_nobody_drifts(crowd: Rehearsal) -> None:
     """#64: what stands stays where it is."""
-    before = {one.name: one.body.look() for one in crowd.assembly.fleet.vehicles}
+    before = {one.name: one.body.look() for one in crowd.assembly.robots.vehicles}
     crowd.run(5.0)
-    for one in crowd.assembly.fleet.vehicles:
+    for one in crowd.assembly.robots.vehicles:
         now, then = one.body.look(), before[one.name]
         assert now is not None
         assert then is not None
@@ -224,7 +224,7 @@ def test_flippers_of_udk() -> None:
         client.send("SET {Type Joint} {Name FRFlipper} {Opcode Angle} {Params -0.6}")
         client.send("DRIVE {Name RLFlipper} {Value 0.4}")
         stage.run(2.0)
-        state = stage.assembly.fleet.vehicles[0].body.look()
+        state = stage.assembly.robots.vehicles[0].body.look()
         assert state is not None
         angles = [state.joint_position(joint) for joint in FLIPPERS]
         assert angles == pytest.approx([-0.6, 0.0, 0.0, 0.4], abs=0.01)
@@ -306,10 +306,10 @@ def test_belts_run_on_when_the_world_grows() -> None:
         for n in range(9):
             stage.connect().send(f"INIT {{ClassName Kenaf}} {{Location {n},5,-0.09}}")
         stage.run(0.5)
-        state = stage.assembly.fleet.vehicles[0].body.look()
+        state = stage.assembly.robots.vehicles[0].body.look()
         assert state is not None
         assert state.linear_velocity[0] == pytest.approx(0.27, abs=0.005)
-        for vehicle in stage.assembly.fleet.vehicles[1:]:
+        for vehicle in stage.assembly.robots.vehicles[1:]:
             resting = vehicle.body.look()
             assert resting is not None
             assert math.hypot(*resting.linear_velocity) < 1e-3
@@ -322,7 +322,7 @@ def test_soryu_bends() -> None:
         client.send("INIT {ClassName Soryu} {Location 0,0,-0.08}")
         client.send("MULTIDRIVE {FrontPitch 0.5} {FrontYaw 0.3}")
         stage.run(2.0)
-        state = stage.assembly.fleet.vehicles[0].body.look()
+        state = stage.assembly.robots.vehicles[0].body.look()
         assert state is not None
         assert state.joint_position("FrontPitch") == pytest.approx(0.5, abs=0.01)
         head = state.link_pose("FrontBody")
@@ -345,7 +345,7 @@ def test_example_of_the_page_climbs(tmp_path: Path) -> None:
         client.send("INIT {ClassName Crawler} {Location 0,0,-0.1}")
         client.send("MULTIDRIVE {FRFlipper -0.5} {FLFlipper -0.5}", "DRIVE {Left 3} {Right 3}")
         stage.run(3.0)
-        state = stage.assembly.fleet.vehicles[0].body.look()
+        state = stage.assembly.robots.vehicles[0].body.look()
         assert state is not None
         assert state.pose.position[0] > 0.5
         tip = state.link_pose("FRFlipper") @ Pose((0.2, 0.0, 0.0))

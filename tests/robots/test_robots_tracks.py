@@ -17,7 +17,7 @@ from machine_fakes import compiled
 from robot_files import SHAPE, table, write
 
 from usarsim_server.errors import RobotDescriptionError
-from usarsim_server.robots.catalog import load_robot, load_roster
+from usarsim_server.robots.catalog import load_catalog, load_robot
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.families.tracked import Tracked, Treads
 from usarsim_server.robots.tracks import Roller, Run, runs, touching
@@ -27,7 +27,7 @@ from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.ground import Belts
 from usarsim_server.simulation.model import PhysicsOptions
 
-ROSTER = load_roster()
+ROSTER = load_catalog()
 
 
 CLASSES = (

@@ -17,7 +17,7 @@ from robot_files import write
 from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots.catalog import load_robot, load_roster
+from usarsim_server.robots.catalog import load_catalog, load_robot
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.families.underwater import Underwater
 from usarsim_server.robots.mjcf import build_spec
@@ -25,7 +25,7 @@ from usarsim_server.simulation.frames import rpy_from_quaternion
 from usarsim_server.simulation.snapshot import RobotBody
 from usarsim_server.testing import Rehearsal
 
-SUBMARINE = next(robot for robot in load_roster().descriptions() if robot.name == "Submarine")
+SUBMARINE = next(robot for robot in load_catalog().descriptions() if robot.name == "Submarine")
 SHAPE = {"kind": "capsule", "size": [0.2, 1.0], "mass": 200.0, "rotation": [0, 1.5708, 0]}
 
 
@@ -72,7 +72,7 @@ def test_other_families_do_nothing(dialect: Dialect) -> None:
     driver = Driver(SUBMARINE, dialect)
     assert not driver.send(left=1.0, right=1.0, speed=1.0, front_steer=0.1, rear_steer=0.1)
     assert not driver.send(linear_velocity=1.0, altitude_velocity=1.0, light=True)
-    assert driver.conduct.light
+    assert driver.drive_controller.light
 
 
 @pytest.mark.parametrize(("rudder", "planes"), [(1, 1), (-1, 1), (1, -1), (-1, -1)])
@@ -113,7 +113,7 @@ def test_without_power_the_propeller_stops() -> None:
     """The planes stay where they are."""
     driver = Driver(SUBMARINE)
     driver.send(propeller=10.0, rudder=0.2)
-    driver.conduct.stop()
+    driver.drive_controller.stop()
     assert law(driver) == pytest.approx([0.0, -0.2, 0.0])
 
 
@@ -170,7 +170,7 @@ def test_it_holds_depth_and_steers(stage: Rehearsal) -> None:
     """It holds depth at zero input (5.2 #49), drives, turns right and dives as it is told."""
     client = stage.connect()
     client.send("INIT {ClassName USARBot.Submarine} {Location 0,0,-20}")
-    vehicle = stage.assembly.fleet.vehicles[0]
+    vehicle = stage.assembly.robots.vehicles[0]
 
     def look() -> RobotBody:
         state = vehicle.body.look()

@@ -14,11 +14,11 @@ from machine_fakes import UDK, UT, Driver, wild_drives
 
 from usarsim_server.protocol.requests import Drive, WheelTarget
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots.catalog import load_roster
+from usarsim_server.robots.catalog import load_catalog
 from usarsim_server.robots.families.wheeled import WheelDrive
 from usarsim_server.testing import Rehearsal
 
-ROBOTS = {robot.name: robot for robot in load_roster().descriptions()}
+ROBOTS = {robot.name: robot for robot in load_catalog().descriptions()}
 P2AT, P3AT, P2DX = ROBOTS["P2AT"], ROBOTS["P3AT"], ROBOTS["P2DX"]
 LIMIT = 5.385
 
@@ -242,7 +242,7 @@ def test_no_sequence_of_commands_leaves_the_limits(
         before = law.targets
 
 
-LISA = next(robot for robot in load_roster().descriptions() if robot.name == "Lisa")
+LISA = next(robot for robot in load_catalog().descriptions() if robot.name == "Lisa")
 OMNI_LIMIT = 8.33
 ROLLS = math.nan
 """Speed of a wheel that has not been named yet."""
@@ -316,14 +316,14 @@ def test_other_families_do_nothing(dialect: Dialect) -> None:
     driver = Driver(LISA, dialect)
     assert not driver.send(left=1.0, right=1.0, speed=1.0, front_steer=0.1, rear_steer=0.1)
     assert not driver.send(light=True)
-    assert driver.conduct.light
+    assert driver.drive_controller.light
 
 
 def test_stop() -> None:
     """Without power all wheels stand."""
     driver = Driver(LISA)
     driver.send(**wheels((0, 1.0, 0.5)))
-    driver.conduct.stop()
+    driver.drive_controller.stop()
     assert driver.machine.wheels == pytest.approx([0.0] * 4)
 
 
@@ -357,7 +357,7 @@ def test_some_wheels_are_enough(driven: tuple[int, ...]) -> None:
         client = stage.connect()
         client.send("INIT {ClassName USARBot.Lisa} {Location 0,0,-0.1}")
         client.send("DRIVE " + "".join(f"{{WheelNumber {n}}} {{WheelSpeed 4}} " for n in driven))
-        vehicle = stage.assembly.fleet.vehicles[0]
+        vehicle = stage.assembly.robots.vehicles[0]
         stage.run(2.0)
         state = vehicle.body.look()
         assert state is not None
@@ -380,7 +380,7 @@ def test_it_goes_sideways() -> None:
         stage.run(2.0)
         rolling = "".join(f"{{WheelNumber {n}}} {{WheelSpeed 4}} " for n in range(4))
         client.send(f"DRIVE {rolling}")
-        vehicle = stage.assembly.fleet.vehicles[0]
+        vehicle = stage.assembly.robots.vehicles[0]
         stage.run(1.0)
         before = vehicle.body.look()
         stage.run(1.0)

@@ -1,4 +1,4 @@
-"""A control service on a real port, with agents that a test can hold, release and inspect."""
+"""A control service on a real port, with sessions that a test can hold, release and inspect."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from usarsim_server.testing import PATIENCE, eventually
 GREETING = b"NFO {Gametype BotDeathMatch} {Level arena} {TimeLimit 20}\r\n"
 
 
-def words(agent: FakeAgent) -> list[str]:
-    """Command words that an agent has executed."""
-    return [command.word for command in agent.commands]
+def words(session: FakeAgent) -> list[str]:
+    """Command words that a session has executed."""
+    return [command.word for command in session.commands]
 
 
-def fill(agent: FakeAgent, count: int = 3000, length: int = 400) -> list[bytes]:
+def fill(session: FakeAgent, count: int = 3000, length: int = 400) -> list[bytes]:
     """Stream so many numbered lines that no buffer can hold them all; returns the lines."""
     lines = [f"SEN {{Time {n}}} {{Data {'x' * length}}}\r\n".encode() for n in range(count)]
     for line in lines:
-        agent.outbox.put_stream(line)
+        session.outbox.put_stream(line)
     return lines
 
 
@@ -53,7 +53,7 @@ class FakeAgent:
         """Execute at once, or keep waiting while held."""
         self.submit_thread = threading.get_ident()
         if any(command.word == "KILL" for command in commands):
-            raise RuntimeError("a defect in an agent")
+            raise RuntimeError("a defect in a session")
         if self.hold:
             self.waiting.extend(commands)
             self.most_waiting = max(self.most_waiting, len(self.waiting))
@@ -177,22 +177,22 @@ class Running:
     """A control service on an event loop of its own thread."""
 
     def __init__(self, limits: ControlLimits, hold: bool = False) -> None:
-        self.agents: list[FakeAgent] = []
+        self.sessions: list[FakeAgent] = []
         self.hold = hold
         self.refuse: Exception | None = None
         self.loop = asyncio.new_event_loop()
         self.clients: list[Client] = []
-        self.service = ControlService("127.0.0.1", 0, GREETING, self._agent, limits)
+        self.service = ControlService("127.0.0.1", 0, GREETING, self._session, limits)
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()
         self.endpoint: Endpoint = self._call(self.service.start())
 
-    def _agent(self, peer: str, outbox: Outbox, on_backlog_low: Callable[[], None]) -> FakeAgent:
+    def _session(self, peer: str, outbox: Outbox, on_backlog_low: Callable[[], None]) -> FakeAgent:
         if self.refuse is not None:
             raise self.refuse
-        agent = FakeAgent(peer, outbox, on_backlog_low, self.hold)
-        self.agents.append(agent)
-        return agent
+        session = FakeAgent(peer, outbox, on_backlog_low, self.hold)
+        self.sessions.append(session)
+        return session
 
     def _serve(self) -> None:
         asyncio.set_event_loop(self.loop)
@@ -209,15 +209,15 @@ class Running:
             assert client.line() == GREETING
         return client
 
-    def agent_of(self, client: Client) -> FakeAgent:
-        """The agent of a connected client."""
-        assert eventually(lambda: any(agent.peer == client.peer for agent in self.agents))
-        return next(agent for agent in self.agents if agent.peer == client.peer)
+    def session_of(self, client: Client) -> FakeAgent:
+        """The session of a connected client."""
+        assert eventually(lambda: any(session.peer == client.peer for session in self.sessions))
+        return next(session for session in self.sessions if session.peer == client.peer)
 
     def pair(self, **buffers: int) -> tuple[Client, FakeAgent]:
-        """A new client and its agent."""
+        """A new client and its session."""
         client = self.connect(**buffers)
-        return client, self.agent_of(client)
+        return client, self.session_of(client)
 
     def stop_service(self) -> None:
         """Stop the service only."""

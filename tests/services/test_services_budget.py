@@ -364,39 +364,39 @@ def test_twenty_half_requests_are_closed_too(impatient: None) -> None:
 def test_client_that_wants_nothing_is_closed(control, caplog) -> None:
     """Without a command and without an INIT the end comes, with one log line."""
     server = control(ControlLimits(idle=0.3))
-    client, agent = server.pair()
+    client, session = server.pair()
     assert client.line() == b""
-    assert eventually(lambda: agent.closes == 1)
+    assert eventually(lambda: session.closes == 1)
     [record] = [one for one in caplog.records if "idle" in one.getMessage()]
-    assert record.usarsim_facts["connection"] == agent.peer
+    assert record.usarsim_facts["connection"] == session.peer
 
 
 def test_bytes_that_make_no_line_do_not_count(control) -> None:
     """Who drips a byte now and then wants nothing, either."""
     server = control(ControlLimits(idle=0.5))
-    client, agent = server.pair()
+    client, session = server.pair()
     deadline = time.monotonic() + PATIENCE
-    while agent.closes == 0 and time.monotonic() < deadline:
+    while session.closes == 0 and time.monotonic() < deadline:
         try:
             client.send(b"D")
         except OSError:
             break
         time.sleep(0.05)
-    assert eventually(lambda: agent.closes == 1)
+    assert eventually(lambda: session.closes == 1)
 
 
 def test_client_that_asked_for_a_robot_may_be_silent(control) -> None:
     """As long as it has one; who has not, for example because INIT failed, is closed."""
     server = control(ControlLimits(idle=1.0))
-    client, agent = server.pair()
+    client, session = server.pair()
     client.send(b"INIT {ClassName P2AT}\r\n")
     failed, other = server.pair()
     failed.send(b"INIT {ClassName Nobody} {Fail}\r\n")
-    assert eventually(lambda: words(agent) == words(other) == ["INIT"])
+    assert eventually(lambda: words(session) == words(other) == ["INIT"])
     assert failed.line() == b""
     assert eventually(lambda: other.closes == 1)
-    assert agent.closes == 0
-    agent.has_role = False
+    assert session.closes == 0
+    session.has_role = False
     assert client.line() == b""
     patient = control(ControlLimits(idle=0.0)).connect()
     assert patient.silent_for(0.5)
@@ -406,9 +406,9 @@ def test_who_only_sits_there_makes_room(control, monkeypatch, caplog) -> None:
     """When all places are taken the silent ones without a robot leave, the longest silent first."""
     monkeypatch.setattr(guests_module, "GRACE", 0.2)
     server = control(ControlLimits(max_connections=3))
-    robot, agent = server.pair()
+    robot, session = server.pair()
     robot.send(b"INIT {ClassName P2AT}\r\n")
-    assert eventually(lambda: agent.has_role)
+    assert eventually(lambda: session.has_role)
     first, one = server.pair()
     second, other = server.pair()
     time.sleep(0.3)
@@ -416,7 +416,7 @@ def test_who_only_sits_there_makes_room(control, monkeypatch, caplog) -> None:
     assert second.line() == b"CONF {Name x}\r\n"
     server.connect()
     assert first.line() == b""
-    assert (agent.closes, one.closes, other.closes) == (0, 1, 0)
+    assert (session.closes, one.closes, other.closes) == (0, 1, 0)
     assert any("the port is full" in message for message in caplog.messages)
 
 
@@ -424,11 +424,11 @@ def test_client_that_asks_now_and_then_stays(control) -> None:
     """Every command begins the time anew."""
     server = control(ControlLimits(idle=100.0))
     clock = LoopClock(server.loop)
-    client, agent = server.pair()
+    client, session = server.pair()
     for _ in range(4):
         client.send(b"GETCONF {Name x}\r\n")
         assert client.line() == b"CONF {Name x}\r\n"
         clock.turn(60.0)
-    assert agent.closes == 0
+    assert session.closes == 0
     clock.turn(60.0)
-    assert eventually(lambda: agent.closes == 1)
+    assert eventually(lambda: session.closes == 1)

@@ -30,11 +30,11 @@ def test_greeting_is_the_first_and_only_line(control):
 def test_agent_knows_its_client_by_the_peer_address(control):
     """The name of the connection is the client's own `host:port`."""
     server = control()
-    client, agent = server.pair()
-    assert agent.peer == client.peer
+    client, session = server.pair()
+    assert session.peer == client.peer
 
 
-def test_greeting_comes_before_lines_of_a_hasty_agent(control):
+def test_greeting_comes_before_lines_of_a_hasty_session(control):
     """Even a line that waits before the first read comes after the greeting."""
     server = control()
     client = server.connect(greet=False)
@@ -48,56 +48,56 @@ def test_greeting_comes_before_lines_of_a_hasty_agent(control):
 
 def test_command_in_one_byte_packets_is_executed(control):
     """Checklist 26 and 27: one byte per packet, executed when the terminator comes."""
-    client, agent = control().pair()
+    client, session = control().pair()
     for byte in b"DRIVE {Left 1.0}":
         client.send(bytes([byte]))
         time.sleep(0.001)
     time.sleep(0.05)
-    assert agent.commands == []
+    assert session.commands == []
     client.send(b"\n")
-    assert eventually(lambda: words(agent) == ["DRIVE"])
-    assert agent.commands[0].get("Left") == "1.0"
+    assert eventually(lambda: words(session) == ["DRIVE"])
+    assert session.commands[0].get("Left") == "1.0"
 
 
 @pytest.mark.parametrize("end", [b"\r\n", b"\n", b"\r", b"\n\r", b"\r\n\n"])
 def test_every_line_end_counts_once(control, end):
     """Checklist 21 to 24: CR LF, LF, CR and LF CR each end a command, at once and only once."""
-    client, agent = control().pair()
+    client, session = control().pair()
     client.send(b"GETCONF {Name a}" + end)
     assert client.line() == b"CONF {Name a}\r\n"
     client.send(b"GETCONF {Name b}" + end)
     assert client.line() == b"CONF {Name b}\r\n"
-    assert words(agent) == ["GETCONF", "GETCONF"]
+    assert words(session) == ["GETCONF", "GETCONF"]
 
 
 def test_commands_of_one_packet_are_handed_over_in_order(control):
     """Checklist 25 and 30: several commands in one packet, replies in the order of requests."""
-    client, agent = control().pair()
+    client, session = control().pair()
     client.send(b"INIT {ClassName USARBot.P2AT}\r\nGETCONF {Name 1}\r\nGETCONF {Name 2}\r\n")
     assert [client.line(), client.line()] == [b"CONF {Name 1}\r\n", b"CONF {Name 2}\r\n"]
-    assert words(agent) == ["INIT", "GETCONF", "GETCONF"]
+    assert words(session) == ["INIT", "GETCONF", "GETCONF"]
 
 
 def test_glued_commands_are_both_executed(control):
     """Checklist 29: a command without terminator does not swallow the one glued to it."""
-    client, agent = control().pair()
+    client, session = control().pair()
     client.send(
         b"SET {Type RFIDReleaser} {Name Gun} {Opcode Release}DRIVE {Left 1.0} {Right 1.0}\r\n"
     )
-    assert eventually(lambda: words(agent) == ["SET", "DRIVE"])
+    assert eventually(lambda: words(session) == ["SET", "DRIVE"])
 
 
 def test_order_survives_any_cutting_into_packets(control):
     """A thousand commands cut at random places arrive complete and in order."""
-    client, agent = control().pair()
+    client, session = control().pair()
     generator = random.Random(7)
     data = b"".join(f"DRIVE {{Left {number}}}\r\n".encode() for number in range(1000))
     while data:
         size = generator.randint(1, 300)
         client.send(data[:size])
         data = data[size:]
-    assert eventually(lambda: len(agent.commands) == 1000)
-    assert [command.get("Left") for command in agent.commands] == [str(n) for n in range(1000)]
+    assert eventually(lambda: len(session.commands) == 1000)
+    assert [command.get("Left") for command in session.commands] == [str(n) for n in range(1000)]
 
 
 def test_random_bytes_do_not_end_the_connection(control):
@@ -113,22 +113,22 @@ def test_random_bytes_do_not_end_the_connection(control):
 def test_long_lines_are_processed_and_endless_ones_discarded(control, caplog):
     """Checklist 20: 65536 bytes are a command, a MiB without terminator is thrown away."""
     caplog.set_level("INFO", "usarsim")
-    client, agent = control().pair()
+    client, session = control().pair()
     command = b"GETCONF {Name long}"
     client.send(command.ljust(65536) + b"\r\n")
     assert client.line() == b"CONF {Name long}\r\n"
     client.send(b"x" * 2**20 + b"\r\nGETCONF {Name next}\r\n")
     assert client.line() == b"CONF {Name next}\r\n"
-    assert words(agent) == ["GETCONF", "GETCONF"]
+    assert words(session) == ["GETCONF", "GETCONF"]
     assert caplog.messages.count("line discarded: too long") == 1
 
 
 def test_agent_is_called_on_the_event_loop(control):
-    """All commands are submitted by one thread, so agents need no order of their own."""
+    """All commands are submitted by one thread, so sessions need no order of their own."""
     server = control()
-    client, agent = server.pair()
+    client, session = server.pair()
     client.send(b"DRIVE {Left 1}\r\n")
-    assert eventually(lambda: agent.submit_thread == server._thread.ident)
+    assert eventually(lambda: session.submit_thread == server._thread.ident)
 
 
 # Output
@@ -145,12 +145,12 @@ def test_every_line_is_one_send_call(control, monkeypatch):
 
     monkeypatch.setattr(socket.socket, "send", traced)
     server = control()
-    client, agent = server.pair()
+    client, session = server.pair()
     mine = [GREETING]
     for number in range(200):
         line = f"SEN {{Time {number}}}\r\n".encode()
         mine.append(line)
-        (agent.outbox.put_stream if number % 3 else agent.outbox.put_reply)(line)
+        (session.outbox.put_stream if number % 3 else session.outbox.put_reply)(line)
     received = [GREETING] + [client.line() for _ in range(200)]
     assert received == mine
     assert [call for call in calls if call != b"\0"] == mine  # b"\0" wakes the event loop
@@ -167,10 +167,10 @@ def test_no_send_call_holds_parts_of_two_lines_when_the_client_is_slow(control, 
 
     monkeypatch.setattr(socket.socket, "send", traced)
     server = control(ControlLimits(outbox=SLOW, receive_buffer=4096, send_buffer=4096))
-    client, agent = server.pair(receive_buffer=4096)
-    fill(agent, 400)
+    client, session = server.pair(receive_buffer=4096)
+    fill(session, 400)
     time.sleep(0.1)
-    agent.outbox.put_reply(b"CONF {Name end}\r\n")
+    session.outbox.put_reply(b"CONF {Name end}\r\n")
     while client.line() != b"CONF {Name end}\r\n":
         pass
     assert len(calls) > 100
@@ -201,14 +201,14 @@ def test_slow_reader_loses_whole_streamed_lines_and_no_reply(control, caplog):
     """Checklist 17 and 18: after a pause every line is whole and in order, replies complete."""
     caplog.set_level("INFO", "usarsim")
     server = control(ControlLimits(outbox=SLOW, receive_buffer=8192, send_buffer=8192))
-    client, agent = server.pair(receive_buffer=8192)
-    lines = fill(agent, 1000)
+    client, session = server.pair(receive_buffer=8192)
+    lines = fill(session, 1000)
     for number in range(20):
         client.send(f"GETCONF {{Name {number}}}\r\n".encode())
-    assert eventually(lambda: len(agent.commands) == 20)
-    lines += fill(agent, 1000)  # and the stream goes on while nobody reads
-    agent.outbox.put_reply(b"GEO {Name last}\r\n")
-    assert agent.outbox.dropped > 500
+    assert eventually(lambda: len(session.commands) == 20)
+    lines += fill(session, 1000)  # and the stream goes on while nobody reads
+    session.outbox.put_reply(b"GEO {Name last}\r\n")
+    assert session.outbox.dropped > 500
     received = []
     while not received or received[-1] != b"GEO {Name last}\r\n":
         received.append(client.line())
@@ -220,16 +220,16 @@ def test_slow_reader_loses_whole_streamed_lines_and_no_reply(control, caplog):
     replies = [line for line in received if line.startswith(b"CONF")]
     assert replies == [f"CONF {{Name {number}}}\r\n".encode() for number in range(20)]
     assert len(received) == 21 + len(streamed)
-    assert len(streamed) + agent.outbox.dropped == 2000
+    assert len(streamed) + session.outbox.dropped == 2000
     assert eventually(lambda: any("too slow" in message for message in caplog.messages))
 
 
 def test_first_line_after_a_pause_is_recent(control):
     """A client that resumes skips what is out of date: it lags by the buffers, not by its pause."""
     server = control(ControlLimits(outbox=SLOW, receive_buffer=8192, send_buffer=8192))
-    client, agent = server.pair(receive_buffer=8192)
-    lines = fill(agent, 3000)
-    agent.outbox.put_reply(b"GEO {Name last}\r\n")
+    client, session = server.pair(receive_buffer=8192)
+    lines = fill(session, 3000)
+    session.outbox.put_reply(b"GEO {Name last}\r\n")
     received = []
     while not received or received[-1] != b"GEO {Name last}\r\n":
         received.append(client.line())
@@ -244,13 +244,13 @@ def test_client_that_asks_without_reading_is_cut_off(control, caplog):
         outbox=OutboxLimits(reply_bytes=64 * 1024), receive_buffer=8192, send_buffer=8192
     )
     server = control(limits)
-    greedy, agent = server.pair(receive_buffer=8192)
+    greedy, session = server.pair(receive_buffer=8192)
     for number in range(2000):
-        agent.outbox.put_reply(f"CONF {{Name {number}}} {'x' * 100}\r\n".encode())
-    assert eventually(lambda: agent.closes == 1)
+        session.outbox.put_reply(f"CONF {{Name {number}}} {'x' * 100}\r\n".encode())
+    assert eventually(lambda: session.closes == 1)
     assert greedy.ended()
     [record] = [r for r in caplog.records if r.message == "connection closed by the server"]
-    assert record.usarsim_facts["connection"] == agent.peer
+    assert record.usarsim_facts["connection"] == session.peer
     assert "replies" in record.usarsim_facts["reason"]
     polite, _ = server.pair()
     polite.send(b"GETCONF {Name polite}\r\n")
@@ -258,11 +258,11 @@ def test_client_that_asks_without_reading_is_cut_off(control, caplog):
 
 
 def test_agent_can_end_its_connection(control):
-    """An agent that cannot go on condemns its outbox; the client sees the end at once."""
-    client, agent = control().pair()
-    agent.outbox.condemn("the robot thread failed")
+    """A session that cannot go on condemns its outbox; the client sees the end at once."""
+    client, session = control().pair()
+    session.outbox.condemn("the robot thread failed")
     assert client.ended()
-    assert eventually(lambda: agent.closes == 1)
+    assert eventually(lambda: session.closes == 1)
 
 
 def test_64_clients_that_never_read_delay_nobody_and_stay_bounded(control):
@@ -272,14 +272,14 @@ def test_64_clients_that_never_read_delay_nobody_and_stay_bounded(control):
         ControlLimits(max_connections=65, outbox=outbox, receive_buffer=4096, send_buffer=4096)
     )
     silent = [server.pair(receive_buffer=4096) for _ in range(64)]
-    for _, agent in silent:
-        fill(agent, 200)
+    for _, session in silent:
+        fill(session, 200)
     client, _ = server.pair()
     for number in range(50):
         client.send(f"GETCONF {{Name {number}}}\r\n".encode())
         assert client.line() == f"CONF {{Name {number}}}\r\n".encode()
-        for _, agent in silent:
-            agent.outbox.put_stream(b"STA {Time 1.00}\r\n")
-    assert all(agent.outbox.dropped for _, agent in silent), "the buffers were not full"
-    assert all(agent.outbox.waiting_bytes <= outbox.stream_bytes for _, agent in silent)
-    assert all(agent.closes == 0 for _, agent in silent)
+        for _, session in silent:
+            session.outbox.put_stream(b"STA {Time 1.00}\r\n")
+    assert all(session.outbox.dropped for _, session in silent), "the buffers were not full"
+    assert all(session.outbox.waiting_bytes <= outbox.stream_bytes for _, session in silent)
+    assert all(session.closes == 0 for _, session in silent)

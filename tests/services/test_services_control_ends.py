@@ -41,26 +41,26 @@ def end_by_half_close(client):
 
 @pytest.mark.parametrize("end", [end_by_close, end_by_reset, end_by_half_close])
 def test_every_kind_of_close_ends_the_agent_promptly_and_once(control, end):
-    """Checklist 13 and 14: close, reset and half-close end the agent."""
+    """Checklist 13 and 14: close, reset and half-close end the session."""
     server = control()
-    client, agent = server.pair()
+    client, session = server.pair()
     end(client)
-    assert eventually(lambda: agent.closes == 1)
+    assert eventually(lambda: session.closes == 1)
     assert eventually(lambda: server.service.connections == 0)
     time.sleep(0.02)
-    assert agent.closes == 1
-    assert agent.commands == [], "a line without terminator is no command (checklist 27)"
-    assert agent.outbox.closed
+    assert session.closes == 1
+    assert session.commands == [], "a line without terminator is no command (checklist 27)"
+    assert session.outbox.closed
 
 
 @pytest.mark.parametrize("end", [end_by_close, end_by_reset])
 def test_close_ends_the_agent_while_output_is_stuck(control, end):
     """A client that never read and closes is noticed although the writer waits for it."""
     server = control(ControlLimits(outbox=SLOW, receive_buffer=4096, send_buffer=4096))
-    client, agent = server.pair(receive_buffer=4096)
-    fill(agent, 500)
+    client, session = server.pair(receive_buffer=4096)
+    fill(session, 500)
     end(client)
-    assert eventually(lambda: agent.closes == 1)
+    assert eventually(lambda: session.closes == 1)
 
 
 def test_half_closed_client_sees_the_end(control):
@@ -71,24 +71,24 @@ def test_half_closed_client_sees_the_end(control):
 
 
 def test_commands_before_the_close_are_still_handed_over(control):
-    """What was complete when the client closed reaches the agent before its close."""
-    client, agent = control().pair()
+    """What was complete when the client closed reaches the session before its close."""
+    client, session = control().pair()
     client.send(b"DRIVE {Left 1}\r\nDRIVE {Left 2}\r\n")
     client.close()
-    assert eventually(lambda: agent.closes == 1)
-    assert words(agent) == ["DRIVE", "DRIVE"]
+    assert eventually(lambda: session.closes == 1)
+    assert words(session) == ["DRIVE", "DRIVE"]
 
 
 def test_client_can_come_back(control):
-    """Checklist 15: after a close the same client connects anew and gets a new agent."""
+    """Checklist 15: after a close the same client connects anew and gets a new session."""
     server = control()
     for _ in range(3):
-        client, agent = server.pair()
+        client, session = server.pair()
         client.send(b"GETCONF {Name again}\r\n")
         assert client.line() == b"CONF {Name again}\r\n"
         client.close()
-        assert eventually(lambda agent=agent: agent.closes == 1)
-    assert len(server.agents) == 3
+        assert eventually(lambda session=session: session.closes == 1)
+    assert len(server.sessions) == 3
 
 
 def test_connection_beyond_the_limit_is_closed_at_once(control, caplog):
@@ -97,7 +97,7 @@ def test_connection_beyond_the_limit_is_closed_at_once(control, caplog):
     clients = [server.connect() for _ in range(64)]
     surplus = server.connect(greet=False)
     assert surplus.line() == b""
-    assert len(server.agents) == 64
+    assert len(server.sessions) == 64
     assert "connection refused: too many clients" in caplog.messages
     clients[0].close()
     assert eventually(lambda: server.service.connections == 63)
@@ -107,14 +107,14 @@ def test_connection_beyond_the_limit_is_closed_at_once(control, caplog):
 
 
 def test_stop_closes_connections_agents_and_port(control, caplog, monkeypatch):
-    """After stop every client sees the end, every agent is closed and the port is free."""
+    """After stop every client sees the end, every session is closed and the port is free."""
     monkeypatch.setattr(listener_module, "_STOP_TIMEOUT", PATIENCE)
     server = control(ControlLimits(outbox=SLOW, receive_buffer=4096, send_buffer=4096))
     pairs = [server.pair(receive_buffer=4096) for _ in range(5)]
     fill(pairs[0][1], 500)  # one that is stuck in a send
     server.stop_service()
     assert "connections did not end in time" not in caplog.messages
-    assert [agent.closes for _, agent in pairs] == [1] * 5
+    assert [session.closes for _, session in pairs] == [1] * 5
     assert all(client.ended() for client, _ in pairs)
     with socket.create_server(("127.0.0.1", server.endpoint.port)):
         pass
@@ -123,11 +123,11 @@ def test_stop_closes_connections_agents_and_port(control, caplog, monkeypatch):
 def test_agents_may_speak_after_the_end_of_the_loop(control):
     """A robot thread that is slower than the end of the process does no harm."""
     server = control()
-    _, agent = server.pair()
+    _, session = server.pair()
     server.stop()
-    agent.outbox.put_reply(b"CONF\r\n")
-    agent.on_backlog_low()
-    agent.outbox.condemn("too late")
+    session.outbox.put_reply(b"CONF\r\n")
+    session.on_backlog_low()
+    session.outbox.condemn("too late")
 
 
 # Back-pressure
@@ -153,62 +153,62 @@ def flood(client, count):
 
 
 def test_flood_is_pushed_back_and_nothing_is_lost(control):
-    """While an agent lags its client's input is not read; later all of it arrives in order."""
+    """While a session lags its client's input is not read; later all of it arrives in order."""
     limits = ControlLimits(backlog_high=100, backlog_low=20, receive_buffer=8192, send_buffer=8192)
     server = control(limits, hold=True)
-    client, agent = server.pair(send_buffer=8192)
+    client, session = server.pair(send_buffer=8192)
     sent = flood(client, 100_000)
     assert sent < len(FLOOD) * 100_000, "the client was never pushed back"
     per_chunk = 2048 // len(FLOOD) + 1
-    assert agent.most_waiting <= limits.backlog_high + per_chunk
+    assert session.most_waiting <= limits.backlog_high + per_chunk
     rest = -sent % len(FLOOD)
-    agent.hold = False
-    agent.release()
+    session.hold = False
+    session.release()
     client.send(FLOOD[len(FLOOD) - rest :] if rest else b"")
     client.send(b"GETCONF {Name done}\r\n")
     assert client.line() == b"CONF {Name done}\r\n"
-    assert len(agent.commands) == (sent + rest) // len(FLOOD) + 1
-    assert {command.word for command in agent.commands[:-1]} == {"DRIVE"}
+    assert len(session.commands) == (sent + rest) // len(FLOOD) + 1
+    assert {command.word for command in session.commands[:-1]} == {"DRIVE"}
 
 
 def test_reading_goes_on_at_the_low_mark_only(control, monkeypatch):
-    """Between the marks nothing is read; at the low one the agent's word alone sets it going."""
+    """Between the marks nothing is read; at the low one the session's word alone sets it going."""
     monkeypatch.setattr(control_module, "_HANG_UP_POLL", 60.0)
     limits = ControlLimits(backlog_high=50, backlog_low=10, receive_buffer=4096, send_buffer=4096)
     server = control(limits, hold=True)
-    client, agent = server.pair(send_buffer=4096)
+    client, session = server.pair(send_buffer=4096)
     flood(client, 20_000)
-    assert eventually(lambda: agent.backlog > 50)
-    before = agent.backlog
-    agent.release(before - 11)
+    assert eventually(lambda: session.backlog > 50)
+    before = session.backlog
+    session.release(before - 11)
     time.sleep(0.05)
-    assert agent.backlog == 11
-    agent.release(1)
-    assert eventually(lambda: agent.backlog > 11)
+    assert session.backlog == 11
+    session.release(1)
+    assert eventually(lambda: session.backlog > 11)
 
 
 def test_forgotten_notice_delays_reading_but_does_not_stop_it(control):
-    """An agent that never says that it caught up is looked at five times a second."""
+    """A session that never says that it caught up is looked at five times a second."""
     limits = ControlLimits(backlog_high=50, backlog_low=10, receive_buffer=4096, send_buffer=4096)
     server = control(limits, hold=True)
-    client, agent = server.pair(send_buffer=4096)
+    client, session = server.pair(send_buffer=4096)
     flood(client, 20_000)
-    assert eventually(lambda: agent.backlog > 50)
-    agent.release(tell=False)
-    assert eventually(lambda: agent.backlog > 0)
+    assert eventually(lambda: session.backlog > 50)
+    session.release(tell=False)
+    assert eventually(lambda: session.backlog > 0)
 
 
 @pytest.mark.parametrize("end", [end_by_reset, lambda client: client.close()])
 def test_close_behind_a_flood_is_noticed(control, end):
     """Checklist 13: a client that floods and closes goes at once, though its input is unread."""
     server = control(ControlLimits(backlog_high=50, backlog_low=10), hold=True)
-    client, agent = server.pair()
+    client, session = server.pair()
     client.send(FLOOD * 1000)  # about half of the receive buffer
-    assert eventually(lambda: agent.backlog > 50)
+    assert eventually(lambda: session.backlog > 50)
     time.sleep(0.05)
-    assert agent.backlog < 500, "input was not paused"
+    assert session.backlog < 500, "input was not paused"
     end(client)
-    assert eventually(lambda: agent.closes == 1)
+    assert eventually(lambda: session.closes == 1)
 
 
 def test_flooding_client_does_not_delay_another(control):
@@ -253,7 +253,7 @@ def test_each_chunk_of_input_is_a_turn_of_the_loop():
         turns = Turns()
         complete = asyncio.Event()
 
-        class Agent:
+        class Session:
             backlog, work, has_role = 0, 0.0, True
 
             def submit(self, commands):
@@ -265,7 +265,7 @@ def test_each_chunk_of_input_is_a_turn_of_the_loop():
             def close(self):
                 pass
 
-        service = ControlService("127.0.0.1", 0, GREETING, lambda *_: Agent())
+        service = ControlService("127.0.0.1", 0, GREETING, lambda *_: Session())
         endpoint = await service.start()
         with socket.create_connection((endpoint.host, endpoint.port)) as client:
             client.sendall(FLOOD * 1000)  # the loop does not run meanwhile
@@ -296,11 +296,11 @@ def test_output_gives_others_their_turn(monkeypatch):
 
         monkeypatch.setattr(socket.socket, "send", traced)
 
-        def agent(peer, outbox, on_backlog_low):
+        def session(peer, outbox, on_backlog_low):
             fill(FakeAgent(peer, outbox, on_backlog_low, hold=False), 500, length=1)
             return FakeAgent(peer, outbox, on_backlog_low, hold=False)
 
-        service = ControlService("127.0.0.1", 0, GREETING, agent)
+        service = ControlService("127.0.0.1", 0, GREETING, session)
         endpoint = await service.start()
         with socket.create_connection((endpoint.host, endpoint.port)):
             await complete.wait()
@@ -311,32 +311,32 @@ def test_output_gives_others_their_turn(monkeypatch):
     assert most_in_one_turn(sends) <= 32
 
 
-# Defects of agents
+# Defects of sessions
 
 
 def test_defect_in_an_agent_ends_its_connection_only(control, caplog):
     """An exception out of `submit` closes that connection, with a traceback, and no other."""
     server = control()
     other, _ = server.pair()
-    client, agent = server.pair()
+    client, session = server.pair()
     client.send(b"KILL\r\n")
     assert client.ended()
-    assert eventually(lambda: agent.closes == 1)
+    assert eventually(lambda: session.closes == 1)
     assert eventually(lambda: any(record.exc_info for record in caplog.records))
     other.send(b"GETCONF {Name other}\r\n")
     assert other.line() == b"CONF {Name other}\r\n"
 
 
 def test_defect_in_the_factory_ends_its_connection_only(control, caplog):
-    """A client whose agent cannot be made is closed; the next one is served."""
+    """A client whose session cannot be made is closed; the next one is served."""
     server = control()
-    server.refuse = RuntimeError("no agent today")
+    server.refuse = RuntimeError("no session today")
     assert server.connect(greet=False).ended()
     server.refuse = None
     client, _ = server.pair()
     client.send(b"GETCONF {Name next}\r\n")
     assert client.line() == b"CONF {Name next}\r\n"
-    assert any("no agent today" in str(record.exc_info) for record in caplog.records)
+    assert any("no session today" in str(record.exc_info) for record in caplog.records)
 
 
 def test_connections_leave_no_descriptors_behind(control):

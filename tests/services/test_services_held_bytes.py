@@ -24,7 +24,7 @@ from usarsim_server.services.comserver import ComServerLimits
 from usarsim_server.services.control import ControlLimits
 from usarsim_server.services.dialogue import MAX_REQUEST, DialogueLimits
 from usarsim_server.services.images import ImageLimits
-from usarsim_server.services.relay import Road
+from usarsim_server.services.relay import LinkOptions
 from usarsim_server.services.wireless import WirelessLimits
 from usarsim_server.sessions.outbox import OutboxLimits
 
@@ -102,25 +102,25 @@ def test_commands_that_wait_and_answers_that_nobody_reads(memory: Counting) -> N
         heavy += b"{Params " + b"y" * (MAX_LINE - len(heavy) - 9) + b"}"
         memory.begin()
         flood(clients, heavy + b"\r\n" + b"DRIVE {L 1} {R 1}\r\n" * 20)
-        for _, agent in pairs:
-            _fill(agent)
+        for _, session in pairs:
+            _fill(session)
         assert memory.peak() < CLIENTS * limits.held_bytes + OURS
         assert memory.peak() > CLIENTS * limits.held_bytes // 2, "the figure is far too large"
-        assert all(agent.closes == 0 for _, agent in pairs)
+        assert all(session.closes == 0 for _, session in pairs)
     finally:
         running.stop()
 
 
-def _fill(agent: control.FakeAgent) -> None:
+def _fill(session: control.FakeAgent) -> None:
     """Have an outbox hold as much as it takes, in as many lines as it takes, and a long reply."""
     outbox = OutboxLimits()
     for number in range(2 * outbox.stream_lines):
         length = outbox.stream_bytes // outbox.stream_lines
-        agent.outbox.put_stream(b"%*d\r\n" % (length - 2, number))
-    agent.outbox.put_reply(b"%*d\r\n" % (128 * 1024, 0))  # waits in the kernel's buffer, in part
+        session.outbox.put_stream(b"%*d\r\n" % (length - 2, number))
+    session.outbox.put_reply(b"%*d\r\n" % (128 * 1024, 0))  # waits in the kernel's buffer, in part
     length = (outbox.reply_bytes - 200 * 1024) // (outbox.reply_lines - 2)
     for number in range(outbox.reply_lines - 2):
-        agent.outbox.put_reply(b"%*d\r\n" % (length - 2, number))
+        session.outbox.put_reply(b"%*d\r\n" % (length - 2, number))
 
 
 def test_half_requests(memory: Counting) -> None:
@@ -158,7 +158,7 @@ def test_links_full_both_ways(memory: Counting) -> None:
         ends = [end for pair in links for end in pair]
         memory.begin()
         flood(ends, b"x" * 65_536, quiet=0.5)
-        assert memory.peak() < CLIENTS * Road().held_bytes + OURS
+        assert memory.peak() < CLIENTS * LinkOptions().held_bytes + OURS
 
 
 def test_older_wireless(memory: Counting) -> None:

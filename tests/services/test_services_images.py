@@ -27,10 +27,10 @@ from usarsim_server.cameras.encoding import Encoder, encode_jpeg
 from usarsim_server.cameras.view import Frame, Grid, Region
 from usarsim_server.errors import ServiceError
 from usarsim_server.protocol.images import NORMAL, RAW, ImageType
-from usarsim_server.services.attention import Repeats
 from usarsim_server.services.images import ImageLimits, ImageService
 from usarsim_server.services.listener import Endpoint
 from usarsim_server.services.ready import run_services
+from usarsim_server.services.watch_list import Repeats
 from usarsim_server.testing import PATIENCE
 
 TILE_SIZE = (TILE.width, TILE.height)

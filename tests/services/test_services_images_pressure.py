@@ -27,8 +27,8 @@ from services_harness import eventually
 
 from usarsim_server.cameras.view import Region
 from usarsim_server.services import listener
-from usarsim_server.services.attention import Bell
 from usarsim_server.services.images import ImageLimits
+from usarsim_server.services.watch_list import FrameSignal
 from usarsim_server.testing import PATIENCE
 
 TILE_SIZE = (TILE.width, TILE.height)
@@ -89,9 +89,9 @@ def test_word_of_many_frames_reaches_the_loop_once() -> None:
     """A renderer that is faster than the loop does not fill it with calls; the last frame wins."""
 
     async def scenario() -> None:
-        bell, source = Bell(), FakeSource()
-        watch = source.watch(GRID.frame, bell.ring)
-        news = bell.next()
+        signal, source = FrameSignal(), FakeSource()
+        watch = source.watch(GRID.frame, signal.ring)
+        news = signal.next()
         calls = 0
         soon = asyncio.get_running_loop().call_soon_threadsafe
 
@@ -100,7 +100,7 @@ def test_word_of_many_frames_reaches_the_loop_once() -> None:
             calls += 1
             return soon(*arguments)
 
-        bell._loop.call_soon_threadsafe = counted  # type: ignore[method-assign]
+        signal._loop.call_soon_threadsafe = counted  # type: ignore[method-assign]
         for value in range(50):
             source.show(value)
         assert int((await news).pixels[0, 0, 0]) == 49

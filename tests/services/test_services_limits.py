@@ -200,19 +200,19 @@ FLOOD = b"DRIVE {Left 1.00}\r\n"
 def test_flood_is_read_at_the_rate_and_nothing_is_lost(control, caplog) -> None:
     """1600 commands at 400 a second take three seconds after the first 400; others are served."""
     server = control(ControlLimits(rate=400.0))
-    client, agent = server.pair()
+    client, session = server.pair()
     other, _ = server.pair()
     begun = time.monotonic()
     client.send(FLOOD * 1600 + b"GETCONF {Name done}\r\n")
     other.send(b"GETCONF {Name other}\r\n")
     assert other.line() == b"CONF {Name other}\r\n"
-    assert len(agent.commands) < 1600
+    assert len(session.commands) < 1600
     client.socket.settimeout(PATIENCE)
     assert client.line() == b"CONF {Name done}\r\n"
     assert time.monotonic() - begun > 2.5
-    assert words(agent) == ["DRIVE"] * 1600 + ["GETCONF"]
+    assert words(session) == ["DRIVE"] * 1600 + ["GETCONF"]
     [record] = [one for one in caplog.records if "too fast" in one.getMessage()]
-    assert record.usarsim_facts["connection"] == agent.peer
+    assert record.usarsim_facts["connection"] == session.peer
     assert eventually(lambda: server.service._rates.waiting == 0)
 
 
@@ -220,50 +220,50 @@ def test_costly_commands_wait_for_their_turn_and_nobody_else_does(control) -> No
     """Who has used up what is its own gets a part of a processor, here next to nothing; others are
     served at once, and those who take turns with it are not forgotten."""
     server = control(ControlLimits(share=1e-6))
-    client, agent = server.pair()
-    agent.cost = 2e-3
+    client, session = server.pair()
+    session.cost = 2e-3
     client.send(FLOOD * 3000)
     assert eventually(lambda: server.service._rates.waiting == 1)
-    executed = len(agent.commands)
+    executed = len(session.commands)
     assert executed < 300, "it has been read on credit"
     other, _ = server.pair()
     for number in range(20):
         other.send(b"GETCONF {Name %d}\r\n" % number)
         assert other.line() == b"CONF {Name %d}\r\n" % number
-    assert len(agent.commands) == executed
-    assert agent.closes == 0
+    assert len(session.commands) == executed
+    assert session.closes == 0
 
 
 def test_nobody_waits_for_commands_that_wait_already(control) -> None:
     """What a client sends before its first command is done cannot be told in time: little is read,
     and all of it is executed."""
     server = control(ControlLimits(), hold=True)
-    client, agent = server.pair()
+    client, session = server.pair()
     client.send(FLOOD * 3000)
-    assert eventually(lambda: agent.backlog > 64)
+    assert eventually(lambda: session.backlog > 64)
     time.sleep(0.1)
-    assert agent.backlog <= 64 + 2048 // len(FLOOD) + 1
-    agent.hold = False
-    agent.release()
-    assert eventually(lambda: len(agent.commands) == 3000)
+    assert session.backlog <= 64 + 2048 // len(FLOOD) + 1
+    session.hold = False
+    session.release()
+    assert eventually(lambda: len(session.commands) == 3000)
 
 
 def test_without_a_rate_nothing_is_charged(control) -> None:
     """In lockstep and at the fastest pace wall time must not decide what is read when."""
     server = control(ControlLimits(rate=math.inf, share=1e-6))
-    client, agent = server.pair()
-    agent.cost = 1.0
+    client, session = server.pair()
+    session.cost = 1.0
     client.send(FLOOD * 5000 + b"GETCONF {Name done}\r\n")
     assert client.line() == b"CONF {Name done}\r\n"
-    assert len(agent.commands) == 5001
+    assert len(session.commands) == 5001
 
 
 def test_requests_with_long_answers_cost_more(control) -> None:
     """A client is charged for what it makes the server say, too."""
     server = control(ControlLimits(rate=400.0))
-    client, agent = server.pair()
+    client, session = server.pair()
     answer = b"GEO {Name x}" + b"x" * 1200 * 1024 + b"\r\n"
-    agent.outbox.put_reply(answer)
+    session.outbox.put_reply(answer)
     assert client.line() == answer
     begun = time.monotonic()
     client.send(b"GETCONF {Name 1}\r\n")
@@ -277,11 +277,11 @@ def test_requests_with_long_answers_cost_more(control) -> None:
 def test_client_that_is_held_back_may_go(control, end) -> None:
     """Checklist 13 and 14: to have sent too much delays no goodbye."""
     server = control(ControlLimits(rate=200.0))
-    client, agent = server.pair()
+    client, session = server.pair()
     client.send(b"{}ACT" * 4000 + b"\r\n")
     assert eventually(lambda: server.service._rates.waiting == 1)
     end(client)
-    assert eventually(lambda: agent.closes == 1)
+    assert eventually(lambda: session.closes == 1)
     assert eventually(lambda: server.service._rates.waiting == 0)
 
 
@@ -289,11 +289,11 @@ def test_stop_does_not_wait_for_clients_that_are_held_back(control, caplog, monk
     """A server that ends forgets what they owe."""
     monkeypatch.setattr(listener_module, "_STOP_TIMEOUT", PATIENCE)
     server = control(ControlLimits(rate=200.0))
-    client, agent = server.pair()
+    client, session = server.pair()
     client.send(b"{}ACT" * 4000 + b"\r\n")
     assert eventually(lambda: server.service._rates.waiting == 1)
     server.stop_service()
-    assert agent.closes == 1
+    assert session.closes == 1
     assert "connections did not end in time" not in caplog.messages
 
 
@@ -365,12 +365,12 @@ def test_longest_line_can_be_set(control, caplog) -> None:
     """Checklist 20: a lab may allow longer lines; what is longer still is thrown away."""
     caplog.set_level("INFO", "usarsim")
     server = control(ControlLimits(max_line=100_000))
-    client, agent = server.pair()
+    client, session = server.pair()
     client.send(b"GETCONF {Name a}".ljust(100_000) + b"\r\n")
     assert client.line() == b"CONF {Name a}\r\n"
     client.send(b"GETCONF {Name b}".ljust(100_001) + b"\r\nGETCONF {Name c}\r\n")
     assert client.line() == b"CONF {Name c}\r\n"
-    assert words(agent) == ["GETCONF", "GETCONF"]
+    assert words(session) == ["GETCONF", "GETCONF"]
     [record] = [one for one in caplog.records if "too long" in one.getMessage()]
     assert record.usarsim_facts["limit"] == 100_000
 

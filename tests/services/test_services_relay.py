@@ -95,10 +95,10 @@ class TestRelay:
         """The caller is connected, then hears the end (4.3)."""
         with Running(Line(A=0, B=1)) as running:
             a, b = running.robot("A"), running.robot("B")
-            road = a.road_to("B")
+            link_options = a.road_to("B")
             b.listeners[0].close()
-            assert closed(a.call(road))
-            assert not refuses(road)
+            assert closed(a.call(link_options))
+            assert not refuses(link_options)
 
     def test_a_reset_ends_the_other_side(self) -> None:
         """A lost peer ends the link on both sides."""
@@ -127,18 +127,18 @@ class TestReach:
         """Both sockets close and the port refuses; back again the same port accepts (check 75)."""
         with Running(Line(A=0, B=NEAR)) as running:
             a, b = running.robot("A"), running.robot("B")
-            road = a.road_to("B")
-            mine, theirs = a.call(road), b.accept()
+            link_options = a.road_to("B")
+            mine, theirs = a.call(link_options), b.accept()
             for _ in range(2):
                 running.line.places["B"] = FAR
                 assert closed(mine)
                 assert closed(theirs)
-                assert eventually(lambda: refuses(road))
-                assert a.road_to("B") == road
+                assert eventually(lambda: refuses(link_options))
+                assert a.road_to("B") == link_options
                 running.line.places["B"] = NEAR
-                assert eventually(lambda: not refuses(road))
+                assert eventually(lambda: not refuses(link_options))
                 b.accept().close()
-                mine, theirs = a.call(road), b.accept()
+                mine, theirs = a.call(link_options), b.accept()
                 mine.sendall(b"again")
                 assert received(theirs, 5) == b"again"
 
@@ -146,10 +146,10 @@ class TestReach:
         """DNS answers, the port refuses until the radio reaches."""
         with Running(Line(A=0, B=FAR)) as running:
             a, b = running.robot("A"), running.robot("B")
-            road = a.road_to("B")
-            assert refuses(road)
+            link_options = a.road_to("B")
+            assert refuses(link_options)
             running.line.places["B"] = NEAR
-            assert eventually(lambda: not refuses(road))
+            assert eventually(lambda: not refuses(link_options))
             b.accept().close()
 
     def test_only_the_pair_out_of_range_is_cut(self) -> None:
@@ -168,8 +168,8 @@ class TestReach:
         """Gone from the simulator or without power: control, links and ports close (check 76)."""
         with Running(Line(A=0, B=1)) as running:
             a, b = running.robot("A"), running.robot("B")
-            road = a.road_to("B")
-            mine, theirs = a.call(road), b.accept()
+            link_options = a.road_to("B")
+            mine, theirs = a.call(link_options), b.accept()
             if why == "gone":
                 del running.line.places["B"]
             else:
@@ -177,7 +177,7 @@ class TestReach:
             assert b.control.ended()
             assert closed(mine)
             assert closed(theirs)
-            assert eventually(lambda: refuses(road))
+            assert eventually(lambda: refuses(link_options))
             assert a.control.ask("GETSS {Robot B}").endswith("{Error Robot.Does.Not.Exist}")
             assert a.control.ask("DNS {Robot B}").endswith("{Error NoSuchRobot}")
 

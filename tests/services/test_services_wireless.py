@@ -228,13 +228,13 @@ def test_stopping_ends_everything() -> None:
     """Links, ports and control connections are gone when the service has stopped."""
     running = Running(Line(A=0, B=1))
     a, b = running.robot("A"), running.robot("B")
-    road = a.road_to("B")
-    mine, theirs = a.call(road), b.accept()
+    link_options = a.road_to("B")
+    mine, theirs = a.call(link_options), b.accept()
     running.call(running.wireless.stop())
     assert closed(mine)
     assert closed(theirs)
     assert a.control.ended()
-    assert refuses(road)
+    assert refuses(link_options)
     assert refuses(running.port)
     running.stop()
 
@@ -304,15 +304,15 @@ class TestQuotas:
         limits = WirelessLimits(links_per_robot=2, poll=0.02)
         with Running(Line(A=0, B=1), limits=limits) as running:
             a, b = running.robot("A"), running.robot("B")
-            road = a.road_to("B")
+            link_options = a.road_to("B")
             links = [a.link(b) for _ in range(2)]
-            assert closed(a.call(road))
+            assert closed(a.call(link_options))
             b.link(a)
             for end in links[0]:
                 end.close()
 
             def passes() -> bool:
-                mine = a.call(road)
+                mine = a.call(link_options)
                 mine.settimeout(0.1)
                 try:
                     return mine.recv(1) != b""

@@ -21,7 +21,7 @@ from usarsim_server.radio.network import Network, RadioWorld
 from usarsim_server.radio.stations import Station
 from usarsim_server.services.comserver import ComServerLimits, ComServerService
 from usarsim_server.services.dialogue import Desk
-from usarsim_server.services.relay import Road
+from usarsim_server.services.relay import LinkOptions
 from usarsim_server.services.wireless import WirelessLimits, WirelessService
 from usarsim_server.testing import PATIENCE
 
@@ -113,9 +113,9 @@ class Robot:
         assert answer.startswith(prefix), answer
         return int(answer.removeprefix(prefix).rstrip("}"))
 
-    def call(self, road: int) -> socket.socket:
+    def call(self, link_options: int) -> socket.socket:
         """Connect to a relay port."""
-        made = socket.create_connection(("127.0.0.1", road), timeout=PATIENCE)
+        made = socket.create_connection(("127.0.0.1", link_options), timeout=PATIENCE)
         self._running.sockets.append(made)
         return made
 
@@ -169,7 +169,7 @@ class Running:
             0,
             network(),
             Desk("wireless", truth, limits) if tells_truth else None,
-            road=Road(options.shape, speed),
+            link_options=LinkOptions(options.shape, speed),
             limits=limits,
             owners=lambda: self.owners,
             strict=strict,

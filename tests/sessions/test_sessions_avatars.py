@@ -118,7 +118,7 @@ def test_people_make_room(stage: Rehearsal) -> None:
     clients = [avatar(stage, "8,0,-1") for _ in range(2)]
     stage.run(0.4)
     places = [statuses(client)[-1].place[:2] for client in clients]
-    state = stage.assembly.fleet.vehicles[-1].body.look()
+    state = stage.assembly.robots.vehicles[-1].body.look()
     assert state is not None
     assert state.pose.position[:2] == pytest.approx((8, 0), abs=0.02)
     assert 0.3 < math.dist(places[0], (8, 0)) < 1.5
@@ -345,7 +345,7 @@ def test_a_person_pushes_a_robot_aside_softly(stage: Rehearsal) -> None:
     stage.run(0.5)
     client.send("MOVE {Type Walk_Forward} {Action New} {Location 44,0}")
     highest = 0.0
-    vehicle = stage.assembly.fleet.vehicles[-1]
+    vehicle = stage.assembly.robots.vehicles[-1]
     for _ in range(50):
         stage.run(0.1)
         state = vehicle.body.look()
@@ -367,7 +367,7 @@ def test_facts_bear_the_name(stage: Rehearsal) -> None:
     snapshot = stage.assembly.simulation.look()
     slot = snapshot.layouts[found.body].slot
     for body in ("base", "shin_left"):
-        facts = stage.assembly.fleet.object_facts(f"robot{slot}:{body}", snapshot)
+        facts = stage.assembly.robots.object_facts(f"robot{slot}:{body}", snapshot)
         assert facts is not None
         assert facts.name == "Anna"
     leave(stage, client)

@@ -46,7 +46,7 @@ class Caller:
         self.rounds = 1
         self.done = threading.Event()
 
-    def execute(self, apart: bool) -> None:
+    def execute(self, own_thread: bool) -> None:
         """Note who executes."""
         self.threads.append(threading.current_thread().name)
         self.log.append(f"begin {self.name}")
@@ -103,7 +103,7 @@ class World:
             raise ValueError("poisoned rays")
         return [[RayHits(np.array([one.origin[0]])) for one in query.fans] for query in queries]
 
-    def rested(self) -> None:
+    def on_idle(self) -> None:
         """Count."""
         self.rests += 1
 
@@ -117,14 +117,14 @@ def world() -> World:
 @pytest.fixture
 def dispatcher(world: World) -> Iterator[Dispatcher]:
     """A dispatcher that is stopped afterwards."""
-    made = Dispatcher(world.cast_all, world.rested)
+    made = Dispatcher(world.cast_all, world.on_idle)
     yield made
     made.stop(5.0)
 
 
 def serve(dispatcher: Dispatcher, callers: Sequence[Caller]) -> None:
     """Let all call at once and wait until they have been served."""
-    with dispatcher.together():
+    with dispatcher.batched():
         for caller in callers:
             dispatcher.call(caller)
     for caller in callers:
@@ -184,10 +184,10 @@ def test_what_takes_long_gets_a_thread_of_its_own(dispatcher: Dispatcher) -> Non
     slow.slow, gate = True, threading.Event()
     original = slow.execute
 
-    def execute(apart: bool) -> None:
-        assert apart
+    def execute(own_thread: bool) -> None:
+        assert own_thread
         gate.wait(TIMEOUT)
-        original(apart)
+        original(own_thread)
 
     slow.execute = execute  # type: ignore[method-assign]
     dispatcher.call(slow)
@@ -247,7 +247,7 @@ def test_callers_may_hold_locks_of_their_own(dispatcher: Dispatcher) -> None:
             dispatcher.call(other)
 
     thread = threading.Thread(target=call_with_lock, daemon=True)
-    with dispatcher.together():
+    with dispatcher.batched():
         thread.start()
         assert inside.wait(TIMEOUT)
         assert lock.acquire(timeout=TIMEOUT)
@@ -259,7 +259,7 @@ def test_callers_may_hold_locks_of_their_own(dispatcher: Dispatcher) -> None:
 
 def test_after_the_end_nobody_is_served(world: World) -> None:
     """Calls during and after the stop are ignored, and no thread is left."""
-    dispatcher = Dispatcher(world.cast_all, world.rested)
+    dispatcher = Dispatcher(world.cast_all, world.on_idle)
     serve(dispatcher, [Caller(0, None, [])])
     dispatcher.stop(5.0)
     late = Caller(1, None, [])
@@ -277,14 +277,14 @@ def test_a_lost_robot_leaves_the_connection_usable(
     connection.send("INIT {ClassName P2AT} {Location 120,0,-0.3}")
     stage.run(1.0)
     before = truth(stage, witness)[0]
-    vehicle = stage.assembly.fleet.vehicles[-1]
+    vehicle = stage.assembly.robots.vehicles[-1]
     simulation = stage.assembly.simulation
     layout = simulation.look().layouts[vehicle.robot]
     simulation._engine.data.qvel[layout.dof] = math.nan
     connection.take()
     stage.run(0.5)
     assert connection.take("DIE")
-    assert vehicle not in stage.assembly.fleet.vehicles
+    assert vehicle not in stage.assembly.robots.vehicles
     assert truth(stage, witness)[0] == pytest.approx(before, abs=0.01)
     connection.send("INIT {ClassName P2AT} {Location 120,0,-0.3}")
     stage.run(0.5)
@@ -303,7 +303,7 @@ def test_one_handler_failing_does_not_touch_another(
     def fail(request: object) -> list[str]:
         raise RuntimeError("a defect")
 
-    monkeypatch.setattr(connection.agent._role, "obey", fail)
+    monkeypatch.setattr(connection.session._role, "obey", fail)
     connection.send("GETCONF {Type Robot}")
     other.take()
     stage.run(1.0)
@@ -325,14 +325,14 @@ def test_who_hangs_up_while_waiting_gets_no_robot() -> None:
     others would wait for."""
     with running_server(world="empty") as (assembly, _):
         slots = assembly.simulation._slots
-        agent = assembly.make_agent("hasty", Outbox(), lambda: None)
+        session = assembly.make_session("hasty", Outbox(), lambda: None)
         with slots._lock:  # somebody else's class is being compiled
-            agent.submit(parse_line(b"INIT {ClassName P3AT} {Location 0,0,-0.3}"))
+            session.submit(parse_line(b"INIT {ClassName P3AT} {Location 0,0,-0.3}"))
             assert eventually(lambda: slots.busy)
-            agent.close()
-        assert eventually(agent.idle)
+            session.close()
+        assert eventually(session.idle)
         assert assembly.simulation.look().generation == 0
-        assert assembly.fleet.vehicles == ()
+        assert assembly.robots.vehicles == ()
 
 
 def _play(seed: int) -> list[str]:

@@ -143,7 +143,7 @@ def test_robots_are_moved_by_name(stage: Rehearsal, client: RehearsedClient) -> 
     create(client, "a", "-20,5,-0.15")
     control(client, "AbsMove", Name="Rover 7", Location="-20,5,-0.3")
     stage.run(1.0)
-    state = stage.assembly.fleet.vehicles[-1].body.look()
+    state = stage.assembly.robots.vehicles[-1].body.look()
     assert state is not None
     x, y, _ = state.pose.position
     assert 0.25 < math.dist((x, -y), (-20, 5)) < 1.5
@@ -264,7 +264,7 @@ def test_an_object_on_a_path_pushes_a_robot(stage: Rehearsal, client: RehearsedC
     control(client, "SetWP", Name="a", Speed="0.5")
     control(client, "AddWP", Name="a", WP="-9.5,0,-0.25")
     stage.run(5.0)
-    state = stage.assembly.fleet.vehicles[-1].body.look()
+    state = stage.assembly.robots.vehicles[-1].body.look()
     robot.close()
     stage.run(0.1)
     assert where(client, "a") == near(-9.5, 0, -0.25)

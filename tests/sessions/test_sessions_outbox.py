@@ -103,11 +103,11 @@ def test_condemned_outbox_keeps_no_memory_and_takes_nothing_more() -> None:
     """After condemnation what waited is gone and later lines are ignored."""
     outbox = Outbox(limits=SMALL)
     outbox.put_stream(b"STA\r\n")
-    outbox.condemn("the agent failed")
+    outbox.condemn("the session failed")
     outbox.put_reply(b"CONF\r\n")
     outbox.put_stream(b"STA\r\n")
     assert (len(outbox), outbox.waiting_bytes, outbox.take()) == (0, 0, None)
-    assert outbox.condemned == "the agent failed"
+    assert outbox.condemned == "the session failed"
 
 
 def test_first_reason_of_condemnation_stays() -> None:

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from usarsim_server.sessions.robots import NO_BATTERY, Battery, Power
-from usarsim_server.sessions.schedule import BEAT, Schedule, Ticks, first_report
+from usarsim_server.sessions.schedule import REPORT_GRID, LockstepTicks, Schedule, first_report
 
 INTERVALS = st.lists(st.sampled_from([0.0, 0.05, 0.1, 0.2, 0.25, 0.3, 1.0]), min_size=1, max_size=8)
 
@@ -75,7 +75,7 @@ def test_a_new_interval_counts_from_the_next_report() -> None:
     assert schedule.take_due(0.7) == [0, 1]
 
 
-@given(st.floats(0.0, 1e4), st.floats(0.0, 5.0), st.sampled_from([BEAT, 0.1]))
+@given(st.floats(0.0, 1e4), st.floats(0.0, 5.0), st.sampled_from([REPORT_GRID, 0.1]))
 def test_the_first_report_is_on_a_beat_as_the_quiet_period_ends(
     asked: float, took: float, beat: float
 ) -> None:
@@ -85,12 +85,12 @@ def test_the_first_report_is_on_a_beat_as_the_quiet_period_ends(
     assert first / beat == pytest.approx(round(first / beat), abs=1e-5)
     assert first > now
     assert first > asked + 0.25 - 1e-5
-    assert first <= max(now, asked + quiet - BEAT) + beat + 1e-5
+    assert first <= max(now, asked + quiet - REPORT_GRID) + beat + 1e-5
 
 
 def test_without_lockstep_nothing_waits() -> None:
     """No period, no ticks, and answers are not wanted."""
-    ticks = Ticks(None)
+    ticks = LockstepTicks(None)
     ticks.begin(1.0)
     assert (ticks.horizon, ticks.due) == (math.inf, math.inf)
     assert not ticks.passes(5.0)
@@ -99,7 +99,7 @@ def test_without_lockstep_nothing_waits() -> None:
 
 def test_the_first_tick_is_where_the_world_stands_or_the_next_one() -> None:
     """Who comes at a tick is waited for at once, who comes between two at the second."""
-    ticks = Ticks(0.1)
+    ticks = LockstepTicks(0.1)
     ticks.begin(0.3)
     assert ticks.horizon == pytest.approx(0.3)
     assert ticks.due == ticks.horizon
@@ -109,7 +109,7 @@ def test_the_first_tick_is_where_the_world_stands_or_the_next_one() -> None:
 
 def test_every_tick_is_told_once_and_needs_an_answer() -> None:
     """After a tick nothing is due until the client has answered; then the next one is."""
-    ticks = Ticks(0.5)
+    ticks = LockstepTicks(0.5)
     ticks.begin(0.0)
     assert ticks.passes(0.0)
     assert not ticks.passes(0.0)
@@ -122,7 +122,7 @@ def test_every_tick_is_told_once_and_needs_an_answer() -> None:
 
 def test_several_ticks_at_once() -> None:
     """An answer for more ticks, and answers in advance, move the horizon on by as many."""
-    ticks = Ticks(0.1)
+    ticks = LockstepTicks(0.1)
     ticks.begin(0.0)
     ticks.answer(3, 0.0)
     ticks.answer(1, 0.0)
@@ -131,7 +131,7 @@ def test_several_ticks_at_once() -> None:
 
 def test_who_is_late_need_not_answer_what_he_missed() -> None:
     """If the world went on while a robot came, its client is told of the last tick only."""
-    ticks = Ticks(0.1)
+    ticks = LockstepTicks(0.1)
     ticks.begin(0.0)
     assert ticks.passes(1.04)
     assert ticks.horizon == pytest.approx(1.0)
@@ -139,7 +139,7 @@ def test_who_is_late_need_not_answer_what_he_missed() -> None:
 
 def test_who_was_let_go_is_waited_for_after_the_next_answer() -> None:
     """A client that fell silent may come back."""
-    ticks = Ticks(0.1)
+    ticks = LockstepTicks(0.1)
     ticks.begin(0.0)
     assert ticks.let_go()
     assert math.isinf(ticks.horizon)
@@ -151,7 +151,7 @@ def test_who_was_let_go_is_waited_for_after_the_next_answer() -> None:
 @given(st.floats(0.01, 60.0), st.lists(st.integers(1, 50), max_size=50))
 def test_ticks_do_not_drift(period: float, answers: list[int]) -> None:
     """However many ticks have passed, each is a multiple of the period to rounding."""
-    ticks = Ticks(period)
+    ticks = LockstepTicks(period)
     ticks.begin(0.0)
     for number in answers:
         ticks.answer(number, ticks.horizon)

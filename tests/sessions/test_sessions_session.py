@@ -86,7 +86,7 @@ def test_battery_of_init(stage: Rehearsal, client: RehearsedClient) -> None:
     client.send("DRIVE {Left 2} {Right 2}", "GETCONF {Type Robot}")
     stage.run(1.0)
     assert {line.split()[0] for line in client.lines} == {"STA"}
-    vehicle = stage.assembly.fleet.vehicles[-1]
+    vehicle = stage.assembly.robots.vehicles[-1]
     state = vehicle.body.look()
     assert state is not None
     assert abs(state.wheel_speeds).max() < 0.05
@@ -128,9 +128,9 @@ def test_unknown_class_then_a_known_one(stage: Rehearsal, client: RehearsedClien
 def test_a_second_init_is_ignored(stage: Rehearsal, client: RehearsedClient) -> None:
     """A second INIT makes no second robot (check 79)."""
     client.send("INIT {ClassName P2AT} {Location 0,30,-0.3}")
-    count = len(stage.assembly.fleet.vehicles)
+    count = len(stage.assembly.robots.vehicles)
     client.send("INIT {ClassName P3AT} {Location 0,33,-0.3}")
-    assert len(stage.assembly.fleet.vehicles) == count
+    assert len(stage.assembly.robots.vehicles) == count
     client.send("GETGEO {Type Robot}")
     assert "{Name P2AT}" in client.lines[-1]
 
@@ -142,7 +142,7 @@ def test_a_second_init_can_replace() -> None:
         client.send("INIT {ClassName P2AT} {Location 0,0,-0.3}")
         client.send("INIT {ClassName P3AT} {Location 5,0,-0.3}")
         stage.run(0.5)
-        assert [one.description.name for one in stage.assembly.fleet.vehicles] == ["P3AT"]
+        assert [one.description.name for one in stage.assembly.robots.vehicles] == ["P3AT"]
         assert len(stage.assembly.simulation.snapshot.layouts) == 1
 
 
@@ -199,7 +199,7 @@ def test_tilt_signs(stage: Rehearsal, client: RehearsedClient, rotation: str, in
     angles = numbers(falling[0], "Orientation")
     assert angles[index] == pytest.approx(0.15, abs=0.01)
     assert abs(angles[1 - index]) < 0.01
-    state = stage.assembly.fleet.vehicles[-1].body.look()
+    state = stage.assembly.robots.vehicles[-1].body.look()
     assert state is not None
 
 
@@ -208,7 +208,7 @@ def test_tilt_signs(stage: Rehearsal, client: RehearsedClient, rotation: str, in
 
 def _wheels(stage: Rehearsal, seconds: float = 1.5) -> list[float]:
     stage.run(seconds)
-    state = stage.assembly.fleet.vehicles[-1].body.look()
+    state = stage.assembly.robots.vehicles[-1].body.look()
     assert state is not None
     speeds: list[float] = state.wheel_speeds.tolist()
     return speeds
@@ -265,17 +265,17 @@ def test_flip(stage: Rehearsal, client: RehearsedClient) -> None:
     """Flip rights an overturned robot in ut2004 and leaves an upright one alone (check 153)."""
     client.send("INIT {ClassName P2AT} {Location 60,16,-0.6} {Rotation 3.14159,0,0.7}")
     stage.run(1.0)
-    state = stage.assembly.fleet.vehicles[-1].body.look()
+    state = stage.assembly.robots.vehicles[-1].body.look()
     assert state is not None
     assert state.pose.rotate((0, 0, 1))[2] < -0.8
     client.send("DRIVE {Flip True}")
     stage.run(1.0)
-    state = stage.assembly.fleet.vehicles[-1].body.look()
+    state = stage.assembly.robots.vehicles[-1].body.look()
     assert state is not None
     assert state.pose.rotate((0, 0, 1))[2] > 0.99
     client.send("DRIVE {Flip True}")
     stage.run(0.2)
-    still = stage.assembly.fleet.vehicles[-1].body.look()
+    still = stage.assembly.robots.vehicles[-1].body.look()
     assert still is not None
     assert still.pose.position == pytest.approx(state.pose.position, abs=0.01)
 

@@ -47,12 +47,12 @@ def test_names_of_the_class(stage: Rehearsal, name: str) -> None:
 
 def test_a_controller_is_no_robot(stage: Rehearsal, client: RehearsedClient) -> None:
     """It has no body, streams nothing, and ignores what is meant for robots."""
-    before = len(stage.assembly.fleet.vehicles)
+    before = len(stage.assembly.robots.vehicles)
     stage.run(0.6)
     client.send("DRIVE {Left 1} {Right 1}", "SET {Type INS} {Opcode POSE}", "GETCONF {Type Robot}")
     assert client.take() == []
     client.send("INIT {ClassName P2AT} {Location 0,0,-0.3}")
-    assert len(stage.assembly.fleet.vehicles) == before
+    assert len(stage.assembly.robots.vehicles) == before
     client.send("GETSTARTPOSES")
     assert client.take("NFO {StartPoses")
 
@@ -270,7 +270,7 @@ def test_facts_about_objects_bear_their_names(stage: Rehearsal, client: Rehearse
     assert found is not None
     snapshot = stage.assembly.simulation.look()
     layout = snapshot.layouts[found.body]
-    facts = stage.assembly.fleet.object_facts(f"robot{layout.slot}:base", snapshot)
+    facts = stage.assembly.robots.object_facts(f"robot{layout.slot}:base", snapshot)
     assert facts is not None
     assert (facts.name, facts.material) == ("Target", "Red")
 
@@ -427,7 +427,7 @@ def test_a_second_init_can_change_the_role() -> None:
         client.send("INIT {ClassName USARAvatar.Worker} {Location 0,3,-1}")
         stage.run(0.5)
         assert "{Type USARAvatarWorker}" in client.take("STA")[-1]
-        assert stage.assembly.fleet.vehicles == ()
+        assert stage.assembly.robots.vehicles == ()
         client.send("INIT {ClassName USARBot.WorldController}")
         assert status(client) == {}
         assert stage.assembly.roles.avatars.present() == []

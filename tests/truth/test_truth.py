@@ -127,7 +127,7 @@ def test_two_robots_of_one_name_are_told_apart_by_order() -> None:
 def positions(stage: Rehearsal) -> str:
     """The answer to GETPOS."""
     simulation = stage.assembly.simulation
-    answer = GroundTruth(stage.assembly.fleet.stations, SceneryObstacles(simulation)).answer(
+    answer = GroundTruth(stage.assembly.robots.stations, SceneryObstacles(simulation)).answer(
         "GETPOS"
     )
     assert answer is not None
@@ -195,7 +195,7 @@ class Scorer:
         one = stage.assembly
         self._actors = Actors(
             one.simulation,
-            one.fleet.classes,
+            one.robots.classes,
             one.surroundings.victims,
             one.roles.avatars,
             one.roles.objects,

@@ -73,7 +73,7 @@ def speed_at(stage: Rehearsal, client: RehearsedClient, *places: float) -> list[
         times = []
         for goal in (place, place + 0.4):
             for _ in range(4000):
-                body = stage.assembly.fleet.vehicles[0].body.look()
+                body = stage.assembly.robots.vehicles[0].body.look()
                 assert body is not None
                 if body.pose.position[0] >= goal:
                     break
@@ -148,7 +148,7 @@ def test_a_p2at_on_floor_sand_and_mud(stage: Rehearsal) -> None:
     floor, sand = speed_at(stage, client, 1.7, 3.4)
     assert floor == pytest.approx(3.85 * P2AT_RADIUS, rel=0.02)
     assert 0.93 * floor < sand < 0.98 * floor
-    stage.assembly.fleet.vehicles[0].teleport(Pose((13.3, 0.2, 0.2)))
+    stage.assembly.robots.vehicles[0].teleport(Pose((13.3, 0.2, 0.2)))
     (mud,) = speed_at(stage, client, 15.2)
     left = 0.4 - math.sqrt(0.02 / (2 * P2AT_RADIUS))
     assert mud == pytest.approx(left * P2AT_MASS * G / (4 * 15.0), rel=0.10)
@@ -159,7 +159,7 @@ def test_a_robot_with_a_caster_passes_sand_but_not_mud(stage: Rehearsal) -> None
     client = enter(stage, "P2DX", 2.0, 0.2)
     client.send("DRIVE {Left 3.0} {Right 3.0}")
     assert speed_at(stage, client, 5.3)[0] > 0.2
-    (vehicle,) = stage.assembly.fleet.vehicles
+    (vehicle,) = stage.assembly.robots.vehicles
     vehicle.teleport(Pose((13.4, 0.2, 0.2)))
     stage.run(8.0)
     body = vehicle.body.look()
@@ -191,7 +191,7 @@ def test_a_p2at_cannot_climb_ten_degrees_of_ice(tmp_path: Path, ice: str, climbs
         client = enter(stage, "P2AT", 0.8, 0.0)
         client.send("DRIVE {Left 3.85} {Right 3.85}")
         stage.run(6.0)
-        body = stage.assembly.fleet.vehicles[0].body.look()
+        body = stage.assembly.robots.vehicles[0].body.look()
         assert body is not None
         assert body.wheel_speeds.min() > 2.0
         if climbs:
@@ -221,7 +221,7 @@ def test_a_robot_that_asks_for_a_place_outside_starts_inside() -> None:
         client = stage.connect()
         client.send("INIT {ClassName USARBot.P2AT} {Location 1e6,120,-2.5}")
         stage.run(3.0)
-        state = stage.assembly.fleet.vehicles[0].body.look()
+        state = stage.assembly.robots.vehicles[0].body.look()
         assert state is not None
         x, y, z = state.pose.position
         corner = stage.assembly.world.upper[0], stage.assembly.world.lower[1]
@@ -238,7 +238,7 @@ def test_aircraft_stay_in_the_world(robot: str) -> None:
         client.send(f"INIT {{ClassName USARBot.{robot}}} {{Location 0,0,-6}}")
         client.send("DRIVE {AltitudeVelocity 2} {LinearVelocity -2} {LateralVelocity 0}")
         stage.run(30.0)
-        state = stage.assembly.fleet.vehicles[0].body.look()
+        state = stage.assembly.robots.vehicles[0].body.look()
         assert state is not None
         x, _, z = state.pose.position
         assert x == pytest.approx(stage.assembly.world.lower[0], abs=0.1)

@@ -32,7 +32,7 @@ from usarsim_server.protocol.grammar import Command
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.simulation import BodyHandle
-from usarsim_server.testing import RobotAgent
+from usarsim_server.testing import Session
 
 STATIONS = ("received", "posted", "target", "stepped")
 """Handed to the robot's thread; decided by it; set as the wheels' target speed between two steps of
@@ -57,14 +57,14 @@ def instrumented() -> Iterator[Record]:
     """While inside, every server in this process records when DRIVE commands pass the stations."""
     record: Record = {station: [] for station in STATIONS}
     originals = (
-        (RobotAgent, "submit", RobotAgent.submit),
+        (Session, "submit", Session.submit),
         (BodyHandle, "drive", BodyHandle.drive),
         (Engine, "drive", Engine.drive),
         (Engine, "advance", Engine.advance),
     )
     waiting: list[int] = []
     try:
-        setattr(RobotAgent, "submit", _on_submit(RobotAgent.submit, record["received"]))  # noqa: B010
+        setattr(Session, "submit", _on_submit(Session.submit, record["received"]))  # noqa: B010
         setattr(BodyHandle, "drive", _on_post(BodyHandle.drive, record["posted"]))  # noqa: B010
         setattr(Engine, "drive", _on_target(Engine.drive, record["target"], waiting))  # noqa: B010
         setattr(Engine, "advance", _on_step(Engine.advance, record["stepped"], waiting))  # noqa: B010
@@ -75,11 +75,11 @@ def instrumented() -> Iterator[Record]:
 
 
 def _on_submit(
-    original: Callable[[RobotAgent, list[Command]], None], passed: list[tuple[int, float]]
-) -> Callable[[RobotAgent, list[Command]], None]:
-    def submit(agent: RobotAgent, commands: list[Command]) -> None:
+    original: Callable[[Session, list[Command]], None], passed: list[tuple[int, float]]
+) -> Callable[[Session, list[Command]], None]:
+    def submit(session: Session, commands: list[Command]) -> None:
         moment = time.perf_counter()
-        original(agent, commands)
+        original(session, commands)
         for command in commands:
             request = interpret(command)
             if isinstance(request, Drive) and request.left is not None:

@@ -89,13 +89,13 @@ def measure(
     assembly = assemble(
         Settings(world=world, speed=float("inf"), max_robots=max(robots, 1), robots=folders)
     )
-    simulation, fleet = assembly.simulation, assembly.fleet
-    description = fleet.describe(robot_class)
+    simulation, all_robots = assembly.simulation, assembly.robots
+    description = all_robots.describe(robot_class)
     if description is None:
         raise ValueError(f"no such robot class: {robot_class}")
     starts = assembly.world.starts
     team = [
-        fleet.spawn(description, None, starts[number % len(starts)].pose)
+        all_robots.spawn(description, None, starts[number % len(starts)].pose)
         for number in range(robots)
     ]
     simulation.run_until(simulation.look().time + SETTLE)

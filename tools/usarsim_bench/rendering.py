@@ -233,27 +233,27 @@ def measure_watched(world: str, robots: int, cameras: int, seconds: float) -> Wa
         UsarsimError: if the world cannot be used.
     """
     assembly = _assembly(world, robots, 1.0, cameras)
-    simulation, studio = assembly.simulation, assembly.studio
+    simulation, render_loop = assembly.simulation, assembly.render_loop
     told: list[tuple[float, float]] = []
     try:
-        studio.open()
+        render_loop.open()
         simulation.start()
-        for vehicle in assembly.fleet.vehicles:
+        for vehicle in assembly.robots.vehicles:
             wheels = vehicle.description.driven_wheels
             vehicle.body.drive(np.array([0.6 if wheel.side == "left" else 1.2 for wheel in wheels]))
         tiles = [assembly.board.grid.region(tile) for tile in range(cameras)]
         watches = [
-            studio.watch(tile, lambda frame: told.append((time.perf_counter(), frame.time)))
+            render_loop.watch(tile, lambda frame: told.append((time.perf_counter(), frame.time)))
             for tile in tiles
         ]
         time.sleep(2.0 * SETTLE)
-        started, begun, painted = time.perf_counter(), simulation.look().time, studio.pictures
+        started, begun, painted = time.perf_counter(), simulation.look().time, render_loop.pictures
         told.clear()
         time.sleep(seconds)
         while not told and time.perf_counter() < started + seconds + LATEST:
             time.sleep(0.01)
         now, ended = time.perf_counter(), simulation.look().time
-        pictures, frames = studio.pictures - painted, list(told)
+        pictures, frames = render_loop.pictures - painted, list(told)
         for watch in watches:
             watch.close()
     finally:
@@ -273,7 +273,7 @@ def measure_watched(world: str, robots: int, cameras: int, seconds: float) -> Wa
 def _assembly(world: str, robots: int, speed: float, cameras: int = 1) -> Assembly:
     """A world with a team, and with as many cameras as are wanted."""
     assembly = assemble_team(world, ROBOT_CLASS, robots, speed=speed)
-    vehicles = assembly.fleet.vehicles
+    vehicles = assembly.robots.vehicles
     for number in range(cameras - len(assembly.board.views)):
         vehicle = vehicles[number % robots]
         turned = Pose(MAST.position, (math.cos(number), 0.0, 0.0, math.sin(number)))
@@ -289,12 +289,12 @@ def assemble_team(world: str, robot_class: str, size: int, **settings: Any) -> A
     """
     ports = dict.fromkeys(("port", "image_port", "groundtruth_port", "wireless_port", "truth_port"))
     assembly = assemble(Settings(world=world, **{**ports, **settings}))
-    description = assembly.fleet.describe(robot_class)
+    description = assembly.robots.describe(robot_class)
     if description is None:
         raise UsarsimError(f"there is no robot class {robot_class!r} (see usarsim robots)")
     starts = assembly.world.starts
     for number in range(size):
-        assembly.fleet.spawn(description, None, starts[number % len(starts)].pose)
+        assembly.robots.spawn(description, None, starts[number % len(starts)].pose)
     return assembly
 
 

@@ -32,7 +32,7 @@ import numpy as np
 
 from usarsim_bench.figures import Aim, Figure, Plan, Section
 from usarsim_bench.server import run_instrument
-from usarsim_server.robots.catalog import load_roster
+from usarsim_server.robots.catalog import load_catalog
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.simulation.clock import BATCH_STEPS
 from usarsim_server.simulation.engine import Engine
@@ -174,7 +174,7 @@ class _Scene:
     """Two equal engines that go through the same states, and the bare loop's model and data."""
 
     def __init__(self, world: WorldDescription, robots: int, seed: int) -> None:
-        description = load_roster(()).find(ROBOT_CLASS)
+        description = load_catalog(()).find(ROBOT_CLASS)
         assert description is not None  # shipped
         self._top_speed = description.drive.max_wheel_speed
         self._left = np.array([wheel.side == "left" for wheel in description.driven_wheels])

@@ -18,7 +18,7 @@ from usarsim_conformance.planted.trial import Outcome, as_table, try_faults
 from usarsim_conformance.registry import DIALECTS, Check, Failed, all_checks, select
 from usarsim_conformance.report import Report, as_json, from_json
 from usarsim_conformance.reports import (
-    Teller,
+    ProgressPrinter,
     as_junit,
     as_list,
     as_page,
@@ -129,7 +129,7 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     if arguments.report is not None:
         _make_folder(arguments.report)
-    teller = Teller(sys.stderr)
+    teller = ProgressPrinter(sys.stderr)
     target = Target(
         host=arguments.host if not arguments.own else "127.0.0.1",
         robot=arguments.robot or (GROUND[0] if arguments.own else None),
@@ -163,7 +163,7 @@ def _plant(pattern: str, list_only: bool) -> int:
             print(f"{fault.name:{width}}  {fault.robot}  {', '.join(fault.notices)}")
         print(f"{len(faults)} faults")
         return 0
-    teller = Teller(sys.stderr)
+    teller = ProgressPrinter(sys.stderr)
 
     def tell(outcome: Outcome) -> None:
         teller.say(f"{'' if outcome.good else 'WRONG  '}{outcome.name}")
@@ -188,7 +188,7 @@ def _judge_classes(
     target: Target,
     checks: tuple[Check, ...],
     arguments: argparse.Namespace,
-    teller: Teller,
+    teller: ProgressPrinter,
 ) -> int:
     """Judge, print, write a folder for each class; 1 if a rule that must be kept is broken."""
 
@@ -209,7 +209,10 @@ def _judge_classes(
 
 
 def _judge(
-    target: Target, checks: tuple[Check, ...], arguments: argparse.Namespace, teller: Teller
+    target: Target,
+    checks: tuple[Check, ...],
+    arguments: argparse.Namespace,
+    teller: ProgressPrinter,
 ) -> Report:
     name = arguments.name or (f"usarsim-server {__version__}" if arguments.own else "")
     try:

@@ -33,7 +33,7 @@ def shown_verdict(result: Result, severity: Severity) -> str:
     return SIGNS[result.verdict]
 
 
-class Teller:
+class ProgressPrinter:
     """Shows progress: one line that changes in a terminal, lines of findings elsewhere too."""
 
     def __init__(self, stream: TextIO) -> None:

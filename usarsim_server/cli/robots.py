@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
     Raises:
         UsarsimError: for a class or a file that cannot be used.
     """
-    from usarsim_server.robots.catalog import load_roster
+    from usarsim_server.robots.catalog import load_catalog
 
     folders = [Path(folder) for folder in arguments.robots]
     if arguments.out is not None and arguments.check is None:
@@ -64,13 +64,13 @@ def run(arguments: argparse.Namespace) -> int:
         from usarsim_server.cli.robot_page import write
 
         return write(arguments.page, folders)
-    roster = load_roster(folders)
+    catalog = load_catalog(folders)
     if arguments.name is None:
-        print(listing(roster.descriptions()))
+        print(listing(catalog.descriptions()))
         return 0
-    robot = roster.find(arguments.name)
+    robot = catalog.find(arguments.name)
     if robot is None:
-        raise RobotDescriptionError(_unknown(arguments.name, roster.names()))
+        raise RobotDescriptionError(_unknown(arguments.name, catalog.names()))
     print("\n\n".join(details(robot)))
     return 0
 

@@ -129,7 +129,7 @@ def _place_robot(assembly: Assembly, text: str, number: int) -> None:
     from usarsim_server.simulation.frames import pose_from_wire
 
     name, at_, place = text.partition("@")
-    description = assembly.fleet.describe(name)
+    description = assembly.robots.describe(name)
     if description is None:
         raise UsarsimError(f"--robot: there is no class {name!r} (`usarsim robots` lists them)")
     if at_:
@@ -144,7 +144,7 @@ def _place_robot(assembly: Assembly, text: str, number: int) -> None:
     else:
         starts = assembly.world.starts
         pose = starts[number % len(starts)].pose
-    assembly.fleet.spawn(description, None, pose)
+    assembly.robots.spawn(description, None, pose)
 
 
 def _view(assembly: Assembly, snapshot: Snapshot, arguments: argparse.Namespace) -> View:
@@ -208,7 +208,7 @@ def _objects(
     colors = np.zeros((*geoms.shape, 3), np.uint8)
     counts: dict[str, tuple[str, int]] = {}
     for geom, count in zip(*np.unique(geoms[geoms >= 0], return_counts=True), strict=True):
-        facts = assembly.fleet.object_facts(names[geom] or "", snapshot)
+        facts = assembly.robots.object_facts(names[geom] or "", snapshot)
         name = facts.name if facts is not None else names[geom] or f"geom {geom}"
         digest = hashlib.sha256(name.encode()).digest()
         color = [64 + part % 192 for part in digest[:3]]

@@ -60,18 +60,18 @@ class Team:
 
     def grow(self, robots: int) -> None:
         """Add robots until there are so many, and let all drive a moment."""
-        fleet, starts = self._assembly.fleet, self._assembly.world.starts
-        description = fleet.describe(CLASS)
+        all_robots, starts = self._assembly.robots, self._assembly.world.starts
+        description = all_robots.describe(CLASS)
         assert description is not None  # shipped
         while len(self._vehicles) < robots:
             start = starts[len(self._vehicles) % len(starts)]
-            self._vehicles.append(fleet.spawn(description, None, start.pose))
+            self._vehicles.append(all_robots.spawn(description, None, start.pose))
         self._drive_on(SETTLE)
 
     def shrink(self, robots: int) -> None:
         """Take robots away until there are so many, and let all drive a moment."""
         while len(self._vehicles) > robots:
-            self._assembly.fleet.remove(self._vehicles.pop())
+            self._assembly.robots.remove(self._vehicles.pop())
         self._drive_on(SETTLE)
 
     def pace(self, seconds: float) -> tuple[float, float]:

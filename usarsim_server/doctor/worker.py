@@ -102,7 +102,7 @@ def server(settings: Settings, _: str) -> dict[str, object]:
     Robot classes of the user's own are put into the world, one after another.
     """
     from usarsim_server.app import assemble
-    from usarsim_server.robots.catalog import load_roster
+    from usarsim_server.robots.catalog import load_catalog
 
     started = time.perf_counter()
     assembly = assemble(settings)
@@ -111,7 +111,7 @@ def server(settings: Settings, _: str) -> dict[str, object]:
         folders = [folder.resolve() for folder in settings.robots]
         own = [
             robot
-            for robot in load_roster(
+            for robot in load_catalog(
                 settings.robots, allow_outside=settings.allow_outside
             ).descriptions()
             if robot.source.resolve().parent in folders
@@ -119,8 +119,8 @@ def server(settings: Settings, _: str) -> dict[str, object]:
         broken: list[dict[str, str | None]] = []
         for robot in own[:MOST_CLASSES]:
             try:
-                vehicle = assembly.fleet.spawn(robot, None, assembly.world.starts[0].pose)
-                assembly.fleet.remove(vehicle)
+                vehicle = assembly.robots.spawn(robot, None, assembly.world.starts[0].pose)
+                assembly.robots.remove(vehicle)
             except (UsarsimError, ValueError) as error:
                 problem, advice = problem_and_advice(str(error))
                 broken.append({"name": robot.name, "problem": problem, "advice": advice})

@@ -268,7 +268,7 @@ def _bodies(robot: RobotDescription) -> Iterator[str]:
     yield from (effector.name for effector in robot.effectors)
 
 
-class Roster:
+class RobotCatalog:
     """Robot classes by the names that clients use; immutable once made."""
 
     def __init__(self, layers: Sequence[Sequence[RobotFile]]) -> None:
@@ -334,7 +334,7 @@ class Roster:
         return self._classes
 
 
-def load_roster(extra: Sequence[Path] = (), *, allow_outside: bool = False) -> Roster:
+def load_catalog(extra: Sequence[Path] = (), *, allow_outside: bool = False) -> RobotCatalog:
     """Load the shipped robots and those of further folders.
 
     Args:
@@ -348,7 +348,7 @@ def load_roster(extra: Sequence[Path] = (), *, allow_outside: bool = False) -> R
     library = Library([data_directory("robots"), *extra], allow_outside=allow_outside)
     for path in library.replacements():
         _log.info("robot class is replaced", name=path.stem, by=path)
-    return Roster(library.layers())
+    return RobotCatalog(library.layers())
 
 
 def _claims(layer: Iterable[RobotFile]) -> dict[str, tuple[str, str]]:

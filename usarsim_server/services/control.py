@@ -1,10 +1,10 @@
 """The control service: robot controllers connect here, one robot per connection, TCP 3000.
 
 Bytes that arrive are framed into lines, parsed into commands and handed to the connection's
-agent in order; lines that the agent puts into the outbox are sent one by one. What the commands
-mean is the agent's business: this file knows no robot and no clock.
+session in order; lines that the session puts into the outbox are sent one by one. What the commands
+mean is the session's business: this file knows no robot and no clock.
 
-A client can neither fill the memory nor delay others. Its input is read only as fast as its agent
+A client can neither fill the memory nor delay others. Its input is read only as fast as its session
 takes commands, and no faster than a rate (TCP pushes back), its output waits in a bounded outbox,
 and the kernel's buffers are small and of fixed size. Who sends more commands than real controllers
 do takes turns with all others who do: together they get a small part of one processor, so that the
@@ -43,7 +43,7 @@ from usarsim_server.services.replies import LoopCalls
 from usarsim_server.sessions.outbox import Outbox, OutboxLimits
 
 if TYPE_CHECKING:  # which stands on the physics
-    from usarsim_server.sessions.session import RobotAgent
+    from usarsim_server.sessions.session import Session
 
 _CHUNK = 2048
 """Bytes read at a time. Parsing them holds the event loop for half a millisecond; beside a client
@@ -58,7 +58,7 @@ wait for more than half a millisecond of them."""
 _LINE_TOKENS = 128
 """Commands that a client has to have left if a whole chunk is to be read from it."""
 _MOST_PENDING = 0.02
-"""Processor time of commands that may wait at an agent, s, as far as it can be told."""
+"""Processor time of commands that may wait at a session, s, as far as it can be told."""
 _LEAST_BACKLOG = 64
 """Weight of commands that may wait there in any case."""
 _REPLY_WORK = 20e-6
@@ -72,12 +72,13 @@ _HANG_UP_POLL = 0.2
 """Seconds between looks for a hang-up while a client's input is not read; who has had to wait for
 so long in all is told of in the log."""
 
-AgentFactory = Callable[[str, Outbox, Callable[[], None]], "RobotAgent"]
-"""Makes the agent of a new connection, on the event loop; must not block.
+SessionFactory = Callable[[str, Outbox, Callable[[], None]], "Session"]
+"""Makes the session of a new connection, on the event loop; must not block.
 
-Given `host:port` of the client; the outbox for the agent's lines, in which the greeting is already;
-and what is to be called, from any thread, when the agent's backlog has shrunk, at the least when it
-is empty: reading a paused client's input then goes on at once instead of after a fifth of a second.
+Given `host:port` of the client; the outbox for the session's lines, in which the greeting is
+already; and what is to be called, from any thread, when the session's backlog has shrunk, at the
+least when it is empty: reading a paused client's input then goes on at once instead of after a
+fifth of a second.
 """
 
 
@@ -92,7 +93,7 @@ class ControlLimits(PortLimits):
 
     Attributes:
         max_line: longest line in bytes; longer ones are thrown away.
-        backlog_high: weight of commands waiting at an agent beyond which its client's input is not
+        backlog_high: weight of commands waiting at a session beyond which its client's input is not
             read. One client of the field sends 180 a second (protocol reference, addendum). It is
             read no further than 20 ms of processor time are likely to take, either.
         backlog_low: weight at which reading goes on.
@@ -120,14 +121,14 @@ class ControlLimits(PortLimits):
 
 
 class ControlService(PortService[ControlLimits]):
-    """Accepts robot controllers on one port; all agents are closed when `stop` returns."""
+    """Accepts robot controllers on one port; all sessions are closed when `stop` returns."""
 
     def __init__(
         self,
         host: str,
         port: int,
         greeting: bytes,
-        agent_factory: AgentFactory,
+        session_factory: SessionFactory,
         limits: ControlLimits | None = None,
         pace: Callable[[], float] = whole_share,
     ) -> None:
@@ -137,13 +138,13 @@ class ControlService(PortService[ControlLimits]):
             host: address or host name to listen on.
             port: 0 takes any free one.
             greeting: the one line, CR LF included, that every client reads first (1.2).
-            agent_factory: see `AgentFactory`; called once per connection.
+            session_factory: see `SessionFactory`; called once per connection.
             limits: see `ControlLimits`.
             pace: which part of its share the service may use now.
         """
         super().__init__("control", host, port, "--port", limits or ControlLimits(), required=True)
         self._greeting = greeting
-        self._agent_factory = agent_factory
+        self._agent_factory = session_factory
         self._calls: LoopCalls | None = None
         self._budget = WorkBudget(self._limits.share, pace=pace)
 
@@ -153,7 +154,7 @@ class ControlService(PortService[ControlLimits]):
         connection = _Connection(client, self._limits, self._rates, self._budget, calls, log)
         connection.outbox.put_reply(self._greeting)
         try:
-            agent = self._agent_factory(peer, connection.outbox, connection.resume)
+            session = self._agent_factory(peer, connection.outbox, connection.resume)
         except BaseException:
             connection.outbox.close()
             raise
@@ -161,22 +162,22 @@ class ControlService(PortService[ControlLimits]):
         reason = "connection closed by a server error"
         try:
             with self._guests.enter(peer) as guest:
-                guest.standing = lambda: self._stands(guest, agent)
+                guest.standing = lambda: self._stands(guest, session)
                 guest.leave = connection.dismiss
-                reason = await connection.run(agent, lambda: self._guests.heard(guest))
+                reason = await connection.run(session, lambda: self._guests.heard(guest))
         except asyncio.CancelledError:
             reason = "server stopped"
             raise
         finally:
             connection.outbox.close()
-            agent.close()
+            session.close()
             log.info(reason, dropped_lines=connection.outbox.dropped)
 
-    def _stands(self, guest: Guest, agent: RobotAgent) -> bool:
+    def _stands(self, guest: Guest, session: Session) -> bool:
         """Whether a client may be silent: as long as it is something in the world."""
-        if agent.has_role:
+        if session.has_role:
             self._guests.heard(guest)  # the time begins when its robot is lost
-        return agent.has_role
+        return session.has_role
 
 
 class _Connection:
@@ -212,15 +213,15 @@ class _Connection:
         self._submitted = 0
         self.outbox = Outbox(self._wake, limits.outbox)
 
-    async def run(self, agent: RobotAgent, heard: Callable[[], None]) -> str:
+    async def run(self, session: Session, heard: Callable[[], None]) -> str:
         """Talk until the client goes or has to go; returns why it ended.
 
         Args:
-            agent: executes the commands.
+            session: executes the commands.
             heard: called whenever there was one.
         """
         async with asyncio.TaskGroup() as tasks:
-            works = [self._read(agent, heard), self._write()]
+            works = [self._read(session, heard), self._write()]
             running = [tasks.create_task(work) for work in works]
             reason = await self._ended
             for task in running:
@@ -232,7 +233,7 @@ class _Connection:
         self._end("client was idle")
 
     def resume(self) -> None:
-        """The agent's backlog shrank. Any thread."""
+        """The session's backlog shrank. Any thread."""
         if self._paused:
             self._call_in_loop(self._backlog_shrank.set)
 
@@ -251,7 +252,7 @@ class _Connection:
         if not self._ended.done():
             self._ended.set_result(reason)
 
-    async def _read(self, agent: RobotAgent, heard: Callable[[], None]) -> None:
+    async def _read(self, session: Session, heard: Callable[[], None]) -> None:
         framer = LineFramer(self._limits.max_line)
         while chunk := await self._receive():
             begun = time.thread_time()
@@ -266,22 +267,22 @@ class _Connection:
                     heard()
                 if any(command.cut for command in commands):
                     self._log.info("end of a line discarded: too many segments")
-                agent.submit(commands)
+                session.submit(commands)
             work = time.thread_time() - begun
             # `sock_recv` does not yield while there is data: let other clients have a turn.
             await asyncio.sleep(0)
             self._submitted += sum([command.weight for command in commands])
-            if not await self._catch_up(agent):
+            if not await self._catch_up(session):
                 break
-            if not await self._pay(agent, work, input_cost(lines, len(commands))):
+            if not await self._pay(session, work, input_cost(lines, len(commands))):
                 break
         self._end("client closed the connection")
 
-    async def _pay(self, agent: RobotAgent, work: float, cost: float) -> bool:
+    async def _pay(self, session: Session, work: float, cost: float) -> bool:
         """Let the client pay for a chunk, and for what has been done for it since the last one.
 
         Args:
-            agent: executes its commands.
+            session: executes its commands.
             work: processor time that it took to read the chunk, s.
             cost: of the chunk, see `input_cost`.
 
@@ -292,8 +293,8 @@ class _Connection:
             return True
         replies, octets = self.outbox.replied
         cost += (octets - self._replied[1]) / REPLY_PART
-        work += agent.work - self._worked + (replies - self._replied[0]) * _REPLY_WORK
-        self._replied, self._worked = (replies, octets), agent.work
+        work += session.work - self._worked + (replies - self._replied[0]) * _REPLY_WORK
+        self._replied, self._worked = (replies, octets), session.work
         self._budget.charge(self._account, work)
         cost = max(cost, work_cost(work))
         wait = self._allowance.spend(cost)
@@ -339,35 +340,35 @@ class _Connection:
             self._end(f"connection lost: {error.strerror}")
             return b""
 
-    async def _catch_up(self, agent: RobotAgent) -> bool:
-        """Read nothing while too much waits at the agent; False if the client hangs up meanwhile.
+    async def _catch_up(self, session: Session) -> bool:
+        """Read nothing while too much waits at the session; False if the client hangs up meanwhile.
 
         Too much is what it will be at for too long, as far as its commands so far tell: they are
         paid for once they are executed. Somebody who has nothing left to pay with is waited for
         until all is done.
         """
-        limits, backlog = self._limits, agent.backlog
+        limits, backlog = self._limits, session.backlog
         high = min(limits.backlog_high, _LEAST_BACKLOG)
-        if agent.work:
-            mean = max(COMMAND_WORK, agent.work / max(1, self._submitted - backlog))
+        if session.work:
+            mean = max(COMMAND_WORK, session.work / max(1, self._submitted - backlog))
             high = min(limits.backlog_high, max(high, int(_MOST_PENDING / mean)))
         if self._own.tokens < 0.0 and math.isfinite(self._rates.rate):
             high = 0
         if backlog <= high:
             return True
-        return await self._pause(agent, min(limits.backlog_low, high // 2))
+        return await self._pause(session, min(limits.backlog_low, high // 2))
 
-    async def _pause(self, agent: RobotAgent, low: int) -> bool:
+    async def _pause(self, session: Session, low: int) -> bool:
         """Read nothing until the backlog is as low as that; False if the client hangs up meanwhile.
 
         A hang-up shows only once all that the client sent fits the kernel's receive buffer: TCP
         delivers the end of a stream after its data.
         """
-        self._log.debug("input paused", backlog=agent.backlog)
+        self._log.debug("input paused", backlog=session.backlog)
         self._backlog_shrank.clear()
         self._paused = True
         try:
-            while agent.backlog > low:
+            while session.backlog > low:
                 try:
                     async with asyncio.timeout(_HANG_UP_POLL):
                         await self._backlog_shrank.wait()

@@ -30,11 +30,11 @@ from usarsim_server.protocol.images import (
     empty_reply,
     raw_row_length,
 )
-from usarsim_server.services.attention import Attention, Bell, Repeats
 from usarsim_server.services.budget import Account, WorkBudget, whole_share
 from usarsim_server.services.limits import READ_COST, InputRates
 from usarsim_server.services.listener import Endpoint
 from usarsim_server.services.port import Guest, Guests, PortLimits, PortService
+from usarsim_server.services.watch_list import FrameSignal, Repeats, WatchList
 
 _CHUNK = 1024
 """Bytes read at a time: at most 512 requests of one client that wait outside the kernel."""
@@ -122,36 +122,36 @@ class ImageService(PortService[ImageLimits]):
         self._silent_push = silent_push
         self._bound = bound or _sees_all
         self._pace = pace
-        self._desk: _Desk | None = None
+        self._cache: _PictureCache | None = None
 
     async def start(self) -> Endpoint:
-        self._desk = _Desk(
+        self._cache = _PictureCache(
             self._source, self._encoder, self._limits, self._pace, self._guests, self._log
         )
         return await super().start()
 
     async def stop(self) -> None:
         await super().stop()
-        if self._desk is not None:
-            self._desk.close()
+        if self._cache is not None:
+            self._cache.close()
 
     async def _serve(self, client: socket.socket, peer: str) -> None:
-        assert self._desk is not None, "clients come after start only"
+        assert self._cache is not None, "clients come after start only"
         log = self._log.bind(connection=peer)
         host = client.getpeername()[0]
         log.info("client connected")
         with self._guests.enter(peer) as guest:
             conversation = _Conversation(
-                client, self._desk, self._limits, self._rates, lambda: self._bound(host), guest
+                client, self._cache, self._limits, self._rates, lambda: self._bound(host), guest
             )
             try:
                 await conversation.run(self._legacy, self._silent_push)
             finally:
-                conversation.attention.close()
+                conversation.watch_list.close()
                 log.info("client left", pictures=conversation.sent)
 
 
-class _Desk:
+class _PictureCache:
     """Hands out encoded pictures; all clients share it.
 
     Attributes:
@@ -170,7 +170,7 @@ class _Desk:
         log: Log,
     ) -> None:
         self.source = source
-        self.bell = Bell()
+        self.signal = FrameSignal()
         self.budget = WorkBudget(limits.share, pace=pace)
         self.copies = WorkBudget(limits.copies_share, pace=pace)
         self.heard = guests.heard
@@ -198,7 +198,7 @@ class _Desk:
         deadline = self._loop.time() + self._patience
         latest: Frame | None = None
         while True:
-            news = self.bell.next()
+            news = self.signal.next()
             frame = self.source.newest(region)
             if frame is not None:
                 self._complained = False
@@ -258,22 +258,22 @@ class _Conversation:
     def __init__(
         self,
         client: socket.socket,
-        desk: _Desk,
+        cache: _PictureCache,
         limits: ImageLimits,
         rates: InputRates,
         bound: Callable[[], Region | None],
         guest: Guest,
     ) -> None:
         self._guest = guest
-        self._account = desk.budget.newcomer()
-        self._copies = desk.copies.newcomer()
+        self._account = cache.budget.newcomer()
+        self._copies = cache.copies.newcomer()
         self._client = client
-        self._desk = desk
+        self._cache = cache
         self._limits = limits
         self._rates = rates
         self._bound = bound
         self._loop = asyncio.get_running_loop()
-        self.attention = Attention(desk.source, desk.bell, limits.linger, limits.regions)
+        self.watch_list = WatchList(cache.source, cache.signal, limits.linger, limits.regions)
         self.sent = 0
         self._repeats = Repeats(limits.repeat, limits.regions)
 
@@ -289,7 +289,7 @@ class _Conversation:
                 await self._answer(request)
                 # A person may press a button once an hour; the original knew no idle clients.
                 self._guest.patient = True
-                self._desk.heard(self._guest)
+                self._cache.heard(self._guest)
             # `sock_recv` does not yield while there is data: let other clients have a turn.
             await asyncio.sleep(allowance.spend(READ_COST + len(requests)))
             data = await self._receive()
@@ -311,31 +311,31 @@ class _Conversation:
             reading.cancel()
 
     async def _answer(self, request: Request) -> None:
-        await self._desk.budget.turn(self._account)
+        await self._cache.budget.turn(self._account)
         region = self._region(request)
         if region is None:
-            await self._send(self._desk.empty())
+            await self._send(self._cache.empty())
             return
-        self.attention.turn_to(region)
-        frame = await self._desk.frame(region)
+        self.watch_list.turn_to(region)
+        frame = await self._cache.frame(region)
         if frame is not None and self._repeats.has(frame, region):
-            await self._desk.copies.turn(self._copies)
+            await self._cache.copies.turn(self._copies)
             await asyncio.sleep(self._repeats.pause(frame, region, self._loop.time()))
-            frame = await self._desk.frame(region)
+            frame = await self._cache.frame(region)
         copy = frame is not None and self._repeats.has(frame, region)
         if frame is not None:
             self._repeats.note(frame, region, self._loop.time())
         # From here on the frame itself is not needed: a client that stalls holds one picture.
-        message = await self._desk.picture(frame, region, self._account)
+        message = await self._cache.picture(frame, region, self._account)
         del frame
-        self._desk.budget.charge(self._account, len(message) * SEND_COST)
+        self._cache.budget.charge(self._account, len(message) * SEND_COST)
         if copy:
-            self._desk.copies.charge(self._copies, len(message) * SEND_COST)
+            self._cache.copies.charge(self._copies, len(message) * SEND_COST)
         await self._send(message)
 
     def _region(self, request: Request) -> Region | None:
         """The part of the full frame that is meant; None if there is no such part."""
-        view = self._bound() or self._desk.source.grid.frame
+        view = self._bound() or self._cache.source.grid.frame
         if isinstance(request, FullFrame):
             return view
         part = Region(request.x, request.y, request.width, request.height)

@@ -37,9 +37,9 @@ COMMAND_BURST = 2.0
 """Seconds' worth of commands that a client saves up while it sends fewer."""
 OWN_BURST = 0.25
 """Seconds' worth of commands, at the full rate, that a client may send at once of its own."""
-GRANT = 1.0
+FIRST_CREDIT = 1.0
 """Seconds' worth of commands that a new client may send at once."""
-PURSE = 64.0
+SHARED_CREDIT = 64.0
 """Grants that can be given at the same time; then one a second. Without a common purse a client
 that comes again and again would get new ones for ever."""
 OWN_SHARE = 0.2
@@ -196,13 +196,15 @@ class InputRates:
         self.waiting = 0
         """Number of clients that wait just now, because they sent too many."""
         self._clock = clock
-        self._purse = TokenBucket(GRANT * rate, PURSE * GRANT * rate, clock=clock)
+        self._shared_credit = TokenBucket(
+            FIRST_CREDIT * rate, SHARED_CREDIT * FIRST_CREDIT * rate, clock=clock
+        )
 
     def newcomer(self) -> TokenBucket:
         """The commands of a new client."""
         if math.isinf(self.rate):
             return TokenBucket(self.rate, self.rate, clock=self._clock)
-        grant = self._purse.draw(GRANT * self.rate)
+        grant = self._shared_credit.draw(FIRST_CREDIT * self.rate)
         return TokenBucket(self.rate, COMMAND_BURST * self.rate, start=grant, clock=self._clock)
 
     def own(self, client: TokenBucket) -> TokenBucket:

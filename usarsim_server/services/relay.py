@@ -41,7 +41,7 @@ class DialError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Road:
+class LinkOptions:
     """What all links of a service have in common.
 
     Attributes:
@@ -110,7 +110,7 @@ def tune(one: socket.socket) -> None:
         one.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, 10)
 
 
-class Dialler:
+class OutgoingConnection:
     """A connection to a robot that is about to be made.
 
     Attributes:
@@ -163,13 +163,13 @@ async def dial(host: str, port: int) -> socket.socket:
     Raises:
         DialError: if that fails.
     """
-    return await Dialler(host, port).connect()
+    return await OutgoingConnection(host, port).connect()
 
 
 async def join(
     one: socket.socket,
     other: socket.socket,
-    road: Road,
+    link_options: LinkOptions,
     name: str,
     passed: Callable[[bool, int], None],
 ) -> None:
@@ -182,16 +182,16 @@ async def join(
         name: of the link; equal names lose equal frames.
         passed: told how many bytes were handed on, and whether from `one` to `other`.
     """
-    account = road.budget.newcomer()
+    account = link_options.budget.newcomer()
 
     def note(forward: bool, size: int) -> None:
-        road.budget.charge(account, size * BYTE_COST)
+        link_options.budget.charge(account, size * BYTE_COST)
         passed(forward, size)
 
     there, back = partial(note, True), partial(note, False)
     await both_ways(
-        pump(one, other, road, f"{name}>", account, there),
-        pump(other, one, road, f"{name}<", account, back),
+        pump(one, other, link_options, f"{name}>", account, there),
+        pump(other, one, link_options, f"{name}<", account, back),
         until=asyncio.FIRST_EXCEPTION,
     )
 
@@ -216,7 +216,7 @@ async def both_ways(*works: Coroutine[None, None, None], until: str) -> None:
 async def pump(
     source: socket.socket,
     target: socket.socket,
-    road: Road,
+    link_options: LinkOptions,
     name: str,
     account: Account,
     passed: Callable[[int], None],
@@ -226,10 +226,10 @@ async def pump(
     Raises:
         OSError: if either side is lost.
     """
-    if road.plain:
-        await _pump_at_once(source, target, road.budget, account, passed)
+    if link_options.plain:
+        await _pump_at_once(source, target, link_options.budget, account, passed)
     else:
-        await _Delay(source, target, road, name, account, passed).run()
+        await _Delay(source, target, link_options, name, account, passed).run()
     target.shutdown(socket.SHUT_WR)
 
 
@@ -257,16 +257,16 @@ class _Delay:
         self,
         source: socket.socket,
         target: socket.socket,
-        road: Road,
+        link_options: LinkOptions,
         name: str,
         account: Account,
         passed: Callable[[int], None],
     ) -> None:
         self._source, self._target = source, target
-        self._budget, self._account = road.budget, account
-        self._speed = road.speed
+        self._budget, self._account = link_options.budget, account
+        self._speed = link_options.speed
         self._passed = passed
-        self._clock = LinkClock(road.shape, f"{road.seed}\0{name}")
+        self._clock = LinkClock(link_options.shape, f"{link_options.seed}\0{name}")
         self._loop = asyncio.get_running_loop()
         self._blocks: deque[tuple[float, bytes]] = deque()
         self._bytes = 0

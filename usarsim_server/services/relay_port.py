@@ -13,7 +13,14 @@ import socket
 from typing import Protocol
 
 from usarsim_server.logs import Log
-from usarsim_server.services.relay import KERNEL_BUFFER, DialError, Dialler, Road, join, tune
+from usarsim_server.services.relay import (
+    KERNEL_BUFFER,
+    DialError,
+    LinkOptions,
+    OutgoingConnection,
+    join,
+    tune,
+)
 
 MOST_LINKS = 16
 """Connections through one port at a time."""
@@ -56,7 +63,7 @@ class RelayPort:
         self,
         host: str,
         target: tuple[str, int],
-        road: Road,
+        link_options: LinkOptions,
         name: str,
         watcher: LinkWatcher,
         tasks: set[asyncio.Task[None]],
@@ -76,7 +83,7 @@ class RelayPort:
         """
         self._host = host
         self._target = target
-        self._road = road
+        self._link_options = link_options
         self._name = name
         self._watcher = watcher
         self._tasks = tasks
@@ -175,7 +182,7 @@ class RelayPort:
     async def _link(self, client: socket.socket, name: str) -> None:
         try:
             tune(client)
-            dialler = Dialler(*self._target)
+            dialler = OutgoingConnection(*self._target)
         except (DialError, OSError) as error:
             _log.info("cannot dial", link=name, reason=error)
             return
@@ -185,7 +192,7 @@ class RelayPort:
             with await dialler.connect() as robot:
                 joined = True
                 self._watcher.established()
-                await join(client, robot, self._road, name, self._watcher.passed)
+                await join(client, robot, self._link_options, name, self._watcher.passed)
         except DialError as error:
             _log.info("a robot does not answer", link=name, reason=error)
         except Exception as error:  # a defect in one link must not end the others

@@ -44,7 +44,7 @@ from usarsim_server.services.limits import (
 )
 from usarsim_server.services.listener import Endpoint
 from usarsim_server.services.port import Guest, PortService
-from usarsim_server.services.relay import RadioWatch, Road, Traffic
+from usarsim_server.services.relay import LinkOptions, RadioWatch, Traffic
 from usarsim_server.services.relay_port import RelayPort
 from usarsim_server.services.replies import PIECE, ReplyBuffer
 
@@ -75,9 +75,9 @@ class WirelessLimits(DialogueLimits):
         robots = wireless.MAX_LINE + CHUNK_BYTES + 2 * PIECE + _MEMBER_BYTES
         return max(robots, wireless.MAX_LINE + dialogue_bytes(self))
 
-    def link_bytes(self, road: Road) -> int:
+    def link_bytes(self, link_options: LinkOptions) -> int:
         """Bytes, those of the kernel included, that the links of one robot can hold."""
-        return self.links_per_robot * (road.held_bytes + road.kernel_bytes)
+        return self.links_per_robot * (link_options.held_bytes + link_options.kernel_bytes)
 
 
 _MEMBER_BYTES = 64 * 1024
@@ -108,7 +108,7 @@ class WirelessService(PortService[WirelessLimits]):
         network: Network,
         truth: Desk | None = None,
         *,
-        road: Road | None = None,
+        link_options: LinkOptions | None = None,
         limits: WirelessLimits | None = None,
         required: bool = False,
         owners: Owners = NOBODY,
@@ -132,7 +132,7 @@ class WirelessService(PortService[WirelessLimits]):
         limits = limits or WirelessLimits()
         super().__init__("wireless", host, port, "--wireless-port", limits, required)
         self._network = network
-        self._road = road or Road()
+        self._link_options = link_options or LinkOptions()
         self._desk = truth or Desk(self.name, _nothing, self._limits)
         self._tells_truth = truth is not None
         self._owners_now = owners
@@ -295,12 +295,12 @@ class WirelessService(PortService[WirelessLimits]):
         port = request.port if request.port is not None else next(iter(other.ports), None)
         if port is None or port not in other.ports:
             return wireless.no_port_reply(other.name, known=True)
-        road = me.roads.get((other.name, port))
-        if road is None:
-            road = self._new_road(me, other, port)
-        if road is None:
+        link_options = me.roads.get((other.name, port))
+        if link_options is None:
+            link_options = self._new_road(me, other, port)
+        if link_options is None:
             return wireless.error_reply(Reason.NO_PORT_LEFT)
-        return wireless.port_reply(other.name, road.port)
+        return wireless.port_reply(other.name, link_options.port)
 
     def _reverse_lookup(self, me: _Member, port: int) -> str:
         caller = me.callers.get(port)
@@ -318,16 +318,16 @@ class WirelessService(PortService[WirelessLimits]):
         watcher = _Watcher(self, me, other, port)
         name = f"{me.name}>{other.name}:{port}"
         try:
-            road = RelayPort(
-                self._host, (other.address, port), self._road, name, watcher, self._links
+            link_options = RelayPort(
+                self._host, (other.address, port), self._link_options, name, watcher, self._links
             )
         except OSError as error:
             self._log.warning("no relay port left", robot=me.name, reason=error.strerror)
             return None
-        me.roads[other.name, port] = road
+        me.roads[other.name, port] = link_options
         if self._network.connected(me.name, other.name):
-            road.open()
-        return road
+            link_options.open()
+        return link_options
 
     def _deregister(self, member: _Member) -> None:
         """Forget a robot and close every road from and to it; a second call does nothing."""
@@ -335,8 +335,8 @@ class WirelessService(PortService[WirelessLimits]):
             return
         del self._members[member.name]
         self._network.deregister(member.name)
-        for road in member.roads.values():
-            road.release()
+        for link_options in member.roads.values():
+            link_options.release()
         for other in self._members.values():
             for way in [way for way in other.roads if way[0] == member.name]:
                 other.roads.pop(way).release()
@@ -352,11 +352,11 @@ class WirelessService(PortService[WirelessLimits]):
             if self._is_foreign(member):
                 self._dismiss(member, "the robot is another's")
         for me in self._members.values():
-            for (other, _), road in me.roads.items():
+            for (other, _), link_options in me.roads.items():
                 if self._network.connected(me.name, other):
-                    road.open()
+                    link_options.open()
                 else:
-                    road.close()
+                    link_options.close()
         for pair, size in self._sent.items():
             self._network.log.write(Event.DATA_SENT, *pair, size)
         self._sent.clear()

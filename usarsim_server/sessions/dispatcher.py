@@ -19,7 +19,7 @@ from contextlib import contextmanager
 
 from usarsim_server.logs import Log
 from usarsim_server.protocol.messages import encode
-from usarsim_server.sessions.session import RobotAgent
+from usarsim_server.sessions.session import Session
 from usarsim_server.simulation.rays.query import PendingReport, RayHits
 
 AT_ONCE = 16
@@ -28,7 +28,7 @@ AT_ONCE = 16
 CastAll = Callable[[Sequence[PendingReport]], list[list[RayHits]]]
 """Answers the rays of many reports about one instant, see `Simulation.cast_all`."""
 
-Waiting = tuple[RobotAgent, PendingReport]
+Waiting = tuple[Session, PendingReport]
 
 _log = Log("robots")
 
@@ -36,7 +36,7 @@ _log = Log("robots")
 class Dispatcher:
     """Serves everybody who calls."""
 
-    def __init__(self, cast_all: CastAll, rested: Callable[[], None] | None) -> None:
+    def __init__(self, cast_all: CastAll, on_idle: Callable[[], None] | None) -> None:
         """Make a dispatcher; its thread starts with the first call.
 
         Args:
@@ -45,15 +45,15 @@ class Dispatcher:
                 that is done (a world without pace waits for that); None: nobody waits.
         """
         self._cast_all = cast_all
-        self._rested = rested or (lambda: None)
+        self._on_idle = on_idle or (lambda: None)
         self._signal = threading.Condition()
-        self._calls: deque[RobotAgent] = deque()
+        self._calls: deque[Session] = deque()
         self._held = 0
         self._thread: threading.Thread | None = None
         self._extra: set[threading.Thread] = set()
         self._stopping = False
 
-    def call(self, caller: RobotAgent) -> None:
+    def call(self, caller: Session) -> None:
         """Have a caller served soon; it must not call again before `pause` was True. Any thread."""
         with self._signal:
             self._calls.append(caller)
@@ -63,7 +63,7 @@ class Dispatcher:
             self._signal.notify()
 
     @contextmanager
-    def together(self) -> Iterator[None]:
+    def batched(self) -> Iterator[None]:
         """Whoever calls inside is served when it ends: as one batch, in the order of the calls.
 
         No lock is held inside: callers have locks of their own, which they hold when they call.
@@ -94,7 +94,7 @@ class Dispatcher:
         while callers := self._take():
             self._serve(callers)
 
-    def _take(self) -> list[RobotAgent]:
+    def _take(self) -> list[Session]:
         """Who has called, in that order; nobody at the end."""
         with self._signal:
             while (self._held or not self._calls) and not self._stopping:
@@ -105,24 +105,24 @@ class Dispatcher:
             self._calls.clear()
             return callers
 
-    def _serve(self, callers: Sequence[RobotAgent]) -> None:
-        prompt: list[RobotAgent] = []
+    def _serve(self, callers: Sequence[Session]) -> None:
+        prompt: list[Session] = []
         waiting: list[Waiting] = []
         for caller in callers:
             if caller.slow:
                 self._start_extra(caller)
                 continue
-            report = _begin(caller, apart=False)
+            report = _begin(caller, own_thread=False)
             prompt.append(caller)
             if report is not None:
                 waiting.append((caller, report))
         if waiting:
-            self._rested()  # the world may go on: what is left is only written down
+            self._on_idle()  # the world may go on: what is left is only written down
         for start in range(0, len(waiting), AT_ONCE):
             self._work_off(waiting[start : start + AT_ONCE])
         for caller in prompt:
             self._let_go(caller)
-        self._rested()
+        self._on_idle()
 
     def _work_off(self, waiting: Sequence[Waiting]) -> None:
         """Cast the rays of some reports, those of one instant together, and finish them.
@@ -142,7 +142,7 @@ class Dispatcher:
                     for one in group:
                         self._work_off([one])
                 continue
-            written: list[tuple[RobotAgent, list[bytes]]] = []
+            written: list[tuple[Session, list[bytes]]] = []
             for (caller, report), hits in zip(group, answers, strict=True):
                 try:
                     written.append((caller, [encode(line) for line in report.finish(hits)]))
@@ -159,13 +159,13 @@ class Dispatcher:
             return [()] * len(reports)
         return self._cast_all(reports)
 
-    def _let_go(self, caller: RobotAgent) -> None:
+    def _let_go(self, caller: Session) -> None:
         if not caller.pause():
             self.call(caller)
 
     # -- threads for what takes long ---------------------------------------------------------
 
-    def _start_extra(self, caller: RobotAgent) -> None:
+    def _start_extra(self, caller: Session) -> None:
         thread = threading.Thread(
             target=self._serve_alone, args=(caller,), name="robot-alone", daemon=True
         )
@@ -181,28 +181,28 @@ class Dispatcher:
             _log.warning("no thread for what takes long", reason=str(error))
             self._serve_to_the_end(caller)
 
-    def _serve_alone(self, caller: RobotAgent) -> None:
+    def _serve_alone(self, caller: Session) -> None:
         try:
             self._serve_to_the_end(caller)
         finally:
             with self._signal:
                 self._extra.discard(threading.current_thread())
-            self._rested()
+            self._on_idle()
 
-    def _serve_to_the_end(self, caller: RobotAgent) -> None:
+    def _serve_to_the_end(self, caller: Session) -> None:
         while not self._stopping:
-            report = _begin(caller, apart=True)
+            report = _begin(caller, own_thread=True)
             if report is not None:
-                self._rested()
+                self._on_idle()
                 self._work_off([(caller, report)])
             if caller.pause():
                 return
 
 
-def _begin(caller: RobotAgent, apart: bool) -> PendingReport | None:
+def _begin(caller: Session, own_thread: bool) -> PendingReport | None:
     """Have a caller execute what waits; the report that is due then, if one is."""
     try:
-        caller.execute(apart)
+        caller.execute(own_thread)
         return caller.next_report()
     except Exception as error:
         caller.fail(error)

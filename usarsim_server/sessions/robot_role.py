@@ -30,7 +30,7 @@ from usarsim_server.robots.mounting import SetReply, SetResult
 from usarsim_server.sensors.report import conf_line, find_sensors, geo_line, pending_report
 from usarsim_server.sessions.cameras import CameraMount
 from usarsim_server.sessions.robots import Battery, Vehicle
-from usarsim_server.sessions.schedule import BEAT, Role, Schedule, first_report
+from usarsim_server.sessions.schedule import REPORT_GRID, Role, Schedule, first_report
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.rays.query import PendingReport, RayHits
 from usarsim_server.simulation.simulation import BodyHandle
@@ -41,7 +41,7 @@ UPRIGHTING_LIFT = 0.05
 
 
 @dataclass(frozen=True, slots=True)
-class PilotOptions:
+class RobotRoleOptions:
     """What a lab may change about the reports.
 
     Attributes:
@@ -51,11 +51,11 @@ class PilotOptions:
     """
 
     quiet_period: float = 0.27
-    beat: float = BEAT
+    beat: float = REPORT_GRID
     udk_sta_order: bool = False
 
 
-class Pilot(Role):
+class RobotRole(Role):
     """Conducts one vehicle on behalf of one client.
 
     Attributes:
@@ -69,7 +69,7 @@ class Pilot(Role):
         self,
         vehicle: Vehicle,
         dialect: Dialect,
-        options: PilotOptions,
+        options: RobotRoleOptions,
         battery_life: float | None,
         log: Log,
         asked: float = 0.0,
@@ -92,7 +92,7 @@ class Pilot(Role):
         self._options = options
         self._log = log
         self._family = vehicle.description.family
-        self._conduct = self._family.conduct(vehicle.description, vehicle.body)
+        self._drive_controller = self._family.drive_controller(vehicle.description, vehicle.body)
         given = vehicle.description.battery
         life = battery_life if battery_life is not None or given is None else given.life
         self._power = vehicle.power
@@ -127,8 +127,8 @@ class Pilot(Role):
         match request:
             case Drive():
                 if request.light is not None:
-                    self._conduct.light = self._power.lit = request.light
-                self._conduct.steer(request, self._dialect)
+                    self._drive_controller.light = self._power.lit = request.light
+                self._drive_controller.steer(request, self._dialect)
                 self._limbs.drive(request)
                 if request.flip and FACETS[self._dialect].flip:
                     self._flip()
@@ -287,11 +287,11 @@ class Pilot(Role):
             view=self._cameras.view,
             udk_order=self._options.udk_sta_order,
         )
-        return self._conduct.status(facts, self._dialect)
+        return self._drive_controller.status(facts, self._dialect)
 
     def _check_battery(self, time: float) -> None:
         if not self._dead and self._power.empty(time):
             self._dead, self._power.lit = True, False
-            self._conduct.stop()
+            self._drive_controller.stop()
             self._log.info("battery is empty")
             self.announce(time, "BatteryEmpty", "Battery", self._battery_name())

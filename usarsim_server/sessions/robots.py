@@ -20,7 +20,7 @@ from usarsim_server.cameras.view import Grid
 from usarsim_server.logs import Log
 from usarsim_server.protocol.names import name_key
 from usarsim_server.radio.stations import Station
-from usarsim_server.robots.catalog import Roster
+from usarsim_server.robots.catalog import RobotCatalog
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.mjcf import build_spec
 from usarsim_server.sensors.base import Sensor, SensorContext, create_sensor
@@ -124,12 +124,12 @@ TRUE_POSE = "GroundTruth"
 _log = Log("fleet")
 
 
-class Fleet:
+class Robots:
     """Makes and removes vehicles; safe to use from any thread."""
 
     def __init__(
         self,
-        roster: Roster,
+        catalog: RobotCatalog,
         world: WorldDescription,
         simulation: Simulation,
         seed: int,
@@ -150,7 +150,7 @@ class Fleet:
             truth: whether robots are mounted with sensors that tell where they really are.
         """
         self.board = board or CameraBoard(Grid())
-        self._roster = roster
+        self._catalog = catalog
         self._world = world
         self._simulation = simulation
         self._seed = seed
@@ -198,7 +198,7 @@ class Fleet:
 
     def describe(self, class_name: str) -> RobotDescription | None:
         """The class that a client means, None if there is none."""
-        return self._roster.find(class_name)
+        return self._catalog.find(class_name)
 
     def spawn(
         self,

@@ -15,8 +15,8 @@ from usarsim_server.protocol import messages
 from usarsim_server.protocol.dialects import DialectMode
 from usarsim_server.protocol.requests import GetClosestPathNode, GetPathNodes, GetStartPoses, Init
 from usarsim_server.sessions.avatar import Walker
-from usarsim_server.sessions.robot_role import Pilot, PilotOptions
-from usarsim_server.sessions.robots import Fleet
+from usarsim_server.sessions.robot_role import RobotRole, RobotRoleOptions
+from usarsim_server.sessions.robots import Robots
 from usarsim_server.sessions.schedule import Role
 from usarsim_server.sessions.world_controller import WorldController, is_world_controller
 from usarsim_server.simulation.frames import Pose, pose_from_wire, wire_from_pose
@@ -41,7 +41,7 @@ class RoleOptions:
         dialect: how the dialect of a connection is chosen.
         replace_robot: a second INIT replaces the robot instead of being ignored.
         tick: simulated s between two ticks of lockstep; None without lockstep.
-        pilot: see `PilotOptions`; its quiet period holds for avatars, too.
+        pilot: see `RobotRoleOptions`; its quiet period holds for avatars, too.
         start_at_first_pose: INIT without place uses the first start pose, not the origin.
         clean_on_close: objects leave with the world controller that created them.
     """
@@ -49,7 +49,7 @@ class RoleOptions:
     dialect: DialectMode = DialectMode.AUTO
     replace_robot: bool = False
     tick: float | None = None
-    pilot: PilotOptions = field(default_factory=PilotOptions)
+    role: RobotRoleOptions = field(default_factory=RobotRoleOptions)
     start_at_first_pose: bool = False
     clean_on_close: bool = False
 
@@ -68,7 +68,7 @@ class Roles:
 
     world: WorldDescription
     simulation: Simulation
-    fleet: Fleet
+    robots: Robots
     objects: WorldObjects
     avatars: Avatars
     admit: Callable[[str], None]
@@ -93,7 +93,7 @@ class Roles:
             log.info("world controller connected")
             return WorldController(
                 self.objects,
-                self.fleet,
+                self.robots,
                 self.world,
                 self.simulation,
                 self.options.clean_on_close,
@@ -106,21 +106,21 @@ class Roles:
                 return self._avatar(kind, init, pose, log)
             if packed:
                 raise SpawnError("there is no avatar of this class")
-        description = self.fleet.describe(init.class_name)
+        description = self.robots.describe(init.class_name)
         if description is None:
             self.forget(peer)  # a class that does not exist costs nothing
             return None
-        asked = self.fleet.time
-        vehicle = self.fleet.spawn(description, init.name, pose, wanted)
+        asked = self.robots.time
+        vehicle = self.robots.spawn(description, init.name, pose, wanted)
         log = log.bind(robot=vehicle.name)
         log.info("robot spawned", robot_class=description.name, id=vehicle.robot)
-        return Pilot(vehicle, description.dialect, self.options.pilot, init.battery, log, asked)
+        return RobotRole(vehicle, description.dialect, self.options.role, init.battery, log, asked)
 
     def _avatar(self, kind: AvatarClass, init: Init, pose: Pose, log: Log) -> Walker:
         avatar = self.avatars.spawn(kind, init.name, pose)
         log = log.bind(avatar=avatar.name)
         log.info("avatar spawned", avatar_class=kind.name, id=avatar.body)
-        quiet = self.options.pilot.quiet_period
+        quiet = self.options.role.quiet_period
         return Walker(avatar, self.avatars, self.world.path_nodes, self.simulation, quiet, log)
 
     def _place(self, init: Init, log: Log) -> Pose:

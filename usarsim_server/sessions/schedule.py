@@ -16,7 +16,7 @@ TOLERANCE = 1e-6
 """s: a tick is at the step whose time rounds to its own."""
 
 
-class Ticks:
+class LockstepTicks:
     """How far one client in lockstep lets the world go: the world stops at every tick until the
     client has answered.
 
@@ -84,24 +84,24 @@ class Ticks:
         return True
 
 
-BEAT = 0.02
+REPORT_GRID = 0.02
 """Simulated s between instants at which streams begin: a part of all usual intervals. So those of
 many robots fall due together and are worked out together, in at most 50 batches a second."""
-UNPACED_BEAT = 0.1
+UNPACED_GRID = 0.1
 """The same where nobody waits for the clock: fewer and larger batches cost less."""
 
 
-def first_report(asked: float, now: float, quiet: float, beat: float = BEAT) -> float:
+def first_report(asked: float, now: float, quiet: float, beat: float = REPORT_GRID) -> float:
     """When a robot reports first (simulated s): on a beat, about when the quiet period ends.
 
     Args:
         asked: time of INIT.
         now: time at which the robot is there; it reports later than that.
         quiet: s after INIT in which nothing is reported; the first report may come up to
-            `BEAT` earlier.
+            `REPORT_GRID` earlier.
         beat: s between the instants to choose from.
     """
-    first = math.floor((asked + quiet - BEAT + TOLERANCE) / beat) + 1
+    first = math.floor((asked + quiet - REPORT_GRID + TOLERANCE) / beat) + 1
     return max(first, math.floor((now + TOLERANCE) / beat) + 1) * beat
 
 

@@ -32,9 +32,9 @@ from usarsim_server.protocol.requests import (
 )
 from usarsim_server.sessions.cameras import bind_view
 from usarsim_server.sessions.outbox import Outbox
-from usarsim_server.sessions.robot_role import Pilot
+from usarsim_server.sessions.robot_role import RobotRole
 from usarsim_server.sessions.roles import Roles
-from usarsim_server.sessions.schedule import Role, Ticks
+from usarsim_server.sessions.schedule import LockstepTicks, Role
 from usarsim_server.simulation.rays.query import PendingReport
 from usarsim_server.simulation.snapshot import Snapshot
 
@@ -54,7 +54,7 @@ class _Report(NamedTuple):
     tick: bool
 
 
-class RobotAgent:
+class Session:
     """Executes the commands of one connection and reports on what it is in the world.
 
     Attributes:
@@ -70,15 +70,15 @@ class RobotAgent:
         outbox: Outbox,
         on_backlog_low: Callable[[], None],
         roles: Roles,
-        call: Callable[[RobotAgent], None],
+        call: Callable[[Session], None],
     ) -> None:
-        """Make an agent that has nothing to do yet.
+        """Make a session that has nothing to do yet.
 
         Args:
             peer, outbox: see the attributes.
             on_backlog_low: called, from any thread, when commands have been taken.
             roles: makes what INIT asks for.
-            call: has this agent served soon, see `Dispatcher.call`.
+            call: has this session served soon, see `Dispatcher.call`.
         """
         self.peer = peer
         self.outbox = outbox
@@ -105,7 +105,7 @@ class RobotAgent:
         self._planning = False
         self._closed = False
         self._ended = False
-        self._ticks = Ticks(options.tick)
+        self._ticks = LockstepTicks(options.tick)
         self._barred = False
         """In lockstep, what follows a SYNC waits until its tick has passed."""
         self._handlers: Mapping[type[Request], Callable[[Any], list[str]]] = {
@@ -125,7 +125,7 @@ class RobotAgent:
     def robot(self) -> str | None:
         """The name of its robot; None as long as there is none."""
         role = self._role
-        return role.name if isinstance(role, Pilot) else None
+        return role.name if isinstance(role, RobotRole) else None
 
     @property
     def backlog(self) -> int:
@@ -206,7 +206,7 @@ class RobotAgent:
             self._forget()
             self._call()
         role = self._role
-        if isinstance(role, Pilot):
+        if isinstance(role, RobotRole):
             role.leave()  # at once: who serves it may be busy
 
     def _pending(self) -> bool:
@@ -246,7 +246,7 @@ class RobotAgent:
             return False
         return init or (self._role is not None and self._role.slow)
 
-    def execute(self, apart: bool) -> None:
+    def execute(self, own_thread: bool) -> None:
         """Execute commands that wait.
 
         Args:
@@ -256,7 +256,7 @@ class RobotAgent:
         executed, started = 0, time.thread_time()
         while executed < FLOOD and self._commands and not (self._closed or self._barred):
             slow = self._comes_slow()
-            if slow and not apart:
+            if slow and not own_thread:
                 break
             # Reports do not wait for many commands, nor for slow ones.
             if self._reports and (slow or executed >= BESIDE_REPORT):
@@ -388,7 +388,7 @@ class RobotAgent:
         self._selector.initialised(role.dialect, init)
         self._log = self._log.bind(robot=role.name)
         role.dialect = self._selector.current
-        now = self._roles.fleet.time
+        now = self._roles.robots.time
         with self._lock:
             self._role = role
             if role.body is not None:
@@ -404,12 +404,12 @@ class RobotAgent:
     def _set(self, request: Set) -> list[str]:
         """Any connection may choose what picture clients see; robots answer it, too."""
         role = self._role
-        if not isinstance(role, Pilot):
-            bind_view(self._roles.fleet.board, request)
+        if not isinstance(role, RobotRole):
+            bind_view(self._roles.robots.board, request)
         return role.obey(request) if role is not None else self._ignore(request)
 
     def _synchronise(self, request: Sync) -> list[str]:
-        now = self._roles.fleet.time
+        now = self._roles.robots.time
         with self._lock:
             heard = self._role is not None and self._ticks.answer(request.ticks, now)
             self._barred = heard

@@ -14,7 +14,7 @@ from usarsim_server.protocol.names import name_key
 from usarsim_server.protocol.numbers import read_bool, read_number, read_vector
 from usarsim_server.protocol.requests import Control, Request
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.sessions.robots import Fleet
+from usarsim_server.sessions.robots import Robots
 from usarsim_server.sessions.schedule import Role
 from usarsim_server.simulation.frames import (
     Pose,
@@ -52,7 +52,7 @@ class WorldController(Role):
     def __init__(
         self,
         objects: WorldObjects,
-        fleet: Fleet,
+        robots: Robots,
         world: WorldDescription,
         simulation: Simulation,
         clean_on_close: bool,
@@ -69,7 +69,7 @@ class WorldController(Role):
             log: names the connection.
         """
         self._objects = objects
-        self._fleet = fleet
+        self._robots = robots
         self._world = world
         self._simulation = simulation
         self._clean_on_close = clean_on_close
@@ -181,7 +181,7 @@ class WorldController(Role):
 
     def _move(self, request: Control, change: Callable[[Pose], Pose]) -> Reply:
         name = _name(request)
-        found = self._objects.move(name, change) or self._fleet.move(name, change)
+        found = self._objects.move(name, change) or self._robots.move(name, change)
         self._tell_unless(found, request)
         return []
 

@@ -178,7 +178,7 @@ class ClockOptions:
     bottom: float
 
 
-class Clockwork:
+class Stepper:
     """Drives the engine and shows listeners what they want to see.
 
     Attributes:
@@ -209,7 +209,7 @@ class Clockwork:
         self._thread: threading.Thread | None = None
         self._on_failure: Callable[[], None] | None = None
         self.failure: Exception | None = None
-        self.together: Callable[[], AbstractContextManager[object]] = nullcontext
+        self.batched: Callable[[], AbstractContextManager[object]] = nullcontext
         self.snapshot: Snapshot = engine.snapshot()
 
     def attach(self, robot: int, listener: Listener) -> None:
@@ -353,7 +353,7 @@ class Clockwork:
             self._wait(lambda: all(one.idle() for one in self._due_at(now)))
         self.snapshot = self._engine.snapshot()
         self._remove_fallen(self.snapshot)
-        with self.together():
+        with self.batched():
             for one in self._due_at(now):
                 one.wake(self.snapshot)
         return True

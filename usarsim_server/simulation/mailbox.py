@@ -139,6 +139,6 @@ PAUSE = 0.0005
 """s of wall time, in which others get on."""
 
 
-def breathe() -> None:
+def yield_interpreter() -> None:
     """Stand back for a moment; to be called about once a millisecond."""
     time.sleep(PAUSE)

@@ -19,7 +19,7 @@ from usarsim_server.errors import UsarsimError
 from usarsim_server.simulation.articulation import HandModel, JointModel, ToolModel, add_ties
 from usarsim_server.simulation.frames import Pose, pose_of
 from usarsim_server.simulation.ground import Surface
-from usarsim_server.simulation.mailbox import breathe
+from usarsim_server.simulation.mailbox import yield_interpreter
 from usarsim_server.simulation.motion_laws import LawModel
 from usarsim_server.simulation.snapshot import RobotLayout
 
@@ -182,7 +182,7 @@ def compile_world(
                 body.sleep = mujoco.mjtSleepPolicy.mjSLEEP_INIT
             frame.attach_body(body, slot_prefix(slot), "")
         add_ties(spec, slot_prefix(slot), ROOT_BODY, robot.hands, robot.anchored)
-        breathe()
+        yield_interpreter()
     model = spec.compile()
     names = [model.body(body).name for body in range(model.nbody)]
     layouts = []

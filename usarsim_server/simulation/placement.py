@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from usarsim_server.errors import SpawnError
 from usarsim_server.logs import Log
 from usarsim_server.simulation.frames import Pose, Vector
-from usarsim_server.simulation.mailbox import breathe
+from usarsim_server.simulation.mailbox import yield_interpreter
 from usarsim_server.simulation.model import SHELF_HEIGHT, CompiledWorld, put, root_qpos
 from usarsim_server.simulation.movers import mocap_bodies, pose_as
 from usarsim_server.simulation.objects import geom_names
@@ -235,7 +235,7 @@ class Placement(_Judge):
         """Deepest overlap (m) of the robot at a pose, and whether anything movable is in it."""
         layout = self._world.layouts[slot]
         data = self._data
-        breathe()
+        yield_interpreter()
         self._show(snapshot)
         data.qpos[layout.qpos : layout.qpos + 7] = root_qpos(pose)
         mujoco.mj_kinematics(self._model, data)
@@ -311,7 +311,7 @@ class Fitting(_Judge):
             self._put(snapshot, slot, pose)
         self._check_inside(pose)
         for geom in own:
-            breathe()
+            yield_interpreter()
             for other in self._near(geom, own):
                 if self._distance(geom, other) < -TOLERATED:
                     name = geom_names(self._model)[other] or "something nameless"

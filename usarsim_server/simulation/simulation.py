@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from usarsim_server.logs import Log
 from usarsim_server.simulation.articulation import JointOrder
-from usarsim_server.simulation.clock import ClockOptions, Clockwork, Listener
+from usarsim_server.simulation.clock import ClockOptions, Listener, Stepper
 from usarsim_server.simulation.divergence import SPEED_LIMIT
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose, Vector
@@ -82,7 +82,7 @@ class Simulation:
                 at_once=math.isinf(options.speed),
             ),
         )
-        self._clockwork = Clockwork(
+        self._clockwork = Stepper(
             self._engine,
             self._mail,
             lambda: self._slots.busy,
@@ -216,9 +216,9 @@ class Simulation:
 
     # -- listeners ---------------------------------------------------------------------------
 
-    def wake_together(self, together: Callable[[], AbstractContextManager[object]]) -> None:
+    def wake_batched(self, batched: Callable[[], AbstractContextManager[object]]) -> None:
         """Have all listeners that are due at one instant woken inside a context manager."""
-        self._clockwork.together = together
+        self._clockwork.batched = batched
 
     def attention(self) -> None:
         """Tell the physics that a listener became idle or changed its due time or horizon."""
@@ -272,7 +272,7 @@ class BodyHandle:
         simulation: Simulation,
         engine: Engine,
         mail: Mailbox,
-        clockwork: Clockwork,
+        clockwork: Stepper,
     ) -> None:
         self.number = number
         self._simulation = simulation

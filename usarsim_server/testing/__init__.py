@@ -31,7 +31,7 @@ from usarsim_server.services.listener import Endpoint
 from usarsim_server.services.ready import run_services
 from usarsim_server.sessions.outbox import Outbox
 from usarsim_server.sessions.robots import Vehicle, robot_model
-from usarsim_server.sessions.session import RobotAgent
+from usarsim_server.sessions.session import Session
 from usarsim_server.settings import Settings
 
 __all__ = [
@@ -39,9 +39,9 @@ __all__ = [
     "Closing",
     "Rehearsal",
     "RehearsedClient",
-    "RobotAgent",
     "ScriptedClient",
     "ServerProcess",
+    "Session",
     "Vehicle",
     "eventually",
     "robot_model",
@@ -59,7 +59,7 @@ SIDE_PORTS = tuple(one.key for one in OPTIONS if one.port and one.key != "port")
 """Settings of all ports but that of robot control."""
 
 SETTLE_POLL = 0.0002
-"""s of wall time between two looks at an agent that is busy."""
+"""s of wall time between two looks at a session that is busy."""
 
 
 _TIME = re.compile(r"\{Time (\d+\.\d+)\}")
@@ -106,7 +106,7 @@ class RehearsedClient:
 
     Attributes:
         lines: everything the server has said so far, without line ends.
-        agent: the agent that executes the commands.
+        session: the session that executes the commands.
     """
 
     def __init__(self, rehearsal: Rehearsal, peer: str) -> None:
@@ -114,7 +114,7 @@ class RehearsedClient:
         self._rehearsal = rehearsal
         self._framer = LineFramer()
         self._outbox = Outbox(self._read)
-        self.agent: RobotAgent = rehearsal.assembly.make_agent(peer, self._outbox, _nothing)
+        self.session: Session = rehearsal.assembly.make_session(peer, self._outbox, _nothing)
         rehearsal.await_client(self)
 
     def _read(self) -> None:
@@ -129,7 +129,7 @@ class RehearsedClient:
         """Send command lines and wait until they have been executed; time stands still."""
         for text in texts:
             for line in self._framer.feed(text.encode("latin-1") + b"\r\n"):
-                self.agent.submit(parse_line(line))
+                self.session.submit(parse_line(line))
         self._rehearsal.settle()
 
     def take(self, head: str = "") -> list[str]:
@@ -139,7 +139,7 @@ class RehearsedClient:
 
     def close(self) -> None:
         """Hang up; the robot leaves the world."""
-        self.agent.close()
+        self.session.close()
 
 
 class Rehearsal(Closing):
@@ -172,9 +172,9 @@ class Rehearsal(Closing):
         """Wait until everything that was sent has been executed; time stands still."""
         simulation = self.assembly.simulation
         while True:
-            # The simulation waits for agents that have a robot; one that has just been sent its
+            # The simulation waits for sessions that have a robot; one that has just been sent its
             # first INIT is unknown there.
-            idle = all(client.agent.idle() for client in self._clients)
+            idle = all(client.session.idle() for client in self._clients)
             simulation.settle()
             if idle:
                 return

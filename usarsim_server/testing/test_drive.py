@@ -27,7 +27,7 @@ from usarsim_server.protocol.grammar import parse_line
 from usarsim_server.protocol.requests import GetConf, GetGeo
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import RobotDescription
-from usarsim_server.sessions.robot_role import Pilot, PilotOptions
+from usarsim_server.sessions.robot_role import RobotRole, RobotRoleOptions
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.snapshot import RobotBody, RobotLayout
 from usarsim_server.testing import Closing, Rehearsal
@@ -125,8 +125,8 @@ class TestDrive(Closing):
         try:
             self._probe = self._build()
             height = robot.rest_height + (0.0 if self._floats else DROP)
-            fleet = self._rehearsal.assembly.fleet
-            self.vehicle = fleet.spawn(robot, None, Pose((0.0, 0.0, height)))
+            robots = self._rehearsal.assembly.robots
+            self.vehicle = robots.spawn(robot, None, Pose((0.0, 0.0, height)))
         except BaseException:
             self._rehearsal.close()
             raise
@@ -148,18 +148,18 @@ class TestDrive(Closing):
 
     def lines(self, dialect: Dialect) -> Iterator[str]:
         """The answers to GETCONF and GETGEO about the robot and everything that it carries."""
-        pilot = self._pilot(dialect)
+        role = self._role(dialect)
         for wire_type in ("Robot", *self._wire_types(dialect)):
-            yield from pilot.obey(GetConf(wire_type))
-            yield from pilot.obey(GetGeo(wire_type))
+            yield from role.obey(GetConf(wire_type))
+            yield from role.obey(GetGeo(wire_type))
 
     def reports(self, dialect: Dialect) -> list[str]:
         """The first line of each stream, STA and SEN among them; lets `LISTEN` s pass."""
-        pilot = self._pilot(dialect)
+        role = self._role(dialect)
         found: dict[str, str] = {}
         for _ in range(round(LISTEN / TICK)):
             snapshot = self._state().snapshot
-            reading = pilot.read(snapshot, pilot.schedule.take_due(snapshot.time))
+            reading = role.read(snapshot, role.schedule.take_due(snapshot.time))
             if reading is not None:
                 for line in reading.finish(self.vehicle.body.cast(reading.fans, snapshot)):
                     found.setdefault("".join((line[:3], *_STREAM.findall(line)[:2])), line)
@@ -175,8 +175,8 @@ class TestDrive(Closing):
         kinds += ["Camera"] if robot.cameras else []
         return list(dict.fromkeys(kinds))
 
-    def _pilot(self, dialect: Dialect) -> Pilot:
-        return Pilot(self.vehicle, dialect, PilotOptions(), None, _log)
+    def _role(self, dialect: Dialect) -> RobotRole:
+        return RobotRole(self.vehicle, dialect, RobotRoleOptions(), None, _log)
 
     # -- what it does ------------------------------------------------------------------------
 
@@ -209,9 +209,9 @@ class TestDrive(Closing):
         command = full_speed(self.robot)
         if not command:
             return None
-        pilot = self._pilot(self.robot.dialect)
+        role = self._role(self.robot.dialect)
         for parsed in parse_line(command.encode("ascii")):
-            pilot.obey(interpret(parsed))
+            role.obey(interpret(parsed))
         speed = 0.0
         for _ in range(round(LONGEST_RUN / LOOK)):
             start = self._state().pose.position

@@ -73,8 +73,8 @@ class Stage(Closing):
         self.robot = self.vehicle.description
 
     def _spawn(self, robot: str, pose: Pose | None) -> Vehicle:
-        fleet = self.rehearsal.assembly.fleet
-        description = fleet.describe(robot)
+        all_robots = self.rehearsal.assembly.robots
+        description = all_robots.describe(robot)
         if description is None:
             raise StageError(f"there is no robot class {robot}")
         pose = pose or Pose((0.0, 0.0, description.rest_height))
@@ -83,9 +83,9 @@ class Stage(Closing):
             f"INIT {{ClassName USARBot.{robot}}} {{Name Tested}}"
             f" {{Location {_vector(location)}}} {{Rotation {_vector(rotation)}}}"
         )
-        if not fleet.vehicles:
+        if not all_robots.vehicles:
             raise StageError(f"{robot} was not spawned: {self.warnings}")
-        return fleet.vehicles[0]
+        return all_robots.vehicles[0]
 
     # -- driving -----------------------------------------------------------------------------
 

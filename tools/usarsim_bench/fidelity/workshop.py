@@ -13,7 +13,7 @@ import mujoco
 from usarsim_bench.fidelity import worlds
 from usarsim_bench.fidelity.manoeuvres import Turn, turn_in_place
 from usarsim_bench.fidelity.stage import Stage
-from usarsim_server.robots.catalog import load_roster
+from usarsim_server.robots.catalog import load_catalog
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.testing import Closing
@@ -51,7 +51,7 @@ class Workshop(Closing):
         for name in LITERAL:
             keys = {"literal": True}
             worlds.write_robot(self._robots, f"{name}_literal", name, keys, "steering")
-        self._roster = load_roster((self._robots,))
+        self._robot_catalog = load_catalog((self._robots,))
 
     def world(self, scene: worlds.Scene) -> Path:
         """The folder of a test scene."""
@@ -70,7 +70,7 @@ class Workshop(Closing):
 
     def describe(self, robot: str) -> RobotDescription:
         """A shipped class or a variant."""
-        found = self._roster.find(robot)
+        found = self._robot_catalog.find(robot)
         assert found is not None, robot
         return found
 

@@ -1,7 +1,7 @@
 """How fast robots with lasers run in lockstep: the server's part of a comparison with others.
 
 The work comes as a file that other simulators are given too (`usarsim_bench.peers.work`); the
-same things are counted. The whole server takes part but its sockets: commands are parsed, agents
+same things are counted. The whole server takes part but its sockets: commands are parsed, sessions
 run in their threads, reports are written as text. The clock does not hold anything up.
 """
 

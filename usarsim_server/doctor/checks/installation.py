@@ -193,7 +193,7 @@ def judge_robots(folders: Sequence[Path]) -> Iterator[Finding]:
 
     Any file that cannot be read keeps the server from starting.
     """
-    from usarsim_server.robots.catalog import Roster
+    from usarsim_server.robots.catalog import RobotCatalog
 
     layers: list[list[RobotFile]] = []
     broken: list[Finding] = []
@@ -203,7 +203,7 @@ def judge_robots(folders: Sequence[Path]) -> Iterator[Finding]:
         broken.extend(findings)
     if not broken:
         try:
-            Roster(layers)  # which knows whether two of them want the same name
+            RobotCatalog(layers)  # which knows whether two of them want the same name
         except UsarsimError as error:
             broken.append(_broken("robot files", error))
     shipped, own = len(layers[0]), sum(map(len, layers[1:]))

@@ -28,8 +28,8 @@ from usarsim_server.robots.description import (
     RobotDescription,
     Wheel,
 )
-from usarsim_server.robots.families.base import Conduct, StatusFacts, register_family
-from usarsim_server.robots.families.wheeled import SpeedScale, WheelConduct, WheeledFamily
+from usarsim_server.robots.families.base import DriveController, StatusFacts, register_family
+from usarsim_server.robots.families.wheeled import SpeedScale, WheelController, WheeledFamily
 from usarsim_server.robots.reading import parts
 from usarsim_server.simulation.articulation import JointOrder, Order
 from usarsim_server.simulation.frames import Pose
@@ -201,7 +201,7 @@ class SteeredFamily(WheeledFamily):
         return replace(family, wheels=steered_wheels(wheels, actuators))
 
 
-class SteeredConduct(WheelConduct):
+class SteeredController(WheelController):
     """Drives a robot some of whose wheels are steered."""
 
     def __init__(self, robot: RobotDescription, body: BodyHandle, steering: SteeredFamily) -> None:
@@ -216,7 +216,7 @@ class SteeredConduct(WheelConduct):
         return tuple(joint for joint in facts.joints if joint[0] not in steering)
 
 
-class CarConduct(SteeredConduct):
+class CarController(SteeredController):
     """Speed, FrontSteer and RearSteer become wheel speeds and steering angles."""
 
     def __init__(self, robot: RobotDescription, body: BodyHandle, steering: SteeredFamily) -> None:
@@ -300,8 +300,8 @@ class Ackerman(SteeredFamily):
     section: ClassVar[str] = "steering"
     steering_type: ClassVar[str] = "AckermanSteered"
 
-    def conduct(self, robot: RobotDescription, body: BodyHandle) -> Conduct:
-        return CarConduct(robot, body, self)
+    def drive_controller(self, robot: RobotDescription, body: BodyHandle) -> DriveController:
+        return CarController(robot, body, self)
 
     @classmethod
     def read(

@@ -17,7 +17,7 @@ from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.families.base import (
-    Conduct,
+    DriveController,
     StatusFacts,
     balance_weight,
     register_family,
@@ -32,7 +32,7 @@ FASTEST = 100.0
 """m/s and rad/s: beyond this a command is nonsense; the original did not limit it."""
 
 
-class FlightConduct(Conduct):
+class FlightController(DriveController):
     """Members that are absent keep their value; without a command it hovers."""
 
     def __init__(self, robot: RobotDescription, body: BodyHandle, flight: Aerial) -> None:
@@ -140,8 +140,8 @@ class Aerial(MachineFamily):
     flight_type: str = field(default="RotaryWing", key="steering_type", help="announced in CONF")
     falls: bool = field(default=True, help="without power it falls; a blimp only drifts to a halt")
 
-    def conduct(self, robot: RobotDescription, body: BodyHandle) -> Conduct:
-        return FlightConduct(robot, body, self)
+    def drive_controller(self, robot: RobotDescription, body: BodyHandle) -> DriveController:
+        return FlightController(robot, body, self)
 
     def configuration(self, robot: RobotDescription, dialect: Dialect) -> str:
         limits = [

@@ -12,7 +12,7 @@ them; `field` declares the keys of a table of its own in robot files:
         brisk: bool = field(default=False, help="turns before it drives")
 
         def conduct(self, robot, body):
-            return TwistConduct(robot, body)
+            return TwistController(robot, body)
 
 `docs/families-howto.md` has the whole example and the table of what a family may say.
 """
@@ -25,13 +25,13 @@ from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import ActuatorDescription, RobotDescription, Wheel
 from usarsim_server.robots.families.base import (
-    Conduct,
+    DriveController,
     Family,
     StatusFacts,
     balance_weight,
     register_family,
 )
-from usarsim_server.robots.families.wheeled import MachineFamily, WheelConduct, WheeledFamily
+from usarsim_server.robots.families.wheeled import MachineFamily, WheelController, WheeledFamily
 from usarsim_server.simulation.articulation import JointOrder, Order
 from usarsim_server.simulation.motion_laws import Law, LawModel
 from usarsim_server.simulation.simulation import BodyHandle
@@ -40,9 +40,9 @@ from usarsim_server.tables import Table
 __all__ = [
     "ActuatorDescription",
     "BodyHandle",
-    "Conduct",
     "Dialect",
     "Drive",
+    "DriveController",
     "Family",
     "JointOrder",
     "Law",
@@ -53,7 +53,7 @@ __all__ = [
     "StatusFacts",
     "Table",
     "Wheel",
-    "WheelConduct",
+    "WheelController",
     "WheeledFamily",
     "balance_weight",
     "dataclass",

@@ -63,7 +63,7 @@ class StatusFacts:
         return self.state.time
 
 
-class Conduct(ABC):
+class DriveController(ABC):
     """Drives one robot on behalf of its pilot; remembers what it was last told.
 
     Attributes:
@@ -126,7 +126,7 @@ class Family(ABC):
     steering_type: ClassVar[str] = "SkidSteered"
 
     @abstractmethod
-    def conduct(self, robot: RobotDescription, body: BodyHandle) -> Conduct:
+    def drive_controller(self, robot: RobotDescription, body: BodyHandle) -> DriveController:
         """What drives one robot of this family."""
 
     @abstractmethod

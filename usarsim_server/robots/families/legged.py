@@ -11,14 +11,14 @@ from usarsim_server.protocol import messages
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import RobotDescription
-from usarsim_server.robots.families.base import Conduct, StatusFacts, register_family
+from usarsim_server.robots.families.base import DriveController, StatusFacts, register_family
 from usarsim_server.robots.families.wheeled import MachineFamily
 from usarsim_server.simulation.simulation import BodyHandle
 
 _log = Log("robot")
 
 
-class LeggedConduct(Conduct):
+class LeggedController(DriveController):
     """A machine that takes no DRIVE but that of single joints, and stands where it stands."""
 
     def steer(self, drive: Drive, dialect: Dialect) -> None:
@@ -55,8 +55,8 @@ class Legged(MachineFamily):
         help="between two STA lines, if not that of the dialect",
     )
 
-    def conduct(self, robot: RobotDescription, body: BodyHandle) -> Conduct:
-        return LeggedConduct(robot, body)
+    def drive_controller(self, robot: RobotDescription, body: BodyHandle) -> DriveController:
+        return LeggedController(robot, body)
 
     def configuration(self, robot: RobotDescription, dialect: Dialect) -> str:
         return messages.machine_configuration(

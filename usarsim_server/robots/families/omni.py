@@ -11,13 +11,13 @@ import numpy as np
 from usarsim_server.protocol.requests import Drive, WheelTarget
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import RobotDescription
-from usarsim_server.robots.families.ackerman import SteeredConduct, SteeredFamily, SteeredWheel
-from usarsim_server.robots.families.base import Conduct, register_family
+from usarsim_server.robots.families.ackerman import SteeredController, SteeredFamily, SteeredWheel
+from usarsim_server.robots.families.base import DriveController, register_family
 from usarsim_server.simulation.articulation import JointOrder, Order
 from usarsim_server.simulation.simulation import BodyHandle
 
 
-class OmniConduct(SteeredConduct):
+class OmniController(SteeredController):
     """Wheels that are not named, or members that are absent, keep what they had.
 
     A wheel that has not been named yet rolls along: clients of Player drive wheels 0 and 1 only.
@@ -80,5 +80,5 @@ class Omni(SteeredFamily):
     steering_type: ClassVar[str] = "OmniDrive"
     literal: bool = True
 
-    def conduct(self, robot: RobotDescription, body: BodyHandle) -> Conduct:
-        return OmniConduct(robot, body, self)
+    def drive_controller(self, robot: RobotDescription, body: BodyHandle) -> DriveController:
+        return OmniController(robot, body, self)

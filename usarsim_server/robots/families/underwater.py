@@ -16,7 +16,7 @@ from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.families.base import (
-    Conduct,
+    DriveController,
     StatusFacts,
     balance_weight,
     register_family,
@@ -28,7 +28,7 @@ from usarsim_server.simulation.simulation import BodyHandle
 from usarsim_server.tables import Table, Vector
 
 
-class VesselConduct(Conduct):
+class VesselController(DriveController):
     """Members that are absent keep their value."""
 
     def __init__(self, robot: RobotDescription, body: BodyHandle, vessel: Underwater) -> None:
@@ -102,8 +102,8 @@ class Underwater(MachineFamily):
     righting_moment: float = field(default=_USUAL.righting, low=0.0, high=1e7, unit="N m/rad")
     response: float = field(default=_USUAL.response, low=0.02, high=60.0, unit="s")
 
-    def conduct(self, robot: RobotDescription, body: BodyHandle) -> Conduct:
-        return VesselConduct(robot, body, self)
+    def drive_controller(self, robot: RobotDescription, body: BodyHandle) -> DriveController:
+        return VesselController(robot, body, self)
 
     def configuration(self, robot: RobotDescription, dialect: Dialect) -> str:
         limits = [

@@ -21,7 +21,7 @@ from usarsim_server.protocol.requests import Drive, WheelTarget
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.families.base import (
-    Conduct,
+    DriveController,
     Family,
     StatusFacts,
     register_family,
@@ -31,7 +31,7 @@ from usarsim_server.simulation.articulation import Order
 from usarsim_server.simulation.simulation import BodyHandle
 
 
-class PlatformConduct(Conduct):
+class PlatformController(DriveController):
     """A platform goes nowhere."""
 
     def steer(self, drive: Drive, dialect: Dialect) -> None:
@@ -51,8 +51,8 @@ class Platform(Family):
     wheeled: ClassVar[bool] = False
     anchored: ClassVar[bool] = True
 
-    def conduct(self, robot: RobotDescription, body: BodyHandle) -> Conduct:
-        return PlatformConduct(robot, body)
+    def drive_controller(self, robot: RobotDescription, body: BodyHandle) -> DriveController:
+        return PlatformController(robot, body)
 
     def configuration(self, robot: RobotDescription, dialect: Dialect) -> str:
         return messages.static_configuration(dialect, robot.name)
@@ -186,7 +186,7 @@ class WheelDrive:
         return (WheelTarget(self._names.index(name), drive.value),)
 
 
-class WheelConduct(Conduct):
+class WheelController(DriveController):
     """Turns DRIVE into wheel speeds by side, or wheel by wheel."""
 
     def __init__(self, robot: RobotDescription, body: BodyHandle) -> None:
@@ -229,8 +229,8 @@ class WheeledFamily(Family):
 
     wheel_sensors: ClassVar[bool] = True
 
-    def conduct(self, robot: RobotDescription, body: BodyHandle) -> Conduct:
-        return WheelConduct(robot, body)
+    def drive_controller(self, robot: RobotDescription, body: BodyHandle) -> DriveController:
+        return WheelController(robot, body)
 
     def configuration(self, robot: RobotDescription, dialect: Dialect) -> str:
         report = robot.report

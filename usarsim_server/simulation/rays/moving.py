@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.simulation.frames import rotation_matrices, rotation_matrix
-from usarsim_server.simulation.mailbox import breathe
+from usarsim_server.simulation.mailbox import yield_interpreter
 from usarsim_server.simulation.model import CompiledWorld
 from usarsim_server.simulation.objects import Objects
 from usarsim_server.simulation.rays.culling import Spheres, bounding_spheres, meetings, passing
@@ -47,7 +47,7 @@ EXACT = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Lump:
+class RigidGroup:
     """Geoms that look rigid, in the frame of one body.
 
     Bodies without joints of their own are one piece with their parents. So is a wheel: a body that
@@ -66,7 +66,7 @@ class Lump:
     turns: Array
 
 
-def find_lumps(model: mujoco.MjModel, visible: Callable[[int], bool]) -> list[Lump]:
+def rigid_groups(model: mujoco.MjModel, visible: Callable[[int], bool]) -> list[RigidGroup]:
     """The lumps of everything that moves, in the order of their bodies; none is empty.
 
     Args:
@@ -93,12 +93,12 @@ def find_lumps(model: mujoco.MjModel, visible: Callable[[int], bool]) -> list[Lu
                 turning.add(body)
         carrier, place, turn = carriers[body]
         if body % BODIES_AT_A_TIME == 0:
-            breathe()
+            yield_interpreter()
         for geom in geoms:
             own = turn @ rotation_matrix(model.geom_quat[geom])
             found.setdefault(carrier, []).append((geom, place + turn @ model.geom_pos[geom], own))
     return [
-        Lump(
+        RigidGroup(
             body,
             tuple(geom for geom, _, _ in parts),
             np.array([place for _, place, _ in parts]),
@@ -240,35 +240,35 @@ class DynamicGeometry:
     ) -> list[_Body]:
         """Everything that moves and can be seen, tree by tree."""
         found = []
-        for lump in find_lumps(model, lambda geom: is_visible(model, geom)):
-            glass = [is_glass(model, geom) for geom in lump.geoms]
-            full = clear = self._scene(model, lump, [True] * len(glass), known)
+        for rigid_group in rigid_groups(model, lambda geom: is_visible(model, geom)):
+            glass = [is_glass(model, geom) for geom in rigid_group.geoms]
+            full = clear = self._scene(model, rigid_group, [True] * len(glass), known)
             if any(glass):
-                clear = self._scene(model, lump, [not pane for pane in glass], known)
-            found.append(_Body(lump.body, full, clear, lump.geoms))
+                clear = self._scene(model, rigid_group, [not pane for pane in glass], known)
+            found.append(_Body(rigid_group.body, full, clear, rigid_group.geoms))
             if len(found) % LUMPS_AT_A_TIME == 0:
-                breathe()
+                yield_interpreter()
         trees = self._tree_of_root
         return sorted(found, key=lambda one: (trees[int(model.body_rootid[one.body])], one.body))
 
     def _scene(
         self,
         model: mujoco.MjModel,
-        lump: Lump,
+        rigid_group: RigidGroup,
         shown: list[bool],
         known: Mapping[bytes, TriangleScene],
     ) -> TriangleScene:
-        count = len(lump.geoms)
-        frames = np.hstack([lump.places, lump.turns.reshape(count, 9)])
-        key = shape_key(model, lump.geoms, frames, shown)
+        count = len(rigid_group.geoms)
+        frames = np.hstack([rigid_group.places, rigid_group.turns.reshape(count, 9)])
+        key = shape_key(model, rigid_group.geoms, frames, shown)
         if key in known:
             self._scenes[key] = known[key]
         if key not in self._scenes:
             parts, rounds = [], []
-            for number, geom in enumerate(lump.geoms):
+            for number, geom in enumerate(rigid_group.geoms):
                 if not shown[number]:
                     continue
-                place, turn = lump.places[number], lump.turns[number]
+                place, turn = rigid_group.places[number], rigid_group.turns[number]
                 parts.append((number, triangles(model, geom, place, turn, FINE)))
                 axes = _semi_axes(model, geom)
                 if axes is not None:

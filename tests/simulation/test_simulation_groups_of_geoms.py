@@ -9,7 +9,7 @@ from sim_fakes import RADIUS, Geom, floor, pose_at, robot_model, simulation
 
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import RobotModel
-from usarsim_server.simulation.rays.moving import Lump, find_lumps
+from usarsim_server.simulation.rays.moving import RigidGroup, rigid_groups
 from usarsim_server.simulation.rays.query import RayFan, RayHits
 from usarsim_server.simulation.simulation import Simulation
 
@@ -32,7 +32,7 @@ BODY = """
 AXLE = '<joint name="axle" type="hinge" axis="0 1 0" {more}/>'
 
 
-def lumps(part: str) -> dict[str, set[str]]:
+def rigid_groups_(part: str) -> dict[str, set[str]]:
     """Names of the geoms of each lump, by the name of its body."""
     model, found = compiled(part)
     return {
@@ -40,10 +40,10 @@ def lumps(part: str) -> dict[str, set[str]]:
     }
 
 
-def compiled(part: str) -> tuple[mujoco.MjModel, list[Lump]]:
+def compiled(part: str) -> tuple[mujoco.MjModel, list[RigidGroup]]:
     """The model with some part, and its lumps."""
     model = mujoco.MjModel.from_xml_string(BODY.format(part=part))
-    return model, find_lumps(model, lambda geom: True)
+    return model, rigid_groups(model, lambda geom: True)
 
 
 ROUND = {
@@ -64,22 +64,22 @@ UNEVEN = {
 @pytest.mark.parametrize("shape", ROUND)
 def test_a_round_wheel_belongs_to_its_robot(shape: str) -> None:
     """Whatever is round about its axle looks the same however far it has turned."""
-    found = lumps(AXLE.format(more="") + ROUND[shape])
+    found = rigid_groups_(AXLE.format(more="") + ROUND[shape])
     assert found == {"base": {"hull", "pole", "wheel"}}
 
 
 @pytest.mark.parametrize("shape", UNEVEN)
 def test_what_is_not_round_about_its_axle_goes_its_own_way(shape: str) -> None:
     """One can see it turn."""
-    assert "wheel" in lumps(AXLE.format(more="") + UNEVEN[shape])["part"]
+    assert "wheel" in rigid_groups_(AXLE.format(more="") + UNEVEN[shape])["part"]
 
 
 def test_an_axle_beside_the_origin() -> None:
     """What counts is the axis itself, not the body's origin."""
     beside = AXLE.format(more='pos=".05 0 0"')
-    assert "part" in lumps(beside + ROUND["ellipsoid"])
+    assert "part" in rigid_groups_(beside + ROUND["ellipsoid"])
     on_it = ROUND["ellipsoid"].replace("/>", ' pos=".05 0 0"/>')
-    assert lumps(beside + on_it) == {"base": {"hull", "pole", "wheel"}}
+    assert rigid_groups_(beside + on_it) == {"base": {"hull", "pole", "wheel"}}
 
 
 @pytest.mark.parametrize(
@@ -92,27 +92,29 @@ def test_an_axle_beside_the_origin() -> None:
 )
 def test_other_joints_make_a_piece_of_its_own(joints: str) -> None:
     """Only a single hinge is an axle."""
-    assert "part" in lumps(joints + ROUND["sphere"])
+    assert "part" in rigid_groups_(joints + ROUND["sphere"])
 
 
 def test_what_sits_on_a_wheel_turns_with_it() -> None:
     """A valve cap is not part of the robot's hull, though it has no joint of its own."""
     cap = '<body name="cap" pos=".09 0 0"><geom name="cap" type="sphere" size=".01"/></body>'
-    found = lumps(AXLE.format(more="") + ROUND["ellipsoid"] + cap)
+    found = rigid_groups_(AXLE.format(more="") + ROUND["ellipsoid"] + cap)
     assert found == {"base": {"hull", "pole", "wheel"}, "cap": {"cap"}}
 
 
 def test_places_are_those_of_the_physics() -> None:
     """However a wheel has turned, the geoms are where the lump has them."""
-    model, (lump,) = compiled(AXLE.format(more="") + ROUND["cylinder"])
+    model, (rigid_group,) = compiled(AXLE.format(more="") + ROUND["cylinder"])
     data = mujoco.MjData(model)
     data.qpos[:7] = (0.3, -1.0, 0.2, *np.array([0.5, 0.5, -0.1, 0.7]) / 1.0)
     data.qpos[7] = 1.234
     mujoco.mj_kinematics(model, data)
-    body = data.xmat[lump.body].reshape(3, 3)
-    for geom, place, turn in zip(lump.geoms, lump.places, lump.turns, strict=True):
+    body = data.xmat[rigid_group.body].reshape(3, 3)
+    for geom, place, turn in zip(
+        rigid_group.geoms, rigid_group.places, rigid_group.turns, strict=True
+    ):
         np.testing.assert_allclose(
-            data.xpos[lump.body] + body @ place, data.geom_xpos[geom], atol=1e-9
+            data.xpos[rigid_group.body] + body @ place, data.geom_xpos[geom], atol=1e-9
         )
         main = (body @ turn)[:, 2]
         np.testing.assert_allclose(main, data.geom_xmat[geom].reshape(3, 3)[:, 2], atol=1e-9)
@@ -121,11 +123,11 @@ def test_places_are_those_of_the_physics() -> None:
 def test_only_what_is_visible_counts() -> None:
     """A body without visible geoms is no lump; the fixed world is none either."""
     model = mujoco.MjModel.from_xml_string(BODY.format(part=AXLE + ROUND["sphere"]).format(more=""))
-    seen = find_lumps(model, lambda geom: model.geom(geom).name == "wheel")
+    seen = rigid_groups(model, lambda geom: model.geom(geom).name == "wheel")
     assert [(one.body, one.geoms) for one in seen] == [
         (model.body("base").id, (model.geom("wheel").id,))
     ]
-    assert find_lumps(model, lambda geom: False) == []
+    assert rigid_groups(model, lambda geom: False) == []
 
 
 DOWN = RayFan(np.array([3.0, 0.0, 5.0]), np.array([[0.0, 0.0, -1.0]]), 50.0, identify=True)

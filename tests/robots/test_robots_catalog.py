@@ -18,7 +18,7 @@ from robot_files import table, write
 
 from usarsim_server.data import data_directory
 from usarsim_server.errors import RobotDescriptionError
-from usarsim_server.robots.catalog import Library, Roster, load_robot, load_roster
+from usarsim_server.robots.catalog import Library, RobotCatalog, load_catalog, load_robot
 
 SHIPPED = tuple(
     sorted((path.stem for path in data_directory("robots").glob("*.toml")), key=str.lower)
@@ -40,42 +40,42 @@ ROSTER = (
 
 
 @pytest.fixture(scope="module")
-def roster() -> Roster:
-    return load_roster()
+def catalog() -> RobotCatalog:
+    return load_catalog()
 
 
-def found(roster: Roster, name: str):
-    robot = roster.find(name)
+def found(catalog: RobotCatalog, name: str):
+    robot = catalog.find(name)
     assert robot is not None, name
     return robot
 
 
-def test_shipped_classes(roster: Roster) -> None:
+def test_shipped_classes(catalog: RobotCatalog) -> None:
     """The shipped folder has exactly the documented classes, listed in alphabetical order."""
-    assert roster.names() == SHIPPED
-    assert tuple(robot.name for robot in roster.descriptions()) == SHIPPED
+    assert catalog.names() == SHIPPED
+    assert tuple(robot.name for robot in catalog.descriptions()) == SHIPPED
 
 
 @pytest.mark.parametrize("name", ROSTER)
-def test_the_whole_roster_is_there(roster: Roster, name: str) -> None:
-    """Every row of the roster of the original simulators is answered (5.1 #1)."""
-    assert found(roster, name).name == name
+def test_the_whole_roster_is_there(catalog: RobotCatalog, name: str) -> None:
+    """Every row of the catalog of the original simulators is answered (5.1 #1)."""
+    assert found(catalog, name).name == name
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_every_class_is_found_with_and_without_package(roster: Roster, name: str) -> None:
+def test_every_class_is_found_with_and_without_package(catalog: RobotCatalog, name: str) -> None:
     """A class is found by its name, with a package, and in any case (5.1 #1, #2)."""
     for spelling in (name, f"USARBot.{name}", f"a.b.{name}", name.lower(), name.upper()):
-        assert found(roster, spelling).name == name
-    assert found(roster, f" USARBot.{name} ").name == name
+        assert found(catalog, spelling).name == name
+    assert found(catalog, f" USARBot.{name} ").name == name
 
 
 @pytest.mark.parametrize(
     "name", ["", ".", "USARBot.", "Nothing", "USARBot.P3ATX", "P3AT.toml", "*"]
 )
-def test_unknown_classes_are_none(roster: Roster, name: str) -> None:
+def test_unknown_classes_are_none(catalog: RobotCatalog, name: str) -> None:
     """A class nobody described is None (5.1 #1)."""
-    assert roster.find(name) is None
+    assert catalog.find(name) is None
 
 
 @pytest.mark.parametrize(
@@ -89,10 +89,10 @@ def test_unknown_classes_are_none(roster: Roster, name: str) -> None:
     ],
 )
 def test_aliases_have_the_mapped_geometry_and_their_own_name(
-    roster: Roster, alias: str, model: str
+    catalog: RobotCatalog, alias: str, model: str
 ) -> None:
     """Variants report the class the client asked for and have the geometry of 1.1 (5.1 #3)."""
-    robot, original = found(roster, alias), found(roster, model)
+    robot, original = found(catalog, alias), found(catalog, model)
     assert robot.name == alias
     assert robot.model == original.model == model
     assert robot.wheels == original.wheels
@@ -102,19 +102,19 @@ def test_aliases_have_the_mapped_geometry_and_their_own_name(
 
 @pytest.mark.parametrize("suffix", ["_R", "_Red", "_0", "_b", "_a_long_one"])
 @pytest.mark.parametrize("name", ["pioneer3at_with_sensors", "pioneer2dx_with_sensors"])
-def test_suffixes_of_the_gazebo_classes(roster: Roster, name: str, suffix: str) -> None:
+def test_suffixes_of_the_gazebo_classes(catalog: RobotCatalog, name: str, suffix: str) -> None:
     """The 2015 classes take any suffix, which the client gets back in its own spelling."""
-    robot = found(roster, name + suffix)
+    robot = found(catalog, name + suffix)
     assert robot.name == name + suffix
     assert robot.model == name
-    assert found(roster, f"USARBot.{(name + suffix).upper()}").name == (name + suffix).upper()
-    assert roster.find(name + suffix.removeprefix("_")) is None
+    assert found(catalog, f"USARBot.{(name + suffix).upper()}").name == (name + suffix).upper()
+    assert catalog.find(name + suffix.removeprefix("_")) is None
 
 
 def test_pattern_never_hides_a_class_of_that_name(tmp_path: Path) -> None:
     """An exact name wins over a pattern that matches it, too."""
     write(tmp_path, "pioneer3at_with_sensors_X", table())
-    robot = found(load_roster([tmp_path]), "pioneer3at_with_sensors_x")
+    robot = found(load_catalog([tmp_path]), "pioneer3at_with_sensors_x")
     assert (robot.name, robot.model) == ("pioneer3at_with_sensors_X", "pioneer3at_with_sensors_X")
 
 
@@ -122,13 +122,13 @@ def test_user_folder_adds_a_class(tmp_path: Path) -> None:
     """A robot file in a folder of the user's is a class; nothing else is needed."""
     write(tmp_path, "Rover", table(aliases=["Buggy"], alias_patterns=["rover-*"]))
     (tmp_path / "notes.txt").write_text("no robot")
-    roster = load_roster([tmp_path])
-    assert "Rover" in roster.names()
-    assert "Buggy" not in roster.names()
-    assert len(roster.names()) == len(SHIPPED) + 1
-    assert found(roster, "USARBot.BUGGY").name == "Buggy"
-    assert found(roster, "Rover-7").name == "Rover-7"
-    assert {found(roster, name).model for name in ("rover", "buggy", "ROVER-7")} == {"Rover"}
+    catalog = load_catalog([tmp_path])
+    assert "Rover" in catalog.names()
+    assert "Buggy" not in catalog.names()
+    assert len(catalog.names()) == len(SHIPPED) + 1
+    assert found(catalog, "USARBot.BUGGY").name == "Buggy"
+    assert found(catalog, "Rover-7").name == "Rover-7"
+    assert {found(catalog, name).model for name in ("rover", "buggy", "ROVER-7")} == {"Rover"}
 
 
 def test_user_folder_replaces_a_shipped_class(
@@ -137,18 +137,18 @@ def test_user_folder_replaces_a_shipped_class(
     """A user's class replaces the shipped one, also for its variants, and the log says so."""
     write(tmp_path, "p2at", table(name="P2AT"))
     with caplog.at_level(logging.INFO, logger="usarsim"):
-        roster = load_roster([tmp_path])
-    assert roster.names() == SHIPPED
-    assert found(roster, "P2AT").report.mass == 6.2
-    assert found(roster, "StereoP2AT").report.mass == 6.2
-    assert found(roster, "P3AT").report.mass == 11.9
+        catalog = load_catalog([tmp_path])
+    assert catalog.names() == SHIPPED
+    assert found(catalog, "P2AT").report.mass == 6.2
+    assert found(catalog, "StereoP2AT").report.mass == 6.2
+    assert found(catalog, "P3AT").report.mass == 11.9
     assert "robot class is replaced" in caplog.text
 
 
 def test_user_file_may_extend_what_it_replaces(tmp_path: Path) -> None:
     """The fast P3AT of the howto: three lines in a folder of one's own (5.2 #23)."""
     (tmp_path / "P3AT.toml").write_text('extends = "P3AT"\n[drive]\nmax_wheel_speed = 8.17\n')
-    robot = found(load_roster([tmp_path]), "P3AT")
+    robot = found(load_catalog([tmp_path]), "P3AT")
     assert robot.drive.max_wheel_speed == 8.17
     assert robot.report.max_speed == 8.17
     assert robot.drive.max_wheel_speed * robot.report.wheel_radius == pytest.approx(0.80, abs=0.005)
@@ -157,22 +157,22 @@ def test_user_file_may_extend_what_it_replaces(tmp_path: Path) -> None:
 def test_shipped_aliases_outlive_a_replaced_class(tmp_path: Path) -> None:
     """Names that a replaced file gave to a class lead to the new robot of that class."""
     write(tmp_path, "pioneer3at_with_sensors", table())
-    assert found(load_roster([tmp_path]), "pioneer3at_with_sensors_R").report.mass == 6.2
+    assert found(load_catalog([tmp_path]), "pioneer3at_with_sensors_R").report.mass == 6.2
 
 
 def test_later_folders_win(tmp_path: Path) -> None:
     """Of several folders the last one that has the class decides."""
     write(tmp_path / "one", "Rover", table(description="one"))
     write(tmp_path / "two", "ROVER", table(description="two", name="Rover"))
-    roster = load_roster([tmp_path / "one", tmp_path / "two"])
-    assert found(roster, "rover").description == "two"
-    assert roster.names().count("Rover") == 1
+    catalog = load_catalog([tmp_path / "one", tmp_path / "two"])
+    assert found(catalog, "rover").description == "two"
+    assert catalog.names().count("Rover") == 1
 
 
 def test_later_alias_wins_over_an_earlier_class(tmp_path: Path) -> None:
     """A user may map the name of a shipped class onto a robot of his own by an alias."""
     write(tmp_path, "Rover", table(aliases=["P2DX"]))
-    robot = found(load_roster([tmp_path]), "p2dx")
+    robot = found(load_catalog([tmp_path]), "p2dx")
     assert (robot.name, robot.model) == ("P2DX", "Rover")
 
 
@@ -181,33 +181,33 @@ def test_one_name_twice_in_a_folder_is_an_error(tmp_path: Path) -> None:
     write(tmp_path / "a", "One", table(aliases=["Both"]))
     write(tmp_path / "a", "Two", table(aliases=["BOTH"]))
     with pytest.raises(RobotDescriptionError, match="'BOTH' is also a name in"):
-        load_roster([tmp_path / "a"])
+        load_catalog([tmp_path / "a"])
     write(tmp_path / "b", "Both", table())
     write(tmp_path / "b", "BOTH", table())
     with pytest.raises(RobotDescriptionError, match="by case only"):
-        load_roster([tmp_path / "b"])
+        load_catalog([tmp_path / "b"])
 
 
 def test_bad_folder_and_bad_file_are_errors(tmp_path: Path) -> None:
     """A missing folder and a bad file in it stop the loading with one error."""
     with pytest.raises(RobotDescriptionError, match="no such folder"):
-        load_roster([tmp_path / "absent"])
+        load_catalog([tmp_path / "absent"])
     write(tmp_path, "Rover", table(kind="x"))
     with pytest.raises(RobotDescriptionError, match=r"Rover\.toml: kind"):
-        load_roster([tmp_path])
+        load_catalog([tmp_path])
 
 
 def test_circle_over_folders_is_an_error(tmp_path: Path) -> None:
     """A user's P2AT that extends a variant of P2AT is refused instead of recursing."""
     write(tmp_path, "P2AT", {"extends": "StereoP2AT"})
     with pytest.raises(RobotDescriptionError, match="circle"):
-        load_roster([tmp_path])
+        load_catalog([tmp_path])
 
 
 def test_same_file_twice_is_one_class(tmp_path: Path) -> None:
     """Naming a folder twice does no harm."""
     write(tmp_path, "Rover", table())
-    assert load_roster([tmp_path, tmp_path]).names().count("Rover") == 1
+    assert load_catalog([tmp_path, tmp_path]).names().count("Rover") == 1
 
 
 MESH = '<asset><mesh name="t" file="FILE"/></asset>'

@@ -1,4 +1,4 @@
-"""The studio: one thread that renders what somebody looks at, and publishes it as frames.
+"""The render loop: one thread that renders what somebody looks at, and publishes it as frames.
 
 Nothing here waits for a reader, and no reader for anything here: tiles that somebody watches are
 rendered at most so many times a second of simulated time, the one that has waited longest first,
@@ -47,7 +47,7 @@ _ANYTHING = View(IDENTITY, width=16, height=16)
 
 
 class WorldSource(Protocol):
-    """What the studio needs of the simulation."""
+    """What the render loop needs of the simulation."""
 
     @property
     def speed(self) -> float:
@@ -61,8 +61,8 @@ class WorldSource(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class StudioOptions:
-    """How the studio works.
+class RenderOptions:
+    """How the render loop works.
 
     Attributes:
         rate: pictures per simulated second of each camera that has no rate of its own (15 in the
@@ -93,17 +93,17 @@ class _Painted:
     turn: float
 
 
-class Studio:
+class RenderLoop:
     """A `FrameSource`: renders the cameras of a board, and single pictures from anywhere."""
 
     def __init__(
         self,
         simulation: WorldSource,
         board: CameraBoard,
-        options: StudioOptions,
+        options: RenderOptions,
         lit: Callable[[int], bool] = nobody_lit,
     ) -> None:
-        """Describe the studio; its thread starts when somebody looks.
+        """Describe the render loop; its thread starts when somebody looks.
 
         Args:
             simulation: the world.

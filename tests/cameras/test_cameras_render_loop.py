@@ -1,4 +1,4 @@
-"""The studio: who is rendered, when, and what watchers get; by rays, on a clock of the test."""
+"""Who is rendered, when, and what watchers get; by rays, on a clock of the test."""
 
 from __future__ import annotations
 
@@ -28,27 +28,27 @@ class TestWatching:
 
     def test_nobody_watches_nothing_is_rendered(self, stage: Set) -> None:
         """Without a watcher there is no frame for a camera, no thread and no work."""
-        assert stage.studio.newest(GRID.region(0)) is None
+        assert stage.render_loop.newest(GRID.region(0)) is None
         time.sleep(MOMENT)
-        assert stage.studio.pictures == 0
+        assert stage.render_loop.pictures == 0
         assert stage.world.looks == 0
 
     def test_a_watched_tile_is_rendered_and_no_other(self, stage: Set) -> None:
         """One tile of a watched region is painted; the others stay black."""
         watcher = Watcher()
-        stage.studio.watch(GRID.region(0), watcher)
+        stage.render_loop.watch(GRID.region(0), watcher)
         frame = watcher.wait()
         assert is_red(part(frame, 0)).any()
         assert all(empty(frame, tile) for tile in (1, 2, 3))
-        assert stage.studio.newest(GRID.region(0)) is frame
-        assert stage.studio.newest(GRID.region(1)) is None
-        assert stage.studio.newest(GRID.frame) is None
-        assert stage.studio.pictures == 1
+        assert stage.render_loop.newest(GRID.region(0)) is frame
+        assert stage.render_loop.newest(GRID.region(1)) is None
+        assert stage.render_loop.newest(GRID.frame) is None
+        assert stage.render_loop.pictures == 1
 
     def test_every_camera_is_in_its_own_tile(self, stage: Set) -> None:
         """What a robot sees is in its tile and nowhere else (check 21)."""
         watcher = Watcher()
-        stage.studio.watch(GRID.frame, watcher)
+        stage.render_loop.watch(GRID.frame, watcher)
         frame = watcher.wait()
         assert [bool(is_red(part(frame, tile)).any()) for tile in range(4)] == [
             True,
@@ -61,71 +61,71 @@ class TestWatching:
     def test_two_watchers_of_different_tiles(self, stage: Set) -> None:
         """Each is told of frames with its own tile; a region over both is up to date, too."""
         one, other = Watcher(), Watcher()
-        stage.studio.watch(GRID.region(0), one)
+        stage.render_loop.watch(GRID.region(0), one)
         one.wait()
-        stage.studio.watch(GRID.region(1), other)
+        stage.render_loop.watch(GRID.region(1), other)
         frame = other.wait()
         assert not empty(frame, 0)
         assert not empty(frame, 1)
         assert len(one.frames) == 1  # nothing was new in its tile
         both = Region(0, 0, 2 * GRID.tile_width, GRID.tile_height)
-        assert stage.studio.newest(both) is not None
+        assert stage.render_loop.newest(both) is not None
 
     def test_who_looks_away_leaves_nothing_behind(self, stage: Set) -> None:
         """After the last watcher has gone a tile is out of date and is not rendered any more."""
         watcher, second = Watcher(), Watcher()
-        watches = [stage.studio.watch(GRID.region(0), one) for one in (watcher, second)]
+        watches = [stage.render_loop.watch(GRID.region(0), one) for one in (watcher, second)]
         second.wait()
         watches[0].close()
-        assert stage.studio.newest(GRID.region(0)) is not None
+        assert stage.render_loop.newest(GRID.region(0)) is not None
         watches[1].close()
         watches[1].close()
-        assert stage.studio.newest(GRID.region(0)) is None
-        done = stage.studio.pictures
+        assert stage.render_loop.newest(GRID.region(0)) is None
+        done = stage.render_loop.pictures
         stage.world.set_time(5.0)
         time.sleep(MOMENT)
-        assert stage.studio.pictures == done
+        assert stage.render_loop.pictures == done
 
     def test_a_watch_can_turn_elsewhere(self, stage: Set) -> None:
         """`look_at` renders the new region and forgets the old one."""
         watcher = Watcher()
-        watch = stage.studio.watch(GRID.region(0), watcher)
+        watch = stage.render_loop.watch(GRID.region(0), watcher)
         watcher.wait()
         watch.look_at(GRID.region(2))
-        until(lambda: stage.studio.newest(GRID.region(2)) is not None)
-        assert stage.studio.newest(GRID.region(0)) is None
+        until(lambda: stage.render_loop.newest(GRID.region(2)) is not None)
+        assert stage.render_loop.newest(GRID.region(0)) is None
 
     def test_a_late_watcher_is_told_at_once(self, stage: Set) -> None:
         """Who begins to watch what is up to date need not wait for the next turn of the clock."""
         first, second = Watcher(), Watcher()
-        stage.studio.watch(GRID.region(0), first)
+        stage.render_loop.watch(GRID.region(0), first)
         first.wait()
-        stage.studio.watch(GRID.region(0), second)
+        stage.render_loop.watch(GRID.region(0), second)
         assert second.wait() is first.frames[-1]
 
     def test_regions_without_cameras_need_no_rendering(self, stage: Set) -> None:
         """A plain tile is up to date without anybody watching; also before any robot (check 1)."""
-        frame = stage.studio.newest(GRID.region(3))
+        frame = stage.render_loop.newest(GRID.region(3))
         assert frame is not None
         assert empty(frame, 3)
         stage.board.views = ()
-        assert stage.studio.newest(GRID.frame) is frame
-        assert stage.studio.pictures == 0
+        assert stage.render_loop.newest(GRID.frame) is frame
+        assert stage.render_loop.pictures == 0
 
     def test_a_watcher_of_plain_tiles_is_told_too(self, stage: Set) -> None:
         """Watching a region without cameras gives a frame as well."""
         watcher = Watcher()
-        stage.studio.watch(GRID.region(3), watcher)
+        stage.render_loop.watch(GRID.region(3), watcher)
         assert empty(watcher.wait(), 3)
 
     def test_always_render(self, stage: Set) -> None:
         """With the option all cameras are up to date though nobody watches."""
-        studio = stage.make(always=True)
-        studio.open()
+        render_loop = stage.make(always=True)
+        render_loop.open()
         try:
-            until(lambda: studio.newest(GRID.frame) is not None)
+            until(lambda: render_loop.newest(GRID.frame) is not None)
         finally:
-            studio.close()
+            render_loop.close()
 
     def test_one_bad_watcher_harms_nobody(self, stage: Set) -> None:
         """An exception in one callback does not keep the others from their frames."""
@@ -134,8 +134,8 @@ class TestWatching:
             raise RuntimeError("oops")
 
         good = Watcher()
-        stage.studio.watch(GRID.region(0), bad)
-        stage.studio.watch(GRID.region(0), good)
+        stage.render_loop.watch(GRID.region(0), bad)
+        stage.render_loop.watch(GRID.region(0), good)
         good.wait()
         stage.world.set_time(1.0)
         good.wait(2)
@@ -147,7 +147,7 @@ class TestFrames:
     def test_a_frame_never_changes(self, stage: Set) -> None:
         """A frame that somebody keeps stays as it was, and cannot be written to."""
         watcher = Watcher()
-        stage.studio.watch(GRID.region(0), watcher)
+        stage.render_loop.watch(GRID.region(0), watcher)
         frame = watcher.wait()
         before = frame.pixels.copy()
         stage.yard.turn(stage.robots[0], 0.0, 0.0, 2.0)
@@ -161,7 +161,7 @@ class TestFrames:
     def test_numbers_and_times_grow(self, stage: Set) -> None:
         """Every new frame has a higher number and the simulated time of its newest tile."""
         watcher = Watcher()
-        stage.studio.watch(GRID.frame, watcher)
+        stage.render_loop.watch(GRID.frame, watcher)
         watcher.wait()
         for step in range(1, 4):
             stage.world.set_time(float(step))
@@ -173,13 +173,13 @@ class TestFrames:
         """A region in which nothing was painted keeps its frame while others get new ones."""
         one, other = Watcher(), Watcher()
         stage.board.views = stage.board.views[:2]
-        stage.studio.watch(GRID.region(2), one)
-        stage.studio.watch(GRID.region(0), other)
+        stage.render_loop.watch(GRID.region(2), one)
+        stage.render_loop.watch(GRID.region(0), other)
         other.wait()
-        kept = stage.studio.newest(GRID.region(2))
+        kept = stage.render_loop.newest(GRID.region(2))
         stage.world.set_time(1.0)
         other.wait(2)
-        assert stage.studio.newest(GRID.region(2)) is kept
+        assert stage.render_loop.newest(GRID.region(2)) is kept
 
 
 class TestTurns:
@@ -189,35 +189,35 @@ class TestTurns:
     def test_at_most_so_many_pictures_per_simulated_second(self, stage: Set, rate: float) -> None:
         """However finely the clock moves, a camera gets its rate and no more (2.6)."""
         stage.world.speed = math.inf  # the clock goes as it likes
-        studio = stage.make(rate=rate)
+        render_loop = stage.make(rate=rate)
         watcher = Watcher()
         try:
-            studio.watch(GRID.region(0), watcher)
+            render_loop.watch(GRID.region(0), watcher)
             watcher.wait()
             for step in range(1, 101):
                 stage.world.set_time(0.01 * step)
                 looks = stage.world.looks
                 until(lambda looks=looks: stage.world.looks > looks + 1)  # type: ignore[misc]
         finally:
-            studio.close()
-        assert studio.pictures == pytest.approx(rate, abs=1.1)
+            render_loop.close()
+        assert render_loop.pictures == pytest.approx(rate, abs=1.1)
 
     def test_standing_time_renders_nothing_new(self, stage: Set) -> None:
         """While simulated time stands still there is nothing to be seen; looks become rare."""
         watcher = Watcher()
-        stage.studio.watch(GRID.frame, watcher)
+        stage.render_loop.watch(GRID.frame, watcher)
         watcher.wait()
-        done, looks = stage.studio.pictures, stage.world.looks
+        done, looks = stage.render_loop.pictures, stage.world.looks
         began = time.monotonic()
         time.sleep(0.3)
         passed = time.monotonic() - began
-        assert stage.studio.pictures == done == 3
+        assert stage.render_loop.pictures == done == 3
         assert stage.world.looks - looks < 20 + 100.0 * passed
 
     def test_a_changed_camera_is_rendered_at_once(self, stage: Set) -> None:
         """A zoom shows without waiting for the camera's turn."""
         watcher = Watcher()
-        stage.studio.watch(GRID.region(0), watcher)
+        stage.render_loop.watch(GRID.region(0), watcher)
         wide = is_red(part(watcher.wait(), 0)).sum()
         first, *others = stage.board.views
         stage.board.views = (camera(first.robot, 0, key=first.key, fov=0.5), *others)
@@ -241,18 +241,18 @@ class TestTurns:
                 step += 1
                 stage.world.set_time(0.01 * step)
 
-        original = stage.studio._atlas.paint
+        original = stage.render_loop._atlas.paint
 
         def paint(tile: int, key: int, picture: object, now: float) -> None:
             times.append((tile, now))
             time.sleep(0.04)
             original(tile, key, picture, now)  # type: ignore[arg-type]
 
-        stage.studio._atlas.paint = paint  # type: ignore[assignment,method-assign]
+        stage.render_loop._atlas.paint = paint  # type: ignore[assignment,method-assign]
         ticking = threading.Thread(target=clock)
         ticking.start()
         try:
-            stage.studio.watch(GRID.frame, Watcher())
+            stage.render_loop.watch(GRID.frame, Watcher())
             until(lambda: len(times) > 12)
         finally:
             stop.set()

@@ -8,7 +8,7 @@ import contextlib
 from usarsim_server.cameras.view import Frame, FrameSource, Region, Watch
 
 
-class Bell:
+class FrameSignal:
     """Brings new frames from the rendering thread to tasks of the event loop."""
 
     def __init__(self) -> None:
@@ -37,10 +37,10 @@ class Bell:
             waiting.set_result(frame)
 
 
-class Attention:
+class WatchList:
     """What one client has asked for lately; the renderer works for that and nothing else."""
 
-    def __init__(self, source: FrameSource, bell: Bell, linger: float, most: int) -> None:
+    def __init__(self, source: FrameSource, signal: FrameSignal, linger: float, most: int) -> None:
         """Look at nothing as yet.
 
         Args:
@@ -50,7 +50,7 @@ class Attention:
             most: regions that are watched at a time; the one asked for longest ago gives way.
         """
         self._source = source
-        self._bell = bell
+        self._signal = signal
         self._linger = linger
         self._most = most
         self._loop = asyncio.get_running_loop()
@@ -63,7 +63,7 @@ class Attention:
         found = self._watches.pop(region, None)
         if found is None and len(self._watches) >= self._most:
             self._drop(next(iter(self._watches)))
-        watch = found[0] if found else self._source.watch(region, self._bell.ring)
+        watch = found[0] if found else self._source.watch(region, self._signal.ring)
         self._watches[region] = watch, self._loop.time()
         if self._timer is None:
             self._timer = self._loop.call_later(self._linger, self._sweep)
