@@ -17,7 +17,6 @@ from usarsim_server.protocol.requests import (
     GetStartPoses,
     Goto,
     Ignored,
-    Init,
     LinkTarget,
     MisPkg,
     Move,
@@ -28,18 +27,11 @@ from usarsim_server.protocol.requests import (
     Unknown,
     WheelTarget,
 )
-from usarsim_server.protocol.values import Dialect, Vector
 
 
 def request(line: str | bytes) -> Request:
     (command,) = parse_line(line.encode("latin-1") if isinstance(line, str) else line)
     return interpret(command)
-
-
-def init(line: str) -> Init:
-    found = request(line)
-    assert isinstance(found, Init)
-    return found
 
 
 def drive(line: str) -> Drive:
@@ -52,133 +44,6 @@ def set_(line: str) -> Set:
     found = request(line)
     assert isinstance(found, Set)
     return found
-
-
-# INIT
-
-
-@pytest.mark.parametrize(
-    ("line", "expected"),
-    [
-        (
-            "INIT {ClassName USARBot.P2DX} {Location 4.5,1.9,1.8}",
-            ("P2DX", None, (4.5, 1.9, 1.8), None, None),
-        ),
-        (
-            "INIT {ClassName USARBot.P3AT} {Name Rover7} {Location -2.25,0.80,-0.35} "
-            "{Rotation 0,0,1.5708}",
-            ("P3AT", "Rover7", (-2.25, 0.8, -0.35), (0, 0, 1.5708), None),
-        ),
-        (
-            "INIT {Classname USARBot.P3AT} {Name rover} {Start RobotStart1}",
-            ("P3AT", "rover", None, None, "RobotStart1"),
-        ),
-        (
-            "INIT {ClassName USARBot.P2AT} {Name R1} {Location 1.000000 -2.000000 1.800000} "
-            "{Rotation 0.000000 0.000000 0.000000}",
-            ("P2AT", "R1", (1, -2, 1.8), (0, 0, 0), None),
-        ),
-        (
-            "INIT {ClassName USARBot.P2AT}{Name R2}{Location 0, -50, 020}",
-            ("P2AT", "R2", (0, -50, 20), None, None),
-        ),
-        (
-            "INIT {ClassName USARBotAPI.WorldController} {Name WC} {Location 0,0,0}",
-            ("WorldController", "WC", (0, 0, 0), None, None),
-        ),
-    ],
-)
-def test_init_examples(
-    line: str, expected: tuple[str, str | None, Vector | None, Vector | None, str | None]
-) -> None:
-    """3.2: all documented forms of INIT give class, name, location, rotation and start."""
-    found = init(line)
-    assert (found.class_name, found.name, found.location, found.rotation, found.start) == expected
-
-
-@pytest.mark.parametrize(
-    ("text", "package", "class_name"),
-    [
-        ("USARBot.P2AT", "USARBot", "P2AT"),
-        ("P2AT", "", "P2AT"),
-        ("usarbot.p2at", "usarbot", "p2at"),
-        ("A.B.P2AT", "A.B", "P2AT"),
-        ("USARBot. P2AT", "USARBot", "P2AT"),
-        ("USARBot.", "USARBot", ""),
-        ("", "", ""),
-    ],
-)
-def test_init_class_with_and_without_package(text: str, package: str, class_name: str) -> None:
-    """72: the class is what follows the last point, the package what precedes it."""
-    found = init(f"INIT {{ClassName {text}}}")
-    assert (found.package, found.class_name) == (package, class_name)
-
-
-@pytest.mark.parametrize(
-    ("key", "exact"),
-    [("ClassName", False), ("Classname", True), ("classname", False), ("CLASSNAME", False)],
-)
-def test_init_notices_the_spelling_of_the_ros_family(key: str, exact: bool) -> None:
-    """73, 173: every case of ClassName is accepted and only `Classname` is told apart."""
-    found = init(f"INIT {{{key} USARBot.P3AT}}")
-    assert found.class_name == "P3AT"
-    assert found.spelled_classname_exactly is exact
-
-
-def test_init_without_anything() -> None:
-    """74, 75: name, place and class may be missing; missing and empty are the same."""
-    assert init("INIT") == Init(class_name="")
-    found = init("INIT {ClassName P2AT} {Name} {Location} {Rotation } {Start} {Skin}")
-    assert (found.name, found.location, found.rotation, found.start, found.skin) == (None,) * 5
-
-
-def test_init_extras() -> None:
-    """78: Battery, Team, Skin are read, unknown segments are kept and harmless."""
-    found = init("INIT {ClassName P2AT} {Battery 600} {Team 2} {Skin red.blue} {Foo bar}")
-    assert (found.battery, found.team, found.skin) == (600.0, 2, "red.blue")
-    assert found.segments[-1] == ("Foo", "bar")
-    assert init("INIT {ClassName P2AT}").battery is None
-
-
-@pytest.mark.parametrize(
-    ("value", "dialect"),
-    [
-        ("udk", Dialect.UDK),
-        ("UT2004", Dialect.UT2004),
-        ("auto", None),
-        ("gazebo", None),
-        ("", None),
-    ],
-)
-def test_init_dialect(value: str, dialect: Dialect | None) -> None:
-    """176: `{Dialect x}` is read in any case; anything else forces nothing."""
-    assert init(f"INIT {{ClassName P2AT}} {{Dialect {value}}}").dialect is dialect
-
-
-@pytest.mark.parametrize(
-    ("text", "location"),
-    [
-        ("1,2,3", (1, 2, 3)),
-        ("1, 2, 3", (1, 2, 3)),
-        ("1.0 2.0 3.0", (1, 2, 3)),
-        (" 1,2,3 ", (1, 2, 3)),
-        (".4, .4, 1.8", (0.4, 0.4, 1.8)),
-        ("0, -50, 020", (0, -50, 20)),
-        ("0,5 1,0 1,8", (0.5, 1.0, 1.8)),
-        ("1,2", (1, 2, 0)),
-        ("0,0000, 0,0000, 0,0000", (0, 0, 0)),
-    ],
-)
-def test_init_locations(text: str, location: Vector) -> None:
-    """47 to 51 and addendum: every spelling of a location spawns at the same place."""
-    assert init(f"INIT {{ClassName P2AT}} {{Location {text}}}").location == location
-
-
-def test_init_with_foreign_name() -> None:
-    """52: non-ASCII bytes in a name leave the later segments readable."""
-    found = request("INIT {ClassName P2AT} {Name Žluť} {Location 1,2,3}".encode())
-    assert isinstance(found, Init)
-    assert found.location == (1, 2, 3)
 
 
 # Start poses and path nodes
