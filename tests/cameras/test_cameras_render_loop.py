@@ -1,4 +1,4 @@
-"""The render loop: who is rendered, when, and what watchers get; by rays, on a clock of the test."""
+"""The render loop: who is rendered, when, what watchers get; by rays, on a clock of the test."""
 
 from __future__ import annotations
 

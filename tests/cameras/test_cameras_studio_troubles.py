@@ -139,7 +139,7 @@ class TestSinglePictures:
         stage.render_loop.watch(GRID.frame, Watcher()).close()
 
     def test_an_old_snapshot(self, stage: Set) -> None:
-        """What was can be drawn while somebody has a snapshot of it; then the render loop goes on."""
+        """What was can be drawn while somebody has a snapshot of it; then the loop goes on."""
         old = stage.world.look()
         for number in range(6):
             stage.yard.park(-8.0 - number, -8.0, model=cart(f"kind{number}"))

@@ -1,4 +1,4 @@
-"""What renders: the border between the render loop and OpenGL or rays, and which of them works here.
+"""What renders: the border between render loop and OpenGL or rays, and which of them works here.
 
 Loading a GL library that is missing, half installed or without a device ends in anything from an
 `AttributeError` to the end of the process, so nothing here loads one into the server before

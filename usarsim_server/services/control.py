@@ -75,9 +75,10 @@ so long in all is told of in the log."""
 SessionFactory = Callable[[str, Outbox, Callable[[], None]], "Session"]
 """Makes the session of a new connection, on the event loop; must not block.
 
-Given `host:port` of the client; the outbox for the session's lines, in which the greeting is already;
-and what is to be called, from any thread, when the session's backlog has shrunk, at the least when it
-is empty: reading a paused client's input then goes on at once instead of after a fifth of a second.
+Given `host:port` of the client; the outbox for the session's lines, in which the greeting is
+already; and what is to be called, from any thread, when the session's backlog has shrunk, at the
+least when it is empty: reading a paused client's input then goes on at once instead of after a
+fifth of a second.
 """
 
 
