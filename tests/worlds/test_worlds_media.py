@@ -13,8 +13,8 @@ from usarsim_server.errors import WorldError
 from usarsim_server.simulation.ground import Surface
 from usarsim_server.worlds.description import Smoke, SmokePuff, WorldDescription
 from usarsim_server.worlds.loader import load_world
-from usarsim_server.worlds.media import GROUNDS
 from usarsim_server.worlds.scene import PAINT, build_scene
+from usarsim_server.worlds.smoke import GROUNDS
 
 REGIONAL = """
 [[smoke]]

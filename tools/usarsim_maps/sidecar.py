@@ -33,7 +33,7 @@ from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
 from usarsim_server.tables import Table
 from usarsim_server.toml import read_toml
 from usarsim_server.worlds.description import POSTURES, PathNode, StartPose, Victim
-from usarsim_server.worlds.media import read_smoke
+from usarsim_server.worlds.smoke import read_smoke
 
 SUFFIX = ".usarsim.toml"
 """`map.t3d` has its sidecar in `map.usarsim.toml`."""

@@ -3,17 +3,22 @@
 Three kinds, as USARSim had them (robots reference 1.12): regional smoke fills a volume and weakens
 light along the way, global smoke does so everywhere below a height, local smoke is made of
 particles that nothing gets through. All functions are pure: particles that rise are where they are
-by simulated time alone, so readings repeat.
+by simulated time alone, so readings repeat. The tables `[[smoke]]` and `[[surface]]` of a world are
+read here, too.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.worlds.description import Smoke, SmokePuff, SmokeVolume
+from usarsim_server.simulation.ground import Surface
+from usarsim_server.tables import Table
+from usarsim_server.worlds.description import Haze, Smoke, SmokePuff, SmokeVolume
 
 Array = NDArray[np.float64]
 
@@ -195,3 +200,78 @@ def _below(top: float, height: Array, climb: Array) -> tuple[Array, Array]:
     inside = height < top
     entry = np.where(climb < 0.0, at_top, np.where(level & ~inside, np.inf, -np.inf))
     return entry, np.where(climb > 0.0, at_top, np.inf)
+
+
+SMOKE_KINDS = ("regional", "local", "global")
+
+LEVEL = (-0.1, 0.1)
+"""Heights of the ground that a patch covers if it does not say: the floor at 0."""
+
+
+class Ground(NamedTuple):
+    """What a kind of ground is like unless a world says otherwise."""
+
+    friction: float
+    drag: float
+    sinkage: float
+
+
+GROUNDS: Mapping[str, Ground | None] = {
+    "water": Ground(friction=0.5, drag=25.0, sinkage=0.0),
+    "mud": Ground(friction=0.4, drag=15.0, sinkage=0.02),
+    "sand": Ground(friction=0.6, drag=0.0, sinkage=0.01),
+    "ice": Ground(friction=0.1, drag=0.0, sinkage=0.0),
+    "custom": None,
+}
+"""Starting values. On the level a Pioneer with four wheels gets through all of them, one with two
+wheels and a caster through all but the mud."""
+
+
+def read_smoke(tables: Sequence[Table]) -> Smoke:
+    """All `[[smoke]]` tables of a world.
+
+    Raises:
+        WorldError: naming table, key, what is wrong and what to write instead.
+    """
+    volumes: list[SmokeVolume] = []
+    puffs: list[SmokePuff] = []
+    haze: Haze | None = None
+    for number, table in enumerate(tables, start=1):
+        match table.choice("kind", SMOKE_KINDS):
+            case "regional":
+                volumes.append(table.read(SmokeVolume))
+            case "local":
+                seed = table.count("seed", number, low=0, high=2**31)
+                puffs.append(table.read(SmokePuff, seed=seed))
+            case _:
+                if haze is not None:
+                    cure = "keep one; regional smoke has a place"
+                    raise table.error("kind", "a second global smoke", cure)
+                haze = table.read(Haze)
+        table.finish()
+    if haze is None:
+        return Smoke(tuple(volumes), tuple(puffs))
+    return Smoke(tuple(volumes), tuple(puffs), haze.density, haze.top)
+
+
+def read_surface(table: Table) -> Surface:
+    """One `[[surface]]` table.
+
+    Raises:
+        WorldError: naming table, key, what is wrong and what to write instead.
+    """
+    kind = table.choice("kind", tuple(GROUNDS))
+    ground = GROUNDS[kind]
+    surface = Surface(
+        name=table.text("name"),
+        kind=kind,
+        x=table.interval("x"),
+        y=table.interval("y"),
+        z=table.interval("z") if table.has("z") else LEVEL,
+        friction=table.number("friction", ground and ground.friction, low=0.0, high=10.0),
+        drag=table.number("drag", ground.drag if ground else 0.0, low=0.0, high=1e5),
+        sinkage=table.number("sinkage", ground.sinkage if ground else 0.0, low=0.0, high=0.5),
+        painted=not table.has("z"),
+    )
+    table.finish()
+    return surface
