@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from built_worlds import World, build_world, cuboid_mesh
+from gltf_samples import gltf as gltf_document
 from mesh_samples import dae, dae_geometry
-from mesh_samples import gltf as gltf_document
 from numpy.typing import NDArray
 from PIL import Image
 from t3d_maps import brush, level, start
