@@ -66,7 +66,7 @@ def test_a_drive_passes_eight_functions(monkeypatch: pytest.MonkeyPatch) -> None
         "_Connection._read",
         "Session.submit",
         "Session.execute",
-        "Pilot.obey",
+        "RobotRole.obey",
         "WheelController.steer",
         "BodyHandle.drive",
         "Engine.drive",
