@@ -133,6 +133,46 @@ def add_crate(
     body.add_geom(type=Geom.mjGEOM_BOX, size=[half] * 3, mass=mass)
 
 
+Piece = Callable[[mujoco.MjSpec], object]
+
+
+def box(name: str, center: tuple[float, ...], half: tuple[float, ...]) -> Piece:
+    """As `add_box`, for `furnished`."""
+    return lambda spec: add_box(spec, name, center, half)
+
+
+def crate(name: str, center: tuple[float, ...], half: float = 0.15, mass: float = 2.0) -> Piece:
+    """As `add_crate`, for `furnished`."""
+    return lambda spec: add_crate(spec, name, center, half, mass)
+
+
+def furnished(*pieces: Piece) -> Scenery:
+    """An endless floor with things on it."""
+
+    def build() -> mujoco.MjSpec:
+        spec = floor()()
+        for piece in pieces:
+            piece(spec)
+        return spec
+
+    return build
+
+
+def populated(scenery: Scenery | None = None, **options: object) -> tuple[Simulation, int]:
+    """A simulation in lockstep and the number of a robot at its origin."""
+    world = simulation(scenery, **options)  # type: ignore[arg-type]
+    return world, world.spawn(ROBOT, pose_at(0.0, 0.0))[0]
+
+
+def in_parallel(action: Callable[..., object], *arguments: object) -> None:
+    """Do something in a thread for each argument, all at once, and wait for all."""
+    threads = [threading.Thread(target=action, args=(one,)) for one in arguments]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+
+
 def yard() -> mujoco.MjSpec:
     """Floor, a wall across x = 3 m, two crates and a door on hinges."""
     spec = floor()()

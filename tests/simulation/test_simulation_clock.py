@@ -14,6 +14,7 @@ from sim_fakes import (
     SlowWatcher,
     Start,
     Watcher,
+    populated,
     pose_at,
     simulation,
     wait_until,
@@ -171,8 +172,7 @@ class TestListeners:
 
     def test_wakes_at_the_asked_times(self) -> None:
         """Snapshots come at the first step that is not before their time, without drift."""
-        world = simulation()
-        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
+        world, robot = populated()
         watcher = Watcher(0.1)
         world.body(robot).attach(watcher)
         world.run_until(10.0)
@@ -182,8 +182,7 @@ class TestListeners:
 
     def test_odd_periods_do_not_drift(self) -> None:
         """Robots checklist 114: a period that is no multiple of the step is kept on average."""
-        world = simulation()
-        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
+        world, robot = populated()
         watcher = Watcher(0.033)
         world.body(robot).attach(watcher)
         world.run_until(20.0)
@@ -279,8 +278,7 @@ class TestListeners:
 
     def test_removal_ends_the_snapshots(self) -> None:
         """A removed robot's listener is neither woken nor told that it was lost."""
-        world = simulation()
-        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
+        world, robot = populated()
         watcher = Watcher(0.1)
         world.body(robot).attach(watcher)
         world.run_until(0.5)

@@ -10,7 +10,7 @@ import threading
 from pathlib import Path
 
 import numpy as np
-from sim_fakes import ROBOT, ROGUE, Watcher, pose_at, simulation, straight, turn, yard
+from sim_fakes import ROBOT, ROGUE, Watcher, populated, pose_at, simulation, straight, turn, yard
 
 from usarsim_server.simulation.rays.query import RayFan
 from usarsim_server.simulation.simulation import Simulation
@@ -105,8 +105,7 @@ class TestSameBits:
         """The hash notices a difference: the tests above can fail."""
         ends = []
         for speed in (2.0, 2.0 + 1e-12):
-            world = simulation()
-            robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
+            world, robot = populated()
             world.body(robot).drive(straight(speed))
             world.run_until(0.5)
             ends.append(world.look().qpos.tobytes())
@@ -116,8 +115,7 @@ class TestSameBits:
         """How often somebody looks does not change what happens."""
         ends = []
         for period in (0.004, 0.052, 10.0):
-            world = simulation(yard)
-            robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
+            world, robot = populated(yard)
             world.body(robot).attach(Watcher(period))
             world.body(robot).drive(straight(3.0))
             world.run_until(1.0)

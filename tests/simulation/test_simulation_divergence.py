@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import logging
 
-import mujoco
 import numpy as np
 import pytest
 from sim_fakes import (
     ROBOT,
     ROGUE,
-    add_crate,
     base_qpos,
+    crate,
     engine_with,
     floor,
+    furnished,
     pose_at,
     robot_model,
     run,
@@ -87,9 +87,9 @@ class TestCulprit:
             np.testing.assert_allclose(
                 whole_state(spoiled, robot), whole_state(quiet, robot), atol=1e-9
             )
-        for crate in ("crate0", "crate1", "door"):
+        for thing in ("crate0", "crate1", "door"):
             np.testing.assert_allclose(
-                spoiled.data.body(crate).xpos, quiet.data.body(crate).xpos, atol=1e-9
+                spoiled.data.body(thing).xpos, quiet.data.body(thing).xpos, atol=1e-9
             )
 
     def test_time_goes_on_and_never_back(self) -> None:
@@ -206,12 +206,7 @@ class TestRare:
 
     def test_a_world_that_cannot_stand_is_an_error(self) -> None:
         """If the world diverges with every robot and object put away, the engine says so."""
-
-        def scenery() -> mujoco.MjSpec:
-            spec = floor()()
-            add_crate(spec, "crate", (0.0, 0.0, 0.15))
-            return spec
-
+        scenery = furnished(crate("crate", (0.0, 0.0, 0.15)))
         engine = engine_with((2.0, 0.0), scenery=scenery)
         engine.data.xfrc_applied[engine.world.model.body("crate").id, 0] = 1e12
         with pytest.raises(UsarsimError, match="diverges"):

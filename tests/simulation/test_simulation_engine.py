@@ -12,8 +12,10 @@ from sim_fakes import (
     add_crate,
     base_qpos,
     base_qvel,
+    crate,
     engine_with,
     floor,
+    furnished,
     pose_at,
     robot_model,
     run,
@@ -284,12 +286,7 @@ class TestSleep:
     @pytest.mark.parametrize("grown", [False, True])
     def test_a_crate_falls_when_its_robot_leaves(self, grown: bool) -> None:
         """What slept on a robot wakes when the robot is taken away, also in a model that grew."""
-
-        def scenery() -> mujoco.MjSpec:
-            spec = floor()()
-            add_crate(spec, "load", (0.0, 0.0, 0.30), half=0.08, mass=1.0)
-            return spec
-
+        scenery = furnished(crate("load", (0.0, 0.0, 0.30), half=0.08, mass=1.0))
         engine = engine_with((0.0, 0.0), scenery=scenery)
         run(engine, 3.0)
         assert engine.data.ntree_awake == 0

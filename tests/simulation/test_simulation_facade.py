@@ -17,6 +17,8 @@ from sim_fakes import (
     ROGUE,
     Start,
     Watcher,
+    in_parallel,
+    populated,
     pose_at,
     robot_model,
     simulation,
@@ -79,11 +81,7 @@ class TestSpawn:
             robot, pose = world.spawn(models[number % 2], pose_at(0.0, 0.0))
             found[robot] = pose
 
-        threads = [threading.Thread(target=spawn, args=(number,)) for number in range(8)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
+        in_parallel(spawn, *range(8))
         assert sorted(found) == list(range(8))
         places = np.array([pose.position for pose in found.values()])
         apart = np.linalg.norm(places[:, None] - places[None], axis=2) + 9.0 * np.eye(8)
@@ -111,11 +109,7 @@ class TestSpawn:
             except SpawnError as error:
                 refused.append(error)
 
-        threads = [threading.Thread(target=spawn, args=(number,)) for number in range(7)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
+        in_parallel(spawn, *range(7))
         assert len(refused) == 4
         assert len(world.look().layouts) == 3
 
@@ -169,8 +163,7 @@ class TestSpawn:
         """A robot that drives while others come moves as if they had not come."""
         ends = []
         for visitors in (0, 5):
-            world = simulation()
-            robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
+            world, robot = populated()
             world.body(robot).drive(straight(3.0))
             for number in range(visitors):
                 world.run_until(0.1 * number)
@@ -185,8 +178,7 @@ class TestRequests:
 
     def test_drive_and_teleport(self) -> None:
         """A robot drives from where it was put, and its commands can be read back."""
-        world = simulation()
-        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
+        world, robot = populated()
         world.body(robot).drive(straight(3.0))
         world.settle()
         np.testing.assert_array_equal(world.body(robot).wheel_targets(), straight(3.0))
@@ -207,8 +199,7 @@ class TestRequests:
 
     def test_senseless_requests_are_refused_at_once(self) -> None:
         """Numbers that are not finite are refused where they are given."""
-        world = simulation()
-        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
+        world, robot = populated()
         with pytest.raises(ValueError, match="finite"):
             world.body(robot).drive(np.array([1.0, np.inf, 1.0, 1.0]))
         with pytest.raises(ValueError, match="finite"):
@@ -276,8 +267,7 @@ class TestSnapshots:
 
     def test_old_snapshots_can_still_be_looked_at(self) -> None:
         """Rays through a snapshot of former generations hit what was there then."""
-        world = simulation()
-        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
+        world, robot = populated()
         target, _ = world.spawn(ROBOT, pose_at(2.0, 0.0))
         old = world.look()
         for number in range(3):
@@ -293,8 +283,7 @@ class TestSnapshots:
 
     def test_published_snapshots_are_of_wakes(self) -> None:
         """The published snapshot is the one that the last listener was woken with."""
-        world = simulation()
-        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
+        world, robot = populated()
         watcher = Watcher(0.1)
         world.body(robot).attach(watcher)
         world.run_until(0.55)
@@ -331,8 +320,7 @@ class TestRunning:
 
     def test_spawn_before_the_start(self) -> None:
         """Who made the world may look and spawn before its thread runs, without waiting."""
-        world = simulation()
-        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
+        world, robot = populated()
         assert robot in world.look().layouts
 
     def test_nobody_waits_after_the_stop(self, start: Start) -> None:
@@ -383,8 +371,7 @@ class TestRunning:
 
     def test_mujoco_warnings_go_to_the_log(self, caplog: pytest.LogCaptureFixture) -> None:
         """What MuJoCo has to say appears in our log, in one line, not in a file."""
-        world = simulation()
-        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
+        world, robot = populated()
         world._engine.data.qvel[world.look().layouts[robot].dof] = np.nan
         with caplog.at_level(logging.WARNING, "usarsim"):
             world.run_until(0.1)

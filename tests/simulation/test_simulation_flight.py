@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from law_fakes import aircraft, axes, command, engine_of, place, spin, velocity
-from sim_fakes import add_box, floor, pose_at, run
+from sim_fakes import box, furnished, pose_at, run
 
 from usarsim_server.simulation.flight import FlightLimits
 from usarsim_server.simulation.motion_laws import add_bounds
@@ -144,12 +144,7 @@ def test_without_power_it_falls_and_lies() -> None:
 
 def test_it_does_not_stick_to_a_wall() -> None:
     """Driven into a wall it is stopped, and leaves at once when told to (5.2 #45)."""
-
-    def build() -> mujoco.MjSpec:
-        spec = floor()()
-        add_box(spec, "wall", (1.0, 0.0, 2.0), (0.1, 3.0, 2.0))
-        return spec
-
+    build = furnished(box("wall", (1.0, 0.0, 2.0), (0.1, 3.0, 2.0)))
     engine = engine_of(aircraft(), scenery=build)
     command(engine, 2.0, 0.0, 0.0, 0.0, 0.0, 0.4, 0.0, seconds=4.0)
     assert place(engine)[0] < 0.75

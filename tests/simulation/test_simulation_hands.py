@@ -21,7 +21,16 @@ from limb_fakes import (
     position,
     storehouse,
 )
-from sim_fakes import ROBOT, add_box, add_crate, base_qpos, base_qvel, floor, run
+from sim_fakes import (
+    ROBOT,
+    base_qpos,
+    base_qvel,
+    box,
+    crate,
+    floor,
+    furnished,
+    run,
+)
 
 from usarsim_server.simulation.articulation import HandState
 from usarsim_server.simulation.engine import Engine
@@ -115,12 +124,7 @@ class TestFingers:
 
     def test_it_does_not_hold_what_stands_fixed(self) -> None:
         """A post between the fingers is squeezed, not held."""
-
-        def scenery() -> mujoco.MjSpec:
-            spec = floor()()
-            add_box(spec, "post", (0.5, 0.0, 0.2), (0.02, 0.05, 0.2))
-            return spec
-
+        scenery = furnished(box("post", (0.5, 0.0, 0.2), (0.02, 0.05, 0.2)))
         engine = arm_engine(scenery, CRANE)
         close(engine)
         run(engine, 1.0)
@@ -211,13 +215,10 @@ class TestSuction:
 
     def test_nothing_is_caught_through_a_lid(self) -> None:
         """What stands in between, and is fixed, is not caught, nor what is below it."""
-
-        def scenery() -> mujoco.MjSpec:
-            spec = floor()()
-            add_crate(spec, "box", (0.5, 0.5, 0.05), half=0.05)
-            add_box(spec, "lid", (0.5, 0.5, 0.13), (0.2, 0.2, 0.01))
-            return spec
-
+        scenery = furnished(
+            crate("box", (0.5, 0.5, 0.05), half=0.05),
+            box("lid", (0.5, 0.5, 0.13), (0.2, 0.2, 0.01)),
+        )
         engine = arm_engine(scenery, CRANE)
         run(engine, 0.2)
         engine.operate_hand(0, "cup", True)
@@ -410,12 +411,7 @@ class TestAnchors:
 
     def test_collisions_do_not_move_it(self) -> None:
         """A crate of 20 kg that hits it at 3 m/s bounces off."""
-
-        def scenery() -> mujoco.MjSpec:
-            spec = floor()()
-            add_crate(spec, "ram", (-1.0, 0.0, 0.15), mass=20.0)
-            return spec
-
+        scenery = furnished(crate("ram", (-1.0, 0.0, 0.15), mass=20.0))
         engine = arm_engine(scenery, ANCHORED)
         engine.data.qvel[engine.world.model.body("ram").dofadr[0]] = 3.0
         run(engine, 1.5)

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import mujoco
 import numpy as np
 import pytest
-from ray_scenes import Reference, agree, random_fans, random_scene
+from ray_scenes import Caster, Reference, agree, random_fans, random_scene, ray
 from sim_fakes import (
     RADIUS,
     ROBOT,
     Geom,
-    add_box,
-    add_crate,
+    box,
+    crate,
     engine_with,
     floor,
+    furnished,
     pose_at,
     run,
     simulation,
@@ -27,29 +29,14 @@ from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import PhysicsOptions
 from usarsim_server.simulation.objects import ObjectFacts, Objects
-from usarsim_server.simulation.rays.cast import cast
-from usarsim_server.simulation.rays.moving import DynamicGeometry
 from usarsim_server.simulation.rays.query import RayFan, RayHits
-from usarsim_server.simulation.rays.scenery import StaticGeometry
 
 
 def look(
     engine: Engine, fans: list[RayFan], robot: int | None = None, identify: bool = True
 ) -> list[RayHits]:
     """Cast fans at the present state."""
-    asked = [
-        RayFan(fan.origin, fan.directions, fan.max_range, fan.normals, fan.through_glass, identify)
-        for fan in fans
-    ]
-    static, dynamic = StaticGeometry(engine.world), DynamicGeometry(engine.world)
-    return cast(asked, engine.snapshot(), robot, static, dynamic)
-
-
-def ray(origin: tuple[float, ...], way: tuple[float, ...], **options: object) -> RayFan:
-    """One ray of 20 m."""
-    direction = np.array([way], dtype=float)
-    direction /= np.linalg.norm(direction)
-    return RayFan(np.array(origin, dtype=float), direction, 20.0, **options)  # type: ignore[arg-type]
+    return Caster(engine)(*(replace(fan, identify=identify) for fan in fans), robot=robot)
 
 
 def hit(engine: Engine, *ray_of: tuple[float, ...], robot: int | None = None) -> str | None:
@@ -59,9 +46,16 @@ def hit(engine: Engine, *ray_of: tuple[float, ...], robot: int | None = None) ->
     return answer.names[0]
 
 
-def facts(engine: Engine, name: str) -> ObjectFacts | None:
-    """Facts at the present state."""
-    return Objects(engine.world).facts(name, engine.snapshot())
+def facts(engine: Engine, name: str) -> ObjectFacts:
+    """Facts at the present state, which must be there."""
+    found = Objects(engine.world).facts(name, engine.snapshot())
+    assert found is not None
+    return found
+
+
+def unknown(engine: Engine, name: str) -> bool:
+    """Whether there are no facts at the present state."""
+    return Objects(engine.world).facts(name, engine.snapshot()) is None
 
 
 class TestIdentity:
@@ -148,24 +142,20 @@ class TestIdentity:
     def test_names_are_given_only_to_those_who_ask(self) -> None:
         """Fans of one batch are answered each as it asked, with equal distances."""
         engine = engine_with((0.0, 0.0), (1.5, 0.0), scenery=yard)
-        static, dynamic = StaticGeometry(engine.world), DynamicGeometry(engine.world)
         ways = np.array([[1.0, 0.0, 0.0], [0.0, 0.3, -1.0], [0.0, 0.0, 1.0]])
         start = np.array([0.0, 0.0, 0.15])
         fans = [RayFan(start, ways, 20.0, identify=wanted) for wanted in (False, True, False)]
-        answers = cast(fans, engine.snapshot(), 0, static, dynamic)
+        answers = Caster(engine)(*fans, robot=0)
         assert [answer.names is None for answer in answers] == [True, False, True]
         assert answers[1].names == ("robot1:chassis", "floor", None)
         assert np.array_equal(answers[0].distances, answers[1].distances)
 
     def test_through_glass_the_thing_behind_is_named(self) -> None:
         """And without that option the pane."""
-
-        def build() -> mujoco.MjSpec:
-            spec = floor()()
-            add_box(spec, "glass_pane", (1.0, 0.0, 1.0), (0.01, 1.0, 1.0))
-            add_box(spec, "wall", (3.0, 0.0, 1.0), (0.1, 1.0, 1.0))
-            return spec
-
+        build = furnished(
+            box("glass_pane", (1.0, 0.0, 1.0), (0.01, 1.0, 1.0)),
+            box("wall", (3.0, 0.0, 1.0), (0.1, 1.0, 1.0)),
+        )
         engine = Engine(build, PhysicsOptions())
         ahead = (0.0, 0.0, 0.5), (1.0, 0.0, 0.0)
         assert hit(engine, *ahead) == "glass_pane"
@@ -201,12 +191,7 @@ class TestStartPoints:
 
     def test_a_wide_row_of_parallel_rays_reaches_what_only_its_edge_sees(self) -> None:
         """A crate in front of the last of many rays is not overlooked."""
-
-        def build() -> mujoco.MjSpec:
-            spec = floor()()
-            add_crate(spec, "crate", (2.0, 4.0, 0.15))
-            return spec
-
+        build = furnished(crate("crate", (2.0, 4.0, 0.15)))
         engine = Engine(build, PhysicsOptions())
         points = np.column_stack((np.zeros(41), np.linspace(-4, 4, 41), np.full(41, 0.1)))
         fan = RayFan(points, np.repeat([[1.0, 0.0, 0.0]], 41, axis=0), 3.0)
@@ -227,7 +212,6 @@ class TestFacts:
     def test_an_endless_plane_has_no_size(self) -> None:
         """Infinite extents, no thickness."""
         found = facts(Engine(yard, PhysicsOptions()), "floor")
-        assert found is not None
         assert found.size == (math.inf, math.inf, 0.0)
 
     def test_a_crate_that_was_pushed_is_where_it_is_now(self) -> None:
@@ -270,8 +254,6 @@ class TestFacts:
 
         engine = Engine(build, PhysicsOptions())
         top, leg = facts(engine, "table:top"), facts(engine, "table:leg1")
-        assert top is not None
-        assert leg is not None
         assert (top.name, leg.name) == ("table", "table")
         assert (top.material, leg.material) == ("oak", None)
         assert top.pose == leg.pose == Pose((2.0, 1.0, 0.0))
@@ -296,14 +278,13 @@ class TestFacts:
 
         engine = Engine(build, PhysicsOptions())
         names = [facts(engine, name) for name in ("post", "board", "grip")]
-        assert [found.name for found in names if found] == ["frame", "leaf", "leaf"]
+        assert [found.name for found in names] == ["frame", "leaf", "leaf"]
 
     def test_a_robot_is_one_object_with_its_number(self) -> None:
         """Any of its geoms leads to the reference point, whatever slot it is in."""
         engine = engine_with((0.0, 0.0), (2.0, 1.0, RADIUS, 0.5), spare=1)
         for name in ("robot1:chassis", "robot1:front_left", "robot1:base"):
             found = facts(engine, name)
-            assert found is not None
             assert (found.name, found.robot) == ("robot1", 1)
             assert found.pose.position == pytest.approx((2.0, 1.0, RADIUS))
             assert found.size == pytest.approx((0.4862, 0.474, 0.22), abs=1e-3)
@@ -311,13 +292,13 @@ class TestFacts:
     def test_a_parked_robot_is_not_in_the_world(self) -> None:
         """Free slots have bodies but no facts."""
         engine = engine_with((0.0, 0.0), spare=1)
-        assert facts(engine, "robot1:chassis") is None
+        assert unknown(engine, "robot1:chassis")
 
     def test_unknown_names_have_no_facts(self) -> None:
         """Neither has the world itself."""
         engine = Engine(yard, PhysicsOptions())
         for name in ("nothing", "", "world"):
-            assert facts(engine, name) is None
+            assert unknown(engine, name)
 
     def test_a_mesh_is_where_the_scene_put_it(self) -> None:
         """Not at its mass centre, to which the compiler moves the frame of its geom."""
@@ -334,7 +315,6 @@ class TestFacts:
             return spec
 
         found = facts(Engine(build, PhysicsOptions()), "stone")
-        assert found is not None
         assert found.pose.position == pytest.approx((5.0, 6.0, 0.0), abs=1e-6)
         assert found.pose.quaternion == pytest.approx(
             (math.cos(0.4), 0, 0, math.sin(0.4)), abs=1e-6

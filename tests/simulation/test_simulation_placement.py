@@ -14,12 +14,14 @@ from sim_fakes import (
     Geom,
     Scenery,
     add_box,
-    add_crate,
     base_qpos,
     base_qvel,
+    box,
     build_robot,
+    crate,
     engine_with,
     floor,
+    furnished,
     pose_at,
     run,
     straight,
@@ -54,13 +56,7 @@ def fresh(scenery: Scenery | None = None, model: RobotModel = ROBOT) -> Engine:
 
 def walled(gap: float = 0.0) -> Scenery:
     """A floor and a thick wall whose face is at x = 1 m, with an overhang to squeeze under."""
-
-    def build() -> mujoco.MjSpec:
-        spec = floor()()
-        add_box(spec, "wall", (2.0 + gap, 0.0, 1.0), (1.0, 3.0, 1.0))
-        return spec
-
-    return build
+    return furnished(box("wall", (2.0 + gap, 0.0, 1.0), (1.0, 3.0, 1.0)))
 
 
 def slab(thickness: float, top: float = 0.0) -> Scenery:
@@ -221,12 +217,7 @@ class TestBlocked:
 
     def test_never_outside_the_world(self) -> None:
         """The place found instead lies inside the world, too."""
-
-        def corner() -> mujoco.MjSpec:
-            spec = floor()()
-            add_box(spec, "block", (19.6, 19.6, 0.5), (0.5, 0.5, 0.5))
-            return spec
-
+        corner = furnished(box("block", (19.6, 19.6, 0.5), (0.5, 0.5, 0.5)))
         placed = find(fresh(corner), 0, pose_at(19.9, 19.9))
         assert max(placed.position[:2]) <= 20.0
         assert min(placed.position[:2]) < 19.1
@@ -361,12 +352,7 @@ class TestDrop:
 
     def test_a_crate_on_the_spot_stays(self) -> None:
         """A crate where the robot should stand is neither crushed nor shot away."""
-
-        def scenery() -> mujoco.MjSpec:
-            spec = floor()()
-            add_crate(spec, "crate", (0.0, 0.0, 0.15))
-            return spec
-
+        scenery = furnished(crate("crate", (0.0, 0.0, 0.15)))
         engine = fresh(scenery)
         run(engine, 0.5)
         engine.occupy(0, 0, find(engine, 0, pose_at(0.0, 0.0)))

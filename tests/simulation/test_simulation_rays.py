@@ -25,8 +25,10 @@ from sim_fakes import (
     Geom,
     add_box,
     base_qpos,
+    box,
     engine_with,
     floor,
+    furnished,
     run,
     yard,
 )
@@ -107,12 +109,7 @@ class TestStatic:
 
     def test_far_from_the_origin(self) -> None:
         """A kilometre away from the origin distances are good to a millimetre."""
-
-        def scenery() -> mujoco.MjSpec:
-            spec = floor()()
-            add_box(spec, "wall", (1003.0, 1000.0, 0.5), (0.1, 1.0, 0.5))
-            return spec
-
+        scenery = furnished(box("wall", (1003.0, 1000.0, 0.5), (0.1, 1.0, 0.5)))
         caster = Caster(Engine(scenery, PhysicsOptions()))
         (hit,) = caster(ray((1000.2, 1000.3, 0.5), (1, 0, 0)))
         assert hit.distances[0] == pytest.approx(2.7, abs=1e-3)

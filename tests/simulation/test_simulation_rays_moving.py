@@ -23,6 +23,8 @@ from sim_fakes import (
     Geom,
     Scenery,
     engine_with,
+    in_parallel,
+    populated,
     pose_at,
     robot_model,
     run,
@@ -301,11 +303,7 @@ class TestThreads:
             except BaseException as error:
                 failures.append(error)
 
-        threads = [threading.Thread(target=look, args=(robot,)) for robot in robots]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
+        in_parallel(look, *robots)
         world.stop()
         assert not failures
         assert len(answers) == 100
@@ -315,8 +313,7 @@ class TestThreads:
 
     def test_casting_while_growing(self) -> None:
         """A thread that looks around is not disturbed by robots of new classes coming in."""
-        world = simulation(yard, speed=2.0)
-        robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
+        world, robot = populated(yard, speed=2.0)
         world.start()
         stop = threading.Event()
         failures: list[BaseException] = []

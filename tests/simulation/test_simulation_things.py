@@ -13,9 +13,10 @@ from sim_fakes import (
     Geom,
     Watcher,
     add_box,
-    add_crate,
     base_qpos,
-    floor,
+    box,
+    crate,
+    furnished,
     pose_at,
     run,
     simulation,
@@ -117,13 +118,9 @@ class TestPlaces:
     )
     def test_a_blocked_place_is_refused(self, rigid: bool, pose: Pose, by: str) -> None:
         """Scenery, crates, robots, other things: whatever is deeper than 2 cm inside blocks."""
-
-        def scene() -> mujoco.MjSpec:
-            spec = floor()()
-            add_box(spec, "wall", (3.0, 0.0, 0.5), (0.1, 4.0, 0.5))
-            add_crate(spec, "crate", (0.0, -3.0, 0.15))
-            return spec
-
+        scene = furnished(
+            box("wall", (3.0, 0.0, 0.5), (0.1, 4.0, 0.5)), crate("crate", (0.0, -3.0, 0.15))
+        )
         world = simulation(scene)
         world.spawn(ROBOT, pose_at(-2.0, 0.0))
         world.spawn(thing(), at(5.0, 5.0))
@@ -373,12 +370,7 @@ class TestHeld:
     @staticmethod
     def engine() -> Engine:
         """A crane that holds a thing of 14 cm half a metre before it, and room for another."""
-
-        def scene() -> mujoco.MjSpec:
-            spec = floor()()
-            add_box(spec, "table", (0.5, 0.0, 0.04), (0.3, 0.3, 0.04))
-            return spec
-
+        scene = furnished(box("table", (0.5, 0.0, 0.04), (0.3, 0.3, 0.04)))
         parcel = thing(rigid=True, half=0.07, key="parcel")
         engine = Engine(scene, PhysicsOptions(), [CRANE, parcel, thing(half=0.07, key="parcel")])
         engine.occupy(0, 0, Pose((0.0, 0.0, 0.0)))

@@ -1,4 +1,4 @@
-"""Who is in which slot: robots and things come, change their bodies and places, and go.
+"""Gives out the slots of a world: puts robots and things in, moves them, and compiles for more.
 
 Requests come from any thread, one at a time; whatever touches the live world is asked of the
 physics thread. Only when a kind has run out of slots is a larger model compiled, here, in the
@@ -113,36 +113,15 @@ class Slots:
     def spawn(
         self, model: RobotModel, pose: Pose, wanted: Callable[[], bool] = always
     ) -> tuple[int, Pose]:
-        """Put a robot or a thing into the world.
-
-        Args:
-            model: its kind.
-            pose: wanted pose of the reference point. A robot gets the nearest free one, a thing
-                this one or none.
-            wanted: asked when its turn has come; others before it may have taken long.
-
-        Returns:
-            Its number and the pose it really got.
-
-        Raises:
-            SpawnError: if the world is full, the pose cannot be used, or nobody wants it any more.
-        """
+        """Put a robot or a thing into the world, see `Simulation.spawn`."""
         return self._undisturbed(lambda: self._spawn(model, pose, wanted))
 
     def move(self, robot: int, pose: Pose) -> Pose:
-        """Move a robot or a thing, at rest, as if it were spawned there; returns the pose it got.
-
-        Raises:
-            SpawnError: if it is not in the world or the pose cannot be used.
-        """
+        """Move a robot or a thing, at rest, see `Simulation.move`."""
         return self._undisturbed(lambda: self._move(robot, pose))
 
     def reseat(self, robot: int, model: RobotModel) -> None:
-        """Give something in the world another body at the same pose.
-
-        Raises:
-            SpawnError: if it is not in the world.
-        """
+        """Give something in the world another body, see `Simulation.reseat`."""
         self._undisturbed(lambda: self._reseat(robot, model))
 
     def _undisturbed(self, action: Callable[[], T]) -> T:

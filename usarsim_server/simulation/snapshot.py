@@ -105,10 +105,6 @@ class RobotState(Protocol):
         """Velocity of the reference point in the world frame, m/s."""
 
     @property
-    def angular_velocity(self) -> Vector:
-        """Angular velocity in the robot's own frame, rad/s."""
-
-    @property
     def wheel_angles(self) -> Array:
         """Accumulated angles of the driven wheels in part order, rad, positive rolling forward."""
 
@@ -121,14 +117,6 @@ class RobotState(Protocol):
 
     def joint_position(self, joint: str) -> float:
         """Position of a joint by name (any case), rad or m. Raises KeyError if unknown."""
-
-
-class StateSource(Protocol):
-    """Anything that hands out the newest snapshot."""
-
-    @property
-    def snapshot(self) -> Snapshot:
-        """The newest published snapshot."""
 
 
 @dataclass(frozen=True, eq=False)
