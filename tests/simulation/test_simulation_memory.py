@@ -25,12 +25,12 @@ with Rehearsal(world="empty", max_robots=64) as stage:
         used = int(file.read().split()[0]) * resource.getpagesize()
     most = used + {room} * 2**20
     resource.setrlimit(resource.{limit}, (most, most))
-    fleet, pose = stage.assembly.fleet, stage.assembly.world.starts[0].pose
+    robots, pose = stage.assembly.robots, stage.assembly.world.starts[0].pose
     here = 0
     try:
         while here < 60:
             for name in ("TeleMax", "Nao", "PR2"):
-                fleet.spawn(fleet.describe(name), None, pose)
+                robots.spawn(robots.describe(name), None, pose)
                 here += 1
             stage.run(0.1)
     except SpawnError as error:
