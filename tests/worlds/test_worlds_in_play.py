@@ -148,7 +148,7 @@ def test_a_p2at_on_floor_sand_and_mud(stage: Rehearsal) -> None:
     floor, sand = speed_at(stage, client, 1.7, 3.4)
     assert floor == pytest.approx(3.85 * P2AT_RADIUS, rel=0.02)
     assert 0.93 * floor < sand < 0.98 * floor
-    stage.assembly.robots.vehicles[0].teleport(Pose((13.3, 0.2, 0.2)))
+    stage.assembly.robots.vehicles[0].body.teleport(Pose((13.3, 0.2, 0.2)))
     (mud,) = speed_at(stage, client, 15.2)
     left = 0.4 - math.sqrt(0.02 / (2 * P2AT_RADIUS))
     assert mud == pytest.approx(left * P2AT_MASS * G / (4 * 15.0), rel=0.10)
@@ -160,7 +160,7 @@ def test_a_robot_with_a_caster_passes_sand_but_not_mud(stage: Rehearsal) -> None
     client.send("DRIVE {Left 3.0} {Right 3.0}")
     assert speed_at(stage, client, 5.3)[0] > 0.2
     (vehicle,) = stage.assembly.robots.vehicles
-    vehicle.teleport(Pose((13.4, 0.2, 0.2)))
+    vehicle.body.teleport(Pose((13.4, 0.2, 0.2)))
     stage.run(8.0)
     body = vehicle.body.look()
     assert body is not None
