@@ -20,7 +20,7 @@ from usarsim_server.robots.description import CameraDescription, RobotDescriptio
 from usarsim_server.simulation.frames import Pose
 
 CAMERA: dict[str, Any] = {"name": "Camera", "position": [0.1, 0.05, -0.4]}
-PAGE = Path(__file__).parents[2] / "docs" / "robots-howto.md"
+PAGE = Path(__file__).parents[2] / "docs" / "robot-files.md"
 
 
 def load(folder: Path, *cameras: dict[str, Any], **changes: Any) -> RobotDescription:

@@ -332,7 +332,7 @@ def test_soryu_bends() -> None:
         assert head.position[2] == pytest.approx(0.0725, abs=0.01)
 
 
-PAGE = (Path(__file__).parents[2] / "docs" / "robots-howto.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[2] / "docs" / "robot-files.md").read_text(encoding="utf-8")
 
 
 def test_example_of_the_page_climbs(tmp_path: Path) -> None:

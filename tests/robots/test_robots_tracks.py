@@ -404,7 +404,7 @@ def number(line: str, key: str) -> float:
     return float(found[1])
 
 
-PAGE = (Path(__file__).parents[2] / "docs" / "robots-howto.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[2] / "docs" / "robot-files.md").read_text(encoding="utf-8")
 
 
 def keys(title: str) -> set[str]:

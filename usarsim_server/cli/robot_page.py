@@ -40,7 +40,7 @@ Class names are matched in any case, with or without `USARBot.` before them. Top
 robot reached at full speed ahead on concrete; size is that of everything that can be seen of it. \
 The words above each table are those at the head of the robot file. A "starting value" was chosen \
 here, because none has come down: if you know better, write a file that \
-[extends](robots-howto.md#variants) the class. "Robots reference" is the \
+[extends](robot-files.md#variants) the class. "Robots reference" is the \
 collection of sources that this project was built from.
 """
 _KINDS = {

@@ -1,7 +1,7 @@
 """Robot files become descriptions, and all of them the classes that clients can ask for.
 
 A robot file (TOML, in the wire frame) names one class, `P2AT.toml` the class P2AT. It may extend
-another class and then says only what differs. Every key is described in docs/robots-howto.md.
+another class and then says only what differs. Every key is described in docs/robot-files.md.
 """
 
 from __future__ import annotations

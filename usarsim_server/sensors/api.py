@@ -17,7 +17,7 @@ it down. Subclass `Sensor`, or for distances `Ranging` or `SingleRange`:
         def data(self, dialect):
             return (("Celsius", fixed(self.reading, 1)),)
 
-`docs/sensors-howto.md` has the rules.
+`docs/sensors.md` has the rules.
 """
 
 from usarsim_server.fields import field

@@ -14,7 +14,7 @@ them; `field` declares the keys of a table of its own in robot files:
         def conduct(self, robot, body):
             return TwistController(robot, body)
 
-`docs/families-howto.md` has the whole example and the table of what a family may say.
+`docs/families.md` has the whole example and the table of what a family may say.
 """
 
 from dataclasses import dataclass
