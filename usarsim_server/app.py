@@ -32,7 +32,7 @@ from usarsim_server.protocol.names import name_key
 from usarsim_server.radio.configuration import RadioOptions, read_radio, read_radio_file
 from usarsim_server.radio.event_log import EventLog
 from usarsim_server.radio.network import Network, RadioWorld
-from usarsim_server.radio.stations import SceneryObstacles
+from usarsim_server.radio.obstacles import SceneryObstacles
 from usarsim_server.robots.catalog import load_catalog
 from usarsim_server.services.budget import Owners, Pace, WorkBudget, whole_share
 from usarsim_server.services.comserver import ComServerLimits, ComServerService

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from usarsim_server.radio.stations import MOST, STRIDE, SceneryObstacles
+from usarsim_server.radio.obstacles import MOST, STRIDE, SceneryObstacles
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.rays.query import SceneryHit
 from usarsim_server.simulation.simulation import Simulation, SimulationOptions

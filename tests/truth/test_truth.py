@@ -11,7 +11,8 @@ import pytest
 from control_harness import controller, create
 
 from usarsim_server.protocol.values import Vector
-from usarsim_server.radio.stations import SceneryObstacles, Station
+from usarsim_server.radio.obstacles import SceneryObstacles
+from usarsim_server.radio.stations import Station
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.testing import Rehearsal, RehearsedClient
 from usarsim_server.truth.actors import Actors

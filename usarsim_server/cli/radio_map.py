@@ -81,7 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
     """
     from usarsim_server.radio.configuration import read_radio, read_radio_file
     from usarsim_server.radio.coverage import draw_coverage, find_walls, survey
-    from usarsim_server.radio.stations import SceneryObstacles
+    from usarsim_server.radio.obstacles import SceneryObstacles
     from usarsim_server.simulation.frames import flip_point
     from usarsim_server.worlds.loader import find_world, load_world
 
