@@ -23,18 +23,13 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Which numbers a key takes: from `low` to `high`, and more than `above`.
-
-    Attributes:
-        unit: of the numbers, for errors.
-        also: what else may be written, for errors.
-    """
+    """Which numbers a key takes: from `low` to `high`, and more than `above`."""
 
     low: float = -math.inf
     high: float = math.inf
     above: float = -math.inf
-    unit: str = ""
-    also: str = ""
+    unit: str = ""  # of the numbers, for errors
+    also: str = ""  # what else may be written, for errors
 
     def hold(self, number: float) -> bool:
         """Whether a number is within."""
@@ -156,23 +151,14 @@ class _About:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Key:
-    """One declared field of a dataclass.
+    """One declared field of a dataclass."""
 
-    Attributes:
-        name: of the field.
-        key: in files.
-        default: makes the value of an absent key, `_REQUIRED` if it must be there.
-        wanted: what to write, in words.
-        help: one line.
-        more: whatever else was declared.
-    """
-
-    name: str
-    key: str
-    default: Callable[[], Any]
-    wanted: str
-    help: str
-    more: Mapping[str, Any]
+    name: str  # of the field
+    key: str  # in files
+    default: Callable[[], Any]  # makes the value of an absent key, `_REQUIRED` if it must be there
+    wanted: str  # what to write, in words
+    help: str  # one line
+    more: Mapping[str, Any]  # whatever else was declared
     _about: _About
     _get: Callable[[Any, str, Any], Any]
     _whole: bool

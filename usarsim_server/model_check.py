@@ -91,20 +91,14 @@ def check_model(path: Path, folders: Folders, error: type[UsarsimError]) -> None
 
 @dataclass(frozen=True, slots=True)
 class _Element:
-    """An element of a file.
+    """An element of a file."""
 
-    Attributes:
-        path, text, place: of the file, and where in its text the element is.
-        tag: with attributes, decoded.
-        copies: how many there will be of it.
-    """
-
-    path: Path
+    path: Path  # of the file, and where in its text the element is
     text: str
     place: int
-    tag: str
+    tag: str  # with attributes, decoded
     attributes: dict[str, str]
-    copies: float
+    copies: float  # how many there will be of it
 
     @property
     def line(self) -> str:

@@ -38,30 +38,19 @@ LONGEST_NAME = 60
 
 @dataclass(frozen=True, slots=True)
 class Process:
-    """A program that runs.
+    """A program that runs."""
 
-    Attributes:
-        pid: its number.
-        name: its command line, shortened.
-        cores: processors that it kept busy while that was watched.
-    """
-
-    pid: int
-    name: str
-    cores: float = 0.0
+    pid: int  # its number
+    name: str  # its command line, shortened
+    cores: float = 0.0  # processors that it kept busy while that was watched
 
 
 @dataclass(frozen=True, slots=True)
 class Owner:
-    """Who listens on a port.
+    """Who listens on a port."""
 
-    Attributes:
-        process: the program, None if we may not see which.
-        user: whose it is.
-    """
-
-    process: Process | None
-    user: str
+    process: Process | None  # the program, None if we may not see which
+    user: str  # whose it is
 
 
 def pids(proc: Path = PROC) -> list[int]:

@@ -353,8 +353,8 @@ class TestRunning:
 
         with caplog.at_level(logging.ERROR, "usarsim"):
             monkeypatch.setattr(world._engine, "advance", fail)
-            assert world._clockwork._thread is not None
-            world._clockwork._thread.join(PATIENCE)
+            assert world._stepper._thread is not None
+            world._stepper._thread.join(PATIENCE)
         assert "out of order" in caplog.text
         with pytest.raises(UsarsimError, match="ended"):
             world.look()

@@ -76,15 +76,10 @@ def digest(lines: Lines) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Stored:
-    """Hashes that were taken before, and where.
+    """Hashes that were taken before, and where."""
 
-    Attributes:
-        environment: see `environment`.
-        hashes: by class or session.
-    """
-
-    environment: Mapping[str, str]
-    hashes: Mapping[str, str]
+    environment: Mapping[str, str]  # see `environment`
+    hashes: Mapping[str, str]  # by class or session
 
     @classmethod
     def read(cls, path: Path) -> Stored:

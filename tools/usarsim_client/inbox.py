@@ -32,13 +32,9 @@ def command(*texts: str) -> bytes:
 
 @dataclass(frozen=True)
 class Line:
-    """A line of the server; the grammar is that of `usarsim_server.protocol.grammar`.
+    """A line of the server; the grammar is that of `usarsim_server.protocol.grammar`."""
 
-    Attributes:
-        raw: all bytes, the line end included.
-    """
-
-    raw: bytes
+    raw: bytes  # all bytes, the line end included
 
     @cached_property
     def text(self) -> str:

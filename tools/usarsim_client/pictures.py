@@ -35,15 +35,10 @@ def row_length(width: int) -> int:
 
 @dataclass(frozen=True)
 class Picture:
-    """One reply; its properties raise `ProtocolError` if the payload is no picture.
+    """One reply; its properties raise `ProtocolError` if the payload is no picture."""
 
-    Attributes:
-        kind: the type byte.
-        payload: what follows the header.
-    """
-
-    kind: int
-    payload: bytes
+    kind: int  # the type byte
+    payload: bytes  # what follows the header
 
     @property
     def raw(self) -> bool:

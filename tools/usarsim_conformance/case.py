@@ -37,21 +37,13 @@ Made = TypeVar("Made")
 
 @dataclass
 class Run:
-    """What the cases of one run have in common.
+    """What the cases of one run have in common."""
 
-    Attributes:
-        target: the server, as the user describes it.
-        survey: what is known of it.
-        clock: simulated time.
-        places: where robots can be put.
-        slots: how many checks may be at work; None for any number.
-    """
-
-    target: Target
-    survey: Survey
-    clock: SimulatedClock
-    places: Places
-    slots: asyncio.Semaphore | None = None
+    target: Target  # the server, as the user describes it
+    survey: Survey  # what is known of it
+    clock: SimulatedClock  # simulated time
+    places: Places  # where robots can be put
+    slots: asyncio.Semaphore | None = None  # how many checks may be at work; None for any number
     numbers: itertools.count[int] = field(default_factory=lambda: itertools.count(1))
     shared: dict[tuple[str, str], asyncio.Task[Any]] = field(default_factory=dict)
 

@@ -29,15 +29,10 @@ _MOST_LINES = 50_000
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """Where a robot says it is: metres and radians in the frame of the wire.
+    """Where a robot says it is: metres and radians in the frame of the wire."""
 
-    Attributes:
-        location: x forward (world), y right, z down.
-        orientation: roll, pitch, yaw; yaw grows clockwise seen from above.
-    """
-
-    location: tuple[float, float, float]
-    orientation: tuple[float, float, float]
+    location: tuple[float, float, float]  # x forward (world), y right, z down
+    orientation: tuple[float, float, float]  # roll, pitch, yaw; yaw grows clockwise seen from above
 
     @property
     def yaw(self) -> float:
@@ -185,21 +180,13 @@ def _acceptor(wanted: Wanted) -> Callable[[Line], bool]:
 
 @dataclass
 class Robot:
-    """A robot in the world, and the connection that owns it.
+    """A robot in the world, and the connection that owns it."""
 
-    Attributes:
-        client: its connection.
-        name: as in its INIT.
-        class_name: likewise, without package.
-        place: where it was put.
-        first: its first STA.
-    """
-
-    client: ControlClient
-    name: str
-    class_name: str
-    place: Place
-    first: Line
+    client: ControlClient  # its connection
+    name: str  # as in its INIT
+    class_name: str  # likewise, without package
+    place: Place  # where it was put
+    first: Line  # its first STA
     _commanded: bool = False
 
     async def send(self, *commands: str) -> None:

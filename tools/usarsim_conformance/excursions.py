@@ -40,30 +40,19 @@ _GRAIN = 0.012
 
 @dataclass(frozen=True, slots=True)
 class Mount:
-    """Where a sensor sits: m and rad, in the frame of what carries it.
+    """Where a sensor sits: m and rad, in the frame of what carries it."""
 
-    Attributes:
-        location: x, y, z.
-        orientation: roll, pitch, yaw.
-        carrier: `HARD`, the class, or a part.
-    """
-
-    location: tuple[float, ...]
-    orientation: tuple[float, ...]
-    carrier: str
+    location: tuple[float, ...]  # x, y, z
+    orientation: tuple[float, ...]  # roll, pitch, yaw
+    carrier: str  # `HARD`, the class, or a part
 
 
 @dataclass(frozen=True)
 class Equipment:
-    """What a robot class carries, as GETCONF and GETGEO tell.
+    """What a robot class carries, as GETCONF and GETGEO tell."""
 
-    Attributes:
-        class_name: of the robot.
-        conf, geo: replies by type.
-    """
-
-    class_name: str
-    conf: dict[str, Line] = field(default_factory=dict)
+    class_name: str  # of the robot
+    conf: dict[str, Line] = field(default_factory=dict)  # replies by type
     geo: dict[str, Line] = field(default_factory=dict)
 
     def configured(self, type: str) -> dict[str, dict[str, str]]:
@@ -168,18 +157,13 @@ class Track:
 
 @dataclass(frozen=True)
 class Stretch:
-    """A part of an excursion.
+    """A part of an excursion."""
 
-    Attributes:
-        name: of it.
-        command: what was told: rad/s of left and right wheels; or m/s up, ahead, to the right and
-            rad/s clockwise.
-        track: what was said, from the command on.
-    """
-
-    name: str
+    name: str  # of it
     command: tuple[float, ...]
-    track: Track
+    """What was told: rad/s of left and right wheels; or m/s up, ahead, to the right and rad/s
+    clockwise."""
+    track: Track  # what was said, from the command on
 
     @cached_property
     def steady(self) -> Track:
@@ -190,20 +174,13 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Excursion:
-    """A robot that was driven or flown about.
+    """A robot that was driven or flown about."""
 
-    Attributes:
-        equipment: of its class.
-        radius, separation: of its wheels, m; NaN for aircraft.
-        stretches: in order.
-        track: everything, also what was said while commands were on their way.
-    """
-
-    equipment: Equipment
-    radius: float
+    equipment: Equipment  # of its class
+    radius: float  # of its wheels, m; NaN for aircraft
     separation: float
-    stretches: tuple[Stretch, ...]
-    track: Track
+    stretches: tuple[Stretch, ...]  # in order
+    track: Track  # everything, also what was said while commands were on their way
 
     def of(self, name: str) -> list[Stretch]:
         """Stretches of a name."""

@@ -23,13 +23,9 @@ def numbers(text: str | None) -> tuple[float, ...]:
 
 @dataclass(frozen=True)
 class Line:
-    """One line of a server.
+    """One line of a server."""
 
-    Attributes:
-        raw: all bytes, the line end included.
-    """
-
-    raw: bytes
+    raw: bytes  # all bytes, the line end included
 
     @cached_property
     def text(self) -> str:

@@ -20,17 +20,11 @@ LEAVES = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A start pose.
+    """A start pose."""
 
-    Attributes:
-        tag: of the map; None for coordinates.
-        location: m, wire frame.
-        rotation: roll, pitch, yaw, rad.
-    """
-
-    tag: str | None
-    location: tuple[float, ...] = (0.0, 0.0, 0.0)
-    rotation: tuple[float, ...] = (0.0, 0.0, 0.0)
+    tag: str | None  # of the map; None for coordinates
+    location: tuple[float, ...] = (0.0, 0.0, 0.0)  # m, wire frame
+    rotation: tuple[float, ...] = (0.0, 0.0, 0.0)  # roll, pitch, yaw, rad
 
     @property
     def segments(self) -> str:

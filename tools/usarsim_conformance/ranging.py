@@ -21,24 +21,16 @@ EDGE = 0.06
 
 @dataclass(frozen=True, slots=True)
 class Beam:
-    """One value, and the ray that it should be of.
+    """One value, and the ray that it should be of."""
 
-    Attributes:
-        scene: when it was told.
-        item: name of the sensor.
-        what: which of its values.
-        start, way: ray in the robot's frame.
-        value: m.
-        perhaps: another direction that the ray may have, as far as printed digits tell.
-    """
-
-    scene: Scene
-    item: str
-    what: str
-    start: Vector
+    scene: Scene  # when it was told
+    item: str  # name of the sensor
+    what: str  # which of its values
+    start: Vector  # ray in the robot's frame
     way: Vector
-    value: float
+    value: float  # m
     perhaps: Vector | None = None
+    """Another direction that the ray may have, as far as printed digits tell."""
 
 
 def ray(mount: Mount, yaw: float = 0.0, pitch: float = 0.0) -> tuple[Vector, Vector]:

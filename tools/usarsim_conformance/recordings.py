@@ -22,23 +22,18 @@ _EXEMPT = ("Camera",)
 
 @dataclass
 class Recording:
-    """A robot that stood still.
+    """A robot that stood still."""
 
-    Attributes:
-        lines: all, the greeting included, in order.
-        streamed: those after the first STA, that one included.
-        replies: what GETCONF and GETGEO answered, by command, type and item name; an empty name
-            stands for a request by type, None for no answer.
-        waited: s of simulated time from INIT to the first STA or SEN, at most: a little before
-            INIT the reference robot told the time.
-        torn: chunks of bytes that did not end with a line.
-    """
-
-    lines: list[Line] = field(default_factory=list)
+    lines: list[Line] = field(default_factory=list)  # all, the greeting included, in order
     streamed: list[Line] = field(default_factory=list)
+    """Those after the first STA, that one included."""
     replies: dict[tuple[str, str, str], Line | None] = field(default_factory=dict)
+    """What GETCONF and GETGEO answered, by command, type and item name; an empty name stands for a
+    request by type, None for no answer."""
     waited: float = math.nan
-    torn: int = 0
+    """s of simulated time from INIT to the first STA or SEN, at most: a little before INIT the
+    reference robot told the time."""
+    torn: int = 0  # chunks of bytes that did not end with a line
 
     def of(self, head: str, type: str = "") -> list[Line]:
         """Streamed lines of a head, and of a type if given."""
@@ -195,17 +190,11 @@ def items_of(lines: list[Line]) -> list[tuple[str, str]]:
 
 @dataclass
 class Phase:
-    """A part of a drive.
+    """A part of a drive."""
 
-    Attributes:
-        command: that was in force.
-        lines: what was said meanwhile.
-        start, end: poses before and after; None if the robot tells none.
-    """
-
-    command: str
-    lines: list[Line]
-    start: Pose | None = None
+    command: str  # that was in force
+    lines: list[Line]  # what was said meanwhile
+    start: Pose | None = None  # poses before and after; None if the robot tells none
     end: Pose | None = None
 
     def sensor(self, type: str) -> list[Line]:
@@ -223,21 +212,14 @@ class Phase:
 
 @dataclass
 class Drive:
-    """A drive of a skid steered robot: forward, back, clockwise, anticlockwise, stops between.
+    """A drive of a skid steered robot: forward, back, clockwise, anticlockwise, stops between."""
 
-    Attributes:
-        phases: by name: rest, forward, stopped, back, clockwise, anticlockwise.
-        speed: of the wheels, rad/s.
-        radius: of the wheels, m.
-        separation: of the wheels, m.
-        max_speed: of the wheels as in CONF, rad/s.
-    """
-
-    speed: float
-    radius: float
-    separation: float
-    max_speed: float
+    speed: float  # of the wheels, rad/s
+    radius: float  # of the wheels, m
+    separation: float  # of the wheels, m
+    max_speed: float  # of the wheels as in CONF, rad/s
     phases: dict[str, Phase] = field(default_factory=dict)
+    """By name: rest, forward, stopped, back, clockwise, anticlockwise."""
 
 
 async def driven(case: Case) -> Drive:

@@ -55,23 +55,15 @@ class Inconclusive(Exception):  # noqa: N818
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Result:
-    """The verdict of one check in one dialect.
+    """The verdict of one check in one dialect."""
 
-    Attributes:
-        check: identifier of the check.
-        dialect: that the server was asked to speak; empty for checks to which it does not matter.
-        verdict: what was found.
-        reason: what was seen, for every verdict but a pass.
-        seconds: of wall time that the check took.
-        transcript: what was sent and received, shortened; kept for every verdict but a pass.
-    """
-
-    check: str
-    dialect: str
-    verdict: Verdict
-    reason: str = ""
-    seconds: float = 0.0
+    check: str  # identifier of the check
+    dialect: str  # that the server was asked to speak; empty for checks to which it does not matter
+    verdict: Verdict  # what was found
+    reason: str = ""  # what was seen, for every verdict but a pass
+    seconds: float = 0.0  # of wall time that the check took
     transcript: tuple[str, ...] = ()
+    """What was sent and received, shortened; kept for every verdict but a pass."""
 
 
 DIALECTS = ("ut2004", "udk", "gazebo")
@@ -94,29 +86,17 @@ _ID = re.compile(r"[a-z]+(\.[a-z0-9-]+)+")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Check:
-    """One rule, and how to find out whether a server keeps it.
+    """One rule, and how to find out whether a server keeps it."""
 
-    Attributes:
-        id: stable name, words joined by points, the service first: `control.init.case`.
-        title: the rule in a few words.
-        rule: the rule in full; the docstring of the function.
-        source: where the rule comes from.
-        severity: how bad it is to break it.
-        dialects: in which it runs, once each; empty to run once in the server's own.
-        service: that it is about. If the user named no port of it, it does not apply.
-        exclusive: no other check may run at the same time.
-        function: the check itself.
-    """
-
-    id: str
-    title: str
-    rule: str
-    source: str
-    severity: Severity
-    dialects: tuple[str, ...]
-    service: str
-    exclusive: bool
-    function: Function
+    id: str  # stable name, words joined by points, the service first: `control.init.case`
+    title: str  # the rule in a few words
+    rule: str  # the rule in full; the docstring of the function
+    source: str  # where the rule comes from
+    severity: Severity  # how bad it is to break it
+    dialects: tuple[str, ...]  # in which it runs, once each; empty to run once in the server's own
+    service: str  # that it is about. If the user named no port of it, it does not apply.
+    exclusive: bool  # no other check may run at the same time
+    function: Function  # the check itself
 
 
 _CHECKS: dict[str, Check] = {}

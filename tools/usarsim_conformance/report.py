@@ -40,25 +40,15 @@ class Rule:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Report:
-    """Everything one run found.
+    """Everything one run found."""
 
-    Attributes:
-        name: of the server, for comparisons.
-        server: facts about it, for people.
-        taken: when the run began, UTC.
-        seconds: of wall time that it took.
-        dialects: that were judged, in order.
-        rules: all that were judged, in order.
-        results: one for each check and dialect, in order.
-    """
-
-    name: str
-    server: Mapping[str, str]
-    taken: datetime
-    seconds: float
-    dialects: tuple[str, ...]
-    rules: tuple[Rule, ...]
-    results: tuple[Result, ...]
+    name: str  # of the server, for comparisons
+    server: Mapping[str, str]  # facts about it, for people
+    taken: datetime  # when the run began, UTC
+    seconds: float  # of wall time that it took
+    dialects: tuple[str, ...]  # that were judged, in order
+    rules: tuple[Rule, ...]  # all that were judged, in order
+    results: tuple[Result, ...]  # one for each check and dialect, in order
 
     def count(self, verdict: Verdict, severity: Severity | None = None) -> int:
         """Number of results with a verdict, of rules of one severity if given."""

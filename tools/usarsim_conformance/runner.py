@@ -29,19 +29,12 @@ _GIVES_UP = 600.0
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """Told after every check.
+    """Told after every check."""
 
-    Attributes:
-        done: checks judged.
-        total: checks to judge in all.
-        check: the one just judged.
-        result: its result.
-    """
-
-    done: int
-    total: int
-    check: Check
-    result: Result
+    done: int  # checks judged
+    total: int  # checks to judge in all
+    check: Check  # the one just judged
+    result: Result  # its result
 
 
 def _silent(progress: Progress) -> None:

@@ -235,17 +235,11 @@ def tiles_of(text: str) -> list[Tile]:
 
 @dataclass
 class CameraRobot:
-    """A robot with a camera.
+    """A robot with a camera."""
 
-    Attributes:
-        robot: the robot.
-        tiles: of its cameras.
-        conf: the line that told them.
-    """
-
-    robot: Robot
-    tiles: list[Tile]
-    conf: str
+    robot: Robot  # the robot
+    tiles: list[Tile]  # of its cameras
+    conf: str  # the line that told them
 
     @property
     def tile(self) -> Tile:

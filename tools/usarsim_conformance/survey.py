@@ -35,42 +35,27 @@ _KEEPER = "KitClock"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Target:
-    """The server to judge, as the user describes it.
+    """The server to judge, as the user describes it."""
 
-    Attributes:
-        host: its address.
-        ports: by service; services without a port are not judged.
-        robot: class for most checks; None to try those of `GROUND`.
-        start: where to put robots, as `places.place_from` reads it; None for all start poses.
-        dialect: the only one to judge; None for all that it speaks.
-    """
-
-    host: str = "127.0.0.1"
+    host: str = "127.0.0.1"  # its address
     ports: Mapping[str, int] = field(default_factory=lambda: {"control": 3000})
-    robot: str | None = None
+    """By service; services without a port are not judged."""
+    robot: str | None = None  # class for most checks; None to try those of `GROUND`
     start: str | None = None
-    dialect: str | None = None
+    """Where to put robots, as `places.place_from` reads it; None for all start poses."""
+    dialect: str | None = None  # the only one to judge; None for all that it speaks
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Survey:
-    """What was found out before the checks.
+    """What was found out before the checks."""
 
-    Attributes:
-        greeting: its first line, or None.
-        places: where robots can be put.
-        robot: class that could be spawned, or None.
-        native: dialect that it speaks if not asked for any; empty without a robot.
-        dialects: those to judge, each with the segment of INIT that asks for it.
-        timed: whether a robot stands aside and tells simulated time.
-    """
-
-    greeting: Line | None
-    places: tuple[Place, ...]
-    robot: str | None
-    native: str
-    dialects: Mapping[str, str]
-    timed: bool
+    greeting: Line | None  # its first line, or None
+    places: tuple[Place, ...]  # where robots can be put
+    robot: str | None  # class that could be spawned, or None
+    native: str  # dialect that it speaks if not asked for any; empty without a robot
+    dialects: Mapping[str, str]  # those to judge, each with the segment of INIT that asks for it
+    timed: bool  # whether a robot stands aside and tells simulated time
 
 
 def dialect_of(status: Line) -> str:

@@ -21,34 +21,22 @@ Made = TypeVar("Made")
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """Where a robot was, in the frame of the wire: m and rad, yaw without jumps.
+    """Where a robot was, in the frame of the wire: m and rad, yaw without jumps."""
 
-    Attributes:
-        time: simulated s.
-        location: x, y, z.
-        roll, pitch, yaw: right side down, nose up, clockwise seen from above.
-    """
-
-    time: float
-    location: tuple[float, ...]
-    roll: float
+    time: float  # simulated s
+    location: tuple[float, ...]  # x, y, z
+    roll: float  # right side down, nose up, clockwise seen from above
     pitch: float
     yaw: float
 
 
 @dataclass
 class Leg:
-    """What a robot did under one command.
+    """What a robot did under one command."""
 
-    Attributes:
-        command: that was in force.
-        lines: what it said meanwhile.
-        moments: where it was, by GroundTruth.
-    """
-
-    command: str
-    lines: list[Line]
-    moments: list[Moment] = field(default_factory=list)
+    command: str  # that was in force
+    lines: list[Line]  # what it said meanwhile
+    moments: list[Moment] = field(default_factory=list)  # where it was, by GroundTruth
 
     def _steady(self, share: float = 0.6) -> tuple[Moment, Moment]:
         """Begin and end of the later part, when ramps are over."""
@@ -122,20 +110,13 @@ class Leg:
 
 @dataclass
 class Trip:
-    """A robot, what it says of itself, and what it did.
+    """A robot, what it says of itself, and what it did."""
 
-    Attributes:
-        class_name: of the robot.
-        dialect: that it spoke.
-        conf, geo: what it told of itself.
-        legs: by name.
-    """
-
-    class_name: str
-    dialect: str
-    conf: Line
+    class_name: str  # of the robot
+    dialect: str  # that it spoke
+    conf: Line  # what it told of itself
     geo: Line
-    legs: dict[str, Leg] = field(default_factory=dict)
+    legs: dict[str, Leg] = field(default_factory=dict)  # by name
 
     def __getitem__(self, name: str) -> Leg:
         return self.legs[name]

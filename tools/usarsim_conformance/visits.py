@@ -34,33 +34,21 @@ _HEAD = 0.65
 
 @dataclass(frozen=True, slots=True)
 class Person:
-    """Somebody whom the truth port lists as a victim.
+    """Somebody whom the truth port lists as a victim."""
 
-    Attributes:
-        name: there.
-        location: of the pelvis, m.
-    """
-
-    name: str
-    location: Vector
+    name: str  # there
+    location: Vector  # of the pelvis, m
 
 
 @dataclass(frozen=True)
 class View:
-    """What a robot said of a person at a place.
+    """What a robot said of a person at a place."""
 
-    Attributes:
-        name: of the place.
-        distance, bearing: of the person from the robot's reference point, m and rad.
-        pose: of the robot.
-        track: what it said.
-    """
-
-    name: str
-    distance: float
+    name: str  # of the place
+    distance: float  # of the person from the robot's reference point, m and rad
     bearing: float
-    pose: Pose
-    track: Track
+    pose: Pose  # of the robot
+    track: Track  # what it said
 
     def seen_from(self, mount: Mount, point: Vector) -> Vector:
         """A point of the world in the frame of a sensor, x ahead, y to the right, z down."""
@@ -72,17 +60,11 @@ class View:
 
 @dataclass(frozen=True)
 class Visit:
-    """A person seen from several places.
+    """A person seen from several places."""
 
-    Attributes:
-        equipment: of the robots.
-        person: who was visited.
-        views: by name.
-    """
-
-    equipment: Equipment
-    person: Person
-    views: dict[str, View]
+    equipment: Equipment  # of the robots
+    person: Person  # who was visited
+    views: dict[str, View]  # by name
 
     def mount(self, type: str) -> tuple[str, Mount]:
         """Name and place of the first sensor of a type on the body."""

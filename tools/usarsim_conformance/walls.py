@@ -125,20 +125,13 @@ def turned_by(angles: Sequence[float], vector: Sequence[float]) -> Vector:
 
 @dataclass(frozen=True, slots=True)
 class Wall:
-    """The face of a wall, in the robot's frame.
+    """The face of a wall, in the robot's frame."""
 
-    Attributes:
-        bearing: of its normal, rad clockwise from ahead.
-        distance: of its plane from the robot's reference point, m.
-        left, right: its ends, m to the right of where the normal meets it.
-        top, bottom: z, m, down positive.
-    """
-
-    bearing: float
-    distance: float
-    left: float
+    bearing: float  # of its normal, rad clockwise from ahead
+    distance: float  # of its plane from the robot's reference point, m
+    left: float  # its ends, m to the right of where the normal meets it
     right: float
-    top: float
+    top: float  # z, m, down positive
     bottom: float
 
     def along(self, start: Vector, way: Vector) -> tuple[float, float]:
@@ -168,39 +161,25 @@ class Wall:
 
 @dataclass(frozen=True)
 class Scene:
-    """What was said while a wall stood somewhere.
+    """What was said while a wall stood somewhere."""
 
-    Attributes:
-        name: of the scene.
-        wall: where it stood; None for open floor.
-        place: the wall's middle in the world; x, y, z, yaw.
-        track: what the robot said.
-    """
-
-    name: str
-    wall: Wall | None
-    place: tuple[float, ...]
-    track: Track
+    name: str  # of the scene
+    wall: Wall | None  # where it stood; None for open floor
+    place: tuple[float, ...]  # the wall's middle in the world; x, y, z, yaw
+    track: Track  # what the robot said
 
 
 @dataclass(frozen=True)
 class Surrounded:
-    """A robot among walls.
+    """A robot among walls."""
 
-    Attributes:
-        equipment: of its class.
-        place: of the robot.
-        height: z of its reference point in the world.
-        wall_name: of the wall.
-        scenes: `open` floor; a wall `ahead`, `half` of it on the left, a `low` one, `right`,
-            `behind`, `left`, a `narrow` one all around, `far` ones near the ends of ranges.
-    """
-
-    equipment: Equipment
-    place: Place
-    height: float
-    wall_name: str
+    equipment: Equipment  # of its class
+    place: Place  # of the robot
+    height: float  # z of its reference point in the world
+    wall_name: str  # of the wall
     scenes: tuple[Scene, ...]
+    """`open` floor; a wall `ahead`, `half` of it on the left, a `low` one, `right`, `behind`,
+    `left`, a `narrow` one all around, `far` ones near the ends of ranges."""
 
     def of(self, *names: str) -> list[Scene]:
         """Scenes of these names; all without one."""

@@ -35,42 +35,26 @@ from usarsim_server.worlds.loader import SHEET
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What to import and how.
+    """What to import and how."""
 
-    Attributes:
-        source: the map.
-        out: folder in which the world folder is made; None: it stays in the cache.
-        name: of the world; None: the file's.
-        options: for the reader.
-        sidecar: file that adds and overrides; None: the one beside the map, if there is one.
-        cache: folder of finished imports.
-        fresh: import even if the cache has it.
-        hold: keep the world in the cache as it is until this process ends.
-    """
-
-    source: Path
-    out: Path | None = None
-    name: str | None = None
-    options: ImportOptions = field(default_factory=ImportOptions)
+    source: Path  # the map
+    out: Path | None = None  # folder in which the world folder is made; None: it stays in the cache
+    name: str | None = None  # of the world; None: the file's
+    options: ImportOptions = field(default_factory=ImportOptions)  # for the reader
     sidecar: Path | None = None
-    cache: Path = field(default_factory=default_cache)
-    fresh: bool = False
-    hold: bool = False
+    """File that adds and overrides; None: the one beside the map, if there is one."""
+    cache: Path = field(default_factory=default_cache)  # folder of finished imports
+    fresh: bool = False  # import even if the cache has it
+    hold: bool = False  # keep the world in the cache as it is until this process ends
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Imported:
-    """The result.
+    """The result."""
 
-    Attributes:
-        folder: a world folder.
-        report: about the import, even if it was made earlier.
-        cached: nothing had to be done.
-    """
-
-    folder: Path
-    report: Report
-    cached: bool
+    folder: Path  # a world folder
+    report: Report  # about the import, even if it was made earlier
+    cached: bool  # nothing had to be done
 
 
 @quiet()

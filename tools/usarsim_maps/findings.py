@@ -13,17 +13,11 @@ MAX_WARNINGS = 500
 
 @dataclass(frozen=True, slots=True)
 class Remark:
-    """One thing the user should know.
+    """One thing the user should know."""
 
-    Attributes:
-        subject: object or file it is about.
-        text: what happened and what to do about it.
-        times: how often.
-    """
-
-    subject: str
-    text: str
-    times: int = 1
+    subject: str  # object or file it is about
+    text: str  # what happened and what to do about it
+    times: int = 1  # how often
 
 
 class Findings:

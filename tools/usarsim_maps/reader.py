@@ -40,26 +40,19 @@ ANYTHING = {".txt"}
 
 @dataclass(frozen=True, slots=True)
 class ImportOptions:
-    """What a user may say about a map; None leaves it to the file or the format's convention.
+    """What a user may say about a map; None leaves it to the file or the format's convention."""
 
-    Attributes:
-        scale: units of the file per metre; replaces what the file says.
-        up: axis of the file that points up, `Z` or `Y`.
-        mirror: reflect the map (y becomes -y); for files written without regard to handedness.
-        assets: folders searched for meshes, textures and models that the map names.
-        placeholders: a box of 0.5 m stands in for every mesh that is missing.
-        wall_height: m, of walls that come from occupancy grids.
-        allow_outside: what the map names is read wherever it lies, not only in its own folder and
-            those of `assets`.
-    """
-
-    scale: float | None = None
-    up: str | None = None
+    scale: float | None = None  # units of the file per metre; replaces what the file says
+    up: str | None = None  # axis of the file that points up, `Z` or `Y`
     mirror: bool = False
+    """Reflect the map (y becomes -y); for files written without regard to handedness."""
     assets: tuple[Path, ...] = ()
-    placeholders: bool = False
-    wall_height: float | None = None
+    """Folders searched for meshes, textures and models that the map names."""
+    placeholders: bool = False  # a box of 0.5 m stands in for every mesh that is missing
+    wall_height: float | None = None  # m, of walls that come from occupancy grids
     allow_outside: bool = False
+    """What the map names is read wherever it lies, not only in its own folder and those of
+    `assets`."""
 
 
 def unwatched(step: str, part: float) -> None:
@@ -68,20 +61,16 @@ def unwatched(step: str, part: float) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Context:
-    """What a reader is given beside the file.
+    """What a reader is given beside the file."""
 
-    Attributes:
-        options: of the user.
-        findings: where counts, missing files and warnings go.
-        progress: call now and then with what is being done and the part of it that is done, 0 to
-            1. It may raise to end the import.
-        folders: what may be read; None stands for the asset folders. `read_scene` adds the map's.
-    """
-
-    options: ImportOptions = field(default_factory=ImportOptions)
+    options: ImportOptions = field(default_factory=ImportOptions)  # of the user
     findings: Findings = field(default_factory=Findings)
+    """Where counts, missing files and warnings go."""
     progress: Callable[[str, float], None] = unwatched
+    """Call now and then with what is being done and the part of it that is done, 0 to 1. It may
+    raise to end the import."""
     folders: Folders | None = None
+    """What may be read; None stands for the asset folders. `read_scene` adds the map's."""
 
     def admit(self, path: Path, asker: Path) -> bool:
         """Whether a file or folder may be read; a refusal is a finding.

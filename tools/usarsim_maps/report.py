@@ -26,35 +26,24 @@ PASSED = ("glass", "trans")
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """The outcome of one import; every field is plain data.
+    """The outcome of one import; every field is plain data."""
 
-    Attributes:
-        source: path, format, scale, up, mirrored, assumed of the map.
-        extents: m along x, y, z, of what has an end; `lower` and `upper` are the corners. None if
-            there are only endless planes.
-        classes, skipped: actors or nodes by class.
-        starts: name, m above the floor (None: no floor), m of overlap.
-        totals: pieces, meshes, memory (MiB), objects, victims and so on.
-        missing: kind, name, uses.
-        warnings: subject, text, times.
-        transparent: materials that lasers pass, by their names.
-        licence: a note on copying.
-        seconds: of wall time that the import took.
-    """
-
-    source: Mapping[str, Any]
+    source: Mapping[str, Any]  # path, format, scale, up, mirrored, assumed of the map
     extents: tuple[float, float, float] | None
+    """m along x, y, z, of what has an end; `lower` and `upper` are the corners. None if there are
+    only endless planes."""
     lower: tuple[float, float, float] | None
     upper: tuple[float, float, float] | None
-    classes: Mapping[str, int]
+    classes: Mapping[str, int]  # actors or nodes by class
     skipped: Mapping[str, int]
     starts: tuple[tuple[str, float | None, float], ...]
-    totals: Mapping[str, Any]
-    missing: tuple[tuple[str, str, int], ...]
-    warnings: tuple[tuple[str, str, int], ...]
-    transparent: tuple[str, ...]
-    licence: str
-    seconds: float
+    """Name, m above the floor (None: no floor), m of overlap."""
+    totals: Mapping[str, Any]  # pieces, meshes, memory (MiB), objects, victims and so on
+    missing: tuple[tuple[str, str, int], ...]  # kind, name, uses
+    warnings: tuple[tuple[str, str, int], ...]  # subject, text, times
+    transparent: tuple[str, ...]  # materials that lasers pass, by their names
+    licence: str  # a note on copying
+    seconds: float  # of wall time that the import took
 
     def data(self) -> dict[str, Any]:
         """For JSON."""

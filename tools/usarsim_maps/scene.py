@@ -57,27 +57,20 @@ class Material:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mesh:
-    """A triangle mesh, an asset that parts share; in its own local frame.
+    """A triangle mesh, an asset that parts share; in its own local frame."""
 
-    Attributes:
-        name: for the report and for files, for example `Package.Group.Name`.
-        vertices: (n, 3) float64.
-        triangles: (m, 3) int32, counter-clockwise from outside.
-        uvs: (m, 3, 2) texture coordinates per corner, v upwards (OpenGL, MuJoCo); None if there
-            are none.
-        slots: (m,) int32, index into `materials` of every triangle; None: all of them 0.
-        materials: names of materials by slot; empty: neutral grey.
-        hulls: convex collision pieces made by the artist, each (k, 3) points in the same frame
-            whose convex hull is solid. Where there are some, nothing else collides.
-    """
-
-    name: str
-    vertices: Array
-    triangles: Indices
+    name: str  # for the report and for files, for example `Package.Group.Name`
+    vertices: Array  # (n, 3) float64
+    triangles: Indices  # (m, 3) int32, counter-clockwise from outside
     uvs: Array | None = None
+    """(m, 3, 2) texture coordinates per corner, v upwards (OpenGL, MuJoCo); None if there are none.
+    """
     slots: Indices | None = None
-    materials: tuple[str, ...] = ()
+    """(m,) int32, index into `materials` of every triangle; None: all of them 0."""
+    materials: tuple[str, ...] = ()  # names of materials by slot; empty: neutral grey
     hulls: tuple[Array, ...] = ()
+    """Convex collision pieces made by the artist, each (k, 3) points in the same frame whose convex
+    hull is solid. Where there are some, nothing else collides."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,49 +134,35 @@ class Collision(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
-    """One shape of an object.
-
-    Attributes:
-        shape: of meshes, the same `Mesh` instance for every copy: that is how copies share memory.
-        matrix: (4, 4) from the shape's frame into the object's; may scale and mirror. Shapes other
-            than meshes only turn and move.
-        visible: rays and cameras meet it.
-        collision: whether and how it is solid. A part that is solid and not visible is collision
-            geometry of the map's author.
-        materials: replacements by slot number (meshes) or for slot 0 (other shapes).
-    """
+    """One shape of an object."""
 
     shape: Shape
+    """Of meshes, the same `Mesh` instance for every copy: that is how copies share memory."""
     matrix: Array = field(default_factory=lambda: np.eye(4))
-    visible: bool = True
+    """(4, 4) from the shape's frame into the object's; may scale and mirror. Shapes other than
+    meshes only turn and move."""
+    visible: bool = True  # rays and cameras meet it
     collision: Collision = Collision.AUTO
+    """Whether and how it is solid. A part that is solid and not visible is collision geometry of
+    the map's author."""
     materials: Mapping[int, str] = field(default_factory=dict)
+    """Replacements by slot number (meshes) or for slot 0 (other shapes)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneObject:
-    """A thing with a name: an actor, a model, a node.
+    """A thing with a name: an actor, a model, a node."""
 
-    Attributes:
-        name: as in the map; need not be unique.
-        parts: its shapes, in the frame of `pose`.
-        pose: of its frame in the world. A thing that is pushed turns about its centre of mass,
-            wherever this origin is.
-        tag: as in the map, empty if there is none.
-        kind: class in the map, for example `StaticMeshActor`.
-        movable: it is a rigid body that can be pushed.
-        mass: kg, of movable things; None: from volume and a density.
-        friction: sliding friction; None: the builder's default.
-    """
-
-    name: str
-    parts: tuple[Part, ...]
+    name: str  # as in the map; need not be unique
+    parts: tuple[Part, ...]  # its shapes, in the frame of `pose`
     pose: Pose = IDENTITY
-    tag: str = ""
-    kind: str = ""
-    movable: bool = False
-    mass: float | None = None
-    friction: float | None = None
+    """Of its frame in the world. A thing that is pushed turns about its centre of mass, wherever
+    this origin is."""
+    tag: str = ""  # as in the map, empty if there is none
+    kind: str = ""  # class in the map, for example `StaticMeshActor`
+    movable: bool = False  # it is a rigid body that can be pushed
+    mass: float | None = None  # kg, of movable things; None: from volume and a density
+    friction: float | None = None  # sliding friction; None: the builder's default
 
 
 # ---- constructive solid geometry -------------------------------------------------------------
@@ -208,19 +187,13 @@ class Solidity(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Polygon:
-    """A flat face.
+    """A flat face."""
 
-    Attributes:
-        vertices: (k, 3), k >= 3, counter-clockwise from outside; need not be convex.
-        material: name of a material, empty for neutral grey.
-        uvs: (k, 2), v upwards; None if unknown. A CSG result interpolates them over the plane.
-        solid: False: a face that is seen and not felt.
-    """
-
-    vertices: Array
-    material: str = ""
+    vertices: Array  # (k, 3), k >= 3, counter-clockwise from outside; need not be convex
+    material: str = ""  # name of a material, empty for neutral grey
     uvs: Array | None = None
-    solid: bool = True
+    """(k, 2), v upwards; None if unknown. A CSG result interpolates them over the plane."""
+    solid: bool = True  # False: a face that is seen and not felt
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -239,25 +212,15 @@ class Brush:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Heightfield:
-    """Terrain on a grid.
+    """Terrain on a grid."""
 
-    Attributes:
-        name: as in the map.
-        heights: (rows, columns) m above the origin of `pose`; rows along +y, columns along +x.
-        spacing: m between columns and between rows.
-        pose: of the corner [0, 0].
-        material: name of a material, empty for neutral grey.
-        texture_size: m of ground that one picture covers.
-        tag: as in the map.
-    """
-
-    name: str
-    heights: Array
-    spacing: tuple[float, float]
-    pose: Pose = IDENTITY
-    material: str = ""
-    texture_size: float = 4.0
-    tag: str = ""
+    name: str  # as in the map
+    heights: Array  # (rows, columns) m above the origin of `pose`; rows along +y, columns along +x
+    spacing: tuple[float, float]  # m between columns and between rows
+    pose: Pose = IDENTITY  # of the corner [0, 0]
+    material: str = ""  # name of a material, empty for neutral grey
+    texture_size: float = 4.0  # m of ground that one picture covers
+    tag: str = ""  # as in the map
 
 
 # ---- what else a map holds -------------------------------------------------------------------
@@ -320,62 +283,41 @@ def map_victim(
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """Where a scene comes from and how it was read.
+    """Where a scene comes from and how it was read."""
 
-    Attributes:
-        path: the file that the user named.
-        format: for people, for example `Unreal T3D`.
-        units_per_metre: what lengths were divided by.
-        up: axis of the file that points up.
-        mirrored: a reflection was applied, as Unreal's left-handed frame needs.
-        assumed: scale or axis were assumed, not stated by file or user.
-        whole_map: files of this kind hold whole maps; others may be single things, and small.
-        files: all files that were read, this one included; the cache watches them.
-        licence: what a licence or read-me file beside the map says about copying, in one line.
-    """
-
-    path: Path
-    format: str
-    units_per_metre: float = 1.0
-    up: str = "Z"
-    mirrored: bool = False
-    assumed: bool = False
+    path: Path  # the file that the user named
+    format: str  # for people, for example `Unreal T3D`
+    units_per_metre: float = 1.0  # what lengths were divided by
+    up: str = "Z"  # axis of the file that points up
+    mirrored: bool = False  # a reflection was applied, as Unreal's left-handed frame needs
+    assumed: bool = False  # scale or axis were assumed, not stated by file or user
     whole_map: bool = False
+    """Files of this kind hold whole maps; others may be single things, and small."""
     files: tuple[Path, ...] = ()
+    """All files that were read, this one included; the cache watches them."""
     licence: str = ""
+    """What a licence or read-me file beside the map says about copying, in one line."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """A whole map.
+    """A whole map."""
 
-    Attributes:
-        source: where it comes from.
-        objects: things with shapes.
-        brushes: in the order in which they act.
-        filled: space is solid before the first brush; None: decide by that brush (worlds
-            reference 4.2).
-        heightfields: terrain.
-        materials: by name; names that parts use and that are missing here become neutral grey.
-        starts, path_nodes: in the order of the file; poses exactly as in the map, the builder finds
-            the floor below. Tags are what clients are told: the map's Tag unless it is the class
-            default, then the actor's name (worlds reference 3).
-        victims, lights: in the order of the file; victims are made by `map_victim`.
-        smoke: fog and smoke.
-        kill_z: height below which nothing lives, m; None: unknown.
-        title: for the world's sheet; empty: made from the file's name.
-    """
-
-    source: Source
-    objects: tuple[SceneObject, ...] = ()
-    brushes: tuple[Brush, ...] = ()
+    source: Source  # where it comes from
+    objects: tuple[SceneObject, ...] = ()  # things with shapes
+    brushes: tuple[Brush, ...] = ()  # in the order in which they act
     filled: bool | None = None
-    heightfields: tuple[Heightfield, ...] = ()
+    """Space is solid before the first brush; None: decide by that brush (worlds reference 4.2)."""
+    heightfields: tuple[Heightfield, ...] = ()  # terrain
     materials: Mapping[str, Material] = field(default_factory=dict)
+    """By name; names that parts use and that are missing here become neutral grey."""
     starts: tuple[StartPose, ...] = ()
+    """In the order of the file; poses exactly as in the map, the builder finds the floor below.
+    Tags are what clients are told: the map's Tag unless it is the class default, then the actor's
+    name (worlds reference 3)."""
     path_nodes: tuple[PathNode, ...] = ()
-    victims: tuple[Victim, ...] = ()
+    victims: tuple[Victim, ...] = ()  # in the order of the file; victims are made by `map_victim`
     lights: tuple[Light, ...] = ()
-    smoke: Smoke = field(default_factory=Smoke)
-    kill_z: float | None = None
-    title: str = ""
+    smoke: Smoke = field(default_factory=Smoke)  # fog and smoke
+    kill_z: float | None = None  # height below which nothing lives, m; None: unknown
+    title: str = ""  # for the world's sheet; empty: made from the file's name

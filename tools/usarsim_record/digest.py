@@ -271,17 +271,11 @@ _STRAY = 1.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tolerance:
-    """What counts as equal.
+    """What counts as equal."""
 
-    Attributes:
-        relative: part of the larger number by which two may differ.
-        absolute: by which two numbers may differ in any case.
-        rate: part by which counts per simulated second of streamed lines may differ.
-    """
-
-    relative: float = 0.05
-    absolute: float = 0.1
-    rate: float = 0.1
+    relative: float = 0.05  # part of the larger number by which two may differ
+    absolute: float = 0.1  # by which two numbers may differ in any case
+    rate: float = 0.1  # part by which counts per simulated second of streamed lines may differ
 
     def equal(self, one: float, other: float) -> bool:
         """Whether two numbers are equal enough; angles may be a turn apart."""

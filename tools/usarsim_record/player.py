@@ -36,15 +36,10 @@ _EXACT = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of a replay.
+    """What came of a replay."""
 
-    Attributes:
-        rows: verdicts, connection by connection.
-        late: s of wall time by which it took longer than the recording.
-    """
-
-    rows: tuple[Row, ...]
-    late: float
+    rows: tuple[Row, ...]  # verdicts, connection by connection
+    late: float  # s of wall time by which it took longer than the recording
 
     @property
     def passed(self) -> bool:

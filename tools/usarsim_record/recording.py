@@ -70,38 +70,23 @@ class Link:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something that happened on a connection.
+    """Something that happened on a connection."""
 
-    Attributes:
-        time: s since the recording began.
-        connection: number of the connection, from 1.
-        kind: `open`, `data`, `end`, `reset` or `refused`.
-        side: who did it, `client` or `server`.
-        data: bytes of `data`.
-        link: index of the link, of `open`.
-    """
-
-    time: float
-    connection: int
-    kind: str
-    side: str = CLIENT
-    data: bytes = b""
-    link: int = 0
+    time: float  # s since the recording began
+    connection: int  # number of the connection, from 1
+    kind: str  # `open`, `data`, `end`, `reset` or `refused`
+    side: str = CLIENT  # who did it, `client` or `server`
+    data: bytes = b""  # bytes of `data`
+    link: int = 0  # index of the link, of `open`
 
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """A whole session.
+    """A whole session."""
 
-    Attributes:
-        links: ports that were recorded.
-        taken: when, as text.
-        events: in their order.
-    """
-
-    links: tuple[Link, ...]
-    taken: str
-    events: tuple[Event, ...]
+    links: tuple[Link, ...]  # ports that were recorded
+    taken: str  # when, as text
+    events: tuple[Event, ...]  # in their order
 
     @property
     def connections(self) -> dict[int, int]:
@@ -265,14 +250,10 @@ class SessionClock:
     """How much simulated time was told on all connections together.
 
     While none is open that tells it, it stands still: how long nobody was there does not count.
-
-    Attributes:
-        elapsed: s of simulated time since the first one told; None before.
-        telling: connections that are open and have told a time.
     """
 
-    elapsed: float | None = None
-    telling: set[int] = field(default_factory=set)
+    elapsed: float | None = None  # s of simulated time since the first one told; None before
+    telling: set[int] = field(default_factory=set)  # connections that are open and have told a time
     _zero: float = 0.0
     _rests: dict[int, bytes] = field(default_factory=dict)
 
@@ -298,15 +279,10 @@ class SessionClock:
 
 @dataclass(frozen=True, slots=True)
 class Cue:
-    """When a controller did something.
+    """When a controller did something."""
 
-    Attributes:
-        elapsed: of a `SessionClock` before that; None if no time had been told.
-        pause: s of wall time since anything happened, where no simulated time passed.
-    """
-
-    elapsed: float | None
-    pause: float
+    elapsed: float | None  # of a `SessionClock` before that; None if no time had been told
+    pause: float  # s of wall time since anything happened, where no simulated time passed
 
 
 def cues(events: Sequence[Event]) -> Iterator[Cue]:

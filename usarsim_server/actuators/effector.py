@@ -148,18 +148,13 @@ def create_effectors(robot: RobotDescription) -> tuple[Effector, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """One change that the client did not cause by this very line.
-
-    Attributes:
-        event: ItemAttached or ItemReleased for things in a hand, ToolAttached or ToolReleased for
-            an effector of the robot that a tool changer took or let go.
-        wire_type: type of the hand, or of the tool.
-        name: of the hand, or of the tool.
-    """
+    """One change that the client did not cause by this very line."""
 
     event: str
-    wire_type: str
-    name: str
+    """ItemAttached or ItemReleased for things in a hand, ToolAttached or ToolReleased for an
+    effector of the robot that a tool changer took or let go."""
+    wire_type: str  # type of the hand, or of the tool
+    name: str  # of the hand, or of the tool
 
 
 class Holdings:

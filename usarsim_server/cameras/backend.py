@@ -84,15 +84,10 @@ def far_plane(model: mujoco.MjModel) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Quality:
-    """What pictures may cost.
+    """What pictures may cost."""
 
-    Attributes:
-        shadows: edge of the shadow map, pixels; 0: no shadows.
-        multisample: samples per pixel; 0: none.
-    """
-
-    shadows: int = 0
-    multisample: int = 0
+    shadows: int = 0  # edge of the shadow map, pixels; 0: no shadows
+    multisample: int = 0  # samples per pixel; 0: none
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,19 +101,14 @@ class Wanted:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shot:
-    """What one eye sees, top row first; valid until the next shot.
+    """What one eye sees, top row first; valid until the next shot."""
 
-    Attributes:
-        colors: (height, width, 3) uint8, red green blue.
-        depth: (height, width) float32, metres along the viewing axis, infinity for the sky.
-        albedo: (height, width, 3) uint8, colours in plain white light from everywhere.
-        geoms: (height, width) int32, -1 for the sky.
-    """
-
-    colors: NDArray[np.uint8]
+    colors: NDArray[np.uint8]  # (height, width, 3) uint8, red green blue
     depth: NDArray[np.float32] | None = None
+    """(height, width) float32, metres along the viewing axis, infinity for the sky."""
     albedo: NDArray[np.uint8] | None = None
-    geoms: NDArray[np.int32] | None = None
+    """(height, width, 3) uint8, colours in plain white light from everywhere."""
+    geoms: NDArray[np.int32] | None = None  # (height, width) int32, -1 for the sky
 
 
 class Backend(Protocol):

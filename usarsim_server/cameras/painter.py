@@ -35,17 +35,11 @@ _log = Log("cameras")
 
 @dataclass(frozen=True, slots=True)
 class PainterOptions:
-    """How pictures are made.
+    """How pictures are made."""
 
-    Attributes:
-        renderer: one of `RENDERERS`.
-        quality: see there.
-        smoke: of the world.
-    """
-
-    renderer: str = "auto"
-    quality: Quality = field(default_factory=Quality)
-    smoke: Smoke = field(default_factory=Smoke)
+    renderer: str = "auto"  # one of `RENDERERS`
+    quality: Quality = field(default_factory=Quality)  # see there
+    smoke: Smoke = field(default_factory=Smoke)  # of the world
 
 
 def nobody_lit(robot: int) -> bool:

@@ -62,18 +62,13 @@ class WorldSource(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class RenderOptions:
-    """How the render loop works.
-
-    Attributes:
-        rate: pictures per simulated second of each camera that has no rate of its own (15 in the
-            original, side channels reference 2.6).
-        always: render all tiles, also those that nobody watches.
-        painter: how pictures are made.
-    """
+    """How the render loop works."""
 
     rate: float = 15.0
-    always: bool = False
-    painter: PainterOptions = field(default_factory=PainterOptions)
+    """Pictures per simulated second of each camera that has no rate of its own (15 in the original,
+    side channels reference 2.6)."""
+    always: bool = False  # render all tiles, also those that nobody watches
+    painter: PainterOptions = field(default_factory=PainterOptions)  # how pictures are made
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -48,17 +48,11 @@ _SIGNS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 
 @dataclass(frozen=True, slots=True)
 class Viewpoint:
-    """Where a spectator stands.
+    """Where a spectator stands."""
 
-    Attributes:
-        name: for people.
-        pose: in the world; x looks, y is left, z is up.
-        fov: horizontal field of view, rad.
-    """
-
-    name: str
-    pose: Pose
-    fov: float = FOV
+    name: str  # for people
+    pose: Pose  # in the world; x looks, y is left, z is up
+    fov: float = FOV  # horizontal field of view, rad
 
 
 def find_viewpoint(text: str, known: Mapping[str, Viewpoint]) -> Viewpoint:

@@ -53,16 +53,11 @@ class Region:
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """How the full frame is divided into tiles, filled row by row (side channels 2.10).
+    """How the full frame is divided into tiles, filled row by row (side channels 2.10)."""
 
-    Attributes:
-        columns, rows: number of tiles.
-        tile_width, tile_height: of one tile, pixels.
-    """
-
-    columns: int = 4
+    columns: int = 4  # number of tiles
     rows: int = 4
-    tile_width: int = 320
+    tile_width: int = 320  # of one tile, pixels
     tile_height: int = 240
 
     @property
@@ -100,46 +95,28 @@ class Grid:
 
 @dataclass(frozen=True, slots=True)
 class CameraView:
-    """One live camera as the renderer needs to know it.
+    """One live camera as the renderer needs to know it."""
 
-    Attributes:
-        key: number of the camera, never used again.
-        name: item name on the wire.
-        owner: label of the robot; empty for a spectator.
-        robot: number of the robot in the simulation; None if it stands still in the world.
-        link: link that carries it; None for the chassis.
-        pose: relative to the link, chassis or world; it looks along x, y is left, z is up.
-        fov: horizontal field of view, rad.
-        tile: number of its tile; None if there was none left.
-        rate: pictures per second of simulated time; None: as the server is set.
-        size: width and height of its pictures, pixels; None: those of the tile.
-    """
-
-    key: int
-    name: str
-    owner: str
-    robot: int | None
-    link: str | None
-    pose: Pose
-    fov: float
-    tile: int | None
-    rate: float | None = None
+    key: int  # number of the camera, never used again
+    name: str  # item name on the wire
+    owner: str  # label of the robot; empty for a spectator
+    robot: int | None  # number of the robot in the simulation; None if it stands still in the world
+    link: str | None  # link that carries it; None for the chassis
+    pose: Pose  # relative to the link, chassis or world; it looks along x, y is left, z is up
+    fov: float  # horizontal field of view, rad
+    tile: int | None  # number of its tile; None if there was none left
+    rate: float | None = None  # pictures per second of simulated time; None: as the server is set
     size: tuple[int, int] | None = None
+    """Width and height of its pictures, pixels; None: those of the tile."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """A picture of all tiles at one time.
+    """A picture of all tiles at one time."""
 
-    Attributes:
-        number: grows with every frame.
-        time: simulated time of its newest tile, s.
-        pixels: (height, width, 3) uint8, red green blue, top row first; read-only.
-    """
-
-    number: int
-    time: float
-    pixels: NDArray[np.uint8]
+    number: int  # grows with every frame
+    time: float  # simulated time of its newest tile, s
+    pixels: NDArray[np.uint8]  # (height, width, 3) uint8, red green blue, top row first; read-only
 
 
 class Watch(Protocol):
@@ -227,17 +204,11 @@ def looking(position: Vector, target: Vector) -> Pose:
 
 @dataclass(frozen=True, slots=True)
 class Eye:
-    """A pinhole camera with square pixels.
+    """A pinhole camera with square pixels."""
 
-    Attributes:
-        pose: as in `View`.
-        fov: horizontal field of view, rad.
-        width, height: pixels.
-    """
-
-    pose: Pose
-    fov: float
-    width: int
+    pose: Pose  # as in `View`
+    fov: float  # horizontal field of view, rad
+    width: int  # pixels
     height: int
 
     @property
@@ -258,14 +229,10 @@ class Rays:
     """The bundle of rays of an eye, in its own frame: pixel (v, u) looks along (1, left, up).
 
     A point at depth d (metres along the viewing axis) is d times that away.
-
-    Attributes:
-        left: (1, width) slope to the left of the viewing axis.
-        up: (height, 1) slope upwards.
     """
 
-    left: Plane
-    up: Plane
+    left: Plane  # (1, width) slope to the left of the viewing axis
+    up: Plane  # (height, 1) slope upwards
 
     def lengths(self) -> Plane:
         """Metres of ray per metre of depth, (height, width)."""

@@ -86,19 +86,13 @@ class Atlas:
 
 @dataclass(slots=True, eq=False)
 class _Spot:
-    """A region that is watched, by any number of watchers.
+    """A region that is watched, by any number of watchers."""
 
-    Attributes:
-        tiles: of the region.
-        frame: the newest frame in which something in the region is new.
-        watchers: what to call, by watch.
-        untold: watchers that have not been told of any frame yet.
-    """
-
-    tiles: frozenset[int]
-    frame: Frame
-    watchers: dict[_Watch, OnFrame] = field(default_factory=dict)
+    tiles: frozenset[int]  # of the region
+    frame: Frame  # the newest frame in which something in the region is new
+    watchers: dict[_Watch, OnFrame] = field(default_factory=dict)  # what to call, by watch
     untold: set[_Watch] = field(default_factory=set)
+    """Watchers that have not been told of any frame yet."""
 
 
 class _Watch:

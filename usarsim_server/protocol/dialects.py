@@ -25,75 +25,46 @@ class DialectMode(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Facets:
-    """Everything the output and the few dialect dependent inputs differ in.
+    """Everything the output and the few dialect dependent inputs differ in."""
 
-    Attributes:
-        sta_period: s of simulated time between STA lines (row "STA period").
-        time_digits: of Time in STA, MISSTA, ASTA, EFF and RES (table 2.2).
-        range_digits: of RangeScanner ranges (row "RangeScanner digits").
-        geometry_digits: of sensor GEO (table 2.2).
-        batched_geometry: sensor GEO has one multi-pair segment per item (row "sensor GEO").
-        type_before_name: order of the vehicle CONF (row "vehicle CONF").
-        multi_pair: multi-pair SEN segments exist (row "Sonar, IR, Encoder, Touch").
-        results: SET is answered by RES (row "SET replies").
-        partial_drive: an absent member of a DRIVE pair keeps its value; otherwise an incomplete
-            pair is ignored (row "DRIVE partial pairs").
-        sticky_normalized: ground vehicles remember Normalized (row "Normalized").
-        rotational_velocity_unit: rad/s of one unit of DRIVE RotationalVelocity (row of the name).
-        mission_package_head: head of the periodic actuator line (row "actuators").
-        camera_in_degrees: Camera CONF is in degrees with texture fields (row "Camera CONF").
-        ground_truth_signed: angles in (-pi, pi], otherwise in [0, 2 pi) (row "GroundTruth").
-        ground_truth_digits: row "GroundTruth angles, digits".
-        encoder_wraps: ticks are modulo one turn and items are named Wk (row "Encoder").
-        panning_key: spelling in RangeScanner CONF (5.2 no. 11).
-        flip: DRIVE Flip sets an overturned robot back on its wheels (3.4).
-        limb_period: s of simulated time between two ASTA and two EFF lines (4.9); None: actuators
-            report as often as STA, effectors on request only.
-        lamp_always_full: LightIntensity is 100 even while the lamp is off (4.3).
-        steering_as_commanded: STA tells commanded steering angles, otherwise measured ones (4.3).
-        tilt_commands: aircraft obey PitchAngle and RollAngle (3.4.4).
-        flight_in_degrees: CONF of aircraft tells angles in degrees (5.2 no. 16).
-        link_mounts: GEO names the link that carries an item, otherwise the actuator or the vehicle
-            (4.7).
-        package_type: type by which clients ask for actuators (4.8).
-        odometry_resolution: Odometry CONF tells EncoderResolution (4.8).
-        acceleration_orientation: the acceleration sensor tells Orientation (4.6, addendum).
-        infrared_limits: how often IR CONF tells both limits (4.8).
-        sonar_cone: Sonar CONF tells how the cone is sampled (4.8).
-        image_pairs: the range imager tells both axes of its image, otherwise those of a scanner
-            (4.6, 4.8).
-    """
-
-    sta_period: float
-    time_digits: int
-    range_digits: int
-    geometry_digits: int
-    batched_geometry: bool
-    type_before_name: bool
-    multi_pair: bool
-    results: bool
+    sta_period: float  # s of simulated time between STA lines (row "STA period")
+    time_digits: int  # of Time in STA, MISSTA, ASTA, EFF and RES (table 2.2)
+    range_digits: int  # of RangeScanner ranges (row "RangeScanner digits")
+    geometry_digits: int  # of sensor GEO (table 2.2)
+    batched_geometry: bool  # sensor GEO has one multi-pair segment per item (row "sensor GEO")
+    type_before_name: bool  # order of the vehicle CONF (row "vehicle CONF")
+    multi_pair: bool  # multi-pair SEN segments exist (row "Sonar, IR, Encoder, Touch")
+    results: bool  # SET is answered by RES (row "SET replies")
     partial_drive: bool
-    sticky_normalized: bool
+    """An absent member of a DRIVE pair keeps its value; otherwise an incomplete pair is ignored
+    (row "DRIVE partial pairs")."""
+    sticky_normalized: bool  # ground vehicles remember Normalized (row "Normalized")
     rotational_velocity_unit: float
-    mission_package_head: str
-    camera_in_degrees: bool
-    ground_truth_signed: bool
-    ground_truth_digits: int
-    encoder_wraps: bool
-    panning_key: str
-    flip: bool
+    """rad/s of one unit of DRIVE RotationalVelocity (row of the name)."""
+    mission_package_head: str  # head of the periodic actuator line (row "actuators")
+    camera_in_degrees: bool  # Camera CONF is in degrees with texture fields (row "Camera CONF")
+    ground_truth_signed: bool  # angles in (-pi, pi], otherwise in [0, 2 pi) (row "GroundTruth")
+    ground_truth_digits: int  # row "GroundTruth angles, digits"
+    encoder_wraps: bool  # ticks are modulo one turn and items are named Wk (row "Encoder")
+    panning_key: str  # spelling in RangeScanner CONF (5.2 no. 11).
+    flip: bool  # DRIVE Flip sets an overturned robot back on its wheels (3.4)
     limb_period: float | None
-    lamp_always_full: bool
+    """s of simulated time between two ASTA and two EFF lines (4.9); None: actuators report as often
+    as STA, effectors on request only."""
+    lamp_always_full: bool  # LightIntensity is 100 even while the lamp is off (4.3)
     steering_as_commanded: bool
-    tilt_commands: bool
-    flight_in_degrees: bool
+    """STA tells commanded steering angles, otherwise measured ones (4.3)."""
+    tilt_commands: bool  # aircraft obey PitchAngle and RollAngle (3.4.4)
+    flight_in_degrees: bool  # CONF of aircraft tells angles in degrees (5.2 no. 16).
     link_mounts: bool
-    package_type: str
-    odometry_resolution: bool
-    acceleration_orientation: bool
-    infrared_limits: int
-    sonar_cone: bool
+    """GEO names the link that carries an item, otherwise the actuator or the vehicle (4.7)."""
+    package_type: str  # type by which clients ask for actuators (4.8)
+    odometry_resolution: bool  # Odometry CONF tells EncoderResolution (4.8)
+    acceleration_orientation: bool  # the acceleration sensor tells Orientation (4.6, addendum)
+    infrared_limits: int  # how often IR CONF tells both limits (4.8)
+    sonar_cone: bool  # Sonar CONF tells how the cone is sampled (4.8)
     image_pairs: bool
+    """The range imager tells both axes of its image, otherwise those of a scanner (4.6, 4.8)."""
 
 
 FACETS: Mapping[Dialect, Facets] = {

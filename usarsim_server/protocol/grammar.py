@@ -78,24 +78,17 @@ _LOGGED_CHARACTERS = 200
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """One command as it was written.
+    """One command as it was written."""
 
-    Attributes:
-        word: command word in upper case; empty if the line has none.
-        segments: name and value of every well formed segment, in order, spelled as sent. The value
-            keeps inner blanks; a segment of one word has an empty value. Empty segments are left
-            out.
-        text: the beginning of the command, safe to print in a log.
-        weight: memory that it takes while it waits, in units of `WEIGHT_BYTES`, rounded up. That
-            of a command of known clients is 1 to 4.
-        cut: what followed on its line was thrown away.
-    """
-
-    word: str
+    word: str  # command word in upper case; empty if the line has none
     segments: tuple[Segment, ...] = ()
-    text: str = ""
+    """Name and value of every well formed segment, in order, spelled as sent. The value keeps inner
+    blanks; a segment of one word has an empty value. Empty segments are left out."""
+    text: str = ""  # the beginning of the command, safe to print in a log
     weight: int = 1
-    cut: bool = False
+    """Memory that it takes while it waits, in units of `WEIGHT_BYTES`, rounded up. That of a
+    command of known clients is 1 to 4."""
+    cut: bool = False  # what followed on its line was thrown away
 
     def get(self, name: str, default: str | None = None) -> str | None:
         """Value of the first segment of this name in any case, `default` if there is none."""

@@ -81,13 +81,9 @@ class RequestLexer:
 
 @dataclass(frozen=True, slots=True)
 class ImageType:
-    """What all pictures of a server are encoded as (side channels reference 2.3).
+    """What all pictures of a server are encoded as (side channels reference 2.3)."""
 
-    Attributes:
-        number: as configured, 0 or more; the first byte of a reply is this number modulo 256.
-    """
-
-    number: int
+    number: int  # as configured, 0 or more; the first byte of a reply is this number modulo 256
 
     @classmethod
     def named(cls, name: str) -> ImageType:

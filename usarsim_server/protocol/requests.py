@@ -16,36 +16,21 @@ from usarsim_server.protocol.values import Dialect, Segment, Vector
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Init:
-    """Spawn a robot (3.2).
+    """Spawn a robot (3.2)."""
 
-    Attributes:
-        class_name: class without package, spelled as sent; empty if the segment is missing.
-        package: text before the last point of the class, empty if there is none.
-        spelled_classname_exactly: the segment was named `Classname`, as the ROS and MOAST family
-            does (dialect signal 1).
-        name: robot label; None if missing or empty.
-        location: metres, wire frame; None if missing or empty.
-        rotation: roll, pitch, yaw in rad; None if missing or empty.
-        start: tag of a start position, wins over location and rotation.
-        dialect: the dialect that the client forces.
-        battery: battery life in s.
-        team: team number.
-        skin: texture name.
-        segments: everything as sent.
-    """
-
-    class_name: str
-    package: str = ""
+    class_name: str  # class without package, spelled as sent; empty if the segment is missing
+    package: str = ""  # text before the last point of the class, empty if there is none
     spelled_classname_exactly: bool = False
-    name: str | None = None
-    location: Vector | None = None
-    rotation: Vector | None = None
-    start: str | None = None
-    dialect: Dialect | None = None
-    battery: float | None = None
-    team: int | None = None
-    skin: str | None = None
-    segments: tuple[Segment, ...] = ()
+    """The segment was named `Classname`, as the ROS and MOAST family does (dialect signal 1)."""
+    name: str | None = None  # robot label; None if missing or empty
+    location: Vector | None = None  # metres, wire frame; None if missing or empty
+    rotation: Vector | None = None  # roll, pitch, yaw in rad; None if missing or empty
+    start: str | None = None  # tag of a start position, wins over location and rotation
+    dialect: Dialect | None = None  # the dialect that the client forces
+    battery: float | None = None  # battery life in s
+    team: int | None = None  # team number
+    skin: str | None = None  # texture name
+    segments: tuple[Segment, ...] = ()  # everything as sent
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,17 +52,11 @@ class GetClosestPathNode:
 
 @dataclass(frozen=True, slots=True)
 class WheelTarget:
-    """One group of a wheel by wheel DRIVE (3.4.3).
+    """One group of a wheel by wheel DRIVE (3.4.3)."""
 
-    Attributes:
-        number: wheel, counted from 0.
-        speed: wheel spin in rad/s or percent; None if the group has none.
-        steer: steering angle in rad; None if the group has none.
-    """
-
-    number: int
-    speed: float | None = None
-    steer: float | None = None
+    number: int  # wheel, counted from 0
+    speed: float | None = None  # wheel spin in rad/s or percent; None if the group has none
+    steer: float | None = None  # steering angle in rad; None if the group has none
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -180,17 +159,11 @@ class GetGeo:
 
 @dataclass(frozen=True, slots=True)
 class LinkTarget:
-    """Target of one link of an actuator.
+    """Target of one link of an actuator."""
 
-    Attributes:
-        link: number as sent: from 1 in MISPKG, from 0 in ACT (5.2 no. 5).
-        value: rad or m for order 0, their rates for order 1, N m or N for order 2.
-        order: 0 position, 1 velocity, 2 torque.
-    """
-
-    link: int
-    value: float
-    order: int = 0
+    link: int  # number as sent: from 1 in MISPKG, from 0 in ACT (5.2 no. 5).
+    value: float  # rad or m for order 0, their rates for order 1, N m or N for order 2
+    order: int = 0  # 0 position, 1 velocity, 2 torque
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -263,13 +236,9 @@ class Unknown:
 
 @dataclass(frozen=True, slots=True)
 class Sync:
-    """The world may go on, as far as this controller is concerned (lockstep; no original had it).
+    """The world may go on, as far as this controller is concerned (lockstep; new here)."""
 
-    Attributes:
-        ticks: how many ticks, at least one.
-    """
-
-    ticks: int = 1
+    ticks: int = 1  # how many ticks, at least one
 
 
 Request = (

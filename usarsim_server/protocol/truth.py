@@ -30,15 +30,10 @@ MAX_LISTING = 512 * 1024
 
 @dataclass(frozen=True, slots=True)
 class Query:
-    """What is asked for.
+    """What is asked for."""
 
-    Attributes:
-        class_name: class as sent, with or without package; empty for all pawns.
-        name: of the only actor wanted, in exactly this case; empty for any.
-    """
-
-    class_name: str = ""
-    name: str = ""
+    class_name: str = ""  # class as sent, with or without package; empty for all pawns
+    name: str = ""  # of the only actor wanted, in exactly this case; empty for any
 
     @property
     def bare_class(self) -> str:
@@ -167,17 +162,11 @@ GroundTruthQuery = Positions | BetweenRobots | BetweenPoints | Incomplete
 
 @dataclass(frozen=True, slots=True)
 class Position:
-    """One robot in the answer to GETPOS.
+    """One robot in the answer to GETPOS."""
 
-    Attributes:
-        name: label, as it was given.
-        location: wire frame, m.
-        battery_empty: whether it has run out of power.
-    """
-
-    name: str
-    location: Vector
-    battery_empty: bool = False
+    name: str  # label, as it was given
+    location: Vector  # wire frame, m
+    battery_empty: bool = False  # whether it has run out of power
 
 
 def read_ground_truth_query(line: str) -> GroundTruthQuery | None:

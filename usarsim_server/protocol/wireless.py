@@ -43,21 +43,13 @@ _TRUTH_VERBS = frozenset({"GETPOS", "GETOBS"})
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """One line of a robot.
+    """One line of a robot."""
 
-    Attributes:
-        verb: as it was sent; empty if the line has none.
-        robot: value of Robot, empty if there is none.
-        ports: of an INIT, in their order.
-        port: of DNS and REVERSEDNS; None if it was left out.
-        error: what is wrong with the arguments, or None.
-    """
-
-    verb: str
-    robot: str = ""
-    ports: tuple[int, ...] = ()
-    port: int | None = None
-    error: Reason | None = None
+    verb: str  # as it was sent; empty if the line has none
+    robot: str = ""  # value of Robot, empty if there is none
+    ports: tuple[int, ...] = ()  # of an INIT, in their order
+    port: int | None = None  # of DNS and REVERSEDNS; None if it was left out
+    error: Reason | None = None  # what is wrong with the arguments, or None
 
 
 def parse_request(line: bytes) -> Request:

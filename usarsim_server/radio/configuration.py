@@ -18,17 +18,11 @@ DEFAULT_MODEL = "obstacle"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RadioOptions:
-    """How the wireless simulation works.
+    """How the wireless simulation works."""
 
-    Attributes:
-        model: propagation.
-        fading: random part of the signal.
-        shape: of the traffic that links carry.
-    """
-
-    model: Propagation
-    fading: Fading
-    shape: LinkShape
+    model: Propagation  # propagation
+    fading: Fading  # random part of the signal
+    shape: LinkShape  # of the traffic that links carry
     poll: float = field(
         default=0.25, unit="s", low=0.02, high=60.0, help="wall time between two looks at the world"
     )

@@ -67,21 +67,14 @@ class Grid:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coverage:
-    """Signals of one source.
+    """Signals of one source."""
 
-    Attributes:
-        grid: the cells.
-        source: the place of the source.
-        strengths: dBm, (rows, columns).
-        obstacles: between source and cell, (rows, columns); zero for a model that counts none.
-        cutoff: dBm that a link needs.
-    """
-
-    grid: Grid
-    source: Vector
-    strengths: NDArray[np.float64]
+    grid: Grid  # the cells
+    source: Vector  # the place of the source
+    strengths: NDArray[np.float64]  # dBm, (rows, columns)
     obstacles: NDArray[np.int64]
-    cutoff: float
+    """Between source and cell, (rows, columns); zero for a model that counts none."""
+    cutoff: float  # dBm that a link needs
 
     @property
     def linked(self) -> NDArray[np.bool_]:
@@ -127,15 +120,10 @@ def survey(model: Propagation, obstacles: ObstacleCounter, source: Vector, grid:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Walls:
-    """Borders between cells that something solid crosses.
+    """Borders between cells that something solid crosses."""
 
-    Attributes:
-        along_x: (rows, columns - 1), between a cell and the next one in x.
-        along_y: (rows - 1, columns), between a cell and the next one in y.
-    """
-
-    along_x: NDArray[np.bool_]
-    along_y: NDArray[np.bool_]
+    along_x: NDArray[np.bool_]  # (rows, columns - 1), between a cell and the next one in x
+    along_y: NDArray[np.bool_]  # (rows - 1, columns), between a cell and the next one in y
 
 
 def find_walls(cast: CastScenery, grid: Grid) -> Walls:

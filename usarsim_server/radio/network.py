@@ -21,19 +21,12 @@ from usarsim_server.radio.stations import ObstacleCounter, StationSource
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RadioWorld:
-    """What a network sees of the simulation.
+    """What a network sees of the simulation."""
 
-    Attributes:
-        stations: everybody's place.
-        obstacles: counts what stands between two places.
-        clock: simulated time, s; returns at once.
-        speed: simulated seconds per second of wall time; infinity: as fast as possible.
-    """
-
-    stations: StationSource
-    obstacles: ObstacleCounter
-    clock: Callable[[], float]
-    speed: float = 1.0
+    stations: StationSource  # everybody's place
+    obstacles: ObstacleCounter  # counts what stands between two places
+    clock: Callable[[], float]  # simulated time, s; returns at once
+    speed: float = 1.0  # simulated seconds per second of wall time; infinity: as fast as possible
 
 
 @dataclass(frozen=True, slots=True)

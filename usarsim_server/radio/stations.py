@@ -11,17 +11,11 @@ from usarsim_server.protocol.values import Vector
 
 @dataclass(frozen=True, slots=True)
 class Station:
-    """A robot or a ComStation at one instant.
+    """A robot or a ComStation at one instant."""
 
-    Attributes:
-        name: label from INIT, in its own spelling.
-        position: of its reference point, simulation frame, m.
-        battery_empty: whether it has run out of power.
-    """
-
-    name: str
-    position: Vector
-    battery_empty: bool = False
+    name: str  # label from INIT, in its own spelling
+    position: Vector  # of its reference point, simulation frame, m
+    battery_empty: bool = False  # whether it has run out of power
 
 
 StationSource = Callable[[], Sequence[Station]]

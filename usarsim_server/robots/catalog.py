@@ -33,20 +33,16 @@ ParentFinder = Callable[[str], RobotDescription | None]
 
 @dataclass(frozen=True, slots=True)
 class RobotFile:
-    """What one robot file says.
+    """What one robot file says."""
 
-    Attributes:
-        description: the robot itself.
-        aliases: further class names for it, which clients get back as they are spelled here.
-        alias_patterns: shell patterns of class names; clients get their own spelling back.
-        exact_aliases: further names that mean this robot only in exactly this spelling, whatever
-            else they mean in another one.
-    """
-
-    description: RobotDescription
+    description: RobotDescription  # the robot itself
     aliases: tuple[str, ...] = ()
+    """Further class names for it, which clients get back as they are spelled here."""
     alias_patterns: tuple[str, ...] = ()
+    """Shell patterns of class names; clients get their own spelling back."""
     exact_aliases: tuple[str, ...] = ()
+    """Further names that mean this robot only in exactly this spelling, whatever else they mean in
+    another one."""
 
 
 def load_robot(path: Path) -> RobotDescription:

@@ -72,39 +72,27 @@ class Mesh:
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """One rigid piece of the chassis or of a link.
+    """One rigid piece of the chassis or of a link."""
 
-    Attributes:
-        kind: box, cylinder, sphere, ellipsoid, capsule or mesh.
-        size: full extents for a box (length, width, height); (radius, length) for cylinder and
-            capsule; (radius,) for a sphere; three semi-axes for an ellipsoid; () for a mesh. m.
-        pose: centre relative to the reference point, or to the link.
-        mesh: its triangles; it collides as their convex hull.
-    """
-
-    kind: str
+    kind: str  # box, cylinder, sphere, ellipsoid, capsule or mesh
     size: tuple[float, ...]
-    pose: Pose
+    """Full extents for a box (length, width, height); (radius, length) for cylinder and capsule;
+    (radius,) for a sphere; three semi-axes for an ellipsoid; () for a mesh. m."""
+    pose: Pose  # centre relative to the reference point, or to the link
     mass: float = field(default=0.0, **MASS, help="0 for a purely visual piece")
     color: Color = field(default=GREY, **CHANNELS, help="red, green, blue, alpha")
     collides: bool = field(
         default=True, help="takes part in contacts; rays and cameras see it anyway"
     )
-    mesh: Mesh | None = None
+    mesh: Mesh | None = None  # its triangles; it collides as their convex hull
 
 
 @dataclass(frozen=True, slots=True)
 class Wheel:
-    """A wheel on a hinge whose axis points to the robot's left, so positive spin rolls forward.
+    """A wheel on a hinge whose axis points to the robot's left, so positive spin rolls forward."""
 
-    Attributes:
-        name: joint name, unique within the robot.
-        side: `left` or `right`.
-        link: name of the link that carries it, such as a steering knuckle; None: the chassis.
-    """
-
-    name: str
-    side: str
+    name: str  # joint name, unique within the robot
+    side: str  # `left` or `right`
     position: Vector = field(
         **POINT, help="centre relative to the reference point, or to the link that carries it"
     )
@@ -113,6 +101,7 @@ class Wheel:
     mass: float = field(low=LIGHTEST, high=HEAVIEST, unit="kg")
     driven: bool = field(default=True, help="false for a free wheel")
     link: str | None = None
+    """Name of the link that carries it, such as a steering knuckle; None: the chassis."""
     collides: bool = field(
         default=True, help="false for a wheel that touches nothing, such as a sprocket"
     )
@@ -194,23 +183,11 @@ def _joint_type(table: Table, key: str) -> JointType:
 
 @dataclass(frozen=True, slots=True)
 class LinkDescription:
-    """A link that moves on one joint: of an arm, a pan-tilt, a flipper, a finger.
+    """A link that moves on one joint: of an arm, a pan-tilt, a flipper, a finger."""
 
-    Attributes:
-        body: name of the link; sensors and effectors are mounted on it by this name.
-        joint: name of the joint that moves it.
-        parent: index of the link that carries it; None for the base of the chain.
-        pose: of the link's frame, through whose origin the axis goes, relative to the parent
-            while the joint is at zero.
-        shapes: the link's body.
-        limits: lowest and highest position of the joint, rad or m; None if it has no stops.
-        max_speed: rad/s or m/s.
-        home: position in which the robot appears, rad or m.
-    """
-
-    body: str
-    joint: str
-    parent: int | None
+    body: str  # name of the link; sensors and effectors are mounted on it by this name
+    joint: str  # name of the joint that moves it
+    parent: int | None  # index of the link that carries it; None for the base of the chain
     type: JointType = field(parse=_joint_type, key="joint", default=JointType.REVOLUTE)
     axis: Vector = field(
         parse=read_axis,
@@ -218,14 +195,17 @@ class LinkDescription:
         help="in the link's frame: right-handed turns about it, or shifts along it, are positive",
     )
     pose: Pose = IDENTITY
-    shapes: tuple[Shape, ...] = ()
+    """Of the link's frame, through whose origin the axis goes, relative to the parent while the
+    joint is at zero."""
+    shapes: tuple[Shape, ...] = ()  # the link's body
     limits: tuple[float, float] | None = None
-    max_speed: float = 1.0
+    """Lowest and highest position of the joint, rad or m; None if it has no stops."""
+    max_speed: float = 1.0  # rad/s or m/s
     max_torque: float = field(default=DEFAULT_TORQUE, **STRENGTH, unit="N m or N")
     damping: float = field(
         default=0.0, low=0.0, high=STRONGEST, unit="N m s/rad or N s/m", help="passive resistance"
     )
-    home: float = 0.0
+    home: float = 0.0  # position in which the robot appears, rad or m
     follows: str | None = field(
         default=None, help="joint that this one is coupled to; it takes no orders of its own"
     )
@@ -247,19 +227,13 @@ class LinkDescription:
 
 @dataclass(frozen=True, slots=True)
 class ActuatorDescription:
-    """A chain or tree of links: a mission package, an arm, or bare joints such as flippers.
+    """A chain or tree of links: a mission package, an arm, or bare joints such as flippers."""
 
-    Attributes:
-        name: item name on the wire.
-        mount: name of the link of another actuator that carries it; None for the chassis.
-        pose: of its base, relative to the link or to the reference point.
-        links: in the order of their numbers on the wire; a parent stands before its children.
-    """
-
-    name: str
-    mount: str | None
-    pose: Pose
+    name: str  # item name on the wire
+    mount: str | None  # name of the link of another actuator that carries it; None for the chassis
+    pose: Pose  # of its base, relative to the link or to the reference point
     links: tuple[LinkDescription, ...]
+    """In the order of their numbers on the wire; a parent stands before its children."""
     tip: Vector = field(default=ORIGIN, **POINT, help="tool point in the frame of the last link")
     package: bool = field(
         default=True,
@@ -269,39 +243,27 @@ class ActuatorDescription:
 
 @dataclass(frozen=True, slots=True)
 class ItemDescription:
-    """A sensor or an effector as the robot file asks for it.
+    """A sensor or an effector as the robot file asks for it."""
 
-    Attributes:
-        type: type of the registry, for example `RangeScanner` or `SICK`.
-        name: item name on the wire.
-        link: link that carries it; None for the chassis.
-        pose: relative to the link (or the reference point).
-        parameters: remaining keys of the table, checked by the sensor's own factory.
-        where: `file: [[sensor]] n (name)` for error messages.
-    """
-
-    type: str
-    name: str
-    link: str | None
-    pose: Pose
+    type: str  # type of the registry, for example `RangeScanner` or `SICK`
+    name: str  # item name on the wire
+    link: str | None  # link that carries it; None for the chassis
+    pose: Pose  # relative to the link (or the reference point)
     parameters: Mapping[str, object] = plain(default_factory=dict)
-    where: str = ""
+    """Remaining keys of the table, checked by the sensor's own factory."""
+    where: str = ""  # `file: [[sensor]] n (name)` for error messages
 
 
 @dataclass(frozen=True, slots=True)
 class EffectorDescription:
-    """A gripper, a suction cup, a tool changer: something that takes hold of things.
-
-    Attributes:
-        item: type, name, link that carries it, pose on that link, parameters of its type.
-        shapes: its body.
-        fingers: links on joints of their own; they open towards their lowest position and close
-            towards their highest one.
-    """
+    """A gripper, a suction cup, a tool changer: something that takes hold of things."""
 
     item: ItemDescription
-    shapes: tuple[Shape, ...] = ()
+    """Type, name, link that carries it, pose on that link, parameters of its type."""
+    shapes: tuple[Shape, ...] = ()  # its body
     fingers: tuple[LinkDescription, ...] = ()
+    """Links on joints of their own; they open towards their lowest position and close towards their
+    highest one."""
     tip: Vector = field(default=ORIGIN, **POINT, help="where it holds, relative to its pose")
     detached: bool = field(
         default=False, help="lies loose beside the robot, where its pose says, until it is taken"
@@ -321,72 +283,50 @@ class EffectorDescription:
 
 @dataclass(frozen=True, slots=True)
 class CameraDescription:
-    """A camera with a zoom lens (robots reference 2.7).
+    """A camera with a zoom lens (robots reference 2.7)."""
 
-    Attributes:
-        name: item name on the wire.
-        link: link that carries it; None for the chassis.
-        pose: relative to the link (or the reference point); it looks along x, z is up.
-        fov: horizontal field of view when the robot appears, rad.
-        min_fov, max_fov: ends of the zoom, rad.
-        where: `file: [[camera]] n (name)` for error messages.
-        size: width and height of its pictures, pixels; None: those of a tile.
-    """
-
-    name: str
-    link: str | None = None
+    name: str  # item name on the wire
+    link: str | None = None  # link that carries it; None for the chassis
     pose: Pose = IDENTITY
-    fov: float = 1.3963
-    min_fov: float = 0.3491
+    """Relative to the link (or the reference point); it looks along x, z is up."""
+    fov: float = 1.3963  # horizontal field of view when the robot appears, rad
+    min_fov: float = 0.3491  # ends of the zoom, rad
     max_fov: float = 2.0944
     rate: float | None = field(
         default=None, low=0.1, high=60.0, unit="Hz", help="of simulated time; else the server's"
     )
-    where: str = ""
+    where: str = ""  # `file: [[camera]] n (name)` for error messages
     size: tuple[int, int] | None = None
+    """Width and height of its pictures, pixels; None: those of a tile."""
 
 
 @dataclass(frozen=True, slots=True)
 class RobotDescription:
-    """One robot class.
-
-    Attributes:
-        name: class name on the wire, as the client's own spelling resolves to it (an alias keeps
-            its own name here).
-        model: name of the class whose geometry this is; robots of one model share parked slots.
-        kind: name of its family in robot files.
-        dialect: dialect of the era the class comes from (`auto` starts with it).
-        description: one line for listings.
-        shapes, wheels, casters: the body.
-        rest_height: height of the reference point above a flat floor, m.
-        drive, battery, report: see there; battery None means the robot has none (99999 in STA).
-        items: sensors in mount order.
-        source: the file it came from.
-        actuators: mission packages, arms, flippers; what carries another stands before it.
-        effectors: what takes hold of things.
-        cameras: in mount order.
-        family: what kind of vehicle it is, with all that the family alone knows of it, such as
-            steering or rotors.
-    """
+    """One robot class."""
 
     name: str
-    model: str
-    kind: str
-    dialect: Dialect
-    description: str
-    shapes: tuple[Shape, ...]
+    """Class name on the wire, as the client's own spelling resolves to it (an alias keeps its own
+    name here)."""
+    model: str  # name of the class whose geometry this is; robots of one model share parked slots
+    kind: str  # name of its family in robot files
+    dialect: Dialect  # dialect of the era the class comes from (`auto` starts with it)
+    description: str  # one line for listings
+    shapes: tuple[Shape, ...]  # the body
     wheels: tuple[Wheel, ...]
     casters: tuple[Caster, ...]
-    rest_height: float
-    drive: DriveDescription
+    rest_height: float  # height of the reference point above a flat floor, m
+    drive: DriveDescription  # see there; battery None means the robot has none (99999 in STA)
     battery: BatteryDescription | None
     report: RobotReport
-    items: tuple[ItemDescription, ...]
-    source: Path
+    items: tuple[ItemDescription, ...]  # sensors in mount order
+    source: Path  # the file it came from
     family: Family
+    """What kind of vehicle it is, with all that the family alone knows of it, such as steering or
+    rotors."""
     actuators: tuple[ActuatorDescription, ...] = ()
-    effectors: tuple[EffectorDescription, ...] = ()
-    cameras: tuple[CameraDescription, ...] = ()
+    """Mission packages, arms, flippers; what carries another stands before it."""
+    effectors: tuple[EffectorDescription, ...] = ()  # what takes hold of things
+    cameras: tuple[CameraDescription, ...] = ()  # in mount order
 
     @property
     def rolls(self) -> bool:

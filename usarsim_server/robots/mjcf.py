@@ -49,7 +49,7 @@ def build_spec(robot: RobotDescription) -> mujoco.MjSpec:
     joint, geom and, if driven, actuator of a wheel carry the wheel's name. Links and effectors are
     bodies of their names; detached effectors are root bodies on free joints of their names. Joints
     of links are built at their home positions; what drives them is their friction loss (see
-    `joint_servos.py`). Masses, mass centre and inertia follow from the pieces.
+    `servos.py`). Masses, mass centre and inertia follow from the pieces.
     """
     spec = mujoco.MjSpec()
     spec.modelname = robot.model

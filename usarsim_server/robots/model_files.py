@@ -60,15 +60,11 @@ _KINDS = {
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """What a model file holds.
+    """What a model file holds."""
 
-    Attributes:
-        shapes: of the chassis.
-        actuators: packages first, as far as they do not need each other otherwise.
-    """
-
-    shapes: tuple[Shape, ...]
+    shapes: tuple[Shape, ...]  # of the chassis
     actuators: tuple[ActuatorDescription, ...]
+    """Packages first, as far as they do not need each other otherwise."""
 
 
 @dataclass

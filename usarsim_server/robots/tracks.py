@@ -48,19 +48,14 @@ class Roller:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """A straight part of a belt, in the plane of its track (x ahead, z up, m).
-
-    Attributes:
-        start, end: where it leaves one roller and meets the next, in the direction in which the
-            belt moves when the robot is driven ahead.
-        normal: unit vector that points outwards.
-        depth: radius of the smaller one of the two rollers.
-    """
+    """A straight part of a belt, in the plane of its track (x ahead, z up, m)."""
 
     start: tuple[float, float]
+    """Where it leaves one roller and meets the next, in the direction in which the belt moves when
+    the robot is driven ahead."""
     end: tuple[float, float]
-    normal: tuple[float, float]
-    depth: float
+    normal: tuple[float, float]  # unit vector that points outwards
+    depth: float  # radius of the smaller one of the two rollers
 
     @property
     def length(self) -> float:
@@ -70,17 +65,11 @@ class Run:
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """One belt.
+    """One belt."""
 
-    Attributes:
-        side: `left` or `right`; the sprocket of that side drives it.
-        link: name of the link that carries it, such as a flipper; None: the chassis.
-        rollers: at least two.
-    """
-
-    side: str
-    link: str | None
-    rollers: tuple[Roller, ...]
+    side: str  # `left` or `right`; the sprocket of that side drives it
+    link: str | None  # name of the link that carries it, such as a flipper; None: the chassis
+    rollers: tuple[Roller, ...]  # at least two
     width: float = field(low=SMALLEST, high=LONGEST, unit="m")
     position: Vector = field(
         default=ORIGIN,

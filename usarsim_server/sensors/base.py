@@ -41,25 +41,17 @@ def _unknown(name: str, snapshot: Snapshot) -> ObjectFacts | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorContext:
-    """What a sensor may know when it is made.
+    """What a sensor may know when it is made."""
 
-    Attributes:
-        robot: the class it is mounted on.
-        world: the world it is in.
-        rng: its own random stream; no other sensor draws from it.
-        objects: facts at an instant about the object that a name in `RayHits.names` belongs to,
-            None if there is no such object; robots bear their labels.
-        surroundings: the live facts of the world; None: those of the world file, for this sensor
-            alone.
-        smoke: what light meets on its way; None in clear air.
-    """
-
-    robot: RobotDescription
-    world: WorldDescription
-    rng: np.random.Generator
+    robot: RobotDescription  # the class it is mounted on
+    world: WorldDescription  # the world it is in
+    rng: np.random.Generator  # its own random stream; no other sensor draws from it
     objects: Callable[[str, Snapshot], ObjectFacts | None] = _unknown
+    """Facts at an instant about the object that a name in `RayHits.names` belongs to, None if there
+    is no such object; robots bear their labels."""
     surroundings: Surroundings | None = None
-    smoke: SmokeField | None = None
+    """The live facts of the world; None: those of the world file, for this sensor alone."""
+    smoke: SmokeField | None = None  # what light meets on its way; None in clear air
 
     @property
     def life(self) -> Surroundings:

@@ -88,14 +88,11 @@ def whole_share() -> float:
 
 @dataclass(slots=True, eq=False)
 class Account:
-    """What one client has used.
-
-    Attributes:
-        used: s of processor time, counted from where the port stood when the client came; one who
-            asks little is brought up to `CREDIT` behind the others.
-    """
+    """What one client has used."""
 
     used: float = 0.0
+    """s of processor time, counted from where the port stood when the client came; one who asks
+    little is brought up to `CREDIT` behind the others."""
 
 
 @dataclass(slots=True, order=True)

@@ -55,24 +55,16 @@ _ROBOT_BYTES = 16 * 1024
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ComServerLimits(PortLimits):
-    """What robots may use; names stay registered for the server's lifetime (5.1).
-
-    Attributes:
-        robots: names that may be registered; beyond it the oldest that is no robot of the world
-            and has no links is forgotten.
-        ports: that one robot may listen on at a time.
-        links: open at a time; each takes two descriptors.
-        links_per_robot: of these for the one who opened them.
-        poll: s of wall time between two looks at the world.
-        link_share: s of processor time per wall s for all links.
-    """
+    """What robots may use; names stay registered for the server's lifetime (5.1)."""
 
     robots: int = 256
-    ports: int = 64
-    links: int = 256
-    links_per_robot: int = 64
-    poll: float = 0.25
-    link_share: float = 0.08
+    """Names that may be registered; beyond it the oldest that is no robot of the world and has no
+    links is forgotten."""
+    ports: int = 64  # that one robot may listen on at a time
+    links: int = 256  # open at a time; each takes two descriptors
+    links_per_robot: int = 64  # of these for the one who opened them
+    poll: float = 0.25  # s of wall time between two looks at the world
+    link_share: float = 0.08  # s of processor time per wall s for all links
 
     @property
     def held_bytes(self) -> int:

@@ -90,22 +90,17 @@ class ControlLimits(PortLimits):
     commands, see `limits.input_cost`. The share is that of all clients together that send more than
     their own share of the rate (`limits.OWN_SHARE`); it is less while the world falls behind. A
     client that stopped reading finds at most as much old text as the kernel holds when it reads on.
-
-    Attributes:
-        max_line: longest line in bytes; longer ones are thrown away.
-        backlog_high: weight of commands waiting at a session beyond which its client's input is not
-            read. One client of the field sends 180 a second (protocol reference, addendum). It is
-            read no further than 20 ms of processor time are likely to take, either.
-        backlog_low: weight at which reading goes on.
-        outbox: see `OutboxLimits`.
     """
 
     arrival_rate: float = 100.0
     share: float = 0.1
-    max_line: int = MAX_LINE
+    max_line: int = MAX_LINE  # longest line in bytes; longer ones are thrown away
     backlog_high: int = 256
-    backlog_low: int = 64
-    outbox: OutboxLimits = field(default_factory=OutboxLimits)
+    """Weight of commands waiting at a session beyond which its client's input is not read. One
+    client of the field sends 180 a second (protocol reference, addendum). It is read no further
+    than 20 ms of processor time are likely to take, either."""
+    backlog_low: int = 64  # weight at which reading goes on
+    outbox: OutboxLimits = field(default_factory=OutboxLimits)  # see `OutboxLimits`
 
     @property
     def held_bytes(self) -> int:

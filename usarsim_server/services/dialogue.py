@@ -69,30 +69,20 @@ connection ends then.
 
 @dataclass(frozen=True, slots=True)
 class Instant:
-    """For how long an answer holds.
+    """For how long an answer holds."""
 
-    Attributes:
-        span: s of wall time; 0: every request is answered anew.
-        version: changes with what must show at once, such as who is there.
-    """
-
-    span: float = 0.0
-    version: Callable[[], object] = int
+    span: float = 0.0  # s of wall time; 0: every request is answered anew
+    version: Callable[[], object] = int  # changes with what must show at once, such as who is there
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DialogueLimits(PortLimits):
-    """What the clients of a dialogue may use.
+    """What the clients of a dialogue may use."""
 
-    Attributes:
-        together: replies may be handed over together; otherwise one by one.
-        pause: wall s between two replies to the same client, at the least.
-        reply_bytes: longest reply. No service makes a longer one; if it does, the client is closed.
-    """
-
-    together: bool = True
-    pause: float = 0.0
+    together: bool = True  # replies may be handed over together; otherwise one by one
+    pause: float = 0.0  # wall s between two replies to the same client, at the least
     reply_bytes: int = 64 * 1024
+    """Longest reply. No service makes a longer one; if it does, the client is closed."""
 
     @property
     def held_bytes(self) -> int:

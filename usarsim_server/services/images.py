@@ -54,25 +54,22 @@ class ImageLimits(PortLimits):
     that of encoding and sending pictures. Closed as idle is who never asked for a picture, or does
     not take the one it is sent; others may be silent, as somebody who presses a button now and
     then, and make room when the port is full.
-
-    Attributes:
-        patience: s that a request waits for the renderer; then it is answered with the latest
-            frame that came meanwhile, or with a grey picture.
-        linger: s for which a region is rendered on after it was asked for.
-        regions: regions rendered for one client at a time; as many as a grid has tiles at most.
-        repeat: s between two copies of the same picture to the same client. One that asks again
-            as soon as it can read would otherwise keep a core busy with pictures it has already.
-        copies_share: s of processor time per wall s for copies of pictures that a client has.
     """
 
     send_buffer: int | None = 256 * 1024
     receive_buffer: int | None = 8 * 1024
     share: float = 0.2
     patience: float = 2.0
-    linger: float = 2.0
+    """s that a request waits for the renderer; then it is answered with the latest frame that came
+    meanwhile, or with a grey picture."""
+    linger: float = 2.0  # s for which a region is rendered on after it was asked for
     regions: int = 64
+    """Regions rendered for one client at a time; as many as a grid has tiles at most."""
     repeat: float = 0.004
+    """s between two copies of the same picture to the same client. One that asks again as soon as
+    it can read would otherwise keep a core busy with pictures it has already."""
     copies_share: float = 0.05
+    """s of processor time per wall s for copies of pictures that a client has."""
 
     def held_bytes(self, frame: Region) -> int:
         """Bytes that a connection can make the server hold, without the kernel's buffers: one

@@ -85,28 +85,20 @@ class Endpoint:
 
 @dataclass(frozen=True, slots=True)
 class ListenerLimits:
-    """What the clients of one service may use.
+    """What the clients of one service may use."""
 
-    Attributes:
-        max_connections: further clients are accepted and closed at once, with a log line.
-        per_address: the same for the clients of one address; None: no other limit.
-        arrival_rate: clients of one address that are served per second in the long run. Others
-            wait for their turn before they are greeted.
-        arrival_burst: clients of one address that may come at once.
-        queue: connections the kernel may hold until they are accepted.
-        receive_buffer: bytes of kernel buffer asked for per client, None for the system's
-            automatic size, which reaches several MiB.
-        send_buffer: the same for output. A small one bounds how old the data are that a slow
-            client reads.
-    """
-
-    max_connections: int = 64
-    per_address: int | None = None
+    max_connections: int = 64  # further clients are accepted and closed at once, with a log line
+    per_address: int | None = None  # the same for the clients of one address; None: no other limit
     arrival_rate: float = math.inf
-    arrival_burst: int = 128
-    queue: int = 128
+    """Clients of one address that are served per second in the long run. Others wait for their turn
+    before they are greeted."""
+    arrival_burst: int = 128  # clients of one address that may come at once
+    queue: int = 128  # connections the kernel may hold until they are accepted
     receive_buffer: int | None = None
+    """Bytes of kernel buffer asked for per client, None for the system's automatic size, which
+    reaches several MiB."""
     send_buffer: int | None = None
+    """The same for output. A small one bounds how old the data are that a slow client reads."""
 
     @property
     def kernel_bytes(self) -> int:

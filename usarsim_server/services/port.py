@@ -24,21 +24,17 @@ from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PortLimits(ListenerLimits):
-    """What the clients of a port may use, each and all together.
-
-    Attributes:
-        rate: commands, requests or messages per wall s of one client in the long run; it is read
-            no faster.
-        share: s of processor time per wall s that the requests of all clients may use.
-        idle: s after which a client that asks for nothing, and has no reason to be silent, is
-            closed; 0 for never.
-    """
+    """What the clients of a port may use, each and all together."""
 
     receive_buffer: int | None = 64 * 1024
     send_buffer: int | None = 64 * 1024
     rate: float = 1000.0
-    share: float = 0.05
+    """Commands, requests or messages per wall s of one client in the long run; it is read no
+    faster."""
+    share: float = 0.05  # s of processor time per wall s that the requests of all clients may use
     idle: float = 300.0
+    """s after which a client that asks for nothing, and has no reason to be silent, is closed; 0
+    for never."""
 
 
 GRACE = 5.0
@@ -53,21 +49,15 @@ def _nobody() -> bool:
 
 @dataclass(slots=True, eq=False)
 class Guest:
-    """One connection.
+    """One connection."""
 
-    Attributes:
-        peer: `host:port`.
-        heard: when it last asked for something, or took what it was sent; s of the guests' clock.
-        leave: ends the connection; may be called more than once.
-        standing: whether it may be silent and stay even if the port is full.
-        patient: whether it may be silent, but makes room.
-    """
-
-    peer: str
+    peer: str  # `host:port`
     heard: float
-    leave: Callable[[], object]
+    """When it last asked for something, or took what it was sent; s of the guests' clock."""
+    leave: Callable[[], object]  # ends the connection; may be called more than once
     standing: Callable[[], bool] = _nobody
-    patient: bool = field(default=False)
+    """Whether it may be silent and stay even if the port is full."""
+    patient: bool = field(default=False)  # whether it may be silent, but makes room
 
 
 class Guests:

@@ -42,19 +42,13 @@ class DialError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class LinkOptions:
-    """What all links of a service have in common.
+    """What all links of a service have in common."""
 
-    Attributes:
-        shape: what happens to the traffic.
-        speed: simulated seconds per second; at infinity nothing waits.
-        seed: of losses.
-        budget: processor time for carrying it.
-    """
-
-    shape: LinkShape = field(default_factory=LinkShape)
-    speed: float = 1.0
-    seed: int = 0
+    shape: LinkShape = field(default_factory=LinkShape)  # what happens to the traffic
+    speed: float = 1.0  # simulated seconds per second; at infinity nothing waits
+    seed: int = 0  # of losses
     budget: WorkBudget = field(default_factory=lambda: WorkBudget(SHARE))
+    """Processor time for carrying it."""
 
     @property
     def plain(self) -> bool:

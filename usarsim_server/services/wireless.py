@@ -51,23 +51,16 @@ from usarsim_server.services.replies import PIECE, ReplyBuffer
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WirelessLimits(DialogueLimits):
-    """What robots, and those who ask for ground truth, may use.
-
-    Attributes:
-        ports: relay ports at a time; beyond it DNS fails as in a system without free ports.
-        ports_per_robot: of these for one asking robot.
-        links: connections through relay ports at a time; beyond it they end as they are made. A
-            link takes two descriptors, a port one; of all that the process may have ports and
-            links get half.
-        links_per_robot: of these for one that dials.
-        poll: s of wall time between two looks at the world.
-    """
+    """What robots, and those who ask for ground truth, may use."""
 
     ports: int = 1024
-    ports_per_robot: int = 128
+    """Relay ports at a time; beyond it DNS fails as in a system without free ports."""
+    ports_per_robot: int = 128  # of these for one asking robot
     links: int = 512
-    links_per_robot: int = 64
-    poll: float = 0.25
+    """Connections through relay ports at a time; beyond it they end as they are made. A link takes
+    two descriptors, a port one; of all that the process may have ports and links get half."""
+    links_per_robot: int = 64  # of these for one that dials
+    poll: float = 0.25  # s of wall time between two looks at the world
 
     @property
     def held_bytes(self) -> int:

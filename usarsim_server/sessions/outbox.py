@@ -29,22 +29,17 @@ GRACE = 1.0
 
 @dataclass(frozen=True, slots=True)
 class OutboxLimits:
-    """How much may wait for one client.
-
-    Attributes:
-        stream_bytes: budget of streamed lines; with scan lines just under 2048 bytes at 5 Hz
-            (protocol reference, addendum) about 25 s of one laser.
-        stream_lines: the same in lines, because a short line costs far more than its bytes.
-        reply_bytes: replies that wait beyond this condemn the connection; thousands of CONF and
-            GEO lines, which no client asks for before it reads the first. A single reply may be
-            longer.
-        reply_lines: the same in lines.
-    """
+    """How much may wait for one client."""
 
     stream_bytes: int = 256 * 1024
+    """Budget of streamed lines; with scan lines just under 2048 bytes at 5 Hz (protocol reference,
+    addendum) about 25 s of one laser."""
     stream_lines: int = 4096
+    """The same in lines, because a short line costs far more than its bytes."""
     reply_bytes: int = 1024 * 1024
-    reply_lines: int = 4096
+    """Replies that wait beyond this condemn the connection; thousands of CONF and GEO lines, which
+    no client asks for before it reads the first. A single reply may be longer."""
+    reply_lines: int = 4096  # the same in lines
 
     @property
     def held_bytes(self) -> int:

@@ -42,17 +42,13 @@ UPRIGHTING_LIFT = 0.05
 
 @dataclass(frozen=True, slots=True)
 class RobotRoleOptions:
-    """What a lab may change about the reports.
-
-    Attributes:
-        quiet_period: simulated s after spawning without STA and SEN (protocol reference 1.8).
-        beat: simulated s between the instants at which streams may begin (see `schedule.py`).
-        udk_sta_order: send the exact UDK order of STA in the udk dialect (5.2 no. 1).
-    """
+    """What a lab may change about the reports."""
 
     quiet_period: float = 0.27
+    """Simulated s after spawning without STA and SEN (protocol reference 1.8)."""
     beat: float = REPORT_GRID
-    udk_sta_order: bool = False
+    """Simulated s between the instants at which streams may begin (see `schedule.py`)."""
+    udk_sta_order: bool = False  # send the exact UDK order of STA in the udk dialect (5.2 no. 1).
 
 
 class RobotRole(Role):

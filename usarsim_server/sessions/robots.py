@@ -63,17 +63,12 @@ class Battery:
 
 @dataclass(slots=True, eq=False)
 class Power:
-    """Battery and headlight of one robot: set by its pilot alone, read by any thread.
+    """Battery and headlight of one robot: set by its pilot alone, read by any thread."""
 
-    Attributes:
-        battery: None for a robot without one.
-        spawned: simulated time of its first snapshot; None before.
-        lit: the headlight is on and has power; DRIVE switches it, cameras see what it shines on.
-    """
-
-    battery: Battery | None = None
-    spawned: float | None = None
+    battery: Battery | None = None  # None for a robot without one
+    spawned: float | None = None  # simulated time of its first snapshot; None before
     lit: bool = False
+    """The headlight is on and has power; DRIVE switches it, cameras see what it shines on."""
 
     def seconds(self, time: float) -> int:
         """Whole seconds of life left at a simulated time (s)."""
@@ -90,27 +85,16 @@ class Power:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Vehicle:
-    """One robot in the world: its class, its body in the simulation, its sensors.
+    """One robot in the world: its class, its body in the simulation, its sensors."""
 
-    Attributes:
-        name: label, unique in the world; from INIT, or invented.
-        description: its class.
-        body: its body in the simulation.
-        sensors: in mount order.
-        leave: takes it out of the world; a second call does nothing.
-        cameras: keys of its cameras on the board, in mount order.
-        board: all cameras of the world.
-        power: its battery and headlight.
-    """
-
-    name: str
-    description: RobotDescription
-    body: BodyHandle
-    sensors: tuple[Sensor, ...]
-    leave: Callable[[], None]
-    cameras: tuple[int, ...]
-    board: CameraBoard
-    power: Power = field(default_factory=Power)
+    name: str  # label, unique in the world; from INIT, or invented
+    description: RobotDescription  # its class
+    body: BodyHandle  # its body in the simulation
+    sensors: tuple[Sensor, ...]  # in mount order
+    leave: Callable[[], None]  # takes it out of the world; a second call does nothing
+    cameras: tuple[int, ...]  # keys of its cameras on the board, in mount order
+    board: CameraBoard  # all cameras of the world
+    power: Power = field(default_factory=Power)  # its battery and headlight
 
     @property
     def robot(self) -> int:

@@ -41,17 +41,11 @@ class JointOrder(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class JointModel:
-    """The drive of one joint.
+    """The drive of one joint."""
 
-    Attributes:
-        name: of the joint in the specification; its range, if any, is there too.
-        max_speed: rad/s or m/s.
-        max_force: N m or N that the drive can exert.
-    """
-
-    name: str
-    max_speed: float
-    max_force: float
+    name: str  # of the joint in the specification; its range, if any, is there too
+    max_speed: float  # rad/s or m/s
+    max_force: float  # N m or N that the drive can exert
 
 
 class Grip(Enum):
@@ -64,58 +58,39 @@ class Grip(Enum):
 
 @dataclass(frozen=True, slots=True)
 class HandModel:
-    """Something that takes hold of bodies.
+    """Something that takes hold of bodies."""
 
-    Attributes:
-        name: unique within the robot.
-        grip: how it takes hold.
-        body: name of the body that carries it in the specification.
-        tip: where it holds, in the frame of that body; suction acts along the x axis of it.
-        fingers: bodies that all have to touch a thing before it is held (PINCH).
-        reach: m in front of the tip within which suction catches (SUCTION).
-        strength: N of pull, beyond what the friction of fingers bears, at which the thing slips
-            away; then the hand has to be told to close again.
-        tolerance: m and rad by which a tool may be out of place (COUPLING).
-        tools: names of the tools it may take (COUPLING).
-    """
-
-    name: str
-    grip: Grip
-    body: str
+    name: str  # unique within the robot
+    grip: Grip  # how it takes hold
+    body: str  # name of the body that carries it in the specification
     tip: Pose = IDENTITY
-    fingers: tuple[str, ...] = ()
-    reach: float = 0.0
+    """Where it holds, in the frame of that body; suction acts along the x axis of it."""
+    fingers: tuple[str, ...] = ()  # bodies that all have to touch a thing before it is held (PINCH)
+    reach: float = 0.0  # m in front of the tip within which suction catches (SUCTION)
     strength: float = math.inf
+    """N of pull, beyond what the friction of fingers bears, at which the thing slips away; then the
+    hand has to be told to close again."""
     tolerance: tuple[float, float] = (0.0, 0.0)
-    tools: tuple[str, ...] = ()
+    """m and rad by which a tool may be out of place (COUPLING)."""
+    tools: tuple[str, ...] = ()  # names of the tools it may take (COUPLING)
 
 
 @dataclass(frozen=True, slots=True)
 class ToolModel:
-    """A body with a free joint of its own that comes and goes with the robot.
+    """A body with a free joint of its own that comes and goes with the robot."""
 
-    Attributes:
-        body: its name in the specification, a root body; so is its joint's.
-        pose: where it lies when the robot appears, relative to the robot's reference point.
-        holder: hand that holds it from the start, if any; then `pose` is where the hand is.
-    """
-
-    body: str
-    pose: Pose
+    body: str  # its name in the specification, a root body; so is its joint's
+    pose: Pose  # where it lies when the robot appears, relative to the robot's reference point
     holder: str | None = None
+    """Hand that holds it from the start, if any; then `pose` is where the hand is."""
 
 
 @dataclass(frozen=True, slots=True)
 class HandState:
-    """What a hand is doing.
+    """What a hand is doing."""
 
-    Attributes:
-        closed: it was told to close.
-        holding: name of the body it holds, None if there is none.
-    """
-
-    closed: bool = False
-    holding: str | None = None
+    closed: bool = False  # it was told to close
+    holding: str | None = None  # name of the body it holds, None if there is none
 
 
 def tie_name(prefix: str, hand: str) -> str:

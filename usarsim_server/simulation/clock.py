@@ -165,17 +165,11 @@ class Listener(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ClockOptions:
-    """How time goes.
+    """How time goes."""
 
-    Attributes:
-        speed: simulated seconds per wall second; infinity for no pace.
-        patience: wall s for which the world stands still at a horizon; infinity for ever.
-        bottom: height (m) below which a robot has fallen out of the world.
-    """
-
-    speed: float
-    patience: float
-    bottom: float
+    speed: float  # simulated seconds per wall second; infinity for no pace
+    patience: float  # wall s for which the world stands still at a horizon; infinity for ever
+    bottom: float  # height (m) below which a robot has fallen out of the world
 
 
 class Stepper:

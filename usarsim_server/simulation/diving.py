@@ -39,27 +39,18 @@ SLOW = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Hull:
-    """A hull in water.
+    """A hull in water."""
 
-    Attributes:
-        diameter: of the propeller, m.
-        thrust: thrust coefficient K_T: force is K_T rho n^2 d^4 with n in turns per second.
-        drag: drag coefficient times area ahead, sideways and up and down, m^2.
-        turning_drag: N m s^2 about the three axes.
-        plane: lift slope times area of rudder or stern planes, m^2 per rad.
-        arm: m from the middle of the hull back to the planes.
-        righting: N m per unit of the sine of the tilt.
-        response: s in which propeller and planes reach what they are told.
-    """
-
-    diameter: float = 0.3
+    diameter: float = 0.3  # of the propeller, m
     thrust: float = 0.3
+    """Thrust coefficient K_T: force is K_T rho n^2 d^4 with n in turns per second."""
     drag: Vector = (0.04, 1.0, 1.0)
-    turning_drag: Vector = (60.0, 250.0, 250.0)
-    plane: float = 0.06
-    arm: float = 0.9
-    righting: float = 60.0
-    response: float = 0.5
+    """Drag coefficient times area ahead, sideways and up and down, m^2."""
+    turning_drag: Vector = (60.0, 250.0, 250.0)  # N m s^2 about the three axes
+    plane: float = 0.06  # lift slope times area of rudder or stern planes, m^2 per rad
+    arm: float = 0.9  # m from the middle of the hull back to the planes
+    righting: float = 60.0  # N m per unit of the sine of the tilt
+    response: float = 0.5  # s in which propeller and planes reach what they are told
 
 
 class Diving(Law):

@@ -33,19 +33,12 @@ RATE_GAIN = 60.0
 
 @dataclass(frozen=True, slots=True)
 class FlightLimits:
-    """How an aircraft answers.
+    """How an aircraft answers."""
 
-    Attributes:
-        response: time constant of the velocity, s.
-        max_acceleration: m/s^2 that the rotors can give beyond the weight.
-        tilt_rate: rad/s at which the body tilts.
-        max_turning: rad/s^2 that they can give.
-    """
-
-    response: float = 0.2
-    max_acceleration: float = 10.0
-    tilt_rate: float = 0.672
-    max_turning: float = 400.0
+    response: float = 0.2  # time constant of the velocity, s
+    max_acceleration: float = 10.0  # m/s^2 that the rotors can give beyond the weight
+    tilt_rate: float = 0.672  # rad/s at which the body tilts
+    max_turning: float = 400.0  # rad/s^2 that they can give
 
 
 class VelocityHold(Law):

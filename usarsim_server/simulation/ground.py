@@ -43,28 +43,18 @@ _INWARD = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
 
 @dataclass(frozen=True, slots=True)
 class Surface:
-    """A patch of ground, parallel to the axes. Where patches overlap, the later one counts.
+    """A patch of ground, parallel to the axes. Where patches overlap, the later one counts."""
 
-    Attributes:
-        name: unique in the world.
-        kind: water, mud, sand, ice or custom.
-        x, y: limits of the rectangle, m.
-        z: heights between which ground belongs to the patch, m.
-        friction: sliding friction coefficient of everything that touches this ground.
-        drag: N s/m against each body that touches it, per body: four wheels feel it four times.
-        sinkage: how deep bodies sink in away from the edge, m.
-        painted: draw it as a thin slab on the floor at height 0.
-    """
-
-    name: str
-    kind: str
-    x: tuple[float, float]
+    name: str  # unique in the world
+    kind: str  # water, mud, sand, ice or custom
+    x: tuple[float, float]  # limits of the rectangle, m
     y: tuple[float, float]
-    z: tuple[float, float]
-    friction: float
+    z: tuple[float, float]  # heights between which ground belongs to the patch, m
+    friction: float  # sliding friction coefficient of everything that touches this ground
     drag: float = 0.0
-    sinkage: float = 0.0
-    painted: bool = True
+    """N s/m against each body that touches it, per body: four wheels feel it four times."""
+    sinkage: float = 0.0  # how deep bodies sink in away from the edge, m
+    painted: bool = True  # draw it as a thin slab on the floor at height 0
 
 
 class Traction(Part):

@@ -51,24 +51,17 @@ class WorldParts(Parts):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Growth:
-    """Another model, ready to replace the running one.
+    """Another model, ready to replace the running one."""
 
-    Attributes:
-        world, data: the model and a state of it.
-        parts: what works on it.
-        joints: old and new coordinate indices of everything that exists in both.
-        dofs: old and new velocity indices of everything that exists in both.
-        kept: slots that are the same in both.
-        changed: slots of the old model that are of another kind, or are gone.
-    """
-
-    world: CompiledWorld
+    world: CompiledWorld  # the model and a state of it
     data: mujoco.MjData
-    parts: WorldParts
+    parts: WorldParts  # what works on it
     joints: tuple[NDArray[np.intp], NDArray[np.intp]]
+    """Old and new coordinate indices of everything that exists in both."""
     dofs: tuple[NDArray[np.intp], NDArray[np.intp]]
-    kept: tuple[int, ...]
-    changed: tuple[int, ...]
+    """Old and new velocity indices of everything that exists in both."""
+    kept: tuple[int, ...]  # slots that are the same in both
+    changed: tuple[int, ...]  # slots of the old model that are of another kind, or are gone
 
     def trees(self, old: mujoco.MjModel) -> NDArray[np.intp]:
         """The kinematic tree here of every tree of the old model, -1 for those that are gone."""

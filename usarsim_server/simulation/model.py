@@ -51,59 +51,40 @@ JOINT_WIDTH = {0: (7, 6), 1: (4, 3), 2: (1, 1), 3: (1, 1)}
 
 @dataclass(frozen=True, slots=True)
 class PhysicsOptions:
-    """Settings of the physics (robots reference 4.10).
+    """Settings of the physics (robots reference 4.10)."""
 
-    Attributes:
-        timestep: s.
-        impratio: ratio of frictional to normal constraint impedance.
-        compensation: contact compensation on; off only to show what it is for.
-        surfaces: patches of water, mud, sand, ice.
-    """
-
-    timestep: float = 0.004
-    impratio: float = 10.0
-    compensation: bool = True
-    surfaces: tuple[Surface, ...] = ()
+    timestep: float = 0.004  # s
+    impratio: float = 10.0  # ratio of frictional to normal constraint impedance
+    compensation: bool = True  # contact compensation on; off only to show what it is for
+    surfaces: tuple[Surface, ...] = ()  # patches of water, mud, sand, ice
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotModel:
-    """What the simulation has to know of a robot class.
+    """What the simulation has to know of a robot class."""
 
-    Attributes:
-        key: identifies the class; slots of one key are interchangeable.
-        build: makes a fresh MuJoCo specification whose root body is `base` with the free joint
-            `free`; joints and velocity actuators of driven wheels carry the wheel's name. Gain
-            and force range of such an actuator describe the wheel's servo (see `servos.py`).
-        driven: names of the driven wheels in part order.
-        rest_height: height of the reference point above a flat floor, m.
-        wheel_acceleration: ramp of the wheel speed targets, rad/s^2.
-        brake_delay: s of zero command before the wheels are held.
-        wheel_deceleration: ramp towards standstill, rad/s^2; None: as `wheel_acceleration`.
-        kinematic: a thing that goes its own way (see `movers.py`): its bodies, `base` first, are
-            mocap bodies without joints, beside each other in the specification.
-        robot: it counts as a robot; free slots of other things may be built anew as another key.
-        joints: drives of the joints that are no wheels (see `servos.py`).
-        hands: what takes hold of things (see `hands.py`).
-        tools: further root bodies of the specification, each on a free joint of its own.
-        anchored: it stands fixed wherever it is put.
-        laws: what moves it beside wheels and joints (see `motion_laws.py`).
-    """
-
-    key: str
+    key: str  # identifies the class; slots of one key are interchangeable
     build: Callable[[], mujoco.MjSpec]
-    driven: tuple[str, ...]
-    rest_height: float
-    wheel_acceleration: float = 10.0
-    brake_delay: float = 0.3
+    """Makes a fresh MuJoCo specification whose root body is `base` with the free joint `free`;
+    joints and velocity actuators of driven wheels carry the wheel's name. Gain and force range of
+    such an actuator describe the wheel's servo (see `servos.py`)."""
+    driven: tuple[str, ...]  # names of the driven wheels in part order
+    rest_height: float  # height of the reference point above a flat floor, m
+    wheel_acceleration: float = 10.0  # ramp of the wheel speed targets, rad/s^2
+    brake_delay: float = 0.3  # s of zero command before the wheels are held
     wheel_deceleration: float | None = None
+    """Ramp towards standstill, rad/s^2; None: as `wheel_acceleration`."""
     kinematic: bool = False
+    """A thing that goes its own way (see `movers.py`): its bodies, `base` first, are mocap bodies
+    without joints, beside each other in the specification."""
     robot: bool = True
-    joints: tuple[JointModel, ...] = ()
-    hands: tuple[HandModel, ...] = ()
+    """It counts as a robot; free slots of other things may be built anew as another key."""
+    joints: tuple[JointModel, ...] = ()  # drives of the joints that are no wheels (see `servos.py`)
+    hands: tuple[HandModel, ...] = ()  # what takes hold of things (see `hands.py`)
     tools: tuple[ToolModel, ...] = ()
-    anchored: bool = False
-    laws: tuple[LawModel, ...] = ()
+    """Further root bodies of the specification, each on a free joint of its own."""
+    anchored: bool = False  # it stands fixed wherever it is put
+    laws: tuple[LawModel, ...] = ()  # what moves it beside wheels and joints (see `motion_laws.py`)
 
 
 VACANT = RobotModel(

@@ -66,16 +66,12 @@ class Law(ABC):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LawModel:
-    """A law of a robot class.
-
-    Attributes:
-        make: makes the law for a slot from the compiled model and the prefix of all names of
-            that slot (`prefix + "base"` is its chassis).
-        channels: how many numbers it takes as a command; zeros until the first one.
-    """
+    """A law of a robot class."""
 
     make: Callable[[mujoco.MjModel, str], Law]
-    channels: int
+    """Makes the law for a slot from the compiled model and the prefix of all names of that slot
+    (`prefix + "base"` is its chassis)."""
+    channels: int  # how many numbers it takes as a command; zeros until the first one
 
 
 class Laws(Part):

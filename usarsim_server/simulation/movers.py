@@ -39,16 +39,12 @@ JUMP = 20.0
 
 @dataclass(frozen=True, slots=True)
 class Mover:
-    """The way of one body.
+    """The way of one body."""
 
-    Attributes:
-        body: name of a mocap body of the scenery.
-        pose: its pose in the world at a simulated time (s). Called before every physics step, by
-            the physics thread and by others: cheap, without side effects, always finite.
-    """
-
-    body: str
+    body: str  # name of a mocap body of the scenery
     pose: Way
+    """Its pose in the world at a simulated time (s). Called before every physics step, by the
+    physics thread and by others: cheap, without side effects, always finite."""
 
 
 class MovingBodies(Part):

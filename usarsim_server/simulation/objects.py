@@ -29,21 +29,16 @@ _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1
 
 @dataclass(frozen=True, slots=True)
 class ObjectFacts:
-    """One object at one instant.
+    """One object at one instant."""
 
-    Attributes:
-        name: of the object; for a robot the name of its slot, such as `robot3`.
-        pose: in the world. The frame is that of the body, or of the geom as the scene places it.
-        material: name of the material of the geom that was asked about, None if it has none.
-        size: extents (m) along the axes of `pose`, joints at zero; infinite for endless planes.
-        robot: the robot's number in the simulation, None for everything else.
-    """
-
-    name: str
+    name: str  # of the object; for a robot the name of its slot, such as `robot3`
     pose: Pose
+    """In the world. The frame is that of the body, or of the geom as the scene places it."""
     material: str | None
+    """Name of the material of the geom that was asked about, None if it has none."""
     size: Vector
-    robot: int | None = None
+    """Extents (m) along the axes of `pose`, joints at zero; infinite for endless planes."""
+    robot: int | None = None  # the robot's number in the simulation, None for everything else
 
 
 class Objects:

@@ -44,23 +44,15 @@ _log = Log("simulation")
 
 @dataclass(frozen=True, slots=True)
 class SimulationOptions:
-    """How a world is run.
+    """How a world is run."""
 
-    Attributes:
-        physics: settings of the physics.
-        speed: simulated seconds per wall second; infinity for as fast as possible.
-        patience: wall s for which the world waits at a listener's horizon; infinity for ever.
-        max_robots: most robots at a time.
-        max_things: most things at a time that were put into the world and are no robots.
-        lower, upper: corners of the box that robots may be in, m.
-    """
-
-    physics: PhysicsOptions = field(default_factory=PhysicsOptions)
-    speed: float = 1.0
+    physics: PhysicsOptions = field(default_factory=PhysicsOptions)  # settings of the physics
+    speed: float = 1.0  # simulated seconds per wall second; infinity for as fast as possible
     patience: float = math.inf
-    max_robots: int = 16
-    max_things: int = 256
-    lower: Vector = (-1000.0, -1000.0, -50.0)
+    """Wall s for which the world waits at a listener's horizon; infinity for ever."""
+    max_robots: int = 16  # most robots at a time
+    max_things: int = 256  # most things at a time that were put into the world and are no robots
+    lower: Vector = (-1000.0, -1000.0, -50.0)  # corners of the box that robots may be in, m
     upper: Vector = (1000.0, 1000.0, 200.0)
 
 
@@ -82,20 +74,20 @@ class Simulation:
                 at_once=math.isinf(options.speed),
             ),
         )
-        self._clockwork = Stepper(
+        self._stepper = Stepper(
             self._engine,
             self._mail,
             lambda: self._slots.busy,
             ClockOptions(options.speed, options.patience, options.lower[2]),
         )
-        self._slots.adopted = self._clockwork.renew
+        self._slots.adopted = self._stepper.renew
 
     # -- looking -----------------------------------------------------------------------------
 
     @property
     def snapshot(self) -> Snapshot:
         """The newest published snapshot."""
-        return self._clockwork.snapshot
+        return self._stepper.snapshot
 
     def look(self) -> Snapshot:
         """A picture of this very moment; blocks until the physics is between two steps."""
@@ -122,7 +114,7 @@ class Simulation:
 
     def body(self, number: int) -> BodyHandle:
         """The handle of a robot or another thing, by its number; made once by whoever keeps it."""
-        return BodyHandle(number, self, self._engine, self._mail, self._clockwork)
+        return BodyHandle(number, self, self._engine, self._mail, self._stepper)
 
     def cast(self, fans: Sequence[RayFan], snapshot: Snapshot, robot: int | None) -> list[RayHits]:
         """Answer ray fans against the world of a snapshot; the robot's own body is left out."""
@@ -194,7 +186,7 @@ class Simulation:
 
     def remove(self, number: int) -> None:
         """Take a robot or a thing out of the world soon; unknown ones are ignored."""
-        self._mail.post(lambda: self._clockwork.remove(number))
+        self._mail.post(lambda: self._stepper.remove(number))
 
     # -- bodies that go their own way --------------------------------------------------------
 
@@ -218,7 +210,7 @@ class Simulation:
 
     def wake_batched(self, batched: Callable[[], AbstractContextManager[object]]) -> None:
         """Have all listeners that are due at one instant woken inside a context manager."""
-        self._clockwork.batched = batched
+        self._stepper.batched = batched
 
     def attention(self) -> None:
         """Tell the physics that a listener became idle or changed its due time or horizon."""
@@ -229,7 +221,7 @@ class Simulation:
     @property
     def failure(self) -> Exception | None:
         """Why the physics thread had to give up, None if it did not."""
-        return self._clockwork.failure
+        return self._stepper.failure
 
     def start(self, on_failure: Callable[[], None] | None = None) -> None:
         """Start the physics thread.
@@ -237,11 +229,11 @@ class Simulation:
         Args:
             on_failure: called, on that thread, if it has to give up; `failure` says why.
         """
-        self._clockwork.start(on_failure)
+        self._stepper.start(on_failure)
 
     def stop(self) -> None:
         """Stop the physics thread and wait for it."""
-        self._clockwork.stop()
+        self._stepper.stop()
         self._slots.close()
 
     def run_until(self, moment: float) -> None:
@@ -249,11 +241,11 @@ class Simulation:
 
         Must not be mixed with `start`.
         """
-        self._clockwork.run_until(moment)
+        self._stepper.run_until(moment)
 
     def settle(self) -> None:
         """Carry out requests in the calling thread until every listener is idle (tests)."""
-        self._clockwork.settle()
+        self._stepper.settle()
 
 
 class BodyHandle:
@@ -272,13 +264,13 @@ class BodyHandle:
         simulation: Simulation,
         engine: Engine,
         mail: Mailbox,
-        clockwork: Stepper,
+        stepper: Stepper,
     ) -> None:
         self.number = number
         self._simulation = simulation
         self._engine = engine
         self._mail = mail
-        self._clockwork = clockwork
+        self._stepper = stepper
 
     def state(self, snapshot: Snapshot) -> RobotBody | None:
         """Its state in a snapshot; None if it is not in there."""
@@ -373,7 +365,7 @@ class BodyHandle:
 
     def attach(self, listener: Listener) -> None:
         """Give a listener the snapshots it asks for from now on."""
-        self._mail.post(lambda: self._clockwork.attach(self.number, listener))
+        self._mail.post(lambda: self._stepper.attach(self.number, listener))
 
 
 def _log_warning(text: str) -> None:

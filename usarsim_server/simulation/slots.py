@@ -58,19 +58,13 @@ def always() -> bool:
 
 @dataclass(frozen=True, slots=True)
 class SlotLimits:
-    """How much a world may hold, and where.
+    """How much a world may hold, and where."""
 
-    Attributes:
-        max_robots, max_things: most robots and most other things at a time.
-        at_once: the world waits while it shrinks, so that runs repeat.
-        lower, upper: corners of the box that they may be in, m.
-    """
-
-    max_robots: int
+    max_robots: int  # most robots and most other things at a time
     max_things: int
-    lower: Vector
+    lower: Vector  # corners of the box that they may be in, m
     upper: Vector
-    at_once: bool = False
+    at_once: bool = False  # the world waits while it shrinks, so that runs repeat
 
 
 def compiled(snapshot: Snapshot) -> CompiledWorld:

@@ -18,17 +18,11 @@ from usarsim_server.worlds.scene import build_scene
 
 @dataclass(frozen=True, slots=True)
 class Contacts:
-    """What one robot touches at one instant.
+    """What one robot touches at one instant."""
 
-    Attributes:
-        wheels: number of its driven wheels that touch anything.
-        depth: deepest overlap of the robot with anything else, m.
-        own: whether two of its own parts touch each other.
-    """
-
-    wheels: int
-    depth: float
-    own: bool
+    wheels: int  # number of its driven wheels that touch anything
+    depth: float  # deepest overlap of the robot with anything else, m
+    own: bool  # whether two of its own parts touch each other
 
 
 class ContactProbe:

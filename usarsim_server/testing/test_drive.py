@@ -61,19 +61,12 @@ _log = Log("garage")
 
 @dataclass(frozen=True, slots=True)
 class Rest:
-    """How a robot stands that was let down onto a level floor; what floats stays where it is.
+    """How a robot stands that was let down onto a level floor; what floats stays where it is."""
 
-    Attributes:
-        height: of its reference point above the floor, m.
-        tilt: rad.
-        drift: of its reference point, m/s.
-        depth: of its deepest overlap with the floor, m.
-    """
-
-    height: float
-    tilt: float
-    drift: float
-    depth: float
+    height: float  # of its reference point above the floor, m
+    tilt: float  # rad
+    drift: float  # of its reference point, m/s
+    depth: float  # of its deepest overlap with the floor, m
 
 
 @dataclass(frozen=True, slots=True)

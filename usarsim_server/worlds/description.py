@@ -257,19 +257,12 @@ class Haze:
 
 @dataclass(frozen=True, slots=True)
 class Smoke:
-    """All smoke of a world.
+    """All smoke of a world."""
 
-    Attributes:
-        volumes: regional smoke.
-        puffs: local smoke.
-        haze: density everywhere below `haze_top`, 1/m.
-        haze_top: m.
-    """
-
-    volumes: tuple[SmokeVolume, ...] = ()
-    puffs: tuple[SmokePuff, ...] = ()
-    haze: float = 0.0
-    haze_top: float = math.inf
+    volumes: tuple[SmokeVolume, ...] = ()  # regional smoke
+    puffs: tuple[SmokePuff, ...] = ()  # local smoke
+    haze: float = 0.0  # density everywhere below `haze_top`, 1/m
+    haze_top: float = math.inf  # m
 
     @property
     def clear(self) -> bool:

@@ -65,19 +65,12 @@ class Walk:
 
 @dataclass(frozen=True, slots=True)
 class Traits:
-    """The known properties of one victim.
+    """The known properties of one victim."""
 
-    Attributes:
-        voice: what it calls, None if it is silent.
-        co2: percent by volume that its breath adds 1 m away; 0 if it does not breathe.
-        tag: number of its RFID tag; True: any free number; False: it carries none.
-        motion: how it moves, None if it keeps still.
-    """
-
-    voice: Noise | None = None
-    co2: float = 0.0
-    tag: int | bool = False
-    motion: Wave | Walk | None = None
+    voice: Noise | None = None  # what it calls, None if it is silent
+    co2: float = 0.0  # percent by volume that its breath adds 1 m away; 0 if it does not breathe
+    tag: int | bool = False  # number of its RFID tag; True: any free number; False: it carries none
+    motion: Wave | Walk | None = None  # how it moves, None if it keeps still
 
 
 def traits_of(victim: Victim, place: str = "") -> Traits:

@@ -52,35 +52,22 @@ class BodyPart:
 
 @dataclass(frozen=True, slots=True)
 class Passer:
-    """Somebody who is no victim but walks about, at an instant.
+    """Somebody who is no victim but walks about, at an instant."""
 
-    Attributes:
-        number: in the simulation.
-        chest, head: places, m.
-        co2: percent by volume that the breath adds 1 m away.
-    """
-
-    number: int
-    chest: Vector
+    number: int  # in the simulation
+    chest: Vector  # places, m
     head: Vector
-    co2: float = BREATH
+    co2: float = BREATH  # percent by volume that the breath adds 1 m away
 
 
 @dataclass(frozen=True, slots=True)
 class Sound:
-    """A noise that has begun.
+    """A noise that has begun."""
 
-    Attributes:
-        position: where it comes from, m.
-        noise: what it is like.
-        start: simulated s of its beginning.
-        victim: name of the victim that calls, None for all other sources.
-    """
-
-    position: Vector
-    noise: Noise
-    start: float
-    victim: str | None = None
+    position: Vector  # where it comes from, m
+    noise: Noise  # what it is like
+    start: float  # simulated s of its beginning
+    victim: str | None = None  # name of the victim that calls, None for all other sources
 
 
 @dataclass(frozen=True, slots=True)

@@ -57,17 +57,11 @@ def _grain(values: Sequence[float]) -> float:
 
 @dataclass(frozen=True)
 class _Errors:
-    """Errors of an estimate at its reports, and how far the robot came between them.
+    """Errors of an estimate at its reports, and how far the robot came between them."""
 
-    Attributes:
-        errors: one triple per report.
-        steps: one for each of the gaps; by axis.
-        grain: variance that rounding adds to a difference of two errors.
-    """
-
-    errors: Sequence[tuple[float, ...]]
-    steps: Sequence[tuple[float, ...]]
-    grain: float
+    errors: Sequence[tuple[float, ...]]  # one triple per report
+    steps: Sequence[tuple[float, ...]]  # one for each of the gaps; by axis
+    grain: float  # variance that rounding adds to a difference of two errors
 
     def ratio(self, axes: Sequence[int]) -> tuple[float, int]:
         """Mean square of the errors' growth against what sigma predicts, and of how many."""

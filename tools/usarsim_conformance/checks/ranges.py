@@ -253,17 +253,12 @@ _INEXACT = 0.004
 
 @dataclass(frozen=True)
 class _Approach:
-    """What a pad said of a wall.
+    """What a pad said of a wall."""
 
-    Attributes:
-        name: of the pad.
-        ahead: gaps, m, with whether it was touched then.
-        beside: distances of the edge, m, likewise, with a wall close before the pad.
-    """
-
-    name: str
-    ahead: list[tuple[float, bool]]
+    name: str  # of the pad
+    ahead: list[tuple[float, bool]]  # gaps, m, with whether it was touched then
     beside: list[tuple[float, bool]]
+    """Distances of the edge, m, likewise, with a wall close before the pad."""
 
 
 async def _approach(case: Case, type: str) -> tuple[Equipment, _Approach]:

@@ -46,20 +46,15 @@ _TURNED = 0.25
 
 @dataclass
 class _Scene:
-    """Pictures of a red cube to the right, high, and a blue one to the left, low.
+    """Pictures of a red cube to the right, high, and a blue one to the left, low."""
 
-    Attributes:
-        tile: of the camera, as CONF told it at first.
-        narrow: field of view that CONF told after SET, degrees.
-        pictures: by name: full, zoomed, again, link 1, link 2.
-        looks: where each link of the camera's mount, if it has one, turns the camera to when its
-            value grows, by GEO: right and down.
-    """
-
-    tile: Tile
-    narrow: float = math.nan
+    tile: Tile  # of the camera, as CONF told it at first
+    narrow: float = math.nan  # field of view that CONF told after SET, degrees
     pictures: dict[str, Pixels] = field(default_factory=dict)
+    """By name: full, zoomed, again, link 1, link 2."""
     looks: list[tuple[float, float]] = field(default_factory=list)
+    """Where each link of the camera's mount, if it has one, turns the camera to when its value
+    grows, by GEO: right and down."""
 
 
 async def _scene(case: Case) -> _Scene:

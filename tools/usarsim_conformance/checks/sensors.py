@@ -194,15 +194,11 @@ _WATCHED = 8.0
 
 @dataclass(frozen=True)
 class _Station:
-    """A robot that stood still.
+    """A robot that stood still."""
 
-    Attributes:
-        place: where it truly was.
-        fixes: north and east in degrees, and satellites, of each report.
-    """
-
-    place: Pose
+    place: Pose  # where it truly was
     fixes: list[tuple[float, float, int]]
+    """North and east in degrees, and satellites, of each report."""
 
 
 def _degrees(line: Line, name: str, negative: str) -> float:

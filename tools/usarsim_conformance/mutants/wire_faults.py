@@ -21,25 +21,15 @@ found."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WireFault:
-    """A server with one fault.
+    """A server with one fault."""
 
-    Attributes:
-        name: of the check, with a number behind it if it has several.
-        check: identifier of the check that is meant to notice.
-        kind: makes the link of a connection.
-        services: that have the fault; the others are healthy.
-        dialect: to judge in, for checks to which it matters.
-        robot: class of the robots of most checks.
-        server: `own` for our own server, `raw` for ours with raw pictures.
-    """
-
-    name: str
-    check: str
-    kind: LinkKind
-    services: tuple[str, ...]
-    dialect: str
-    robot: str
-    server: str
+    name: str  # of the check, with a number behind it if it has several
+    check: str  # identifier of the check that is meant to notice
+    kind: LinkKind  # makes the link of a connection
+    services: tuple[str, ...]  # that have the fault; the others are healthy
+    dialect: str  # to judge in, for checks to which it matters
+    robot: str  # class of the robots of most checks
+    server: str  # `own` for our own server, `raw` for ours with raw pictures
 
 
 _FAULTS: dict[str, WireFault] = {}

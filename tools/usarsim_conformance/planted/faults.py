@@ -14,40 +14,24 @@ _NAME = re.compile(r"[a-z0-9]+(\.[a-z0-9-]+)+")
 
 @dataclass(frozen=True, slots=True)
 class Edit:
-    """One change of a file.
+    """One change of a file."""
 
-    Attributes:
-        file: path from the folder that holds `usarsim_server`, `robots` and `worlds`.
-        old: text that stands there exactly once.
-        new: what is put in its place.
-    """
-
-    file: str
-    old: str
-    new: str
+    file: str  # path from the folder that holds `usarsim_server`, `robots` and `worlds`
+    old: str  # text that stands there exactly once
+    new: str  # what is put in its place
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fault:
-    """One wrong number or sign.
+    """One wrong number or sign."""
 
-    Attributes:
-        name: words joined by points, the area first: `sensors.gps.north-halved`.
-        edits: of the server's files.
-        notices: identifiers of the checks that have to fail, every one.
-        field: pattern that their message fits, the name of the field that is wrong.
-        robot: class that the checks take.
-        dialect: to judge in; None for all that the server speaks.
-        options: further ones of `usarsim serve`.
-    """
-
-    name: str
-    edits: tuple[Edit, ...]
-    notices: tuple[str, ...]
-    field: str
-    robot: str
-    dialect: str | None
-    options: tuple[str, ...]
+    name: str  # words joined by points, the area first: `sensors.gps.north-halved`
+    edits: tuple[Edit, ...]  # of the server's files
+    notices: tuple[str, ...]  # identifiers of the checks that have to fail, every one
+    field: str  # pattern that their message fits, the name of the field that is wrong
+    robot: str  # class that the checks take
+    dialect: str | None  # to judge in; None for all that the server speaks
+    options: tuple[str, ...]  # further ones of `usarsim serve`
 
 
 _FAULTS: dict[str, Fault] = {}

@@ -122,17 +122,11 @@ _WIDTH = 200
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of a fault, or of the server without one.
+    """What became of a fault, or of the server without one."""
 
-    Attributes:
-        name: of the fault; `healthy CLASS` for the server as it is.
-        good: whether all checks noticed it and named the field; healthy: whether all passed.
-        lines: check, verdict and message, one for each check.
-    """
-
-    name: str
-    good: bool
-    lines: tuple[tuple[str, str, str], ...]
+    name: str  # of the fault; `healthy CLASS` for the server as it is
+    good: bool  # whether all checks noticed it and named the field; healthy: whether all passed
+    lines: tuple[tuple[str, str, str], ...]  # check, verdict and message, one for each check
 
 
 @dataclass(frozen=True, slots=True)

@@ -45,34 +45,24 @@ SAMPLE = 12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surface:
-    """A polygon that gave a plane its looks.
+    """A polygon that gave a plane its looks."""
 
-    Attributes:
-        polygon: of the brush.
-        brush: its name.
-        texture: (2, 4) from a point (x, y, z, 1) to texture coordinates; None if unknown.
-    """
-
-    polygon: Polygon
-    brush: str
+    polygon: Polygon  # of the brush
+    brush: str  # its name
     texture: Array | None
+    """(2, 4) from a point (x, y, z, 1) to texture coordinates; None if unknown."""
 
 
 @dataclass(slots=True)
 class Solid:
-    """The result.
+    """The result."""
 
-    Attributes:
-        cells: convex, and disjoint if asked for.
-        owners: index of the brush that every cell belongs to.
-        surfaces: what the `surface` of a face refers to; -1 is no polygon of any brush.
-        sheets: polygons that are seen and not felt, with the index of their brush.
-    """
-
-    cells: list[Cell] = field(default_factory=list)
-    owners: list[int] = field(default_factory=list)
+    cells: list[Cell] = field(default_factory=list)  # convex, and disjoint if asked for
+    owners: list[int] = field(default_factory=list)  # index of the brush that every cell belongs to
     surfaces: list[Surface] = field(default_factory=list)
+    """What the `surface` of a face refers to; -1 is no polygon of any brush."""
     sheets: list[tuple[int, Polygon]] = field(default_factory=list)
+    """Polygons that are seen and not felt, with the index of their brush."""
 
 
 def evaluate(

@@ -73,15 +73,10 @@ def place(pose: Pose) -> dict[str, object]:
 
 @dataclass(slots=True)
 class Emitter:
-    """Collects a scene and writes it.
+    """Collects a scene and writes it."""
 
-    Attributes:
-        folder: the world folder; exists.
-        finishes: materials by the map's names.
-    """
-
-    folder: Path
-    finishes: Mapping[str, Finish]
+    folder: Path  # the world folder; exists
+    finishes: Mapping[str, Finish]  # materials by the map's names
     _assets: list[str] = field(default_factory=list)
     _world: list[str] = field(default_factory=list)
     _solids: list[tuple[Convex, Pose, dict[str, object]]] = field(default_factory=list)

@@ -23,19 +23,13 @@ TILE = 32.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Look:
-    """Triangles of one material.
+    """Triangles of one material."""
 
-    Attributes:
-        material: its name in the map.
-        corners: (m, 3, 3) m.
-        uvs: texture coordinates (m, 3, 2), or None.
-        flat: every triangle is lit as the plane that it is; else MuJoCo rounds shallow edges off.
-    """
-
-    material: str
-    corners: Array
-    uvs: Array | None
+    material: str  # its name in the map
+    corners: Array  # (m, 3, 3) m
+    uvs: Array | None  # texture coordinates (m, 3, 2), or None
     flat: bool = False
+    """Every triangle is lit as the plane that it is; else MuJoCo rounds shallow edges off."""
 
 
 def looks_of_mesh(mesh: Mesh, linear: Array) -> Iterator[tuple[int, Look]]:

@@ -22,17 +22,11 @@ LARGEST = 2048
 
 @dataclass(frozen=True, slots=True)
 class Finish:
-    """A material as it goes into the scene.
+    """A material as it goes into the scene."""
 
-    Attributes:
-        name: unique and safe.
-        color: multiplies the picture.
-        picture: file name below `textures/`, None without one.
-    """
-
-    name: str
-    color: Color
-    picture: str | None
+    name: str  # unique and safe
+    color: Color  # multiplies the picture
+    picture: str | None  # file name below `textures/`, None without one
 
 
 def finish_materials(

@@ -55,18 +55,12 @@ TOLD = 12
 
 @dataclass(frozen=True, slots=True)
 class SurfaceError:
-    """Distances of felt from seen surface.
+    """Distances of felt from seen surface."""
 
-    Attributes:
-        places: how many were compared.
-        median, most: m in the median and at 95 % of the places.
-        lost: part of the places where nothing is felt.
-    """
-
-    places: int
-    median: float
+    places: int  # how many were compared
+    median: float  # m in the median and at 95 % of the places
     most: float
-    lost: float
+    lost: float  # part of the places where nothing is felt
 
     @classmethod
     def of(cls, errors: Array) -> SurfaceError:

@@ -43,17 +43,11 @@ LOOKS = np.array([[0.0, 0.0, 1.0], [1, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Oriented:
-    """A soup in which neighbours agree.
+    """A soup in which neighbours agree."""
 
-    Attributes:
-        soup: the triangles, turned.
-        closed: (m,) whether each belongs to a patch without a rim.
-        known: (m,) whether its outside is more than a guess.
-    """
-
-    soup: Soup
-    closed: Mask
-    known: Mask
+    soup: Soup  # the triangles, turned
+    closed: Mask  # (m,) whether each belongs to a patch without a rim
+    known: Mask  # (m,) whether its outside is more than a guess
 
     def only(self, chosen: NDArray[np.intp]) -> Oriented:
         """Some of the triangles."""

@@ -51,17 +51,11 @@ class HullPiece:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FieldPiece:
-    """A height field, solid below.
+    """A height field, solid below."""
 
-    Attributes:
-        heights: (rows, columns), m; rows run along y, columns along x.
-        spacing: m between columns and between rows.
-        pose: of the corner [0, 0]; z is up.
-    """
-
-    heights: Array
-    spacing: tuple[float, float]
-    pose: Pose
+    heights: Array  # (rows, columns), m; rows run along y, columns along x
+    spacing: tuple[float, float]  # m between columns and between rows
+    pose: Pose  # of the corner [0, 0]; z is up
 
     def triangles(self) -> Array:
         """(n, 3, 3) of its top as MuJoCo collides it: cells are cut from b to d."""

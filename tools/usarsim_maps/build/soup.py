@@ -36,19 +36,12 @@ BEND = 1e-7
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Soup:
-    """Sound triangles.
+    """Sound triangles."""
 
-    Attributes:
-        vertices: (n, 3), no two at one place.
-        triangles: (m, 3).
-        origin: (m,) index of every triangle in the mesh it came from.
-        dropped: triangles that were degenerate, double or not finite (item 60).
-    """
-
-    vertices: Array
-    triangles: Indices
-    origin: NDArray[np.intp]
-    dropped: int
+    vertices: Array  # (n, 3), no two at one place
+    triangles: Indices  # (m, 3)
+    origin: NDArray[np.intp]  # (m,) index of every triangle in the mesh it came from
+    dropped: int  # triangles that were degenerate, double or not finite (item 60)
 
 
 def clean(vertices: Array, triangles: Indices) -> Soup:

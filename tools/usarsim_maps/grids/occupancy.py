@@ -60,26 +60,16 @@ FLOOR = Material("floor", (0.45, 0.47, 0.50, 1.0))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Grid:
-    """A map as read.
+    """A map as read."""
 
-    Attributes:
-        walls, free: cells, row 0 at the lowest y; some may be neither.
-        size: of a cell, m.
-        corner: pose of the lower left corner.
-        wanted: a place that is probably free, m from that corner.
-        title: of the format.
-        assumed: the size was not stated.
-        files: that were read.
-    """
-
-    walls: Cells
+    walls: Cells  # cells, row 0 at the lowest y; some may be neither
     free: Cells
-    size: float
-    corner: Pose
-    wanted: tuple[float, float] | None
-    title: str
-    assumed: bool
-    files: tuple[Path, ...]
+    size: float  # of a cell, m
+    corner: Pose  # pose of the lower left corner
+    wanted: tuple[float, float] | None  # a place that is probably free, m from that corner
+    title: str  # of the format
+    assumed: bool  # the size was not stated
+    files: tuple[Path, ...]  # that were read
 
 
 @register("occupancy")

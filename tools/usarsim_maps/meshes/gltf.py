@@ -290,18 +290,12 @@ REPEAT, MIRRORED = 10497, 33648
 
 @dataclass(frozen=True, slots=True)
 class Mapping:
-    """How a material uses texture coordinates.
+    """How a material uses texture coordinates."""
 
-    Attributes:
-        channel: number of the set of coordinates.
-        offset, scale: of KHR_texture_transform.
-        rotation: rad, anticlockwise in the picture.
-    """
-
-    channel: int = 0
-    offset: tuple[float, float] = (0.0, 0.0)
+    channel: int = 0  # number of the set of coordinates
+    offset: tuple[float, float] = (0.0, 0.0)  # of KHR_texture_transform
     scale: tuple[float, float] = (1.0, 1.0)
-    rotation: float = 0.0
+    rotation: float = 0.0  # rad, anticlockwise in the picture
 
     def apply(self, uvs: Array) -> Array:
         """Coordinates (n, 2) with v upwards; in the file v counts downwards."""

@@ -55,15 +55,10 @@ NEARBY = ("", "textures", "materials/textures", "images", "maps", "texture")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Axes:
-    """The way from a file's frame into the simulation's.
+    """The way from a file's frame into the simulation's."""
 
-    Attributes:
-        linear: (3, 3) turns, scales to metres, and reflects if the user wants it.
-        units_per_metre, up, mirrored, assumed: for `Source`.
-    """
-
-    linear: Array
-    units_per_metre: float
+    linear: Array  # (3, 3) turns, scales to metres, and reflects if the user wants it
+    units_per_metre: float  # for `Source`
     up: str
     mirrored: bool
     assumed: bool

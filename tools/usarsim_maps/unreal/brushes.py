@@ -135,15 +135,10 @@ class _Model:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BuiltLevel:
-    """What the editor made of the brushes when the level was built last.
+    """What the editor made of the brushes when the level was built last."""
 
-    Attributes:
-        nodes: the tree.
-        outside: space is empty before the first brush.
-    """
-
-    nodes: NDArray[np.void]
-    outside: bool
+    nodes: NDArray[np.void]  # the tree
+    outside: bool  # space is empty before the first brush
 
     def solid(self, points: Sequence[Sequence[float]] | Array) -> Bools:
         """Whether points (n, 3) in Unreal units are inside something solid."""

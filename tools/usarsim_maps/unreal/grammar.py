@@ -34,23 +34,17 @@ class T3dError(ValueError):
 
 @dataclass(slots=True)
 class Block:
-    """`Begin Kind a=b ... End Kind`.
+    """`Begin Kind a=b ... End Kind`."""
 
-    Attributes:
-        kind: lower case.
-        line: of its `Begin`.
-        attributes: of the `Begin` line; keys in lower case.
-        properties: `Key=Value` lines, keys in lower case; the last one wins.
-        children: blocks inside, in order.
-        lines: all other lines, as (line number, text).
-    """
-
-    kind: str
-    line: int
+    kind: str  # lower case
+    line: int  # of its `Begin`
     attributes: dict[str, str] = field(default_factory=dict)
+    """Of the `Begin` line; keys in lower case."""
     properties: dict[str, str] = field(default_factory=dict)
-    children: list[Block] = field(default_factory=list)
+    """`Key=Value` lines, keys in lower case; the last one wins."""
+    children: list[Block] = field(default_factory=list)  # blocks inside, in order
     lines: list[tuple[int, str]] = field(default_factory=list)
+    """All other lines, as (line number, text)."""
 
     def inner(self, kind: str) -> Iterator[Block]:
         """Children of a kind (lower case)."""

@@ -93,21 +93,14 @@ class Values(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Actor:
-    """What all actors have.
+    """What all actors have."""
 
-    Attributes:
-        name, kind, tag: of the actor and its class.
-        pose: in the simulation frame, m.
-        yaw: as in the map, rotation units.
-        scale: DrawScale times DrawScale3D.
-    """
-
-    name: str
+    name: str  # of the actor and its class
     kind: str
     tag: str
-    pose: Pose
-    yaw: float = 0.0
-    scale: Vector = (1.0, 1.0, 1.0)
+    pose: Pose  # in the simulation frame, m
+    yaw: float = 0.0  # as in the map, rotation units
+    scale: Vector = (1.0, 1.0, 1.0)  # DrawScale times DrawScale3D
 
     @classmethod
     def of(cls, name: str, kind: str, values: Values, scale: float) -> Actor:

@@ -43,17 +43,11 @@ def load_package(source: Path) -> Package:
 
 @dataclass(slots=True)
 class MeshPackage:
-    """The static meshes of one package, by the paths that maps name them with.
+    """The static meshes of one package, by the paths that maps name them with."""
 
-    Attributes:
-        package: that holds them.
-        name: the package's own, the first part of the paths of its materials.
-        scale: Unreal units per metre.
-    """
-
-    package: Package
-    name: str
-    scale: float
+    package: Package  # that holds them
+    name: str  # the package's own, the first part of the paths of its materials
+    scale: float  # Unreal units per metre
     _meshes: dict[int, Mesh | str] = field(default_factory=dict)
 
     def find(self, path: str) -> Export | None:
@@ -89,21 +83,15 @@ class MeshPackage:
 
 @dataclass(slots=True)
 class AssetLibrary:
-    """What a map's asset folders hold; every file is read once.
+    """What a map's asset folders hold; every file is read once."""
 
-    Attributes:
-        source: the map; its own folder is searched too.
-        context: of the import.
-        scale: units of the map per metre, for mesh files without units of their own.
-        materials: of the meshes found so far, by name; the reader adds them to its scene.
-        files: everything that was read.
-    """
-
-    source: Path
-    context: Context
+    source: Path  # the map; its own folder is searched too
+    context: Context  # of the import
     scale: float | None = None
+    """Units of the map per metre, for mesh files without units of their own."""
     materials: dict[str, Material] = field(default_factory=dict)
-    files: list[Path] = field(default_factory=list)
+    """Of the meshes found so far, by name; the reader adds them to its scene."""
+    files: list[Path] = field(default_factory=list)  # everything that was read
     _index: AssetIndex | None = None
     _meshes: dict[str, Mesh | None] = field(default_factory=dict)
     _packages: dict[str, MeshPackage | None] = field(default_factory=dict)

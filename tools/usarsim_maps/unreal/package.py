@@ -45,23 +45,15 @@ class Import:
 
 @dataclass(frozen=True, slots=True)
 class Export:
-    """An object of this package.
+    """An object of this package."""
 
-    Attributes:
-        number: from 0, as in the table.
-        class_index, outer, archetype: object indices.
-        name: with its number.
-        flags: of the object.
-        size, offset: of its data.
-    """
-
-    number: int
-    class_index: int
+    number: int  # from 0, as in the table
+    class_index: int  # object indices
     outer: int
     archetype: int
-    name: str
-    flags: int
-    size: int
+    name: str  # with its number
+    flags: int  # of the object
+    size: int  # of its data
     offset: int
 
 
@@ -70,17 +62,12 @@ class Package:
     """A package in memory.
 
     Object indices are positive for exports (number + 1), negative for imports, 0 for nothing.
-
-    Attributes:
-        data: all of it, decompressed.
-        version: of the file format.
-        imports, exports: the tables.
     """
 
-    data: bytes
-    version: int
+    data: bytes  # all of it, decompressed
+    version: int  # of the file format
     names: list[str]
-    imports: list[Import]
+    imports: list[Import]  # the tables
     exports: list[Export]
     _inside: dict[int, list[Export]] = field(default_factory=dict)
     _spent: int = 0

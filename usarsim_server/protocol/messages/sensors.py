@@ -128,20 +128,13 @@ _DIGITS = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraItem:
-    """A camera and the tile of the full picture that it fills.
+    """A camera and the tile of the full picture that it fills."""
 
-    Attributes:
-        name: item name.
-        offset: x and y of the tile's upper left corner, pixels; zeros if it has none.
-        resolution: width and height of the tile, pixels.
-        default_fov, min_fov, max_fov, fov: horizontal field of view, rad; the last one is the
-            present one.
-    """
-
-    name: str
+    name: str  # item name
     offset: tuple[int, int] = (0, 0)
-    resolution: tuple[int, int] = (320, 240)
-    default_fov: float = 1.3963
+    """x and y of the tile's upper left corner, pixels; zeros if it has none."""
+    resolution: tuple[int, int] = (320, 240)  # width and height of the tile, pixels
+    default_fov: float = 1.3963  # horizontal field of view, rad; the last one is the present one
     min_fov: float = 0.3491
     max_fov: float = 2.0944
     fov: float = 1.3963

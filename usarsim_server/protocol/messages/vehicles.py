@@ -42,18 +42,14 @@ class VehicleStatus:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GroundStatus(VehicleStatus):
-    """What STA tells of a ground robot.
+    """What STA tells of a ground robot."""
 
-    Attributes:
-        front_steer, rear_steer: rad, 0 for skid steer.
-        joints: name and position (rad) of flippers, in the order FR, FL, RR, RL.
-        steered: the robot has steering joints; the exact UDK form prints angles only then.
-    """
-
-    front_steer: float = 0.0
+    front_steer: float = 0.0  # rad, 0 for skid steer
     rear_steer: float = 0.0
     joints: tuple[tuple[str, float], ...] = ()
+    """Name and position (rad) of flippers, in the order FR, FL, RR, RL."""
     steered: bool = False
+    """The robot has steering joints; the exact UDK form prints angles only then."""
 
 
 def ground_status(status: GroundStatus, dialect: Dialect, udk_order: bool = False) -> str:

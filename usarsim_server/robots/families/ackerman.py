@@ -45,26 +45,17 @@ STRAIGHT = 1e-4
 
 @dataclass(frozen=True, slots=True)
 class SteeredWheel:
-    """A wheel as steering sees it, simulation frame.
+    """A wheel as steering sees it, simulation frame."""
 
-    Attributes:
-        x, y: of its contact with the floor, m from the reference point.
-        joint: its steering joint; None: it points ahead.
-        front: its joint follows FrontSteer, otherwise RearSteer.
-        sense: +1 if a positive joint position turns the wheel to the left, -1 if to the right.
-        limits: of the joint, rad.
-        driven: it has a drive.
-        radius: m.
-    """
-
-    x: float
+    x: float  # of its contact with the floor, m from the reference point
     y: float
-    joint: str | None = None
-    front: bool = True
+    joint: str | None = None  # its steering joint; None: it points ahead
+    front: bool = True  # its joint follows FrontSteer, otherwise RearSteer
     sense: float = 1.0
-    limits: tuple[float, float] = (-math.pi, math.pi)
-    driven: bool = True
-    radius: float = 1.0
+    """+1 if a positive joint position turns the wheel to the left, -1 if to the right."""
+    limits: tuple[float, float] = (-math.pi, math.pi)  # of the joint, rad
+    driven: bool = True  # it has a drive
+    radius: float = 1.0  # m
 
 
 def steered_wheels(
@@ -175,11 +166,7 @@ def _axles(wheels: Sequence[SteeredWheel]) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class SteeredFamily(WheeledFamily):
-    """A family whose wheels are steered.
-
-    Attributes:
-        wheels: all, in part order.
-    """
+    """A family whose wheels are steered."""
 
     wheel_sensors: ClassVar[bool] = False
 
@@ -187,7 +174,7 @@ class SteeredFamily(WheeledFamily):
         default=False,
         help="all steered wheels of an axle take the same angle, all wheels the same speed",
     )
-    wheels: tuple[SteeredWheel, ...] = ()
+    wheels: tuple[SteeredWheel, ...] = ()  # all, in part order
 
     @classmethod
     def read(

@@ -41,21 +41,15 @@ LIGHT_INTENSITY = 100
 
 @dataclass(frozen=True, slots=True)
 class StatusFacts:
-    """What every STA line may need.
+    """What every STA line may need."""
 
-    Attributes:
-        state: the robot at the instant of the line.
-        joints: name and position (rad or m) of joints that STA tells of, in model order.
-        battery: s of expected life; 99999 if there is none.
-        view: viewport that shows the robot, -1 if none.
-        udk_order: the udk line is to be exactly as the original's (protocol reference 5.2 no. 1).
-    """
-
-    state: RobotBody
+    state: RobotBody  # the robot at the instant of the line
     joints: tuple[tuple[str, float], ...]
-    battery: int
-    view: int = -1
+    """Name and position (rad or m) of joints that STA tells of, in model order."""
+    battery: int  # s of expected life; 99999 if there is none
+    view: int = -1  # viewport that shows the robot, -1 if none
     udk_order: bool = False
+    """The udk line is to be exactly as the original's (protocol reference 5.2 no. 1)."""
 
     @property
     def time(self) -> float:
@@ -110,20 +104,14 @@ class Family(ABC):
     A value: its fields are what the family's own tables in robot files say, those made by `field`
     the keys of the table `section`. It counts as part of the body, so that robots whose families
     differ do not share slots.
-
-    Attributes:
-        section: name of the family's own table in robot files; empty if it has none.
-        wheeled: its robots need driven wheels on both sides; others have none.
-        anchored: its robots stand fixed wherever they are put.
-        wheel_sensors: odometry and encoders work on it.
-        steering_type: announced in CONF unless the file says otherwise.
     """
 
     section: ClassVar[str] = ""
-    wheeled: ClassVar[bool] = True
-    anchored: ClassVar[bool] = False
-    wheel_sensors: ClassVar[bool] = False
-    steering_type: ClassVar[str] = "SkidSteered"
+    """Name of the family's own table in robot files; empty if it has none."""
+    wheeled: ClassVar[bool] = True  # its robots need driven wheels on both sides; others have none
+    anchored: ClassVar[bool] = False  # its robots stand fixed wherever they are put
+    wheel_sensors: ClassVar[bool] = False  # odometry and encoders work on it
+    steering_type: ClassVar[str] = "SkidSteered"  # announced in CONF unless the file says otherwise
 
     @abstractmethod
     def drive_controller(self, robot: RobotDescription, body: BodyHandle) -> DriveController:

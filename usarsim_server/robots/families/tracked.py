@@ -231,17 +231,11 @@ def _fields(track: Track, robot: RobotDescription) -> dict[str, Array]:
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """What drives the belts of one side.
+    """What drives the belts of one side."""
 
-    Attributes:
-        sprocket: name of the wheel.
-        radius: belts run at radius times its speed, m.
-        thrust: with which it can move all its belts together, N.
-    """
-
-    sprocket: str
-    radius: float
-    thrust: float
+    sprocket: str  # name of the wheel
+    radius: float  # belts run at radius times its speed, m
+    thrust: float  # with which it can move all its belts together, N
 
 
 class Pull(NamedTuple):

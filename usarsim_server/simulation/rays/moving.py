@@ -38,7 +38,7 @@ Numbers = NDArray[np.intp]
 
 BODIES_AT_A_TIME = 32
 """Bodies between two pauses."""
-LUMPS_AT_A_TIME = 16
+GROUPS_AT_A_TIME = 16
 """Lumps between two pauses, while a world grows."""
 FINE = 1e-4
 """m between a tessellated and the true surface of what moves."""
@@ -148,19 +148,14 @@ class _Body:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Moment:
-    """Where everything is in one snapshot.
+    """Where everything is in one snapshot."""
 
-    Attributes:
-        snapshot: that one, as long as anybody else has it.
-        trees: (t,) those that are in the world; spheres: around them.
-        turns: (b, 3, 3) rotation matrices, places: (b, 3) origins, centres: (b, 3) middles of all
-            visible bodies, in the world, m.
-    """
-
-    snapshot: weakref.ref[Snapshot]
-    trees: Numbers
+    snapshot: weakref.ref[Snapshot]  # that one, as long as anybody else has it
+    trees: Numbers  # (t,) those that are in the world; spheres: around them
     spheres: Spheres
     turns: Array
+    """(b, 3, 3) rotation matrices, places: (b, 3) origins, centres: (b, 3) middles of all visible
+    bodies, in the world, m."""
     places: Array
     centres: Array
 
@@ -246,7 +241,7 @@ class DynamicGeometry:
             if any(glass):
                 clear = self._scene(model, rigid_group, [not pane for pane in glass], known)
             found.append(_Body(rigid_group.body, full, clear, rigid_group.geoms))
-            if len(found) % LUMPS_AT_A_TIME == 0:
+            if len(found) % GROUPS_AT_A_TIME == 0:
                 yield_interpreter()
         trees = self._tree_of_root
         return sorted(found, key=lambda one: (trees[int(model.body_rootid[one.body])], one.body))

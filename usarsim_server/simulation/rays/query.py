@@ -21,77 +21,52 @@ Numbers = NDArray[np.intp]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RayFan:
-    """Rays that are answered together.
+    """Rays that are answered together."""
 
-    Attributes:
-        origin: (3,) common start point in the world, or (n, 3) one for each ray, m.
-        directions: (n, 3) unit vectors in the world frame.
-        max_range: rays end here; a longer way counts as no hit, m.
-        normals: also return surface normals.
-        through_glass: pass through geometry of a transparent material (its material or geom name
-            contains `glass` or `trans`).
-        identify: also name what was hit.
-    """
-
-    origin: Array
-    directions: Array
-    max_range: float
-    normals: bool = False
+    origin: Array  # (3,) common start point in the world, or (n, 3) one for each ray, m
+    directions: Array  # (n, 3) unit vectors in the world frame
+    max_range: float  # rays end here; a longer way counts as no hit, m
+    normals: bool = False  # also return surface normals
     through_glass: bool = False
-    identify: bool = False
+    """Pass through geometry of a transparent material (its material or geom name contains `glass`
+    or `trans`)."""
+    identify: bool = False  # also name what was hit
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RayHits:
-    """Answer to one fan.
+    """Answer to one fan."""
 
-    Attributes:
-        distances: (n,) m along each ray, `inf` where nothing was hit within `max_range`.
-        normals: (n, 3) unit normals that face the ray's origin (zero where nothing was hit), or
-            None if the fan did not ask.
-        names: (n,) name of the geom that was hit, of its body if it has none itself; None where
-            neither has a name or nothing was hit. None altogether if the fan did not ask. What
-            object a name belongs to tells `Simulation.object_facts`.
-    """
-
-    distances: Array
+    distances: Array  # (n,) m along each ray, `inf` where nothing was hit within `max_range`
     normals: Array | None = None
+    """(n, 3) unit normals that face the ray's origin (zero where nothing was hit), or None if the
+    fan did not ask."""
     names: tuple[str | None, ...] | None = None
+    """(n,) name of the geom that was hit, of its body if it has none itself; None where neither has
+    a name or nothing was hit. None altogether if the fan did not ask. What object a name belongs to
+    tells `Simulation.object_facts`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PendingReport:
-    """What is to be told about one instant as soon as its rays are answered.
+    """What is to be told about one instant as soon as its rays are answered."""
 
-    Attributes:
-        snapshot: the instant.
-        robot: number of the robot that reports, whose own body the rays do not meet; None for
-            nobody's.
-        fans: the rays, in any number.
-        finish: writes the lines, given the answers to the fans in order.
-    """
-
-    snapshot: Snapshot
+    snapshot: Snapshot  # the instant
     robot: int | None = None
-    fans: Sequence[RayFan] = ()
+    """Number of the robot that reports, whose own body the rays do not meet; None for nobody's."""
+    fans: Sequence[RayFan] = ()  # the rays, in any number
     finish: Callable[[Sequence[RayHits]], list[str]] = lambda hits: []
+    """Writes the lines, given the answers to the fans in order."""
 
 
 @dataclass(frozen=True, slots=True)
 class SceneryHit:
-    """The first surface of the world that a single ray meets.
+    """The first surface of the world that a single ray meets."""
 
-    Attributes:
-        distance: along the ray, m.
-        geom: number of the geom, which tells pieces without a name apart.
-        name: as in `RayHits.names`.
-        entering: the ray meets the surface from outside; unknown orientation counts as that.
-    """
-
-    distance: float
-    geom: int
-    name: str | None
-    entering: bool
+    distance: float  # along the ray, m
+    geom: int  # number of the geom, which tells pieces without a name apart
+    name: str | None  # as in `RayHits.names`
+    entering: bool  # the ray meets the surface from outside; unknown orientation counts as that
 
 
 @dataclass(frozen=True, slots=False, eq=False)

@@ -28,19 +28,12 @@ ABOVE = 2.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Avatar:
-    """One person in the world.
+    """One person in the world."""
 
-    Attributes:
-        name: unique among avatars; from INIT, or invented.
-        kind: the class.
-        handle: its body in the simulation.
-        begin: how it stands at first.
-    """
-
-    name: str
-    kind: AvatarClass
-    handle: BodyHandle
-    begin: Stance
+    name: str  # unique among avatars; from INIT, or invented
+    kind: AvatarClass  # the class
+    handle: BodyHandle  # its body in the simulation
+    begin: Stance  # how it stands at first
 
     @property
     def body(self) -> int:

@@ -42,15 +42,10 @@ RUNNING = Gait(stride=2.40, thigh=0.65, knee=1.35, arm=0.75, elbow=1.40)
 
 @dataclass(frozen=True, slots=True)
 class Posture:
-    """Angles of the joints, rad, forward positive, and how far the hips sink.
+    """Angles of the joints, rad, forward positive, and how far the hips sink."""
 
-    Attributes:
-        angles: by limb, relative to what it hangs on.
-        sink: m that the pelvis is lower than when the legs are straight.
-    """
-
-    angles: Mapping[str, float]
-    sink: float
+    angles: Mapping[str, float]  # by limb, relative to what it hangs on
+    sink: float  # m that the pelvis is lower than when the legs are straight
 
 
 def posture(gait: Gait, way: float, swing: float, height: float) -> Posture:
@@ -152,17 +147,11 @@ class Leg:
 
 @dataclass(frozen=True)
 class Walk:
-    """Legs one after the other; without any the person stands as if frozen.
+    """Legs one after the other; without any the person stands as if frozen."""
 
-    Attributes:
-        begin: simulated time at which the walk begins, s.
-        first: how the person stands then.
-        legs: what follows; each begins where the one before ends.
-    """
-
-    begin: float
-    first: Stance
-    legs: tuple[Leg, ...] = ()
+    begin: float  # simulated time at which the walk begins, s
+    first: Stance  # how the person stands then
+    legs: tuple[Leg, ...] = ()  # what follows; each begins where the one before ends
 
     @property
     def end(self) -> float:

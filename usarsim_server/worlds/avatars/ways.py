@@ -99,15 +99,10 @@ FARTHEST = 300.0
 
 @dataclass(frozen=True, slots=True)
 class Survey:
-    """How far a straight way can be walked.
+    """How far a straight way can be walked."""
 
-    Attributes:
-        profile: points of the ground from the start on, m.
-        obstacle: what ends the way before its goal; None if nothing does.
-    """
-
-    profile: tuple[Vector, ...]
-    obstacle: str | None = None
+    profile: tuple[Vector, ...]  # points of the ground from the start on, m
+    obstacle: str | None = None  # what ends the way before its goal; None if nothing does
 
 
 def ground_below(simulation: Simulation, points: Sequence[Vector]) -> list[float]:

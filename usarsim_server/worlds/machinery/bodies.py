@@ -42,23 +42,14 @@ POLISH = 0.2
 
 @dataclass(frozen=True, slots=True)
 class Leaf:
-    """One leaf of a door.
+    """One leaf of a door."""
 
-    Attributes:
-        body: name of its body.
-        frame: pose of the body in the world while the door is closed.
-        middle: of the leaf, in the frame of its body, m.
-        half: half its extents, m.
-        sign: 1 if it slides along y, or turns to the left, when it opens; otherwise -1.
-        sliding: whether it slides.
-    """
-
-    body: str
-    frame: Pose
-    middle: Vector
-    half: Vector
-    sign: float
-    sliding: bool
+    body: str  # name of its body
+    frame: Pose  # pose of the body in the world while the door is closed
+    middle: Vector  # of the leaf, in the frame of its body, m
+    half: Vector  # half its extents, m
+    sign: float  # 1 if it slides along y, or turns to the left, when it opens; otherwise -1
+    sliding: bool  # whether it slides
 
     def at(self, opening: float) -> Pose:
         """Pose of its body when the door is open so far (m or rad)."""

@@ -13,21 +13,14 @@ class Course:
 
     Up to three parts of constant acceleration, as textbooks have the trapezoidal profile. Whoever
     is too fast to stop in time overshoots and returns. Units are m or rad.
-
-    Attributes:
-        since: simulated s of the beginning.
-        place, velocity: then.
-        target: where it ends, at rest.
-        speed: never exceeded, unless it is at the beginning.
-        acceleration: > 0.
     """
 
-    since: float
-    place: float
+    since: float  # simulated s of the beginning
+    place: float  # then
     velocity: float
-    target: float
-    speed: float
-    acceleration: float
+    target: float  # where it ends, at rest
+    speed: float  # never exceeded, unless it is at the beginning
+    acceleration: float  # > 0
 
     @property
     def end(self) -> float:

@@ -25,21 +25,13 @@ GLANCE = 0.1
 
 @dataclass(frozen=True, slots=True)
 class _Decision:
-    """What an operator has decided.
+    """What an operator has decided."""
 
-    Attributes:
-        course: way along the stops, m.
-        goal: number of the stop that it goes to, or stands at.
-        step: 1 on the way to the last stop, -1 on the way back.
-        boarded: since when (s) somebody has been on it; None: nobody is.
-        served: who is on it has had the ride, and must get off before there is another.
-    """
-
-    course: Course
-    goal: int = 0
-    step: int = 1
-    boarded: float | None = None
-    served: bool = False
+    course: Course  # way along the stops, m
+    goal: int = 0  # number of the stop that it goes to, or stands at
+    step: int = 1  # 1 on the way to the last stop, -1 on the way back
+    boarded: float | None = None  # since when (s) somebody has been on it; None: nobody is
+    served: bool = False  # who is on it has had the ride, and must get off before there is another
 
 
 class LiftOperator:

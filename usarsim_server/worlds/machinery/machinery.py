@@ -57,68 +57,41 @@ class Timetable:
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """What opens and closes a door.
+    """What opens and closes a door."""
 
-    Attributes:
-        speed: of a leaf, m/s or rad/s.
-        acceleration: m/s^2 or rad/s^2.
-        reach: whoever is nearer than this (m) on either side opens it.
-        hold: s that it stays open when nobody is near any more, or after it met something.
-        timetable: when it is open; None: whenever somebody is near.
-    """
-
-    speed: float
-    acceleration: float
-    reach: float
-    hold: float
-    timetable: Timetable | None = None
+    speed: float  # of a leaf, m/s or rad/s
+    acceleration: float  # m/s^2 or rad/s^2
+    reach: float  # whoever is nearer than this (m) on either side opens it
+    hold: float  # s that it stays open when nobody is near any more, or after it met something
+    timetable: Timetable | None = None  # when it is open; None: whenever somebody is near
 
 
 @dataclass(frozen=True, slots=True)
 class Spring:
-    """What closes a door that is pushed open.
+    """What closes a door that is pushed open."""
 
-    Attributes:
-        mass: of a leaf, kg.
-        stiffness: N m/rad.
-        damping: N m s/rad.
-        both_ways: it opens to either side.
-    """
-
-    mass: float
-    stiffness: float
-    damping: float
-    both_ways: bool
+    mass: float  # of a leaf, kg
+    stiffness: float  # N m/rad
+    damping: float  # N m s/rad
+    both_ways: bool  # it opens to either side
 
 
 @dataclass(frozen=True, slots=True)
 class Door:
-    """A door.
+    """A door."""
 
-    Attributes:
-        name: unique in the world.
-        pose: of the middle of the doorway on the floor; one goes through along x.
-        width, height: of the doorway.
-        thickness: of a leaf.
-        sliding: its leaves slide along y; otherwise they hang on hinges at the sides.
-        leaves: 1 or 2.
-        left: a single leaf slides to the left, or hangs on the left, as seen along x.
-        travel: how far a leaf opens, m or rad; hinged leaves turn toward x, or away if negative.
-        mechanism: drive or spring.
-        material: of the leaves.
-    """
-
-    name: str
-    pose: Pose
-    width: float
+    name: str  # unique in the world
+    pose: Pose  # of the middle of the doorway on the floor; one goes through along x
+    width: float  # of the doorway
     height: float
-    thickness: float
-    sliding: bool
-    leaves: int
-    left: bool
+    thickness: float  # of a leaf
+    sliding: bool  # its leaves slide along y; otherwise they hang on hinges at the sides
+    leaves: int  # 1 or 2
+    left: bool  # a single leaf slides to the left, or hangs on the left, as seen along x
     travel: float
-    mechanism: Drive | Spring
-    material: str
+    """How far a leaf opens, m or rad; hinged leaves turn toward x, or away if negative."""
+    mechanism: Drive | Spring  # drive or spring
+    material: str  # of the leaves
 
 
 def _read_points(table: Table, key: str) -> tuple[Vector, ...]:

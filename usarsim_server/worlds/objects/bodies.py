@@ -67,27 +67,16 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class ObjectClass:
-    """One class; its origin is the middle of its bounding box.
+    """One class; its origin is the middle of its bounding box."""
 
-    Attributes:
-        name: as clients call it, without package.
-        parts: what it is made of.
-        size: extents (m) of the bounding box.
-        mass: kg.
-        color: red, green, blue.
-        friction: sliding friction; of two things that touch the larger counts.
-        rolling: length (m) of rolling resistance; 0 for things that do not roll.
-        aliases: further names.
-    """
-
-    name: str
-    parts: tuple[Part, ...]
-    size: Vector
-    mass: float
-    color: Color
-    friction: float = 0.5
-    rolling: float = 0.0
-    aliases: tuple[str, ...] = ()
+    name: str  # as clients call it, without package
+    parts: tuple[Part, ...]  # what it is made of
+    size: Vector  # extents (m) of the bounding box
+    mass: float  # kg
+    color: Color  # red, green, blue
+    friction: float = 0.5  # sliding friction; of two things that touch the larger counts
+    rolling: float = 0.0  # length (m) of rolling resistance; 0 for things that do not roll
+    aliases: tuple[str, ...] = ()  # further names
 
 
 class ObjectCatalog:

@@ -31,29 +31,18 @@ GRAVITY = 9.81
 
 @dataclass(frozen=True)
 class Path:
-    """Way points and how far an object has come.
+    """Way points and how far an object has come."""
 
-    Attributes:
-        speed: m/s.
-        loop: go round for ever.
-        moving: false: it stands where it is.
-        reset_on_clear: the object returns `home` when the way points are cleared.
-        home: where it was when it got its first way point, m; None without way points.
-        start: where the path begins, m; None without way points.
-        points: way points, m.
-        done: way along the path (m) at the moment `since`.
-        since: simulated time (s).
-    """
-
-    speed: float = 1.0
-    loop: bool = False
-    moving: bool = True
-    reset_on_clear: bool = False
+    speed: float = 1.0  # m/s
+    loop: bool = False  # go round for ever
+    moving: bool = True  # false: it stands where it is
+    reset_on_clear: bool = False  # the object returns `home` when the way points are cleared
     home: Vector | None = None
-    start: Vector | None = None
-    points: tuple[Vector, ...] = ()
-    done: float = 0.0
-    since: float = 0.0
+    """Where it was when it got its first way point, m; None without way points."""
+    start: Vector | None = None  # where the path begins, m; None without way points
+    points: tuple[Vector, ...] = ()  # way points, m
+    done: float = 0.0  # way along the path (m) at the moment `since`
+    since: float = 0.0  # simulated time (s)
 
     def travelled(self, time: float) -> float:
         """Way along the path (m) at a simulated time; a loop goes on growing."""
@@ -165,17 +154,11 @@ class Path:
 
 @dataclass(frozen=True)
 class Spin:
-    """Rotation at constant rates of roll, pitch and yaw.
+    """Rotation at constant rates of roll, pitch and yaw."""
 
-    Attributes:
-        rates: rad/s, wire frame.
-        angles: roll, pitch, yaw (rad, wire frame) at the moment `since`.
-        since: simulated time, s.
-    """
-
-    rates: Vector
-    angles: Vector
-    since: float
+    rates: Vector  # rad/s, wire frame
+    angles: Vector  # roll, pitch, yaw (rad, wire frame) at the moment `since`
+    since: float  # simulated time, s
 
     @staticmethod
     def begin(rates: Vector, orientation: Quaternion, time: float) -> Spin:
@@ -191,15 +174,10 @@ class Spin:
 
 @dataclass(frozen=True)
 class Fall:
-    """Falling straight down until something is below.
+    """Falling straight down until something is below."""
 
-    Attributes:
-        drop: how far, m.
-        since: simulated time of letting go, s.
-    """
-
-    drop: float
-    since: float
+    drop: float  # how far, m
+    since: float  # simulated time of letting go, s
 
     def fallen(self, time: float) -> float:
         """m at a simulated time."""

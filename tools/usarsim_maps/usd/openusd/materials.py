@@ -48,17 +48,11 @@ NEAREST, FARTHEST = 5.0, 100.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Finish:
-    """A material and how it uses texture coordinates.
+    """A material and how it uses texture coordinates."""
 
-    Attributes:
-        material: for the scene.
-        coordinates: name of the primvar that its picture lies on.
-        mapping: (2, 3) applied to them.
-    """
-
-    material: Material
-    coordinates: str = "st"
-    mapping: Array = field(default_factory=lambda: np.eye(2, 3))
+    material: Material  # for the scene
+    coordinates: str = "st"  # name of the primvar that its picture lies on
+    mapping: Array = field(default_factory=lambda: np.eye(2, 3))  # (2, 3) applied to them
 
 
 @dataclass(slots=True)
