@@ -6,18 +6,8 @@ import re
 from collections.abc import Iterator
 
 import pytest
-from legacy_clients import (
-    Ades,
-    AutToolbox,
-    Iridium,
-    Maldo,
-    Player,
-    Rdk,
-    Ros,
-    SliderController,
-    UvaRescue,
-    UvaStudent,
-)
+from legacy_clients import Iridium, Maldo, Player, Ros, SliderController
+from legacy_lab_clients import Ades, AutToolbox, Rdk, UvaRescue, UvaStudent
 
 from usarsim_server.testing import ServerProcess
 

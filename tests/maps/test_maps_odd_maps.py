@@ -2,25 +2,42 @@
 
 from __future__ import annotations
 
+import logging
 import tracemalloc
+import warnings
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 from built_worlds import build_world, cuboid_mesh, mesh_of, scene_of, thing
 from gltf_samples import glb, gltf
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from mesh_samples import FACES, TRIANGLES, VERTEX, WEDGE, dae, dae_geometry, upright
-from sdf_samples import model, sdf, shape, world, write
+from mesh_samples import (
+    FACES,
+    TRIANGLES,
+    VERTEX,
+    WEDGE,
+    dae,
+    dae_geometry,
+    obj,
+    read,
+    told,
+    upright,
+    whole,
+)
+from sdf_samples import BOX, model, sdf, shape, world, write
 from t3d_maps import actor, brush, cuboid, level, polygon, room, start, two_rooms
 from udk_maps import box_triangles, static_mesh
 from unreal_fixture import Writer
 
+from usarsim_maps import convert
 from usarsim_maps.build.csg import MAX_POLYGONS
 from usarsim_maps.convert import Request, import_map
 from usarsim_maps.findings import Findings
-from usarsim_maps.scene import Mesh
+from usarsim_maps.reader import Context, read_scene
+from usarsim_maps.scene import Mesh, Scene
 from usarsim_server.cli import main
 from usarsim_server.errors import MapImportError
 from usarsim_server.testing import Rehearsal
@@ -330,3 +347,63 @@ def test_an_error_leaves_the_old_world(tmp_path: Path) -> None:
     with pytest.raises(MapImportError):
         import_map(Request(source, out=tmp_path / "out"))
     assert (folder / "scene.xml").read_bytes() == before
+
+
+TEXTURE = "vt 0.5 0.5"
+
+
+@pytest.mark.parametrize("bad", ["1e8", "1e30", "1e300", "1e308", "-1e308", "inf"])
+def test_a_corner_at_no_place(tmp_path: Path, bad: str) -> None:
+    """A vertex farther away than any map is as one that is not finite: its triangles go."""
+    write(tmp_path, f"{obj(TEXTURE)}v {bad} 1 {bad}\nf 1 2 5\n", "far.obj")
+    mesh = model("m", shape("<mesh><uri>far.obj</uri><scale>1 1 2</scale></mesh>"))
+    for path in (tmp_path / "far.obj", write(tmp_path, world(mesh + model("k", BOX)))):
+        report = import_map(Request(path)).report
+        assert report.extents is not None
+        assert max(report.extents) < 10.0
+        assert report.totals["triangles dropped"] == 1
+
+
+def test_places_in_x3d(tmp_path: Path) -> None:
+    """A field of a Transform or a colour that makes no sense has its default."""
+    text = (
+        '<X3D><Scene>\n<Transform translation="0 nan 0" scale="2 3-2 2"><Shape><Appearance>'
+        '<Material diffuseColor="1 x 0"/></Appearance><Box size="1 1 1"/></Shape></Transform>'
+        "</Scene></X3D>"
+    )
+    findings = Findings()
+    mesh = whole(read(write(tmp_path, text, "map.x3d"), findings))
+    assert np.ptp(mesh.vertices, axis=0).tolist() == [2.0, 2.0, 1.0]
+    assert "map.x3d: line 2: translation '0 nan 0' makes no sense; left out" in told(findings)
+    assert "diffuseColor '1 x 0'" in told(findings)
+
+
+FALLING = "<mujoco><worldbody><body><freejoint/><geom size='1'/></body></worldbody></mujoco>"
+
+
+def test_libraries_are_not_heard(
+    tmp_path: Path,
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What libraries warn of, log and print goes to the log at `debug`, not to the terminal."""
+    real = read_scene
+
+    def noisy(source: Path, context: Context) -> Scene:
+        warnings.warn("invalid value encountered in matmul", RuntimeWarning, stacklevel=1)
+        logging.getLogger("trimesh").warning("unable to load materials")
+        model = mujoco.MjModel.from_xml_string(FALLING)
+        data = mujoco.MjData(model)
+        data.qpos[0] = np.nan
+        mujoco.mj_step(model, data)
+        logging.getLogger("usarsim.plugins").warning("one of our own")
+        return real(source, context)
+
+    monkeypatch.setattr(convert, "read_scene", noisy)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(logging.getLogger(), "handlers", [])  # as without pytest
+    with warnings.catch_warnings():
+        warnings.simplefilter("default")
+        import_map(Request(write(tmp_path, obj(TEXTURE), "map.obj")))
+    assert capfd.readouterr() == ("", "one of our own\n")
+    assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
