@@ -23,12 +23,11 @@ from usarsim_server.cameras.posed_model import Stage
 from usarsim_server.cameras.render_loop import RenderLoop, RenderOptions
 from usarsim_server.cameras.spectators import find_viewpoint, named_viewpoints
 from usarsim_server.cameras.view import Grid
-from usarsim_server.data import data_directory
 from usarsim_server.errors import UsarsimError, WorldError, at
-from usarsim_server.files import is_regular
+from usarsim_server.files import data_directory, is_regular
 from usarsim_server.logs import Log
 from usarsim_server.protocol import messages
-from usarsim_server.protocol.names import name_key
+from usarsim_server.protocol.values import name_key
 from usarsim_server.radio.configuration import RadioOptions, read_radio, read_radio_file
 from usarsim_server.radio.event_log import EventLog
 from usarsim_server.radio.network import Network, RadioWorld
@@ -48,7 +47,7 @@ from usarsim_server.services.dialogue import (
 )
 from usarsim_server.services.images import ImageService
 from usarsim_server.services.limits import SpawnGate, address_of
-from usarsim_server.services.ready import Service, run_services
+from usarsim_server.services.port import Service, run_services
 from usarsim_server.services.relay import LinkOptions
 from usarsim_server.services.wireless import WirelessLimits, WirelessService
 from usarsim_server.sessions.dispatcher import Dispatcher
@@ -59,11 +58,10 @@ from usarsim_server.sessions.roles import RoleOptions, Roles
 from usarsim_server.sessions.schedule import REPORT_GRID, UNPACED_GRID
 from usarsim_server.sessions.session import Session
 from usarsim_server.settings import Settings
-from usarsim_server.simulation.memory import share_heaps
+from usarsim_server.simulation.growth import share_heaps
 from usarsim_server.simulation.model import PhysicsOptions
 from usarsim_server.simulation.simulation import Simulation, SimulationOptions
-from usarsim_server.truth.actors import Actors
-from usarsim_server.truth.ground_truth import GroundTruth
+from usarsim_server.truth.ground_truth import Actors, GroundTruth
 from usarsim_server.worlds.avatars import bodies as avatar_classes
 from usarsim_server.worlds.avatars.avatars import Avatars
 from usarsim_server.worlds.avatars.bodies import load_avatars

@@ -1,15 +1,14 @@
-"""Files that others wrote: which may be read, and reading them without waiting for ever.
+"""Files: which of others may be read, how ours are written whole, where the shipped ones lie.
 
 A map, a robot file or a scene names further files. Whoever wrote it may be a stranger, so it
 decides nothing about this computer: what it names is read only from folders that the user gave
 (`Folders`), and only from regular files of bounded size. A named pipe or a device would make its
 reader wait for ever, or give bytes without end.
 
-Files and folders that are there whole or not at all, whatever happens while they are written.
-
-What is new is written beside its place, under another name, handed over to the disk, and only then
-given its name, in one step of the file system (rename(2)). A program that is killed, or a disk that
-is full, leaves what was there before; at most a hidden file with `.new-` in its name stays behind.
+Files and folders that we write are there whole or not at all. What is new is written beside its
+place, under another name, handed over to the disk, and only then given its name, in one step of the
+file system (rename(2)). A program that is killed, or a disk that is full, leaves what was there
+before; at most a hidden file with `.new-` in its name stays behind.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ import stat
 from collections.abc import Iterable, Iterator
 from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, Literal
 
 MAX_TEXT = 16 << 20
 """Bytes of a file that people write: settings, robots, worlds. The largest known, the sheet of an
@@ -254,3 +253,15 @@ def _sync(path: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+_PACKAGE = Path(__file__).resolve().parent
+
+
+def data_directory(kind: Literal["worlds", "robots"]) -> Path:
+    """Return the folder of shipped data.
+
+    An installed wheel carries it inside the package; in a source tree it lies beside the package.
+    """
+    packaged = _PACKAGE / "_data" / kind
+    return packaged if packaged.is_dir() else _PACKAGE.parent / kind

@@ -10,7 +10,7 @@ from PIL import Image
 
 from usarsim_server.cli import main, robot_page
 from usarsim_server.cli.robot_page import head_comment, write
-from usarsim_server.data import data_directory
+from usarsim_server.files import data_directory
 from usarsim_server.robots.catalog import Library
 
 DOCS = Path(__file__).parents[2] / "docs"

@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 
 from usarsim_server.cameras import backend as probe
-from usarsim_server.data import data_directory
 from usarsim_server.doctor.checks import installation as graphics
 from usarsim_server.doctor.checks.installation import (
     PACKAGES,
@@ -31,6 +30,7 @@ from usarsim_server.doctor.checks.server import judge_server
 from usarsim_server.doctor.isolation import Outcome
 from usarsim_server.doctor.registry import Context, Finding, Mark
 from usarsim_server.doctor.worker import server as try_server
+from usarsim_server.files import data_directory
 from usarsim_server.settings import Settings
 
 

@@ -24,12 +24,14 @@ from usarsim_server.doctor.registry import (
     Context,
     Finding,
     Mark,
+    Printer,
     all_checks,
+    as_json,
     check,
     examine,
     problem_and_advice,
+    verdict,
 )
-from usarsim_server.doctor.report import Printer, as_json, verdict
 from usarsim_server.doctor.worker import try_out
 from usarsim_server.errors import UsarsimError, at
 from usarsim_server.settings import Settings

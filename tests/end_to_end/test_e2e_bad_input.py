@@ -12,8 +12,8 @@ from collections.abc import Callable, Iterator
 import psutil
 import pytest
 
-from usarsim_server.protocol.names import LONGEST_NAME
 from usarsim_server.protocol.truth import Position, positions
+from usarsim_server.protocol.values import LONGEST_NAME
 from usarsim_server.testing import (
     Rehearsal,
     RehearsedClient,

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 
 import pytest
 
-from usarsim_server.data import data_directory
+from usarsim_server.files import data_directory
 from usarsim_server.testing import ScriptedClient, ServerProcess, eventually
 
 TICK = "NFO {Status Tick}"

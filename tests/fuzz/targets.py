@@ -41,7 +41,6 @@ from usarsim_server.protocol.commands import interpret  # noqa: E402
 from usarsim_server.protocol.dialects import DialectSelector  # noqa: E402
 from usarsim_server.protocol.framing import LineFramer  # noqa: E402
 from usarsim_server.protocol.grammar import parse_line  # noqa: E402
-from usarsim_server.protocol.names import LONGEST_NAME, clean_name, free_name  # noqa: E402
 from usarsim_server.protocol.numbers import (  # noqa: E402
     fixed,
     read_bool,
@@ -50,6 +49,7 @@ from usarsim_server.protocol.numbers import (  # noqa: E402
     read_vector,
     single,
 )
+from usarsim_server.protocol.values import LONGEST_NAME, clean_name, free_name  # noqa: E402
 from usarsim_server.radio.configuration import read_radio, read_radio_file  # noqa: E402
 from usarsim_server.robots.catalog import load_robot  # noqa: E402
 from usarsim_server.worlds.avatars.bodies import load_avatars  # noqa: E402

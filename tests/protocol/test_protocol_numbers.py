@@ -20,7 +20,6 @@ from hypothesis import strategies as st
 from usarsim_server.protocol import messages
 from usarsim_server.protocol import truth as ground_truth
 from usarsim_server.protocol.grammar import parse_line
-from usarsim_server.protocol.names import LONGEST_NAME, clean_name, free_name, name_key
 from usarsim_server.protocol.numbers import (
     MAX_MAGNITUDE,
     boolean,
@@ -32,6 +31,7 @@ from usarsim_server.protocol.numbers import (
     read_vector,
     vector,
 )
+from usarsim_server.protocol.values import LONGEST_NAME, clean_name, free_name, name_key
 
 FINITE = st.floats(min_value=-1e6, max_value=1e6, allow_nan=False)
 DIGITS = st.integers(min_value=0, max_value=6)

@@ -8,8 +8,7 @@ from pathlib import Path
 from usarsim_server.errors import SettingsError
 from usarsim_server.protocol.values import Vector
 from usarsim_server.radio.models import Propagation, create_model
-from usarsim_server.radio.network import RadioWorld
-from usarsim_server.radio.stations import Station
+from usarsim_server.radio.network import RadioWorld, Station
 from usarsim_server.tables import Table
 
 

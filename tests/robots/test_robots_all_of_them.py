@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from usarsim_server.data import data_directory
+from usarsim_server.files import data_directory
 from usarsim_server.robots.catalog import load_catalog, load_robot
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.sessions.robots import Vehicle

@@ -15,7 +15,7 @@ import pytest
 from robot_files import SENSOR, table, write
 
 from usarsim_server.actuators.effector import effector_types
-from usarsim_server.cli.robot_check import check
+from usarsim_server.cli.robots import check
 from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from usarsim_server.data import data_directory
+from usarsim_server.files import data_directory
 from usarsim_server.robots.catalog import load_catalog
 from usarsim_server.simulation.frames import wire_from_pose
 from usarsim_server.testing import Rehearsal

@@ -29,7 +29,7 @@ from usarsim_server.errors import ServiceError
 from usarsim_server.protocol.images import NORMAL, RAW, ImageType
 from usarsim_server.services.images import ImageLimits, ImageService
 from usarsim_server.services.listener import Endpoint
-from usarsim_server.services.ready import run_services
+from usarsim_server.services.port import run_services
 from usarsim_server.services.watch_list import Repeats
 from usarsim_server.testing import PATIENCE
 

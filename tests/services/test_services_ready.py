@@ -14,7 +14,7 @@ import pytest
 from usarsim_server.errors import ServiceError
 from usarsim_server.services.control import ControlService
 from usarsim_server.services.listener import Endpoint
-from usarsim_server.services.ready import ready_line, run_services
+from usarsim_server.services.port import ready_line, run_services
 from usarsim_server.testing import PATIENCE, eventually
 
 

@@ -17,8 +17,7 @@ from typing import Any, Self, TypeVar
 from usarsim_server.protocol.values import Vector
 from usarsim_server.radio.configuration import read_radio
 from usarsim_server.radio.event_log import EventLog
-from usarsim_server.radio.network import Network, RadioWorld
-from usarsim_server.radio.stations import Station
+from usarsim_server.radio.network import Network, RadioWorld, Station
 from usarsim_server.services.comserver import ComServerLimits, ComServerService
 from usarsim_server.services.dialogue import Desk
 from usarsim_server.services.relay import LinkOptions

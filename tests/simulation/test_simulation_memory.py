@@ -9,8 +9,8 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from usarsim_server.simulation import memory
-from usarsim_server.simulation.memory import MIB, shortage
+from usarsim_server.simulation import growth as memory
+from usarsim_server.simulation.growth import MIB, shortage
 
 HOLD = 120.0
 """s of wall time after which a test gives up."""

@@ -11,12 +11,11 @@ import pytest
 from control_harness import controller, create
 
 from usarsim_server.protocol.values import Vector
+from usarsim_server.radio.network import Station
 from usarsim_server.radio.obstacles import SceneryObstacles
-from usarsim_server.radio.stations import Station
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.testing import Rehearsal, RehearsedClient
-from usarsim_server.truth.actors import Actors
-from usarsim_server.truth.ground_truth import GroundTruth
+from usarsim_server.truth.ground_truth import Actors, GroundTruth
 from usarsim_server.worlds.description import Victim
 from usarsim_server.worlds.surroundings import LiveVictim
 

@@ -23,9 +23,10 @@ from hypothesis import strategies as st
 from shipped_worlds import NAMES
 from world_files import HEAD, START, write_world
 
-from usarsim_server.data import data_directory
+from usarsim_server.files import data_directory
 from usarsim_server.simulation.frames import quaternion_from_rpy
-from usarsim_server.worlds import picture, victims
+from usarsim_server.worlds import scene as picture
+from usarsim_server.worlds import victims
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.scene import build_scene
 from usarsim_worldgen import GENERATORS, __main__, differences, files
@@ -319,7 +320,7 @@ def test_an_unknown_world_is_one_line_and_exit_code_2(
 def test_a_picture_shows_the_world_and_its_starts(tmp_path: Path) -> None:
     """The preview of the empty world has a floor, sky above it, and green arrows."""
     target = tmp_path / "empty.png"
-    command = [sys.executable, "-m", "usarsim_server.worlds.picture", "empty", str(target)]
+    command = [sys.executable, "-m", "usarsim_server.worlds.scene", "empty", str(target)]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "MUJOCO_GL": "egl"}
     subprocess.run([*command, "--width", "240", "--height", "150"], env=environment, check=True)
     image = decode(target.read_bytes()).astype(int)
@@ -356,7 +357,7 @@ y = [-3.5, 1]
     for extra in (media, ""):
         folder = write_world(tmp_path, HEAD + START + extra, scene)
         target = tmp_path / "yard.png"
-        command = [sys.executable, "-m", "usarsim_server.worlds.picture", str(folder), str(target)]
+        command = [sys.executable, "-m", "usarsim_server.worlds.scene", str(folder), str(target)]
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "MUJOCO_GL": "egl"}
         subprocess.run([*command, "--width", "96", "--height", "60"], env=environment, check=True)
         images.append(decode(target.read_bytes()).astype(int))

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from usarsim_server.simulation.frames import Pose, Vector, wire_from_pose
-from usarsim_server.worlds.objects.paths import GRAVITY, Fall, Path, Spin, motion
+from usarsim_server.worlds.objects.world_object import GRAVITY, Fall, Path, Spin, motion
 
 HOME: Vector = (0.0, 0.0, 0.0)
 SQUARE: tuple[Vector, ...] = ((2.0, 0.0, 0.0), (2.0, 1.0, 0.0), (0.0, 1.0, 0.0), HOME)

@@ -30,7 +30,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     worst = 0
     for name in chosen.name or GENERATORS:
         picture = chosen.into / f"world_{name}.png"
-        program = [sys.executable, "-m", "usarsim_server.worlds.picture", name, str(picture)]
+        program = [sys.executable, "-m", "usarsim_server.worlds.scene", name, str(picture)]
         worst = max(worst, subprocess.run(program, env=environment, check=False).returncode)
     return worst
 

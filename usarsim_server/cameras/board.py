@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from usarsim_server.cameras.view import CameraView, Grid, Region
-from usarsim_server.protocol.names import name_key
+from usarsim_server.protocol.values import name_key
 from usarsim_server.simulation.frames import Pose
 
 MOST_TILES = 64

@@ -51,8 +51,15 @@ def run(arguments: argparse.Namespace) -> int:
     Raises:
         UsarsimError: if the settings are wrong or the report cannot be written.
     """
-    from usarsim_server.doctor.registry import Context, Mark, all_checks, counted, examine
-    from usarsim_server.doctor.report import Printer, as_json
+    from usarsim_server.doctor.registry import (
+        Context,
+        Mark,
+        Printer,
+        all_checks,
+        as_json,
+        counted,
+        examine,
+    )
 
     settings = settings_from(arguments)
     logs.configure("error")  # what a log would warn of stands in the report

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 from usarsim_server import files as atomic
 from usarsim_server import logs
 from usarsim_server.cli.common import number
-from usarsim_server.data import data_directory
 from usarsim_server.errors import UsarsimError
+from usarsim_server.files import data_directory
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -1,15 +1,24 @@
-"""`usarsim robots`: what robot classes there are, what one is, whether a robot file is good."""
+"""`usarsim robots`: what robot classes there are, what one is, whether a robot file is good.
+
+`--check FILE` shows what a robot file makes, before any client meets it.
+"""
 
 from __future__ import annotations
 
 import argparse
 import difflib
 import math
-from collections.abc import Iterable, Iterator
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from usarsim_server import files as atomic
+from usarsim_server import logs
 from usarsim_server.cli.common import Subparsers, add_command, facts, number, numbers, table
-from usarsim_server.errors import RobotDescriptionError, UsarsimError
+from usarsim_server.errors import RobotDescriptionError, UsarsimError, at
+from usarsim_server.files import data_directory
+from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import (
     ActuatorDescription,
     CameraDescription,
@@ -17,6 +26,11 @@ from usarsim_server.robots.description import (
     RobotDescription,
 )
 from usarsim_server.simulation.frames import wire_from_pose
+
+if TYPE_CHECKING:
+    from usarsim_server.robots.catalog import RobotFile
+    from usarsim_server.testing.test_drive import Rest, TestDrive
+
 
 _EPILOG = (
     "--check reads a robot file and what it extends, shows all that clients will be told, builds "
@@ -57,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out is not None and arguments.check is None:
         raise UsarsimError("--out is the picture of --check FILE (cure: add --check FILE)")
     if arguments.check is not None:
-        from usarsim_server.cli.robot_check import check
+        from usarsim_server.cli.robots import check
 
         return check(arguments.check, folders, arguments.out)
     if arguments.page is not None:
@@ -161,3 +175,117 @@ def _unknown(name: str, names: Iterable[str]) -> str:
     close = difflib.get_close_matches(wanted, by_lower, n=1)
     cure = f"did you mean {by_lower[close[0]]}?" if close else f"known: {', '.join(names)}"
     return f"there is no robot class {name!r} ({cure})"
+
+
+WIDTH, HEIGHT = 960, 720
+"""Of the picture, pixels."""
+LONGEST = 240
+"""Characters of a line that are shown; scans are longer."""
+_TYPE = re.compile(r"\{Type (\w+)\}")
+
+
+def check(path: Path, folders: Sequence[Path], picture: Path | None) -> int:
+    """Print everything about the class of a robot file; returns the exit code.
+
+    Args:
+        path: the file; what it extends is looked for beside it, in the folders, and among the
+            shipped robots.
+        folders: of further robot files.
+        picture: PNG file to draw the robot into, or None.
+
+    Raises:
+        RobotDescriptionError: if the file or one that it extends cannot be used.
+        UsarsimError: if the robot does not stand and drive as it should.
+    """
+    from usarsim_server.testing.test_drive import TestDrive
+
+    logs.configure("error")
+    file = _load(path, folders)
+    robot = file.description
+    with TestDrive(robot) as drive:
+        # Whatever is wrong with the file has been found before anything is printed.
+        told = {dialect: [*drive.lines(dialect), *drive.reports(dialect)] for dialect in Dialect}
+        for block in details(robot):
+            print(block, end="\n\n")
+        for dialect, lines in told.items():
+            print(f"Clients of the dialect {dialect.value} are told:")
+            print(*map(_shortened, lines), sep="\n", end="\n\n")
+        rest = drive.rest()
+        print(facts(_names(file, drive, told)), end="\n\n")
+        if drive.vehicle.sensors:
+            print(table(("SENSOR", "SEN TYPE", *_eras()), _sensors(drive)), end="\n\n")
+        if picture is not None:
+            save(picture, drive, WIDTH, HEIGHT)
+        speed = drive.top_speed()
+        problems = drive.problems(rest, speed)
+    print(facts(_behaviour(rest, speed)))
+    for problem in problems:
+        print(f"WRONG: {problem.text}")
+    if problems:
+        first = problems[0]
+        raise RobotDescriptionError(at(path, first.text, first.cure))
+    return 0
+
+
+def save(path: Path, drive: TestDrive, width: int, height: int) -> None:
+    """Draw a robot into a PNG file.
+
+    Raises:
+        UsarsimError: if the file cannot be written.
+    """
+    from PIL import Image
+
+    try:
+        portrait = Image.fromarray(drive.portrait(width, height))
+        with atomic.replacing(path) as file:
+            portrait.save(file, format="PNG")
+    except OSError as error:
+        raise UsarsimError(
+            f"{path}: cannot be written: {error.strerror} (name a file in a folder that exists)"
+        ) from error
+
+
+def _load(path: Path, folders: Sequence[Path]) -> RobotFile:
+    from usarsim_server.robots.catalog import Library
+
+    shipped = data_directory("robots")
+    layers = [shipped, *folders]
+    if path.parent.resolve() not in [folder.resolve() for folder in layers]:
+        layers.append(path.parent)
+    here = [folder.resolve() for folder in layers].index(path.parent.resolve())
+    return Library(layers).load(layers[here] / path.name, here)
+
+
+def _shortened(line: str) -> str:
+    return line if len(line) <= LONGEST else f"{line[:LONGEST]}... ({len(line)} characters)"
+
+
+def _names(
+    file: RobotFile, drive: TestDrive, told: Mapping[Dialect, Sequence[str]]
+) -> Iterator[tuple[str, str]]:
+    names = (*file.aliases, *file.alias_patterns, *file.exact_aliases)
+    yield "also called", ", ".join(names) or "nothing else"
+    for dialect, lines in told.items():
+        found = _TYPE.search(next((line for line in lines if line.startswith("STA")), ""))
+        yield f"STA in {dialect.value}", f"Type {found[1]}" if found else "without a Type"
+    size = drive.size()
+    yield "size", f"{number(size[0])} x {number(size[1])} x {number(size[2])} m at rest"
+
+
+def _eras() -> list[str]:
+    return [f"EVERY ({dialect.value})" for dialect in Dialect]
+
+
+def _sensors(drive: TestDrive) -> Iterator[tuple[str, ...]]:
+    for sensor in drive.vehicle.sensors:
+        periods = [sensor.interval(dialect) for dialect in Dialect]
+        times = [f"{period:g} s" if period > 0.0 else "on demand" for period in periods]
+        yield sensor.name, sensor.wire_type, *times
+
+
+def _behaviour(rest: Rest, speed: float | None) -> Iterator[tuple[str, str]]:
+    yield "stands at", f"{number(rest.height, 4)} m"
+    yield "leans by", f"{number(math.degrees(rest.tilt))} degrees"
+    yield "drifts by", f"{number(1000.0 * rest.drift, 3)} mm/s"
+    yield "sinks in by", f"{number(1000.0 * rest.depth, 2)} mm"
+    yield "top speed", "it does not drive" if speed is None else f"{numbers([speed], 3)} m/s"

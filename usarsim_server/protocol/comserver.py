@@ -12,7 +12,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from usarsim_server.protocol.names import LONGEST_NAME, clean_name
+from usarsim_server.protocol.values import LONGEST_NAME, clean_name
 
 MAX_MESSAGE = 4096
 """Longest message in bytes; longer ones are drained and answered as incorrect."""

@@ -1,7 +1,16 @@
-"""Value types that the wire speaks: dialects, segments, vectors. No behaviour beyond that."""
+"""Values that the wire speaks: dialects, segments, vectors, and names that clients give.
+
+Names of robots, people and objects are one token each, and no two are alike: others read these
+names in lines whose fields are told apart by blanks and braces, and address each other by them. The
+original took any text: a robot called `Evil Location 9,9,0` forged fields in the ground truth of
+everybody else (side channels reference 3.4: robot names must not contain blanks or braces), and
+engine names know no case.
+"""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Container
 from dataclasses import dataclass
 from enum import Enum
 
@@ -28,3 +37,53 @@ class Item:
 
     name: str
     segments: tuple[Segment, ...] = ()
+
+
+LONGEST_NAME = 64
+"""Characters of a name, the number behind it included. The original set no limit of its own, its
+Gazebo successor read values of 99 characters (protocol reference 1.4)."""
+
+_DELIMITERS = re.compile(r"[\s{}]+")
+
+
+def clean_name(text: str) -> str:
+    """The text as one token: printable characters without blanks and braces.
+
+    What is anything else becomes an underscore, a whole run of blanks and braces a single one;
+    outside them is nothing. An empty result means that there is no name in the text.
+    """
+    name = _DELIMITERS.sub("_", text.strip())
+    if not name.isprintable():
+        name = "".join(one if one.isprintable() else "_" for one in name)
+    return name
+
+
+def name_key(text: str) -> str:
+    """What all spellings of a name have in common: equal keys mean the same name."""
+    return clean_name(text).lower()
+
+
+def free_name(text: str, taken: Container[str]) -> str:
+    """The name that somebody gets who wants to be called so.
+
+    Args:
+        text: the name as sent.
+        taken: keys of the names that others have, see `name_key`.
+
+    Returns:
+        The clean name, with `_2`, `_3` ... behind it if others have it.
+
+    Raises:
+        ValueError: if it is empty or longer than `LONGEST_NAME`.
+    """
+    wanted = clean_name(text)
+    if not wanted:
+        raise ValueError("the name is empty")
+    if len(wanted) > LONGEST_NAME:
+        raise ValueError(f"the name has {len(wanted)} characters, {LONGEST_NAME} are possible")
+    name, number = wanted, 1
+    while name.lower() in taken:
+        number += 1
+        ending = f"_{number}"
+        name = wanted[: LONGEST_NAME - len(ending)] + ending
+    return name

@@ -11,7 +11,7 @@ import re
 from dataclasses import dataclass
 from enum import StrEnum
 
-from usarsim_server.protocol.names import LONGEST_NAME, clean_name
+from usarsim_server.protocol.values import LONGEST_NAME, clean_name
 
 MAX_LINE = 100 * 1024
 """Longest line in bytes: the buffer of the original (4.1)."""

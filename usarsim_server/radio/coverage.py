@@ -17,7 +17,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from usarsim_server.protocol.values import Vector
 from usarsim_server.radio.models import Propagation
-from usarsim_server.radio.stations import ObstacleCounter
+from usarsim_server.radio.network import ObstacleCounter
 from usarsim_server.simulation.frames import flip_point
 from usarsim_server.simulation.rays.query import RayFan, RayHits
 

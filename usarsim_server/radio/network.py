@@ -1,7 +1,8 @@
 """Who is registered, how strong each hears the other, and which links are up. No sockets.
 
 A worker thread looks at the world (`observe` may wait for a physics step); everything else belongs
-to one thread, usually the event loop, and reads what was seen last.
+to one thread, usually the event loop, and reads what was seen last. Stations of a world are its
+robots; whoever walks or controls the world is none.
 """
 
 from __future__ import annotations
@@ -9,14 +10,34 @@ from __future__ import annotations
 import itertools
 import math
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 from usarsim_server.protocol.values import Vector
 from usarsim_server.radio.event_log import Event, EventLog
 from usarsim_server.radio.fading import Fading
 from usarsim_server.radio.models import Propagation
-from usarsim_server.radio.stations import ObstacleCounter, StationSource
+
+
+@dataclass(frozen=True, slots=True)
+class Station:
+    """A robot or a ComStation at one instant."""
+
+    name: str  # label from INIT, in its own spelling
+    position: Vector  # of its reference point, simulation frame, m
+    battery_empty: bool = False  # whether it has run out of power
+
+
+StationSource = Callable[[], Sequence[Station]]
+"""All stations of this moment in the order of spawning; may block for a physics step."""
+
+
+class ObstacleCounter(Protocol):
+    """Counts what stands between two points."""
+
+    def count(self, start: Vector, end: Vector) -> int:
+        """Obstacles between two points (simulation frame, m) by the rule of side channels 3.3."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,12 +12,10 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from usarsim_server.data import data_directory
 from usarsim_server.errors import RobotDescriptionError, at
-from usarsim_server.files import is_folder
+from usarsim_server.files import data_directory, is_folder
 from usarsim_server.logs import Log
-from usarsim_server.protocol.names import LONGEST_NAME, clean_name
-from usarsim_server.protocol.values import Dialect
+from usarsim_server.protocol.values import LONGEST_NAME, Dialect, clean_name
 from usarsim_server.robots import model_files
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.families.base import families, find_family

@@ -16,9 +16,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from usarsim_server.data import data_directory
 from usarsim_server.errors import RobotDescriptionError, at
-from usarsim_server.files import Folders
+from usarsim_server.files import Folders, data_directory
 from usarsim_server.model_check import ALLOW_MODEL
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import (

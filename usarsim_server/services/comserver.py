@@ -23,7 +23,7 @@ from usarsim_server.protocol.comserver import (
     Open,
     Register,
 )
-from usarsim_server.protocol.names import name_key
+from usarsim_server.protocol.values import name_key
 from usarsim_server.radio.event_log import Event
 from usarsim_server.radio.network import Network
 from usarsim_server.services.budget import (

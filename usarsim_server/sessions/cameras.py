@@ -17,10 +17,9 @@ from usarsim_server.cameras.board import CameraBoard
 from usarsim_server.protocol import messages
 from usarsim_server.protocol.dialects import FACETS, sends_results
 from usarsim_server.protocol.messages import CameraItem, SensorMount
-from usarsim_server.protocol.names import LONGEST_NAME
 from usarsim_server.protocol.numbers import read_number
 from usarsim_server.protocol.requests import Set
-from usarsim_server.protocol.values import Dialect
+from usarsim_server.protocol.values import LONGEST_NAME, Dialect
 from usarsim_server.robots.description import CameraDescription, RobotDescription
 from usarsim_server.robots.mounting import carried
 from usarsim_server.simulation.frames import wire_from_pose

@@ -18,8 +18,8 @@ from usarsim_server.actuators.effector import Effector, create_effectors
 from usarsim_server.cameras.board import CameraBoard
 from usarsim_server.cameras.view import Grid
 from usarsim_server.logs import Log
-from usarsim_server.protocol.names import name_key
-from usarsim_server.radio.stations import Station
+from usarsim_server.protocol.values import name_key
+from usarsim_server.radio.network import Station
 from usarsim_server.robots.catalog import RobotCatalog
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.mjcf import build_spec

@@ -10,10 +10,9 @@ from collections.abc import Callable, Mapping
 from usarsim_server.errors import UsarsimError
 from usarsim_server.logs import Log
 from usarsim_server.protocol import messages
-from usarsim_server.protocol.names import name_key
 from usarsim_server.protocol.numbers import read_bool, read_number, read_vector
 from usarsim_server.protocol.requests import Control, Request
-from usarsim_server.protocol.values import Dialect
+from usarsim_server.protocol.values import Dialect, name_key
 from usarsim_server.sessions.robots import Robots
 from usarsim_server.sessions.schedule import Role
 from usarsim_server.simulation.frames import (

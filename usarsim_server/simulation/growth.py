@@ -1,9 +1,18 @@
-"""Larger and smaller models: compiled aside, while the physics goes on with the present one."""
+"""Larger and smaller models: compiled aside, while the physics goes on with the present one.
+
+MuJoCo ends the process if it gets no memory while it compiles a model or makes a state of it. So
+whoever makes a larger model asks first whether there is room, and gives back what the process does
+not need.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import ctypes
+import math
+import resource
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -98,3 +107,127 @@ def grow(
     mujoco.mj_forward(world.model, data)
     joints, dofs = matching_joints(old.model, world.model, changed)
     return Growth(world, data, WorldParts(world, options), joints, dofs, kept, changed)
+
+
+MIB = 2**20
+
+_STATM = Path("/proc/self/statm")
+_GROUPS = Path("/proc/self/cgroup")
+_GROUP_ROOT = Path("/sys/fs/cgroup")
+
+MODEL_PER_DOF = 2500.0
+ARENA = (15.0 * MIB, 53_000.0, 42.0)
+"""Bytes of a model per degree of freedom n, and of the working memory of a state, in which there is
+room for constraints between them: a + b n + c n^2. Fitted to robots of all kinds, n up to 2400,
+MuJoCo 3.17."""
+HEAPS = 2
+LARGE = 1 << 20
+"""Bytes from which on a block is a mapping of its own, given back as soon as it is free."""
+_ARENA_MAX, _MMAP_THRESHOLD = -8, -3
+"""M_ARENA_MAX and M_MMAP_THRESHOLD of malloc.h."""
+STATES = 4
+"""Copies of model and state in use: the physics, two that judge places, the cameras."""
+COMPILING = 6
+"""Sizes of a model that are needed beside it while it is compiled."""
+RESERVE = 96 << 20
+"""Bytes that must be left: shapes for rays, and what every connection and thread takes."""
+
+
+def shortage(model: mujoco.MjModel, dofs: int) -> str | None:
+    """What is missing for a larger model, with all copies of it and of its state.
+
+    Args:
+        model: the present one.
+        dofs: degrees of freedom that the larger one has more.
+
+    Returns:
+        How much memory is needed, how much there is, and why no more; None if there is enough.
+    """
+    size = int(mujoco.mj_sizeModel(model)) + MODEL_PER_DOF * dofs
+    size = RESERVE + (STATES + COMPILING) * size
+    # Few pages of the arenas are ever used, but all of them count as address space.
+    least, linear, square = ARENA
+    most = int(model.nv) + dofs
+    arena = STATES * (least + linear * most + square * most * most)
+    limits = (
+        ("ulimit -v", size + arena, _room(resource.RLIMIT_AS, 0)),
+        ("ulimit -d", size + arena, _room(resource.RLIMIT_DATA, 5)),
+        ("the control group", size, _group_room()),
+    )
+    for name, needed, room in limits:
+        if needed > room:
+            return f"{needed / MIB:.0f} MiB needed, {max(0.0, room) / MIB:.0f} MiB left by {name}"
+    return None
+
+
+def share_heaps() -> None:
+    """Let all threads take memory from few heaps, and large blocks from none; at the start.
+
+    By default the C library (glibc) has up to eight heaps per processor, one thread after the
+    other. A heap shrinks from its end only, and every robot that comes has a thread of its own for
+    a moment: so what many of them leave behind keeps many heaps large.
+    """
+    set_option = getattr(_library, "mallopt", None)
+    if set_option is not None:
+        set_option(_ARENA_MAX, HEAPS)
+        set_option(_MMAP_THRESHOLD, LARGE)
+
+
+def trim() -> None:
+    """Let the C library give the pages back that nothing is in; other ones do so by themselves."""
+    release = getattr(_library, "malloc_trim", None)
+    if release is not None:
+        release(0)
+
+
+def _room(limit: int, column: int) -> float:
+    """Bytes left below a limit of the process, by a column of /proc/self/statm."""
+    most = resource.getrlimit(limit)[0]
+    if most == resource.RLIM_INFINITY:
+        return math.inf
+    try:
+        used = int(_STATM.read_text(encoding="ascii").split()[column])
+    except (OSError, ValueError, IndexError):
+        return math.inf
+    return float(most - used * resource.getpagesize())
+
+
+def _group_room() -> float:
+    """Room in the control groups (version 2) that the process is in, the narrowest of them."""
+    try:
+        own = _GROUPS.read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return math.inf
+    path = next((line[3:] for line in own if line.startswith("0::/")), None)
+    return math.inf if path is None else _narrowest(_folders(path))
+
+
+def _folders(path: str) -> Iterable[Path]:
+    place = _GROUP_ROOT / path.lstrip("/")
+    while place != _GROUP_ROOT:
+        yield place
+        place = place.parent
+    yield place
+
+
+def _narrowest(folders: Iterable[Path]) -> float:
+    room = math.inf
+    for folder in folders:
+        try:
+            most = int((folder / "memory.max").read_text(encoding="ascii"))
+            used = int((folder / "memory.current").read_text(encoding="ascii"))
+            facts = (folder / "memory.stat").read_text(encoding="ascii")
+        except (OSError, ValueError):
+            continue  # no such group, or "max"
+        # Files that were read are forgotten when there is need.
+        cached = sum(
+            int(line.split()[1]) for line in facts.splitlines() if line.startswith("inactive_file ")
+        )
+        room = min(room, most - used + cached)
+    return room
+
+
+try:
+    _library: object = ctypes.CDLL(None)
+except OSError:  # not everywhere can a process look into itself
+    _library = None

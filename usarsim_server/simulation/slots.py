@@ -23,9 +23,8 @@ from usarsim_server.errors import SpawnError, UsarsimError
 from usarsim_server.logs import Log
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose, Vector
-from usarsim_server.simulation.growth import Growth
+from usarsim_server.simulation.growth import Growth, shortage, trim
 from usarsim_server.simulation.mailbox import Mailbox
-from usarsim_server.simulation.memory import shortage, trim
 from usarsim_server.simulation.model import JOINT_WIDTH, VACANT, CompiledWorld, RobotModel
 from usarsim_server.simulation.placement import Fitting, Placement
 from usarsim_server.simulation.rays.moving import DynamicGeometry

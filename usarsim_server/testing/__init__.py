@@ -28,7 +28,7 @@ from usarsim_server.options import OPTIONS
 from usarsim_server.protocol.framing import LineFramer
 from usarsim_server.protocol.grammar import parse_line
 from usarsim_server.services.listener import Endpoint
-from usarsim_server.services.ready import run_services
+from usarsim_server.services.port import run_services
 from usarsim_server.sessions.outbox import Outbox
 from usarsim_server.sessions.robots import Vehicle, robot_model
 from usarsim_server.sessions.session import Session

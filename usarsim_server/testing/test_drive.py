@@ -1,6 +1,7 @@
 """A robot class on an endless floor: what clients are told of it, how it stands and drives.
 
-This is how authors of robot files see what they have written before any client does.
+This is how authors of robot files see what they have written before any client does. The robot is
+alone in its world; what it touches and how far it leans is measured every step.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,10 +30,67 @@ from usarsim_server.protocol.requests import GetConf, GetGeo
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.sessions.robot_role import RobotRole, RobotRoleOptions
+from usarsim_server.sessions.robots import robot_model
 from usarsim_server.simulation.frames import Pose
-from usarsim_server.simulation.snapshot import RobotBody, RobotLayout
+from usarsim_server.simulation.model import PhysicsOptions, compile_world
+from usarsim_server.simulation.snapshot import RobotBody, RobotLayout, Snapshot
 from usarsim_server.testing import Closing, Rehearsal
-from usarsim_server.testing.single_robot import ContactProbe, tilt
+from usarsim_server.worlds.description import WorldDescription
+from usarsim_server.worlds.scene import build_scene
+
+
+@dataclass(frozen=True, slots=True)
+class Contacts:
+    """What one robot touches at one instant."""
+
+    wheels: int  # number of its driven wheels that touch anything
+    depth: float  # deepest overlap of the robot with anything else, m
+    own: bool  # whether two of its own parts touch each other
+
+
+class ContactProbe:
+    """Finds contacts in snapshots, with a model of its own that never steps."""
+
+    def __init__(self, world: WorldDescription, robot: RobotDescription) -> None:
+        """Compile the world with one robot of a class, as the simulation does."""
+        compiled = compile_world(
+            lambda: build_scene(world), (robot_model(robot),), PhysicsOptions(), generation=0
+        )
+        self.model = compiled.model
+        # Awake, so that contacts of resting bodies are found too.
+        self.model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+        self._data = mujoco.MjData(self.model)
+        layout = compiled.layouts[0]
+        self._robot = np.zeros(self.model.ngeom, dtype=bool)
+        self._robot[layout.geoms] = True
+        self._wheels = np.full(self.model.ngeom, -1)
+        for number, dof in enumerate(layout.wheel_dof):
+            body = self.model.dof_bodyid[dof]
+            self._wheels[self.model.geom_bodyid == body] = number
+
+    def look(self, snapshot: Snapshot) -> Contacts:
+        """The contacts of the robot in a snapshot of the same world with that robot alone."""
+        data = self._data
+        data.qpos[:] = snapshot.qpos
+        mujoco.mj_kinematics(self.model, data)
+        mujoco.mj_comPos(self.model, data)
+        mujoco.mj_collision(self.model, data)
+        touching = data.contact.dist <= 0.0
+        pairs = data.contact.geom[touching]
+        members = self._robot[pairs].sum(axis=1)
+        wheels = self._wheels[pairs]
+        distances = data.contact.dist[touching][members == 1]
+        return Contacts(
+            wheels=len(set(wheels[wheels >= 0].tolist())),
+            depth=float(-distances.min()) if distances.size else 0.0,
+            own=bool((members == 2).any()),
+        )
+
+
+def tilt(state: RobotBody) -> float:
+    """Angle (rad) between the robot's own z axis and the vertical."""
+    return math.acos(max(-1.0, min(1.0, state.pose.rotate((0.0, 0.0, 1.0))[2])))
+
 
 DROP = 0.3
 """m above its rest height from which a robot is let down."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from usarsim_server.errors import SpawnError
 from usarsim_server.logs import Log
-from usarsim_server.protocol.names import clean_name, free_name, name_key
+from usarsim_server.protocol.values import clean_name, free_name, name_key
 
 
 class Labels:

@@ -16,9 +16,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from usarsim_server import errors
-from usarsim_server.data import data_directory
 from usarsim_server.errors import WorldError
-from usarsim_server.files import is_regular
+from usarsim_server.files import data_directory, is_regular
 from usarsim_server.simulation.frames import (
     Pose,
     Vector,

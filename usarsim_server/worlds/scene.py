@@ -1,20 +1,36 @@
-"""From a world folder to a MuJoCo specification: scenery, victims, machinery, light."""
+"""From a world folder to a MuJoCo specification: scenery, victims, machinery, light; and its
+picture.
+
+`python -m usarsim_server.worlds.scene WORLD PICTURE.png` draws a world (a name or a folder) as its
+camera `overview` sees it, or from above one corner, with an arrow at every start pose.
+"""
 
 from __future__ import annotations
 
+import argparse
+import math
 import re
+import struct
+import sys
+import zlib
+from collections.abc import Sequence
+from pathlib import Path
 
 import mujoco
+import numpy as np
+from numpy.typing import NDArray
 
 from usarsim_server import errors
-from usarsim_server.data import data_directory
-from usarsim_server.errors import WorldError
-from usarsim_server.files import Folders, read_regular
+from usarsim_server import files as atomic
+from usarsim_server.errors import UsarsimError, WorldError
+from usarsim_server.files import Folders, data_directory, read_regular
 from usarsim_server.model_check import check_model
 from usarsim_server.simulation.ground import Surface
 from usarsim_server.simulation.motion_laws import add_bounds
-from usarsim_server.worlds.description import WorldDescription
+from usarsim_server.worlds.description import SmokeVolume, WorldDescription
+from usarsim_server.worlds.loader import find_world, load_world
 from usarsim_server.worlds.machinery.bodies import add_machinery
+from usarsim_server.worlds.smoke import SmokeField
 from usarsim_server.worlds.victims import add_victim
 
 PAINT = {
@@ -184,3 +200,137 @@ def _add_light(spec: mujoco.MjSpec) -> None:
         diffuse=(0.6, 0.6, 0.6),
         castshadow=False,
     )
+
+
+Image = NDArray[np.uint8]
+
+OVERVIEW = "overview"
+_OVERSAMPLING = 2
+_SHADOW_MAP = 8192
+_ARROW_LENGTH, _ARROW_WIDTH = 1.5, 0.07
+_ARROW_COLOR = np.array([0.05, 0.60, 0.30, 1.0], np.float32)
+_SMOKE_SHADE = 0.55
+_SMOKE_ALPHA = 0.35
+_PARTICLE_COLOR = np.array([0.25, 0.25, 0.25, 0.45], np.float32)
+_SHAPES = {"box": mujoco.mjtGeom.mjGEOM_BOX, "ellipsoid": mujoco.mjtGeom.mjGEOM_ELLIPSOID}
+
+
+def draw_world(world: WorldDescription, width: int = 960, height: int = 600) -> Image:
+    """Render a world with shadows and smoothed edges.
+
+    Start poses are shown as green arrows, regional and local smoke (as it is at first) as grey
+    bodies that can be seen through.
+
+    Args:
+        world: what to draw.
+        width: of the result, pixels.
+        height: of the result, pixels.
+
+    Returns:
+        The picture, (height, width, 3), red, green, blue.
+
+    Raises:
+        WorldError: if the scene cannot be built.
+        RuntimeError: if there is no way to render on this machine (see `MUJOCO_GL`).
+    """
+    spec = build_scene(world)
+    shape = (height * _OVERSAMPLING, width * _OVERSAMPLING)
+    settings = spec.visual
+    settings.global_.offheight, settings.global_.offwidth = shape
+    settings.quality.shadowsize = _SHADOW_MAP
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    particles, radii = SmokeField(world.smoke).particles(0.0)
+    extra = len(world.starts) + len(world.smoke.volumes) + len(particles)
+    with mujoco.Renderer(model, *shape, max_geom=model.ngeom + extra + 100) as renderer:
+        renderer.update_scene(data, _viewpoint(model))
+        for start in world.starts:
+            _add_arrow(renderer.scene, start.pose.position, start.pose.rotate((1.0, 0.0, 0.0)))
+        for volume in world.smoke.volumes:
+            _add_volume(renderer.scene, volume)
+        for centre, radius in zip(particles, radii, strict=True):
+            _add_particle(renderer.scene, centre, radius)
+        fine = renderer.render()
+    blocks = fine.reshape(height, _OVERSAMPLING, width, _OVERSAMPLING, 3)
+    smooth: Image = blocks.mean(axis=(1, 3)).round().astype(np.uint8)
+    return smooth
+
+
+def _viewpoint(model: mujoco.MjModel) -> mujoco.MjvCamera:
+    camera = mujoco.MjvCamera()
+    fixed = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, OVERVIEW)
+    if fixed >= 0:
+        camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
+        camera.fixedcamid = fixed
+        return camera
+    camera.lookat[:] = model.stat.center
+    camera.distance = 2.2 * model.stat.extent
+    camera.azimuth, camera.elevation = 60.0, -50.0
+    return camera
+
+
+def _add_arrow(scene: mujoco.MjvScene, tail: Sequence[float], heading: Sequence[float]) -> None:
+    geom = scene.geoms[scene.ngeom]
+    start = np.array(tail)
+    tip = start + _ARROW_LENGTH * np.array(heading)
+    kind = mujoco.mjtGeom.mjGEOM_ARROW
+    mujoco.mjv_initGeom(geom, kind, np.zeros(3), np.zeros(3), np.zeros(9), _ARROW_COLOR)
+    mujoco.mjv_connector(geom, kind, _ARROW_WIDTH, start, tip)
+    scene.ngeom += 1
+
+
+def _add_volume(scene: mujoco.MjvScene, volume: SmokeVolume) -> None:
+    """Denser smoke is darker."""
+    shade = _SMOKE_SHADE * math.exp(-0.5 * volume.density)
+    color = np.array([shade, shade, shade, _SMOKE_ALPHA], np.float32)
+    half = np.array(volume.size) / 2.0
+    place, turn = np.array(volume.pose.position), volume.pose.matrix().reshape(9)
+    mujoco.mjv_initGeom(scene.geoms[scene.ngeom], _SHAPES[volume.shape], half, place, turn, color)
+    scene.ngeom += 1
+
+
+def _add_particle(scene: mujoco.MjvScene, centre: NDArray[np.float64], radius: float) -> None:
+    geom, size = scene.geoms[scene.ngeom], np.array([radius, 0.0, 0.0])
+    turn = np.eye(3).reshape(9)
+    mujoco.mjv_initGeom(geom, mujoco.mjtGeom.mjGEOM_SPHERE, size, centre, turn, _PARTICLE_COLOR)
+    scene.ngeom += 1
+
+
+def png(image: Image) -> bytes:
+    """Encode a picture (height, width, 3) as PNG; every row is stored as changes from the last."""
+    height, width, _ = image.shape
+    rows = np.empty((height, 1 + 3 * width), np.uint8)
+    rows[:, 0] = 2  # filter type "up" (PNG specification 9.2)
+    flat = image.reshape(height, 3 * width)
+    rows[0, 1:] = flat[0]
+    rows[1:, 1:] = flat[1:] - flat[:-1]
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(rows.tobytes(), 6)), (b"IEND", b""))
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
+        for name, body in chunks
+    )
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Draw one world into one file; returns the exit code."""
+    parser = argparse.ArgumentParser(
+        prog="python -m usarsim_server.worlds.scene", description="Draw a world into a PNG file."
+    )
+    parser.add_argument("world", help="name of a shipped world, or a world folder")
+    parser.add_argument("picture", type=Path, help="PNG file to write")
+    parser.add_argument("--width", type=int, default=960, help="pixels (default 960)")
+    parser.add_argument("--height", type=int, default=600, help="pixels (default 600)")
+    chosen = parser.parse_args(arguments)
+    try:
+        world = load_world(find_world(chosen.world))
+        atomic.write_bytes(chosen.picture, png(draw_world(world, chosen.width, chosen.height)))
+    except (UsarsimError, OSError) as error:
+        print(error, file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -15,7 +15,7 @@ from usarsim_server.simulation.frames import (
 )
 from usarsim_server.simulation.snapshot import RobotBody
 from usarsim_server.testing import Closing, Rehearsal, Vehicle
-from usarsim_server.testing.single_robot import ContactProbe
+from usarsim_server.testing.test_drive import ContactProbe
 
 SETTLE = 1.0
 """s that a robot is given to come to rest before a test."""

@@ -25,7 +25,7 @@ from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
 from usarsim_server.simulation.model import PhysicsOptions
 from usarsim_server.simulation.snapshot import RobotBody
 from usarsim_server.testing import robot_model
-from usarsim_server.testing.single_robot import tilt
+from usarsim_server.testing.test_drive import tilt
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.scene import build_scene
 

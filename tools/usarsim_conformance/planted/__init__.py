@@ -12,7 +12,7 @@ is. A fault is written in a file `faults_*.py` of this folder, and nowhere else:
 
     plant(
         "sensors.gps.north-halved",
-        "usarsim_server/sensors/gps.py",
+        "usarsim_server/sensors/pose.py",
         "METRES_PER_DEGREE_NORTH = 111_200.0",
         "METRES_PER_DEGREE_NORTH = 222_400.0",
         notices="control.values.gps-moves",

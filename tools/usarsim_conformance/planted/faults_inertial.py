@@ -218,7 +218,7 @@ plant(
 )
 
 
-_GPS = "usarsim_server/sensors/gps.py"
+_GPS = "usarsim_server/sensors/pose.py"
 _SCALE = "control.values.gps-scale"
 
 plant(

@@ -23,7 +23,7 @@ from usarsim_conformance.registry import Failed, Result, Verdict, all_checks
 from usarsim_conformance.runner import judge_all
 from usarsim_conformance.survey import Target
 
-_DATA = "usarsim_server/data.py"
+_DATA = "usarsim_server/files.py"
 """Finds robots and worlds from where it lies, so it is copied and not linked."""
 
 

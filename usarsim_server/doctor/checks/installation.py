@@ -17,10 +17,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from usarsim_server import __version__
-from usarsim_server.data import data_directory
 from usarsim_server.doctor.isolation import Outcome, apt, attempt, pip, root
 from usarsim_server.doctor.registry import Context, Finding, Mark, check, problem_and_advice
 from usarsim_server.errors import UsarsimError
+from usarsim_server.files import data_directory
 from usarsim_server.settings import Settings
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
-from usarsim_server.data import data_directory
+from usarsim_server.files import data_directory
 from usarsim_server.logs import Log
 from usarsim_server.protocol.values import Vector
 from usarsim_server.robots.description import (

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 from usarsim_server.errors import SpawnError
-from usarsim_server.protocol.names import name_key
+from usarsim_server.protocol.values import name_key
 from usarsim_server.simulation.frames import Pose, Vector, rpy_from_quaternion
 from usarsim_server.simulation.movers import Way
 from usarsim_server.simulation.simulation import BodyHandle, Simulation

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 from usarsim_server.errors import SpawnError
 from usarsim_server.logs import Log
-from usarsim_server.protocol.names import clean_name, free_name, name_key
+from usarsim_server.protocol.values import clean_name, free_name, name_key
 from usarsim_server.simulation.frames import Pose, Vector, flip_point
 from usarsim_server.simulation.model import RobotModel
 from usarsim_server.simulation.movers import Way
@@ -26,8 +26,14 @@ from usarsim_server.worlds.objects.bodies import (
     object_model,
     object_size,
 )
-from usarsim_server.worlds.objects.paths import Fall, Spin
-from usarsim_server.worlds.objects.world_object import Creation, Physics, WorldObject, drop_below
+from usarsim_server.worlds.objects.world_object import (
+    Creation,
+    Fall,
+    Physics,
+    Spin,
+    WorldObject,
+    drop_below,
+)
 
 SMALLEST, LARGEST = 0.001, 50.0
 """m: extents that an object may have."""
