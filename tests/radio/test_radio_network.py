@@ -12,9 +12,14 @@ from hypothesis import strategies as st
 from radio_fakes import Field, model, rows
 
 from usarsim_server.errors import SettingsError
-from usarsim_server.radio.configuration import read_radio, read_radio_file
+from usarsim_server.radio.configuration import (
+    Fading,
+    LinkClock,
+    LinkShape,
+    read_radio,
+    read_radio_file,
+)
 from usarsim_server.radio.event_log import Event, EventLog
-from usarsim_server.radio.fading import Fading, LinkClock, LinkShape
 from usarsim_server.radio.network import Departure, Network
 
 SIX = (1, 2, 3, 4, 5, 6)

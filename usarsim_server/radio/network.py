@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from usarsim_server.protocol.values import Vector
+from usarsim_server.radio.configuration import Fading
 from usarsim_server.radio.event_log import Event, EventLog
-from usarsim_server.radio.fading import Fading
 from usarsim_server.radio.models import Propagation
 
 

@@ -18,7 +18,7 @@ from functools import partial
 
 from usarsim_server.errors import UsarsimError
 from usarsim_server.logs import Log
-from usarsim_server.radio.fading import LinkClock, LinkShape
+from usarsim_server.radio.configuration import LinkClock, LinkShape
 from usarsim_server.radio.network import Network
 from usarsim_server.services.budget import BYTE_COST, Account, WorkBudget
 
