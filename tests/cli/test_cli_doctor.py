@@ -112,7 +112,7 @@ def test_bad_options_are_exit_code_2(
 ) -> None:
     """As with `serve`: one error line, and nothing is examined."""
     assert main(["doctor", "--port", "70000"]) == 2
-    assert capsys.readouterr().err.startswith("error: --port: 70000 does not fit")
+    assert capsys.readouterr().err.startswith("error: --port: 70000 is out of range")
     with pytest.raises(SystemExit) as caught:
         main(["doctor", "--fast"])
     assert caught.value.code == 2

@@ -76,8 +76,8 @@ def test_without_faults_the_same_checks_pass() -> None:
         if not checks[fault.check].exclusive and fault.dialect != "gazebo"
     }
     fine = (Verdict.PASS, Verdict.NOT_APPLICABLE)
-    # Every second one; `usarsim conformance --self` judges all.
-    tried = list(healthy.values())[::2]
+    # Every fourth one; `usarsim conformance --self` judges all.
+    tried = list(healthy.values())[::4]
     results = _judged(tried, *fine)
     assert len(results) == len(tried)
     wrong = {

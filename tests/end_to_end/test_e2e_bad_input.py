@@ -232,7 +232,7 @@ def test_a_name_too_long_is_refused_and_the_connection_lives(
 def test_a_class_that_is_spelled_by_the_client_has_to_be_a_name(stage: Rehearsal) -> None:
     """Classes that match a pattern keep the client's spelling: it is told to scoring tools."""
     find = stage.assembly.robots.describe
-    patterns = stage.assembly.robots._robot_catalog._patterns
+    patterns = stage.assembly.robots._catalog._patterns
     assert patterns, "some class answers to a pattern"
     for pattern, _ in patterns:
         assert find(pattern.replace("*", "q7")) is not None

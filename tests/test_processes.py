@@ -14,7 +14,7 @@ from usarsim_server import processes as interrupts
 
 PROGRAM = """
 import sys, threading, time
-from usarsim_server import interrupts
+from usarsim_server import processes as interrupts
 
 def raised_inside():
     try:
