@@ -136,7 +136,7 @@ def examined(
         str(ROOT / "tools"),
         os.environ.get("PYTHONPATH", ""),
     ]
-    module = ["usarsim_server.cli.doctor"] if alone else ["usarsim_server", "doctor"]
+    module = ["usarsim_server.cli.doctor"] if alone else ["usarsim_server.cli", "doctor"]
     command = [sys.executable, "-m", *module, *arguments, "--quick", "--json", "-"]
     done = subprocess.run(
         [*command, "--world", "empty", "--renderer", "rays"],

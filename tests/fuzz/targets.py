@@ -39,8 +39,7 @@ from usarsim_server.protocol import comserver, images, truth, wireless  # noqa: 
 from usarsim_server.protocol import truth as ground_truth  # noqa: E402
 from usarsim_server.protocol.commands import interpret  # noqa: E402
 from usarsim_server.protocol.dialects import DialectSelector  # noqa: E402
-from usarsim_server.protocol.framing import LineFramer  # noqa: E402
-from usarsim_server.protocol.grammar import parse_line  # noqa: E402
+from usarsim_server.protocol.grammar import LineFramer, parse_line  # noqa: E402
 from usarsim_server.protocol.numbers import (  # noqa: E402
     fixed,
     read_bool,

@@ -21,8 +21,7 @@ from hypothesis import strategies as st
 from usarsim_server.protocol import messages as m
 from usarsim_server.protocol.commands import interpret
 from usarsim_server.protocol.dialects import DialectMode, DialectSelector
-from usarsim_server.protocol.framing import LineFramer
-from usarsim_server.protocol.grammar import KNOWN_WORDS, Command, parse_line
+from usarsim_server.protocol.grammar import KNOWN_WORDS, Command, LineFramer, parse_line
 from usarsim_server.protocol.numbers import fixed, vector
 from usarsim_server.protocol.requests import Drive, GetConf, Init, MultiDrive, Request
 from usarsim_server.protocol.values import Dialect, Item

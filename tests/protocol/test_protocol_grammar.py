@@ -11,12 +11,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from usarsim_server.protocol.framing import MAX_LINE, LineFramer
 from usarsim_server.protocol.grammar import (
     KNOWN_WORDS,
+    MAX_LINE,
     MOST_SEGMENTS,
     WEIGHT_BYTES,
     Command,
+    LineFramer,
     parse_line,
 )
 

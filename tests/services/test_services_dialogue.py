@@ -14,7 +14,7 @@ import pytest
 from services_harness import Client, eventually
 
 from usarsim_server.errors import ServiceError, UsarsimError
-from usarsim_server.protocol.framing import LineFramer
+from usarsim_server.protocol.grammar import LineFramer
 from usarsim_server.services.dialogue import (
     Desk,
     DialogueLimits,

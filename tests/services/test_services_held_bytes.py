@@ -18,8 +18,7 @@ from wireless_harness import Line
 from wireless_harness import Running as Radio
 
 from usarsim_server.protocol import wireless
-from usarsim_server.protocol.framing import MAX_LINE
-from usarsim_server.protocol.grammar import MOST_SEGMENTS
+from usarsim_server.protocol.grammar import MAX_LINE, MOST_SEGMENTS
 from usarsim_server.services.comserver import ComServerLimits
 from usarsim_server.services.control import ControlLimits
 from usarsim_server.services.dialogue import MAX_REQUEST, DialogueLimits

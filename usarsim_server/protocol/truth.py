@@ -16,8 +16,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from usarsim_server.protocol.framing import LineFramer
-from usarsim_server.protocol.grammar import Command, parse_line
+from usarsim_server.protocol.grammar import Command, LineFramer, parse_line
 from usarsim_server.protocol.numbers import boolean, read_vector, single
 from usarsim_server.protocol.values import Vector
 

@@ -22,11 +22,12 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from usarsim_server.logs import Log
-from usarsim_server.protocol.framing import MAX_LINE, LineFramer
 from usarsim_server.protocol.grammar import (
     KNOWN_WORDS,
+    MAX_LINE,
     MOST_SEGMENTS,
     WEIGHT_BYTES,
+    LineFramer,
     parse_line,
 )
 from usarsim_server.services.budget import WorkBudget, whole_share

@@ -19,7 +19,7 @@ from typing import Any, Protocol
 
 from usarsim_server.errors import UsarsimError
 from usarsim_server.logs import Log
-from usarsim_server.protocol.framing import LineFramer
+from usarsim_server.protocol.grammar import LineFramer
 from usarsim_server.protocol.truth import MAX_LISTING, QueryFramer
 from usarsim_server.services.budget import (
     BYTE_COST,

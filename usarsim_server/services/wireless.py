@@ -18,7 +18,7 @@ from functools import partial
 from usarsim_server.errors import UsarsimError
 from usarsim_server.logs import Log
 from usarsim_server.protocol import wireless
-from usarsim_server.protocol.framing import LineFramer
+from usarsim_server.protocol.grammar import LineFramer
 from usarsim_server.protocol.values import name_key
 from usarsim_server.protocol.wireless import Reason, Request
 from usarsim_server.radio.event_log import Event

@@ -25,8 +25,7 @@ from typing import Self
 
 from usarsim_server.app import Assembly, assemble
 from usarsim_server.options import OPTIONS
-from usarsim_server.protocol.framing import LineFramer
-from usarsim_server.protocol.grammar import parse_line
+from usarsim_server.protocol.grammar import LineFramer, parse_line
 from usarsim_server.services.listener import Endpoint
 from usarsim_server.services.port import run_services
 from usarsim_server.sessions.outbox import Outbox
