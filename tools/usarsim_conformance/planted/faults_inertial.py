@@ -306,12 +306,22 @@ plant(
     notices="control.values.scan-interval",
     field="ScanInterval of Odometry",
 )
-for _type, _file in (("ins", "inertial"), ("gps", "gps"), ("ground-truth", "pose")):
+_HEAD = """
+
+    def configuration(self, dialect: Dialect) -> tuple[Segment, ...]:
+        \"""ScanInterval.\"""
+        return (("""
+"""From the end of `data` of a sensor to what its CONF tells."""
+for _type, _file, _before in (
+    ("ins", "inertial", ""),
+    ("gps", "pose", f"            satellites,\n        ){_HEAD}"),
+    ("ground-truth", "pose", f"vector(orientation, digits))){_HEAD}"),
+):
     plant(
         f"sensors.scan-interval.{_type}-doubled",
         f"usarsim_server/sensors/{_file}.py",
-        '"ScanInterval", fixed(self.interval(dialect), 4)',
-        '"ScanInterval", fixed(2.0 * self.interval(dialect), 4)',
+        f'{_before}"ScanInterval", fixed(self.interval(dialect), 4)',
+        f'{_before}"ScanInterval", fixed(2.0 * self.interval(dialect), 4)',
         notices="control.values.scan-interval",
         field="ScanInterval of",
     )
