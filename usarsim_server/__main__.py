@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import sys
 
-from usarsim_server import processes as interrupts
+from usarsim_server import processes
 
-_UNTIL_INTERRUPTED = (["serve"], ["record"])
+_UNTIL_INTERRUPTED = (["serve"], ["record"], ["console"], ["demo"])
 """Commands that run until a signal comes, which is no failure then."""
 
 
@@ -17,17 +17,17 @@ def main() -> int:
         The exit code: that of the command; 130 or 143 if SIGINT or SIGTERM ended one that would
         have ended by itself.
     """
-    interrupts.arm(ordinary=sys.argv[1:2] in _UNTIL_INTERRUPTED)
+    processes.arm(ordinary=sys.argv[1:2] in _UNTIL_INTERRUPTED)
     code = 1
     try:
         from usarsim_server import cli
 
-        interrupts.begin()
+        processes.begin()
         code = cli.main()
     except BaseException:
-        if not interrupts.interrupted():
+        if not processes.interrupted():
             raise
-    return interrupts.finish(code)
+    return processes.finish(code)
 
 
 if __name__ == "__main__":

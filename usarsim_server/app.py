@@ -10,14 +10,12 @@ import math
 import sys
 import weakref
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from functools import partial
+from dataclasses import dataclass, replace
 from importlib.metadata import entry_points
 from pathlib import Path
 
 from usarsim_server.cameras.backend import Quality
 from usarsim_server.cameras.board import CameraBoard
-from usarsim_server.cameras.encoding import Encoder
 from usarsim_server.cameras.painter import PainterOptions
 from usarsim_server.cameras.posed_model import Stage
 from usarsim_server.cameras.render_loop import RenderLoop, RenderOptions
@@ -26,42 +24,23 @@ from usarsim_server.cameras.view import Grid
 from usarsim_server.errors import UsarsimError, WorldError, at
 from usarsim_server.files import data_directory, is_regular
 from usarsim_server.logs import Log
-from usarsim_server.protocol import messages
+from usarsim_server.ports import services_of
 from usarsim_server.protocol.values import name_key
-from usarsim_server.radio.configuration import RadioOptions, read_radio, read_radio_file
-from usarsim_server.radio.event_log import EventLog
-from usarsim_server.radio.network import Network, RadioWorld
-from usarsim_server.radio.obstacles import SceneryObstacles
 from usarsim_server.robots.catalog import load_catalog
-from usarsim_server.services.budget import Owners, Pace, WorkBudget, whole_share
-from usarsim_server.services.comserver import ComServerLimits, ComServerService
-from usarsim_server.services.control import ControlLimits, ControlService
-from usarsim_server.services.dialogue import (
-    TRUTH_LIMITS,
-    Desk,
-    DialogueLimits,
-    Instant,
-    ground_truth_service,
-    responder,
-    truth_service,
-)
-from usarsim_server.services.images import ImageService
 from usarsim_server.services.limits import SpawnGate, address_of
 from usarsim_server.services.port import Service, run_services
-from usarsim_server.services.relay import LinkOptions
-from usarsim_server.services.wireless import WirelessLimits, WirelessService
 from usarsim_server.sessions.dispatcher import Dispatcher
-from usarsim_server.sessions.outbox import Outbox, OutboxLimits
+from usarsim_server.sessions.outbox import Outbox
 from usarsim_server.sessions.robot_role import RobotRoleOptions
 from usarsim_server.sessions.robots import Robots
 from usarsim_server.sessions.roles import RoleOptions, Roles
 from usarsim_server.sessions.schedule import REPORT_GRID, UNPACED_GRID
 from usarsim_server.sessions.session import Session
+from usarsim_server.sessions.supervision import Supervision
 from usarsim_server.settings import Settings
 from usarsim_server.simulation.growth import share_heaps
 from usarsim_server.simulation.model import PhysicsOptions
 from usarsim_server.simulation.simulation import Simulation, SimulationOptions
-from usarsim_server.truth.ground_truth import Actors, GroundTruth
 from usarsim_server.worlds.avatars import bodies as avatar_classes
 from usarsim_server.worlds.avatars.avatars import Avatars
 from usarsim_server.worlds.avatars.bodies import load_avatars
@@ -74,9 +53,6 @@ from usarsim_server.worlds.objects.objects import WorldObjects
 from usarsim_server.worlds.scene import build_scene
 from usarsim_server.worlds.surroundings import Surroundings
 
-GAME_TYPE = "BotDeathMatch"
-"""What both generations of the original said in their greeting (protocol reference 1.2)."""
-
 SWITCH_INTERVAL = 0.0002
 """s after which a Python thread has to let others run; the default of 5 ms starves the physics."""
 
@@ -88,9 +64,6 @@ _LEAST_BURST = 64
 """Robots that may come at the same moment, even if fewer fit into the world: most of those who try
 again and again do so because it is full."""
 
-INSTANT = 0.02
-"""Simulated s for which an answer about places holds: a robot at 2 m/s is 4 cm further by then."""
-
 STOP_TIMEOUT = 1.0
 """s that the sessions' threads get to end; the process has three in all."""
 
@@ -99,31 +72,19 @@ _log = Log("server")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Assembly:
-    """A server put together but not yet running.
+    """A server put together but not yet running."""
 
-    Attributes:
-        settings: what it was made from.
-        world: the world it runs.
-        simulation: the physics; its thread is started by `run`, or not at all in tests.
-        fleet: the robots.
-        surroundings: people, tags and sounds of the world.
-        roles: makes what INIT asks for.
-        studio: renders what somebody looks at; `run` opens it.
-        dispatcher: serves the sessions.
-        services: what listens.
-        sessions: those of all connections so far that still exist.
-    """
-
-    settings: Settings
+    settings: Settings  # what it was made from
     world: WorldDescription
-    simulation: Simulation
+    simulation: Simulation  # the physics; its thread is started by `run`, or not at all in tests
     robots: Robots
-    surroundings: Surroundings
-    roles: Roles
-    render_loop: RenderLoop
-    dispatcher: Dispatcher
-    services: tuple[Service, ...] = ()
-    sessions: weakref.WeakSet[Session] = field(default_factory=weakref.WeakSet)
+    surroundings: Surroundings  # people, tags and sounds of the world
+    roles: Roles  # makes what INIT asks for
+    render_loop: RenderLoop  # renders what somebody looks at; `run` opens it
+    dispatcher: Dispatcher  # serves the sessions
+    supervision: Supervision  # who looks on what clients say, and who drives in whose place
+    sessions: weakref.WeakSet[Session]  # those of all connections so far that still exist
+    services: tuple[Service, ...] = ()  # what listens
 
     @property
     def board(self) -> CameraBoard:
@@ -141,6 +102,7 @@ class Assembly:
         """The session of a new control connection."""
         session = Session(peer, outbox, on_backlog_low, self.roles, self.dispatcher.call)
         self.sessions.add(session)
+        self.supervision.enter(session)
         return session
 
     def stop(self) -> None:
@@ -164,8 +126,9 @@ def assemble(settings: Settings) -> Assembly:
     """
     world = load_world(_world_folder(settings.world, settings.allow_outside))
     robot_catalog = load_catalog(settings.robots, allow_outside=settings.allow_outside)
+    scene = build_scene(world, allow_outside=settings.allow_outside)
     simulation = Simulation(
-        lambda: build_scene(world, allow_outside=settings.allow_outside),
+        scene.copy,  # of which each growing model is made anew
         SimulationOptions(
             physics=PhysicsOptions(timestep=settings.timestep, surfaces=world.surfaces),
             speed=settings.speed,
@@ -182,7 +145,6 @@ def assemble(settings: Settings) -> Assembly:
     board = CameraBoard(Grid(*settings.tiles, *settings.tile_size))
     tells = settings.truth == "on"
     robots = Robots(robot_catalog, world, simulation, settings.seed, surroundings, board, tells)
-    services: list[Service] = []
     shipped = data_directory("worlds")
     catalog = load_objects([folder / object_classes.SHEET for folder in (shipped, world.folder)])
     objects = WorldObjects(catalog, simulation, world.lower, world.upper)
@@ -199,41 +161,14 @@ def assemble(settings: Settings) -> Assembly:
     simulation.wake_batched(dispatcher.batched)
     options = _role_options(settings)
     roles = Roles(world, simulation, robots, objects, avatars, gate.admit, gate.forget, options)
+    sessions = weakref.WeakSet[Session]()
+    supervision = Supervision(lambda: tuple(sessions), lambda: simulation.now)
     assembly = Assembly(
-        settings, world, simulation, robots, surroundings, roles, render_loop, dispatcher
+        *(settings, world, simulation, robots, surroundings, roles, render_loop, dispatcher),
+        supervision,
+        sessions,
     )
-    if settings.port is not None:
-        services.append(_control_service(settings, settings.port, assembly))
-    if settings.image_port is not None:
-        services.append(_image_service(settings, settings.image_port, assembly))
-    obstacles = SceneryObstacles(simulation)
-    ground_truth = responder(GroundTruth(robots.stations, obstacles).answers)
-    actors = Actors(simulation, robots.classes, surroundings.victims, avatars, objects)
-    pace = _pace(settings, simulation)
-    instant = Instant(INSTANT / settings.speed, lambda: robots.vehicles)
-    positions = partial(ground_truth_service, respond=ground_truth)
-    poses = partial(truth_service, answer=actors.answer)
-    ports = (("groundtruth_port", positions, DialogueLimits()), ("truth_port", poses, TRUTH_LIMITS))
-    for key, service, limits in ports:
-        port = getattr(settings, key)
-        if tells and port is not None:
-            services.append(
-                service(
-                    settings.host,
-                    port,
-                    required=settings.demands(key),
-                    limits=replace(limits, idle=settings.idle_timeout),
-                    instant=instant,
-                    pace=pace,
-                )
-            )
-        elif port is not None and settings.demands(key):
-            _log.warning("a port is not opened: ground truth is switched off", setting=key)
-    radio_limits = WirelessLimits(idle=settings.idle_timeout)
-    desk = Desk("wireless", ground_truth, radio_limits, instant, pace=pace) if tells else None
-    radio = RadioWorld(robots.stations, obstacles, lambda: simulation.snapshot.time, settings.speed)
-    services += _wireless_services(settings, radio, radio_limits, desk, assembly.owners, pace)
-    return replace(assembly, services=tuple(services))
+    return replace(assembly, services=services_of(assembly))
 
 
 def _world_folder(named: str, allow_outside: bool) -> Path:
@@ -286,52 +221,6 @@ async def _serve(assembly: Assembly) -> None:
     await run_services(assembly.services, stop=stop)
 
 
-def _control_service(settings: Settings, port: int, assembly: Assembly) -> ControlService:
-    world = assembly.world
-    greeting = messages.encode(messages.greeting(GAME_TYPE, world.level, world.time_limit))
-    most = settings.connections
-    limits = ControlLimits(
-        max_connections=most,
-        per_address=settings.max_per_address,
-        arrival_rate=settings.connection_rate,
-        # Everybody may come at once, and once more to ask for start poses.
-        arrival_burst=2 * most,
-        max_line=settings.line_bytes,
-        rate=settings.input_rate,
-        idle=settings.idle_timeout,
-        outbox=OutboxLimits(stream_bytes=settings.outbox_bytes, reply_bytes=settings.reply_bytes),
-    )
-    return ControlService(
-        settings.host,
-        port,
-        greeting,
-        assembly.make_session,
-        limits,
-        _pace(settings, assembly.simulation),
-    )
-
-
-def _image_service(settings: Settings, port: int, assembly: Assembly) -> ImageService:
-    return ImageService(
-        settings.host,
-        port,
-        assembly.render_loop,
-        Encoder(settings.image_type),
-        legacy=settings.image_legacy,
-        silent_push=settings.image_silent_push,
-        bound=assembly.board.bound,
-        required=settings.demands("image_port"),
-        pace=_pace(settings, assembly.simulation),
-    )
-
-
-def _pace(settings: Settings, simulation: Simulation) -> Callable[[], float]:
-    """Which part of their shares ports may use: a world that goes at no pace falls behind none."""
-    if math.isinf(settings.speed):
-        return whole_share
-    return Pace(lambda: simulation.now, settings.speed)
-
-
 def _render_options(settings: Settings, world: WorldDescription) -> RenderOptions:
     return RenderOptions(
         rate=settings.camera_rate,
@@ -358,74 +247,6 @@ def _add_spectators(
     for text in settings.spectator:
         view = find_viewpoint(text, known)
         board.add(view.name, "", None, None, view.pose, view.fov)
-
-
-def _wireless_services(
-    settings: Settings,
-    world: RadioWorld,
-    limits: WirelessLimits,
-    ground_truth: Desk | None,
-    owners: Owners,
-    pace: Callable[[], float],
-) -> list[Service]:
-    """The two wireless simulations, as far as they are wanted; each has a network of its own."""
-    if settings.wireless_port is None and settings.comserver_port is None:
-        return []
-    options = _radio_options(settings)
-    log = EventLog(settings.wireless_log, world.clock)
-
-    def network() -> Network:
-        return Network(
-            world,
-            options.model,
-            options.fading,
-            cache_distance=options.cache_distance,
-            patience=options.patience,
-            log=log,
-        )
-
-    services: list[Service] = []
-    if settings.wireless_port is not None:
-        services.append(
-            WirelessService(
-                settings.host,
-                settings.wireless_port,
-                network(),
-                ground_truth,
-                link_options=LinkOptions(
-                    options.shape,
-                    settings.speed,
-                    settings.seed,
-                    WorkBudget(options.share, pace=pace),
-                ),
-                limits=replace(limits, poll=options.poll),
-                required=settings.demands("wireless_port"),
-                owners=owners,
-                strict=settings.strict_radio,
-            )
-        )
-    if settings.comserver_port is not None:
-        services.append(
-            ComServerService(
-                settings.host,
-                settings.comserver_port,
-                network(),
-                limits=ComServerLimits(poll=options.poll, idle=settings.idle_timeout),
-                pace=pace,
-                required=settings.demands("comserver_port"),
-                owners=owners,
-            )
-        )
-    return services
-
-
-def _radio_options(settings: Settings) -> RadioOptions:
-    given = settings.wireless
-    if isinstance(given, Path):
-        table, place = read_radio_file(given), str(given)
-    else:
-        table, place = dict(given or {}), f"{settings.config or 'settings'}: [wireless]"
-    return read_radio(table, place, settings.wireless_model, settings.seed)
 
 
 def _role_options(settings: Settings) -> RoleOptions:

@@ -51,6 +51,21 @@ def at(path: Path | str, problem: str, cure: str, *, where: str | None = None) -
     return f"{place}: {problem} ({cure})"
 
 
+def problem_and_advice(message: str) -> tuple[str, str | None]:
+    """Split an error meant for users into what is wrong and what is in the brackets at its end.
+
+    The opposite of `at`; a message without brackets at its end has no advice.
+    """
+    text = " ".join(message.split())
+    depth = 0
+    for place in reversed(range(len(text) if text.endswith(")") else 0)):
+        depth += {")": 1, "(": -1}.get(text[place], 0)
+        if depth == 0:
+            advice = text[place + 1 : -1].removeprefix("cure: ")
+            return text[:place].rstrip(), advice or None
+    return text, None
+
+
 def _shown(path: Path | str) -> str:
     """A path on one line."""
     text = "".join(char if char.isprintable() else "?" for char in str(path))

@@ -67,21 +67,7 @@ def field(
     *,
     default: Any = _REQUIRED,
     factory: Callable[[], Any] | None = None,
-    absent: Any = _REQUIRED,
-    help: str = "",
-    unit: str = "",
-    low: float = -math.inf,
-    high: float = math.inf,
-    above: float = -math.inf,
-    counts: Sequence[int] = (),
-    choices: Sequence[str] = (),
-    any_case: bool = False,
-    words: Mapping[str, object] | None = None,
-    key: str = "",
-    parse: Parse | None = None,
-    expects: str = "",
-    convert: Callable[[Any], Any] | None = None,
-    **more: Any,
+    **about: Any,
 ) -> Any:
     """Declare a field of a dataclass that stands in a file; how, its annotation says.
 
@@ -92,38 +78,13 @@ def field(
     Args:
         default: where the key is absent; it must be there if there is neither this nor `factory`.
         factory: makes the default.
-        absent: where the key is absent, of a field that has no default.
-        help: one line: what it means.
-        unit: of a number.
-        low, high, above: limits of a number, or of each number of a list: low <= n <= high,
-            above < n.
-        counts: how many numbers a list may have.
-        choices: the words that a `str` may be.
-        any_case: upper and lower case of such words count the same.
-        words: words that may stand for a value beside ordinary ones, such as `{"off": None}`.
-        key: in files, if not the name of the field.
-        parse: reads what the annotation does not say.
-        expects: what to write, where the annotation does not say it.
-        convert: applied to what was read; defaults are converted already.
-        more: further facts for whoever asks `keys`: `shown` is the default as pages show it, `rows`
-            are further rows of a page's table, for keys that `parse` reads beside this one.
+        about: see `_About`; and further facts for whoever asks `keys`: `shown` is the default as
+            pages show it, `rows` are further rows of a page's table, for keys that `parse` reads
+            beside this one.
     """
-    also = "".join(f', or "{word}"' for word in words or {})
-    about = _About(
-        absent=absent,
-        help=help,
-        limits=Limits(low, high, above, unit, also),
-        counts=tuple(counts),
-        choices=tuple(choices),
-        any_case=any_case,
-        words=words or {},
-        key=key,
-        parse=parse,
-        expects=expects,
-        convert=convert,
-        more=more,
-    )
-    metadata = {_About: about}
+    known = {one.name for one in dataclasses.fields(_About)}
+    more = {name: about.pop(name) for name in tuple(about) if name not in known}
+    metadata = {_About: _About(**about, more=more)}
     if factory is not None:
         return dataclasses.field(default_factory=factory, metadata=metadata)
     if default is _REQUIRED:
@@ -133,20 +94,31 @@ def field(
 
 @dataclass(frozen=True, slots=True)
 class _About:
-    """The arguments of `field`."""
+    """What `field` may be told of a field."""
 
-    absent: Any
-    help: str
-    limits: Limits
-    counts: tuple[int, ...]
-    choices: tuple[str, ...]
-    any_case: bool
-    words: Mapping[str, object]
-    key: str
-    parse: Parse | None
-    expects: str
-    convert: Callable[[Any], Any] | None
-    more: Mapping[str, Any]
+    absent: Any = _REQUIRED  # where the key is absent, of a field that has no default
+    help: str = ""  # one line: what it means
+    unit: str = ""  # of a number
+    low: float = -math.inf  # <= a number, or each number of a list
+    high: float = math.inf  # >= a number
+    above: float = -math.inf  # < a number
+    counts: Sequence[int] = ()  # how many numbers a list may have
+    choices: Sequence[str] = ()  # the words that a `str` may be
+    any_case: bool = False  # upper and lower case of such words count the same
+    words: Mapping[str, object] = dataclasses.field(default_factory=dict)
+    """Words that may stand for a value beside ordinary ones, such as `{"off": None}`."""
+    key: str = ""  # in files, if not the name of the field
+    parse: Parse | None = None  # reads what the annotation does not say
+    expects: str = ""  # what to write, where the annotation does not say it
+    convert: Callable[[Any], Any] | None = None
+    """Applied to what was read; defaults are converted already."""
+    more: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+    @property
+    def limits(self) -> Limits:
+        """Of a number, in figures and in words."""
+        also = "".join(f', or "{word}"' for word in self.words)
+        return Limits(self.low, self.high, self.above, self.unit, also)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -264,7 +236,7 @@ def _getter(hint: Any, about: _About) -> tuple[str, Callable[[Any, str, Any], An
     if dataclasses.is_dataclass(hint):
         return "a table", lambda table, key, default: table.one(key, hint, default)
     enum = hint if isinstance(hint, type) and issubclass(hint, Enum) else None
-    options = about.choices or (tuple(one.value for one in enum) if enum else ())
+    options = tuple(about.choices) or (tuple(one.value for one in enum) if enum else ())
     options = parts if origin is Literal else options
     if options:
 

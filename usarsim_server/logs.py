@@ -13,11 +13,12 @@ Clients decide how often some lines are due, so lines of one kind are limited: `
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from typing import TextIO
 
 ROOT = "usarsim"
@@ -36,9 +37,33 @@ BURST = 100
 RATE = 2.0
 """Lines of one kind per second of wall time that are written in the long run."""
 
+
+class _Ears(threading.local):
+    """Who listens to what this thread says."""
+
+    heard: list[str] | None = None
+
+
+_ears = _Ears()
+
+
+@contextlib.contextmanager
+def overheard() -> Iterator[list[str]]:
+    """All that this thread says inside, whatever the level: message and facts, in plain words.
+
+    So a client can be told why its command did nothing, in the words of those who know.
+    """
+    before, _ears.heard = _ears.heard, []
+    try:
+        yield _ears.heard
+    finally:
+        _ears.heard = before
+
+
 _FACTS = "usarsim_facts"
 _LEFT_OUT = "usarsim_left_out"
 _MAX_KINDS = 1000
+_MOST_HEARD = 16
 # Characters of one value, and of a message: clients choose what they say, not our line length.
 _MAX_VALUE = 200
 _MAX_MESSAGE = 1000
@@ -88,6 +113,8 @@ class Log:
         facts: dict[str, object],
         error: BaseException | None = None,
     ) -> None:
+        if _ears.heard is not None and len(_ears.heard) < _MOST_HEARD:
+            _ears.heard.append(_told(message, facts))
         if not self._logger.isEnabledFor(level):
             return
         extra = {_FACTS: {**self._facts, **facts}}
@@ -172,6 +199,13 @@ def configure(level: str, stream: TextIO | None = None) -> None:
     # Libraries only ever speak of trouble here; the chosen level is for our own areas.
     root.setLevel(logging.WARNING)
     logging.getLogger(ROOT).setLevel(LEVELS[level])
+
+
+def _told(message: str, facts: Mapping[str, object]) -> str:
+    """A message with its own facts, without those that stand on every line."""
+    pairs = [f"{key} {_value(value)}" for key, value in facts.items() if value is not None]
+    text = _printable(message[:_MAX_MESSAGE])
+    return f"{text} ({', '.join(pairs)})" if pairs else text
 
 
 def _value(value: object) -> str:

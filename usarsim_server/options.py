@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -124,10 +124,17 @@ def load_settings(
             places[option.key] = option.flag
     fitting: dict[str, Any] = values
     settings = Settings(config=config, written=frozenset(values), **fitting)
-    if settings.lockstep:
-        settings = _without_pace(settings, places)
+    if settings.lockstep and values.get("speed", math.inf) != math.inf:
+        cure = "leave one of them out"
+        raise SettingsError(at(places["speed"], "lockstep goes at no pace of its own", cure))
     _check_ports(settings, places)
     _check_picture(settings, places)
+    if settings.truth == "off" and settings.scene_port is not None:
+        cure = "leave one of them out"
+        raise SettingsError(at(places["scene_port"], "it tells where robots really are", cure))
+    if settings.supervise == "on" and settings.scene_port is None:
+        cure = "open it with --scene-port"
+        raise SettingsError(at(places["supervise"], "there is no scene port to do it on", cure))
     return settings
 
 
@@ -143,14 +150,6 @@ def _check_ports(settings: Settings, places: Mapping[str, str]) -> None:
             problem = f"port {port} is asked for by {places[taken[port]]} too"
             raise SettingsError(at(places[key], problem, cure))
         taken[port] = key
-
-
-def _without_pace(settings: Settings, places: Mapping[str, str]) -> Settings:
-    """The settings of lockstep, which goes as fast as the controllers allow."""
-    if "speed" in places and not math.isinf(settings.speed):
-        cure = "leave one of them out"
-        raise SettingsError(at(places["speed"], "lockstep goes at no pace of its own", cure))
-    return replace(settings, speed=math.inf)
 
 
 def _check_picture(settings: Settings, places: Mapping[str, str]) -> None:

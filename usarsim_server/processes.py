@@ -11,7 +11,8 @@ From `arm` on, which is the first thing that the program does, a signal
   processes are tidied away; nothing more is written to standard error then;
 * or, within `calling`, calls a function instead: a server closes its ports and stops its threads.
 
-Whatever the program does then, it is over `GRACE` seconds after the first signal. A thread waits
+Whatever the program does then, it is over `GRACE` seconds after the first signal, unless it asked
+for more. A thread waits
 for that; the system's signal handler wakes it through a pipe, so that it does not need the main
 thread, which may be inside native code. Further signals change nothing.
 """
@@ -132,8 +133,10 @@ class _State:
         raised: `KeyboardInterrupt` was raised for it.
         tidy: there may be something to tidy up; before, the process ends at once.
         ordinary: a signal is the ordinary end of this command.
+        grace: s of wall time from the first signal to the end of the process.
     """
 
+    grace = GRACE
     first: int | None = None
     raised = False
     tidy = False
@@ -187,10 +190,14 @@ def finish(code: int) -> int:
 
 
 @contextmanager
-def calling(action: Callable[[], object]) -> Iterator[None]:
+def calling(action: Callable[[], object], grace: float = GRACE) -> Iterator[None]:
     """While inside, SIGINT and SIGTERM call a function, in the main thread, and raise nothing.
 
     Does nothing in other threads, which get no signals.
+
+    Args:
+        action: called at every signal.
+        grace: s of wall time that the process gets from the first signal on.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -201,10 +208,12 @@ def calling(action: Callable[[], object]) -> Iterator[None]:
             _state.first = number
         action()
 
+    usual, _state.grace = _state.grace, grace
     previous = [(number, signal.signal(number, handle)) for number in _NUMBERS]
     try:
         yield
     finally:
+        _state.grace = usual
         for number, handler in previous:
             signal.signal(number, handler)
 
@@ -236,7 +245,7 @@ def _watch(pipe: int) -> None:
     """Wait for the first signal, and for the end of its grace; then end the process."""
     while not set(_NUMBERS).intersection(found := os.read(pipe, 64)):
         pass
-    time.sleep(GRACE)
+    time.sleep(_state.grace)
     number = next(one for one in found if one in _NUMBERS)
     with suppress(OSError):
         os.write(2, b"WARNING server ended while some of it was still busy\n")

@@ -6,22 +6,18 @@ from the declarations; `options.py` reads them.
 
 from __future__ import annotations
 
-import json
 import math
-import os
-import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from dataclasses import field as plain_field
 from pathlib import Path
 from typing import Any, Literal
 
+from usarsim_server import readers
 from usarsim_server.fields import field
-from usarsim_server.files import is_folder
 from usarsim_server.logs import LEVELS
 from usarsim_server.protocol.dialects import DialectMode
 from usarsim_server.protocol.images import IMAGE_TYPES, NORMAL, ImageType
-from usarsim_server.tables import Table
 
 MOST_TILES = 64
 """Largest number of tiles of the original's grid (side channels reference 2.10)."""
@@ -31,80 +27,6 @@ _SIDE = (16, 2048)
 
 _VISITORS = 16
 """Control connections that are no robots: world controllers, clients that only ask."""
-
-
-def _host(table: Table, key: str) -> str:
-    return table.text(key).strip()
-
-
-def _world(table: Table, key: str) -> str:
-    # A bare word is a shipped world; anything with a slash is a place seen from the file.
-    world = table.text(key, lines=True)
-    return str(_path(table, key, world).absolute()) if "/" in world else world
-
-
-def _file(table: Table, key: str) -> Path:
-    return _path(table, key, table.text(key, lines=True))
-
-
-def _radio(table: Table, key: str) -> object:
-    """A table as it stands, or the path of a file that holds one."""
-    value = table.raw(key)
-    return value if isinstance(value, Mapping) else _file(table, key)
-
-
-def _texts(table: Table, key: str) -> tuple[str, ...]:
-    """One text or a list of them, as they stand."""
-    value = table.raw(key)
-    entries = [value] if isinstance(value, str) else value
-    if isinstance(entries, list) and all(isinstance(one, str) and one.strip() for one in entries):
-        return tuple(entries)
-    raise table.wrong(key, value, "a text, or a list of texts")
-
-
-def _folders(table: Table, key: str) -> tuple[Path, ...]:
-    found = tuple(_path(table, key, one) for one in _texts(table, key))
-    for path in found:
-        if not is_folder(path):
-            problem = f"there is no folder {json.dumps(str(path))}"
-            raise table.error(key, problem, "write an existing folder, or a list of them")
-    return found
-
-
-def _path(table: Table, key: str, text: str) -> Path:
-    """A path, seen from the folder of the file that names it."""
-    if "\0" in text:
-        raise table.error(key, "no file can have a NUL in its name", "write a path")
-    folder = table.path.parent if isinstance(table.path, Path) else Path()
-    # Not `Path.expanduser`, which raises where there is no such user.
-    return folder / os.path.expanduser(text)
-
-
-def _image_type(table: Table, key: str) -> ImageType:
-    value = table.raw(key)
-    if isinstance(value, str):
-        return ImageType.named(value and table.choice(key, IMAGE_TYPES, any_case=True))
-    return ImageType(table.count(key, low=0, high=2**31 - 1))
-
-
-def _pair(wanted: str, fits: Callable[[int, int], bool]) -> Callable[[Table, str], tuple[int, int]]:
-    """The reader of two whole numbers with an x between them."""
-
-    def read(table: Table, key: str) -> tuple[int, int]:
-        value = table.raw(key)
-        pair = re.fullmatch(r"([0-9]{1,5}) ?[xX] ?([0-9]{1,5})", str(value))
-        if pair is None or not fits(int(pair[1]), int(pair[2])):
-            raise table.wrong(key, value, wanted)
-        return int(pair[1]), int(pair[2])
-
-    return read
-
-
-def _samples(table: Table, key: str) -> int:
-    value = table.raw(key)
-    if isinstance(value, bool) or not isinstance(value, int) or value not in (0, 2, 4):
-        raise table.wrong(key, value, "0, 2 or 4")
-    return value
 
 
 _TILES = f"columns and rows such as 4x4, {MOST_TILES} tiles at most"
@@ -131,7 +53,7 @@ class Settings:
 
     world: str = field(
         default="arena",
-        parse=_world,
+        parse=readers.world,
         expects="the name of a world (see `usarsim worlds`), the path of a world folder, or of a "
         "map",
         help="world to simulate: a name, a folder, or a map to import",
@@ -140,7 +62,7 @@ class Settings:
     )
     host: str = field(
         default="127.0.0.1",  # reaches this machine only
-        parse=_host,
+        parse=readers.host,
         expects="an address of this machine",
         help="address to listen on",
         metavar="ADDR",
@@ -156,6 +78,20 @@ class Settings:
     comserver_port: int | None = field(
         default=None, help="port of the older wireless simulation", **_PORT
     )
+    scene_port: int | None = field(default=None, help="port of the live true world", **_PORT)
+    scene_token: str | None = field(
+        default=None,
+        parse=readers.secret,
+        expects="a text, or the path of a file with one",
+        help="what clients of the scene port have to know; unset: nothing",
+        metavar="TEXT|FILE",
+        text=True,
+    )
+    supervise: Literal["on", "off"] = field(
+        default="off",
+        help="on: clients of the scene port may take robots over, pause and reset the world",
+        metavar="on|off",
+    )
     truth: Literal["on", "off"] = field(
         # By the ports for it, by GETPOS and GETOBS on the wireless port, by GroundTruth sensors.
         default="on",
@@ -165,7 +101,7 @@ class Settings:
     wireless: Mapping[str, object] | Path | None = field(
         # Checked by `radio.configuration.read_radio`.
         default=None,
-        parse=_radio,
+        parse=readers.radio,
         expects="a table (see docs/wireless.md) or the path of a file with one",
         help="file with the settings of the wireless simulation",
         metavar="FILE.toml",
@@ -173,7 +109,7 @@ class Settings:
     )
     wireless_model: str | None = field(
         default=None,
-        parse=_host,
+        parse=readers.host,
         expects="the name of a propagation model",
         help="how radio signals spread; without it the settings say so, or else it is obstacle",
         metavar="NAME",
@@ -181,7 +117,7 @@ class Settings:
     )
     wireless_log: Path | None = field(
         default=None,
-        parse=_file,
+        parse=readers.file,
         expects="the path of a file, or of a folder",
         help="record the events of the wireless simulation",
         metavar="FILE",
@@ -193,7 +129,7 @@ class Settings:
     )
     image_type: ImageType = field(
         default=NORMAL,  # side channels reference 2.3
-        parse=_image_type,
+        parse=readers.image_type,
         expects=f"{', '.join(IMAGE_TYPES)} or a number from 0 up",
         help="encoding of the camera images",
         metavar="RAW|NORMAL|...",
@@ -213,7 +149,7 @@ class Settings:
     )
     tiles: tuple[int, int] = field(
         default=(4, 4),
-        parse=_pair(_TILES, lambda columns, rows: 1 <= columns * rows <= MOST_TILES),
+        parse=readers.pair(_TILES, lambda columns, rows: 1 <= columns * rows <= MOST_TILES),
         expects=_TILES,
         help="tiles of the full camera image, one camera each",
         shown="4x4",
@@ -222,7 +158,9 @@ class Settings:
     )
     tile_size: tuple[int, int] = field(
         default=(320, 240),  # side channels reference 2.10
-        parse=_pair(_TILE_SIZE, lambda *sides: _SIDE[0] <= min(sides) <= max(sides) <= _SIDE[1]),
+        parse=readers.pair(
+            _TILE_SIZE, lambda *sides: _SIDE[0] <= min(sides) <= max(sides) <= _SIDE[1]
+        ),
         expects=_TILE_SIZE,
         help="pixels of a tile",
         shown="320x240",
@@ -231,7 +169,7 @@ class Settings:
     )
     spectator: tuple[str, ...] = field(
         default=(),
-        parse=_texts,
+        parse=readers.texts,
         expects="x,y,z,x,y,z (from where, to where), the name of a view of the world, or a list "
         "of these",
         help="a camera that stands still fills the next tile; may be repeated",
@@ -255,7 +193,7 @@ class Settings:
     )
     multisample: int = field(
         default=0,
-        parse=_samples,
+        parse=readers.samples,
         expects="0, 2 or 4",
         help="samples per pixel, for smooth edges",
         metavar="0|2|4",
@@ -306,7 +244,7 @@ class Settings:
     """The file that was read."""
     robots: tuple[Path, ...] = field(
         default=(),
-        parse=_folders,
+        parse=readers.folders,
         expects="an existing folder, or a list of them",
         help="folder with further robot files; may be repeated",
         metavar="DIR",
@@ -419,6 +357,10 @@ class Settings:
     )
     written: frozenset[str] = plain_field(default=frozenset(), compare=False)
     """Keys that somebody wrote down, whatever the value; see `demands`."""
+
+    def __post_init__(self) -> None:
+        if self.lockstep:  # it goes as fast as the controllers allow
+            object.__setattr__(self, "speed", math.inf)
 
     def demands(self, key: str) -> bool:
         """Whether a setting was asked for and is no mere default.

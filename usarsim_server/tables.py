@@ -34,14 +34,9 @@ from usarsim_server.fields import Limits, keys
 T = TypeVar("T")
 Vector = tuple[float, float, float]
 
-_FORBIDDEN = frozenset("{},:")
-"""Characters with a meaning on the wire or in names of geoms."""
-
-_LONGEST_VALUE = 60
-"""Characters of a wrong value in an error."""
-
-_FEW = 25
-"""So many known keys are listed beside the one that was probably meant."""
+_FORBIDDEN = frozenset("{},:")  # they mean something on the wire or in names of geoms
+_LONGEST_VALUE = 60  # characters of a wrong value in an error
+_FEW = 25  # so many known keys are listed beside the one that was probably meant
 
 
 def finite(value: object) -> float | None:
@@ -242,7 +237,7 @@ class Table:
         wanted = f"one of {', '.join(options)}"
         if not self.has(key):
             return self._default(key, default, wanted)
-        value = self._text(key, self.raw(key))
+        value = self._text(key, self.raw(key), cure=wanted)
         for option in options:
             if value == option or (any_case and value.strip().lower() == option.lower()):
                 return option
@@ -399,9 +394,11 @@ class Table:
             raise self.wrong(key, values, wanted)
         return tuple(read(key, value, limits) for value in values)
 
-    def _text(self, key: str, value: object, lines: bool = False) -> str:
+    def _text(
+        self, key: str, value: object, lines: bool = False, cure: str = "text in quotes"
+    ) -> str:
         if not isinstance(value, str):
-            raise self.wrong(key, value, "text", "text in quotes")
+            raise self.wrong(key, value, "text", cure)
         if not lines and not value.isprintable():
             raise self.error(key, "has control characters", "write one line of printable text")
         return value

@@ -1,9 +1,11 @@
-"""Reads TOML files; whatever is wrong with one becomes one error that names the line and a cure."""
+"""Reads and writes TOML files; whatever is wrong with one is one error that names line and cure."""
 
 from __future__ import annotations
 
+import json
 import re
 import tomllib
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from usarsim_server.errors import UsarsimError, at
@@ -117,3 +119,47 @@ def _line(pattern: re.Pattern[str], text: str) -> str | None:
     """The first line in which something is, if it can be found."""
     found = pattern.search(text)
     return None if found is None else f"line {text.count(chr(10), 0, found.start()) + 1}"
+
+
+def toml_text(content: Mapping[str, object]) -> str:
+    """A table as TOML: plain keys first, then `[tables]`, then `[[lists of tables]]`.
+
+    What stands in those is written inline; None values are left out. Numbers keep all their digits.
+    """
+    plain, tables, lists = [], [], []
+    for key, value in content.items():
+        if isinstance(value, Mapping):
+            tables.append("\n".join([f"[{_key(key)}]", *_lines_of(value)]))
+        elif isinstance(value, list | tuple) and value and isinstance(value[0], Mapping):
+            lists += ["\n".join([f"[[{_key(key)}]]", *_lines_of(one)]) for one in value]
+        elif value is not None:
+            plain.append(f"{_key(key)} = {_written(value)}")
+    return "\n\n".join(["\n".join(plain), *tables, *lists]).strip("\n") + "\n"
+
+
+def _lines_of(content: Mapping[str, object]) -> Iterator[str]:
+    return (f"{_key(k)} = {_written(v)}" for k, v in content.items() if v is not None)
+
+
+def _key(key: str) -> str:
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _quoted(key)
+
+
+def _quoted(text: str) -> str:
+    # A JSON string is a TOML basic string, but for DEL, which JSON leaves as it is.
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007F")
+
+
+def _written(value: object) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return _quoted(value)
+    if isinstance(value, int | float):
+        return repr(value)
+    if isinstance(value, Mapping):
+        inner = ", ".join(f"{_key(k)} = {_written(v)}" for k, v in value.items() if v is not None)
+        return "{ " + inner + " }" if inner else "{}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(_written, value)) + "]"
+    raise TypeError(f"{value!r} has no place in a TOML file")

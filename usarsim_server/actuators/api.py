@@ -21,7 +21,7 @@ An effector is one class: its keys in robot files are fields, `hand` says how it
             return gripper_item(self.name)
 """
 
-from usarsim_server.actuators.effector import (
+from usarsim_server.actuators.effectors import (
     Effector,
     create_effector,
     effector_types,

@@ -141,13 +141,10 @@ class CameraBoard:
             return self._tiles(robot)
 
     def show(self, robot: int, cameras: Sequence[int | None]) -> None:
-        """Choose what the tiles of a robot show.
+        """Choose what the tiles of a robot show, by key of a camera of it, lowest tile first.
 
-        Args:
-            robot: its number.
-            cameras: key of a camera of this robot for each of its tiles, lowest tile first; None,
-                or nothing at the end, leaves a tile black. What is too much, or no camera of this
-                robot, is left out.
+        None, or nothing at the end, leaves a tile black. What is too much, or no camera of
+        this robot, is left out.
         """
         with self._lock:
             for index, tile in enumerate(self._tiles(robot)):

@@ -41,13 +41,7 @@ class Encoder:
         jpeg: JpegCodec | None = None,
         cache_bytes: int = CACHE_BYTES,
     ) -> None:
-        """Make an encoder with an empty cache.
-
-        Args:
-            image_type: of all pictures.
-            jpeg: see `JpegCodec`; None for `encode_jpeg`.
-            cache_bytes: budget of the pictures that are kept.
-        """
+        """Make an encoder of pictures of one type, with an empty cache of so many bytes."""
         self._type = image_type
         self._jpeg = jpeg or encode_jpeg
         self._budget = cache_bytes

@@ -29,11 +29,7 @@ class GlBackend:
     """One OpenGL context; made, used and closed by one thread."""
 
     def __init__(self, platform: str, quality: Quality) -> None:
-        """Open a context.
-
-        Args:
-            platform: `egl` or `osmesa`, known to work (see `probe.py`).
-            quality: see there.
+        """Open a context of `egl` or `osmesa`, known to work (see `backend.works`).
 
         Raises:
             RuntimeError: if it cannot be opened after all.
@@ -187,8 +183,7 @@ class GlBackend:
             if one.segid >= 0 and one.objtype == mujoco.mjtObj.mjOBJ_GEOM:
                 geoms[one.segid + 1] = one.objid
         # Where samples of two geoms were mixed after all there may be any number.
-        found: NDArray[np.int32] = geoms[np.where(numbers <= scene.ngeom, numbers, 0)]
-        return found
+        return geoms[np.where(numbers <= scene.ngeom, numbers, 0)]
 
 
 class _Buffers:

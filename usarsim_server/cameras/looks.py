@@ -12,16 +12,11 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-from usarsim_server.cameras.posed_model import Lamp
-from usarsim_server.cameras.view import Eye, Rays
+from usarsim_server.cameras.view import Eye, Picture, Plane, Rays
+from usarsim_server.simulation.frames import Array, Pose
 from usarsim_server.worlds.description import Smoke, SmokeVolume
 from usarsim_server.worlds.smoke import SmokeField
-
-Array = NDArray[np.float64]
-Plane = NDArray[np.float32]
-Picture = NDArray[np.uint8]
 
 BEAM_INNER, BEAM_OUTER = math.radians(18.0), math.radians(34.0)
 """Half angles of a headlight's cone: full brightness inside, none outside."""
@@ -45,14 +40,14 @@ MOST_PARTICLES = 1000
 """Particles drawn of one view, the nearest ones; behind so many nothing is seen anyway."""
 
 
-def reaching(lamps: Sequence[Lamp], eye: Eye) -> tuple[Lamp, ...]:
-    """Those headlights that may shine on anything an eye sees."""
+def reaching(lamps: Sequence[Pose], eye: Eye) -> tuple[Pose, ...]:
+    """Those headlights (see `Stage.lamps`) that may shine on anything an eye sees."""
     back = eye.pose.inverse()
-    return tuple(lamp for lamp in lamps if (back @ lamp.pose).position[0] > -BEAM_REACH)
+    return tuple(lamp for lamp in lamps if (back @ lamp).position[0] > -BEAM_REACH)
 
 
 def shine(
-    colors: Picture, albedo: Picture, depth: Plane, eye: Eye, lamps: Sequence[Lamp]
+    colors: Picture, albedo: Picture, depth: Plane, eye: Eye, lamps: Sequence[Pose]
 ) -> Picture:
     """A picture with the light of headlights added.
 
@@ -77,10 +72,6 @@ def shine(
     return shone
 
 
-def _minus(a: Sequence[float], b: Sequence[float]) -> tuple[float, float, float]:
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
-
-
 def _normals(depth: Plane, rays: Rays) -> tuple[Plane, Plane, Plane]:
     """Vectors (not of unit length) into the surfaces, in the frame of the eye.
 
@@ -99,10 +90,10 @@ def _step(values: Plane) -> float:
 
 
 def _light_of(
-    lamp: Lamp, eye: Eye, rays: Rays, depth: Plane, normals: tuple[Plane, Plane, Plane]
+    lamp: Pose, eye: Eye, rays: Rays, depth: Plane, normals: tuple[Plane, Plane, Plane]
 ) -> Plane:
     """Irradiance (h, w) from one lamp, 1 being white light at full strength."""
-    place = eye.pose.inverse() @ lamp.pose
+    place = eye.pose.inverse() @ lamp
     lx, ly, lz = place.position
     ahead = place.rotate((1.0, 0.0, 0.0))
     # From the lamp to the surfaces, in the frame of the eye.
@@ -144,27 +135,30 @@ class _Sight:
         """Component of the rays along a world direction (or any linear form of them), (h, w)."""
         forward, left, up = (direction @ self.rotation).astype(np.float32).tolist()
         ahead = np.float32(forward) + np.float32(left) * self.rays.left
-        component: Plane = ahead + np.float32(up) * self.rays.up
-        return component
+        return ahead + np.float32(up) * self.rays.up
+
+
+Particles = Callable[[float], tuple[Array, Array]]
+"""Centres (k, 3) and radii (k,) of opaque balls, m, at a simulated time, s."""
 
 
 class Air:
     """The smoke and haze of a world, as they look; immutable, for any thread."""
 
-    def __init__(self, smoke: Smoke) -> None:
+    def __init__(self, smoke: Smoke, particles: Particles | None = None) -> None:
+        """particles: what tells where opaque ones are; None: the clouds of the smoke do."""
         self._volumes = smoke.volumes
         self._haze, self._top = smoke.haze, smoke.haze_top
-        self._radii: Callable[[float], tuple[Array, Array]] = SmokeField(smoke).particles
-        self._puffs = bool(smoke.puffs)
-        self.clear = smoke.clear
+        self._radii: Particles = particles or SmokeField(smoke).particles
+        self._puffs = bool(smoke.puffs) or particles is not None
+        self.clear = smoke.clear and particles is None
 
     def veil(self, colors: Picture, depth: Plane, eye: Eye, time: float, light: float) -> Picture:
         """A picture as it looks through the smoke.
 
         Args:
             colors: (h, w, 3). depth: (h, w) m along the viewing axis, infinity for the sky.
-            eye: that sees it.
-            time: simulated s, for the particles.
+            eye, time: that sees it, and when (simulated s), for the particles.
             light: brightness of the world (see `brightness`).
         """
         thickness = self.thickness(depth, eye, time)
@@ -194,7 +188,7 @@ class Air:
 
 def _in_view(volume: SmokeVolume, eye: Eye) -> bool:
     radius = float(np.linalg.norm(volume.size)) / 2.0
-    x, y, z = eye.pose.inverse().rotate(_minus(volume.pose.position, eye.pose.position))
+    x, y, z = (eye.pose.inverse() @ volume.pose).position
     if x < -radius:
         return False
     slope = eye.slope

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -24,6 +24,7 @@ from usarsim_server.cameras.raytraced import RayBackend
 from usarsim_server.cameras.view import CameraView, Eye, View
 from usarsim_server.errors import UsarsimError
 from usarsim_server.logs import Log
+from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import CompiledWorld
 from usarsim_server.simulation.snapshot import Snapshot
 from usarsim_server.worlds.description import Smoke
@@ -58,10 +59,8 @@ class Painter:
     ) -> None:
         """Open a backend.
 
-        Args:
-            compiled: the model that a snapshot belongs to.
-            options: see there.
-            lit: whether a robot, by its number, has its headlight on.
+        `compiled` knows the model that a snapshot belongs to, `lit` whether a robot, by its number,
+        has its headlight on.
         """
         self._compiled = compiled
         self._options = options
@@ -89,19 +88,8 @@ class Painter:
     def tile(self, eye: Eye, snapshot: Snapshot) -> NDArray[np.uint8]:
         """What an eye sees, (height, width, 3), finished; valid until the next picture."""
         stage = self._show(snapshot)
-        lamps = reaching(stage.lamps(self._lit), eye)
-        hazy = not self._air.clear
-        wanted = Wanted(depth=hazy or bool(lamps), albedo=bool(lamps))
-        shot = self._backend.render(stage, eye, wanted)
-        colors = shot.colors
-        if lamps:
-            assert shot.depth is not None
-            assert shot.albedo is not None
-            colors = shine(colors, shot.albedo, shot.depth, eye, lamps)
-        if hazy:
-            assert shot.depth is not None
-            colors = self._air.veil(colors, shot.depth, eye, snapshot.time, self._light)
-        return colors
+        lamps = stage.lamps(self._lit)
+        return finished(self._backend, stage, eye, lamps, self._air, snapshot.time, self._light)
 
     def picture(self, view: View, snapshot: Snapshot) -> NDArray[np.generic]:
         """A picture in the mode of a view (see `View`); the caller's own."""
@@ -137,6 +125,35 @@ class Painter:
             self._light = brightness(stage.model)
         stage.show(snapshot)
         return stage
+
+
+def finished(
+    backend: Backend,
+    stage: Stage,
+    eye: Eye,
+    lamps: Sequence[Pose],
+    air: Air,
+    time: float,
+    light: float,
+) -> NDArray[np.uint8]:
+    """What an eye sees, (height, width, 3), red first; valid until the backend's next picture.
+
+    Args:
+        backend: what draws. stage: what is there. eye: from where.
+        lamps: headlights that are lit. air: smoke and haze.
+        time: simulated s, which moves the smoke. light: `brightness` of the stage.
+    """
+    near, hazy = reaching(lamps, eye), not air.clear
+    shot = backend.render(stage, eye, Wanted(depth=hazy or bool(near), albedo=bool(near)))
+    colors = shot.colors
+    if near:
+        assert shot.depth is not None
+        assert shot.albedo is not None
+        colors = shine(colors, shot.albedo, shot.depth, eye, near)
+    if hazy:
+        assert shot.depth is not None
+        colors = air.veil(colors, shot.depth, eye, time, light)
+    return colors
 
 
 def check_renderer(renderer: str) -> None:

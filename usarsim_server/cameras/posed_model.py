@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -15,17 +14,8 @@ from usarsim_server.simulation.model import CompiledWorld
 from usarsim_server.simulation.movers import mocap_bodies, pose_as
 from usarsim_server.simulation.snapshot import RobotLayout, Snapshot
 
-Array = NDArray[np.float64]
-
 HIDDEN_GROUP = 5
 """Geom group of what is parked. Pictures show groups 0, 1 and 2, as MuJoCo's own viewer does."""
-
-
-@dataclass(frozen=True, slots=True)
-class Lamp:
-    """A headlight that is on: it shines along x from its pose in the world."""
-
-    pose: Pose
 
 
 class Stage:
@@ -80,15 +70,14 @@ class Stage:
         body = layout.base if view.link is None else layout.links.get(view.link.lower())
         return None if body is None else self._pose(body) @ view.pose
 
-    def lamps(self, lit: Callable[[int], bool]) -> tuple[Lamp, ...]:
-        """The headlights that are on in the snapshot shown last.
+    def lamps(self, lit: Callable[[int], bool]) -> tuple[Pose, ...]:
+        """Headlights in the snapshot shown last, of robots that are `lit`, by their numbers.
 
-        Args:
-            lit: whether a robot, by its number, has its light on.
+        A headlight shines along x from its pose in the world.
         """
         layouts = {} if self._snapshot is None else self._snapshot.layouts
         return tuple(
-            Lamp(self._pose(layout.base) @ self._front(layout))
+            self._pose(layout.base) @ self._front(layout)
             for robot, layout in layouts.items()
             if lit(robot)
         )
@@ -100,17 +89,21 @@ class Stage:
         return pose_of(self.data.xpos[body], self.data.xquat[body])
 
     def _front(self, layout: RobotLayout) -> Pose:
-        """Middle of the foremost edge of a chassis, where its headlight is."""
         if layout.slot not in self._fronts:
-            model = self.model
-            geoms = [g for g in layout.geoms if model.geom_bodyid[g] == layout.base]
-            ahead, height = 0.0, 0.0
-            for geom in geoms:
-                ahead_row = rotation_matrix(model.geom_quat[geom])[0]
-                middle, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
-                reach = float(np.abs(ahead_row) @ half)
-                front = float(model.geom_pos[geom, 0] + ahead_row @ middle) + reach
-                if front > ahead:
-                    ahead, height = front, float(model.geom_pos[geom, 2])
-            self._fronts[layout.slot] = Pose((ahead + 0.01, 0.0, height))
+            self._fronts[layout.slot] = lamp_place(self.model, layout)
         return self._fronts[layout.slot]
+
+
+def lamp_place(model: mujoco.MjModel, layout: RobotLayout) -> Pose:
+    """Middle of the foremost edge of a chassis, where its headlight is, in its frame."""
+    ahead, height = 0.0, 0.0
+    for geom in layout.geoms:
+        if model.geom_bodyid[geom] != layout.base:
+            continue
+        ahead_row = rotation_matrix(model.geom_quat[geom])[0]
+        middle, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
+        reach = float(np.abs(ahead_row) @ half)
+        front = float(model.geom_pos[geom, 0] + ahead_row @ middle) + reach
+        if front > ahead:
+            ahead, height = front, float(model.geom_pos[geom, 2])
+    return Pose((ahead + 0.01, 0.0, height))

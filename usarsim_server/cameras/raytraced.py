@@ -20,13 +20,11 @@ from numpy.typing import NDArray
 from usarsim_server.cameras.backend import NEAR, SKY, Shot, Wanted, far_plane
 from usarsim_server.cameras.posed_model import Stage
 from usarsim_server.cameras.shading import Paint, light_up
-from usarsim_server.cameras.view import Eye
-from usarsim_server.simulation.frames import rotation_matrix
+from usarsim_server.cameras.view import Eye, Plane
+from usarsim_server.simulation.frames import Array, rotation_matrix
 from usarsim_server.simulation.model import SHELF_NAME
 from usarsim_server.simulation.rays.triangles import shape_key, triangles
 
-Array = NDArray[np.float64]
-Plane = NDArray[np.float32]
 Numbers = NDArray[np.int32]
 
 SHAPES_KEPT = 512
@@ -323,8 +321,7 @@ class _Canvas:
     def points(self, rays: NDArray[np.intp]) -> Plane:
         """Where (k, 3) some rays hit."""
         position = np.array(self.eye.pose.position, np.float32)
-        points: Plane = position + self.depth[rays, None] * self.directions[rays]
-        return points
+        return position + self.depth[rays, None] * self.directions[rays]
 
     def widths(self, rays: NDArray[np.intp]) -> Plane:
         """Metres (k,) of surface that one pixel covers where some rays hit."""
@@ -353,8 +350,7 @@ class _Canvas:
         columns = _interval(x, y, radius, self._rays.left[0])
         rows = _interval(x, z, radius, self._rays.up[:, 0])
         grid = np.arange(rows.start, rows.stop)[:, None] * eye.width
-        rays: NDArray[np.intp] = (grid + np.arange(columns.start, columns.stop)[None]).ravel()
-        return rays
+        return (grid + np.arange(columns.start, columns.stop)[None]).ravel()
 
 
 def _interval(x: float, y: float, radius: float, slopes: Plane) -> slice:
@@ -411,5 +407,4 @@ def _reach(model: mujoco.MjModel, geoms: Sequence[int]) -> tuple[Array, float]:
 
 
 def _bytes(colors: Plane) -> NDArray[np.uint8]:
-    scaled: NDArray[np.uint8] = (np.clip(colors, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
-    return scaled
+    return (np.clip(colors, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)

@@ -100,11 +100,7 @@ class RenderLoop:
     ) -> None:
         """Describe the render loop; its thread starts when somebody looks.
 
-        Args:
-            simulation: the world.
-            board: its cameras.
-            options: see there.
-            lit: whether a robot, by its number, has its headlight on; called by the thread.
+        That thread asks `lit` whether a robot, by its number, has its headlight on.
         """
         self._simulation = simulation
         self._board = board

@@ -8,9 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Plane = NDArray[np.float32]
-Picture = NDArray[np.uint8]
+from usarsim_server.cameras.view import Picture, Plane
 
 BLUR_GAIN, BLUR_START = np.float32(4.0), np.float32(0.5)
 """A texture begins to blur where a pixel holds an eighth of it, and is gone at three eighths."""
@@ -42,7 +40,7 @@ class Paint:
             if material < 0:
                 continue
             # A colour of its own goes before that of the material, as in MuJoCo.
-            own = not np.array_equal(model.geom_rgba[geom], _PLAIN)
+            own = not np.array_equal(model.geom_rgba[geom], PLAIN)
             color = model.geom_rgba[geom] if own else model.mat_rgba[material]
             rgba[geom] = color
             texture = self._texture(material)
@@ -149,7 +147,7 @@ class Paint:
         return None
 
 
-_PLAIN = np.array([0.5, 0.5, 0.5, 1.0], np.float32)
+PLAIN = np.array([0.5, 0.5, 0.5, 1.0], np.float32)
 """Colour of a geom that was given none."""
 
 
@@ -201,8 +199,7 @@ def light_up(
         tints += [model.light_ambient[number].astype(np.float32), diffuse]
     if not shares:
         return np.broadcast_to(ambient, normals.shape)
-    light: Plane = np.stack(shares, axis=1) @ np.stack(tints) + ambient
-    return light
+    return np.stack(shares, axis=1) @ np.stack(tints) + ambient
 
 
 def _lamp(

@@ -13,17 +13,14 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from usarsim_server.cameras.posed_model import Stage
 from usarsim_server.cameras.view import View, looking
 from usarsim_server.errors import UsarsimError
-from usarsim_server.simulation.frames import Pose, Vector, flip_point, pose_of
+from usarsim_server.simulation.frames import Array, Pose, Vector, flip_point, pose_of
 from usarsim_server.simulation.model import SHELF_NAME
 from usarsim_server.simulation.snapshot import RobotLayout
 from usarsim_server.worlds.description import WorldDescription
-
-Array = NDArray[np.float64]
 
 FOV = math.radians(80.0)
 """Of a view that has none of its own: that of the robots' cameras (robots reference 2.7)."""
@@ -84,12 +81,9 @@ def find_viewpoint(text: str, known: Mapping[str, Viewpoint]) -> Viewpoint:
 def named_viewpoints(
     stage: Stage, world: WorldDescription, aspect: float = 4.0 / 3.0
 ) -> dict[str, Viewpoint]:
-    """The views of a world by name.
+    """The views of a world, which is in the stage, by name.
 
-    Args:
-        stage: with the world in it.
-        world: its start poses and bounds.
-        aspect: width by height of the pictures; cameras of scenes have a vertical field of view.
+    `aspect` is width by height of the pictures; cameras of scenes have a vertical field of view.
     """
     starts = [start.pose for start in world.starts]
     lower, upper = _bounds(stage, starts)
@@ -174,14 +168,9 @@ def _scene_cameras(stage: Stage, aspect: float) -> Iterable[Viewpoint]:
 
 
 def extent(stage: Stage, layout: RobotLayout) -> tuple[Array, Array]:
-    """Lowest and highest coordinates of the visible parts of a robot, in its own frame, m.
+    """Lowest and highest coordinates (3,) of the visible parts of a robot, in its own frame, m.
 
-    Args:
-        stage: posed as in a snapshot with the robot.
-        layout: of the robot.
-
-    Returns:
-        Two arrays (3,), x forward, y left, z up; both zero if nothing of it can be seen.
+    The stage is posed as in a snapshot with it. Both are zero if nothing of it can be seen.
     """
     corners = _corners(stage, layout)
     if not corners.size:
@@ -194,9 +183,7 @@ def extent(stage: Stage, layout: RobotLayout) -> tuple[Array, Array]:
 def portrait_view(stage: Stage, layout: RobotLayout, width: int, height: int) -> View:
     """A view from ahead, above and the right, just far enough to see all of a robot.
 
-    Args:
-        stage, layout: as in `extent`.
-        width, height: of the picture, pixels.
+    The stage is posed as in a snapshot with it; the picture has so many pixels.
     """
     corners = _corners(stage, layout)
     if not corners.size:

@@ -13,10 +13,10 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.simulation.frames import Pose, Vector, quaternion_from_rpy
+from usarsim_server.simulation.frames import Array, Pose, Vector, quaternion_from_rpy
 
-Array = NDArray[np.float64]
 Plane = NDArray[np.float32]
+Picture = NDArray[np.uint8]
 Mode = Literal["rgb", "depth", "segmentation"]
 
 MODES: tuple[Mode, ...] = ("rgb", "depth", "segmentation")
@@ -81,12 +81,7 @@ class Grid:
         return Region(0, 0, self.width, self.height)
 
     def region(self, tile: int, size: tuple[int, int] | None = None) -> Region:
-        """Where a tile lies, or the picture of a camera in its upper left corner.
-
-        Args:
-            tile: its number.
-            size: of the camera's pictures, pixels; what is larger than the tile is cut down.
-        """
+        """Where a tile lies, or a picture of a size (pixels) in its corner, cut down to it."""
         row, column = divmod(tile, self.columns)
         x, y = column * self.tile_width, row * self.tile_height
         width, height = size or (self.tile_width, self.tile_height)
@@ -145,9 +140,7 @@ class FrameSource(Protocol):
     def watch(self, region: Region, on_frame: Callable[[Frame], None]) -> Watch:
         """Have a region rendered from now on.
 
-        Args:
-            region: what is looked at.
-            on_frame: told of every new frame, by the rendering thread; must return at once.
+        `on_frame` is told of every new frame, by the rendering thread; it must return at once.
         """
 
 

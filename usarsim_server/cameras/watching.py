@@ -45,13 +45,9 @@ class Atlas:
         return tuple(self._shows)
 
     def paint(self, tile: int, key: int, picture: NDArray[np.uint8], time: float) -> None:
-        """Put a picture into a tile.
+        """Put what a camera, by its key, saw at a simulated time (s) into a tile.
 
-        Args:
-            tile: its number.
-            key: of the camera that saw it.
-            picture: (height, width, 3); what the tile has beyond it is empty.
-            time: simulated s at which it was seen.
+        The picture is (height, width, 3); what the tile has beyond it is empty.
         """
         part, (height, width, _) = self._part(tile), picture.shape
         part[height:], part[:height, width:] = EMPTY, EMPTY
@@ -120,10 +116,8 @@ class Watches:
     def __init__(self, grid: Grid, blank: Frame, on_change: Callable[[], None]) -> None:
         """Start with nobody watching.
 
-        Args:
-            grid: of the full frame.
-            blank: the frame before the first.
-            on_change: told, by any thread, when what is watched has changed.
+        `blank` is the frame before the first; `on_change` is told, by any thread, when what is
+        watched has changed.
         """
         self._grid = grid
         self._on_change = on_change
@@ -176,12 +170,7 @@ class Watches:
             return self._watched()
 
     def newest(self, region: Region, keys: Mapping[int, int]) -> Frame | None:
-        """See `FrameSource.newest`.
-
-        Args:
-            region: what is asked for.
-            keys: of the cameras that there are now, by tile.
-        """
+        """See `FrameSource.newest`; `keys` are those of the cameras that there are now, by tile."""
         with self._lock:
             spot = self._spots.get(region)
             tiles = self._tiles(region) if spot is None else spot.tiles
@@ -201,8 +190,7 @@ class Watches:
         """Hand out what has been painted (by the rendering thread).
 
         Args:
-            frame: the newest frame.
-            shows: keys of the cameras in its tiles.
+            frame, shows: the newest frame, and keys of the cameras in its tiles.
             changed: tiles that are new in it; none: nothing is new, but a watcher may be.
             keys: of the cameras that there are now, by tile.
             kept: tiles whose older pictures are still up to date.

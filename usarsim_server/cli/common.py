@@ -1,12 +1,17 @@
-"""What several subcommands share: making their parsers and printing tables."""
+"""What several subcommands share: making their parsers, printing tables, writing files."""
 
 from __future__ import annotations
 
 import argparse
 import shutil
 import textwrap
-from collections.abc import Callable, Iterable, Sequence
-from typing import TypeAlias
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO, TypeAlias
+
+from usarsim_server.errors import UsarsimError, at
+from usarsim_server.files import replacing
 
 Subparsers: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 """What `add_parser` of a subcommand is given."""
@@ -38,6 +43,21 @@ def add_command(
     )
     parser.set_defaults(run=run)
     return parser
+
+
+@contextmanager
+def written(path: Path) -> Iterator[BinaryIO]:
+    """A file to write to, see `files.replacing`.
+
+    Raises:
+        UsarsimError: it cannot be written.
+    """
+    try:
+        with replacing(path) as file:
+            yield file
+    except OSError as error:
+        cure = "name a file in a folder that exists"
+        raise UsarsimError(at(path, f"cannot be written: {error.strerror}", cure)) from error
 
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:

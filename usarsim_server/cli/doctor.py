@@ -11,9 +11,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import TextIO
 
-from usarsim_server import files as atomic
 from usarsim_server import logs
-from usarsim_server.cli.common import Subparsers, add_command
+from usarsim_server.cli.common import Subparsers, add_command, written
 from usarsim_server.cli.serve import add_settings, settings_from
 from usarsim_server.errors import UsarsimError
 from usarsim_server.options import OPTIONS
@@ -74,7 +73,8 @@ def run(arguments: argparse.Namespace) -> int:
         sections = examine(checks, context, printer)
         printer.end(sections)
         if arguments.json is not None:
-            _write(Path(arguments.json), as_json(sections, datetime.now().astimezone()))
+            with written(Path(arguments.json)) as file:
+                file.write(as_json(sections, datetime.now().astimezone()).encode())
     return 1 if counted(sections, Mark.PROBLEM) else 0
 
 
@@ -92,15 +92,6 @@ def _colored(stream: TextIO) -> bool:
     """Whether colours are seen and wanted (no-color.org)."""
     plain = os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
     return stream.isatty() and not plain
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        atomic.write_text(path, text)
-    except OSError as error:
-        raise UsarsimError(
-            f"{path}: cannot be written: {error.strerror} (name a file in a folder that exists)"
-        ) from error
 
 
 def _alone(argv: Sequence[str]) -> int:

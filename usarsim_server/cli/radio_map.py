@@ -7,15 +7,14 @@ import io
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING
 
-from usarsim_server import files as atomic
-from usarsim_server.cli.common import Subparsers, add_command, number, numbers
-from usarsim_server.errors import SettingsError, UsarsimError, at
+from usarsim_server.cli.common import Subparsers, add_command, number, numbers, written
+from usarsim_server.errors import SettingsError, at
 
 if TYPE_CHECKING:
     from usarsim_server.protocol.values import Vector
-    from usarsim_server.radio.coverage import Coverage, Grid
+    from usarsim_server.radio.coverage import Grid
     from usarsim_server.simulation.simulation import Simulation
     from usarsim_server.worlds.description import WorldDescription
 
@@ -85,9 +84,9 @@ def run(arguments: argparse.Namespace) -> int:
     from usarsim_server.simulation.frames import flip_point
     from usarsim_server.worlds.loader import find_world, load_world
 
-    file: Path | None = arguments.wireless
-    table = {} if file is None else read_radio_file(file)
-    model = read_radio(table, str(file or "settings"), arguments.model).model
+    given: Path | None = arguments.wireless
+    table = {} if given is None else read_radio_file(given)
+    model = read_radio(table, str(given or "settings"), arguments.model).model
     world = load_world(find_world(arguments.world))
     simulation = _simulation(world)
     source = flip_point(arguments.source)
@@ -96,27 +95,16 @@ def run(arguments: argparse.Namespace) -> int:
     name = arguments.model or table.get("model", "obstacle")
     title = f"{world.name}, {name}, from {numbers(arguments.source)}, cells of {grid.cell:.3g} m"
     image = draw_coverage(coverage, find_walls(simulation.cast_scenery, grid), title)
-    _write(arguments.picture, lambda file: image.save(file, "PNG"))
+    with written(arguments.picture) as file:
+        image.save(file, "PNG")
     if arguments.csv is not None:
-        _write(arguments.csv, lambda file: _write_csv(coverage, file))
+        text = io.StringIO(newline="")
+        coverage.write_csv(text)
+        with written(arguments.csv) as file:
+            file.write(text.getvalue().encode())
     share = 100.0 * float(coverage.linked.mean())
     print(f"{arguments.picture}: {title}; a link in {number(share, 1)} % of the area")
     return 0
-
-
-def _write_csv(coverage: Coverage, file: BinaryIO) -> None:
-    text = io.StringIO(newline="")
-    coverage.write_csv(text)
-    file.write(text.getvalue().encode())
-
-
-def _write(path: Path, write: Callable[[BinaryIO], object]) -> None:
-    try:
-        with atomic.replacing(path) as file:
-            write(file)
-    except OSError as error:
-        cure = "name a file in a folder that exists"
-        raise UsarsimError(at(path, f"cannot be written: {error.strerror}", cure)) from None
 
 
 def _simulation(world: WorldDescription) -> Simulation:

@@ -9,11 +9,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from usarsim_server import files as atomic
 from usarsim_server import logs
 from usarsim_server.cli.common import number
 from usarsim_server.errors import UsarsimError
-from usarsim_server.files import data_directory
+from usarsim_server.files import data_directory, replacing, write_text
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -89,7 +88,7 @@ def write(path: Path, folders: Sequence[Path]) -> int:
             print(file.description.name, file=sys.stderr, flush=True)
             sections.append(_section(file, pictures))
         parts = [_INTRODUCTION.format(count=len(files)), _index(files), *sections]
-        atomic.write_text(path, "\n".join(parts))
+        write_text(path, "\n".join(parts))
     except OSError as error:
         raise UsarsimError(
             f"{error.filename or path}: cannot be written: {error.strerror} (name a file in a "
@@ -212,5 +211,5 @@ def _save(picture: NDArray[Any], path: Path) -> None:
 
     small = Image.fromarray(picture).resize((WIDTH, HEIGHT), Image.Resampling.LANCZOS)
     few = small.quantize(_COLORS, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
-    with atomic.replacing(path) as file:
+    with replacing(path) as file:
         few.save(file, format="PNG", optimize=True)

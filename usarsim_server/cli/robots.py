@@ -6,16 +6,22 @@
 from __future__ import annotations
 
 import argparse
-import difflib
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from usarsim_server import files as atomic
 from usarsim_server import logs
-from usarsim_server.cli.common import Subparsers, add_command, facts, number, numbers, table
+from usarsim_server.cli.common import (
+    Subparsers,
+    add_command,
+    facts,
+    number,
+    numbers,
+    table,
+    written,
+)
 from usarsim_server.errors import RobotDescriptionError, UsarsimError, at
 from usarsim_server.files import data_directory
 from usarsim_server.protocol.values import Dialect
@@ -26,6 +32,7 @@ from usarsim_server.robots.description import (
     RobotDescription,
 )
 from usarsim_server.simulation.frames import wire_from_pose
+from usarsim_server.tables import nearest
 
 if TYPE_CHECKING:
     from usarsim_server.robots.catalog import RobotFile
@@ -71,8 +78,6 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out is not None and arguments.check is None:
         raise UsarsimError("--out is the picture of --check FILE (cure: add --check FILE)")
     if arguments.check is not None:
-        from usarsim_server.cli.robots import check
-
         return check(arguments.check, folders, arguments.out)
     if arguments.page is not None:
         from usarsim_server.cli.robot_page import write
@@ -169,11 +174,9 @@ def _parameter(value: object) -> str:
     return str(value)
 
 
-def _unknown(name: str, names: Iterable[str]) -> str:
-    by_lower = {known.lower(): known for known in names}
-    wanted = name.rpartition(".")[2].lower()
-    close = difflib.get_close_matches(wanted, by_lower, n=1)
-    cure = f"did you mean {by_lower[close[0]]}?" if close else f"known: {', '.join(names)}"
+def _unknown(name: str, names: Sequence[str]) -> str:
+    close = nearest(name.rpartition(".")[2], names)
+    cure = f"did you mean {close}?" if close else f"known: {', '.join(names)}"
     return f"there is no robot class {name!r} ({cure})"
 
 
@@ -195,8 +198,11 @@ def check(path: Path, folders: Sequence[Path], picture: Path | None) -> int:
 
     Raises:
         RobotDescriptionError: if the file or one that it extends cannot be used.
-        UsarsimError: if the robot does not stand and drive as it should.
+        UsarsimError: if the robot does not stand and drive as it should, or the picture cannot be
+            written.
     """
+    from PIL import Image
+
     from usarsim_server.testing.test_drive import TestDrive
 
     logs.configure("error")
@@ -215,7 +221,9 @@ def check(path: Path, folders: Sequence[Path], picture: Path | None) -> int:
         if drive.vehicle.sensors:
             print(table(("SENSOR", "SEN TYPE", *_eras()), _sensors(drive)), end="\n\n")
         if picture is not None:
-            save(picture, drive, WIDTH, HEIGHT)
+            portrait = Image.fromarray(drive.portrait(WIDTH, HEIGHT))
+            with written(picture) as png:
+                portrait.save(png, format="PNG")
         speed = drive.top_speed()
         problems = drive.problems(rest, speed)
     print(facts(_behaviour(rest, speed)))
@@ -225,24 +233,6 @@ def check(path: Path, folders: Sequence[Path], picture: Path | None) -> int:
         first = problems[0]
         raise RobotDescriptionError(at(path, first.text, first.cure))
     return 0
-
-
-def save(path: Path, drive: TestDrive, width: int, height: int) -> None:
-    """Draw a robot into a PNG file.
-
-    Raises:
-        UsarsimError: if the file cannot be written.
-    """
-    from PIL import Image
-
-    try:
-        portrait = Image.fromarray(drive.portrait(width, height))
-        with atomic.replacing(path) as file:
-            portrait.save(file, format="PNG")
-    except OSError as error:
-        raise UsarsimError(
-            f"{path}: cannot be written: {error.strerror} (name a file in a folder that exists)"
-        ) from error
 
 
 def _load(path: Path, folders: Sequence[Path]) -> RobotFile:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 import math
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from usarsim_server import files as atomic
 from usarsim_server import logs
-from usarsim_server.cli.common import Subparsers, add_command, table
+from usarsim_server.cli.common import Subparsers, add_command, table, written
 from usarsim_server.errors import UsarsimError
 
 if TYPE_CHECKING:
@@ -50,7 +50,10 @@ def add_parser(subparsers: Subparsers) -> None:
         "--size", metavar="WxH", type=_size, default=(960, 720), help="pixels (default 960x720)"
     )
     parser.add_argument(
-        "--fov", metavar="DEG", type=_degrees, help="horizontal field of view (default the view's)"
+        "--fov",
+        metavar="DEG",
+        type=_number(1.0, 170.0, "degrees"),
+        help="horizontal field of view (default the view's)",
     )
     parser.add_argument("--mode", choices=_MODES, default="rgb", help="what to draw (default rgb)")
     parser.add_argument(
@@ -70,7 +73,7 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument(
         "--after",
         metavar="S",
-        type=_seconds,
+        type=_number(0.0, 3600.0, "s"),
         default=1.0,
         help="simulated seconds to let pass first (default 1)",
     )
@@ -184,14 +187,8 @@ def _write(
         print(table(("COLOUR", "PIXELS", "OBJECT"), rows))
     else:
         image = Image.fromarray(picture)
-    try:
-        with atomic.replacing(Path(arguments.file)) as file:
-            image.save(file, format="PNG")
-    except OSError as error:
-        raise UsarsimError(
-            f"{arguments.file}: cannot be written: {error.strerror} (name a file in a folder that "
-            "exists)"
-        ) from error
+    with written(arguments.file) as file:
+        image.save(file, format="PNG")
 
 
 def _objects(
@@ -226,22 +223,15 @@ def _size(text: str) -> tuple[int, int]:
     return int(found[1]), int(found[2])
 
 
-def _degrees(text: str) -> float:
-    value = _number(text)
-    if not 1.0 <= value <= 170.0:
-        raise argparse.ArgumentTypeError(f"must be from 1 to 170 degrees, not {text}")
-    return value
+def _number(low: float, high: float, unit: str) -> Callable[[str], float]:
+    def read(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"{text!r} is no number") from None
+        if not low <= value <= high:
+            problem = f"must be from {low:g} to {high:g} {unit}, not {text}"
+            raise argparse.ArgumentTypeError(problem)
+        return value
 
-
-def _seconds(text: str) -> float:
-    value = _number(text)
-    if not 0.0 <= value <= 3600.0:
-        raise argparse.ArgumentTypeError(f"must be from 0 to 3600 s, not {text}")
-    return value
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is no number") from None
+    return read

@@ -20,9 +20,9 @@ import pkgutil
 import shlex
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from datetime import datetime
-from typing import Protocol, TextIO
+from typing import TextIO
 
 from usarsim_server import __version__
 from usarsim_server.doctor import checks as package
@@ -70,21 +70,6 @@ def counted(sections: Sequence[Checked], mark: Mark) -> int:
     return sum(finding.mark is mark for one in sections for finding in one.findings)
 
 
-def problem_and_advice(message: str) -> tuple[str, str | None]:
-    """Split an error meant for users into what is wrong and what is in the brackets at its end.
-
-    The opposite of `errors.at`; a message without brackets at its end has no advice.
-    """
-    text = " ".join(message.split())
-    depth = 0
-    for place in reversed(range(len(text) if text.endswith(")") else 0)):
-        depth += {")": 1, "(": -1}.get(text[place], 0)
-        if depth == 0:
-            advice = text[place + 1 : -1].removeprefix("cure: ")
-            return text[:place].rstrip(), advice or None
-    return text, None
-
-
 TIMEOUT = 60.0
 """s of wall time for a check in a process of its own."""
 
@@ -123,24 +108,14 @@ class Check:
     """It needs libraries that may be broken, and so runs in a process of its own."""
 
 
-class Audience(Protocol):
-    """Who is told of findings as they come."""
+class Audience:
+    """Who is told of findings as they come; this one only wants the result."""
 
     def begin(self, check: Check) -> None:
         """A check begins."""
 
     def tell(self, finding: Finding) -> None:
         """The check that has begun found something."""
-
-
-class Silence:
-    """An audience that only wants the result."""
-
-    def begin(self, check: Check) -> None:
-        """Nothing."""
-
-    def tell(self, finding: Finding) -> None:
-        """Nothing."""
 
 
 _CHECKS: dict[str, Check] = {}
@@ -188,7 +163,7 @@ def examine(
         context: for all of them.
         audience: is told meanwhile.
     """
-    audience = audience or Silence()
+    audience = audience or Audience()
     sections = []
     for one in checks:
         audience.begin(one)
@@ -239,7 +214,7 @@ _COLORS = {Mark.OK: "32", Mark.NOTE: "36", Mark.WARNING: "33", Mark.PROBLEM: "1;
 _BOLD = "1"
 
 
-class Printer:
+class Printer(Audience):
     """An audience that reads: a table with marks, a heading for each check.
 
     Ports
@@ -331,27 +306,9 @@ def as_json(sections: Sequence[Checked], taken: datetime) -> str:
         "can_run": worst(sections) is not Mark.PROBLEM,
         "problems": counted(sections, Mark.PROBLEM),
         "warnings": counted(sections, Mark.WARNING),
-        "checks": [
-            {
-                "key": section.key,
-                "title": section.title,
-                "findings": [_finding(finding) for finding in section.findings],
-            }
-            for section in sections
-        ],
+        "checks": [_plain(asdict(section)) for section in sections],
     }
     return json.dumps(document, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-
-
-def _finding(finding: Finding) -> dict[str, object]:
-    return {
-        "subject": finding.subject,
-        "mark": finding.mark.value,
-        "text": finding.text,
-        "cure": finding.cure,
-        "advice": finding.advice,
-        "values": _plain(finding.values),
-    }
 
 
 def _plain(value: object) -> object:
@@ -360,6 +317,8 @@ def _plain(value: object) -> object:
         return {str(key): _plain(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(entry) for entry in value]
+    if isinstance(value, Mark):
+        return value.value
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value if value is None or isinstance(value, str | int | bool) else str(value)

@@ -2,7 +2,7 @@
 
 Physics and rays are taken by processor time, so that other programs disturb them little; pictures
 by the wall clock, because a graphics card takes none, and by the quickest of them. The three trials
-`physics`, `rays` and `cameras` (see `worker.py`) share one world: `arena`, with a team in it.
+`physics`, `rays` and `cameras` (see `isolation.py`) share one world: `arena`, with a team in it.
 """
 
 from __future__ import annotations

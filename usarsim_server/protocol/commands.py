@@ -7,10 +7,16 @@ read is 0, a segment nobody knows is skipped, a command nobody knows is `Unknown
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 from usarsim_server.protocol.grammar import IGNORED_WORDS, Command
-from usarsim_server.protocol.numbers import read_bool, read_int, read_number, read_vector
+from usarsim_server.protocol.numbers import (
+    read_bool,
+    read_int,
+    read_number,
+    read_triple,
+    read_vector,
+)
 from usarsim_server.protocol.requests import (
     Act,
     Control,
@@ -35,6 +41,8 @@ from usarsim_server.protocol.requests import (
 )
 from usarsim_server.protocol.values import Dialect, Segment, Vector
 
+T = TypeVar("T")
+
 _DIALECTS = {dialect.value: dialect for dialect in Dialect}
 _SET_NAMES = frozenset({"type", "name", "opcode", "params"})
 # Segments that name opcode and parameter at once: `{Name Cam} {FOV 0.35}` (3.7).
@@ -57,40 +65,35 @@ def interpret(command: Command) -> Request:
 class _Fields:
     """First value of every segment of a command by lower case name, with typed readers."""
 
-    __slots__ = ("_values",)
+    __slots__ = ("_hearing", "_values")
 
     def __init__(self, command: Command) -> None:
+        self._hearing = command.hearing
         self._values: dict[str, str] = {}
         for key, value in command.segments:
             self._values.setdefault(key.lower(), value)
 
     def text(self, name: str) -> str | None:
         """The value, None if missing or empty."""
+        if self._hearing is not None:
+            self._hearing.ask(name)
         return self._values.get(name) or None
 
-    def number(self, name: str) -> float | None:
+    def read(self, name: str, read: Callable[[str], T]) -> T | None:
+        """What the value means, None if missing."""
+        if self._hearing is not None:
+            self._hearing.ask(name, read)
         value = self._values.get(name)
-        return None if value is None else read_number(value)
-
-    def integer(self, name: str) -> int | None:
-        value = self._values.get(name)
-        return None if value is None else read_int(value)
-
-    def boolean(self, name: str) -> bool | None:
-        value = self._values.get(name)
-        return None if value is None else read_bool(value)
+        return None if value is None else read(value)
 
     def vector(self, name: str) -> Vector | None:
         """Three numbers; None if missing or empty, so that a default pose applies."""
-        value = self.text(name)
-        if value is None:
-            return None
-        x, y, z = read_vector(value, 3)
-        return x, y, z
+        return self.read(name, read_triple) if self.text(name) is not None else None
 
 
 def _init(command: Command) -> Init:
     fields = _Fields(command)
+    fields.text("classname")
     spelling, qualified = next(
         (segment for segment in command.segments if segment[0].lower() == "classname"), ("", "")
     )
@@ -104,8 +107,8 @@ def _init(command: Command) -> Init:
         rotation=fields.vector("rotation"),
         start=fields.text("start"),
         dialect=_DIALECTS.get((fields.text("dialect") or "").lower()),
-        battery=fields.number("battery"),
-        team=fields.integer("team"),
+        battery=fields.read("battery", read_number),
+        team=fields.read("team", read_int),
         skin=fields.text("skin"),
         segments=command.segments,
     )
@@ -138,15 +141,32 @@ def _drive(command: Command) -> Drive:
         member, read = _DRIVE.get(key.lower(), ("", _text))
         if member and member not in members:
             members[member] = read(value)
+    if command.hearing is not None:
+        for name, (_, read) in _DRIVE.items():
+            command.hearing.ask(name, None if read is _text else read)
     # The misspelling is accepted by protocol reference 3.4.
     misspelt = members.pop("normalize", None)
     members.setdefault("normalized", misspelt)
-    return Drive(wheels=_wheels(command.segments), **members)
+    return Drive(wheels=_wheels(command), **members)
 
 
-def _groups(segments: tuple[Segment, ...], opener: str) -> list[dict[str, str]]:
-    """Cut segments into groups that begin at each `opener`; first value of a name wins."""
+_Readers = Mapping[str, Callable[[str], object]]
+
+
+def _groups(command: Command, opener: str, read: _Readers) -> list[dict[str, str]]:
+    """Cut segments into groups that begin at each `opener`; first value of a name wins.
+
+    Args:
+        command: the command.
+        opener: name of the first segment of each group.
+        read: how the caller reads which segments of a group.
+    """
     groups: list[dict[str, str]] = []
+    segments = command.segments
+    if command.hearing is not None:
+        for name, reader in read.items():
+            command.hearing.ask(name, reader)
+            command.hearing.repeated.add(name)
     for key, value in segments:
         name = key.lower()
         if name == opener:
@@ -156,7 +176,11 @@ def _groups(segments: tuple[Segment, ...], opener: str) -> list[dict[str, str]]:
     return groups
 
 
-def _wheels(segments: tuple[Segment, ...]) -> tuple[WheelTarget, ...]:
+_WHEEL: _Readers = {"wheelnumber": read_int, "wheelspeed": read_number, "wheelsteer": read_number}
+_LINK: _Readers = {"link": read_int, "value": read_number, "order": read_int}
+
+
+def _wheels(command: Command) -> tuple[WheelTarget, ...]:
     def number(group: Mapping[str, str], name: str) -> float | None:
         return read_number(group[name]) if name in group else None
 
@@ -166,11 +190,11 @@ def _wheels(segments: tuple[Segment, ...]) -> tuple[WheelTarget, ...]:
             speed=number(group, "wheelspeed"),
             steer=number(group, "wheelsteer"),
         )
-        for group in _groups(segments, "wheelnumber")
+        for group in _groups(command, "wheelnumber", _WHEEL)
     )
 
 
-def _links(segments: tuple[Segment, ...]) -> tuple[LinkTarget, ...]:
+def _links(command: Command) -> tuple[LinkTarget, ...]:
     """Targets of the Link groups; a group without Value has none."""
     return tuple(
         LinkTarget(
@@ -178,7 +202,7 @@ def _links(segments: tuple[Segment, ...]) -> tuple[LinkTarget, ...]:
             value=read_number(group["value"]),
             order=read_int(group.get("order", "0")),
         )
-        for group in _groups(segments, "link")
+        for group in _groups(command, "link", _LINK)
         if "value" in group
     )
 
@@ -188,21 +212,21 @@ def _pan_tilt(fields: _Fields) -> tuple[LinkTarget, ...]:
     rotation = fields.vector("rotation")
     if rotation is None:
         return ()
-    order = fields.integer("order") or 0
+    order = fields.read("order", read_int) or 0
     return LinkTarget(1, rotation[2], order), LinkTarget(2, rotation[1], order)
 
 
 def _sequence(fields: _Fields) -> int | None:
-    sequence = fields.integer("sequence")
-    return fields.integer("seq") if sequence is None else sequence
+    sequence = fields.read("sequence", read_int)
+    return fields.read("seq", read_int) if sequence is None else sequence
 
 
 def _mis_pkg(command: Command) -> MisPkg:
     fields = _Fields(command)
     return MisPkg(
         name=fields.text("name") or "",
-        groups=_links(command.segments) or _pan_tilt(fields),
-        gripper=fields.integer("gripper"),
+        groups=_links(command) or _pan_tilt(fields),
+        gripper=fields.read("gripper", read_int),
         seq=_sequence(fields),
     )
 
@@ -211,14 +235,16 @@ def _act(command: Command) -> Act:
     fields = _Fields(command)
     return Act(
         name=fields.text("name") or "",
-        groups=_links(command.segments),
-        gripper=fields.integer("gripper"),
+        groups=_links(command),
+        gripper=fields.read("gripper", read_int),
         seq=_sequence(fields),
     )
 
 
 def _multi_drive(command: Command) -> MultiDrive:
     joints: dict[str, float] = {}
+    if command.hearing is not None:
+        command.hearing.rest = read_number
     for key, value in command.segments:
         joints.setdefault(key.lower(), read_number(value))
     return MultiDrive(joints)
@@ -232,12 +258,15 @@ def _set(command: Command) -> Set:
         params = fields.text(opcode) if opcode else None
     if params is None:
         params = _nameless(command.segments)
+        if params and command.hearing is not None:
+            command.hearing.ask(params)
     return Set(
         type=fields.text("type") or "",
         name=fields.text("name"),
         opcode=opcode.upper() if opcode else None,
         params=params,
         segments=command.segments,
+        hearing=command.hearing,
     )
 
 
@@ -247,18 +276,10 @@ def _nameless(segments: tuple[Segment, ...]) -> str:
     return key if not value and key.lower() not in _SET_NAMES else ""
 
 
-def _get_conf(command: Command) -> GetConf:
+def _items(command: Command) -> tuple[str, str | None]:
+    """Type and name of what is asked about."""
     fields = _Fields(command)
-    return GetConf(fields.text("type") or "", fields.text("name"))
-
-
-def _get_geo(command: Command) -> GetGeo:
-    fields = _Fields(command)
-    return GetGeo(fields.text("type") or "", fields.text("name"))
-
-
-def _get_closest_path_node(command: Command) -> GetClosestPathNode:
-    return GetClosestPathNode(_Fields(command).vector("location"))
+    return fields.text("type") or "", fields.text("name")
 
 
 def _move(command: Command) -> Move:
@@ -273,33 +294,27 @@ def _move(command: Command) -> Move:
     )
 
 
-def _goto(command: Command) -> Goto:
-    return Goto(_Fields(command).text("name") or "")
-
-
 def _sync(command: Command) -> Sync:
-    ticks = _Fields(command).integer("ticks")
+    ticks = _Fields(command).read("ticks", read_int)
     return Sync(1 if ticks is None else min(max(ticks, 1), _MOST_TICKS))
-
-
-def _control(command: Command) -> Control:
-    return Control(_Fields(command).text("type") or "", command.segments)
 
 
 _READERS: Mapping[str, Callable[[Command], Request]] = {
     "INIT": _init,
     "GETSTARTPOSES": lambda command: GetStartPoses(),
     "GETPATHNODES": lambda command: GetPathNodes(),
-    "GETCLOSESTPATHNODE": _get_closest_path_node,
+    "GETCLOSESTPATHNODE": lambda command: GetClosestPathNode(_Fields(command).vector("location")),
     "DRIVE": _drive,
     "MULTIDRIVE": _multi_drive,
     "SET": _set,
-    "GETCONF": _get_conf,
-    "GETGEO": _get_geo,
+    "GETCONF": lambda command: GetConf(*_items(command)),
+    "GETGEO": lambda command: GetGeo(*_items(command)),
     "MISPKG": _mis_pkg,
     "ACT": _act,
     "MOVE": _move,
-    "GOTO": _goto,
-    "CONTROL": _control,
+    "GOTO": lambda command: Goto(_Fields(command).text("name") or ""),
+    "CONTROL": lambda command: Control(
+        _Fields(command).text("type") or "", command.segments, command.hearing
+    ),
     "SYNC": _sync,
 }

@@ -25,81 +25,54 @@ class DialectMode(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Facets:
-    """Everything the output and the few dialect dependent inputs differ in."""
+    """Everything the output and the few dialect dependent inputs differ in; defaults: `ut2004`."""
 
-    sta_period: float  # s of simulated time between STA lines (row "STA period")
-    time_digits: int  # of Time in STA, MISSTA, ASTA, EFF and RES (table 2.2)
-    range_digits: int  # of RangeScanner ranges (row "RangeScanner digits")
-    geometry_digits: int  # of sensor GEO (table 2.2)
-    batched_geometry: bool  # sensor GEO has one multi-pair segment per item (row "sensor GEO")
-    type_before_name: bool  # order of the vehicle CONF (row "vehicle CONF")
-    multi_pair: bool  # multi-pair SEN segments exist (row "Sonar, IR, Encoder, Touch")
-    results: bool  # SET is answered by RES (row "SET replies")
-    partial_drive: bool
+    sta_period: float = 0.2  # s of simulated time between STA lines (row "STA period")
+    time_digits: int = 2  # of Time in STA, MISSTA, ASTA, EFF and RES (table 2.2)
+    range_digits: int = 4  # of RangeScanner ranges (row "RangeScanner digits")
+    geometry_digits: int = 4  # of sensor GEO (table 2.2)
+    batched_geometry: bool = True
+    """Sensor GEO has one multi-pair segment per item (row "sensor GEO")."""
+    type_before_name: bool = True  # order of the vehicle CONF (row "vehicle CONF")
+    multi_pair: bool = True  # multi-pair SEN segments exist (row "Sonar, IR, Encoder, Touch")
+    results: bool = True  # SET is answered by RES (row "SET replies")
+    partial_drive: bool = True
     """An absent member of a DRIVE pair keeps its value; otherwise an incomplete pair is ignored
     (row "DRIVE partial pairs")."""
-    sticky_normalized: bool  # ground vehicles remember Normalized (row "Normalized")
-    rotational_velocity_unit: float
+    sticky_normalized: bool = False  # ground vehicles remember Normalized (row "Normalized")
+    rotational_velocity_unit: float = 1.0
     """rad/s of one unit of DRIVE RotationalVelocity (row of the name)."""
-    mission_package_head: str  # head of the periodic actuator line (row "actuators")
-    camera_in_degrees: bool  # Camera CONF is in degrees with texture fields (row "Camera CONF")
-    ground_truth_signed: bool  # angles in (-pi, pi], otherwise in [0, 2 pi) (row "GroundTruth")
-    ground_truth_digits: int  # row "GroundTruth angles, digits"
-    encoder_wraps: bool  # ticks are modulo one turn and items are named Wk (row "Encoder")
-    panning_key: str  # spelling in RangeScanner CONF (5.2 no. 11).
-    flip: bool  # DRIVE Flip sets an overturned robot back on its wheels (3.4)
-    limb_period: float | None
+    mission_package_head: str = "MISSTA"  # head of the periodic actuator line (row "actuators")
+    camera_in_degrees: bool = False
+    """Camera CONF is in degrees with texture fields (row "Camera CONF")."""
+    ground_truth_signed: bool = False
+    """Angles in (-pi, pi], otherwise in [0, 2 pi) (row "GroundTruth")."""
+    ground_truth_digits: int = 2  # row "GroundTruth angles, digits"
+    encoder_wraps: bool = False  # ticks are modulo one turn and items are named Wk (row "Encoder")
+    panning_key: str = "Paning"  # spelling in RangeScanner CONF (5.2 no. 11).
+    flip: bool = True  # DRIVE Flip sets an overturned robot back on its wheels (3.4)
+    limb_period: float | None = None
     """s of simulated time between two ASTA and two EFF lines (4.9); None: actuators report as often
     as STA, effectors on request only."""
-    lamp_always_full: bool  # LightIntensity is 100 even while the lamp is off (4.3)
-    steering_as_commanded: bool
+    lamp_always_full: bool = False  # LightIntensity is 100 even while the lamp is off (4.3)
+    steering_as_commanded: bool = False
     """STA tells commanded steering angles, otherwise measured ones (4.3)."""
-    tilt_commands: bool  # aircraft obey PitchAngle and RollAngle (3.4.4)
-    flight_in_degrees: bool  # CONF of aircraft tells angles in degrees (5.2 no. 16).
-    link_mounts: bool
+    tilt_commands: bool = False  # aircraft obey PitchAngle and RollAngle (3.4.4)
+    flight_in_degrees: bool = False  # CONF of aircraft tells angles in degrees (5.2 no. 16).
+    link_mounts: bool = True
     """GEO names the link that carries an item, otherwise the actuator or the vehicle (4.7)."""
-    package_type: str  # type by which clients ask for actuators (4.8)
-    odometry_resolution: bool  # Odometry CONF tells EncoderResolution (4.8)
-    acceleration_orientation: bool  # the acceleration sensor tells Orientation (4.6, addendum)
-    infrared_limits: int  # how often IR CONF tells both limits (4.8)
-    sonar_cone: bool  # Sonar CONF tells how the cone is sampled (4.8)
-    image_pairs: bool
+    package_type: str = "MisPkg"  # type by which clients ask for actuators (4.8)
+    odometry_resolution: bool = True  # Odometry CONF tells EncoderResolution (4.8)
+    acceleration_orientation: bool = True
+    """The acceleration sensor tells Orientation (4.6, addendum)."""
+    infrared_limits: int = 1  # how often IR CONF tells both limits (4.8)
+    sonar_cone: bool = False  # Sonar CONF tells how the cone is sampled (4.8)
+    image_pairs: bool = False
     """The range imager tells both axes of its image, otherwise those of a scanner (4.6, 4.8)."""
 
 
 FACETS: Mapping[Dialect, Facets] = {
-    Dialect.UT2004: Facets(
-        sta_period=0.2,
-        time_digits=2,
-        range_digits=4,
-        geometry_digits=4,
-        batched_geometry=True,
-        type_before_name=True,
-        multi_pair=True,
-        results=True,
-        partial_drive=True,
-        sticky_normalized=False,
-        rotational_velocity_unit=1.0,
-        mission_package_head="MISSTA",
-        camera_in_degrees=False,
-        ground_truth_signed=False,
-        ground_truth_digits=2,
-        encoder_wraps=False,
-        panning_key="Paning",
-        flip=True,
-        limb_period=None,
-        lamp_always_full=False,
-        steering_as_commanded=False,
-        tilt_commands=False,
-        flight_in_degrees=False,
-        link_mounts=True,
-        package_type="MisPkg",
-        odometry_resolution=True,
-        acceleration_orientation=True,
-        infrared_limits=1,
-        sonar_cone=False,
-        image_pairs=False,
-    ),
+    Dialect.UT2004: Facets(),
     Dialect.UDK: Facets(
         sta_period=0.1,
         time_digits=4,

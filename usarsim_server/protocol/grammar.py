@@ -14,8 +14,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import ClassVar
 
-from usarsim_server.protocol.values import Segment
+from usarsim_server.protocol.values import Hearing, Segment
 
 MOST_SEGMENTS = 1024
 """Segments of one line, those of commands glued to it and empty ones included; what follows them is
@@ -93,6 +94,9 @@ class Command:
     """Memory that it takes while it waits, in units of `WEIGHT_BYTES`, rounded up. That of a
     command of known clients is 1 to 4."""
     cut: bool = False  # what followed on its line was thrown away
+
+    hearing: ClassVar[Hearing | None] = None
+    """Takes notice of how the command is read; nobody does, see `explanation.HeardCommand`."""
 
     def get(self, name: str, default: str | None = None) -> str | None:
         """Value of the first segment of this name in any case, `default` if there is none."""

@@ -30,6 +30,7 @@ way, the clock shows 63.3999999), not real differences: 1.9999999 prints 2.00, 1
 """
 
 _TRUE = frozenset({"true", "1", "yes", "on"})
+_FALSE = frozenset({"false", "0", "no", "off"})
 _NUMBER = re.compile(
     r"[ \t]*([+-]?(?:[0-9]++(?:\.[0-9]*+)?|\.[0-9]++)(?:[eE][+-]?[0-9]++)?)", re.ASCII
 )
@@ -65,6 +66,22 @@ def read_number(text: str) -> float:
     return min(max(value, -MAX_MAGNITUDE), MAX_MAGNITUDE) + 0.0
 
 
+def is_number(text: str) -> bool:
+    """Whether a text begins with a number, so that `read_number` does not make one up."""
+    text = text[:_MAX_NUMBER_TEXT]
+    return bool(_DECIMAL_COMMA.match(text) or _NUMBER.match(text))
+
+
+def is_bool(text: str) -> bool:
+    """Whether a text says either; `read_bool` takes all others for false."""
+    return text.strip(" \t").lower() in _TRUE | _FALSE
+
+
+def vector_parts(text: str) -> list[str]:
+    """The parts of a text that `read_vector` takes for numbers, surplus ones too."""
+    return [part for part in _SEPARATOR_RUN.split(text) if part]
+
+
 def read_int(text: str) -> int:
     """Read a number as `read_number` does and truncate it toward zero."""
     return int(read_number(text))
@@ -92,6 +109,12 @@ def read_vector(text: str, count: int = 3) -> tuple[float, ...]:
     parts = [part for part in _SEPARATOR_RUN.split(text) if part][:count]
     numbers = [read_number(part) for part in parts]
     return (*numbers, *(0.0,) * (count - len(numbers)))
+
+
+def read_triple(text: str) -> tuple[float, float, float]:
+    """Read three numbers as `read_vector` does."""
+    x, y, z = read_vector(text, 3)
+    return x, y, z
 
 
 _EXACT = 10**14

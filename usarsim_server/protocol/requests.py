@@ -7,11 +7,14 @@ Create these only through `commands.interpret` or by keyword.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 from usarsim_server.protocol.grammar import first_value
-from usarsim_server.protocol.values import Dialect, Segment, Vector
+from usarsim_server.protocol.values import Dialect, Hearing, Segment, Vector
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,6 +68,7 @@ class Drive:
 
     Attributes:
         normalized: speeds are percent of the maximum; None if the client did not say.
+        passing: not the controller's own: `normalized` holds for this command in every dialect.
         light: headlight. flip: put the overturned robot back on its wheels.
         left, right: skid steer, wheel spin of each side, rad/s, positive rolls forward.
         speed: Ackerman, wheel spin, rad/s. front_steer, rear_steer: rad.
@@ -110,6 +114,7 @@ class Drive:
     i_gain: float | None = None
     d_gain: float | None = None
     max_torque: float | None = None
+    passing: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,23 +126,20 @@ class MultiDrive:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Set:
-    """Change an item (3.7).
+    """Change an item (3.7)."""
 
-    Attributes:
-        type: item type as sent. name: item name; None addresses all items of the type.
-        opcode: upper case; None if the client sent none.
-        params: text of the parameter, empty if there is none.
-        segments: everything as sent, for the types that have segments of their own.
-    """
-
-    type: str
-    name: str | None = None
-    opcode: str | None = None
-    params: str = ""
+    type: str  # item type as sent
+    name: str | None = None  # item name; None addresses all items of the type
+    opcode: str | None = None  # upper case; None if the client sent none
+    params: str = ""  # text of the parameter, empty if there is none
     segments: tuple[Segment, ...] = ()
+    """Everything as sent, for the types that have segments of their own."""
+    hearing: Hearing | None = None  # takes notice of what is asked for
 
     def get(self, name: str, default: str | None = None) -> str | None:
         """Value of the first segment of this name in any case, `default` if there is none."""
+        if self.hearing is not None:
+            self.hearing.ask(name)
         return first_value(self.segments, name, default)
 
 
@@ -188,17 +190,12 @@ class Act:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Move:
-    """Let an avatar walk (3.13).
+    """Let an avatar walk (3.13)."""
 
-    Attributes:
-        type: gait, for example Walk_Forward. action: New, Append, Pause or Resume.
-        location: x and y in m. pathnode: node to walk to.
-    """
-
-    type: str | None = None
-    action: str | None = None
-    location: tuple[float, float] | None = None
-    pathnode: str | None = None
+    type: str | None = None  # gait, for example Walk_Forward
+    action: str | None = None  # New, Append, Pause or Resume
+    location: tuple[float, float] | None = None  # x and y in m
+    pathnode: str | None = None  # node to walk to
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,10 +211,20 @@ class Control:
 
     type: str
     segments: tuple[Segment, ...] = ()
+    hearing: Hearing | None = None  # takes notice of what is asked for
 
     def get(self, name: str, default: str | None = None) -> str | None:
         """Value of the first segment of this name in any case, `default` if there is none."""
+        if self.hearing is not None:
+            self.hearing.ask(name)
         return first_value(self.segments, name, default)
+
+    def read(self, name: str, read: Callable[[str], T]) -> T | None:
+        """What that value means, None if there is none."""
+        if self.hearing is not None:
+            self.hearing.ask(name, read)
+        text = first_value(self.segments, name)
+        return None if text is None else read(text)
 
 
 @dataclass(frozen=True, slots=True)

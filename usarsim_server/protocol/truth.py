@@ -42,17 +42,12 @@ class Query:
 
 @dataclass(frozen=True, slots=True)
 class Actor:
-    """One line of a listing.
+    """One line of a listing."""
 
-    Attributes:
-        name: of the actor. class_name: without package.
-        location: wire frame, m. rotation: roll, pitch, yaw, rad.
-    """
-
-    name: str
-    class_name: str
-    location: Vector
-    rotation: Vector
+    name: str  # of the actor
+    class_name: str  # without package
+    location: Vector  # wire frame, m
+    rotation: Vector  # roll, pitch, yaw, rad
 
 
 def read_query(line: str) -> Query:

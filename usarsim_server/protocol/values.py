@@ -9,10 +9,12 @@ engine names know no case.
 
 from __future__ import annotations
 
+import difflib
 import re
-from collections.abc import Container
+from collections.abc import Callable, Container, Iterable
 from dataclasses import dataclass
 from enum import Enum
+from itertools import islice
 
 Vector = tuple[float, float, float]
 """Wire frame: x forward, y right, z down in metres, or roll, pitch, yaw in rad."""
@@ -37,6 +39,26 @@ class Item:
 
     name: str
     segments: tuple[Segment, ...] = ()
+
+
+class Hearing:
+    """What the reader of one command asked for; made only when somebody wants it explained.
+
+    Attributes:
+        asked: keys of segments, in lower case, and what was made of their texts; None: a text.
+        rest: what was made of all other segments, whatever their keys; None: nothing.
+        repeated: keys that may come again and again.
+    """
+
+    def __init__(self) -> None:
+        self.asked: dict[str, Callable[[str], object] | None] = {}
+        self.rest: Callable[[str], object] | None = None
+        self.repeated: set[str] = set()
+
+    def ask(self, key: str, read: Callable[[str], object] | None = None) -> None:
+        """A segment was looked for, and read by a function."""
+        name = key.lower()
+        self.asked[name] = read or self.asked.get(name)
 
 
 LONGEST_NAME = 64
@@ -87,3 +109,13 @@ def free_name(text: str, taken: Container[str]) -> str:
         ending = f"_{number}"
         name = wanted[: LONGEST_NAME - len(ending)] + ending
     return name
+
+
+_LONGEST_NAME, _MOST_NAMES = 40, 200
+
+
+def near(text: str, known: Iterable[str]) -> str:
+    """`; did you mean X?` if a name is like what was written, else nothing."""
+    spelled = {one.lower(): one for one in islice(known, _MOST_NAMES)}
+    found = difflib.get_close_matches(text[:_LONGEST_NAME].lower(), spelled, n=1, cutoff=0.6)
+    return f"; did you mean `{spelled[found[0]]}`?" if found else ""

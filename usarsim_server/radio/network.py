@@ -148,9 +148,10 @@ class Network:
         """
         if not self.model.needs_positions:
             return
+        time = self._world.clock()  # before the places, which then are not older than it
         stations = self._world.stations()
         picture = _Picture(
-            self._world.clock(),
+            time,
             {station.name: station.position for station in stations},
             frozenset(station.name for station in stations if station.battery_empty),
         )
@@ -159,6 +160,11 @@ class Network:
             for one, other in _pairs(filter(picture.positions.__contains__, self.names)):
                 self._obstacles(picture, one, other)
         self._picture = picture
+
+    @property
+    def outdated(self) -> bool:
+        """Whether time has passed since the last look."""
+        return self.model.needs_positions and self._picture.time < self._world.clock()
 
     def knows(self, name: str) -> bool:
         """Whether the last look found a station, or none is needed."""

@@ -13,7 +13,8 @@ from typing import Protocol
 import numpy as np
 
 from usarsim_server.protocol.values import Vector
-from usarsim_server.simulation.rays.query import Array, SceneryHit
+from usarsim_server.simulation.frames import Array
+from usarsim_server.simulation.rays.query import SceneryHit
 from usarsim_server.worlds.victims import part_of
 
 STRIDE = 0.20

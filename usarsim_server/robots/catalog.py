@@ -347,30 +347,32 @@ def load_catalog(extra: Sequence[Path] = (), *, allow_outside: bool = False) -> 
 
 def _claims(layer: Iterable[RobotFile]) -> dict[str, tuple[str, str]]:
     """Every name that the robots of a layer answer to: lower case to spelling and class."""
-    claims: dict[str, tuple[str, str]] = {}
-    sources: dict[str, Path] = {}
-    for file in layer:
-        robot = file.description
-        for name in (robot.name, *file.aliases):
-            other = sources.setdefault(name.lower(), robot.source)
-            if other != robot.source:
-                raise RobotDescriptionError(
-                    at(robot.source, f"{name!r} is also a name in {other}", "rename one of them")
-                )
-            claims.setdefault(name.lower(), (name, robot.name.lower()))
-    return claims
+    names = (
+        (file.description, name)
+        for file in layer
+        for name in (file.description.name, *file.aliases)
+    )
+    return {
+        key: (name, robot.name.lower())
+        for key, (name, robot) in _unique(names, str.lower, "a name").items()
+    }
 
 
 def _exact_claims(layer: Iterable[RobotFile]) -> dict[str, str]:
     """The names of a layer that count in one spelling only, and their classes."""
-    claims: dict[str, str] = {}
-    sources: dict[str, Path] = {}
-    for file in layer:
-        robot = file.description
-        for name in file.exact_aliases:
-            other = sources.setdefault(name, robot.source)
-            if other != robot.source:
-                problem = f"{name!r} is also an exact alias in {other}"
-                raise RobotDescriptionError(at(robot.source, problem, "rename one of them"))
-            claims[name] = robot.name.lower()
+    names = ((file.description, name) for file in layer for name in file.exact_aliases)
+    claims = _unique(names, str, "an exact alias")
+    return {name: robot.name.lower() for name, (_, robot) in claims.items()}
+
+
+def _unique(
+    names: Iterable[tuple[RobotDescription, str]], key: Callable[[str], str], kind: str
+) -> dict[str, tuple[str, RobotDescription]]:
+    """First spelling and robot by key; refuses names that two robots claim."""
+    claims: dict[str, tuple[str, RobotDescription]] = {}
+    for robot, name in names:
+        _, other = claims.setdefault(key(name), (name, robot))
+        if other.source != robot.source:
+            problem = f"{name!r} is also {kind} in {other.source}"
+            raise RobotDescriptionError(at(robot.source, problem, "rename one of them"))
     return claims

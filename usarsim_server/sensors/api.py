@@ -1,7 +1,8 @@
 """What an author of a sensor needs, in one place.
 
 A sensor is one class: its keys in robot files are fields, `measure` keeps a reading, `data` writes
-it down. Subclass `Sensor`, or for distances `Ranging` or `SingleRange`:
+it down. Subclass `Sensor`, or for distances `Ranging`, `SingleRange`, or `LightRanging`, whose
+beams smoke can stop:
 
     from usarsim_server.sensors.api import *
 
@@ -34,6 +35,7 @@ from usarsim_server.sensors.base import (
     register,
 )
 from usarsim_server.sensors.ranges import (
+    LightRanging,
     Ranging,
     SingleRange,
     cone_directions,
@@ -50,6 +52,7 @@ __all__ = [
     "NOWHERE",
     "Dialect",
     "ItemDescription",
+    "LightRanging",
     "Ranging",
     "RayFan",
     "RayHits",

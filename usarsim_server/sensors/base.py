@@ -19,6 +19,7 @@ import numpy as np
 import usarsim_server.sensors as package
 from usarsim_server.fields import field
 from usarsim_server.plugins import PluginTypes
+from usarsim_server.protocol.numbers import fixed
 from usarsim_server.protocol.values import Dialect, Item, Segment
 from usarsim_server.robots.description import ItemDescription, RobotDescription
 from usarsim_server.robots.mounting import DeclaredItem, SetReply, SetResult
@@ -83,7 +84,16 @@ class Sensor(DeclaredItem, ABC):
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.1}
     """Default reporting interval in simulated seconds; 0 reports on SCAN only."""
 
-    own_interval: float | None = field(default=None, key="interval", low=0.0, unit="s")
+    announces: ClassVar[tuple[tuple[str, str], ...]] = ()
+    """Keys of CONF and the fields whose values they tell, four digits."""
+    announces_interval: ClassVar[bool] = False
+    """ScanInterval is in CONF, before all others."""
+    scans: ClassVar[bool] = False
+    """SET SCAN asks for one report now."""
+
+    own_interval: float | None = field(
+        default=None, key="interval", low=0.0, unit="s", help="between reports; 0: on SCAN only"
+    )
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         """Read the item.
@@ -117,12 +127,14 @@ class Sensor(DeclaredItem, ABC):
         return ()
 
     def configuration(self, dialect: Dialect) -> tuple[Segment, ...]:
-        """Segments of CONF after Name (protocol reference 4.8); none by default."""
-        return ()
+        """Segments of CONF after Name (protocol reference 4.8); by default what it announces."""
+        interval = ("ScanInterval", fixed(self.interval(dialect), 4))
+        told = [(key, fixed(getattr(self, name), 4)) for key, name in self.announces]
+        return (interval, *told) if self.announces_interval else tuple(told)
 
     def set(self, opcode: str, params: str, robot: RobotState) -> SetResult | SetReply:
         """Obey a SET command; `opcode` is upper case. Unknown opcodes change nothing."""
-        return SetResult.UNKNOWN
+        return SetResult.SCAN if self.scans and opcode == "SCAN" else SetResult.UNKNOWN
 
     def wire_name(self, dialect: Dialect) -> str:
         """Item name in a dialect; the name of the robot file by default."""

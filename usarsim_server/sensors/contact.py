@@ -5,7 +5,7 @@ one (robots reference 2.8).
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -24,7 +24,7 @@ from usarsim_server.simulation.snapshot import RobotState
 Array = NDArray[np.float64]
 
 PROBE_LENGTH = 0.003
-"""m; what is nearer than this counts as touched."""
+"""m."""
 
 PROBE_DEPTH = 0.01
 """m that probes start behind the pad: contacts give way a little, and a ray that starts inside an
@@ -36,18 +36,17 @@ POINTS_PER_RING = 6
 
 @register("Touch")
 class Touch(Sensor):
-    """True while something is within a few millimetres of the pad.
-
-    The pad faces along the mount's x axis. Parameters: `diameter`, `probe_length` (m).
-    """
+    """True while something is within a few millimetres of the pad, which faces along x."""
 
     wire_type: ClassVar[str] = "Touch"
     timed: ClassVar[frozenset[Dialect]] = frozenset({Dialect.UDK})
     batched: ClassVar[frozenset[Dialect]] = frozenset({Dialect.UT2004})
-    intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.1}
+    announces = (("Diameter", "diameter"),)
 
-    diameter: float = field(default=0.01, above=0.0, high=1.0)
-    probe_length: float = field(default=PROBE_LENGTH, above=0.0, high=1.0)
+    diameter: float = field(default=0.01, above=0.0, high=1.0, unit="m", help="of the pad")
+    probe_length: float = field(
+        default=PROBE_LENGTH, above=0.0, high=1.0, unit="m", help="what is nearer counts as touched"
+    )
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
@@ -73,10 +72,6 @@ class Touch(Sensor):
         """Touch, True or False."""
         return (("Touch", boolean(self.touched)),)
 
-    def configuration(self, dialect: Dialect) -> tuple[Segment, ...]:
-        """Diameter."""
-        return (("Diameter", fixed(self.diameter, 4)),)
-
 
 def disc_probes(radius: float) -> Array:
     """Starts (n, 3) of the probes of a disc across the x axis: centre and rings of six points."""
@@ -96,21 +91,18 @@ PADS = 20
 class TouchArray(Touch):
     """True while something is within 2 cm outside an arc, anywhere along it.
 
-    The arc lies in the sensor's x-y plane around its origin, symmetric to the x axis. Parameters:
-    those of `Touch`, and `arc_radius` (m), `arc_angle` (rad), and `arc_roll`, `arc_pitch`,
-    `arc_yaw` (rad), which turn the arc in the sensor's frame.
+    The arc lies in the sensor's x-y plane around its origin, symmetric to the x axis.
     """
 
     wire_type: ClassVar[str] = "TouchArray"
     batched: ClassVar[frozenset[Dialect]] = NOWHERE
-    intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.1}
     probe_length = 0.02
 
-    arc_radius: float = field(default=0.17, above=0.0, high=10.0)
-    arc_angle: float = field(default=3.14, above=0.0, high=math.tau)
-    arc_roll: float = field(default=0.0)
-    arc_pitch: float = field(default=0.0)
-    arc_yaw: float = field(default=0.0)
+    arc_radius: float = field(default=0.17, above=0.0, high=10.0, unit="m")
+    arc_angle: float = field(default=3.14, above=0.0, high=math.tau, unit="rad", help="its width")
+    arc_roll: float = field(default=0.0, unit="rad", help="turns the arc in the sensor's frame")
+    arc_pitch: float = field(default=0.0, unit="rad", help="likewise")
+    arc_yaw: float = field(default=0.0, unit="rad", help="likewise")
 
     def probes(self) -> tuple[Array, Array]:
         """The discs of all pads, each looking outward, from right to left."""

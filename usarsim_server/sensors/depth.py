@@ -50,9 +50,6 @@ class RangeImager(Ranging):
     pixels of a row from left to right. The first ray of a row points to -FOV/2, the first row to
     +FOV/2, the next a FOV/pixels further, as in the original (KinectDepth.uc of robocup-usarsim). A
     SCAN during an image changes nothing. With an interval of 0 each SCAN sends one frame.
-
-    Parameters: those of `Ranging`, and `fov`, `vertical_fov` (rad), `width`, `height` (pixels),
-    `frames`.
     """
 
     wire_type: ClassVar[str] = "RangeImager"
@@ -60,11 +57,11 @@ class RangeImager(Ranging):
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.1, Dialect.UDK: 0.1}
     max_range = 20.0
 
-    fov: float = field(default=1.01226, above=0.0, high=np.pi)
-    vertical_fov: float = field(default=0.7854, above=0.0, high=np.pi)
-    width: int = field(default=320, low=1, high=1280)
-    height: int = field(default=240, low=1, high=1024)
-    frames: int = field(default=20, low=1, high=1024)
+    fov: float = field(default=1.01226, above=0.0, high=np.pi, unit="rad")
+    vertical_fov: float = field(default=0.7854, above=0.0, high=np.pi, unit="rad")
+    width: int = field(default=320, low=1, high=1280, help="pixels")
+    height: int = field(default=240, low=1, high=1024, help="pixels")
+    frames: int = field(default=20, low=1, high=1024, help="reports that an image takes")
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
@@ -181,17 +178,16 @@ class _PointCloud(Ranging):
 class RotatingPointCloudScanner(_PointCloud):
     """A row of beams, from left to right, that rises from -FOV/2 to +FOV/2 and starts again.
 
-    Each reading is one row, at the pitch of its moment. Parameters: those of `Ranging`, and
-    `beams`, `fov`, `vertical_fov` (rad), `spin_period` (s per rise).
+    Each reading is one row, at the pitch of its moment.
     """
 
     separator: ClassVar[str] = ";"
     digits: ClassVar[int] = 2
 
-    beams: int = field(default=256, low=2, high=10_000)
-    fov: float = field(default=2.094395, above=0.0, high=7.0)
-    vertical_fov: float = field(default=0.785398, low=0.0, high=np.pi)
-    spin_period: float = field(default=1.0, low=0.01)
+    beams: int = field(default=256, low=2, high=10_000, help="in a row")
+    fov: float = field(default=2.094395, above=0.0, high=7.0, unit="rad")
+    vertical_fov: float = field(default=0.785398, low=0.0, high=np.pi, unit="rad")
+    spin_period: float = field(default=1.0, low=0.01, unit="s", help="of one rise")
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
@@ -213,16 +209,13 @@ class RotatingPointCloudScanner(_PointCloud):
 
 @register("ExampleSonarArray", "RangeSensorArray")
 class SonarArray(_PointCloud):
-    """A square grid of parallel rays; columns from left to right, each from bottom to top.
-
-    Parameters: those of `Ranging`, and `grid` (rays per side), `spacing` (m).
-    """
+    """A square grid of parallel rays; columns from left to right, each from bottom to top."""
 
     separator: ClassVar[str] = " "
     digits: ClassVar[int] = 4
 
-    grid: int = field(default=30, low=1, high=100)
-    spacing: float = field(default=0.05, above=0.0, high=10.0)
+    grid: int = field(default=30, low=1, high=100, help="rays per side")
+    spacing: float = field(default=0.05, above=0.0, high=10.0, unit="m", help="of the rays")
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from usarsim_server.fields import field
 from usarsim_server.protocol.dialects import ANGLE_UNIT, FACETS
-from usarsim_server.protocol.numbers import fixed, vector
+from usarsim_server.protocol.numbers import vector
 from usarsim_server.protocol.values import Dialect, Segment
 from usarsim_server.robots.description import ItemDescription
 from usarsim_server.robots.mounting import SetResult
@@ -81,17 +81,16 @@ class InertialNavigation(Sensor):
     +-1/2 precision^-2 for angles and +-1/2 precision^-1 for axes. The estimate starts at the
     sensor's own place and follows the robot's reference point after the first interval in which
     the robot did not turn (less than one angle unit of the original engine).
-
-    Parameters: `precision`, `sigma`, `drifting`.
     """
 
     wire_type: ClassVar[str] = "INS"
     timed: ClassVar[frozenset[Dialect]] = NOWHERE
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.2}
+    announces_interval = True
 
-    precision: float = field(default=1000.0, above=0.0)
-    sigma: float = field(default=0.05, low=0.0)
-    drifting: bool = field(default=True)
+    precision: float = field(default=1000.0, above=0.0, help="the greater, the less it drifts")
+    sigma: float = field(default=0.05, low=0.0, help="of the random error, as a share of the way")
+    drifting: bool = field(default=True, help="false: no systematic error")
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
@@ -123,10 +122,6 @@ class InertialNavigation(Sensor):
         """Location and Orientation, two digits, angles in [0, 2 pi)."""
         location = vector(self._location.tolist(), 2)
         return (("Location", location), ("Orientation", vector(self._orientation, 2)))
-
-    def configuration(self, dialect: Dialect) -> tuple[Segment, ...]:
-        """ScanInterval."""
-        return (("ScanInterval", fixed(self.interval(dialect), 4)),)
 
     def set(self, opcode: str, params: str, robot: RobotState) -> SetResult:
         """POSE x,y,z,roll,pitch,yaw sets the estimate and ends the systematic drift."""
@@ -173,15 +168,12 @@ class InertialUnit(InertialNavigation):
     """
 
     wire_type: ClassVar[str] = "INU"
+    announces_interval = False
 
     def data(self, dialect: Dialect) -> tuple[Segment, ...]:
         """Orientation, two digits, angles in [0, 2 pi)."""
         _, orientation = super().data(dialect)
         return (orientation,)
-
-    def configuration(self, dialect: Dialect) -> tuple[Segment, ...]:
-        """Nothing but the name."""
-        return ()
 
     def set(self, opcode: str, params: str, robot: RobotState) -> SetResult:
         """It has no estimate of a pose to set."""

@@ -20,7 +20,6 @@ from usarsim_server.protocol.messages.text import token
 from usarsim_server.protocol.numbers import vector
 from usarsim_server.protocol.values import Dialect, Segment
 from usarsim_server.robots.description import ItemDescription
-from usarsim_server.robots.mounting import SetResult
 from usarsim_server.sensors.base import NOWHERE, Sensor, SensorContext, register
 from usarsim_server.sensors.people import in_sight, sight_lines, within_cone
 from usarsim_server.sensors.ranges import fan_at, wire_directions
@@ -33,19 +32,15 @@ from usarsim_server.simulation.snapshot import RobotState
 
 @register("Helper")
 class BallHelper(Sensor):
-    """Place of a ball and whether it can be seen from here; silent in a world without it.
-
-    Parameters: `object` (name of the ball's body in the scene), `fov` (rad, full cone),
-    `max_range` (m).
-    """
+    """Place of a ball and whether it can be seen from here; silent in a world without it."""
 
     wire_type: ClassVar[str] = "Helper"
     timed: ClassVar[frozenset[Dialect]] = frozenset({Dialect.UDK})
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.2}
 
-    ball: str = field(default="ball", key="object")
-    fov: float = field(default=math.tau, above=0.0, high=math.tau)
-    max_range: float = field(default=20.0, above=0.0)
+    ball: str = field(default="ball", key="object", help="name of the ball's body in the scene")
+    fov: float = field(default=math.tau, above=0.0, high=math.tau, unit="rad", help="full cone")
+    max_range: float = field(default=20.0, above=0.0, unit="m")
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
@@ -87,17 +82,16 @@ class ObjectSensor(Sensor):
 
     An object is a piece of the scenery, a movable body, a victim or another robot. Things without
     a name in the scene are not listed. All poses and points are in the world frame.
-
-    Parameters: `fov`, `resolution` (rad), `max_range` (m).
     """
 
     wire_type: ClassVar[str] = "ObjectSensor"
     timed: ClassVar[frozenset[Dialect]] = NOWHERE
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.5, Dialect.UDK: 0.5}
+    scans = True
 
-    fov: float = field(default=0.174, above=0.0, high=7.0)
-    resolution: float = field(default=0.017, low=MIN_RESOLUTION)
-    max_range: float = field(default=1000.0, above=0.0)
+    fov: float = field(default=0.174, above=0.0, high=7.0, unit="rad")
+    resolution: float = field(default=0.017, low=MIN_RESOLUTION, unit="rad", help="between beams")
+    max_range: float = field(default=1000.0, above=0.0, unit="m")
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
@@ -130,10 +124,6 @@ class ObjectSensor(Sensor):
     def data(self, dialect: Dialect) -> tuple[Segment, ...]:
         """Object, Location, Orientation, HitLoc and Material of every object, two digits."""
         return tuple(segment for sighting in self._seen for segment in _segments(sighting))
-
-    def set(self, opcode: str, params: str, robot: RobotState) -> SetResult:
-        """SCAN asks for one report now."""
-        return SetResult.SCAN if opcode == "SCAN" else SetResult.UNKNOWN
 
 
 def _segments(sighting: _Sighting) -> tuple[Segment, ...]:

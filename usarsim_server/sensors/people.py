@@ -105,23 +105,29 @@ class VictimSensor(Sensor):
     error in proportion to the distance. Boxes of the world file (`[[false_alarm]]`) are taken for
     parts now and then, the more often the farther away they are. Clients know no `Head`, so a
     head in view is left out (protocol reference 4.6).
-
-    Parameters: `max_range` (m), `horizontal_fov`, `vertical_fov`, `step` (rad; the angle between
-    rays of a quarter of the grid), `noise` (standard deviation per metre of distance), `send_head`
-    = true for clients that know it, `name_without_victims` = false for the original's line
-    `{Type VictSensor} {Status NoVictims}`.
     """
 
     wire_type: ClassVar[str] = "VictSensor"
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.2}
+    announces = (
+        ("MaxRange", "max_range"),
+        ("HorizontalFOV", "horizontal_fov"),
+        ("VerticalFOV", "vertical_fov"),
+    )
 
-    max_range: float = field(default=4.0, above=0.0, high=100.0)
-    horizontal_fov: float = field(default=FOV, above=0.0, high=math.tau)
-    vertical_fov: float = field(default=FOV, above=0.0, high=math.pi)
-    step: float = field(default=STEP, low=0.01, high=math.pi)
-    noise: float = field(default=0.05, low=0.0, high=1.0)
-    send_head: bool = field(default=False)
-    name_without_victims: bool = field(default=True)
+    max_range: float = field(default=4.0, above=0.0, high=100.0, unit="m")
+    horizontal_fov: float = field(default=FOV, above=0.0, high=math.tau, unit="rad")
+    vertical_fov: float = field(default=FOV, above=0.0, high=math.pi, unit="rad")
+    step: float = field(
+        default=STEP, low=0.01, high=math.pi, unit="rad", help="between rays of a quarter of a grid"
+    )
+    noise: float = field(
+        default=0.05, low=0.0, high=1.0, help="standard deviation as a share of the distance"
+    )
+    send_head: bool = field(default=False, help="for clients that know Head")
+    name_without_victims: bool = field(
+        default=True, help="false: `{Type VictSensor} {Status NoVictims}`, as the original"
+    )
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
@@ -166,14 +172,6 @@ class VictimSensor(Sensor):
         if self._report or self.name_without_victims:
             return super().item(dialect)
         return Item("", self.data(dialect))
-
-    def configuration(self, dialect: Dialect) -> tuple[Segment, ...]:
-        """MaxRange, HorizontalFOV, VerticalFOV."""
-        return (
-            ("MaxRange", fixed(self.max_range, 4)),
-            ("HorizontalFOV", fixed(self.horizontal_fov, 4)),
-            ("VerticalFOV", fixed(self.vertical_fov, 4)),
-        )
 
     def _grid(self, yaw_shift: float, pitch_shift: float) -> Array:
         yaws = _angles(self.horizontal_fov, self.step, yaw_shift)
@@ -266,17 +264,17 @@ class HumanMotionSensor(Sensor):
     It falls linearly from 1 at the sensor to 0 at `max_range`, and with the speed below
     `full_speed`. Walls hide people. Of several people the likeliest counts. Victims and avatars
     are people; an avatar's speed is that since the last reading.
-
-    Parameters: `max_range` (m), `fov` (rad, full cone), `full_speed` (m/s).
     """
 
     wire_type: ClassVar[str] = "HumanMotion"
     timed: ClassVar[frozenset[Dialect]] = frozenset({Dialect.UDK})
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.2}
 
-    max_range: float = field(default=5.0, above=0.0)
-    fov: float = field(default=math.radians(100.0), above=0.0, high=math.tau)
-    full_speed: float = field(default=0.3, above=0.0)
+    max_range: float = field(default=5.0, above=0.0, unit="m")
+    fov: float = field(
+        default=math.radians(100.0), above=0.0, high=math.tau, unit="rad", help="full cone"
+    )
+    full_speed: float = field(default=0.3, above=0.0, unit="m/s", help="and above is as likely")
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)

@@ -26,14 +26,12 @@ from usarsim_server.worlds.description import WorldDescription
 
 @register("GroundTruth")
 class GroundTruth(Sensor):
-    """Pose of the robot's reference point in the world, or of the sensor itself.
-
-    Parameter: `of` = "robot" or "sensor".
-    """
+    """Pose of the robot's reference point in the world, or of the sensor itself."""
 
     wire_type: ClassVar[str] = "GroundTruth"
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.05, Dialect.UDK: 0.1}
-    of: str = field(default="robot", choices=("robot", "sensor"), any_case=True)
+    announces_interval = True
+    of: str = field(default="robot", choices=("robot", "sensor"), any_case=True, help="whose pose")
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
@@ -54,10 +52,6 @@ class GroundTruth(Sensor):
         location = vector(self._location, digits)
         return (("Location", location), ("Orientation", vector(orientation, digits)))
 
-    def configuration(self, dialect: Dialect) -> tuple[Segment, ...]:
-        """ScanInterval."""
-        return (("ScanInterval", fixed(self.interval(dialect), 4)),)
-
 
 @register("GroundTruthMovable")
 class GroundTruthMovable(GroundTruth):
@@ -74,12 +68,12 @@ SEA_LEVEL = 111.0
 class MagneticCompass(Sensor):
     """Heading relative to map north, signed, clockwise positive, rad.
 
-    The original converted twice and truncated, so it always said about zero: `literal` = true.
+    The original converted twice and truncated, so it always said about zero.
     """
 
     wire_type: ClassVar[str] = "MagneticCompass"
 
-    literal: bool = field(default=False)
+    literal: bool = field(default=False, help="always 0, as in the original")
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
@@ -99,14 +93,11 @@ class MagneticCompass(Sensor):
 
 @register("AltitudeSensor")
 class Altimeter(Sensor):
-    """Height above the place of the first reading, up positive, and above the sea, m.
-
-    Parameter: `sea_level`, height of that place above the sea.
-    """
+    """Height above the place of the first reading, up positive, and above the sea, m."""
 
     wire_type: ClassVar[str] = "AltitudeSensor"
 
-    sea_level: float = field(default=SEA_LEVEL)
+    sea_level: float = field(default=SEA_LEVEL, unit="m", help="from there up to that place")
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
@@ -197,18 +188,19 @@ SKY_RANGE = 5_000.0
 class Gps(Sensor):
     """Latitude, longitude, fix and number of satellites in sight.
 
-    White Gaussian noise on both axes, the smaller the more satellites are in sight. Parameters:
-    `noise` (false switches it off), `max_noise` and `min_noise` (m, three standard deviations with
-    4 and with 12 satellites).
+    White Gaussian noise on both axes, the smaller the more satellites are in sight.
     """
 
     wire_type: ClassVar[str] = "GPS"
     timed: ClassVar[frozenset[Dialect]] = NOWHERE
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.2}
+    announces_interval = True
 
-    noise: bool = field(default=True)
-    max_noise: float = field(default=2.5, low=0.0)
-    min_noise: float = field(default=0.75, low=0.0)
+    noise: bool = field(default=True, help="false switches it off")
+    max_noise: float = field(
+        default=2.5, low=0.0, unit="m", help="three standard deviations with 4 satellites"
+    )
+    min_noise: float = field(default=0.75, low=0.0, unit="m", help="likewise with 12")
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
@@ -250,10 +242,6 @@ class Gps(Sensor):
             ("Fix", "1"),
             satellites,
         )
-
-    def configuration(self, dialect: Dialect) -> tuple[Segment, ...]:
-        """ScanInterval."""
-        return (("ScanInterval", fixed(self.interval(dialect), 4)),)
 
 
 def fix_deviation(satellites: int, max_noise: float = 2.5, min_noise: float = 0.75) -> float:

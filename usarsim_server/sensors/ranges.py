@@ -37,15 +37,15 @@ Array = NDArray[np.float64]
 class Ranging(Sensor):
     """A sensor of distances.
 
-    Parameters of the robot file: `min_range`, `max_range` (m); `noise` (m) and `noise_ratio`
-    (fraction of the distance): the larger of both is the standard deviation of a Gaussian error of
-    every echo. The original had no noise (robots reference 2.3), so both are 0 by default.
+    Every echo may have a Gaussian error. The original had none (robots reference 2.3).
     """
 
-    min_range: float = field(default=0.1, low=0.0)
-    max_range: float = field(above=0.0)
-    noise: float = field(default=0.0, low=0.0)
-    noise_ratio: float = field(default=0.0, low=0.0)
+    min_range: float = field(default=0.1, low=0.0, unit="m")
+    max_range: float = field(above=0.0, unit="m")
+    noise: float = field(default=0.0, low=0.0, unit="m", help="standard deviation of every echo")
+    noise_ratio: float = field(
+        default=0.0, low=0.0, help="the same as a share of the distance; the larger of both counts"
+    )
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
@@ -72,11 +72,33 @@ class Ranging(Sensor):
         return (("MaxRange", fixed(self.max_range, 4)), ("MinRange", fixed(self.min_range, 4)))
 
 
+class LightRanging(Ranging):
+    """A sensor whose beams are light: smoke gets in their way, and glass unless they pass it."""
+
+    through_glass: ClassVar[bool] = False
+
+    smoke: str = field(
+        default="ignore", choices=MODELS, any_case=True, help="what thick air does to a beam"
+    )
+    smoke_budget: float = field(
+        default=HOKUYO_BUDGET, above=0.0, help="density times metres after which a beam is lost"
+    )
+
+    def __init__(self, item: ItemDescription, context: SensorContext) -> None:
+        super().__init__(item, context)
+        self._sight = SmokeSight(context, self.smoke, self.smoke_budget)
+
+    def beams_of(self, robot: RobotState, directions: Array) -> tuple[RayFan]:
+        """The fan of the next reading; its answer goes through `seen`."""
+        pose = self.world_pose(robot)
+        fan = fan_at(pose, directions, self.max_range, through_glass=self.through_glass)
+        return (self._sight.send(fan, robot.time),)
+
+
 class SingleRange(Ranging):
     """A sensor with one distance per reading: sonar, infrared, range finder."""
 
     batched: ClassVar[frozenset[Dialect]] = frozenset({Dialect.UT2004})
-    intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.1}
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
@@ -160,29 +182,18 @@ def fan_at(
 
 
 @register("RangeSensor")
-class RangeSensor(SingleRange):
+class RangeSensor(LightRanging, SingleRange):
     """One ray; the minimum range is announced but not applied.
 
-    Parameters: those of `Ranging`; `smoke` and `smoke_budget`, see `SmokeSight`.
     Source: RangeSensor.uc of robocup-usarsim, whose item type is `Range`.
     """
 
     wire_type: ClassVar[str] = "Range"
     max_range = 3.0
-    through_glass: ClassVar[bool] = False
-
-    smoke: str = field(default="ignore", choices=MODELS, any_case=True)
-    smoke_budget: float = field(default=HOKUYO_BUDGET, above=0.0)
-
-    def __init__(self, item: ItemDescription, context: SensorContext) -> None:
-        super().__init__(item, context)
-        self._sight = SmokeSight(context, self.smoke, self.smoke_budget)
 
     def rays(self, robot: RobotState) -> Sequence[RayFan]:
         """The single ray along the mount axis."""
-        pose = self.world_pose(robot)
-        fan = fan_at(pose, AHEAD, self.max_range, through_glass=self.through_glass)
-        return (self._sight.send(fan, robot.time),)
+        return self.beams_of(robot, AHEAD)
 
     def distance(self, hits: Sequence[RayHits]) -> float:
         """The distance as it is, or as smoke lets it appear."""
@@ -215,21 +226,19 @@ MAX_RAYS_PER_CONE = 16
 
 @register("Sonar", "SonarSensor")
 class Sonar(SingleRange):
-    """Nearest echo within a cone, clamped to the range limits.
-
-    Parameters: those of `Ranging`, and `beam_angle` (rad, full cone), `max_incidence` (rad),
-    `cones` and `rays_per_cone` (sampling: 2 x 8 by default, the original's is 10 x 16), `literal`.
-    """
+    """Nearest echo within a cone, clamped to the range limits."""
 
     wire_type: ClassVar[str] = "Sonar"
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.2}
     max_range = 5.0
 
-    beam_angle: float = field(default=0.349, above=0.0, high=math.pi)
-    max_incidence: float = field(default=0.17453, above=0.0, high=math.pi / 2)
-    cones: int = field(default=2, low=0, high=MAX_CONES)
-    rays_per_cone: int = field(default=8, low=1, high=MAX_RAYS_PER_CONE)
-    literal: bool = field(default=False)
+    beam_angle: float = field(default=0.349, above=0.0, high=math.pi, unit="rad", help="full cone")
+    max_incidence: float = field(
+        default=0.17453, above=0.0, high=math.pi / 2, unit="rad", help="at which there is an echo"
+    )
+    cones: int = field(default=2, low=0, high=MAX_CONES, help="the original has 10")
+    rays_per_cone: int = field(default=8, low=1, high=MAX_RAYS_PER_CONE, help="the original has 16")
+    literal: bool = field(default=False, help="only the centre ray, as in UDK")
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
@@ -288,20 +297,17 @@ class LineLaser(Ranging):
 
     Beams run from -FOV/2, the left, to +FOV/2, both included. A beam without hit gives the point
     at the maximum range, so that the number of points is constant. The original measured once and
-    repeated that text for ever: `literal` = true. The pieces of line into which it grouped the
+    repeated that text for ever. The pieces of line into which it grouped the
     points were drawn on its screen and never sent (LineLaser.uc of robocup-usarsim).
-
-    Parameters: those of `Ranging`, and `fov` (rad), `beams`, `literal`.
     """
 
     wire_type: ClassVar[str] = "LineLaser"
     timed: ClassVar[frozenset[Dialect]] = NOWHERE
-    intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.1}
     max_range = 5.0
 
-    fov: float = field(default=1.570796, above=0.0, high=7.0)
+    fov: float = field(default=1.570796, above=0.0, high=7.0, unit="rad")
     beams: int = field(default=120, low=2, high=10_000)
-    literal: bool = field(default=False)
+    literal: bool = field(default=False, help="measures once, as the original")
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)

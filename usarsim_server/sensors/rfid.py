@@ -35,8 +35,6 @@ class RfidReader(Sensor):
     """Reports all tags in range; reads and writes their memory on SET.
 
     Silent while no tag is in range. A single-shot tag is reported once.
-
-    Parameters: `max_range`, `single_shot_range` (m), `line_of_sight` = true if walls stop it.
     """
 
     wire_type: ClassVar[str] = "RFID"
@@ -46,9 +44,9 @@ class RfidReader(Sensor):
     most: ClassVar[int] = MAX_TAGS
     """Most tags that one line reports."""
 
-    max_range: float = field(default=6.0, above=0.0)
-    single_shot_range: float = field(default=1.0, above=0.0)
-    line_of_sight: bool = field(default=False)
+    max_range: float = field(default=6.0, above=0.0, unit="m")
+    single_shot_range: float = field(default=1.0, above=0.0, unit="m", help="of single-shot tags")
+    line_of_sight: bool = field(default=False, help="walls stop it")
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
@@ -128,17 +126,18 @@ class VictimRfidReader(Sensor):
     """Reports a victim whose tag is in range; if there are several, one after the other.
 
     One victim per line, because RDK keeps only the last of a line. Silent while there is none.
-
-    Parameters: `max_range` (m); `keys` = "short" for clients of the 2006 competition, which read
-    ID, Status and Location and take the victim's name for its ID.
+    Clients of the 2006 competition read ID, Status and Location and take the victim's name for its
+    ID.
     """
 
     wire_type: ClassVar[str] = "VictRFID"
     timed: ClassVar[frozenset[Dialect]] = frozenset({Dialect.UDK})
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.2}
 
-    max_range: float = field(default=6.0, above=0.0)
-    keys: str = field(default="long", choices=("long", "short"), any_case=True)
+    max_range: float = field(default=6.0, above=0.0, unit="m")
+    keys: str = field(
+        default="long", choices=("long", "short"), any_case=True, help="short: those of 2006"
+    )
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
@@ -178,12 +177,12 @@ class VictimRfidReader(Sensor):
 
 @register("RFIDReleaser")
 class RfidReleaser(Sensor):
-    """Drops a tag where it is on SET RELEASE. Parameter: `capacity`, tags on board."""
+    """Drops a tag where it is on SET RELEASE; silent."""
 
     wire_type: ClassVar[str] = "RFIDReleaser"
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.0, Dialect.UDK: 0.0}
 
-    left: int = field(default=50, low=0, high=1000, key="capacity")
+    left: int = field(default=50, low=0, high=1000, key="capacity", help="tags on board")
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)

@@ -19,10 +19,8 @@ from usarsim_server.protocol.dialects import FACETS, announced_angle, range_digi
 from usarsim_server.protocol.numbers import boolean, fixed, ranges, vector
 from usarsim_server.protocol.values import Dialect, Segment
 from usarsim_server.robots.description import ItemDescription
-from usarsim_server.robots.mounting import SetResult
 from usarsim_server.sensors.base import EVERYWHERE, SensorContext, register
-from usarsim_server.sensors.ranges import Ranging, fan_at, wire_directions
-from usarsim_server.sensors.smoke import HOKUYO_BUDGET, MODELS, SmokeSight
+from usarsim_server.sensors.ranges import LightRanging, Ranging, fan_at, wire_directions
 from usarsim_server.simulation.rays.query import RayFan, RayHits
 from usarsim_server.simulation.snapshot import RobotState
 from usarsim_server.tables import Table
@@ -39,34 +37,29 @@ two digits (protocol reference 5.2 number 14)."""
 
 
 @register("RangeScanner")
-class RangeScanner(Ranging):
-    """A scan of ranges.
-
-    Parameters: those of `Ranging`, and `fov`, `resolution` (rad); `sweep` = "yaw" or "pitch" (a
-    scanner that nods scans from up to down); `strict_min_range` = true turns echoes nearer than
-    the minimum range into misses, which the original never did; `smoke` and `smoke_budget`, see
-    `SmokeSight`.
-    """
+class RangeScanner(LightRanging):
+    """A scan of ranges."""
 
     wire_type: ClassVar[str] = "RangeScanner"
     time_digits: ClassVar[Mapping[Dialect, int]] = {Dialect.UT2004: 2, Dialect.UDK: 4}
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.2}
+    scans = True
     max_range = 4.0
-    through_glass: ClassVar[bool] = False
     last_beam: ClassVar[bool] = True
     """Whether a beam at exactly -FOV/2 is part of the scan."""
 
-    fov: float = field(default=3.14, above=0.0, high=7.0)
-    resolution: float = field(default=0.157, low=MIN_RESOLUTION)
-    sweep: str = field(default="yaw", choices=("yaw", "pitch"), any_case=True)
-    strict_min_range: bool = field(default=False)
-    smoke: str = field(default="ignore", choices=MODELS, any_case=True)
-    smoke_budget: float = field(default=HOKUYO_BUDGET, above=0.0)
+    fov: float = field(default=3.14, above=0.0, high=7.0, unit="rad")
+    resolution: float = field(default=0.157, low=MIN_RESOLUTION, unit="rad", help="between beams")
+    sweep: str = field(
+        default="yaw", choices=("yaw", "pitch"), any_case=True, help="pitch: nods, from up to down"
+    )
+    strict_min_range: bool = field(
+        default=False, help="nearer echoes are misses, as they never were in the original"
+    )
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
         check_resolution(self.parameters, self.resolution, self.fov)
-        self._sight = SmokeSight(context, self.smoke, self.smoke_budget)
         self.beams = beam_count(self.fov, self.resolution, self.last_beam)
         self._directions = self._scan_directions()
         self._ranges: Array = np.full(self.beams, self.max_range)
@@ -75,9 +68,7 @@ class RangeScanner(Ranging):
 
     def rays(self, robot: RobotState) -> Sequence[RayFan]:
         """One ray per beam, in the order of the scan."""
-        pose = self.world_pose(robot)
-        fan = fan_at(pose, self._directions, self.max_range, through_glass=self.through_glass)
-        return (self._sight.send(fan, robot.time),)
+        return self.beams_of(robot, self._directions)
 
     def measure(self, robot: RobotState, hits: Sequence[RayHits]) -> bool:
         """Keep one scan (m)."""
@@ -101,10 +92,6 @@ class RangeScanner(Ranging):
             (FACETS[dialect].panning_key, boolean(self.sweep == "yaw")),
             ("Tilting", boolean(self.sweep == "pitch")),
         )
-
-    def set(self, opcode: str, params: str, robot: RobotState) -> SetResult:
-        """SCAN asks for one scan now."""
-        return SetResult.SCAN if opcode == "SCAN" else SetResult.UNKNOWN
 
     def _scan_directions(self) -> Array:
         angles: Array = self.fov / 2 - self.resolution * np.arange(self.beams, dtype=np.float64)
@@ -200,20 +187,20 @@ class RangeScanner3D(Ranging):
     beams are part of a row. The default field is that of a published UT2004 configuration (31 rows
     of 51 beams, every 0.4 s); its text is longer than the 4096 characters that Player's driver can
     take.
-
-    Parameters: those of `Ranging`, and `fov`, `resolution`, `vertical_fov`,
-    `vertical_resolution` (rad).
     """
 
     wire_type: ClassVar[str] = "RangeScanner3D"
     aliases: ClassVar[tuple[str, ...]] = ("rangescanner3d", "3drangescanner")
     time_digits: ClassVar[Mapping[Dialect, int]] = {Dialect.UT2004: 2, Dialect.UDK: 4}
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.4, Dialect.UDK: 0.4}
+    scans = True
     max_range = 20.0
-    fov: float = field(default=1.0472, above=0.0, high=7.0)
-    resolution: float = field(default=0.0209, low=MIN_RESOLUTION)
-    vertical_fov: float = field(default=0.4363, above=0.0, high=np.pi)
-    vertical_resolution: float = field(default=0.0145, low=MIN_RESOLUTION)
+    fov: float = field(default=1.0472, above=0.0, high=7.0, unit="rad")
+    resolution: float = field(default=0.0209, low=MIN_RESOLUTION, unit="rad", help="of a row")
+    vertical_fov: float = field(default=0.4363, above=0.0, high=np.pi, unit="rad")
+    vertical_resolution: float = field(
+        default=0.0145, low=MIN_RESOLUTION, unit="rad", help="between rows"
+    )
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
@@ -248,10 +235,6 @@ class RangeScanner3D(Ranging):
     def configuration(self, dialect: Dialect) -> tuple[Segment, ...]:
         """Limits, Resolution and FOV; Player's driver wants FOV in capitals here, too."""
         return (*self.limits(), *self._head(dialect))
-
-    def set(self, opcode: str, params: str, robot: RobotState) -> SetResult:
-        """SCAN asks for one scan now."""
-        return SetResult.SCAN if opcode == "SCAN" else SetResult.UNKNOWN
 
     def _head(self, dialect: Dialect) -> tuple[Segment, Segment]:
         def pair(*angles: float) -> str:

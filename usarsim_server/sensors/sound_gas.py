@@ -62,16 +62,13 @@ class _Ear(Sensor):
 
 @register("Sound", "SoundSensor")
 class SoundSensor(_Ear):
-    """Level of the loudest sound at this moment, dB, and how long it lasts; zeros for silence.
-
-    Parameter: `threshold` (dB) below which nothing is heard.
-    """
+    """Level of the loudest sound at this moment, dB, and how long it lasts; zeros for silence."""
 
     wire_type: ClassVar[str] = "Sound"
     timed: ClassVar[frozenset[Dialect]] = frozenset({Dialect.UDK})
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.2}
 
-    threshold: float = field(default=0.0, low=0.0)
+    threshold: float = field(default=0.0, low=0.0, unit="dB", help="of what is heard")
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
@@ -102,17 +99,17 @@ class AcousticArray(_Ear):
     """Every sound that began since the last report: where from, how loud, how long, how late.
 
     The direction is a unit vector in the sensor's frame with z up, as UDK sent it, unlike every
-    other vector. UDK muffled the sources in plain sight instead of the hidden ones; `literal` =
-    true brings that back. Its lines bore an internal object name; here it is the item's own.
-
-    Parameters: `max_range` (m), beyond which a sound is only known to be far, and `literal`.
+    other vector. UDK muffled the sources in plain sight instead of the hidden ones. Its lines bore
+    an internal object name; here it is the item's own.
     """
 
     wire_type: ClassVar[str] = "Acoustic"
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 1.0, Dialect.UDK: 1.0}
 
-    max_range: float = field(default=4000.0, above=0.0)
-    literal: bool = field(default=False)
+    max_range: float = field(
+        default=4000.0, above=0.0, unit="m", help="beyond it a sound is only known to be far"
+    )
+    literal: bool = field(default=False, help="muffles what is in plain sight, as UDK")
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
@@ -181,16 +178,15 @@ class Co2Sensor(Sensor):
     """Carbon dioxide above the ambient air, percent by volume.
 
     The contributions of all who breathe, victims and avatars, add up, each falling with the
-    square of the distance; walls do not matter. Parameters: `noise` (standard deviation),
-    `ambient`.
+    square of the distance; walls do not matter.
     """
 
     wire_type: ClassVar[str] = "CO2Sensor"
     timed: ClassVar[frozenset[Dialect]] = frozenset({Dialect.UDK})
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.2}
 
-    noise: float = field(default=0.0, low=0.0)
-    ambient: float = field(default=0.0, low=0.0, high=100.0)
+    noise: float = field(default=0.0, low=0.0, unit="percent", help="standard deviation")
+    ambient: float = field(default=0.0, low=0.0, high=100.0, unit="percent", help="everywhere")
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)

@@ -47,17 +47,15 @@ class Odometry(Sensor):
 
     Uses the announced wheel radius and the announced, geometric track, so a skid-steered robot
     overestimates its turns as the original does. Silent on robots that do not steer by wheel speed.
-
-    Parameters: `encoder_resolution` (rad), announced in `ut2004`; `quantised` = true also rounds
-    the wheel angles down to whole encoder steps.
     """
 
     wire_type: ClassVar[str] = "Odometry"
     timed: ClassVar[frozenset[Dialect]] = frozenset({Dialect.UDK})
-    intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.1}
 
-    encoder_resolution: float = field(default=0.0099, above=0.0)
-    quantised: bool = field(default=False)
+    encoder_resolution: float = field(
+        default=0.0099, above=0.0, unit="rad", help="announced in `ut2004`"
+    )
+    quantised: bool = field(default=False, help="rounds wheel angles down to whole encoder steps")
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
@@ -129,27 +127,24 @@ class Encoder(Sensor):
     ECTilt of a pan-tilt.
 
     In `ut2004` the count accumulates under the item's name; in `udk` the name is `Wk`, k the index
-    of the driven wheel (on a link it keeps its name), and the angle is taken modulo one turn.
-
-    Parameters: `wheel` (index among the driven wheels, or a wheel's name; by default it follows
-    from the item's link, from `W2` or from `left`/`right` in the item's name), `resolution` (rad),
-    `noise` (fraction), `udk_literal` (the original's noise, see below), `cumulative` (no wrapping
-    in `udk` either).
+    of the driven wheel (on a link it keeps its name), and the angle is taken modulo one turn. The
+    key `wheel` is an index among the driven wheels, or a wheel's name; by default it follows from
+    the item's link, from `W2` or from `left`/`right` in the item's name.
 
     Noise is uniform within +-noise of the angle turned since the last report, so the error grows
     with the square root of the way. The original multiplied the whole angle with a fresh factor
-    at each report, which makes encoders useless after some turns; `udk_literal` brings that back.
+    at each report, which makes encoders useless after some turns.
     """
 
     wire_type: ClassVar[str] = "Encoder"
     timed: ClassVar[frozenset[Dialect]] = frozenset({Dialect.UDK})
     batched: ClassVar[frozenset[Dialect]] = frozenset({Dialect.UT2004})
-    intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.1}
+    announces = (("Resolution", "resolution"),)
 
-    resolution: float = field(default=0.01745, above=0.0)
-    noise: float = field(default=0.005, low=0.0, high=1.0)
-    udk_literal: bool = field(default=False)
-    cumulative: bool = field(default=False)
+    resolution: float = field(default=0.01745, above=0.0, unit="rad", help="of a tick")
+    noise: float = field(default=0.005, low=0.0, high=1.0, help="as a share of the turn")
+    udk_literal: bool = field(default=False, help="a fresh error of the whole angle, as in UDK")
+    cumulative: bool = field(default=False, help="no wrapping in `udk` either")
 
     def __init__(self, item: ItemDescription, context: SensorContext) -> None:
         super().__init__(item, context)
@@ -188,10 +183,6 @@ class Encoder(Sensor):
         if FACETS[dialect].encoder_wraps and not self.cumulative:
             angle = math.fmod(angle, math.tau)
         return (("Tick", str(int(angle / self.resolution))),)
-
-    def configuration(self, dialect: Dialect) -> tuple[Segment, ...]:
-        """Resolution."""
-        return (("Resolution", fixed(self.resolution, 4)),)
 
     def set(self, opcode: str, params: str, robot: RobotState) -> SetResult:
         """RESET starts counting from zero."""
@@ -255,6 +246,7 @@ class Tachometer(Sensor):
     """
 
     wire_type: ClassVar[str] = "Tachometer"
+    announces_interval = True
     timed: ClassVar[frozenset[Dialect]] = frozenset({Dialect.UDK})
     intervals: ClassVar[Mapping[Dialect, float]] = {Dialect.UT2004: 0.2, Dialect.UDK: 0.2}
 
@@ -285,10 +277,6 @@ class Tachometer(Sensor):
     def data(self, dialect: Dialect) -> tuple[Segment, ...]:
         """Vel and Pos, four digits, wheels in part order."""
         return (("Vel", ranges(self._vel, 4)), ("Pos", ranges(self._pos, 4)))
-
-    def configuration(self, dialect: Dialect) -> tuple[Segment, ...]:
-        """ScanInterval."""
-        return (("ScanInterval", fixed(self.interval(dialect), 4)),)
 
     def set(self, opcode: str, params: str, robot: RobotState) -> SetResult:
         """RESET makes the present angles zero."""

@@ -56,13 +56,16 @@ class Pace:
     """
 
     def __init__(
-        self, simulated: Callable[[], float], speed: float, clock: Clock = time.monotonic
+        self,
+        simulated: Callable[[], float],
+        speed: Callable[[], float],
+        clock: Clock = time.monotonic,
     ) -> None:
         """Begin with the whole share.
 
         Args:
             simulated: s of simulated time; returns at once.
-            speed: simulated s per s of wall time asked for; finite.
+            speed: simulated s per s of wall time asked for; finite, 0 in a pause.
             clock: wall time.
         """
         self._simulated, self._speed, self._clock = simulated, speed, clock
@@ -75,7 +78,8 @@ class Pace:
         passed = now - self._then[0]
         if passed >= WINDOW:
             simulated = self._simulated()
-            factor = (simulated - self._then[1]) / (passed * self._speed)
+            asked = passed * self._speed()
+            factor = (simulated - self._then[1]) / asked if asked else 1.0
             self._then = now, simulated
             self._part = min(1.0, max(LEAST, 1.0 - (ON_PACE - factor) / BEHIND))
         return self._part

@@ -43,7 +43,14 @@ from usarsim_server.services.limits import (
 )
 from usarsim_server.services.listener import Endpoint
 from usarsim_server.services.port import Guest, PortLimits, PortService
-from usarsim_server.services.relay import KERNEL_BUFFER, RadioWatch, Traffic, both_ways, dial
+from usarsim_server.services.relay import (
+    KERNEL_BUFFER,
+    RadioWatch,
+    Traffic,
+    both_ways,
+    cancel_all,
+    dial,
+)
 from usarsim_server.services.replies import PIECE, ReplyBuffer
 
 _BLOCK = 4 * 1024
@@ -108,11 +115,8 @@ class ComServerService(PortService[ComServerLimits]):
         """Describe the service; nothing is opened before `start`.
 
         Args:
-            host: address to listen on.
-            port: 0 takes any free one.
+            host, port, limits, required: see `PortService`.
             network: strengths and links; used by this service alone.
-            limits: see there.
-            required: whether the server shall not run without it.
             owners: whose the robots are.
             pace: which part of its shares the service may use now.
         """
@@ -139,9 +143,7 @@ class ComServerService(PortService[ComServerLimits]):
     async def stop(self) -> None:
         await self._watch.stop()
         await super().stop()
-        for link in self._links:
-            link.cancel()
-        await asyncio.gather(*self._links, return_exceptions=True)
+        await cancel_all(self._links)
 
     # -- control ---------------------------------------------------------------------------------
 

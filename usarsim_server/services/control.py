@@ -131,11 +131,9 @@ class ControlService(PortService[ControlLimits]):
         """Describe the service; nothing is opened before `start`.
 
         Args:
-            host: address or host name to listen on.
-            port: 0 takes any free one.
+            host, port, limits: see `PortService`.
             greeting: the one line, CR LF included, that every client reads first (1.2).
             session_factory: see `SessionFactory`; called once per connection.
-            limits: see `ControlLimits`.
             pace: which part of its share the service may use now.
         """
         super().__init__("control", host, port, "--port", limits or ControlLimits(), required=True)
@@ -387,8 +385,8 @@ class _Connection:
                     self._lines_wait.clear()
                     await self._lines_wait.wait()
                     continue
-                # One send call per line (protocol reference 1.1 REQ); it returns when the kernel
-                # has all of it, so nothing piles up between the outbox and the socket.
+                # One send call per line (protocol reference 1.1 REQ), but for clients of lockstep;
+                # it returns when the kernel has all, so nothing piles up beside the outbox.
                 await self._send(line)
                 sent += 1
                 if sent % _LINES_PER_TURN == 0:

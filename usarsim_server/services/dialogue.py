@@ -245,14 +245,9 @@ class DialogueService(PortService[DialogueLimits]):
         """Describe the service; nothing is opened before `start`.
 
         Args:
-            name: for the READY line and the log.
-            host: address or host name to listen on.
-            port: 0 takes any free one.
-            option: command line option that sets the port.
+            name, host, port, option, required, limits: see `PortService`.
             framer: makes the framer of a new connection.
             respond: see `Respond`.
-            required: see `ready.Service`.
-            limits: see `DialogueLimits`.
             instant: for how long an answer holds.
             pace: which part of the share may be used now.
         """

@@ -98,8 +98,7 @@ class ImageService(PortService[ImageLimits]):
         """Describe the service; nothing is opened before `start`.
 
         Args:
-            host: address or host name to listen on.
-            port: 0 takes any free one.
+            host, port, required, limits: see `PortService`.
             source: where pictures come from.
             encoder: makes replies of them.
             legacy: send every client a picture when it connects (side channels reference 2.8).
@@ -108,8 +107,6 @@ class ImageService(PortService[ImageLimits]):
                 before (side channels reference 2.12).
             bound: the part of the frame that is the whole for a client, by its address without
                 port; None for those who see all (side channels reference 2.11).
-            required: whether the server shall not run without this port.
-            limits: see `ImageLimits`.
             pace: which part of its shares the service may use now.
         """
         super().__init__("images", host, port, "--image-port", limits or ImageLimits(), required)
@@ -248,7 +245,7 @@ class _Conversation:
     """One client: its requests and what it looks at.
 
     Attributes:
-        attention: what the client looks at.
+        watch_list: what the client looks at.
         sent: number of pictures it got.
     """
 

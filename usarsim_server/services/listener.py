@@ -31,7 +31,7 @@ It returns when the conversation is over and may be cancelled at any await. `OSE
 the client went away; any other exception is a defect and is logged with its traceback.
 """
 
-_OUT_OF_RESOURCES = frozenset({errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ENOBUFS})
+OUT_OF_RESOURCES = frozenset({errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ENOBUFS})
 # accept(2): errors of the arriving connection itself that Linux passes on; simply take the next.
 _LOST_ON_ARRIVAL = frozenset(
     {
@@ -48,7 +48,7 @@ _LOST_ON_ARRIVAL = frozenset(
         errno.ETIMEDOUT,
     }
 )
-_RESOURCE_PAUSE = 0.1
+RESOURCE_PAUSE = 0.1
 """Seconds to wait for descriptors to come free; the value trio's `serve_listeners` uses."""
 _FAILURE_PAUSE = 1.0
 """Seconds to wait after an accept error that nobody foresaw."""
@@ -167,8 +167,7 @@ class Listener:
                 _open, self._name, self._host, self._port, self._option
             )
         # Accepted sockets inherit these; set later they could not shrink the TCP window.
-        _set_size(listening, socket.SO_RCVBUF, self._limits.receive_buffer)
-        _set_size(listening, socket.SO_SNDBUF, self._limits.send_buffer)
+        set_buffers(listening, self._limits.receive_buffer, self._limits.send_buffer)
         listening.listen(self._limits.queue)
         host, port = listening.getsockname()[:2]
         self._task = asyncio.create_task(self._run(listening), name=f"{self._name}-listener")
@@ -206,8 +205,8 @@ class Listener:
                 if error.errno != short_of:
                     self._report_accept_error(error)
                 short_of = error.errno
-                scarce = error.errno in _OUT_OF_RESOURCES
-                await asyncio.sleep(_RESOURCE_PAUSE if scarce else _FAILURE_PAUSE)
+                scarce = error.errno in OUT_OF_RESOURCES
+                await asyncio.sleep(RESOURCE_PAUSE if scarce else _FAILURE_PAUSE)
                 continue
             if short_of is not None:
                 short_of = None
@@ -218,7 +217,7 @@ class Listener:
 
     def _report_accept_error(self, error: OSError) -> None:
         reason = os.strerror(error.errno or 0)
-        if error.errno in _OUT_OF_RESOURCES:
+        if error.errno in OUT_OF_RESOURCES:
             self._log.warning(
                 "new clients wait until resources come free (raise `ulimit -n`?)", reason=reason
             )
@@ -266,10 +265,9 @@ class Listener:
     async def _serve(self, client: socket.socket, peer: str, delay: float) -> None:
         try:
             with contextlib.suppress(OSError):
-                _prepare(client)
+                tune(client)
                 # Clients that came before the services had the listening socket inherit nothing.
-                _set_size(client, socket.SO_RCVBUF, self._limits.receive_buffer)
-                _set_size(client, socket.SO_SNDBUF, self._limits.send_buffer)
+                set_buffers(client, self._limits.receive_buffer, self._limits.send_buffer)
             if delay:
                 self._log.warning(
                     "client has to wait: too many new ones of its address",
@@ -383,7 +381,8 @@ def format_address(host: str, port: int) -> str:
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
-def _prepare(client: socket.socket) -> None:
+def tune(client: socket.socket) -> None:
+    """Never wait for a socket, send at once, notice when the other machine is gone."""
     client.setblocking(False)
     # Each line leaves at once and in a segment of its own (protocol reference 1.1 REQ).
     client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -394,6 +393,8 @@ def _prepare(client: socket.socket) -> None:
     client.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, 6)
 
 
-def _set_size(one: socket.socket, option: int, size: int | None) -> None:
-    if size is not None:
-        one.setsockopt(socket.SOL_SOCKET, option, size)
+def set_buffers(one: socket.socket, receive: int | None, send: int | None) -> None:
+    """Ask for kernel buffers of so many bytes; None keeps the system's."""
+    for option, size in ((socket.SO_RCVBUF, receive), (socket.SO_SNDBUF, send)):
+        if size is not None:
+            one.setsockopt(socket.SOL_SOCKET, option, size)

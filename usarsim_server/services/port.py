@@ -22,11 +22,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Generic, Protocol, TypeVar
+from typing import Any, Generic, TypeVar
 
-from usarsim_server import processes as interrupts
 from usarsim_server.errors import ServiceError
 from usarsim_server.logs import Log
+from usarsim_server.processes import calling
 from usarsim_server.services.limits import Clock, InputRates
 from usarsim_server.services.listener import Endpoint, Listener, ListenerLimits
 
@@ -150,11 +150,13 @@ L = TypeVar("L", bound=PortLimits)
 
 
 class PortService(ABC, Generic[L]):
-    """A service that listens on one port; see `ready.Service`.
+    """A service that listens on one port.
 
     Attributes:
         name: for the READY line and the log.
-        required: whether the server shall not run without it.
+        required: whether the server shall not run without it, because it is pointless then or
+            because somebody asked for this very port (`Settings.demands`); a service that is not
+            required and cannot start is a warning (side channels reference 10, no. 10).
     """
 
     def __init__(
@@ -167,7 +169,7 @@ class PortService(ABC, Generic[L]):
             host: address or host name to listen on.
             port: 0 takes any free one.
             option: command line option that sets the port.
-            limits: of its clients.
+            limits: of its clients; each service has defaults of its own.
         """
         self.name, self.required = name, required
         self._limits = limits
@@ -204,39 +206,13 @@ class PortService(ABC, Generic[L]):
 _log = Log("server")
 
 
-class Service(Protocol):
-    """Something that listens on a port.
-
-    Attributes:
-        name: as it stands on the READY line.
-        required: whether the server shall not run without it, because it is pointless then or
-            because somebody asked for this very port (`Settings.demands`); a service that is not
-            required and cannot start is a warning (side channels reference 10, no. 10).
-    """
-
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def required(self) -> bool: ...
-
-    async def start(self) -> Endpoint:
-        """Open the port; `ServiceError` if it cannot be opened."""
-        ...
-
-    async def stop(self) -> None:
-        """Close the port and all connections; not called on a service that did not start."""
-        ...
-
-
-def ready_line(endpoints: Sequence[Endpoint]) -> str:
-    """The READY line, without line end."""
-    return " ".join(["READY", *map(str, endpoints)])
+Service = PortService[Any]
+"""Any of them."""
 
 
 def print_ready(endpoints: Sequence[Endpoint]) -> None:
     """Write the READY line to standard output at once."""
-    print(ready_line(endpoints), flush=True)
+    print(" ".join(["READY", *map(str, endpoints)]), flush=True)
 
 
 async def run_services(
@@ -259,7 +235,7 @@ async def run_services(
     stop = stop or asyncio.Event()
     started: list[Service] = []
     loop = asyncio.get_running_loop()
-    with interrupts.calling(lambda: loop.call_soon_threadsafe(stop.set)):
+    with calling(lambda: loop.call_soon_threadsafe(stop.set)):
         try:
             endpoints = await _start(services, started, stop)
             if not stop.is_set():

@@ -8,11 +8,10 @@ whose receiver does not read. Whether the radio reaches is looked at again and a
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import math
 import socket
 from collections import Counter, deque
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Collection, Coroutine
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -21,6 +20,7 @@ from usarsim_server.logs import Log
 from usarsim_server.radio.configuration import LinkClock, LinkShape
 from usarsim_server.radio.network import Network
 from usarsim_server.services.budget import BYTE_COST, Account, WorkBudget
+from usarsim_server.services.listener import set_buffers, tune
 
 BUFFER = 32 * 1024
 """Bytes read at a time where traffic simply passes; the original read 2048 (4.3)."""
@@ -94,16 +94,6 @@ class Traffic:
             del self._links[robot]
 
 
-def tune(one: socket.socket) -> None:
-    """Make a socket fit for relaying: at once, bounded, and noticing dead peers."""
-    one.setblocking(False)
-    with contextlib.suppress(OSError):
-        one.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        one.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        one.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, 60)
-        one.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, 10)
-
-
 class OutgoingConnection:
     """A connection to a robot that is about to be made.
 
@@ -124,8 +114,7 @@ class OutgoingConnection:
         except OSError as error:
             raise DialError(error.strerror) from error
         try:
-            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, KERNEL_BUFFER)
-            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, KERNEL_BUFFER)
+            set_buffers(self._socket, KERNEL_BUFFER, KERNEL_BUFFER)
             self._socket.bind(("", 0))
             tune(self._socket)
         except OSError as error:
@@ -172,7 +161,7 @@ async def join(
     Args:
         one: the one that connected; not closed here, as the other is not.
         other: the one that was dialled.
-        road: what happens on the way.
+        link_options: what happens on the way.
         name: of the link; equal names lose equal frames.
         passed: told how many bytes were handed on, and whether from `one` to `other`.
     """
@@ -190,6 +179,13 @@ async def join(
     )
 
 
+async def cancel_all(tasks: Collection[asyncio.Task[None]]) -> None:
+    """End tasks, and wait for their end; how they end is of no interest."""
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
+
+
 async def both_ways(*works: Coroutine[None, None, None], until: str) -> None:
     """Carry bytes both ways until one way ends, or, by `FIRST_EXCEPTION`, fails.
 
@@ -202,9 +198,7 @@ async def both_ways(*works: Coroutine[None, None, None], until: str) -> None:
             if not isinstance(error := way.exception(), OSError | None):
                 raise error
     finally:
-        for way in ways:
-            way.cancel()
-        await asyncio.gather(*ways, return_exceptions=True)
+        await cancel_all(ways)
 
 
 async def pump(
@@ -346,8 +340,7 @@ class RadioWatch:
     async def stop(self) -> None:
         """End, and wait for the end."""
         if self._task is not None:
-            self._task.cancel()
-            await asyncio.gather(self._task, return_exceptions=True)
+            await cancel_all([self._task])
 
     def wake(self) -> None:
         """Somebody has registered."""

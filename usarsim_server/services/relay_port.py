@@ -8,24 +8,21 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import errno
 import socket
 from typing import Protocol
 
 from usarsim_server.logs import Log
+from usarsim_server.services.listener import OUT_OF_RESOURCES, RESOURCE_PAUSE, set_buffers, tune
 from usarsim_server.services.relay import (
     KERNEL_BUFFER,
     DialError,
     LinkOptions,
     OutgoingConnection,
     join,
-    tune,
 )
 
 MOST_LINKS = 16
 """Connections through one port at a time."""
-_RESOURCE_PAUSE = 0.1
-_OUT_OF_RESOURCES = frozenset({errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ENOBUFS})
 
 _log = Log("relay")
 
@@ -73,7 +70,7 @@ class RelayPort:
         Args:
             host: address to listen on.
             target: numeric address and port of the robot.
-            road: what happens to the traffic.
+            link_options: what happens to the traffic.
             name: of the link, for losses and the log.
             watcher: told about links.
             tasks: holds the running links, so that whoever stops the service can wait for them.
@@ -150,7 +147,7 @@ class RelayPort:
         except (BlockingIOError, InterruptedError):
             return
         except OSError as error:
-            if error.errno in _OUT_OF_RESOURCES:
+            if error.errno in OUT_OF_RESOURCES:
                 self._pause()
             return
         if len(self._links) >= MOST_LINKS or not self._watcher.enter():
@@ -173,7 +170,7 @@ class RelayPort:
         """Out of descriptors: look again in a while instead of at once."""
         assert self._socket is not None
         self._loop.remove_reader(self._socket.fileno())
-        self._resume = self._loop.call_later(_RESOURCE_PAUSE, self._accept_again)
+        self._resume = self._loop.call_later(RESOURCE_PAUSE, self._accept_again)
 
     def _accept_again(self) -> None:
         if self._listening and self._socket is not None:
@@ -208,8 +205,7 @@ def _bound(host: str, port: int) -> socket.socket:
     try:
         one.setblocking(False)
         one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        one.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, KERNEL_BUFFER)
-        one.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, KERNEL_BUFFER)
+        set_buffers(one, KERNEL_BUFFER, KERNEL_BUFFER)
         one.bind((host, port))
     except OSError:
         one.close()

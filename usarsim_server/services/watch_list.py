@@ -45,7 +45,7 @@ class WatchList:
 
         Args:
             source: renders what is looked at.
-            bell: rung for each new frame.
+            signal: rung for each new frame.
             linger: s of wall time for which a region is watched after it was asked for.
             most: regions that are watched at a time; the one asked for longest ago gives way.
         """

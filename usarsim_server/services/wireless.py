@@ -44,7 +44,7 @@ from usarsim_server.services.limits import (
 )
 from usarsim_server.services.listener import Endpoint
 from usarsim_server.services.port import Guest, PortService
-from usarsim_server.services.relay import LinkOptions, RadioWatch, Traffic
+from usarsim_server.services.relay import LinkOptions, RadioWatch, Traffic, cancel_all
 from usarsim_server.services.relay_port import RelayPort
 from usarsim_server.services.replies import PIECE, ReplyBuffer
 
@@ -106,21 +106,21 @@ class WirelessService(PortService[WirelessLimits]):
         required: bool = False,
         owners: Owners = NOBODY,
         strict: bool = False,
+        looks_again: bool = False,
     ) -> None:
         """Describe the service; nothing is opened before `start`.
 
         Args:
-            host: address to listen on, for relay ports, too.
-            port: 0 takes any free one.
+            host, port, limits, required: see `PortService`; relay ports have the same host.
             network: stations and links; used by this service alone.
             truth: answers what is asked on port 7435; None: nobody does.
-            road: what happens to traffic.
-            limits: see there.
-            required: whether the server shall not run without it.
+            link_options: what happens to traffic.
             owners: whose the robots are.
             strict: only a robot that is in the world may be registered, once, and from the machine
                 of its control connection. Otherwise a name of which there is no robot is
                 everybody's until there is one.
+            looks_again: a signal is told of the instant at which it is asked for, not of the last
+                look: in lockstep, where answers shall not depend on the clock on the wall.
         """
         limits = limits or WirelessLimits()
         super().__init__("wireless", host, port, "--wireless-port", limits, required)
@@ -130,7 +130,7 @@ class WirelessService(PortService[WirelessLimits]):
         self._tells_truth = truth is not None
         self._owners_now = owners
         self._owners: Mapping[str, str] = {}
-        self._strict = strict
+        self._strict, self._looks_again = strict, looks_again
         self._traffic = Traffic(self._limits.links, self._limits.links_per_robot)
         self._most_ports = self._limits.ports
         self._members: dict[str, _Member] = {}
@@ -157,9 +157,7 @@ class WirelessService(PortService[WirelessLimits]):
     async def stop(self) -> None:
         await self._watch.stop()
         await super().stop()
-        for link in self._links:
-            link.cancel()
-        await asyncio.gather(*self._links, return_exceptions=True)
+        await cancel_all(self._links)
         self._desk.close()
         self._network.log.close()
 
@@ -208,6 +206,9 @@ class WirelessService(PortService[WirelessLimits]):
                 await budget.turn(talk.account)
             with budget.work(talk.account):
                 request = wireless.parse_request(line)
+            if self._looks_again and request.verb == "GETSS" and self._network.outdated:
+                await self._watch.look()
+            with budget.work(talk.account):
                 reply = None if talk.member is None else self._reply(request, talk.member)
             if reply is None:
                 reply = await self._init(request, talk)
@@ -288,18 +289,15 @@ class WirelessService(PortService[WirelessLimits]):
         port = request.port if request.port is not None else next(iter(other.ports), None)
         if port is None or port not in other.ports:
             return wireless.no_port_reply(other.name, known=True)
-        link_options = me.roads.get((other.name, port))
-        if link_options is None:
-            link_options = self._new_road(me, other, port)
-        if link_options is None:
+        road = me.roads.get((other.name, port)) or self._new_road(me, other, port)
+        if road is None:
             return wireless.error_reply(Reason.NO_PORT_LEFT)
-        return wireless.port_reply(other.name, link_options.port)
+        return wireless.port_reply(other.name, road.port)
 
     def _reverse_lookup(self, me: _Member, port: int) -> str:
-        caller = me.callers.get(port)
-        return (
-            wireless.no_owner_reply(port) if caller is None else wireless.owner_reply(port, caller)
-        )
+        if port in me.callers:
+            return wireless.owner_reply(port, me.callers[port])
+        return wireless.no_owner_reply(port)
 
     # -- roads -----------------------------------------------------------------------------------
 
@@ -311,16 +309,15 @@ class WirelessService(PortService[WirelessLimits]):
         watcher = _Watcher(self, me, other, port)
         name = f"{me.name}>{other.name}:{port}"
         try:
-            link_options = RelayPort(
-                self._host, (other.address, port), self._link_options, name, watcher, self._links
-            )
+            target = (other.address, port)
+            road = RelayPort(self._host, target, self._link_options, name, watcher, self._links)
         except OSError as error:
             self._log.warning("no relay port left", robot=me.name, reason=error.strerror)
             return None
-        me.roads[other.name, port] = link_options
+        me.roads[other.name, port] = road
         if self._network.connected(me.name, other.name):
-            link_options.open()
-        return link_options
+            road.open()
+        return road
 
     def _deregister(self, member: _Member) -> None:
         """Forget a robot and close every road from and to it; a second call does nothing."""
@@ -328,8 +325,8 @@ class WirelessService(PortService[WirelessLimits]):
             return
         del self._members[member.name]
         self._network.deregister(member.name)
-        for link_options in member.roads.values():
-            link_options.release()
+        for road in member.roads.values():
+            road.release()
         for other in self._members.values():
             for way in [way for way in other.roads if way[0] == member.name]:
                 other.roads.pop(way).release()
@@ -345,11 +342,11 @@ class WirelessService(PortService[WirelessLimits]):
             if self._is_foreign(member):
                 self._dismiss(member, "the robot is another's")
         for me in self._members.values():
-            for (other, _), link_options in me.roads.items():
+            for (other, _), road in me.roads.items():
                 if self._network.connected(me.name, other):
-                    link_options.open()
+                    road.open()
                 else:
-                    link_options.close()
+                    road.close()
         for pair, size in self._sent.items():
             self._network.log.write(Event.DATA_SENT, *pair, size)
         self._sent.clear()

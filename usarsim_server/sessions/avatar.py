@@ -5,6 +5,7 @@ Used by one thread at a time.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ from dataclasses import dataclass
 from usarsim_server.logs import Log
 from usarsim_server.protocol import messages
 from usarsim_server.protocol.requests import Goto, Move, Request
-from usarsim_server.protocol.values import Dialect
+from usarsim_server.protocol.values import Dialect, near
 from usarsim_server.sessions.schedule import Role, Schedule, first_report
 from usarsim_server.simulation.frames import Vector, flip_point, wire_from_pose
 from usarsim_server.simulation.rays.query import PendingReport
@@ -118,6 +119,13 @@ class Walker(Role):
     def leave(self) -> None:
         self._avatars.remove(self._avatar)
 
+    def restart(self, time: float) -> None:
+        """Stand as in the beginning, with nowhere to go."""
+        self._errands = ()
+        begin = self._avatar.begin
+        with contextlib.suppress(KeyError):  # it has left the world
+            self._walk = self._avatar.perform(lambda now: Walk(now, begin))
+
     def obey(self, request: Request) -> list[str]:
         """Carry out a request; none of them is answered."""
         match request:
@@ -178,7 +186,8 @@ class Walker(Role):
         """Walk along the path nodes to the one of a tag; an unknown one is ignored."""
         goal = find_node(self._nodes, tag)
         if goal is None:
-            self._log.info("unknown path node ignored", node=tag)
+            hint = near(tag, (node.tag for node in self._nodes))
+            self._log.info(f"unknown path node ignored{hint}", node=tag)
             return
         stance = self._halt()
         start = stance.ground

@@ -16,7 +16,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 LINE_BYTES = 144
@@ -25,6 +25,8 @@ LEAST_READ = 64 * 1024
 """Bytes per s of wall time that a client has to read to be waited for."""
 GRACE = 1.0
 """s of wall time for which it is waited for in any case."""
+TOGETHER = 16 * 1024
+"""Bytes beyond which no further line joins those that leave together."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +51,12 @@ class OutboxLimits:
 
 
 class Outbox:
-    """The lines of one connection that are not yet handed to the socket."""
+    """The lines of one connection that are not yet handed to the socket.
+
+    Attributes:
+        together: lines that wait may leave together. Each leaves by itself otherwise, as some old
+            clients want it.
+    """
 
     def __init__(
         self,
@@ -69,6 +76,7 @@ class Outbox:
         self._clock = clock
         self._limits = limits or OutboxLimits()
         self._lock = threading.Lock()
+        self.together = False
         # The number before each line restores the common order of the two planes.
         self._next = 0
         self._replies: deque[tuple[int, bytes]] = deque()
@@ -110,32 +118,40 @@ class Outbox:
 
         Thread-safe, never blocks. Ignored once the outbox is closed.
         """
-        if not line:
-            return
+        self.put_report((line,))
+
+    def put_report(self, lines: Iterable[bytes], reply: bytes = b"") -> None:
+        """Queue periodic lines, and a reply after them if there is one: its taker is woken once.
+
+        As `put_stream` and `put_reply` do one after the other.
+        """
+        call = False
         with self._lock:
-            if self._closed:
-                return
-            self._stream.append((self._number(), line))
-            self._stream_bytes += len(line)
-            self._trim_stream()
-            call = self._call()
+            for line in lines:
+                if line and not self._closed:
+                    self._stream.append((self._number(), line))
+                    self._stream_bytes += len(line)
+                    self._trim_stream()
+                    call = self._call() or call
+        if reply:
+            self.put_reply(reply)
         if call:
             self._wake()
 
     def take(self) -> bytes | None:
-        """The oldest line, or None if there is none; the next put will then wake the taker."""
+        """The oldest line, or all that may leave `together`; None if there is nothing, and the next
+        put will then wake the taker."""
         with self._lock:
-            if self._replies and (not self._stream or self._replies[0][0] < self._stream[0][0]):
-                line = self._replies.popleft()[1]
-                self._reply_bytes -= len(line)
-                return line
-            if self._stream:
-                line = self._stream.popleft()[1]
-                self._stream_bytes -= len(line)
-                self._read_since += len(line)
-                return line
-            self._called = False
-            return None
+            found = self._oldest()
+            if found is None:
+                self._called = False
+            elif self.together:
+                lines, size = [found], len(found)
+                while size < TOGETHER and (line := self._oldest()) is not None:
+                    lines.append(line)
+                    size += len(line)
+                return b"".join(lines)
+            return found
 
     @property
     def crowded(self) -> bool:
@@ -208,6 +224,18 @@ class Outbox:
             return len(self._replies) + len(self._stream)
 
     # The methods below are called with the lock held.
+
+    def _oldest(self) -> bytes | None:
+        if self._replies and (not self._stream or self._replies[0][0] < self._stream[0][0]):
+            line = self._replies.popleft()[1]
+            self._reply_bytes -= len(line)
+            return line
+        if self._stream:
+            line = self._stream.popleft()[1]
+            self._stream_bytes -= len(line)
+            self._read_since += len(line)
+            return line
+        return None
 
     def _number(self) -> int:
         self._next += 1

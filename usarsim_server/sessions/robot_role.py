@@ -119,6 +119,7 @@ class RobotRole(Role):
     def obey(self, request: Request) -> list[str]:
         if self._dead:
             # A robot without power takes no orders (protocol reference 3.1, column B).
+            self._log.debug("ignored: the battery is empty", request=type(request).__name__)
             return []
         match request:
             case Drive():
@@ -141,6 +142,27 @@ class RobotRole(Role):
                 self._log.debug("request has no effect", request=type(request).__name__)
         return []
 
+    def moves(self, request: Request) -> bool:
+        """Whether a request moves the robot, or anything on it: what somebody who takes it over
+        does not want its controller to do meanwhile."""
+        if isinstance(request, Set):
+            return self._limbs.means(request)
+        return isinstance(request, Drive | MultiDrive | MisPkg | Act)
+
+    def halt(self) -> None:
+        """Let the robot come to rest where it is: wheels stand, aircraft hover, and every joint
+        keeps the place that it has now. Nothing without power: that has come to its own rest."""
+        if not self._dead:
+            self._drive_controller.rest()
+            self.body.hold_joints()
+
+    def restart(self, time: float) -> None:
+        """Stand, with a full battery."""
+        if self._power.spawned is not None:
+            self._power.spawned = time
+        self._dead = False
+        self.halt()
+
     def _flip(self) -> None:
         """Set an overturned robot back on its wheels where it lies (protocol reference 3.4)."""
         state = self.body.look()
@@ -160,7 +182,8 @@ class RobotRole(Role):
         opcode = request.opcode
         chosen = find_sensors(self._sensors, request.type, request.name)
         if opcode is None or not chosen:
-            self._log.debug("SET has no addressee", type=request.type, name=request.name)
+            if not self._limbs.means(request):
+                self._log.debug("SET has no addressee", type=request.type, name=request.name)
             return []
         state = self.body.look()
         if state is None:

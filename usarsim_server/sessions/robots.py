@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from usarsim_server.actuators.effector import Effector, create_effectors
+from usarsim_server.actuators.effectors import Effector, create_effectors
 from usarsim_server.cameras.board import CameraBoard
 from usarsim_server.cameras.view import Grid
 from usarsim_server.logs import Log
@@ -38,6 +38,9 @@ from usarsim_server.worlds.surroundings import Surroundings
 NO_BATTERY = 99999
 """What STA prints for a robot without a battery, and the most it prints for one with it."""
 
+AT_HOME = 0.01
+"""m: a robot that is put back so near to where it was spawned stands there."""
+
 _SLACK = 1e-6
 """s: 1200 s less 0.3 s less 0.7 s is 1199 s, although not in binary."""
 
@@ -55,6 +58,10 @@ class Battery:
     def empty(self, elapsed: float) -> bool:
         """Whether nothing is left: sensors fall silent and the robot stops."""
         return self._remaining(elapsed) <= _SLACK
+
+    def share(self, elapsed: float) -> float:
+        """Which part of the charge is left, 0 to 1."""
+        return self._remaining(elapsed) / self._life if self._life else 0.0
 
     def _remaining(self, elapsed: float) -> float:
         return max(self._life - max(elapsed, 0.0), 0.0)
@@ -75,6 +82,12 @@ class Power:
             return NO_BATTERY
         return self.battery.remaining_seconds(time - self.spawned)
 
+    def share(self, time: float) -> float | None:
+        """Which part of the charge is left at a simulated time (s), 0 to 1; None: no battery."""
+        if self.battery is None:
+            return None
+        return self.battery.share(0.0 if self.spawned is None else time - self.spawned)
+
     def empty(self, time: float) -> bool:
         """Whether nothing is left at a simulated time (s): it stops, its sensors fall silent."""
         if self.battery is None or self.spawned is None:
@@ -93,6 +106,7 @@ class Vehicle:
     leave: Callable[[], None]  # takes it out of the world; a second call does nothing
     cameras: tuple[int, ...]  # keys of its cameras on the board, in mount order
     board: CameraBoard  # all cameras of the world
+    home: Pose  # where it was put at first
     power: Power = field(default_factory=Power)  # its battery and headlight
 
     @property
@@ -179,6 +193,11 @@ class Robots:
         """Simulated time of this moment, s; blocks until the physics is between two steps."""
         return self._simulation.look().time
 
+    @property
+    def class_names(self) -> tuple[str, ...]:
+        """Names of all classes in alphabetical order."""
+        return self._catalog.names()
+
     def describe(self, class_name: str) -> RobotDescription | None:
         """The class that a client means, None if there is none."""
         return self._catalog.find(class_name)
@@ -225,6 +244,7 @@ class Robots:
                 lambda: self.remove(vehicle),
                 cameras,
                 self.board,
+                placed,
             )
             self._vehicles[robot] = vehicle
         if placed.position != pose.position:
@@ -286,6 +306,19 @@ class Robots:
             return False
         self._simulation.move(vehicle.robot, change(state.pose))
         return True
+
+    def ways_home(self) -> list[tuple[str, Callable[[], bool]]]:
+        """Names of all vehicles, and what puts each back to where it was spawned, at rest, or
+        beside: whether it stands there. That raises `SpawnError` if there is no room."""
+
+        def way(one: Vehicle) -> Callable[[], bool]:
+            def go() -> bool:
+                placed = self._simulation.move(one.robot, one.home)
+                return math.dist(placed.position, one.home.position) < AT_HOME
+
+            return go
+
+        return [(one.name, way(one)) for one in self.vehicles]
 
     def remove(self, vehicle: Vehicle) -> None:
         """Take a vehicle out of the world; a second call does nothing."""

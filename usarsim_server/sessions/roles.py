@@ -14,6 +14,7 @@ from usarsim_server.logs import Log
 from usarsim_server.protocol import messages
 from usarsim_server.protocol.dialects import DialectMode
 from usarsim_server.protocol.requests import GetClosestPathNode, GetPathNodes, GetStartPoses, Init
+from usarsim_server.protocol.values import near
 from usarsim_server.sessions.avatar import Walker
 from usarsim_server.sessions.robot_role import RobotRole, RobotRoleOptions
 from usarsim_server.sessions.robots import Robots
@@ -35,36 +36,21 @@ _ZERO = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class RoleOptions:
-    """What a lab may change about connections and their roles.
+    """What a lab may change about connections and their roles."""
 
-    Attributes:
-        dialect: how the dialect of a connection is chosen.
-        replace_robot: a second INIT replaces the robot instead of being ignored.
-        tick: simulated s between two ticks of lockstep; None without lockstep.
-        pilot: see `RobotRoleOptions`; its quiet period holds for avatars, too.
-        start_at_first_pose: INIT without place uses the first start pose, not the origin.
-        clean_on_close: objects leave with the world controller that created them.
-    """
-
-    dialect: DialectMode = DialectMode.AUTO
-    replace_robot: bool = False
-    tick: float | None = None
+    dialect: DialectMode = DialectMode.AUTO  # how the dialect of a connection is chosen
+    replace_robot: bool = False  # a second INIT replaces the robot instead of being ignored
+    tick: float | None = None  # simulated s between two ticks of lockstep; None without lockstep
     role: RobotRoleOptions = field(default_factory=RobotRoleOptions)
+    """Its quiet period holds for avatars, too."""
     start_at_first_pose: bool = False
-    clean_on_close: bool = False
+    """INIT without place uses the first start pose, not the origin."""
+    clean_on_close: bool = False  # objects leave with the world controller that created them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Roles:
-    """Makes the roles of all connections of a server; for any thread.
-
-    Attributes:
-        world, simulation, fleet, objects, avatars: of the server.
-        admit: asked, with `host:port` of the client, before anything comes into the world; raises
-            `SpawnError` if it may not.
-        forget: told that one which was let in did not come after all.
-        options: see there.
-    """
+    """Makes the roles of all connections of a server; for any thread."""
 
     world: WorldDescription
     simulation: Simulation
@@ -72,11 +58,12 @@ class Roles:
     objects: WorldObjects
     avatars: Avatars
     admit: Callable[[str], None]
-    forget: Callable[[str], None]
+    """Asked, with `host:port` of the client, before anything comes in; raises `SpawnError`."""
+    forget: Callable[[str], None]  # told that one which was let in did not come after all
     options: RoleOptions
 
-    def make(self, init: Init, peer: str, wanted: Callable[[], bool], log: Log) -> Role | None:
-        """The role that INIT asks for; None if there is no such class. May take long.
+    def make(self, init: Init, peer: str, wanted: Callable[[], bool], log: Log) -> Role:
+        """The role that INIT asks for. May take long.
 
         Args:
             init: the request.
@@ -105,11 +92,13 @@ class Roles:
             if kind is not None:
                 return self._avatar(kind, init, pose, log)
             if packed:
-                raise SpawnError("there is no avatar of this class")
+                raise SpawnError(
+                    f"there is no avatar of this class{near(init.class_name, self.avatars.names)}"
+                )
         description = self.robots.describe(init.class_name)
         if description is None:
             self.forget(peer)  # a class that does not exist costs nothing
-            return None
+            raise SpawnError(f"unknown class{near(init.class_name, self.robots.class_names)}")
         asked = self.robots.time
         vehicle = self.robots.spawn(description, init.name, pose, wanted)
         log = log.bind(robot=vehicle.name)
@@ -130,7 +119,8 @@ class Roles:
             start = self.world.start(init.start)
             if start is not None:
                 return start.pose
-            log.warning("unknown start pose, the first one is used", start=init.start)
+            hint = near(init.start, (one.tag for one in starts))
+            log.warning(f"unknown start pose, the first one is used{hint}", start=init.start)
             if starts:
                 return starts[0].pose
         elif init.location is None and self.options.start_at_first_pose and starts:

@@ -24,6 +24,7 @@ class LockstepTicks:
 
     Attributes:
         horizon: time of the tick up to which the world may go; infinity if it need not wait.
+        barred: what follows an answer, or the beginning, waits until the next tick has been told.
     """
 
     def __init__(self, period: float | None) -> None:
@@ -35,6 +36,7 @@ class LockstepTicks:
         self._period = period
         self._told = True
         self.horizon = math.inf
+        self.barred = False
 
     @property
     def due(self) -> float:
@@ -50,12 +52,12 @@ class LockstepTicks:
         if self._period is None:
             return False
         self.horizon = math.ceil((now - TOLERANCE) / self._period) * self._period
-        self._told = False
+        self._told, self.barred = False, True
         return True
 
     def end(self) -> None:
         """It has nothing there any more."""
-        self.horizon, self._told = math.inf, True
+        self.horizon, self._told, self.barred = math.inf, True, False
 
     def let_go(self) -> bool:
         """Do not wait for it until it answers again; whether it was waited for."""
@@ -80,7 +82,7 @@ class LockstepTicks:
         if math.isinf(self.horizon):
             self.begin(now)
         self.horizon = (round(self.horizon / self._period) + ticks) * self._period
-        self._told = False
+        self._told, self.barred = False, True
         return True
 
 
@@ -211,6 +213,13 @@ class Role(ABC):
     def take_news(self) -> list[str]:
         """Lines that came up while reporting and must arrive, unlike streamed ones."""
         return []
+
+    def halt(self) -> None:  # noqa: B027 (nothing is fine)
+        """Come to rest where it is, as far as it moves by orders of its client."""
+
+    def restart(self, time: float) -> None:  # noqa: B027
+        """The world has been put back at a simulated time (s): what belongs to it stands where it
+        came in, and has to begin anew."""
 
     @abstractmethod
     def leave(self) -> None:

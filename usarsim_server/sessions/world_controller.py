@@ -10,9 +10,9 @@ from collections.abc import Callable, Mapping
 from usarsim_server.errors import UsarsimError
 from usarsim_server.logs import Log
 from usarsim_server.protocol import messages
-from usarsim_server.protocol.numbers import read_bool, read_number, read_vector
+from usarsim_server.protocol.numbers import read_bool, read_number, read_triple
 from usarsim_server.protocol.requests import Control, Request
-from usarsim_server.protocol.values import Dialect, name_key
+from usarsim_server.protocol.values import Dialect, name_key, near
 from usarsim_server.sessions.robots import Robots
 from usarsim_server.sessions.schedule import Role
 from usarsim_server.simulation.frames import (
@@ -28,8 +28,6 @@ from usarsim_server.worlds.objects.objects import WorldObjects
 from usarsim_server.worlds.objects.world_object import Creation, Physics
 
 CLASS_NAME = "worldcontroller"
-
-Reply = list[str]
 
 
 def is_world_controller(class_name: str) -> bool:
@@ -61,7 +59,7 @@ class WorldController(Role):
 
         Args:
             objects: of the world, shared with other controllers.
-            fleet: for moving robots.
+            robots: for moving robots.
             world: for start poses.
             simulation: for conveyors.
             clean_on_close: remove what this connection created when it goes.
@@ -73,7 +71,7 @@ class WorldController(Role):
         self._simulation = simulation
         self._clean_on_close = clean_on_close
         self._log = log
-        self._handlers: Mapping[str, Callable[[Control], Reply]] = {
+        self._handlers: Mapping[str, Callable[[Control], list[str] | None]] = {
             "create": self._create,
             "kill": self._kill,
             "killall": self._kill_all,
@@ -89,16 +87,17 @@ class WorldController(Role):
 
     # -- the role of a connection ------------------------------------------------------------
 
-    def obey(self, request: Request) -> Reply:
+    def obey(self, request: Request) -> list[str]:
         if not isinstance(request, Control):
             self._log.debug("a world controller ignores", request=type(request).__name__)
             return []
         handler = self._handlers.get(request.type.lower())
         if handler is None:
-            self._log.info("unknown CONTROL ignored", type=request.type)
+            hint = near(request.type, self._handlers)
+            self._log.info(f"unknown CONTROL ignored{hint}", type=request.type)
             return []
         try:
-            return handler(request)
+            return handler(request) or []
         except UsarsimError as error:
             self._log.info(f"CONTROL refused: {error}", type=request.type, name=_name(request))
             return []
@@ -110,11 +109,11 @@ class WorldController(Role):
 
     # -- one handler per type ----------------------------------------------------------------
 
-    def _create(self, request: Control) -> Reply:
+    def _create(self, request: Control) -> None:
         pose = self._place(request)
         if pose is None:
             self._log.info("CONTROL refused: unknown start", start=request.get("Start"))
-            return []
+            return
         created = self._objects.create(
             Creation(
                 class_name=(request.get("ClassName") or "").rpartition(".")[2],
@@ -129,7 +128,6 @@ class WorldController(Role):
             owner=self,
         )
         self._log.debug("object created", name=created.name, object_class=created.kind.name)
-        return []
 
     def _place(self, request: Control) -> Pose | None:
         """Where an object shall be; None for an unknown start."""
@@ -142,21 +140,19 @@ class WorldController(Role):
             _vector(request, "Location") or zero, _vector(request, "Rotation") or zero
         )
 
-    def _kill(self, request: Control) -> Reply:
+    def _kill(self, request: Control) -> None:
         self._tell_unless(self._objects.kill(_name(request)), request)
-        return []
 
-    def _kill_all(self, request: Control) -> Reply:
+    def _kill_all(self, request: Control) -> None:
         one, other = _vector(request, "MinPos"), _vector(request, "MaxPos")
         if (one is None) != (other is None):
             # Taking half a box for none would remove everything.
             self._log.info("CONTROL refused: KillAll needs both corners, or none")
-            return []
+            return
         count = self._objects.kill_all(None if one is None or other is None else (one, other))
         self._log.debug("objects removed", count=count)
-        return []
 
-    def _abs_move(self, request: Control) -> Reply:
+    def _abs_move(self, request: Control) -> None:
         location, rotation = _vector(request, "Location"), _vector(request, "Rotation")
 
         def change(pose: Pose) -> Pose:
@@ -165,9 +161,9 @@ class WorldController(Role):
                 here if location is None else location, turned if rotation is None else rotation
             )
 
-        return self._move(request, change)
+        self._move(request, change)
 
-    def _rel_move(self, request: Control) -> Reply:
+    def _rel_move(self, request: Control) -> None:
         zero = (0.0, 0.0, 0.0)
         location = _vector(request, "Location") or zero
         rotation = _vector(request, "Rotation") or zero
@@ -176,20 +172,18 @@ class WorldController(Role):
             here, turned = wire_from_pose(pose)
             return pose_from_wire(_sum(here, location), _sum(turned, rotation))
 
-        return self._move(request, change)
+        self._move(request, change)
 
-    def _move(self, request: Control, change: Callable[[Pose], Pose]) -> Reply:
+    def _move(self, request: Control, change: Callable[[Pose], Pose]) -> None:
         name = _name(request)
         found = self._objects.move(name, change) or self._robots.move(name, change)
         self._tell_unless(found, request)
-        return []
 
-    def _rotate(self, request: Control) -> Reply:
+    def _rotate(self, request: Control) -> None:
         rates = _vector(request, "Speed") or (0.0, 0.0, 0.0)
         self._tell_unless(self._objects.rotate(_name(request), rates), request)
-        return []
 
-    def _set_path(self, request: Control) -> Reply:
+    def _set_path(self, request: Control) -> None:
         found = self._objects.set_path(
             _name(request),
             speed=_number(request, "Speed"),
@@ -199,19 +193,16 @@ class WorldController(Role):
             clock=_number(request, "Time"),
         )
         self._tell_unless(found, request)
-        return []
 
-    def _add_points(self, request: Control) -> Reply:
+    def _add_points(self, request: Control) -> None:
         texts = (request.get("WP") or "").split(";")
-        points = [flip_point(_triple(text)) for text in texts if text.strip()]
+        points = [flip_point(read_triple(text)) for text in texts if text.strip()]
         self._tell_unless(self._objects.add_points(_name(request), points), request)
-        return []
 
-    def _clear_path(self, request: Control) -> Reply:
+    def _clear_path(self, request: Control) -> None:
         self._tell_unless(self._objects.clear_path(_name(request)), request)
-        return []
 
-    def _status(self, request: Control) -> Reply:
+    def _status(self, request: Control) -> list[str]:
         name = name_key(_name(request))
         kind = (request.get("ClassName") or "").rpartition(".")[2].strip().lower()
         entries = []
@@ -230,15 +221,17 @@ class WorldController(Role):
                 )
         return [messages.object_status(entries)]
 
-    def _conveyor(self, request: Control) -> Reply:
+    def _conveyor(self, request: Control) -> None:
         factor = _number(request, "Speed")
         belts = self._simulation.run_belts(_name(request), 0.0 if factor is None else factor)
         self._tell_unless(belts > 0, request)
-        return []
 
     def _tell_unless(self, done: bool, request: Control) -> None:
         if not done:
-            self._log.info("CONTROL ignored: no such name", type=request.type, name=_name(request))
+            name = _name(request)
+            names = [one.name for one, _ in self._objects.present()]
+            hint = near(name, names + [one.name for one in self._robots.vehicles])
+            self._log.info(f"CONTROL ignored: no such name{hint}", type=request.type, name=name)
 
 
 # -- reading segments ----------------------------------------------------------------------------
@@ -248,25 +241,17 @@ def _name(request: Control) -> str:
     return (request.get("Name") or "").strip()
 
 
-def _triple(text: str) -> Vector:
-    x, y, z = read_vector(text, 3)
-    return x, y, z
-
-
 def _vector(request: Control, key: str) -> Vector | None:
     """Three numbers; None if missing or empty."""
-    text = request.get(key)
-    return _triple(text) if text else None
+    return request.read(key, read_triple) if request.get(key) else None
 
 
 def _number(request: Control, key: str) -> float | None:
-    text = request.get(key)
-    return None if text is None else read_number(text)
+    return request.read(key, read_number)
 
 
 def _boolean(request: Control, key: str) -> bool | None:
-    text = request.get(key)
-    return None if text is None else read_bool(text)
+    return request.read(key, read_bool)
 
 
 def _scale(factors: Vector | None) -> Vector:

@@ -108,12 +108,8 @@ def add_ties(
 ) -> None:
     """Give one robot slot the constraints that it will hold things with, all of them idle.
 
-    Args:
-        spec: the world, with the slot already in it.
-        prefix: of the slot's names.
-        root: name of the robot's root body, without prefix.
-        hands: of the robot.
-        anchored: whether it stands fixed in the world.
+    The slot, whose names have the prefix, is in the world already; `root` is its root body without
+    prefix.
     """
     ties = [(tie_name(prefix, hand.name), prefix + hand.body) for hand in hands]
     if anchored:

@@ -8,6 +8,10 @@ At a pace, simulated time follows the wall clock. Without one the world goes as 
 waits until every listener has done what the world may feel, and releases a snapshot to a listener
 only after it finished the previous one: reports are written while the world goes on. In lockstep it
 also waits at the horizon of every listener until that moves on.
+
+Somebody who supervises may let time stand still, go to a moment, or go at another pace. No step is
+another one for it: what is told stays the same, only when it comes differs. Orders that come while
+time stands still are carried out at once, and their effect begins with the next step.
 """
 
 from __future__ import annotations
@@ -163,6 +167,13 @@ class Listener(Protocol):
         """The listener's robot was taken out of the world."""
 
 
+class Witness(Listener, Protocol):
+    """A listener who is nothing in the world."""
+
+    def begin(self, time: float) -> None:
+        """It is attached at a simulated time (s): `due` counts from now on. Physics thread."""
+
+
 @dataclass(frozen=True, slots=True)
 class ClockOptions:
     """How time goes."""
@@ -177,6 +188,7 @@ class Stepper:
 
     Attributes:
         snapshot: the newest that was published.
+        speed: simulated seconds per wall second asked for.
         failure: why the physics thread had to give up, None if it did not.
         together: whoever is woken inside is served as one batch; so what is worked out together
             does not depend on which thread runs first.
@@ -185,21 +197,19 @@ class Stepper:
     def __init__(
         self, engine: Engine, mail: Mailbox, busy: Callable[[], bool], options: ClockOptions
     ) -> None:
-        """Stand still until `start` or `run_until`.
-
-        Args:
-            engine: steps.
-            mail: requests to carry out between steps.
-            busy: whether anybody is being put into the world.
-            options: see there.
-        """
+        """Stand still until told to run; `busy`: somebody is being put into the world."""
         self._engine = engine
         self._mail = mail
         self._busy = busy
         self._options = options
         self._listeners: dict[int, Listener] = {}
+        self._witness: Witness | None = None
+        self._everybody: tuple[Listener, ...] = ()
         self._stopping = False
         self._unpaced = math.isinf(options.speed)
+        self.speed = options.speed
+        self._stand_at = math.inf
+        self._pacer = Pacer(options.speed, engine.time)
         self._thread: threading.Thread | None = None
         self._on_failure: Callable[[], None] | None = None
         self.failure: Exception | None = None
@@ -210,17 +220,64 @@ class Stepper:
         """Give a robot's listener the snapshots it asks for. Physics thread."""
         if robot in self._engine.active:
             self._listeners[robot] = listener
+            self._gather()
         else:
             listener.lost("it left the world at once")
+
+    def be_seen_by(self, witness: Witness | None) -> None:
+        """Give somebody who is nothing in the world the snapshots it asks for, too, also one of
+        this very moment if that is due; None: nobody. Time waits for its reports, but does not
+        begin to pass for its sake. Physics thread."""
+        self._witness = witness
+        self._gather()
+        if witness is not None:
+            witness.begin(self._engine.time)
+            if witness.due <= self._now:
+                witness.wake(self._engine.snapshot())
+
+    def _gather(self) -> None:
+        witnesses = () if self._witness is None else (self._witness,)
+        self._everybody = (*witnesses, *self._listeners.values())
 
     def remove(self, robot: int) -> None:
         """Take a robot out of the world; unknown ones are ignored. Physics thread."""
         self._listeners.pop(robot, None)
+        self._gather()
         self._engine.vacate(robot)
 
     def renew(self) -> None:
         """Publish a snapshot of another model that wakes nobody. Physics thread."""
         self.snapshot = self._engine.snapshot()
+
+    @property
+    def stands(self) -> bool:
+        """Whether time has been told to stand still, and does; any thread."""
+        return self._engine.time >= self._stand_at - self._engine.timestep / 2
+
+    def go_until(self, moment: float) -> None:
+        """Let time go on to a simulated time and stand still there; infinity: for ever, now or
+        before: nowhere. Physics thread."""
+        self._stand_at = moment
+        self._keep_pace(self.speed)
+
+    def hold(self) -> float:
+        """Stand still; returns where it would have stood, for `go_until`. Physics thread."""
+        before, self._stand_at = self._stand_at, self._engine.time
+        return before
+
+    def set_speed(self, speed: float) -> None:
+        """Go at another pace. Physics thread.
+
+        Raises:
+            ValueError: if the world goes at none.
+        """
+        if self._unpaced:
+            raise ValueError("the world goes as fast as it can: it has no speed")
+        self._keep_pace(speed)
+
+    def _keep_pace(self, speed: float) -> None:
+        self.speed = speed
+        self._pacer = Pacer(speed, self._engine.time)
 
     def start(self, on_failure: Callable[[], None] | None = None) -> None:
         """Start the physics thread, see `Simulation.start`."""
@@ -258,7 +315,7 @@ class Stepper:
             if self._unpaced:
                 self._run_unpaced(Patience(self._options.patience))
             else:
-                self._run_paced(Pacer(self._options.speed, self._engine.time))
+                self._run_paced()
         except Exception as error:
             _log.exception("the physics thread died", error)
             self.failure = error
@@ -267,23 +324,29 @@ class Stepper:
         finally:
             self._mail.end()
 
-    def _run_paced(self, pacer: Pacer) -> None:
+    def _run_paced(self) -> None:
+        self._keep_pace(self.speed)
         while not self._stopping:
             self._mail.obey()
+            if self.stands:
+                self._mail.wait(STAND_POLL)
+                self._keep_pace(self.speed)
+                continue
             if self._ahead_of_reports():
                 self._mail.wait(CATCH_UP_POLL)
                 continue
+            pacer = self._pacer
             wait = pacer.wait(self._engine.time, time.perf_counter())
             if wait > 0.0:
                 self._mail.wait(wait)
                 continue
-            self._turn(self._steps_to_due(BATCH_STEPS, math.inf))
+            self._turn(self._steps_to_due(BATCH_STEPS, self._stand_at))
             report = pacer.report(self._engine.time, time.perf_counter())
             if report is not None:
                 _tell(report)
 
     def _ahead_of_reports(self) -> bool:
-        oldest = min((one.oldest for one in self._listeners.values()), default=math.inf)
+        oldest = min((one.oldest for one in self._everybody), default=math.inf)
         return oldest < self._engine.time - MAX_AHEAD
 
     def _run_unpaced(self, patience: Patience) -> None:
@@ -291,6 +354,7 @@ class Stepper:
             self._wait_until_settled()
             seen = self._mail.events
             horizon = min((one.horizon for one in self._listeners.values()), default=-math.inf)
+            horizon = min(horizon, self._stand_at)
             if self._engine.time < horizon - self._engine.timestep / 2:
                 patience.relax()
                 self._turn(self._steps_to_due(UNPACED_BATCH_STEPS, horizon))
@@ -298,7 +362,9 @@ class Stepper:
                 # Without listeners time stands still, too: so runs do not depend on when they
                 # start.
                 self._mail.wait(STAND_POLL, seen)
-                if self._listeners and patience.lost(time.perf_counter()):
+                if self.stands:
+                    patience.relax()
+                elif self._listeners and patience.lost(time.perf_counter()):
                     self._go_on_without()
 
     def _go_on_without(self) -> None:
@@ -308,13 +374,11 @@ class Stepper:
 
     def _settle(self) -> None:
         """Wait until no listener and no spawn is under way."""
-        self._wait(lambda: not self._busy() and all(one.idle() for one in self._listeners.values()))
+        self._wait(lambda: not self._busy() and all(one.idle() for one in self._everybody))
 
     def _wait_until_settled(self) -> None:
         """Wait until no spawn is under way, and no listener is about to do anything."""
-        self._wait(
-            lambda: not self._busy() and all(one.settled() for one in self._listeners.values())
-        )
+        self._wait(lambda: not self._busy() and all(one.settled() for one in self._everybody))
 
     def _wait(self, quiet: Callable[[], bool]) -> None:
         """Wait for something; requests are served meanwhile."""
@@ -326,7 +390,7 @@ class Stepper:
             self._mail.wait(0.001, seen)
 
     def _steps_to_due(self, most: int, horizon: float) -> int:
-        due = min((one.due for one in self._listeners.values()), default=math.inf)
+        due = min((one.due for one in self._everybody), default=math.inf)
         ahead = min(due, horizon) - self._engine.time
         if ahead >= most * self._engine.timestep:
             return most
@@ -340,7 +404,7 @@ class Stepper:
 
     def _show_due(self) -> bool:
         """Give a snapshot to everybody who wants one now; whether there is anybody."""
-        now = self._engine.time + self._engine.timestep * 1e-6
+        now = self._now
         if not self._due_at(now):
             return False
         if self._unpaced:
@@ -352,8 +416,13 @@ class Stepper:
                 one.wake(self.snapshot)
         return True
 
+    @property
+    def _now(self) -> float:
+        """Simulated time up to which things are due."""
+        return self._engine.time + self._engine.timestep * 1e-6
+
     def _due_at(self, now: float) -> list[Listener]:
-        return [one for one in self._listeners.values() if one.due <= now]
+        return [one for one in self._everybody if one.due <= now]
 
     def _remove_fallen(self, snapshot: Snapshot) -> None:
         for robot, layout in snapshot.layouts.items():
@@ -364,6 +433,7 @@ class Stepper:
     def _lose(self, robot: int, reason: str) -> None:
         _log.warning("robot removed", id=robot, reason=reason)
         listener = self._listeners.pop(robot, None)
+        self._gather()
         if listener is not None:
             listener.lost(reason)
 

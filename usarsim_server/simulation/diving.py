@@ -16,12 +16,9 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-from usarsim_server.simulation.frames import Vector
+from usarsim_server.simulation.frames import Array, Vector
 from usarsim_server.simulation.motion_laws import Bounds, FreeBody, Law, dot
-
-Array = NDArray[np.float64]
 
 CHANNELS = 3
 """Command: propeller (rad/s, positive drives ahead), angle of the rudder that turns to the left and
@@ -57,13 +54,7 @@ class Diving(Law):
     """The law of one submarine."""
 
     def __init__(self, model: mujoco.MjModel, base: str, hull: Hull) -> None:
-        """Find the chassis, which hangs on a free joint.
-
-        Args:
-            model: compiled.
-            base: name of the chassis.
-            hull: see there.
-        """
+        """Find the chassis, which hangs on a free joint, by its name."""
         self._body = FreeBody(model, base)
         self._bounds = Bounds(model)
         self._hull = hull

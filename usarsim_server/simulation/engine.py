@@ -27,8 +27,9 @@ from usarsim_server.simulation.model import (
     slot_prefix,
 )
 from usarsim_server.simulation.movers import Mover, Way, carry_over
+from usarsim_server.simulation.parts import Hook
 from usarsim_server.simulation.sleep import inherit_sleep
-from usarsim_server.simulation.snapshot import RobotLayout, Snapshot
+from usarsim_server.simulation.snapshot import Snapshot
 
 Array = NDArray[np.float64]
 
@@ -46,7 +47,7 @@ class Engine:
         data: live state; nobody else may touch it.
         parts: what works on the bodies beside MuJoCo.
         steps: number of steps since the world started.
-        after_batch: called after every batch of steps.
+        after_batch, after_step: called after every batch of steps, and after every step.
     """
 
     def __init__(
@@ -63,6 +64,7 @@ class Engine:
         self._active: dict[int, int] = {}
         self._left: dict[int, int] = {}
         self.after_batch: Callable[[], None] = _nothing
+        self.after_step: tuple[Hook, ...] = ()
         self.steps = 0
         mujoco.mj_kinematics(self.world.model, self.data)
 
@@ -228,6 +230,12 @@ class Engine:
             self.parts.joints.command(slot, orders)
             self.parts.sleep.wake(slot, self.data)
 
+    def hold_joints(self, robot: int) -> None:
+        """Have all joints of a robot keep the places that they have now."""
+        slot = self._active.get(robot)
+        if slot is not None:
+            self.parts.joints.hold(slot, self.data)
+
     def command_law(self, robot: int, values: Array) -> None:
         """Command the laws of motion of a robot (see `motion_laws.py`) and wake it.
 
@@ -291,7 +299,7 @@ class Engine:
     def run(self, steps: int) -> None:
         """Part of `advance`: step, whatever comes of it; `steps` does not count these."""
         model, data, parts = self.world.model, self.data, self.parts
-        before, between, after = parts.before, parts.between, parts.after
+        before, between, after = parts.before, parts.between, (*parts.after, *self.after_step)
         parts.begin(data)
         for _ in range(steps):
             for hook in before:
@@ -412,7 +420,7 @@ class Engine:
             qvel=_frozen(data.qvel),
             xpos=_frozen(data.xpos),
             xquat=_frozen(data.xquat),
-            layouts=self._layouts(),
+            layouts={robot: self.world.layouts[slot] for robot, slot in self._active.items()},
             torque=_frozen(self.parts.joints.torques()),
             hands=self.parts.hands.states(),
             world=self.world,
@@ -422,9 +430,6 @@ class Engine:
         """Bring the poses of all bodies up to date."""
         self.parts.moving.apply(self.data, self.data.time)
         mujoco.mj_kinematics(self.world.model, self.data)
-
-    def _layouts(self) -> dict[int, RobotLayout]:
-        return {robot: self.world.layouts[slot] for robot, slot in self._active.items()}
 
 
 def _nothing() -> None:

@@ -14,12 +14,9 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-from usarsim_server.simulation.frames import Vector
+from usarsim_server.simulation.frames import Array, Vector
 from usarsim_server.simulation.motion_laws import Bounds, FreeBody, Law, Motion, cross, dot
-
-Array = NDArray[np.float64]
 
 CHANNELS = 7
 """Command: velocity ahead, to the left and up in the yaw frame (m/s), yaw rate to the left (rad/s),
@@ -45,13 +42,7 @@ class VelocityHold(Law):
     """The law of one aircraft."""
 
     def __init__(self, model: mujoco.MjModel, base: str, limits: FlightLimits) -> None:
-        """Find its chassis.
-
-        Args:
-            model: compiled.
-            base: name of the chassis, which hangs on a free joint.
-            limits: see there.
-        """
+        """Find its chassis, which hangs on a free joint, by its name."""
         self._body = FreeBody(model, base)
         self._bounds = Bounds(model)
         self._limits = limits

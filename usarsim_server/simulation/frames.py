@@ -9,6 +9,7 @@ The two frames differ by half a turn about x, so every conversion is its own inv
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Array = NDArray[np.float64]
+Numbers = NDArray[np.intp]
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,8 +80,7 @@ def axes_of(
 def rotation_matrices(quaternions: Array) -> Array:
     """Rotation matrices (n, 3, 3) of unit quaternions (n, 4), w x y z; see `Pose.matrix`."""
     rows = list(zip(*axes_of(*quaternions.T), strict=True))
-    answer: Array = np.moveaxis(np.array(rows), 2, 0)
-    return answer
+    return np.moveaxis(np.array(rows), 2, 0)
 
 
 def rotation_matrix(quaternion: Array) -> Array:
@@ -175,3 +176,12 @@ def wrap_signed(angle: float) -> float:
     """The same angle in (-pi, pi]."""
     wrapped = wrap_turn(angle)
     return wrapped - math.tau if wrapped > math.pi else wrapped
+
+
+def around(place: Vector, radii: Sequence[float], directions: int) -> Iterator[Vector]:
+    """Places on circles around one, level with it, in so many directions; itself for radius 0."""
+    x, y, z = place
+    for radius in radii:
+        for turn in range(directions if radius else 1):
+            angle = math.tau * turn / directions
+            yield x + radius * math.cos(angle), y + radius * math.sin(angle), z

@@ -12,10 +12,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.simulation.frames import Array, Numbers
 from usarsim_server.simulation.parts import Part
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 MARK = 1e-9
 """m/s, rad/s: what a geom must have at compile time whose surface is moved later; no belt."""
@@ -96,7 +94,7 @@ class Traction(Part):
         self._body = model.geom_bodyid.astype(np.intp)
         self._size = np.maximum(2.0 * model.geom_rbound, 1e-3)
         self._timestep = float(model.opt.timestep)
-        self._pushed: Indices = np.zeros(0, dtype=np.intp)
+        self._pushed: Numbers = np.zeros(0, dtype=np.intp)
 
     def begin(self, data: mujoco.MjData) -> None:
         """See whether a body may touch a patch in this batch."""
@@ -144,14 +142,14 @@ class Traction(Part):
             data.xfrc_applied[self._pushed] = 0.0
             self._pushed = self._pushed[:0]
 
-    def _patches(self, places: Array) -> Indices:
+    def _patches(self, places: Array) -> Numbers:
         """The patch at each place (n, 3), -1 for none."""
         within = (places[:, None] >= self._low) & (places[:, None] <= self._high)
         inside: NDArray[np.bool_] = np.all(within, axis=2)
         last = len(self._low) - 1 - inside[:, ::-1].argmax(axis=1)
         return np.where(inside.any(axis=1), last, -1)
 
-    def _grip(self, data: mujoco.MjData, on: Indices, patches: Indices) -> None:
+    def _grip(self, data: mujoco.MjData, on: Numbers, patches: Numbers) -> None:
         contact = data.contact
         present = contact.friction[on]
         sliding = present[:, 0]
@@ -161,7 +159,7 @@ class Traction(Part):
         contact.mu[on] *= ratio
 
     def _sink(
-        self, data: mujoco.MjData, on: Indices, patches: Indices, velocity: Array
+        self, data: mujoco.MjData, on: Numbers, patches: Numbers, velocity: Array
     ) -> tuple[Array, Array]:
         """Lower the ground; returns how deep each contact is in it, and its slope (n, 2)."""
         contact = data.contact
@@ -182,7 +180,7 @@ class Traction(Part):
         downhill[depth - sunk > LANDED] = 0.0
         return sunk, downhill
 
-    def _load(self, bodies: Indices, touching: Indices) -> Array:
+    def _load(self, bodies: Numbers, touching: Numbers) -> Array:
         """What rests on each body, N, if all bodies of a tree that touch ground share alike."""
         roots = self._root[bodies]
         shares = (self._root[touching] == roots[:, None]).sum(axis=1)
@@ -192,9 +190,9 @@ class Traction(Part):
     def _resistance(
         self,
         data: mujoco.MjData,
-        bodies: Indices,
-        contacts: Indices,
-        patches: Indices,
+        bodies: Numbers,
+        contacts: Numbers,
+        patches: Numbers,
         depths: Array,
         velocity: Array,
         load: Array,
@@ -216,7 +214,7 @@ class Traction(Part):
         force: Array = -resistance[:, None] * velocity
         return force
 
-    def _velocities(self, data: mujoco.MjData, bodies: Indices) -> Array:
+    def _velocities(self, data: mujoco.MjData, bodies: Numbers) -> Array:
         """World velocities (n, 3) of the mass centres of bodies, m/s."""
         spatial = data.cvel[bodies]
         arm = data.xipos[bodies] - data.subtree_com[self._root[bodies]]
@@ -226,7 +224,7 @@ class Traction(Part):
         return moving
 
 
-def _free_trees(model: mujoco.MjModel) -> tuple[NDArray[np.bool_], Indices, Array]:
+def _free_trees(model: mujoco.MjModel) -> tuple[NDArray[np.bool_], Numbers, Array]:
     """Everything on free joints.
 
     Returns:
@@ -273,6 +271,11 @@ class Belts(Part):
         for name in found:
             self._run(name, factor)
         return len(found)
+
+    def restart(self) -> None:
+        """Run all belts as the scene has them."""
+        for name in self._speeds:
+            self._run(name, 1.0)
 
     def _run(self, name: str, factor: float) -> None:
         self._factors[name] = factor
@@ -344,5 +347,4 @@ def _slip(first: Array, second: Array, moved_first: Array, moved_second: Array) 
     """Norms of the tangential residuals, none longer than the references themselves."""
     squares = first * first + second * second
     first, second = first - moved_first, second - moved_second
-    slip: Array = np.sqrt(np.minimum(squares, first * first + second * second))
-    return slip
+    return np.sqrt(np.minimum(squares, first * first + second * second))

@@ -134,14 +134,10 @@ RESERVE = 96 << 20
 
 
 def shortage(model: mujoco.MjModel, dofs: int) -> str | None:
-    """What is missing for a larger model, with all copies of it and of its state.
+    """What is missing for a model with so many degrees of freedom more than the present one.
 
-    Args:
-        model: the present one.
-        dofs: degrees of freedom that the larger one has more.
-
-    Returns:
-        How much memory is needed, how much there is, and why no more; None if there is enough.
+    All copies of it and of its state are counted. Tells how much memory is needed, how much there
+    is, and why no more; None if there is enough.
     """
     size = int(mujoco.mj_sizeModel(model)) + MODEL_PER_DOF * dofs
     size = RESERVE + (STATES + COMPILING) * size
@@ -199,15 +195,10 @@ def _group_room() -> float:
     except OSError:
         return math.inf
     path = next((line[3:] for line in own if line.startswith("0::/")), None)
-    return math.inf if path is None else _narrowest(_folders(path))
-
-
-def _folders(path: str) -> Iterable[Path]:
+    if path is None:
+        return math.inf
     place = _GROUP_ROOT / path.lstrip("/")
-    while place != _GROUP_ROOT:
-        yield place
-        place = place.parent
-    yield place
+    return _narrowest(one for one in (place, *place.parents) if one.is_relative_to(_GROUP_ROOT))
 
 
 def _narrowest(folders: Iterable[Path]) -> float:

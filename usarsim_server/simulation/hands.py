@@ -197,8 +197,8 @@ class Hands(Part):
             Whether it obeyed: a coupling closes only on a tool, and opens only if it has one;
             false as well if there is no such hand.
         """
-        found = (hand for hand in self._hands.get(slot, ()) if hand.model.name == name)
-        hand = next(found, None)
+        hands = self._hands.get(slot, ())
+        hand = next((one for one in hands if one.model.name == name), None)
         if hand is None:
             return False
         if hand.model.grip is Grip.COUPLING:
@@ -322,14 +322,12 @@ class Hands(Part):
         point: Vector,
         turn: Quaternion,
     ) -> None:
-        """Make a tie hold.
+        """Make a tie hold; the first body of the constraint is what holds.
 
         Args:
-            data: live state.
-            tie: the constraint; its first body is what holds.
+            data, tie: live state, and the constraint.
             other: what is held; 0, the world, for anchors.
-            anchor: the point that is held, in the frame of the other body.
-            point: the same in the frame of the first body.
+            anchor, point: what is held, in the frame of the other body and of the first one.
             turn: orientation of the other body seen from the first one.
         """
         model = self._model

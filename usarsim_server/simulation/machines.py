@@ -2,18 +2,16 @@
 
 A machine decides at fixed simulated times, between two halves of a step, by what it sees then; in
 between its bodies follow functions of time like those of every other mover. So runs repeat
-whatever the batches in which the physics advances.
-
-Who is where: what a machine that watches a place gets to know.
-
-Used by the physics thread alone, between the two halves of a step, when all poses are up to date.
+whatever the batches in which the physics advances. Used by the physics thread alone, between the
+two halves of a step, when all poses are up to date.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -23,8 +21,6 @@ from usarsim_server.simulation.frames import Pose, Vector
 from usarsim_server.simulation.model import CompiledWorld
 from usarsim_server.simulation.movers import Mover
 from usarsim_server.simulation.parts import Part
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,17 +42,19 @@ class Presence:
     def __init__(self, world: CompiledWorld, own: Collection[str], fixtures: Collection[str]):
         """Sort the bodies of a model.
 
-        Args:
-            world: the model generation.
-            own: names of the bodies of the machine that looks; it does not see itself.
-            fixtures: names of placed bodies that belong to the building.
+        Those of `own`, the machine that looks, are not seen, nor `fixtures`, which belong to the
+        building.
         """
         model = world.model
         hidden = {model.body(name).id for name in (*own, *fixtures)}
         slots = {body for layout in world.layouts for body in layout.bodies}
         free = model.jnt_bodyid[model.jnt_type == mujoco.mjtJoint.mjJNT_FREE].tolist()
         placed = np.flatnonzero(model.body_mocapid >= 0).tolist()
-        self._owner = _owners(world)
+        # One body for the robot, person or thing that a body is a part of; robots in all
+        # generations the same.
+        owner = model.body_rootid.astype(np.intp)
+        for layout in world.layouts:
+            owner[list(layout.bodies)] = -1 - layout.slot
         roots = model.body_rootid[model.geom_bodyid]
         touches = (model.geom_contype | model.geom_conaffinity) != 0
         seen = touches & ~np.isin(roots, list(hidden))
@@ -64,7 +62,7 @@ class Presence:
         loose = going | np.isin(roots, free)
         self._geoms = np.flatnonzero(seen & loose)
         self._going = going[self._geoms]
-        self._owners = self._owner[model.geom_bodyid[self._geoms]]
+        self._owners = owner[model.geom_bodyid[self._geoms]]
         self._middle = model.geom_aabb[self._geoms, :3]
         self._half = model.geom_aabb[self._geoms, 3:]
         self._data: mujoco.MjData | None = None
@@ -74,14 +72,9 @@ class Presence:
         self._data = data
 
     def touching(self, zone: Zone, *, going: bool = False) -> frozenset[int]:
-        """Who is in a zone, wholly or in part.
+        """Who is in a zone, wholly or in part; `going`: only who goes by itself, else all loose.
 
-        Args:
-            zone: where to look.
-            going: only who goes by itself; otherwise all that is loose.
-
-        Returns:
-            Numbers that stand for robots, people and things; of use for comparisons only.
+        The numbers stand for robots, people and things; they are of use for comparisons only.
         """
         overlap, _ = self._compare(zone)
         if going:
@@ -106,49 +99,50 @@ class Presence:
         return (away < half + reach).all(axis=1), (away + half <= reach).all(axis=1)
 
 
-def _owners(world: CompiledWorld) -> NDArray[np.intp]:
-    """For every body one that stands for the robot, person or thing that it is a part of."""
-    owners: NDArray[np.intp] = world.model.body_rootid.astype(np.intp)
-    for layout in world.layouts:
-        owners[list(layout.bodies)] = -1 - layout.slot  # the same in all generations
-    return owners
-
-
 DECISION_INTERVAL = 0.05
 """s of simulated time, to the nearest step, between two decisions of a machine."""
 
 
-class Machine(Protocol):
-    """Something that decides how its bodies go on."""
+class Machine(ABC):
+    """Something that decides how its bodies go on.
 
-    @property
-    def movers(self) -> tuple[Mover, ...]:
-        """Place its bodies as decided last.
+    Attributes:
+        movers: place its bodies as decided last. A decision changes the ways from its own moment
+            on, without a jump.
+        building: it is a part of the building, like a door; others are seen by machines.
+    """
 
-        A decision changes the ways from its own moment on, without a jump.
+    movers: tuple[Mover, ...] = ()
+    building = True
+    _decision: Any
+    """The last one; immutable, and all that the machine remembers."""
+
+    @abstractmethod
+    def decide(self, time: float, presence: Presence) -> None:
+        """Decide at a time: simulated s since the world began, or was put back.
+
+        Called by the physics thread; must return at once.
         """
 
-    @property
-    def building(self) -> bool:
-        """Whether it is a part of the building, like a door; others are seen by machines."""
-
-    def decide(self, time: float, presence: Presence) -> None:
-        """Decide at a simulated time (s); called by the physics thread, must return at once."""
-
     def state(self) -> object:
-        """What has been decided; immutable."""
+        """What has been decided."""
+        return self._decision
 
     def restore(self, state: object) -> None:
         """Go back to an earlier decision."""
+        self._decision = state
 
 
 class Machines(Part):
-    """All machines of a world; used by the physics thread."""
+    """All machines of a world."""
 
     def __init__(self, world: CompiledWorld) -> None:
         self._world = world
         self._machines: tuple[Machine, ...] = ()
         self._presences: tuple[Presence, ...] = ()
+        self._first: tuple[object, ...] = ()
+        """What they had decided when they came."""
+        self._epoch = 0.0
         self._every = max(1, round(DECISION_INTERVAL / float(world.model.opt.timestep)))
 
     def replace(self, machines: Sequence[Machine]) -> None:
@@ -157,9 +151,18 @@ class Machines(Part):
         Raises:
             KeyError: if one of their bodies does not exist; the old ones stay.
         """
-        new = tuple(machines)
-        self._presences = _presences(new, self._world)
-        self._machines = new
+        bodies = [tuple(mover.body for mover in machine.movers) for machine in machines]
+        pairs = zip(machines, bodies, strict=True)
+        fixtures = [body for machine, own in pairs if machine.building for body in own]
+        self._presences = tuple(Presence(self._world, own, fixtures) for own in bodies)
+        self._machines = tuple(machines)
+        self._first = tuple(machine.state() for machine in machines)
+
+    def restart(self, time: float) -> None:
+        """Let all machines begin anew at a simulated time (s), as if the world began then."""
+        self._epoch = time
+        for machine, first in zip(self._machines, self._first, strict=True):
+            machine.restore(first)
 
     def between(self, data: mujoco.MjData) -> None:
         """Let all machines decide if it is time."""
@@ -169,7 +172,7 @@ class Machines(Part):
             return
         for machine, presence in zip(self._machines, self._presences, strict=True):
             presence.look(data)
-            machine.decide(data.time, presence)
+            machine.decide(data.time - self._epoch, presence)
 
     def state(self, data: mujoco.MjData) -> tuple[object, ...]:
         """What all have decided, for `restore`."""
@@ -185,14 +188,4 @@ class Machines(Part):
     ) -> None:
         """Go on with the same machines, whose bodies have other numbers now."""
         self.replace(older._machines)
-
-
-def _presences(machines: Sequence[Machine], world: CompiledWorld) -> tuple[Presence, ...]:
-    bodies = [tuple(mover.body for mover in machine.movers) for machine in machines]
-    fixtures = [
-        body
-        for machine, own in zip(machines, bodies, strict=True)
-        if machine.building
-        for body in own
-    ]
-    return tuple(Presence(world, own, fixtures) for own in bodies)
+        self._first, self._epoch = older._first, older._epoch

@@ -1,6 +1,4 @@
-"""Requests to the thread that owns the physics, from all others.
-
-Letting others have the interpreter during long work in the background.
+"""Requests to the thread that owns the physics, from all others; giving way in long work.
 
 Whoever computes without pause, in Python or in native code that keeps the interpreter, makes every
 other thread wait for half a millisecond or more, each time it needs the interpreter; the physics
@@ -71,11 +69,9 @@ class Mailbox:
         return self._events
 
     def wait(self, seconds: float, seen: int | None = None) -> None:
-        """Sleep until a request comes or something happens, or for so many wall seconds.
+        """Sleep until a request comes or something happens, for so many wall seconds at most.
 
-        Args:
-            seconds: the longest sleep.
-            seen: return at once if more has happened than these `events`.
+        Returns at once if more has happened than the `events` seen.
         """
         with self._signal:
             if not self._requests and seen in (None, self._events):

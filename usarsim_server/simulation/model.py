@@ -142,8 +142,7 @@ def compile_world(
     Args:
         scenery: makes a fresh specification of the world without robots.
         slots: the class of every slot; slot numbers are indices into this sequence.
-        options: physics settings.
-        generation: number of this compilation.
+        options: of the physics. generation: number of this compilation.
 
     Raises:
         ValueError: if MuJoCo cannot compile the result.
@@ -257,13 +256,18 @@ def _layout(
 ) -> RobotLayout:
     prefix = slot_prefix(slot)
     base = NOWHERE if robot is VACANT else int(model.body(prefix + ROOT_BODY).id)
+    qpos = dof = -1
     if robot.kinematic:
-        return _kinematic_layout(model, slot, base, names)
-    free = model.joint(prefix + ROOT_JOINT)
-    bodies = np.flatnonzero(model.body_rootid == base).tolist()
+        bodies = [body for body, name in enumerate(names) if name.startswith(prefix)]
+    else:
+        bodies = np.flatnonzero(model.body_rootid == base).tolist()
+        free = model.joint(prefix + ROOT_JOINT)
+        qpos, dof = int(free.qposadr[0]), int(free.dofadr[0])
     joints = np.flatnonzero(np.isin(model.jnt_bodyid, bodies)).tolist()
-    joints.remove(free.id)
-    wheels = [model.joint(prefix + name).id for name in robot.driven]
+    joints = [joint for joint in joints if model.jnt_dofadr[joint] != dof]
+    wheels = np.array([model.joint(prefix + name).id for name in robot.driven], dtype=np.intp)
+    drives = [model.actuator(prefix + name).id for name in robot.driven]
+    mocap = [body for body in bodies if robot.kinematic and model.body_mocapid[body] >= 0]
 
     def plain(name: str) -> str:
         return name.removeprefix(prefix).lower()
@@ -271,52 +275,26 @@ def _layout(
     return RobotLayout(
         slot=slot,
         base=base,
-        qpos=int(free.qposadr[0]),
-        dof=int(free.dofadr[0]),
+        qpos=qpos,
+        dof=dof,
         links={plain(names[body]): body for body in bodies if body != base},
         joint_qpos={plain(model.joint(j).name): int(model.jnt_qposadr[j]) for j in joints},
         joint_dof={plain(model.joint(j).name): int(model.jnt_dofadr[j]) for j in joints},
         wheel_qpos=model.jnt_qposadr[wheels].astype(np.intp),
         wheel_dof=model.jnt_dofadr[wheels].astype(np.intp),
-        wheel_actuators=np.array(
-            [model.actuator(prefix + name).id for name in robot.driven], dtype=np.intp
-        ),
+        wheel_actuators=np.array(drives, dtype=np.intp),
         bodies=frozenset(bodies),
         geoms=np.flatnonzero(np.isin(model.geom_bodyid, bodies)),
-    )
-
-
-def _kinematic_layout(
-    model: mujoco.MjModel, slot: int, base: int, names: Sequence[str]
-) -> RobotLayout:
-    prefix = slot_prefix(slot)
-    bodies = [body for body, name in enumerate(names) if name.startswith(prefix)]
-    nothing = np.zeros(0, dtype=np.intp)
-    return RobotLayout(
-        slot=slot,
-        base=base,
-        qpos=-1,
-        dof=-1,
-        links={names[body].removeprefix(prefix).lower(): body for body in bodies if body != base},
-        joint_qpos={},
-        joint_dof={},
-        wheel_qpos=nothing,
-        wheel_dof=nothing,
-        wheel_actuators=nothing,
-        bodies=frozenset(bodies),
-        geoms=np.flatnonzero(np.isin(model.geom_bodyid, bodies)),
-        mocap=np.array([body for body in bodies if model.body_mocapid[body] >= 0], dtype=np.intp),
+        mocap=np.array(mocap, dtype=np.intp),
     )
 
 
 def matching_joints(
     old: mujoco.MjModel, new: mujoco.MjModel, changed: Collection[int] = ()
 ) -> tuple[tuple[NDArray[np.intp], NDArray[np.intp]], tuple[NDArray[np.intp], NDArray[np.intp]]]:
-    """Where the joints of one model lie in another one; those that it lacks are left out.
+    """Where the joints of one model lie in another one of the same scenery.
 
-    Args:
-        old, new: models of one scenery.
-        changed: slots that are of another kind now.
+    Those that it lacks, or that are in slots of another kind now (`changed`), are left out.
 
     Returns:
         Coordinate indices in the old and the new model, then velocity indices in both.

@@ -17,12 +17,10 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-from usarsim_server.simulation.frames import Pose, Vector, axes_of
+from usarsim_server.simulation.frames import Array, Pose, Vector, axes_of
 from usarsim_server.simulation.parts import Part
 
-Array = NDArray[np.float64]
 LawsState = tuple[Array, tuple[Array, ...], frozenset[int]]
 """Commands, what the laws remember, and which slots have laws that hold."""
 Motion = tuple[tuple[Vector, Vector, Vector], Vector, Vector]
@@ -80,12 +78,7 @@ class Laws(Part):
     def __init__(
         self, model: mujoco.MjModel, slots: Iterable[tuple[str, tuple[LawModel, ...]]]
     ) -> None:
-        """Make all laws.
-
-        Args:
-            model: compiled.
-            slots: prefix of names and laws of every slot.
-        """
+        """Make all laws; `slots` are prefix of names and laws of every slot."""
         self._model = model
         self._laws: dict[int, list[tuple[Law, slice]]] = {}
         self._span: dict[int, slice] = {}
@@ -199,12 +192,7 @@ class FreeBody:
     """
 
     def __init__(self, model: mujoco.MjModel, base: str) -> None:
-        """Find it.
-
-        Args:
-            model: compiled.
-            base: name of the chassis.
-        """
+        """Find it by the name of the chassis."""
         self._body = body = int(model.body(base).id)
         dof = int(model.body_dofadr[body])
         coordinates = int(model.jnt_qposadr[model.body_jntadr[body]])
@@ -227,13 +215,9 @@ class FreeBody:
         return x, y, z
 
     def push(self, data: mujoco.MjData, motion: Motion, force: Vector, torque: Vector) -> None:
-        """Push it until told otherwise.
+        """Push it until told otherwise; positions are up to date, `motion` is from `look`.
 
-        Args:
-            data: positions are up to date.
-            motion: from `look`.
-            force: acts in the mass centre, N, in the world.
-            torque: N m, in the frame of the body.
+        The force (N, in the world) acts in the mass centre, the torque (N m) in the body's frame.
         """
         cx, cy, cz = data.subtree_com[self._body].tolist()
         ox, oy, oz = data.xpos[self._body].tolist()
@@ -286,13 +270,9 @@ class Bounds:
         self._edges = tuple(zip(values[:3], values[3:], strict=True))
 
     def hold(self, velocity: Vector, place: Vector, response: float, braking: float) -> Vector:
-        """A velocity (m/s) as far as it does not lead out of the box.
+        """The wanted velocity (m/s) at a place (m) as far as it does not lead out of the box.
 
-        Args:
-            velocity: wanted.
-            place: of the machine, m.
-            response: time constant with which it changes its velocity, s.
-            braking: m/s^2 that it can give.
+        The machine changes its velocity with a time constant (s) and can brake by so much (m/s^2).
         """
         if not self._edges:
             return velocity

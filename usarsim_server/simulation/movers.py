@@ -19,12 +19,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.simulation.frames import Pose
+from usarsim_server.simulation.frames import Array, Pose
 from usarsim_server.simulation.parts import Part
 from usarsim_server.simulation.rays.culling import bounding_spheres
 from usarsim_server.simulation.snapshot import Snapshot
-
-Array = NDArray[np.float64]
 
 Way = Callable[[float], Pose]
 """Pose in the world at a simulated time (s)."""
@@ -47,6 +45,11 @@ class Mover:
     physics thread and by others: cheap, without side effects, always finite."""
 
 
+def since(epoch: float, way: Way) -> Way:
+    """A way that begins at a simulated time (s), not with the world."""
+    return way if epoch == 0.0 else lambda time: way(time - epoch)
+
+
 class MovingBodies(Part):
     """Everything that moves by itself, with the places of its bodies in one model generation.
 
@@ -58,6 +61,7 @@ class MovingBodies(Part):
         self.movers: tuple[Mover, ...] = ()
         """Those of the world."""
         self._followers: dict[int, tuple[Mover, ...]] = {}
+        self._epoch = 0.0
         self._step, self._met = 0, False
         self._find()
 
@@ -92,11 +96,18 @@ class MovingBodies(Part):
     ) -> None:
         """Go on with the same movers, whose bodies have other numbers now."""
         self.movers, self._followers = older.movers, older._followers
+        self._epoch = older._epoch
+        self._find()
+
+    def restart(self, time: float) -> None:
+        """Let the bodies of the world go their ways from the beginning, which is now (s)."""
+        self._epoch = time
         self._find()
 
     def _find(self) -> None:
         model = self._model
-        movers = [*self.movers, *(one for own in self._followers.values() for one in own)]
+        movers = [Mover(one.body, since(self._epoch, one.pose)) for one in self.movers]
+        movers += [*(one for own in self._followers.values() for one in own)]
         self._ways = [(_mocap_id(model, mover.body), mover.pose) for mover in movers]
         bodies = mocap_bodies(model)[np.array([index for index, _ in self._ways], dtype=np.intp)]
         row_of_body = np.full(model.nbody, -1)
@@ -233,10 +244,7 @@ def carry_over(
 ) -> None:
     """Put the mocap bodies of another model where their namesakes are in the old one.
 
-    Args:
-        old_model, old: the model that was.
-        new_model, new: the one that is to be.
-        others: prefixes of bodies that only bear the same names.
+    `others` are prefixes of bodies that only bear the same names.
     """
     for body in mocap_bodies(old_model):
         name = old_model.body(body).name

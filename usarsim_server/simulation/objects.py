@@ -14,11 +14,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.simulation.frames import IDENTITY, Pose, Vector, pose_of
+from usarsim_server.simulation.frames import IDENTITY, Array, Pose, Vector, pose_of
 from usarsim_server.simulation.model import CompiledWorld
 from usarsim_server.simulation.snapshot import Snapshot
 
-Array = NDArray[np.float64]
 Names = NDArray[np.object_]
 
 WORLD = 0

@@ -65,12 +65,9 @@ class Part:
     def inherit(
         self, older: Any, slots: Sequence[int], data: mujoco.MjData, old: mujoco.MjData
     ) -> None:
-        """Take over from the same part of an older generation.
+        """Take over from the same part of an older generation, whose state is `old`.
 
-        Args:
-            older: that part.
-            slots: those that are the same there and here.
-            data, old: the states of this generation and of the older one.
+        `slots` are those that are the same there and here.
         """
 
 

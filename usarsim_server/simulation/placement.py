@@ -10,7 +10,6 @@ thing is refused if its place is blocked.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from functools import cached_property
 
 import mujoco
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 
 from usarsim_server.errors import SpawnError
 from usarsim_server.logs import Log
-from usarsim_server.simulation.frames import Pose, Vector
+from usarsim_server.simulation.frames import Pose, Vector, around
 from usarsim_server.simulation.mailbox import yield_interpreter
 from usarsim_server.simulation.model import SHELF_HEIGHT, CompiledWorld, put, root_qpos
 from usarsim_server.simulation.movers import mocap_bodies, pose_as
@@ -87,11 +86,7 @@ class Placement(_Judge):
         hollow = (self._model.geom_contype | self._model.geom_conaffinity) == 0
         self._model.geom_rgba[hollow, 3] = 0.0
         self._model.geom_matid[hollow] = -1
-        self._floors = [
-            geom
-            for geom in range(self._model.ngeom)
-            if self._model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE
-        ]
+        self._floors = np.flatnonzero(self._model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE)
         mujoco.mj_kinematics(self._model, self._data)
 
     def admit(self, pose: Pose, rest_height: float) -> Pose:
@@ -106,12 +101,9 @@ class Placement(_Judge):
         return self._above_floor(self._moved_inside(pose), rest_height)
 
     def find(self, snapshot: Snapshot, slot: int, pose: Pose) -> Pose:
-        """The wanted pose if it is free, else the nearest free one.
+        """The wanted pose of the reference point if it is free, else the nearest free one.
 
-        Args:
-            snapshot: the world as it is.
-            slot: the slot that will be used (parked so far).
-            pose: wanted pose of the reference point.
+        `slot` is the one that will be used, parked so far.
 
         Raises:
             SpawnError: if the pose is not finite or everything near is full.
@@ -126,7 +118,9 @@ class Placement(_Judge):
                 to=grounded.position,
             )
         grounded = self._above_slab(snapshot, grounded, rest_height)
-        for place in filter(self._inside, _rings(grounded)):
+        places = around(grounded.position, RINGS, DIRECTIONS)
+        poses = (Pose(place, grounded.quaternion) for place in places)
+        for place in filter(self._inside, poses):
             blocked, by_moving = self._overlap(snapshot, slot, place)
             if blocked <= TOLERATED:
                 return place
@@ -217,17 +211,9 @@ class Placement(_Judge):
     def _way(self, start: Vector, up: float) -> float:
         """Way (m) to the next surface straight up (1) or down (-1); inf if there is none."""
         geom = np.zeros(1, dtype=np.int32)
-        way = mujoco.mj_ray(
-            self._model,
-            self._data,
-            np.array(start),
-            np.array([0.0, 0.0, up]),
-            None,
-            1,
-            -1,
-            geom,
-            None,
-        )
+        upward = np.array([0.0, 0.0, up])
+        model, data = self._model, self._data
+        way = mujoco.mj_ray(model, data, np.array(start), upward, None, 1, -1, geom, None)
         reached = geom[0] >= 0 and start[2] + up * way < SHELF_HEIGHT - 100.0
         return float(way) if reached else math.inf
 
@@ -251,16 +237,6 @@ class Placement(_Judge):
         others = np.where(own[touching, 0], pairs[touching, 1], pairs[touching, 0])
         moving = self._model.body_weldid[self._model.geom_bodyid[others]] != 0
         return float(-data.contact.dist[touching].min()), bool(moving.any())
-
-
-def _rings(pose: Pose) -> Iterator[Pose]:
-    """The wanted pose, then poses on ever wider circles around it."""
-    x, y, z = pose.position
-    for radius in RINGS:
-        for turn in range(DIRECTIONS if radius else 1):
-            angle = math.tau * turn / DIRECTIONS
-            place = (x + radius * math.cos(angle), y + radius * math.sin(angle), z)
-            yield Pose(place, pose.quaternion)
 
 
 def _check_finite(pose: Pose, what: str) -> None:
@@ -291,12 +267,9 @@ class Fitting(_Judge):
         self._check_inside(Pose((x, y, max(z, self._lower[2])), pose.quaternion))
 
     def check(self, snapshot: Snapshot, slot: int, pose: Pose) -> Pose:
-        """The pose, lifted out of an endless floor if need be.
+        """The wanted pose of a thing's origin, lifted out of an endless floor if need be.
 
-        Args:
-            snapshot: the world as it is.
-            slot: holds the thing; wherever it is now does not count.
-            pose: wanted pose of its origin.
+        `slot` holds the thing; wherever it is now does not count.
 
         Raises:
             SpawnError: if the pose is not finite or outside the world, or if something is there.

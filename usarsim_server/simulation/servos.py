@@ -21,11 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server.simulation.articulation import JointOrder, Order
+from usarsim_server.simulation.frames import Array, Numbers
 from usarsim_server.simulation.model import WAKE, CompiledWorld
 from usarsim_server.simulation.parts import Part
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 ServoState = tuple[NDArray[Any], ...]
 
 HOLD_GAIN = 10.0
@@ -72,7 +71,7 @@ class _Servos(Part):
             array[:] = kept
         self._begin()
 
-    def _take(self, older: _Servos, here: Indices, there: Indices) -> None:
+    def _take(self, older: _Servos, here: Numbers, there: Numbers) -> None:
         """Take over what servos with these numbers here have there, in another generation."""
         for array, former in zip(self._arrays(), older._arrays(), strict=True):
             array[here] = former[there]
@@ -146,13 +145,11 @@ class WheelServos(_Servos):
 
     def targets(self, slot: int) -> Array:
         """Commanded wheel speeds of a slot (rad/s)."""
-        copy: Array = self._target[self._span[slot]].copy()
-        return copy
+        return self._target[self._span[slot]].copy()
 
     def setpoints(self, slot: int) -> Array:
         """Wheel speeds (rad/s) that the servos of a slot hold at present."""
-        copy: Array = self._shift[self._dofs[self._span[slot]]].copy()
-        return copy
+        return self._shift[self._dofs[self._span[slot]]].copy()
 
     def drives(self, slot: int) -> bool:
         """Whether a wheel of a slot is told to turn."""
@@ -169,7 +166,7 @@ class WheelServos(_Servos):
         self._moving = bool(self._shift.any())
         self._begin()
 
-    def _numbers(self, slot: int) -> Indices:
+    def _numbers(self, slot: int) -> Numbers:
         return np.arange(self._span[slot].start, self._span[slot].stop)
 
     def _arrays(self) -> ServoState:
@@ -281,6 +278,15 @@ class JointServos(_Servos):
             self._rate[joint] = math.copysign(fastest, value) if value else 0.0
             self._push[joint] = abs(value)
 
+    def hold(self, slot: int, data: mujoco.MjData) -> None:
+        """Have the joints of a slot keep the places that they have now."""
+        chosen = list(self._index[slot].values())
+        here = data.qpos[self._coordinates[chosen]]
+        self._positioned[chosen] = True
+        self._target[chosen] = np.clip(here, self._low[chosen], self._high[chosen])
+        self._push[chosen] = np.inf
+        self._begin()
+
     def release(self, slot: int, data: mujoco.MjData) -> None:
         """Forget all orders of a slot: its joints hold the position they start with."""
         chosen = list(self._index[slot].values())
@@ -391,5 +397,5 @@ class JointServos(_Servos):
         return self._torque
 
 
-def _join(parts: list[Indices]) -> Indices:
+def _join(parts: list[Numbers]) -> Numbers:
     return np.concatenate(parts) if parts else np.zeros(0, dtype=np.intp)

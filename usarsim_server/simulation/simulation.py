@@ -9,8 +9,8 @@ with it, so that equal commands at equal times give equal runs.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 
 import mujoco
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from usarsim_server.logs import Log
 from usarsim_server.simulation.articulation import JointOrder
-from usarsim_server.simulation.clock import ClockOptions, Listener, Stepper
+from usarsim_server.simulation.clock import ClockOptions, Listener, Stepper, Witness
 from usarsim_server.simulation.divergence import SPEED_LIMIT
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose, Vector
@@ -36,8 +36,10 @@ from usarsim_server.simulation.objects import ObjectFacts
 from usarsim_server.simulation.rays.cast import cast, cast_all, cast_scenery
 from usarsim_server.simulation.rays.query import PendingReport, RayFan, RayHits, SceneryHit
 from usarsim_server.simulation.rays.scenery import StaticGeometry
+from usarsim_server.simulation.restart import restart
 from usarsim_server.simulation.slots import SlotLimits, Slots, always, compiled
 from usarsim_server.simulation.snapshot import RobotBody, Snapshot
+from usarsim_server.simulation.touching import Touches, TouchWatch
 
 _log = Log("simulation")
 
@@ -81,6 +83,7 @@ class Simulation:
             ClockOptions(options.speed, options.patience, options.lower[2]),
         )
         self._slots.adopted = self._stepper.renew
+        self._touching: TouchWatch | None = None
 
     # -- looking -----------------------------------------------------------------------------
 
@@ -106,7 +109,41 @@ class Simulation:
     @property
     def speed(self) -> float:
         """Simulated seconds per wall second asked for; infinity in lockstep."""
-        return self._options.speed
+        return self._stepper.speed
+
+    @property
+    def paused(self) -> bool:
+        """Whether time stands still because somebody has said so, see `pause`."""
+        return self._stepper.stands
+
+    def pause(self) -> None:
+        """Let time stand still from now on; orders are taken, and take effect when it goes on."""
+        self._mail.ask(lambda: self._stepper.go_until(self._engine.time))
+
+    def go_on(self, seconds: float = math.inf) -> None:
+        """Let time go on, for so many simulated s; then it stands still."""
+        self._mail.ask(lambda: self._stepper.go_until(self._engine.time + seconds))
+
+    @contextmanager
+    def standing(self) -> Iterator[None]:
+        """Time stands still inside, and then goes on as it would have gone."""
+        before = self._mail.ask(self._stepper.hold)
+        try:
+            yield
+        finally:
+            self._mail.ask(lambda: self._stepper.go_until(before))
+
+    def restart_scene(self) -> None:
+        """Put the scene back to how it was when the world began; see `restart.py`."""
+        self._mail.ask(lambda: restart(self._engine))
+
+    def set_speed(self, speed: float) -> None:
+        """Go at another pace, simulated s per wall s.
+
+        Raises:
+            ValueError: if the world goes at none.
+        """
+        self._mail.ask(lambda: self._stepper.set_speed(speed))
 
     def compiled(self, snapshot: Snapshot) -> CompiledWorld:
         """The model that a snapshot belongs to, for who wants to draw it; not to be written to."""
@@ -114,7 +151,7 @@ class Simulation:
 
     def body(self, number: int) -> BodyHandle:
         """The handle of a robot or another thing, by its number; made once by whoever keeps it."""
-        return BodyHandle(number, self, self._engine, self._mail, self._stepper)
+        return BodyHandle(number, self)
 
     def cast(self, fans: Sequence[RayFan], snapshot: Snapshot, robot: int | None) -> list[RayHits]:
         """Answer ray fans against the world of a snapshot; the robot's own body is left out."""
@@ -131,11 +168,7 @@ class Simulation:
     def first_scenery(
         self, origin: NDArray[np.float64], direction: NDArray[np.float64], reach: float
     ) -> SceneryHit | None:
-        """What a single ray meets first of the part of the world that never moves.
-
-        Args:
-            origin: (3,) m. direction: (3,) unit vector. reach: m.
-        """
+        """What a ray from (3,) m along a unit vector (3,) meets first that never moves."""
         return self._static.first_hit(origin, direction, reach)
 
     def object_facts(self, name: str | int, snapshot: Snapshot) -> ObjectFacts | None:
@@ -164,12 +197,7 @@ class Simulation:
         return self._slots.spawn(model, pose, wanted)
 
     def move(self, number: int, pose: Pose) -> Pose:
-        """Move a robot or a thing, at rest, to where it would be put if it were spawned there.
-
-        A robot gets the nearest free place, a thing this one or none.
-
-        Returns:
-            The pose it really got.
+        """Move a robot or a thing, at rest, as if it were spawned there; the pose it really got.
 
         Raises:
             SpawnError: if it is not in the world or the pose cannot be used.
@@ -199,14 +227,30 @@ class Simulation:
         self._mail.ask(lambda: self._engine.set_movers(movers, machines))
 
     def run_belts(self, tag: str, factor: float) -> int:
-        """Let conveyors run at so many times their speed in the scene (see `belts.py`).
-
-        Returns:
-            How many surfaces answer to the tag.
-        """
+        """Let conveyors run at so many times their speed in the scene; how many there are."""
         return self._mail.ask(lambda: self._engine.run_belts(tag, factor))
 
     # -- listeners ---------------------------------------------------------------------------
+
+    def be_watched(self, by: Witness | None, solid: Callable[[str], bool] = bool) -> None:
+        """Have somebody who is nothing in the world see it at the times that he chooses; from now
+        on it is noted what touches what, for `touches`. Returns at once.
+
+        Args:
+            by: see `Stepper.be_seen_by`; instead of who was there before; None: nobody any more.
+            solid: see `TouchWatch`.
+        """
+
+        def begin() -> None:
+            self._touching = None if by is None else TouchWatch(self._engine, solid)
+            self._engine.after_step = () if self._touching is None else (self._touching.note,)
+            self._stepper.be_seen_by(by)
+
+        self._mail.post(begin)
+
+    def touches(self) -> Touches:
+        """What touched what since the last call. Physics thread, as in `Listener.wake`."""
+        return {} if self._touching is None else self._touching.take()
 
     def wake_batched(self, batched: Callable[[], AbstractContextManager[object]]) -> None:
         """Have all listeners that are due at one instant woken inside a context manager."""
@@ -224,11 +268,7 @@ class Simulation:
         return self._stepper.failure
 
     def start(self, on_failure: Callable[[], None] | None = None) -> None:
-        """Start the physics thread.
-
-        Args:
-            on_failure: called, on that thread, if it has to give up; `failure` says why.
-        """
+        """Start the physics thread; it calls `on_failure` if it has to give up, see `failure`."""
         self._stepper.start(on_failure)
 
     def stop(self) -> None:
@@ -258,19 +298,12 @@ class BodyHandle:
         number: its number in the simulation.
     """
 
-    def __init__(
-        self,
-        number: int,
-        simulation: Simulation,
-        engine: Engine,
-        mail: Mailbox,
-        stepper: Stepper,
-    ) -> None:
+    def __init__(self, number: int, simulation: Simulation) -> None:
         self.number = number
         self._simulation = simulation
-        self._engine = engine
-        self._mail = mail
-        self._stepper = stepper
+        self._engine = simulation._engine
+        self._mail = simulation._mail
+        self._stepper = simulation._stepper
 
     def state(self, snapshot: Snapshot) -> RobotBody | None:
         """Its state in a snapshot; None if it is not in there."""
@@ -308,6 +341,10 @@ class BodyHandle:
         taken = dict(orders)
         self._mail.post(lambda: self._engine.command_joints(self.number, taken))
 
+    def hold_joints(self) -> None:
+        """Have every joint that is no wheel keep the place that it has when the order comes."""
+        self._mail.post(lambda: self._engine.hold_joints(self.number))
+
     def command_law(self, values: NDArray[np.float64]) -> None:
         """Set the command of the laws that its family added to the physics (see `LawModel`).
 
@@ -319,11 +356,7 @@ class BodyHandle:
         self._mail.post(lambda: self._engine.command_law(self.number, values))
 
     def operate_hand(self, hand: str, close: bool) -> bool:
-        """Close or open a hand; blocks until it is done.
-
-        Returns:
-            Whether it obeyed: a coupling closes only on a tool and opens only if it has one.
-        """
+        """Close or open a hand; blocks until it is done. Whether it obeyed, see `Hands.operate`."""
         return self._mail.ask(lambda: self._engine.operate_hand(self.number, hand, close))
 
     def teleport(self, pose: Pose) -> None:

@@ -213,11 +213,7 @@ class Slots:
         _log.debug("grown", model=model.key, slots=len(growth.world.slots), ms=round(elapsed, 1))
 
     def _check_memory(self, model: RobotModel, count: int) -> None:
-        """Refuse what there is no memory for; MuJoCo would end the process.
-
-        Raises:
-            SpawnError: if the model that would hold it is too large for the limits of the process.
-        """
+        """Refuse what there is no memory for; MuJoCo would end the process."""
         joints = model.build().joints
         dofs = sum(JOINT_WIDTH[int(joint.type)][1] for joint in joints)
         missing = shortage(self._engine.world.model, count * dofs)

@@ -33,28 +33,19 @@ class RobotLayout:
     """
 
     slot: int
-    base: int
-    """Body id of the chassis; its origin is the robot's reference point."""
-    qpos: int
-    """First of the seven free-joint coordinates."""
-    dof: int
-    """First of the six free-joint velocities."""
-    links: Mapping[str, int]
-    """Body ids by link name (lower case), chassis excluded."""
+    base: int  # body id of the chassis; its origin is the robot's reference point
+    qpos: int  # first of the seven free-joint coordinates
+    dof: int  # first of the six free-joint velocities
+    links: Mapping[str, int]  # body ids by link name (lower case), chassis excluded
     joint_qpos: Mapping[str, int]
     """Coordinate index by joint name (lower case): wheels, steering, arm links."""
-    joint_dof: Mapping[str, int]
-    """Velocity index by joint name (lower case)."""
+    joint_dof: Mapping[str, int]  # velocity index by joint name (lower case)
     wheel_qpos: Indices
     """Coordinates of the driven wheels in part order (the order of the robot file)."""
-    wheel_dof: Indices
-    """Velocities of the driven wheels in part order."""
-    wheel_actuators: Indices
-    """Actuators of the driven wheels in part order."""
-    bodies: frozenset[int]
-    """All body ids of the robot."""
-    geoms: Indices
-    """All geom ids of the robot (hidden from its own rays)."""
+    wheel_dof: Indices  # velocities of the driven wheels in part order
+    wheel_actuators: Indices  # actuators of the driven wheels in part order
+    bodies: frozenset[int]  # all body ids of the robot
+    geoms: Indices  # all geom ids of the robot (hidden from its own rays)
     mocap: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     """Bodies that are placed, not simulated, the base first; then `qpos` and `dof` are -1."""
 

@@ -20,7 +20,6 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from types import TracebackType
 from typing import Self
 
 from usarsim_server.app import Assembly, assemble
@@ -32,6 +31,7 @@ from usarsim_server.sessions.outbox import Outbox
 from usarsim_server.sessions.robots import Vehicle, robot_model
 from usarsim_server.sessions.session import Session
 from usarsim_server.settings import Settings
+from usarsim_server.simulation.snapshot import RobotBody
 
 __all__ = [
     "PATIENCE",
@@ -91,12 +91,7 @@ class Closing:
         """Use as a context manager."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 
@@ -117,8 +112,9 @@ class RehearsedClient:
         rehearsal.await_client(self)
 
     def _read(self) -> None:
-        while (line := self._outbox.take()) is not None:
-            self.hear(line)
+        while (lines := self._outbox.take()) is not None:
+            for line in lines.removesuffix(b"\r\n").split(b"\r\n"):
+                self.hear(line + b"\r\n")
 
     def hear(self, line: bytes) -> None:
         """Take a line (called by the thread that says it)."""
@@ -179,9 +175,23 @@ class Rehearsal(Closing):
                 return
             time.sleep(SETTLE_POLL)
 
+    def robot_state(self, robot: str | int = 0) -> RobotBody:
+        """The present state of a robot: its name, or its number in the order of spawning.
+
+        Raises:
+            LookupError: if there is none.
+        """
+        robots = self.assembly.robots
+        vehicle = robots.find(robot) if isinstance(robot, str) else robots.vehicles[robot]
+        state = None if vehicle is None else vehicle.body.look()
+        if state is None:
+            raise LookupError(f"no robot {robot}")
+        return state
+
     def run(self, seconds: float) -> None:
-        """Let simulated time pass."""
+        """Let simulated time pass, and all be told; a robot that is gone hears of its end, too."""
         self.assembly.simulation.run_until(self.time + seconds)
+        self.settle()
 
     def close(self) -> None:
         """End all connections."""
@@ -313,7 +323,7 @@ def running_server(**settings: object) -> Iterator[tuple[Assembly, dict[str, End
         assembly.stop()
 
 
-class ServerProcess:
+class ServerProcess(Closing):
     """`usarsim serve` in a process of its own.
 
     Attributes:
@@ -369,16 +379,8 @@ class ServerProcess:
         for line in self.process.stderr:
             self._errors.append(line)
 
-    def __enter__(self) -> ServerProcess:
-        """Use as a context manager."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
+        """Kill it if it still runs."""
         if self.process.poll() is None:
             self.process.kill()
             self.process.wait()

@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_server.actuators.effector import create_effectors
+from usarsim_server.actuators.effectors import create_effectors
 from usarsim_server.cameras.backend import Quality
 from usarsim_server.cameras.painter import Painter, PainterOptions
 from usarsim_server.cameras.posed_model import Stage

@@ -20,6 +20,7 @@ from usarsim_server.simulation.frames import Pose, Vector, quaternion_from_rpy, 
 from usarsim_server.simulation.ground import Surface
 from usarsim_server.tables import Table
 from usarsim_server.worlds.machinery.machinery import Machinery, read_heading
+from usarsim_server.worlds.polygons import Corner
 
 POSTURES = ("standing", "sitting", "lying")
 
@@ -33,7 +34,16 @@ MAX_LOUDNESS = 194.0
 """dB: the loudest undistorted sound in air."""
 
 HEADING = ("yaw_degrees", "a number", "0", "heading; or `rotation_degrees = [roll, pitch, yaw]`")
-"""The row of a page for what `read_pose` reads beside the position."""
+_FACING = (
+    *HEADING[:3],
+    "where the person faces, or where the feet point; or `rotation_degrees` "
+    "(roll 180: lying face down)",
+)
+"""The rows of a page for what `read_pose` reads beside the position."""
+
+LOWER: Vector = (-1000.0, -1000.0, -50.0)
+UPPER: Vector = (1000.0, 1000.0, 200.0)
+"""Bounds (m) of a world that names none."""
 
 _MAX_SIZE = 10_000.0
 _DAY = 86400.0
@@ -107,15 +117,7 @@ class Victim:
         expects="3 numbers in m",
         help="of the pelvis: 0.93 m above the ground for `standing`, 0.12 m for `sitting` and "
         "`lying`",
-        rows=(
-            (
-                "yaw_degrees",
-                "a number",
-                "0",
-                "where the person faces, or where the feet point; or `rotation_degrees` "
-                "(roll 180: lying face down)",
-            ),
-        ),
+        rows=(_FACING,),
     )
     posture: str = field(choices=POSTURES, help="of the figure")
     status: str = field(
@@ -276,12 +278,31 @@ class Smoke:
 
 @dataclass(frozen=True, slots=True)
 class Zone:
-    """A named rectangle of the floor, for example a difficulty zone."""
+    """A named area of the floor, for example a difficulty zone; where several lie on one another
+    the first one counts."""
 
     name: str = field(help="no two alike")
-    kind: str = field(help="such as yellow, orange or red")
+    kind: str = field(help="such as yellow, orange, red or blue")
     x: tuple[float, float] = field(parse=Table.interval, expects="[from, to]", help="m")
-    y: tuple[float, float] = field(parse=Table.interval, expects="[from, to]", help="m")
+    y: tuple[float, float] = field(
+        parse=Table.interval,
+        expects="[from, to]",
+        help="m",
+        rows=(("polygon", "a list of [x, y]", "", "corners in m, instead of `x` and `y`"),),
+    )
+    polygon: tuple[Corner, ...] = ()
+    floor: float = field(default=0.0, unit="m", help="height of its floor, for the strip")
+    strip: bool = field(
+        default=False,
+        help="paint a strip of the zone's colour on its walls and along its border; "
+        "of yellow, orange, red and blue zones",
+    )
+
+    @property
+    def corners(self) -> tuple[Corner, ...]:
+        """Of the area; `x` and `y` are its bounds."""
+        (west, east), (south, north) = self.x, self.y
+        return self.polygon or ((west, south), (east, south), (east, north), (west, north))
 
 
 @dataclass(frozen=True, slots=True)
@@ -366,8 +387,8 @@ class WorldDescription:
     origin: GeographicOrigin = GeographicOrigin()
     north: float = 0.0
     time_limit: int = 20
-    lower: Vector = (-1000.0, -1000.0, -50.0)
-    upper: Vector = (1000.0, 1000.0, 200.0)
+    lower: Vector = LOWER
+    upper: Vector = UPPER
     extra: Mapping[str, object] = plain_field(default_factory=dict)
     tags: tuple[RfidTag, ...] = ()
     sounds: tuple[SoundSource, ...] = ()
@@ -396,20 +417,14 @@ class Labels:
     """Names that differ whatever the case. The owner holds a lock meanwhile."""
 
     def __init__(self, area: str) -> None:
-        """Nobody has a name yet.
-
-        Args:
-            area: names the lines in the log.
-        """
+        """Nobody has a name yet; `area` names the lines in the log."""
         self._log = Log(area)
         self._taken: set[str] = set()
 
     def take(self, wish: str | None, otherwise: str) -> str:
-        """A name of one's own, until it is given back.
+        """A name of one's own, until it is given back: the wish, or else `otherwise`.
 
-        Args:
-            wish: what a client asked for; cleaned and made unique, see `free_name`.
-            otherwise: what is made unique instead if nothing was asked for.
+        It is cleaned and made unique, see `free_name`.
 
         Raises:
             SpawnError: if it is too long.

@@ -74,11 +74,7 @@ class Traits:
 
 
 def traits_of(victim: Victim, place: str = "") -> Traits:
-    """Read the known properties of a victim.
-
-    Args:
-        victim: whoever it is.
-        place: world file and what it calls the victim, for error messages.
+    """Read the known properties of a victim; `place` is what errors call it, file included.
 
     Raises:
         WorldError: if a known key has a value that cannot be used.

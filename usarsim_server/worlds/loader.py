@@ -11,21 +11,19 @@ from __future__ import annotations
 import difflib
 import math
 import os
-from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NoReturn
 
 from usarsim_server import errors
 from usarsim_server.errors import WorldError
 from usarsim_server.files import data_directory, is_regular
-from usarsim_server.simulation.frames import (
-    Pose,
-    Vector,
-    flip_point,
-)
+from usarsim_server.simulation.frames import flip_point
 from usarsim_server.tables import Table
 from usarsim_server.toml import read_toml
 from usarsim_server.worlds.description import (
+    LOWER,
+    UPPER,
     GeographicOrigin,
     NamedObject,
     PathNode,
@@ -37,53 +35,79 @@ from usarsim_server.worlds.description import (
 )
 from usarsim_server.worlds.life import check_corners, read_false_alarm, read_sound, traits_of
 from usarsim_server.worlds.machinery.machinery import read_machinery
+from usarsim_server.worlds.polygons import read_polygon
 from usarsim_server.worlds.smoke import read_smoke, read_surface
 
 SHEET = "world.toml"
 SCENE = "scene.xml"
 
-_LOWER: Vector = (-1000.0, -1000.0, -50.0)
-_UPPER: Vector = (1000.0, 1000.0, 200.0)
-"""Bounds of a world that names none, as in `WorldDescription`."""
+
+FROM_BASE = {
+    "level": ("level",),
+    "title": ("title",),
+    "description": ("description",),
+    "bounds": ("lower", "upper"),
+    "start": ("starts",),
+    "victim": ("victims",),
+    "zone": ("zones",),
+    "path_node": ("path_nodes",),
+    "origin": ("origin",),
+    "north_degrees": ("north",),
+    "time_limit": ("time_limit",),
+    "extra": ("extra",),
+    "rfid": ("tags",),
+    "sound": ("sounds",),
+    "false_alarm": ("false_alarms",),
+    "smoke": ("smoke",),
+    "surface": ("surfaces",),
+    "object": ("objects",),
+}
+"""Keys, and the attributes that a world has from the one that it extends where a key is absent."""
+MACHINES = ("door", "belt", "lift", "obstacle")
+LONGEST_CHAIN = 8
+"""Worlds that extend one another."""
 
 
-def load_world(folder: Path) -> WorldDescription:
+def load_world(folder: Path, *, depth: int = 0) -> WorldDescription:
     """Read and check a world folder.
 
     Args:
-        folder: holds `world.toml` and `scene.xml`; its name is the world's name.
+        folder: holds `world.toml`, and `scene.xml` unless it extends another world; its name is
+            the world's name.
+        depth: how many worlds extend this one.
 
     Raises:
         WorldError: naming file, key, what is wrong and what to write instead.
     """
     folder = folder.resolve()
     sheet = folder / SHEET
-    scene = folder / SCENE
-    for path, holds in ((sheet, "the facts of the world"), (scene, "its geometry (MJCF)")):
-        if not os.path.lexists(path):
-            raise WorldError(
-                errors.at(path, "file is missing", f"a world folder has a {path.name} with {holds}")
-            )
+    if not os.path.lexists(sheet):
+        _missing(sheet, "the facts of the world")
     table = Table(read_toml(sheet, WorldError, "start"), sheet, WorldError)
+    base = _base(table, folder, depth) if table.has("extends") else None
+    scene = folder / SCENE
+    if not os.path.lexists(scene):
+        if base is None:
+            _missing(scene, "its geometry (MJCF)")
+        else:
+            scene = base.scene
     bounds = table.table("bounds")
-    lower, upper = bounds.vector("lower", _LOWER), bounds.vector("upper", _UPPER)
+    lower, upper = bounds.vector("lower", LOWER), bounds.vector("upper", UPPER)
     check_corners(bounds, lower, upper)
     bounds.finish()
     starts = table.all("start", StartPose)
-    if not starts:
+    if not starts and (base is None or table.has("start")):
         raise table.error("start", "there is no start pose", "add a [[start]] table with a tag")
-    for number, start in enumerate(starts, start=1):
-        _check_inside(table, f"[[start]] {number} ({start.tag})", start.pose, lower, upper)
     world = WorldDescription(
         name=folder.name,
         level=table.word("level", "_".join(folder.name.split())),
-        title=table.text("title"),
+        title=table.text("title", base.title if base else None),
         description=table.text("description", "", lines=True),
         folder=folder,
         scene=scene,
         starts=starts,
         victims=table.all("victim", _victim),
-        zones=table.all("zone", Zone),
+        zones=table.all("zone", _zone),
         path_nodes=table.all("path_node", PathNode),
         origin=table.one("origin", GeographicOrigin),
         north=_north(table),
@@ -99,15 +123,70 @@ def load_world(folder: Path) -> WorldDescription:
         objects=table.all("object", _object),
         machinery=read_machinery(table),
     )
+    if base is not None:
+        world = _completed(table, world, base)
     table.finish()
+    _check_starts(table, world)
     _check_names(table, world)
     return world
+
+
+def _missing(path: Path, holds: str) -> NoReturn:
+    cure = f"a world folder has a {path.name} with {holds}"
+    raise WorldError(errors.at(path, "file is missing", cure))
+
+
+def _base(table: Table, folder: Path, depth: int) -> WorldDescription:
+    """The world that one extends: a name, or a folder seen from this one."""
+    if depth >= LONGEST_CHAIN:
+        problem = f"more than {LONGEST_CHAIN} worlds extend one another"
+        raise table.error("extends", problem, "extend one that stands on its own")
+    name = table.text("extends")
+    if len(Path(name).parts) > 1:
+        name = str(folder / os.path.expanduser(name))
+    try:
+        return load_world(find_world(name), depth=depth + 1)
+    except WorldError as error:
+        problem, advice = errors.problem_and_advice(str(error))
+        raise table.error("extends", problem, advice or "name another world") from error
+
+
+def _completed(table: Table, world: WorldDescription, base: WorldDescription) -> WorldDescription:
+    """A world with everything from its base that its own file does not say."""
+    absent = [names for key, names in FROM_BASE.items() if not table.has(key)]
+    if not any(map(table.has, MACHINES)):
+        absent.append(("machinery",))
+    inherited = {name: getattr(base, name) for names in absent for name in names}
+    return replace(world, **inherited)
+
+
+def _check_starts(table: Table, world: WorldDescription) -> None:
+    lower, upper = world.lower, world.upper
+    for number, start in enumerate(world.starts, start=1):
+        limits = zip(lower, start.pose.position, upper, strict=True)
+        if not all(low <= value <= high for low, value, high in limits):
+            raise table.error(
+                f"[[start]] {number} ({start.tag})",
+                f"position {start.pose.position} lies outside the bounds {lower} to {upper}",
+                "move the start or widen [bounds]",
+            )
 
 
 def _victim(table: Table) -> Victim:
     victim = table.read(Victim)
     traits_of(victim, table.place)
     return victim
+
+
+def _zone(table: Table) -> Zone:
+    if not table.has("polygon"):
+        return table.read(Zone)
+    for key in ("x", "y"):
+        if table.has(key):
+            raise table.error(key, "stands beside polygon", "keep one of the two")
+    polygon = read_polygon(table, "polygon")
+    x, y = ((min(axis), max(axis)) for axis in zip(*polygon, strict=True))
+    return table.read(Zone, x=x, y=y, polygon=polygon)
 
 
 def _object(table: Table) -> NamedObject:
@@ -122,36 +201,34 @@ def _north(table: Table) -> float:
     return math.atan2(y, x) if angle else 0.0
 
 
-def _check_inside(table: Table, where: str, pose: Pose, lower: Vector, upper: Vector) -> None:
-    limits = zip(lower, pose.position, upper, strict=True)
-    if not all(low <= value <= high for low, value, high in limits):
-        problem = f"position {pose.position} lies outside the bounds {lower} to {upper}"
-        raise WorldError(
-            errors.at(table.path, problem, "move the start or widen [bounds]", where=where)
-        )
-
-
 def _check_names(table: Table, world: WorldDescription) -> None:
-    _check_unique(table, "start", "tag", (start.tag for start in world.starts))
-    _check_unique(table, "victim", "name", (victim.name for victim in world.victims))
-    _check_unique(table, "zone", "name", (zone.name for zone in world.zones))
-    _check_unique(table, "path_node", "tag", (node.tag for node in world.path_nodes))
-    _check_unique(table, "surface", "name", (surface.name for surface in world.surfaces))
-    smoke = [volume.name for volume in world.smoke.volumes]
-    _check_unique(table, "smoke", "name", smoke + [puff.name for puff in world.smoke.puffs])
-    _check_unique(table, "rfid", "id", (str(tag.id) for tag in world.tags))
+    for kind, key, things in (
+        ("start", "tag", world.starts),
+        ("victim", "name", world.victims),
+        ("zone", "name", world.zones),
+        ("path_node", "tag", world.path_nodes),
+        ("surface", "name", world.surfaces),
+        ("smoke", "name", (*world.smoke.volumes, *world.smoke.puffs)),
+        ("rfid", "id", world.tags),
+    ):
+        seen: dict[str, int] = {}
+        for number, name in enumerate((str(getattr(one, key)) for one in things), start=1):
+            first = seen.setdefault(name.lower(), number)
+            if first != number:
+                raise table.error(
+                    f"[[{kind}]] {number}: {key}",
+                    f"{name!r} is already the {key} of number {first}",
+                    f"give every [[{kind}]] its own {key}; capitals make no difference",
+                )
     _check_victims_tags(table, world)
     tags = {node.tag for node in world.path_nodes}
     for number, node in enumerate(world.path_nodes, start=1):
         for neighbour in node.neighbours:
             if neighbour not in tags:
-                raise WorldError(
-                    errors.at(
-                        table.path,
-                        f"neighbour {neighbour!r} is no path node",
-                        "write the tag of another [[path_node]]",
-                        where=f"[[path_node]] {number} ({node.tag}): neighbours",
-                    )
+                raise table.error(
+                    f"[[path_node]] {number} ({node.tag}): neighbours",
+                    f"neighbour {neighbour!r} is no path node",
+                    "write the tag of another [[path_node]]",
                 )
 
 
@@ -162,43 +239,24 @@ def _check_victims_tags(table: Table, world: WorldDescription) -> None:
         if isinstance(tag, bool):
             continue
         if tag in taken:
-            raise WorldError(
-                errors.at(
-                    table.path,
-                    f"{tag} is already the id of {taken[tag]}",
-                    "write another number, or rfid = true",
-                    where=f"[[victim]] {number}: properties: rfid",
-                )
+            raise table.error(
+                f"[[victim]] {number}: properties: rfid",
+                f"{tag} is already the id of {taken[tag]}",
+                "write another number, or rfid = true",
             )
         taken[tag] = f"victim {victim.name}"
-
-
-def _check_unique(table: Table, kind: str, key: str, names: Iterable[str]) -> None:
-    seen: dict[str, int] = {}
-    for number, name in enumerate(names, start=1):
-        first = seen.setdefault(name.lower(), number)
-        if first != number:
-            raise WorldError(
-                errors.at(
-                    table.path,
-                    f"{name!r} is already the {key} of number {first}",
-                    f"give every [[{kind}]] its own {key}; capitals make no difference",
-                    where=f"[[{kind}]] {number}: {key}",
-                )
-            )
 
 
 DEFAULT_WORLD = "arena"
 """The world of a server that was told nothing."""
 
 
-def find_world(name_or_path: str, extra: Sequence[Path] = ()) -> Path:
+def find_world(name_or_path: str) -> Path:
     """Return the folder of a world.
 
     Args:
         name_or_path: path of a world folder (anything with a separator, or a folder that holds
-            a `world.toml`), or a world's name, in any case.
-        extra: folders of worlds that are searched before the shipped ones.
+            a `world.toml`), or the name of a shipped world, in any case.
 
     Raises:
         WorldError: if there is none; the message lists the names that would do.
@@ -211,33 +269,27 @@ def find_world(name_or_path: str, extra: Sequence[Path] = ()) -> Path:
             f"{name_or_path}: not a world folder (cure: name a folder that holds {SHEET}; "
             "docs/worlds.md says how to make one)"
         )
-    known = {folder.name: folder for folder in reversed(list(_folders(extra)))}
-    by_lower = {name.lower(): folder for name, folder in known.items()}
-    found = known.get(name_or_path) or by_lower.get(name_or_path.lower())
+    by_lower = {folder.name.lower(): folder for folder in _shipped()}
+    found = by_lower.get(name_or_path.lower())
     if found is None:
         close = difflib.get_close_matches(name_or_path.lower(), by_lower, n=1)
         hint = f"did you mean {by_lower[close[0]].name}? " if close else ""
-        names = ", ".join(sorted(known)) or "none"
+        names = ", ".join(folder.name for folder in by_lower.values()) or "none"
         raise WorldError(f"{name_or_path}: no such world (cure: {hint}known worlds: {names})")
     return found
 
 
-def list_worlds(extra: Sequence[Path] = ()) -> list[WorldDescription]:
-    """Load all worlds of the extra folders and the shipped ones, sorted by name.
-
-    A world in an extra folder hides a shipped one of the same name.
+def list_worlds() -> list[WorldDescription]:
+    """Load all shipped worlds, sorted by name.
 
     Raises:
         WorldError: if one of them is broken.
     """
-    known = {folder.name: folder for folder in reversed(list(_folders(extra)))}
-    return [load_world(known[name]) for name in sorted(known)]
+    return [load_world(folder) for folder in _shipped()]
 
 
-def _folders(extra: Sequence[Path]) -> Iterator[Path]:
-    """World folders in order of precedence."""
-    for directory in (*extra, data_directory("worlds")):
-        if directory.is_dir():
-            yield from (
-                folder for folder in sorted(directory.iterdir()) if is_regular(folder / SHEET)
-            )
+def _shipped() -> list[Path]:
+    """World folders that come with the server, sorted by name."""
+    directory = data_directory("worlds")
+    folders = sorted(directory.iterdir()) if directory.is_dir() else []
+    return [folder for folder in folders if is_regular(folder / SHEET)]

@@ -10,27 +10,27 @@ from __future__ import annotations
 import argparse
 import math
 import re
-import struct
 import sys
-import zlib
 from collections.abc import Sequence
 from pathlib import Path
 
+import cv2
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_server import errors
-from usarsim_server import files as atomic
 from usarsim_server.errors import UsarsimError, WorldError
-from usarsim_server.files import Folders, data_directory, read_regular
+from usarsim_server.files import Folders, data_directory, read_regular, write_bytes
 from usarsim_server.model_check import check_model
+from usarsim_server.simulation.frames import Array
 from usarsim_server.simulation.ground import Surface
 from usarsim_server.simulation.motion_laws import add_bounds
 from usarsim_server.worlds.description import SmokeVolume, WorldDescription
 from usarsim_server.worlds.loader import find_world, load_world
 from usarsim_server.worlds.machinery.bodies import add_machinery
 from usarsim_server.worlds.smoke import SmokeField
+from usarsim_server.worlds.strips import add_strips
 from usarsim_server.worlds.victims import add_victim
 
 PAINT = {
@@ -67,7 +67,8 @@ def build_scene(world: WorldDescription, *, allow_outside: bool = False) -> mujo
             material of the machinery does not fit the scene.
     """
     shipped = data_directory("worlds")
-    folders = Folders([world.folder, shipped], allow_outside=allow_outside)
+    own = [world.folder, world.scene.parent]
+    folders = Folders([*own, shipped], allow_outside=allow_outside)
     check_model(world.scene, folders, WorldError)
     try:
         spec = mujoco.MjSpec.from_file(str(world.scene))
@@ -80,6 +81,7 @@ def build_scene(world: WorldDescription, *, allow_outside: bool = False) -> mujo
         _add_sky(spec)
     add_bounds(spec, world.lower, world.upper)
     try:
+        add_strips(spec, world.zones)
         for victim in world.victims:
             add_victim(spec, victim)
         for number, surface in enumerate(world.surfaces, start=1):
@@ -94,11 +96,6 @@ def build_scene(world: WorldDescription, *, allow_outside: bool = False) -> mujo
     return spec
 
 
-def movable_bodies(spec: mujoco.MjSpec) -> tuple[str, ...]:
-    """Names of the bodies that can be pushed: those with a free joint, in file order."""
-    return tuple(body.name for body in spec.bodies if _is_movable(body))
-
-
 def _is_movable(body: mujoco.MjsBody) -> bool:
     return any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in body.joints)
 
@@ -106,31 +103,25 @@ def _is_movable(body: mujoco.MjsBody) -> bool:
 def _refuse_server_settings(world: WorldDescription, spec: mujoco.MjSpec) -> None:
     name = _changed_option(spec)
     if name is not None:
-        raise WorldError(
-            errors.at(
-                world.scene,
-                f"the scene sets the simulation option `{name}`",
-                "delete the <option> element; the server chooses the options of the physics",
-                where=_line_with(world, "<option"),
-            )
+        raise _refusal(
+            world,
+            f"the scene sets the simulation option `{name}`",
+            "delete the <option> element; the server chooses the options of the physics",
+            "<option",
         )
     if spec.keys:
-        raise WorldError(
-            errors.at(
-                world.scene,
-                "the scene has a keyframe, which cannot fit once robots are added",
-                "delete the <keyframe> element; movable bodies start where the scene puts them",
-                where=_line_with(world, "<keyframe"),
-            )
+        raise _refusal(
+            world,
+            "the scene has a keyframe, which cannot fit once robots are added",
+            "delete the <keyframe> element; movable bodies start where the scene puts them",
+            "<keyframe",
         )
     if any(_is_movable(body) and not body.name for body in spec.bodies):
-        raise WorldError(
-            errors.at(
-                world.scene,
-                "a body with a free joint has no name",
-                'write <body name="..."> so that it can be addressed',
-                where=_line_with(world, "<freejoint"),
-            )
+        raise _refusal(
+            world,
+            "a body with a free joint has no name",
+            'write <body name="..."> so that it can be addressed',
+            "<freejoint",
         )
 
 
@@ -144,22 +135,20 @@ def _changed_option(spec: mujoco.MjSpec) -> str | None:
     return None
 
 
-def _line_with(world: WorldDescription, text: str) -> str | None:
+def _refusal(world: WorldDescription, problem: str, cure: str, text: str) -> WorldError:
+    """What is wrong with a scene, in the first line that has a text."""
     lines = read_regular(world.scene).decode("utf-8", "replace").splitlines()
-    return next((f"line {n}" for n, line in enumerate(lines, start=1) if text in line), None)
+    where = next((f"line {n}" for n, line in enumerate(lines, start=1) if text in line), None)
+    return WorldError(errors.at(world.scene, problem, cure, where=where))
 
 
 def _scene_error(world: WorldDescription, error: Exception) -> WorldError:
     text = " ".join(str(error).split())
     line = _LINE.search(text)
-    return WorldError(
-        errors.at(
-            world.scene,
-            text.removeprefix("Error: "),
-            "mend the scene; MuJoCo's XML reference lists elements and attributes",
-            where=f"line {line[1]}" if line else None,
-        )
-    )
+    problem = text.removeprefix("Error: ")
+    cure = "mend the scene; MuJoCo's XML reference lists elements and attributes"
+    where = f"line {line[1]}" if line else None
+    return WorldError(errors.at(world.scene, problem, cure, where=where))
 
 
 def _paint(spec: mujoco.MjSpec, surface: Surface, number: int) -> None:
@@ -202,8 +191,7 @@ def _add_light(spec: mujoco.MjSpec) -> None:
     )
 
 
-Image = NDArray[np.uint8]
-
+Shade = NDArray[np.float32]
 OVERVIEW = "overview"
 _OVERSAMPLING = 2
 _SHADOW_MAP = 8192
@@ -215,19 +203,11 @@ _PARTICLE_COLOR = np.array([0.25, 0.25, 0.25, 0.45], np.float32)
 _SHAPES = {"box": mujoco.mjtGeom.mjGEOM_BOX, "ellipsoid": mujoco.mjtGeom.mjGEOM_ELLIPSOID}
 
 
-def draw_world(world: WorldDescription, width: int = 960, height: int = 600) -> Image:
-    """Render a world with shadows and smoothed edges.
+def draw_world(world: WorldDescription, width: int = 960, height: int = 600) -> NDArray[np.uint8]:
+    """Render a world with shadows and smoothed edges: (height, width, 3), red, green, blue.
 
     Start poses are shown as green arrows, regional and local smoke (as it is at first) as grey
     bodies that can be seen through.
-
-    Args:
-        world: what to draw.
-        width: of the result, pixels.
-        height: of the result, pixels.
-
-    Returns:
-        The picture, (height, width, 3), red, green, blue.
 
     Raises:
         WorldError: if the scene cannot be built.
@@ -241,6 +221,7 @@ def draw_world(world: WorldDescription, width: int = 960, height: int = 600) -> 
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
+    sphere = mujoco.mjtGeom.mjGEOM_SPHERE
     particles, radii = SmokeField(world.smoke).particles(0.0)
     extra = len(world.starts) + len(world.smoke.volumes) + len(particles)
     with mujoco.Renderer(model, *shape, max_geom=model.ngeom + extra + 100) as renderer:
@@ -250,10 +231,11 @@ def draw_world(world: WorldDescription, width: int = 960, height: int = 600) -> 
         for volume in world.smoke.volumes:
             _add_volume(renderer.scene, volume)
         for centre, radius in zip(particles, radii, strict=True):
-            _add_particle(renderer.scene, centre, radius)
+            size = np.array([radius, 0.0, 0.0])
+            _add(renderer.scene, sphere, size, centre, np.eye(3), _PARTICLE_COLOR)
         fine = renderer.render()
     blocks = fine.reshape(height, _OVERSAMPLING, width, _OVERSAMPLING, 3)
-    smooth: Image = blocks.mean(axis=(1, 3)).round().astype(np.uint8)
+    smooth: NDArray[np.uint8] = blocks.mean(axis=(1, 3)).round().astype(np.uint8)
     return smooth
 
 
@@ -284,33 +266,21 @@ def _add_volume(scene: mujoco.MjvScene, volume: SmokeVolume) -> None:
     """Denser smoke is darker."""
     shade = _SMOKE_SHADE * math.exp(-0.5 * volume.density)
     color = np.array([shade, shade, shade, _SMOKE_ALPHA], np.float32)
-    half = np.array(volume.size) / 2.0
-    place, turn = np.array(volume.pose.position), volume.pose.matrix().reshape(9)
-    mujoco.mjv_initGeom(scene.geoms[scene.ngeom], _SHAPES[volume.shape], half, place, turn, color)
+    pose, half = volume.pose, np.array(volume.size) / 2.0
+    _add(scene, _SHAPES[volume.shape], half, np.array(pose.position), pose.matrix(), color)
+
+
+def _add(
+    scene: mujoco.MjvScene,
+    shape: int,
+    size: Array,
+    place: Array,
+    turn: Array,
+    color: NDArray[np.float32],
+) -> None:
+    geom = scene.geoms[scene.ngeom]
+    mujoco.mjv_initGeom(geom, shape, size, place, turn.reshape(9), color)
     scene.ngeom += 1
-
-
-def _add_particle(scene: mujoco.MjvScene, centre: NDArray[np.float64], radius: float) -> None:
-    geom, size = scene.geoms[scene.ngeom], np.array([radius, 0.0, 0.0])
-    turn = np.eye(3).reshape(9)
-    mujoco.mjv_initGeom(geom, mujoco.mjtGeom.mjGEOM_SPHERE, size, centre, turn, _PARTICLE_COLOR)
-    scene.ngeom += 1
-
-
-def png(image: Image) -> bytes:
-    """Encode a picture (height, width, 3) as PNG; every row is stored as changes from the last."""
-    height, width, _ = image.shape
-    rows = np.empty((height, 1 + 3 * width), np.uint8)
-    rows[:, 0] = 2  # filter type "up" (PNG specification 9.2)
-    flat = image.reshape(height, 3 * width)
-    rows[0, 1:] = flat[0]
-    rows[1:, 1:] = flat[1:] - flat[:-1]
-    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(rows.tobytes(), 6)), (b"IEND", b""))
-    return b"\x89PNG\r\n\x1a\n" + b"".join(
-        struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
-        for name, body in chunks
-    )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -324,8 +294,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--height", type=int, default=600, help="pixels (default 600)")
     chosen = parser.parse_args(arguments)
     try:
-        world = load_world(find_world(chosen.world))
-        atomic.write_bytes(chosen.picture, png(draw_world(world, chosen.width, chosen.height)))
+        picture = draw_world(load_world(find_world(chosen.world)), chosen.width, chosen.height)
+        _, content = cv2.imencode(".png", picture[..., ::-1])
+        write_bytes(chosen.picture, content.tobytes())
     except (UsarsimError, OSError) as error:
         print(error, file=sys.stderr)
         return 2

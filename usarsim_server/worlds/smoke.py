@@ -14,13 +14,11 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from usarsim_server.simulation.frames import Array
 from usarsim_server.simulation.ground import Surface
 from usarsim_server.tables import Table
 from usarsim_server.worlds.description import Haze, Smoke, SmokePuff, SmokeVolume
-
-Array = NDArray[np.float64]
 
 NOZZLE = 0.25
 """Width of a rising plume at its foot, as a part of its width at the top."""
@@ -44,6 +42,11 @@ class SmokeField:
         centres = [puff.particles(time) for puff in self._puffs]
         radii = [np.full(puff.count, puff.radius) for puff in self._puffs]
         return np.concatenate([np.zeros((0, 3)), *centres]), np.concatenate([[], *radii])
+
+    def balls(self) -> list[dict[str, Array]]:
+        """What tells where the particles of each cloud are (docs/scene-port.md): `places` (k, 3)
+        of those that stand still, `angle` and `aside` (k,) of those that rise."""
+        return [puff.balls for puff in self._puffs]
 
     def blocked_at(self, origin: Array, directions: Array, time: float) -> Array:
         """Distance (n,) at which each ray meets the first particle; inf: it meets none."""
@@ -134,12 +137,14 @@ class _Puff:
             self._start = np.arange(puff.particles) / puff.particles
             self._angle = rng.uniform(0.0, math.tau, puff.particles)
             self._aside = np.sqrt(rng.uniform(size=puff.particles))
+            self.balls = {"angle": self._angle, "aside": self._aside}
         else:
             way = rng.standard_normal((puff.particles, 3))
             way *= (np.cbrt(rng.uniform(size=puff.particles)) / np.linalg.norm(way, axis=1))[
                 :, None
             ]
             self._still = self._centre + way * self._half
+            self.balls = {"places": self._still}
 
     def particles(self, time: float) -> Array:
         """Centres (k, 3) at a simulated time."""
@@ -173,8 +178,7 @@ class _Puff:
 
 def _to_unit(volume: SmokeVolume) -> Array:
     """Matrix (3, 3) from world directions to units of the volume's half extents."""
-    matrix: Array = volume.pose.matrix().T / (np.array(volume.size)[:, None] / 2.0)
-    return matrix
+    return volume.pose.matrix().T / (np.array(volume.size)[:, None] / 2.0)
 
 
 def _through_box(start: Array, way: Array) -> tuple[Array, Array]:

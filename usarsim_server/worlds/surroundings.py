@@ -26,7 +26,7 @@ from usarsim_server.worlds.description import (
     Victim,
     WorldDescription,
 )
-from usarsim_server.worlds.life import BREATH, Traits, traits_of
+from usarsim_server.worlds.life import BREATH, VOICE, Traits, traits_of
 from usarsim_server.worlds.victims import add_victim, part_of
 
 MAX_TAGS = 10_000
@@ -77,6 +77,10 @@ class _Source:
     place: Callable[[float], Vector]
     noise: Noise
     victim: str | None = None
+    since: float | None = None
+    """Simulated s from which on its times count; None: those of the world."""
+    until: float = math.inf
+    """Simulated s from which on none begins."""
 
     def sound(self, start: float, time: float) -> Sound:
         return Sound(self.place(time), self.noise, start, self.victim)
@@ -91,6 +95,7 @@ class LiveVictim:
         traits: those that the server knows.
         tag: number of its RFID tag, None if it carries none.
         movers: what moves its bodies.
+        epoch: simulated s at which it began to do what it does.
     """
 
     def __init__(self, victim: Victim, tag: int | None) -> None:
@@ -99,6 +104,7 @@ class LiveVictim:
         self.properties = victim.properties
         self.traits: Traits = traits_of(victim)
         self.tag = tag
+        self.epoch = 0.0
         spec = mujoco.MjSpec()
         self.movers = add_victim(spec, victim)
         model = spec.compile()
@@ -161,7 +167,7 @@ class LiveVictim:
 
     def _pose(self, body: int, time: float) -> Pose:
         way = self._ways.get(body)
-        return self._fixed[body] if way is None else way(time)
+        return self._fixed[body] if way is None else way(time - self.epoch)
 
 
 class Surroundings:
@@ -179,7 +185,8 @@ class Surroundings:
         Raises:
             WorldError: if a known property of a victim cannot be used.
         """
-        self._tags = {tag.id: tag for tag in world.tags}
+        self._placed = {tag.id: tag for tag in world.tags}
+        self._tags = dict(self._placed)
         self._tags_lock = threading.Lock()
         numbers = [*self._tags, *(traits_of(victim).tag for victim in world.victims)]
         self._next_tag = 1 + max((n for n in numbers if not isinstance(n, bool)), default=0)
@@ -193,7 +200,35 @@ class Surroundings:
             for victim in self.victims
             if victim.traits.voice is not None
         ]
+        self._calls: tuple[_Source, ...] = ()
         self._passers: Callable[[Snapshot], Sequence[Passer]] = _nobody
+        self._epoch = 0.0
+
+    def restart(self, time: float) -> None:
+        """Let everybody begin anew at a simulated time (s), see `Simulation.restart_scene`; tags
+        are those of the world file again."""
+        self._epoch, self._calls = time, ()
+        for victim in self.victims:
+            victim.epoch = time
+        with self._tags_lock:
+            self._tags = dict(self._placed)
+
+    def call(self, name: str, since: float, until: float = math.inf) -> bool:
+        """Let a victim call, beside what it does by itself, as it calls or as people do.
+
+        Args:
+            name: of the victim. since, until: simulated s; once more, and it begins anew.
+
+        Returns:
+            Whether there is one of that name.
+        """
+        victim = next((one for one in self.victims if one.name == name), None)
+        if victim is None:
+            return False
+        noise = replace(victim.traits.voice or VOICE, delay=0.0)
+        others = tuple(one for one in self._calls if one.victim != name)
+        self._calls = (*others, _Source(victim.head, noise, name, since, until))
+        return True
 
     # -- people who are no victims -----------------------------------------------------------
 
@@ -211,8 +246,8 @@ class Surroundings:
         """Noises that began in (after, until], in the order of beginning, where they began."""
         found = [
             source.sound(start, start)
-            for source in self._sources
-            for start in beginnings(source.noise, after, until)
+            for source in (*self._sources, *self._calls)
+            for start in self._beginnings(source, after, until)
         ]
         return sorted(found, key=lambda sound: sound.start)
 
@@ -220,9 +255,14 @@ class Surroundings:
         """Noises that last at a time, where they are then."""
         return [
             source.sound(start, time)
-            for source in self._sources
-            for start in beginnings(source.noise, time - source.noise.duration, time)
+            for source in (*self._sources, *self._calls)
+            for start in self._beginnings(source, time - source.noise.duration, time)
         ]
+
+    def _beginnings(self, source: _Source, after: float, until: float) -> list[float]:
+        epoch = self._epoch if source.since is None else source.since
+        starts = beginnings(source.noise, after - epoch, until - epoch)
+        return [start + epoch for start in starts if start + epoch < source.until]
 
     # -- RFID tags ---------------------------------------------------------------------------
 

@@ -30,12 +30,7 @@ Way = Callable[[float], Pose]
 
 
 def walking(start: Vector, walk: Walk) -> Way:
-    """To and fro between two places, facing ahead, turning round to the left at both ends.
-
-    Args:
-        start: where the walk begins at time 0, m.
-        walk: the rest of it.
-    """
+    """To and fro from a place (m) at time 0, facing ahead, turning to the left at both ends."""
     x, y, z = start
     dx, dy, dz = (end - begin for end, begin in zip(walk.to, start, strict=True))
     leg = math.dist(start, walk.to) / walk.speed

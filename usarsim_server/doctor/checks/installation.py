@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from usarsim_server import __version__
-from usarsim_server.doctor.isolation import Outcome, apt, attempt, pip, root
-from usarsim_server.doctor.registry import Context, Finding, Mark, check, problem_and_advice
-from usarsim_server.errors import UsarsimError
+from usarsim_server.doctor.isolation import Outcome, attempt, pip, root
+from usarsim_server.doctor.registry import Context, Finding, Mark, check
+from usarsim_server.errors import UsarsimError, problem_and_advice
 from usarsim_server.files import data_directory
 from usarsim_server.settings import Settings
 
@@ -55,6 +55,11 @@ PACKAGES = (
     Package("mapbox_earcut", "mapbox_earcut", "mapbox_earcut>=2.0", "polygons of imported maps"),
     Package("PyYAML", "yaml", "PyYAML>=6", "grid maps of ROS"),
     Package(
+        *("aiohttp", "aiohttp", "aiohttp>=3.11"),
+        "the operator console in the browser cannot be served",
+        optional=True,
+    ),
+    Package(
         *("usd-core", "pxr", "usd-core>=24.8"),
         "maps of Unreal 4 and 5 (.usd, .usda, .usdc, .usdz) cannot be imported",
         optional=True,
@@ -69,6 +74,15 @@ PACKAGES = (
         "glTF compressed by Draco cannot be imported",
         optional=True,
     ),
+    Package(
+        "scipy", "scipy", "scipy>=1.15", "studies of operators cannot be analysed", optional=True
+    ),
+    Package(
+        *("matplotlib", "matplotlib", "matplotlib>=3.8"),
+        "reports of studies cannot be drawn",
+        optional=True,
+    ),
+    Package("numba", "numba", "numba>=0.61", "exploration takes longer", optional=True),
 )
 
 
@@ -350,15 +364,15 @@ def _idle_card(drawing: Drawing) -> Finding:
         cure = root("usermod -aG render,video $USER") + "  # then log in again"
     elif drawing.platform != "egl":
         text += f": only EGL can use it ({dict(drawing.tried).get('egl', 'which was not tried')})"
-        cure = apt(_packages()["egl"])
+        cure = root(_packages()["egl"])
     elif "nvidia" in names:
         text += ": NVIDIA's EGL driver is missing (in a container, its graphics capability)"
         cure = "docker run --gpus all -e NVIDIA_DRIVER_CAPABILITIES=all ..."
         if not Path("/.dockerenv").exists():
-            cure = apt("apt-get install libnvidia-gl-" + _nvidia_release())
+            cure = root("apt-get install libnvidia-gl-" + _nvidia_release())
     else:
         text += ": its driver is missing"
-        cure = apt(_packages()["egl"])
+        cure = root(_packages()["egl"])
     return Finding("graphics card", Mark.NOTE, text, cure, values=values)
 
 
@@ -374,7 +388,7 @@ def _nvidia_release() -> str:
 def _no_opengl(drawing: Drawing, settings: Settings) -> Finding:
     reasons = "; ".join(f"{platform}: {reason}" for platform, reason in drawing.tried)
     values = {"backend": "rays", "hardware": False, "tried": dict(drawing.tried)}
-    cure = apt(_packages()[_best(drawing, settings)])
+    cure = root(_packages()[_best(drawing, settings)])
     if settings.renderer != "auto":
         text = f"--renderer {settings.renderer} does not work here: {reasons}"
         # Nothing is drawn, and so nothing checked, without the port for images.

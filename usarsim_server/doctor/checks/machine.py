@@ -18,8 +18,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from usarsim_server.doctor.isolation import root
-from usarsim_server.doctor.registry import Context, Finding, Mark, check, problem_and_advice
-from usarsim_server.errors import ServiceError
+from usarsim_server.doctor.registry import Context, Finding, Mark, check
+from usarsim_server.errors import ServiceError, problem_and_advice
 from usarsim_server.options import OPTIONS, Option
 from usarsim_server.processes import PROC, Process, name, port_taker
 from usarsim_server.services.listener import Endpoint, Listener

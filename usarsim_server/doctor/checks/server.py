@@ -34,8 +34,6 @@ SPARE = 0.8
 load off it but do not multiply it."""
 DISTURBED = 0.8
 """Part of a core below which the estimate says that it is one for a free machine."""
-SEARCHED = 4096
-"""Beyond what `--max-robots` will ever take."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,6 +20,7 @@ from usarsim_server.protocol.messages.sensors import carrier
 from usarsim_server.protocol.messages.text import (
     count,
     line,
+    listing,
     number,
     segment,
     time_segment,
@@ -39,57 +40,35 @@ make sliders of them, and a minimum above the maximum ends those."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ActuatorLink:
-    """One link of an actuator.
+    """One link of an actuator."""
 
-    Attributes:
-        joint_type: Revolute, Prismatic, Scissor (`ut2004`) or Unknown (`udk`).
-        max_speed: rad/s or m/s. max_torque: N m or N.
-        limits: lowest and highest position, rad or m; None if it moves freely.
-        parent: number of the parent link, from 1; None for the base.
-        location: m, relative to the parent at zero. rotation: roll, pitch, yaw, rad.
-    """
-
-    joint_type: str = "Revolute"
-    max_speed: float = 0.0
-    max_torque: float = 0.0
+    joint_type: str = "Revolute"  # Revolute, Prismatic, Scissor (`ut2004`) or Unknown (`udk`)
+    max_speed: float = 0.0  # rad/s or m/s
+    max_torque: float = 0.0  # N m or N
     limits: tuple[float, float] | None = None
-    parent: int | None = None
-    location: Vector = _ZERO
-    rotation: Vector = _ZERO
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ActuatorItem:
-    """A mission package or arm.
-
-    Attributes:
-        name: item name.
-        location: of the base, m, wire frame of the carrier. rotation: roll, pitch, yaw, rad.
-        mount: robot class, or the actuator that carries this one.
-        mount_link: link of that actuator, from 1.
-        links: in model order.
-        tip: tool point relative to the last link, m.
-    """
-
-    name: str
-    location: Vector = _ZERO
-    rotation: Vector = _ZERO
-    mount: str = "HARD"
-    mount_link: int | None = None
-    links: tuple[ActuatorLink, ...] = ()
-    tip: Vector = _ZERO
+    """Lowest and highest position, rad or m; None if it moves freely."""
+    parent: int | None = None  # number of the parent link, from 1; None for the base
+    location: Vector = _ZERO  # m, relative to the parent at zero
+    rotation: Vector = _ZERO  # roll, pitch, yaw, rad
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EffectorMount:
-    """Where a gripper or tool changer sits; fields as in `ActuatorItem`."""
+    """Where a gripper or tool changer sits."""
 
-    name: str
-    location: Vector = _ZERO
-    rotation: Vector = _ZERO
-    mount: str = "HARD"
-    mount_link: int | None = None
-    tip: Vector = _ZERO
+    name: str  # item name
+    location: Vector = _ZERO  # m, wire frame of the carrier
+    rotation: Vector = _ZERO  # roll, pitch, yaw, rad
+    mount: str = "HARD"  # robot class, or the actuator that carries this one
+    mount_link: int | None = None  # link of that actuator, from 1
+    tip: Vector = _ZERO  # tool point, m, relative to the last link of an actuator
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ActuatorItem(EffectorMount):
+    """A mission package or arm, its base where an effector would sit."""
+
+    links: tuple[ActuatorLink, ...] = ()  # in model order
 
 
 def actuator_status(
@@ -138,8 +117,6 @@ def effector_status(
 
 def mission_package_geometry(packages: Sequence[ActuatorItem]) -> str:
     """GEO MisPkg: links relative to their parents, ParentLink -1 for the body."""
-    if not packages:
-        return ""
     body: list[str] = []
     for package in packages:
         body.append(segment("Name", package.name))
@@ -150,13 +127,11 @@ def mission_package_geometry(packages: Sequence[ActuatorItem]) -> str:
                 triple("Location", link.location, 4),
                 triple("Orientation", link.rotation, 4),
             )
-    return line("GEO", segment("Type", "MisPkg"), *body)
+    return listing("GEO", "MisPkg", body)
 
 
 def actuator_geometry(actuators: Sequence[ActuatorItem]) -> str:
     """GEO Actuator: base, links relative to their parents (Parent 0 for the base), tool point."""
-    if not actuators:
-        return ""
     body: list[str] = []
     for actuator in actuators:
         body += (
@@ -173,13 +148,11 @@ def actuator_geometry(actuators: Sequence[ActuatorItem]) -> str:
                 triple("Orientation", link.rotation, 2),
             )
         body.append(triple("Tip", actuator.tip, 2))
-    return line("GEO", segment("Type", "Actuator"), *body)
+    return listing("GEO", "Actuator", body)
 
 
 def effector_geometry(wire_type: str, mounts: Sequence[EffectorMount]) -> str:
     """GEO of grippers or tool changers."""
-    if not mounts:
-        return ""
     body: list[str] = []
     for mount in mounts:
         body += (
@@ -189,13 +162,11 @@ def effector_geometry(wire_type: str, mounts: Sequence[EffectorMount]) -> str:
             *carrier(mount.mount, mount.mount_link),
             triple("Tip", mount.tip, 2),
         )
-    return line("GEO", segment("Type", wire_type), *body)
+    return listing("GEO", wire_type, body)
 
 
 def mission_package_configuration(dialect: Dialect, packages: Sequence[ActuatorItem]) -> str:
     """CONF MisPkg; answered in both dialects, `udk` in its own old form."""
-    if not packages:
-        return ""
     body: list[str] = []
     for package in packages:
         body.append(segment("Name", package.name))
@@ -212,13 +183,11 @@ def mission_package_configuration(dialect: Dialect, packages: Sequence[ActuatorI
                     number("MaxTorque", link.max_torque, 4),
                 )
             body += _limits("MinRange", "MaxRange", link.limits)
-    return line("CONF", segment("Type", "MisPkg"), *body)
+    return listing("CONF", "MisPkg", body)
 
 
 def actuator_configuration(actuators: Sequence[ActuatorItem]) -> str:
     """CONF Actuator: joint type, torque and limits of every link."""
-    if not actuators:
-        return ""
     body: list[str] = []
     for actuator in actuators:
         body.append(segment("Name", actuator.name))
@@ -229,7 +198,7 @@ def actuator_configuration(actuators: Sequence[ActuatorItem]) -> str:
                 number("MaxTorque", link.max_torque, 4),
                 *_limits("MinValue", "MaxValue", link.limits or ENDLESS),
             )
-    return line("CONF", segment("Type", "Actuator"), *body)
+    return listing("CONF", "Actuator", body)
 
 
 def gripper_item(name: str) -> Item:

@@ -15,6 +15,7 @@ from usarsim_server.protocol.messages.text import (
     count,
     label,
     line,
+    listing,
     number,
     segment,
     time_segment,
@@ -25,20 +26,14 @@ from usarsim_server.protocol.values import Dialect, Item, Vector
 
 
 class SensorMount(NamedTuple):
-    """Where one sensor sits; a plain tuple of the first four does as well.
+    """Where one sensor sits; a plain tuple of the first four does as well."""
 
-    Attributes:
-        name: item name.
-        location: m, wire frame of the carrier. rotation: roll, pitch, yaw, rad.
-        mount: `HARD` or the carrying part in `ut2004`; robot class or actuator name in `udk`.
-        mount_link: link of the actuator that carries the sensor, from 1; `udk` only.
-    """
-
-    name: str
-    location: Vector
-    rotation: Vector
-    mount: str
+    name: str  # item name
+    location: Vector  # m, wire frame of the carrier
+    rotation: Vector  # roll, pitch, yaw, rad
+    mount: str  # `HARD` or the carrying part in `ut2004`; robot class or actuator name in `udk`
     mount_link: int | None = None
+    """Link of the actuator that carries the sensor, from 1; `udk` only."""
 
 
 def sensor_line(
@@ -76,8 +71,6 @@ def sensor_geometry(
     mounts: Sequence[SensorMount | tuple[str, Vector, Vector, str]],
 ) -> str:
     """GEO line of all sensors asked for; nothing gives an empty text."""
-    if not mounts:
-        return ""
     facets = FACETS[dialect]
     body: list[str] = []
     for mount in (SensorMount(*entry) for entry in mounts):
@@ -93,7 +86,7 @@ def sensor_geometry(
                 triple("Orientation", mount.rotation, facets.geometry_digits),
                 *carrier(mount.mount, mount.mount_link),
             )
-    return line("GEO", segment("Type", wire_type), *body)
+    return listing("GEO", wire_type, body)
 
 
 def configuration(wire_type: str, items: Sequence[Item]) -> str:
@@ -152,11 +145,9 @@ def camera_configuration(dialect: Dialect, wire_type: str, cameras: Sequence[Cam
         wire_type: Type as the client spelled it, which `udk` echoed.
         cameras: in mount order.
     """
-    if not cameras:
-        return ""
     degrees = FACETS[dialect].camera_in_degrees
     body = [_tiled(camera) if degrees else _plain(camera) for camera in cameras]
-    return line("CONF", segment("Type", wire_type), *body)
+    return listing("CONF", wire_type, body)
 
 
 def _tiled(camera: CameraItem) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 
 from usarsim_server.protocol.numbers import boolean, fixed, vector
@@ -27,6 +27,11 @@ def encode(text: str) -> bytes:
 def line(head: str, *segments: str) -> str:
     """Join a head and its segments with single blanks."""
     return " ".join((head, *segments))
+
+
+def listing(head: str, wire_type: str, body: Sequence[str]) -> str:
+    """What is told of the items of a type, in one line; nothing gives an empty text."""
+    return line(head, segment("Type", wire_type), *body) if body else ""
 
 
 def segment(key: str, value: str = "") -> str:

@@ -24,20 +24,13 @@ _PLATFORMS = {Dialect.UT2004: "BaseMachine", Dialect.UDK: "StaticPlatform"}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VehicleStatus:
-    """What STA tells of every vehicle.
+    """What STA tells of every vehicle."""
 
-    Attributes:
-        time: simulated s.
-        light: headlight is on. light_intensity: percent, 0 while it is off in `ut2004`.
-        battery: s of expected life; 99999 if there is no battery.
-        view: viewport that shows the robot, -1 if none.
-    """
-
-    time: float
-    light: bool = False
-    light_intensity: int = 0
-    battery: int = 99999
-    view: int = -1
+    time: float  # simulated s
+    light: bool = False  # headlight is on
+    light_intensity: int = 0  # percent, 0 while it is off in `ut2004`
+    battery: int = 99999  # s of expected life; 99999 if there is no battery
+    view: int = -1  # viewport that shows the robot, -1 if none
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

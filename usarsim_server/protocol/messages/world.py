@@ -119,20 +119,13 @@ def _tagged_poses(key: str, poses: Sequence[tuple[str, Vector, Vector]]) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObjectStatus:
-    """One object of a world controller.
+    """One object of a world controller."""
 
-    Attributes:
-        name: as it was created.
-        size: extents, m, none of them negative.
-        location: m, wire frame. rotation: roll, pitch, yaw, rad.
-        memory: text that was given at its creation.
-    """
-
-    name: str
-    size: Vector
-    location: Vector
-    rotation: Vector
-    memory: str = ""
+    name: str  # as it was created
+    size: Vector  # extents, m, none of them negative
+    location: Vector  # m, wire frame
+    rotation: Vector  # roll, pitch, yaw, rad
+    memory: str = ""  # text that was given at its creation
 
 
 def object_status(objects: Sequence[ObjectStatus]) -> str:
@@ -155,21 +148,14 @@ def object_status(objects: Sequence[ObjectStatus]) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AvatarStatus:
-    """Where an avatar is.
+    """Where an avatar is."""
 
-    Attributes:
-        time: simulated s.
-        class_name: its class without package. name: the name of its INIT.
-        location: m, wire frame. orientation: roll, pitch, yaw, rad.
-        walking: whether it is under way.
-    """
-
-    time: float
-    class_name: str
-    name: str
-    location: Vector
-    orientation: Vector
-    walking: bool
+    time: float  # simulated s
+    class_name: str  # its class without package
+    name: str  # the name of its INIT
+    location: Vector  # m, wire frame
+    orientation: Vector  # roll, pitch, yaw, rad
+    walking: bool  # whether it is under way
 
 
 def avatar_status(status: AvatarStatus) -> str:

@@ -11,7 +11,7 @@ them; `field` declares the keys of a table of its own in robot files:
         section = "twist"
         brisk: bool = field(default=False, help="turns before it drives")
 
-        def conduct(self, robot, body):
+        def drive_controller(self, robot, body):
             return TwistController(robot, body)
 
 `docs/families.md` has the whole example and the table of what a family may say.
@@ -31,7 +31,8 @@ from usarsim_server.robots.families.base import (
     balance_weight,
     register_family,
 )
-from usarsim_server.robots.families.wheeled import MachineFamily, WheelController, WheeledFamily
+from usarsim_server.robots.families.machines import MachineFamily
+from usarsim_server.robots.families.wheeled import WheelController, WheeledFamily
 from usarsim_server.simulation.articulation import JointOrder, Order
 from usarsim_server.simulation.motion_laws import Law, LawModel
 from usarsim_server.simulation.simulation import BodyHandle

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import usarsim_server.robots.families as package
+from usarsim_server.logs import Log
 from usarsim_server.plugins import PluginTypes
 from usarsim_server.protocol.dialects import FACETS
 from usarsim_server.protocol.messages import VehicleStatus
@@ -34,6 +35,8 @@ from usarsim_server.simulation.snapshot import RobotBody
 from usarsim_server.tables import Table
 
 Array = NDArray[np.float64]
+
+_log = Log("robot")
 
 LIGHT_INTENSITY = 100
 """Percent; the only intensity the original ever reported for a lit lamp (protocol 4.3)."""
@@ -77,6 +80,10 @@ class DriveController(ABC):
     @abstractmethod
     def stop(self) -> None:
         """Stand still, or do what a machine without power does."""
+
+    def rest(self) -> None:
+        """Stand still where it is, under power."""
+        self.stop()
 
     @abstractmethod
     def status(self, facts: StatusFacts, dialect: Dialect) -> str:
@@ -176,6 +183,19 @@ class Family(ABC):
     def laws(self, robot: RobotDescription) -> tuple[LawModel, ...]:
         """What moves the body before every physics step, beside wheels and joints."""
         return ()
+
+
+def within(what: str, value: float, low: float, high: float) -> float:
+    """A number of a command within its limits; who looks on is told what was clamped."""
+    limited = max(low, min(high, value))
+    if limited != value:
+        tell_clamped(what, value, limited)
+    return limited
+
+
+def tell_clamped(what: str, value: float, limited: float) -> None:
+    """Say that a number of a command, named as on the wire, was taken for its limit."""
+    _log.debug(f"{what} {value:g}: clamped to {limited:g}")
 
 
 def balance_weight(spec: mujoco.MjSpec, robot: RobotDescription) -> None:

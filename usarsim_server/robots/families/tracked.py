@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple, Self
 
 import mujoco
@@ -34,7 +34,7 @@ from usarsim_server.robots.description import (
     Wheel,
 )
 from usarsim_server.robots.families.base import register_family
-from usarsim_server.robots.families.wheeled import WheeledFamily
+from usarsim_server.robots.families.wheeled import WheeledFamily, with_footprint
 from usarsim_server.robots.tracks import Roller, Track, lowest, read_tracks, runs, touching
 from usarsim_server.simulation.ground import MARK
 from usarsim_server.simulation.motion_laws import Law, LawModel
@@ -89,15 +89,7 @@ class Tracked(WheeledFamily):
     def finish(self, robot: RobotDescription) -> RobotDescription:
         """Wheel separation and base are those of the tracks."""
         track_width, wheel_base = _footprint(self.tracks, robot.actuators)
-        old = robot.report
-        derived = old.dimensions == (old.wheel_base, old.track_width, 0.0)
-        report = replace(
-            old,
-            track_width=track_width,
-            wheel_base=wheel_base,
-            dimensions=(wheel_base, track_width, 0.0) if derived else old.dimensions,
-        )
-        return replace(robot, report=report)
+        return with_footprint(robot, wheel_base, track_width)
 
     def complete(self, spec: mujoco.MjSpec, robot: RobotDescription) -> None:
         """Put the belts around the body; what only drives them is not seen."""

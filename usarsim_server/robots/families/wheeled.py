@@ -1,15 +1,13 @@
 """Skid-steered and differential robots, and what other families build on.
 
 The drive law turns DRIVE into the wheel speeds of a left and a right side, or of single wheels
-(protocol reference 3.4, 3.4.1, 3.4.3, 5.3); no physics here. Beside it stand platforms, which are
-fixed where they are put, such as the foot of an arm (3.4.7), and what flying, diving and walking
-machines have in common: no wheels, and one form of GEO.
+(protocol reference 3.4, 3.4.1, 3.4.3, 5.3); no physics here.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -25,58 +23,11 @@ from usarsim_server.robots.families.base import (
     Family,
     StatusFacts,
     register_family,
+    within,
 )
 from usarsim_server.robots.reading import parts
 from usarsim_server.simulation.articulation import Order
 from usarsim_server.simulation.simulation import BodyHandle
-
-
-class PlatformController(DriveController):
-    """A platform goes nowhere."""
-
-    def steer(self, drive: Drive, dialect: Dialect) -> None:
-        pass
-
-    def stop(self) -> None:
-        pass
-
-    def status(self, facts: StatusFacts, dialect: Dialect) -> str:
-        return messages.static_status(dialect, facts.time, facts.battery)
-
-
-@register_family("static")
-class Platform(Family):
-    """Neither wheels nor weight, as far as anybody outside can tell."""
-
-    wheeled: ClassVar[bool] = False
-    anchored: ClassVar[bool] = True
-
-    def drive_controller(self, robot: RobotDescription, body: BodyHandle) -> DriveController:
-        return PlatformController(robot, body)
-
-    def configuration(self, robot: RobotDescription, dialect: Dialect) -> str:
-        return messages.static_configuration(dialect, robot.name)
-
-    def geometry(self, robot: RobotDescription, dialect: Dialect) -> str:
-        return messages.static_geometry(dialect, robot.name, robot.report.dimensions)
-
-
-class MachineFamily(Family):
-    """A family without wheels that is not fixed either.
-
-    Attributes:
-        wire_type: Type of its CONF and GEO.
-    """
-
-    wheeled: ClassVar[bool] = False
-    wire_type: ClassVar[str]
-
-    def geometry(self, robot: RobotDescription, dialect: Dialect) -> str:
-        report = robot.report
-        return messages.machine_geometry(
-            dialect, self.wire_type, robot.name, report.dimensions, report.center_of_gravity
-        )
-
 
 Array = NDArray[np.float64]
 
@@ -94,21 +45,26 @@ class SpeedScale:
         """Find out what the speeds of a command are.
 
         In `ut2004` Normalized holds for the command that carries it, in `udk` until it is sent
-        again (protocol reference 3.4).
+        again (protocol reference 3.4); what a supervisor says never holds for the controller.
         """
-        if not FACETS[dialect].sticky_normalized:
+        if drive.passing or not FACETS[dialect].sticky_normalized:
             self._percent = bool(drive.normalized)
             return
         if drive.normalized is not None:
             self._sticky = drive.normalized
         self._percent = self._sticky
 
-    def read(self, value: float | None) -> float | None:
-        """A wheel speed (rad/s) within the limit; not a number counts as not sent."""
+    def read(self, what: str, value: float | None) -> float | None:
+        """A wheel speed (rad/s) within the limit; not a number counts as not sent.
+
+        Args:
+            what: name of the number on the wire.
+            value: rad/s, or percent of the limit.
+        """
         if value is None or math.isnan(value):
             return None
         speed = value * self._limit / 100.0 if self._percent else value
-        return max(-self._limit, min(self._limit, speed))
+        return within(what, speed, -self._limit, self._limit)
 
 
 class WheelDrive:
@@ -159,7 +115,7 @@ class WheelDrive:
         return self.targets
 
     def _set_sides(self, drive: Drive, dialect: Dialect) -> bool:
-        left, right = self._scale.read(drive.left), self._scale.read(drive.right)
+        left, right = self._scale.read("Left", drive.left), self._scale.read("Right", drive.right)
         if (left is None or right is None) and not FACETS[dialect].partial_drive:
             return False
         if left is not None:
@@ -172,7 +128,7 @@ class WheelDrive:
         """The wheel by wheel form of DRIVE; wheels it does not name keep their speed."""
         moved = False
         for wheel in (*drive.wheels, *self._named(drive)):
-            speed = self._scale.read(wheel.speed)
+            speed = self._scale.read("WheelSpeed", wheel.speed)
             if speed is not None and 0 <= wheel.number < len(self._targets):
                 self._targets[wheel.number] = speed
                 moved = True
@@ -203,9 +159,14 @@ class WheelController(DriveController):
 
     def status(self, facts: StatusFacts, dialect: Dialect) -> str:
         front, rear = self.steering(facts, dialect)
+        vehicle = self.vehicle_status(facts, dialect)
         return messages.ground_status(
             messages.GroundStatus(
-                **asdict(self.vehicle_status(facts, dialect)),
+                time=vehicle.time,
+                light=vehicle.light,
+                light_intensity=vehicle.light_intensity,
+                battery=vehicle.battery,
+                view=vehicle.view,
                 front_steer=front or 0.0,
                 rear_steer=rear or 0.0,
                 joints=self.joints(facts),
@@ -263,14 +224,14 @@ class SkidSteer(WheeledFamily):
 
     def finish(self, robot: RobotDescription) -> RobotDescription:
         """The wheel base is that of all it stands on: casters count."""
-        old = robot.report
         places = [parts.wheel_place(wheel, robot.actuators)[0] for wheel in robot.driven_wheels]
         places += [caster.position[0] for caster in robot.casters]
-        base = round(max(places) - min(places), 9)
-        derived = old.dimensions == (old.wheel_base, old.track_width, 0.0)
-        report = replace(
-            old,
-            wheel_base=base,
-            dimensions=(base, old.track_width, 0.0) if derived else old.dimensions,
-        )
-        return replace(robot, report=report)
+        return with_footprint(robot, round(max(places) - min(places), 9), robot.report.track_width)
+
+
+def with_footprint(robot: RobotDescription, base: float, track: float) -> RobotDescription:
+    """A robot that announces this wheel base and track (m), and dimensions if they follow."""
+    old = robot.report
+    derived = old.dimensions == (old.wheel_base, old.track_width, 0.0)
+    size = (base, track, 0.0) if derived else old.dimensions
+    return replace(robot, report=replace(old, wheel_base=base, track_width=track, dimensions=size))

@@ -36,7 +36,7 @@ from usarsim_server.tables import Table, suggest
 DEFAULT_SPEED = {Dialect.UT2004: 0.1745, Dialect.UDK: 1.571}
 """rad/s: MotorSpeed of mission joints in UT2004 (robots reference 1.6), announced in UDK (1.9)."""
 Parent = RobotDescription | None
-Limb = TypeVar("Limb", ActuatorDescription, EffectorDescription)
+Limb = TypeVar("Limb", ActuatorDescription, EffectorDescription, CameraDescription)
 
 
 def read_actuators(
@@ -56,7 +56,7 @@ def read_actuators(
     actuators = _inherited(reader, imported or (parent.actuators if parent else ()))
     for table in reader.tables("actuator"):
         links = [link.body for actuator in actuators for link in actuator.links]
-        _enter(table, actuators, _actuator(table, links, dialect), "actuator")
+        _enter(actuators, _actuator(table, links, dialect))
     for actuator in actuators:
         _check_mount(reader, actuator.name, actuator.mount, actuators, "actuator")
     _check_leaders(reader, actuators)
@@ -73,7 +73,7 @@ def read_effectors(
     effectors = _inherited(reader, parent.effectors if parent else ())
     links = [link.body for actuator in actuators for link in actuator.links]
     for table in reader.tables("effector"):
-        _enter(table, effectors, _effector(table, links, dialect), "effector")
+        _enter(effectors, _effector(table, links, dialect))
     for effector in effectors:
         _check_mount(reader, effector.name, effector.item.link, actuators, "effector")
     return tuple(effectors)
@@ -103,7 +103,7 @@ def _inherited(reader: Table, limbs: Sequence[Limb]) -> list[Limb]:
     return [limb for limb in limbs if limb.name.lower() not in dropped]
 
 
-def _enter(table: Table, limbs: list[Limb], limb: Limb, kind: str) -> None:
+def _enter(limbs: list[Limb], limb: Limb) -> None:
     for index, other in enumerate(limbs):
         if other.name.lower() == limb.name.lower():
             limbs[index] = limb
@@ -245,9 +245,7 @@ def read_cameras(
         links: names of wheels and other links that may carry cameras.
         parent: the robot that is extended.
     """
-    dropped = {name.lower() for name in reader.texts("without")}
-    inherited = parent.cameras if parent else ()
-    cameras = [camera for camera in inherited if camera.name.lower() not in dropped]
+    cameras = _inherited(reader, parent.cameras if parent else ())
     for camera in cameras:
         if camera.link is not None and camera.link not in links:
             raise reader.error(
@@ -264,12 +262,7 @@ def read_cameras(
                 "name", f"a second camera is called {camera.name!r}", "rename one of them"
             )
         own.add(key)
-        for index, other in enumerate(cameras):
-            if other.name.lower() == key:
-                cameras[index] = camera
-                break
-        else:
-            cameras.append(camera)
+        _enter(cameras, camera)
     return tuple(cameras)
 
 

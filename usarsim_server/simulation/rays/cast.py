@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from usarsim_server.simulation.objects import Names
 from usarsim_server.simulation.rays.moving import DynamicGeometry
@@ -13,8 +12,6 @@ from usarsim_server.simulation.rays.query import PendingReport, RayBatch, RayFan
 from usarsim_server.simulation.rays.scenery import StaticGeometry
 from usarsim_server.simulation.rays.triangles import Surfaces
 from usarsim_server.simulation.snapshot import Snapshot
-
-Array = NDArray[np.float64]
 
 
 def cast(

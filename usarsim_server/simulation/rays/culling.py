@@ -9,10 +9,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.simulation.frames import Array, Numbers
 from usarsim_server.simulation.rays.query import RayBatch
-
-Array = NDArray[np.float64]
-Numbers = NDArray[np.intp]
 
 SLACK = 1e-6
 """m by which spheres are taken larger: rounding must not lose a ray that grazes one."""
@@ -86,8 +84,7 @@ def _near(ahead: Array, away: Array, radii: Array) -> NDArray[np.bool_]:
     # The way ahead squared, nothing if the centre lies behind; the rest is the distance squared.
     forward = np.maximum(ahead, 0.0)
     forward *= forward
-    touched: NDArray[np.bool_] = forward >= limit
-    return touched
+    return forward >= limit
 
 
 def meetings(

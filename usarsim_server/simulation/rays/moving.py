@@ -15,9 +15,8 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-from usarsim_server.simulation.frames import rotation_matrices, rotation_matrix
+from usarsim_server.simulation.frames import Array, Numbers, rotation_matrices, rotation_matrix
 from usarsim_server.simulation.mailbox import yield_interpreter
 from usarsim_server.simulation.model import CompiledWorld
 from usarsim_server.simulation.objects import Objects
@@ -33,13 +32,10 @@ from usarsim_server.simulation.rays.triangles import (
 )
 from usarsim_server.simulation.snapshot import Snapshot
 
-Array = NDArray[np.float64]
-Numbers = NDArray[np.intp]
-
 BODIES_AT_A_TIME = 32
 """Bodies between two pauses."""
 GROUPS_AT_A_TIME = 16
-"""Lumps between two pauses, while a world grows."""
+"""Groups between two pauses, while a world grows."""
 FINE = 1e-4
 """m between a tessellated and the true surface of what moves."""
 EXACT = 1e-6
@@ -67,11 +63,9 @@ class RigidGroup:
 
 
 def rigid_groups(model: mujoco.MjModel, visible: Callable[[int], bool]) -> list[RigidGroup]:
-    """The lumps of everything that moves, in the order of their bodies; none is empty.
+    """The groups of everything that moves, in the order of their bodies; none is empty.
 
-    Args:
-        model: compiled.
-        visible: tells of a geom id whether the geom counts.
+    `visible` tells of a geom id whether the geom counts.
     """
     carriers: dict[int, tuple[int, Array, Array]] = {}
     turning: set[int] = set()
@@ -169,12 +163,7 @@ class DynamicGeometry:
     """
 
     def __init__(self, world: CompiledWorld, older: DynamicGeometry | None = None) -> None:
-        """Build the scenes of all shapes.
-
-        Args:
-            world: the model generation.
-            older: of a former generation, whose scenes are used again.
-        """
+        """Build the scenes of all shapes; those of a former generation are used again."""
         model = world.model
         self.generation = world.generation
         self.objects = Objects(world)
@@ -187,12 +176,19 @@ class DynamicGeometry:
         self._body_ids = np.array([one.body for one in self._bodies], dtype=np.intp)
         self._middles = np.array([one.full.centre for one in self._bodies]).reshape(-1, 3)
         self._spans = np.array([one.full.radius for one in self._bodies])
-        self._first, self._count = self._by_tree(model)
+        trees = [self._tree_of_root[int(model.body_rootid[one.body])] for one in self._bodies]
+        self._count = np.bincount(np.array(trees, dtype=np.intp), minlength=len(self._roots))
+        """How many of the visible bodies each tree has, and which is the first."""
+        self._first = np.cumsum(self._count) - self._count
         numbers = {id(scene): k for k, scene in enumerate(self._scenes.values())}
         self._scene_list = tuple(self._scenes.values())
         self._full = np.array([numbers[id(one.full)] for one in self._bodies], dtype=np.intp)
         self._clear = np.array([numbers[id(one.clear)] for one in self._bodies], dtype=np.intp)
-        self._geoms, self._geom_begin = self._geom_table()
+        geoms = [geom for one in self._bodies for geom in one.geoms]
+        self._geoms = np.array(geoms, dtype=np.intp)
+        """Of all visible bodies, one body after the other, and where each begins."""
+        counts = [len(one.geoms) for one in self._bodies]
+        self._geom_begin = np.cumsum([0, *counts]).astype(np.intp)
         self._moment: _Moment | None = None
 
     def cast(
@@ -204,17 +200,13 @@ class DynamicGeometry:
         *,
         normals: bool = False,
     ) -> Surfaces | None:
-        """Cast rays at everything that moves.
+        """Cast rays at everything that moves; None if no ray met anything.
 
         Args:
-            batch: f fans with n rays.
-            snapshot: the instant; of this generation.
+            batch, snapshot: f fans with n rays; the instant, of this generation.
             viewers: (f,) number of the robot that each fan belongs to, which it does not see.
             reach: (n,) how far each ray goes, m.
             normals: also find surface normals.
-
-        Returns:
-            What the rays met, None if no ray met anything.
         """
         moment = self._at(snapshot)
         if not len(moment.trees):
@@ -270,18 +262,6 @@ class DynamicGeometry:
                     rounds.append((number, RoundPart(place, turn, axes)))
             self._scenes[key] = TriangleScene(parts, rounds)
         return self._scenes[key]
-
-    def _by_tree(self, model: mujoco.MjModel) -> tuple[Numbers, Numbers]:
-        """First of the visible bodies of each tree, and how many it has."""
-        trees = [self._tree_of_root[int(model.body_rootid[one.body])] for one in self._bodies]
-        counts = np.bincount(np.array(trees, dtype=np.intp), minlength=len(self._roots))
-        return np.cumsum(counts) - counts, counts
-
-    def _geom_table(self) -> tuple[Numbers, Numbers]:
-        """Geoms of all visible bodies, one body after the other, and where each begins."""
-        counts = [len(one.geoms) for one in self._bodies]
-        geoms = [geom for one in self._bodies for geom in one.geoms]
-        return np.array(geoms, dtype=np.intp), np.cumsum([0, *counts]).astype(np.intp)
 
     # -- where it is -------------------------------------------------------------------------
 

@@ -13,10 +13,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.simulation.frames import Array, Numbers
 from usarsim_server.simulation.snapshot import Snapshot
-
-Array = NDArray[np.float64]
-Numbers = NDArray[np.intp]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,16 +9,16 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_server.simulation.frames import Array
 from usarsim_server.simulation.model import SHELF_NAME, CompiledWorld
 from usarsim_server.simulation.objects import Names, geom_names
 from usarsim_server.simulation.rays.query import SceneryHit
 from usarsim_server.simulation.rays.triangles import Surfaces, TriangleScene, triangles
 
-Array = NDArray[np.float64]
-Numbers = NDArray[np.intp]
-
 SEEN_GROUPS = 3
 """Geoms of groups 0 to 2 are seen, as by MuJoCo's renderers; the others only collide."""
+PAINT = "paint:"
+"""How the names of scenery begin that only cameras see."""
 WORDS = frozenset({"glass", "trans", "transparent", "translucent"})
 ENDS = ("glass", "trans")
 OPAQUE = frozenset({"fiberglass", "fibreglass", "hourglass"})
@@ -79,11 +79,7 @@ class StaticGeometry:
         return surfaces
 
     def first_hit(self, origin: Array, direction: Array, reach: float) -> SceneryHit | None:
-        """What a single ray meets first; None if there is nothing within reach.
-
-        Args:
-            origin: (3,) m. direction: (3,) unit vector. reach: m.
-        """
+        """What a ray from (3,) m along a unit vector (3,) meets first within reach (m), if any."""
         found = self.cast(origin[None], direction[None], normals=True)
         distance, geom = float(found.distances[0]), int(found.geoms[0])
         if geom < 0 or distance > reach:
@@ -142,5 +138,6 @@ def _static_geoms(model: mujoco.MjModel) -> list[int]:
         for geom in range(model.ngeom)
         if model.body_weldid[model.geom_bodyid[geom]] == 0
         and model.geom(geom).name != SHELF_NAME
+        and not model.geom(geom).name.startswith(PAINT)
         and is_visible(model, geom)
     ]

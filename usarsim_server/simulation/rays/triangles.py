@@ -17,8 +17,7 @@ from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Numbers = NDArray[np.intp]
+from usarsim_server.simulation.frames import Array, Numbers
 
 TOLERANCE = 5e-4
 """m between a tessellated and the true surface."""
@@ -85,13 +84,12 @@ class TriangleScene:
             TriangleMesh(self._scene, faces.astype(np.float32))
             # The first ray builds the tree; let nobody wait for that later.
             self._scene.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))
-        normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
-        normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, None]
-        self._normals = np.vstack((normals, np.zeros(3)))
-        corners = faces.reshape(-1, 3) if len(faces) else np.zeros((1, 3))
-        self.centre: Array = (corners.min(axis=0) + corners.max(axis=0)) / 2.0
+        self._normals = _normals(faces)
+        corners = faces.reshape(-1, 3).T if len(faces) else np.zeros((3, 1))
+        self.centre: Array = np.array([(one.min() + one.max()) / 2.0 for one in corners])
         """Middle (3,) of a sphere that holds everything, m."""
-        self.radius = float(np.linalg.norm(corners - self.centre, axis=1).max())
+        off = [one - middle for one, middle in zip(corners, self.centre, strict=True)]
+        self.radius = math.sqrt(float((off[0] ** 2 + off[1] ** 2 + off[2] ** 2).max()))
         """Of that sphere, m."""
 
     def cast(self, origins: Array, directions: Array, *, normals: bool = False) -> Surfaces:
@@ -122,6 +120,19 @@ class TriangleScene:
     def _hits(self, distances: Array, faces: NDArray[np.signedinteger], normals: bool) -> Surfaces:
         facing = self._normals.take(faces, axis=0, mode="wrap") if normals else None
         return Surfaces(distances, self._parts.take(faces, mode="wrap"), facing)
+
+
+def _normals(faces: Array) -> Array:
+    """Unit normals of triangles (n, 3, 3), and zeros: those of a miss."""
+    # Column by column: that is how scenes of 300,000 triangles are there at once.
+    a, b, c = faces.transpose(1, 2, 0)
+    (ux, uy, uz), (vx, vy, vz) = b - a, c - a
+    x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    length = np.maximum(np.sqrt(x * x + y * y + z * z), 1e-12)
+    found = np.zeros((len(faces) + 1, 3))
+    for column, part in enumerate((x, y, z)):
+        np.divide(part, length, out=found[:-1, column])
+    return found
 
 
 def _round_off(
@@ -163,9 +174,7 @@ def triangles_of_all(
 ) -> tuple[Array, NDArray[np.intp]]:
     """Triangles (n, 3, 3) of many geoms in the world frame, and which geom each belongs to.
 
-    Args:
-        model: the compiled model.
-        geoms: geom ids. positions, turns: (ngeom, 3) and (ngeom, 9 or 3, 3) of all geoms.
+    Positions (ngeom, 3) and turns (ngeom, 9 or 3, 3) are those of all geoms.
     """
     chosen = np.asarray(geoms, dtype=np.intp)
     turns = turns.reshape(-1, 3, 3)
@@ -275,8 +284,7 @@ def _heightfield(model: mujoco.MjModel, field: int) -> Array:
     after, below = np.roll(rim, -1, axis=0), np.roll(foot, -1, axis=0)
     sides = np.concatenate([np.stack([rim, foot, below], 1), np.stack([rim, below, after], 1)])
     corners = np.array([[-sx, -sy, -base], [-sx, sy, -base], [sx, sy, -base], [sx, -sy, -base]])
-    answer: Array = np.concatenate([hills, sides, corners[[[0, 1, 2], [0, 2, 3]]]])
-    return answer
+    return np.concatenate([hills, sides, corners[[[0, 1, 2], [0, 2, 3]]]])
 
 
 def _ellipsoid(semi_axes: Array, tolerance: float) -> Array:
@@ -293,8 +301,7 @@ def _latitudes(count: int) -> Array:
     is so near to the pole that a flat lid closes it as well as any facet."""
     steps = math.ceil(count / 4)
     middles = np.arange(steps, dtype=np.float64) + 0.5
-    angles: Array = middles * (math.pi / 2 / steps)
-    return angles
+    return middles * (math.pi / 2 / steps)
 
 
 def _capsule_profile(radius: float, half: float, segments: int) -> Array:
@@ -320,8 +327,7 @@ def _revolve(profile: Array, count: int) -> Array:
     a, b = rings[:-1], np.roll(rings[:-1], -1, axis=1)
     d, c = rings[1:], np.roll(rings[1:], -1, axis=1)
     sides = np.concatenate([np.stack([a, b, c], 2), np.stack([a, c, d], 2)]).reshape(-1, 3, 3)
-    answer: Array = np.concatenate([sides, _lid(rings[0])[:, ::-1], _lid(rings[-1])])
-    return answer
+    return np.concatenate([sides, _lid(rings[0])[:, ::-1], _lid(rings[-1])])
 
 
 def _lid(ring: Array) -> Array:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from usarsim_server.errors import SpawnError
 from usarsim_server.protocol.values import name_key
-from usarsim_server.simulation.frames import Pose, Vector, rpy_from_quaternion
+from usarsim_server.simulation.frames import Pose, Vector, around, rpy_from_quaternion
 from usarsim_server.simulation.movers import Way
 from usarsim_server.simulation.simulation import BodyHandle, Simulation
 from usarsim_server.simulation.snapshot import RobotBody, Snapshot
@@ -45,10 +45,7 @@ class Avatar:
         return self.handle.state(snapshot)
 
     def perform(self, plan: Callable[[float], Walk]) -> Walk:
-        """Walk a walk from now on.
-
-        Args:
-            plan: makes the walk, given the present time (s); must return at once.
+        """Walk a walk from now on, which is made given the present time (s), at once.
 
         Raises:
             KeyError: if it is not in the world any more.
@@ -71,17 +68,17 @@ class Avatars:
     """All avatars of one world; may be used by any thread."""
 
     def __init__(self, classes: Mapping[str, AvatarClass], simulation: Simulation) -> None:
-        """Start without anybody.
-
-        Args:
-            classes: by all their names in lower case.
-            simulation: the world they are put into.
-        """
+        """Start without anybody; `classes` are by all their names in lower case."""
         self._classes = classes
         self._simulation = simulation
         self._lock = threading.Lock()
         self._avatars: dict[str, Avatar] = {}
         self._labels = Labels("avatars")
+
+    @property
+    def names(self) -> list[str]:
+        """Names of all classes."""
+        return [kind.name for kind in self._classes.values()]
 
     def find_class(self, name: str) -> AvatarClass | None:
         """The class that a client means, without package; None if there is none."""
@@ -97,17 +94,11 @@ class Avatars:
 
     def passers(self, snapshot: Snapshot) -> list[Passer]:
         """Everybody in a snapshot, in the order of their coming, as sensors notice them."""
-        with self._lock:
-            avatars = tuple(self._avatars.values())
         found = []
-        for one in avatars:
-            state = one.state(snapshot)
-            if state is not None:
-                scale = one.kind.height / ADULT
-                chest, head = (
-                    (state.pose @ Pose((0.0, 0.0, scale * rise))).position for rise in (CHEST, HEAD)
-                )
-                found.append(Passer(one.body, chest, head))
+        for one, pose in self.present(snapshot):
+            scale = one.kind.height / ADULT
+            chest, head = (pose @ Pose((0.0, 0.0, scale * rise)) for rise in (CHEST, HEAD))
+            found.append(Passer(one.body, chest.position, head.position))
         return found
 
     def label(self, body: int) -> str | None:
@@ -134,6 +125,20 @@ class Avatars:
             self._avatars[name_key(label)] = avatar
         return avatar
 
+    def ways_home(self) -> list[tuple[str, Callable[[], bool]]]:
+        """Names of all avatars, and what puts each back to where it came in; that raises
+        `SpawnError` if something is in the way."""
+
+        def way(one: Avatar) -> Callable[[], bool]:
+            def go() -> bool:
+                self._simulation.move(one.body, body_poses(one.begin, one.kind.height)[0])
+                return True
+
+            return go
+
+        with self._lock:
+            return [(one.name, way(one)) for one in self._avatars.values()]
+
     def remove(self, avatar: Avatar) -> None:
         """Take a person out of the world; a second call does nothing."""
         with self._lock:
@@ -147,7 +152,7 @@ class Avatars:
             raise SpawnError("the pose is not finite")
         yaw = rpy_from_quaternion(pose.quaternion)[2]
         refusal = SpawnError("there is no ground below")
-        for place in _places(pose.position):
+        for place in around(pose.position, RINGS, DIRECTIONS):
             ground = self._ground(place)
             if ground is None:
                 continue
@@ -169,14 +174,6 @@ class Avatars:
             if math.isfinite(height):
                 return x, y, height
         return None
-
-
-def _places(position: Vector) -> Iterator[Vector]:
-    x, y, z = position
-    for radius in RINGS:
-        for turn in range(DIRECTIONS if radius else 1):
-            angle = math.tau * turn / DIRECTIONS
-            yield x + radius * math.cos(angle), y + radius * math.sin(angle), z
 
 
 def _way(performance: Performance, number: int) -> Way:

@@ -12,10 +12,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
-from usarsim_server.simulation.frames import Pose, Vector, wrap_signed
+from usarsim_server.simulation.frames import Pose, Quaternion, Vector, wrap_signed
 from usarsim_server.worlds.avatars.bodies import ADULT, LIMBS, PELVIS, SHIN, SOLE, THIGH, joint_of
-
-Quaternion = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,13 +47,9 @@ class Posture:
 
 
 def posture(gait: Gait, way: float, swing: float, height: float) -> Posture:
-    """The posture after a way.
+    """The posture of a person of some height (m) after a way (m, negative backwards).
 
-    Args:
-        gait: how the person walks.
-        way: m walked so far, negative backwards.
-        swing: how far into the gait, from 0 (standing) to 1.
-        height: of the person, m.
+    `swing` tells how far into the gait, from 0 (standing) to 1.
     """
     scale = height / ADULT
     phase = math.tau * way / (gait.stride * scale)

@@ -31,10 +31,6 @@ def distances_to(nodes: Sequence[PathNode], goal: str) -> dict[str, float]:
     """Length (m) of the shortest way from each node to a goal; nodes without a way are left out.
 
     A connection can be walked both ways, whichever of its ends names the other.
-
-    Args:
-        nodes: the graph.
-        goal: tag of a node.
     """
     return {tag: length for tag, (length, _) in _search(nodes, goal).items()}
 
@@ -116,13 +112,7 @@ def ground_below(simulation: Simulation, points: Sequence[Vector]) -> list[float
 
 
 def survey(simulation: Simulation, start: Vector, goal: tuple[float, float]) -> Survey:
-    """Look at the straight way from a point of the ground to a place.
-
-    Args:
-        simulation: the world.
-        start: point of the ground, m.
-        goal: x and y, m.
-    """
+    """Look at the straight way from a point of the ground to a place (x and y), m."""
     length = math.dist(start[:2], goal)
     profile = [start]
     if length < 1e-6:

@@ -203,27 +203,20 @@ def _add_body(spec: mujoco.MjSpec, name: str, pose: Pose, *, placed: bool) -> mu
 def _check_name(spec: mujoco.MjSpec, world: WorldDescription, name: str, place: str) -> None:
     if spec.body(name) is None and spec.geom(name) is None and spec.joint(name) is None:
         return
-    raise WorldError(
-        errors.at(
-            world.folder / "world.toml",
-            f"{name!r} is already the name of something in {world.scene.name}",
-            "write another name",
-            where=f"{place}: name",
-        )
-    )
+    problem = f"{name!r} is already the name of something in {world.scene.name}"
+    raise _refusal(world, problem, "write another name", f"{place}: name")
 
 
 def _material(spec: mujoco.MjSpec, world: WorldDescription, name: str, place: str) -> str:
     if spec.material(name) is None:
         if name not in SUBSTANCES:
             known = sorted({*SUBSTANCES, *(one.name for one in spec.materials if one.name)})
-            raise WorldError(
-                errors.at(
-                    world.folder / "world.toml",
-                    f"nobody knows what {name!r} looks like",
-                    f"write one of {', '.join(known)}, or add the material to {world.scene.name}",
-                    where=f"{place}: material",
-                )
-            )
+            cure = f"write one of {', '.join(known)}, or add the material to {world.scene.name}"
+            problem = f"nobody knows what {name!r} looks like"
+            raise _refusal(world, problem, cure, f"{place}: material")
         spec.add_material(name=name, rgba=SUBSTANCES[name])
     return name
+
+
+def _refusal(world: WorldDescription, problem: str, cure: str, where: str) -> WorldError:
+    return WorldError(errors.at(world.folder / "world.toml", problem, cure, where=where))

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from usarsim_server.simulation.frames import Pose
-from usarsim_server.simulation.machines import Presence, Zone
+from usarsim_server.simulation.machines import Machine, Presence, Zone
 from usarsim_server.simulation.movers import Mover, Way
 from usarsim_server.worlds.machinery.bodies import Leaf, leaves_of
 from usarsim_server.worlds.machinery.courses import Course
@@ -32,20 +32,12 @@ class _Decision:
     until: float = -math.inf
 
 
-class DoorOperator:
-    """Opens and closes one door.
+class DoorOperator(Machine):
+    """Opens and closes one door, which has a drive; it begins closed."""
 
-    Attributes:
-        movers: what moves its leaves.
-        building: True.
-    """
+    _decision: _Decision
 
     def __init__(self, door: Door) -> None:
-        """Begin with the door closed.
-
-        Args:
-            door: one with a drive.
-        """
         assert isinstance(door.mechanism, Drive)
         self._drive = drive = door.mechanism
         # Hinged leaves turn toward x for a positive travel; openings are positive here.
@@ -56,7 +48,6 @@ class DoorOperator:
         half = (drive.reach + door.thickness / 2.0, door.width / 2.0 + BESIDE, door.height / 2.0)
         self._ground = Zone(door.pose @ Pose((0.0, 0.0, half[2])), half)
         self.movers = tuple(Mover(leaf.body, self._way(leaf)) for leaf in self._leaves)
-        self.building = True
 
     @property
     def opening(self) -> float:
@@ -81,15 +72,6 @@ class DoorOperator:
         if goal == course.target or (goal is None and time >= course.end):
             return course
         return course.redirected(time, goal)
-
-    def state(self) -> object:
-        """The last decision."""
-        return self._decision
-
-    def restore(self, state: object) -> None:
-        """Go back to an earlier decision."""
-        assert isinstance(state, _Decision)
-        self._decision = state
 
     def _way(self, leaf: Leaf) -> Way:
         return lambda time: leaf.at(self._turn * self._decision.course.at(time)[0])

@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass, replace
 
 from usarsim_server.simulation.frames import Pose, Vector, quaternion_from_rpy
-from usarsim_server.simulation.machines import Presence, Zone
+from usarsim_server.simulation.machines import Machine, Presence, Zone
 from usarsim_server.simulation.movers import Mover
 from usarsim_server.worlds.machinery.courses import Course
 from usarsim_server.worlds.machinery.machinery import Lift
@@ -34,16 +34,12 @@ class _Decision:
     served: bool = False  # who is on it has had the ride, and must get off before there is another
 
 
-class LiftOperator:
-    """Runs one lift.
+class LiftOperator(Machine):
+    """Runs one lift; it begins at the first stop."""
 
-    Attributes:
-        movers: what moves its platform.
-        building: True.
-    """
+    _decision: _Decision
 
     def __init__(self, lift: Lift) -> None:
-        """Begin at the first stop."""
         self._lift = lift
         self._turn = quaternion_from_rpy(0.0, 0.0, lift.yaw)
         legs = itertools.starmap(math.dist, itertools.pairwise(lift.stops))
@@ -51,7 +47,6 @@ class LiftOperator:
         self._decision = _Decision(Course(0.0, 0.0, 0.0, 0.0, lift.speed, lift.acceleration))
         self._waiting = [self._beside(stop) for stop in lift.stops]
         self.movers = (Mover(lift.name, self._pose),)
-        self.building = True
 
     @property
     def stop(self) -> int:
@@ -72,15 +67,6 @@ class LiftOperator:
         else:
             now = self._attend(time, now, aboard, presence)
         self._decision = now
-
-    def state(self) -> object:
-        """The last decision."""
-        return self._decision
-
-    def restore(self, state: object) -> None:
-        """Go back to an earlier decision."""
-        assert isinstance(state, _Decision)
-        self._decision = state
 
     # -- deciding ----------------------------------------------------------------------------
 

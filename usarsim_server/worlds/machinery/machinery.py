@@ -70,10 +70,17 @@ class Drive:
 class Spring:
     """What closes a door that is pushed open."""
 
-    mass: float  # of a leaf, kg
-    stiffness: float  # N m/rad
     damping: float  # N m s/rad
-    both_ways: bool  # it opens to either side
+    mass: float = field(absent=LEAF_WEIGHT, unit="kg", low=0.1, high=1000.0, help="of a leaf")
+    stiffness: float = field(
+        absent=LEAF_SPRING,
+        key="spring",
+        unit="N m/rad",
+        low=0.0,
+        high=1000.0,
+        help="that closes it",
+    )
+    both_ways: bool = field(default=False, help="it opens to either side")
 
 
 @dataclass(frozen=True, slots=True)
@@ -347,16 +354,10 @@ def _drive(table: Table, sliding: bool, opener: str) -> Drive:
 
 
 def _spring(table: Table, width: float) -> Spring:
-    mass = table.number("mass", LEAF_WEIGHT, low=0.1, high=1000.0)
-    stiffness = table.number("spring", LEAF_SPRING, low=0.0, high=1000.0)
+    spring = table.read(Spring, damping=0.0)
     # So that it closes without swinging: a thin plate on a hinge, critically damped.
-    critical = 2.0 * math.sqrt(max(stiffness, 0.1) * mass * width * width / 3.0)
-    return Spring(
-        mass=mass,
-        stiffness=stiffness,
-        damping=table.number("damping", critical, low=0.01, high=10_000.0),
-        both_ways=table.flag("both_ways", False),
-    )
+    critical = 2.0 * math.sqrt(max(spring.stiffness, 0.1) * spring.mass * width * width / 3.0)
+    return replace(spring, damping=table.number("damping", critical, low=0.01, high=10_000.0))
 
 
 def _timetable(table: Table) -> Timetable:

@@ -104,21 +104,17 @@ class _Decision:
         return self.going + (max(0.0, time - self.since) if self.moves else 0.0)
 
 
-class ObstacleDriver:
-    """Drives an obstacle that waits for whoever is before it.
+class ObstacleDriver(Machine):
+    """Drives an obstacle that waits for whoever is before it; doors open for it."""
 
-    Attributes:
-        movers: what moves it.
-        building: False: doors open for it.
-    """
+    building = False
+    _decision: _Decision
 
     def __init__(self, obstacle: Obstacle) -> None:
-        """Begin at the first point."""
         self._route = _Route(obstacle)
         self._size, self._distance = obstacle.size, obstacle.distance
         self._decision = _Decision(obstacle.delay, 0.0, moves=True)
         self.movers = (Mover(obstacle.name, self._pose),)
-        self.building = False
 
     def decide(self, time: float, presence: Presence) -> None:
         """Go while the way is free."""
@@ -129,15 +125,6 @@ class ObstacleDriver:
         free = not presence.touching(self._ahead(going))
         if free != now.moves:
             self._decision = _Decision(time, going, free)
-
-    def state(self) -> object:
-        """The last decision."""
-        return self._decision
-
-    def restore(self, state: object) -> None:
-        """Go back to an earlier decision."""
-        assert isinstance(state, _Decision)
-        self._decision = state
 
     def _pose(self, time: float) -> Pose:
         return self._route.pose(self._decision.at(time))

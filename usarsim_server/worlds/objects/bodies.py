@@ -1,9 +1,7 @@
-"""Classes of objects that a world controller can create, as plain values, and their file.
+"""Classes of objects that a world controller can create: their file, and their bodies at any scale.
 
 `worlds/objects.toml` holds the shipped classes; an `objects.toml` in a world folder adds classes
 for that world, or replaces shipped ones (docs/world-controller.md).
-
-From a class of objects to a body in the physics, at any scale.
 
 A piece that stays what it is when it is stretched (a box along its axes, a ball into an
 ellipsoid) is one of MuJoCo's own shapes; everything else becomes a convex mesh.
@@ -14,18 +12,17 @@ from __future__ import annotations
 import itertools
 import math
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from usarsim_server import errors
 from usarsim_server.errors import WorldError
 from usarsim_server.fields import field
-from usarsim_server.simulation.frames import Pose, Vector, quaternion_from_rpy
+from usarsim_server.simulation.frames import Array, Pose, Vector, quaternion_from_rpy
 from usarsim_server.simulation.model import RobotModel
 from usarsim_server.tables import Table
 from usarsim_server.toml import read_toml
@@ -69,14 +66,20 @@ class Part:
 class ObjectClass:
     """One class; its origin is the middle of its bounding box."""
 
-    name: str  # as clients call it, without package
     parts: tuple[Part, ...]  # what it is made of
     size: Vector  # extents (m) of the bounding box
     mass: float  # kg
-    color: Color  # red, green, blue
-    friction: float = 0.5  # sliding friction; of two things that touch the larger counts
-    rolling: float = 0.0  # length (m) of rolling resistance; 0 for things that do not roll
-    aliases: tuple[str, ...] = ()  # further names
+    name: str = field(
+        parse=Table.word, expects="a name", help="as clients call it, without package"
+    )
+    color: Color = field(default=(0.6, 0.6, 0.6), low=0.0, high=1.0, help="red, green, blue")
+    friction: float = field(
+        default=0.5, low=0.0, high=5.0, help="sliding; the larger of two counts"
+    )
+    rolling: float = field(default=0.0, low=0.0, high=1.0, help="m, resistance of what rolls")
+    aliases: tuple[str, ...] = field(
+        default=(), parse=Table.words, expects="a list of names", help="further names"
+    )
 
 
 class ObjectCatalog:
@@ -134,39 +137,31 @@ def _read_turned(table: Table) -> Pose:
 
 
 def _object_class(table: Table) -> ObjectClass:
-    name = table.word("name")
     parts = table.all("part", lambda part: part.read(Part, pose=_read_turned(part)))
     if parts and table.has("shape"):
         raise table.error("shape", "stands beside [[object.part]]", "keep one of the two")
     parts = parts or (table.read(Part, color=None),)
     middle, size = _bounding_box(parts)
-    return ObjectClass(
-        name=name,
+    return table.read(
+        ObjectClass,
         parts=tuple(
             replace(part, pose=Pose(_minus(part.pose.position, middle), part.pose.quaternion))
             for part in parts
         ),
         size=size,
         mass=table.number("mass", _weight(parts), low=_LIGHTEST, high=_HEAVIEST),
-        color=table.vector("color", (0.6, 0.6, 0.6), low=0.0, high=1.0),
-        friction=table.number("friction", 0.5, low=0.0, high=5.0),
-        rolling=table.number("rolling", 0.0, low=0.0, high=1.0),
-        aliases=table.words("aliases"),
     )
 
 
-def _bounding_box(parts: Iterable[Part]) -> tuple[Vector, Vector]:
+def _bounding_box(parts: Sequence[Part]) -> tuple[Vector, Vector]:
     """Middle and extents of the box around all parts."""
-    lower, upper = [math.inf] * 3, [-math.inf] * 3
-    for part in parts:
-        turn = abs(part.pose.matrix())
-        half = turn @ [extent / 2.0 for extent in part.size]
-        for axis in range(3):
-            lower[axis] = min(lower[axis], part.pose.position[axis] - float(half[axis]))
-            upper[axis] = max(upper[axis], part.pose.position[axis] + float(half[axis]))
-    middle = [(low + high) / 2.0 for low, high in zip(lower, upper, strict=True)]
-    size = [round(high - low, 9) for low, high in zip(lower, upper, strict=True)]
-    return (middle[0], middle[1], middle[2]), (size[0], size[1], size[2])
+    halves = [abs(part.pose.matrix()) @ (np.array(part.size) / 2.0) for part in parts]
+    places = [np.array(part.pose.position) for part in parts]
+    lower = np.min([place - half for place, half in zip(places, halves, strict=True)], axis=0)
+    upper = np.max([place + half for place, half in zip(places, halves, strict=True)], axis=0)
+    x, y, z = ((lower + upper) / 2.0).tolist()
+    a, b, c = (round(extent, 9) for extent in (upper - lower).tolist())
+    return (x, y, z), (a, b, c)
 
 
 DENSITY = 100.0
@@ -192,8 +187,6 @@ def _check_unique(sheet: Path, classes: Iterable[ObjectClass]) -> None:
                 raise WorldError(errors.at(sheet, problem, cure, where=f"[[object]] {one.name}"))
 
 
-Array = NDArray[np.float64]
-
 LARGEST_RIGID = 5.0
 """m: a rigid body that is larger would touch its neighbours where free slots are parked."""
 
@@ -215,11 +208,10 @@ def object_size(kind: ObjectClass, scale: Vector) -> Vector:
 def object_model(
     kind: ObjectClass, scale: Vector, rigid: bool, material: Material | None = None
 ) -> RobotModel:
-    """The body of an object as the simulation wants it.
+    """The body of an object of a class as the simulation wants it.
 
     Args:
-        kind: its class.
-        scale: factors along the axes of the class, all above 0.
+        kind, scale: the class, and factors along its axes, all above 0.
         rigid: forces move it; otherwise it stays where it is put, or goes its own way.
         material: looks that replace the class's own.
     """
@@ -324,8 +316,7 @@ def _points(part: Part) -> Array:
             heights = np.linspace(-math.pi / 2, math.pi / 2, RINGS + 1)[1:-1]
             rings = [_lift(ring * math.cos(height), math.sin(height)) for height in heights]
             unit = np.concatenate([*rings, [[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]])
-    points: Array = unit * half
-    return points
+    return unit * half
 
 
 def _lift(ring: Array, height: float) -> Array:

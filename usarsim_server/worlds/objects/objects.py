@@ -10,10 +10,11 @@ import math
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Unpack
 
 from usarsim_server.errors import SpawnError
 from usarsim_server.logs import Log
-from usarsim_server.protocol.values import clean_name, free_name, name_key
+from usarsim_server.protocol.values import clean_name, free_name, name_key, near
 from usarsim_server.simulation.frames import Pose, Vector, flip_point
 from usarsim_server.simulation.model import RobotModel
 from usarsim_server.simulation.movers import Way
@@ -29,6 +30,7 @@ from usarsim_server.worlds.objects.bodies import (
 from usarsim_server.worlds.objects.world_object import (
     Creation,
     Fall,
+    PathChange,
     Physics,
     Spin,
     WorldObject,
@@ -59,18 +61,13 @@ class WorldObjects:
     def __init__(
         self, catalog: ObjectCatalog, simulation: Simulation, lower: Vector, upper: Vector
     ) -> None:
-        """Start without objects.
-
-        Args:
-            catalog: the classes that can be asked for.
-            simulation: the world they are put into.
-            lower, upper: corners of the box that way points may be in, m.
-        """
+        """Start without objects; way points may be in the box from `lower` to `upper` (m)."""
         self._catalog = catalog
         self._simulation = simulation
         self._lower, self._upper = lower, upper
         self._lock = threading.Lock()
         self._objects: dict[str, WorldObject] = {}
+        self._homes: dict[int, Pose] = {}  # of the bodies that were created
         self._count = 0
 
     # -- looking -----------------------------------------------------------------------------
@@ -78,12 +75,10 @@ class WorldObjects:
     def present(self, snapshot: Snapshot | None = None) -> list[tuple[WorldObject, Pose]]:
         """All objects in the order of creation, with their poses in a snapshot or, if None, now."""
         snapshot = snapshot or self._simulation.look()
-        found = []
-        for one in tuple(self._objects.values()):
-            state = self._simulation.body(one.body).state(snapshot)
-            if state is not None:
-                found.append((one, state.pose))
-        return found
+        objects = tuple(self._objects.values())
+        states = [self._simulation.body(one.body).state(snapshot) for one in objects]
+        pairs = zip(objects, states, strict=True)
+        return [(one, state.pose) for one, state in pairs if state is not None]
 
     def find(self, name: str) -> WorldObject | None:
         """The object of a name, whatever its case; None if there is none."""
@@ -113,7 +108,8 @@ class WorldObjects:
             raise SpawnError(f"{problem}, {LONGEST_MEMORY} are possible")
         kind = self._catalog.find(wish.class_name)
         if kind is None:
-            raise SpawnError(f"there is no class {wish.class_name!r}")
+            names = [one.name for one in self._catalog.classes]
+            raise SpawnError(f"there is no class {wish.class_name!r}{near(wish.class_name, names)}")
         material = None
         if wish.material:
             material = self._catalog.material(wish.material)
@@ -141,9 +137,24 @@ class WorldObjects:
                 placed=not rigid,
             )
             self._keep(created)
+            self._homes[body] = placed
             if wish.physics is Physics.FALLING:
                 created = self._let_fall(created)
             return created
+
+    def ways_home(self) -> list[tuple[str, Callable[[], bool]]]:
+        """Names of all objects, and what puts each back to where it was created, if it is still
+        there; that raises `SpawnError` if something is in the way."""
+
+        def way(one: WorldObject, home: Pose) -> Callable[[], bool]:
+            return lambda: self.move(one.name, lambda _: home)
+
+        present = tuple(self._objects.values())
+        return [
+            (one.name, way(one, self._homes[one.body]))
+            for one in present
+            if one.body in self._homes
+        ]
 
     def kill(self, name: str) -> bool:
         """Remove one object, permanent or not; whether there was one."""
@@ -174,11 +185,8 @@ class WorldObjects:
     def move(self, name: str, change: Callable[[Pose], Pose]) -> bool:
         """Put an object somewhere else; whether there is one of that name.
 
-        If it follows a path it goes on to its next way point.
-
-        Args:
-            name: of the object.
-            change: makes the wanted pose from the present one.
+        `change` makes the wanted pose from the present one. If it follows a path it goes on to its
+        next way point.
 
         Raises:
             SpawnError: if the place is blocked.
@@ -211,29 +219,14 @@ class WorldObjects:
                 self._steer(one, turn)
             return one is not None
 
-    def set_path(
-        self,
-        name: str,
-        *,
-        speed: float | None = None,
-        loop: bool | None = None,
-        moving: bool | None = None,
-        reset_on_clear: bool | None = None,
-        clock: float | None = None,
-    ) -> bool:
-        """Change how an object follows its path, see `Path.changed`; whether there is one."""
-        limited = None if speed is None else min(max(speed, 0.0), FASTEST)
+    def set_path(self, name: str, **wanted: Unpack[PathChange]) -> bool:
+        """Change how an object follows its path; whether there is one."""
+        speed = wanted.get("speed")
+        if speed is not None:
+            wanted["speed"] = min(max(speed, 0.0), FASTEST)
 
         def adjust(one: WorldObject, time: float) -> WorldObject:
-            path = one.path.changed(
-                time,
-                speed=limited,
-                loop=loop,
-                moving=moving,
-                reset_on_clear=reset_on_clear,
-                clock=clock,
-            )
-            return replace(one, path=path)
+            return replace(one, path=one.path.changed(time, **wanted))
 
         with self._lock:
             one = self.find(name)
@@ -301,6 +294,7 @@ class WorldObjects:
         self._objects = {name: one for name, one in self._objects.items() if name not in names}
         for one in doomed:
             self._simulation.remove(one.body)
+            self._homes.pop(one.body, None)
         return len(doomed)
 
     def _forget_lost(self) -> None:

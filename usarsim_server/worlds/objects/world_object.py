@@ -15,12 +15,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cached_property
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 
 from usarsim_server.errors import SpawnError
 from usarsim_server.simulation.frames import (
     Pose,
+    Quaternion,
     Vector,
     flip_quaternion,
     quaternion_from_rpy,
@@ -31,11 +33,19 @@ from usarsim_server.simulation.rays.query import RayFan
 from usarsim_server.simulation.simulation import Simulation
 from usarsim_server.worlds.objects.bodies import Material, ObjectClass, object_size
 
-Quaternion = tuple[float, float, float, float]
-
-
 GRAVITY = 9.81
 """m/s^2."""
+
+
+class PathChange(TypedDict, total=False):
+    """Attributes of a `Path` to be changed; None: as before."""
+
+    speed: float | None
+    loop: bool | None
+    moving: bool | None
+    reset_on_clear: bool | None
+    clock: float | None
+    """s of travel since the start; sets the progress (protocol reference 3.14, Time)."""
 
 
 @dataclass(frozen=True)
@@ -80,31 +90,11 @@ class Path:
         corners = (self.start or (0.0, 0.0, 0.0), *self.points)
         return sum(itertools.starmap(math.dist, itertools.pairwise(corners)))
 
-    def changed(
-        self,
-        time: float,
-        *,
-        speed: float | None = None,
-        loop: bool | None = None,
-        moving: bool | None = None,
-        reset_on_clear: bool | None = None,
-        clock: float | None = None,
-    ) -> Path:
-        """The path with other parameters from a simulated time on.
-
-        Args:
-            time: now, s.
-            speed, loop, moving, reset_on_clear: as the attributes; None: as before.
-            clock: s of travel since the start; sets the progress (protocol reference 3.14, Time).
-        """
-        now = self._from(time)
-        now = replace(
-            now,
-            speed=self.speed if speed is None else speed,
-            loop=self.loop if loop is None else loop,
-            moving=self.moving if moving is None else moving,
-            reset_on_clear=self.reset_on_clear if reset_on_clear is None else reset_on_clear,
-        )
+    def changed(self, time: float, **wanted: Unpack[PathChange]) -> Path:
+        """The path with other parameters from a simulated time (s) on."""
+        clock = wanted.pop("clock", None)
+        given: dict[str, Any] = {key: value for key, value in wanted.items() if value is not None}
+        now = replace(self._from(time), **given)
         if clock is None:
             return now
         return replace(now, start=self.home, done=max(0.0, clock) * now.speed)
@@ -195,12 +185,9 @@ class Fall:
 
 
 def motion(pose: Pose, path: Path, spin: Spin | None, fall: Fall | None, time: float) -> Pose:
-    """Pose of an object at a simulated time.
+    """Pose of an object at a simulated time (s), from where it was put last.
 
-    Args:
-        pose: where it was put last.
-        path, spin, fall: how it moves from there; a path leads where it leads.
-        time: s.
+    A path leads where it leads.
     """
     x, y, z = pose.position
     if fall is not None:
@@ -308,13 +295,8 @@ FARTHEST = 1000.0
 def drop_below(simulation: Simulation, pose: Pose, size: Vector, body: int | None = None) -> float:
     """How far (m) an object can be lowered until something is below; negative: it has to rise.
 
-    The object counts as its bounding box, and only what is below its middle counts.
-
-    Args:
-        simulation: the world.
-        pose: of its middle.
-        size: extents along its own axes, m.
-        body: its number if it is in the world already.
+    It counts as its bounding box about the middle `pose`, and only what is below its middle counts.
+    `body` is its number if it is in the world already.
 
     Raises:
         SpawnError: if there is nothing below.
