@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import socket
 from functools import partial
-from types import TracebackType
 from typing import Self
 
 from usarsim_client.inbox import HangupError, Inbox, Line, Read, Take, Wanted
@@ -23,12 +22,7 @@ class Closing:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 

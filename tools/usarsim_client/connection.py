@@ -19,6 +19,20 @@ LITTLE = 4096
 """Bytes that a connection buffers that shall stop a server which it does not read."""
 
 
+class AsyncClosing:
+    """Something that is closed at the end of an `async with` block."""
+
+    async def close(self) -> None:
+        """End it."""
+        raise NotImplementedError
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.close()
+
+
 class Connection:
     """A connection; time limits are the caller's, by `asyncio.timeout`.
 
