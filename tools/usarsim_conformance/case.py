@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import itertools
+import secrets
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from typing import Any, NoReturn, TypeVar
@@ -45,6 +46,8 @@ class Run:
     places: Places  # where robots can be put
     slots: asyncio.Semaphore | None = None  # how many checks may be at work; None for any number
     numbers: itertools.count[int] = field(default_factory=lambda: itertools.count(1))
+    tag: str = field(default_factory=lambda: secrets.token_hex(3))
+    """Part of every robot's name: ComServer keeps the names of earlier runs for ever."""
     shared: dict[tuple[str, str], asyncio.Task[Any]] = field(default_factory=dict)
 
 
@@ -173,8 +176,8 @@ class Case:
         return bool(self._taken)
 
     def new_name(self) -> str:
-        """A robot name that nobody else has."""
-        return f"Kit{next(self.run.numbers)}"
+        """A robot name that nobody else has, nor had in an earlier run."""
+        return f"Kit{self.run.tag}x{next(self.run.numbers)}"
 
     @property
     def dialect_segment(self) -> str:
@@ -260,8 +263,7 @@ class Case:
     async def drive(self, robot: Robot, command: str, seconds: float) -> tuple[Pose, Pose]:
         """Where a robot is before a command and after a simulated time under it."""
         before = await robot.pose()
-        await robot.send(command)
-        await robot.run(seconds)
+        await robot.under(command, seconds=seconds)
         return before, await robot.pose()
 
     async def soon(self, happened: Callable[[], Awaitable[bool]], within: float) -> bool:

@@ -8,12 +8,13 @@ import contextlib
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
+from operator import attrgetter
 from pathlib import Path
 
 from usarsim_conformance.own_server import OwnServer, StartError, judge_classes, robot_classes
 from usarsim_conformance.own_server import as_table as as_class_table
 from usarsim_conformance.places import place_from
-from usarsim_conformance.planted import all_faults, select_faults
+from usarsim_conformance.planted import all_faults
 from usarsim_conformance.planted.trial import Outcome, as_table, try_faults
 from usarsim_conformance.registry import DIALECTS, Check, Failed, all_checks, select
 from usarsim_conformance.report import Report, as_json, from_json
@@ -29,9 +30,9 @@ from usarsim_conformance.reports import (
 from usarsim_conformance.runner import judge_all
 from usarsim_conformance.survey import GROUND, Target
 from usarsim_server import __version__
-from usarsim_server import files as atomic
 from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_server.errors import UsarsimError, at
+from usarsim_server.files import write_text
 
 _EPILOG = (
     "Exit code 0 if no rule that must be kept is broken, else 1. Side channels are judged if their "
@@ -153,7 +154,7 @@ def _plant(pattern: str, list_only: bool) -> int:
     Raises:
         UsarsimError: if nothing fits the pattern.
     """
-    faults = select_faults(all_faults(), pattern)
+    faults = select(all_faults(), pattern, attrgetter("name"))
     if not faults:
         cure = "see usarsim conformance --planted --list"
         raise UsarsimError(at("--planted", f"no fault fits {pattern!r}", cure))
@@ -275,7 +276,7 @@ def _write(folder: Path, report: Report) -> None:
 
 def _save(file: Path, text: str) -> None:
     try:
-        atomic.write_text(file, text)
+        write_text(file, text)
     except OSError as error:
         cure = "name a file in a folder that can be written"
         raise UsarsimError(at(file, f"cannot be written: {error.strerror}", cure)) from None

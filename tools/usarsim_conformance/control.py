@@ -235,11 +235,27 @@ class Robot:
                 return found
         raise Inconclusive(f"no STA has told that {seconds:g} s have passed")
 
+    async def under(self, *commands: str, seconds: float) -> list[Line]:
+        """Lines from when commands have been executed until this much simulated time later.
+
+        The question by which that is known goes with them in one write: however busy the machine
+        is, nothing that happens in between is missing.
+
+        Raises:
+            Inconclusive: if simulated time does not pass, or far too slowly.
+        """
+        await self.client.send(*commands, "GETSTARTPOSES")
+        await self._answered()
+        return await self.run(seconds)
+
     async def catch_up(self) -> None:
         """Read on to the reply to a request: all commands before it have been executed then, and
         what is read next was said after that."""
-        self._commanded = False
         await self.client.send("GETSTARTPOSES")
+        await self._answered()
+
+    async def _answered(self) -> None:
+        self._commanded = False
         await self.client.maybe("NFO {StartPoses")
 
     async def _clock(self, found: list[Line]) -> float:

@@ -294,8 +294,9 @@ async def drive_about(case: Case, class_name: str) -> Excursion:
         begun = len(robot.client.lines)
         for name, left, right, seconds in _DRIVES:
             command = (left * speed, right * speed)
-            await robot.send("DRIVE {{Left {:.4f}}} {{Right {:.4f}}}".format(*command))
-            stretches.append(Stretch(name, command, Track(await robot.run(seconds))))
+            text = "DRIVE {{Left {:.4f}}} {{Right {:.4f}}}".format(*command)
+            lines = await robot.under(text, seconds=seconds)
+            stretches.append(Stretch(name, command, Track(lines)))
         return _told(worn, radius, separation, stretches, robot.client.lines[begun:])
 
     return await case.shared(f"{class_name} driven about", drive)
@@ -336,11 +337,11 @@ async def fly_about(case: Case, class_name: str) -> Excursion:
         stretches: list[Stretch] = []
         begun = len(robot.client.lines)
         for name, up, ahead, right, turn, seconds in _FLIGHTS:
-            await robot.send(
+            text = (
                 f"DRIVE {{AltitudeVelocity {up}}} {{LinearVelocity {ahead}}}"
                 f" {{LateralVelocity {right}}} {{RotationalVelocity {turn * unit:.3f}}}"
             )
-            lines = await robot.run(seconds)
+            lines = await robot.under(text, seconds=seconds)
             stretches.append(Stretch(name, (up, ahead, right, turn), Track(lines)))
         told = _told(worn, math.nan, math.nan, stretches, robot.client.lines[begun:])
         (_, start), *_, (_, end) = told.stretches[0].track.true_poses

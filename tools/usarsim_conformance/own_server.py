@@ -6,6 +6,7 @@ from __future__ import annotations
 import asyncio
 import os
 import re
+import signal
 import subprocess
 import sys
 import tempfile
@@ -27,7 +28,9 @@ _USARSIM = (sys.executable, "-m", "usarsim_server.cli")
 _PORTS = ("", "image-", "groundtruth-", "wireless-", "comserver-", "truth-")
 _MOST_ROBOTS = 32
 _PATIENCE = 10.0
-"""s to end after SIGTERM."""
+"""s to end after a signal."""
+_WORDS = 20_000
+"""Characters of the last words: the stacks of some dozen threads."""
 
 
 class StartError(RuntimeError):
@@ -56,6 +59,9 @@ class OwnServer(Closing):
         command += ["--robots", str(STAGE / "robots")]
         # On a busy machine robots that have left may be counted a little longer.
         command += ["--max-robots", str(_MOST_ROBOTS)]
+        environment = {**os.environ, "PYTHONFAULTHANDLER": "1"}
+        if folder is not None:
+            environment["PYTHONPATH"] = str(folder)
         self._errors = tempfile.TemporaryFile("w+")  # noqa: SIM115  (closed by `stop`)
         self._process = subprocess.Popen(
             [*command, *ports, *options],
@@ -63,7 +69,7 @@ class OwnServer(Closing):
             stderr=self._errors,
             text=True,
             cwd=folder,
-            env=None if folder is None else {**os.environ, "PYTHONPATH": str(folder)},
+            env=environment,
         )
         assert self._process.stdout is not None
         ready = self._process.stdout.readline()
@@ -85,14 +91,15 @@ class OwnServer(Closing):
         """Whether it has ended by itself."""
         return self._process.poll() is not None
 
+    def last_words(self) -> str:
+        """End a server that hangs: the end of what it wrote, then where each thread stands."""
+        self._end(signal.SIGABRT)
+        self._errors.seek(0)
+        return self._errors.read()[-_WORDS:]
+
     def stop(self) -> None:
         """End it."""
-        self._process.terminate()
-        try:
-            self._process.wait(_PATIENCE)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        self._end(signal.SIGTERM)
         assert self._process.stdout is not None
         self._process.stdout.close()
         self._errors.close()
@@ -100,6 +107,14 @@ class OwnServer(Closing):
     def close(self) -> None:
         """See `stop`."""
         self.stop()
+
+    def _end(self, how: signal.Signals) -> None:
+        self._process.send_signal(how)
+        try:
+            self._process.wait(_PATIENCE)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
 
 
 def robot_classes() -> list[str]:

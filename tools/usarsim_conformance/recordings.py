@@ -269,8 +269,7 @@ async def _drive(case: Case) -> Drive:
     await robot.run(0.6)  # settle
     for name, left, right, seconds in _PHASES:
         command = f"DRIVE {{Left {left * speed:.4f}}} {{Right {right * speed:.4f}}}"
-        await robot.send(command)
-        lines = await robot.run(seconds)
+        lines = await robot.under(command, seconds=seconds)
         poses = _poses(lines)
         drive.phases[name] = Phase(command, lines, *(poses[0], poses[-1]) if poses else ())
     return drive

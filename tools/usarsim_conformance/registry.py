@@ -14,7 +14,8 @@ from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass
 from enum import Enum
 from functools import partial
-from typing import TYPE_CHECKING
+from operator import attrgetter
+from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
     from usarsim_conformance.case import Case
@@ -159,20 +160,26 @@ def all_checks() -> tuple[Check, ...]:
     )
 
 
-def select(checks: Iterable[Check], pattern: str | None) -> tuple[Check, ...]:
-    """Those whose identifier a pattern fits.
+Named = TypeVar("Named")
+
+
+def select(
+    named: Iterable[Named], pattern: str | None, name: Callable[[Named], str] = attrgetter("id")
+) -> tuple[Named, ...]:
+    """Those checks, or faults, whose name a pattern fits.
 
     Args:
-        checks: to choose from.
+        named: to choose from.
         pattern: with `*` and `?`; several with commas between them. A plain word fits wherever it
-            stands in the identifier. None fits all.
+            stands in the name. None fits all.
+        name: of one of them, by default its identifier.
     """
     if pattern is None:
-        return tuple(checks)
+        return tuple(named)
     words = [word.strip() for word in pattern.split(",") if word.strip()]
     globs = [word if any(sign in word for sign in "*?[") else f"*{word}*" for word in words]
     return tuple(
-        check for check in checks if any(fnmatch.fnmatchcase(check.id, glob) for glob in globs)
+        one for one in named if any(fnmatch.fnmatchcase(name(one), glob) for glob in globs)
     )
 
 
@@ -218,4 +225,8 @@ def _check(
     )
 
 
-control = checks_of("control", reference="protocol reference", dialects=DIALECTS)
+control, once, unreal, ut2004, udk, gazebo = (
+    checks_of("control", reference="protocol reference", dialects=dialects)
+    for dialects in (DIALECTS, ONCE, UNREAL, UT2004, UDK, GAZEBO)
+)
+"""Decorators of checks of the control port, in every dialect and in some of them only."""

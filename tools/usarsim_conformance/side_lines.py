@@ -26,6 +26,25 @@ CARRIES = 30.0
 LEAVES = 6.0
 """s of simulated time until a hangup, or a robot that left, must be known everywhere; the original
 looks once per second (side channels reference 4.6)."""
+_ANSWERS = 40
+"""Answers of a wireless simulation during which it must have looked."""
+_CALM = 0.25  # s of wall time before each of these questions
+
+
+async def dropped(wire: Wire, witness: LineClient) -> bool:
+    """Whether the wireless simulation hangs up on who is not in the simulator.
+
+    It is a program of its own that looks by the clock on the wall, and simulated seconds may pass
+    in an instant. So it counts as blind only when it has answered a registered witness again and
+    again, as it does in the same loop as it looks, and simulated time has passed besides: one that
+    is held up answers late, too.
+    """
+    for _ in range(_ANSWERS):
+        if await wire.hung_up(0.0):
+            return True
+        await asyncio.sleep(_CALM)
+        await witness.ask("GETSS {Robot Nobody?}")
+    return await wire.hung_up(LEAVES)
 
 
 def split_reply(line: str) -> tuple[str, list[dict[str, str]]]:

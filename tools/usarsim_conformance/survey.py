@@ -150,6 +150,9 @@ class _Visit:
             return client, await client.maybe("STA", within)
         except Failed:
             return client, None
+        except BaseException:
+            client.close()
+            raise
 
 
 async def _welcome(client: ControlClient) -> tuple[Line | None, list[Place]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import math
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass, field
@@ -76,13 +77,34 @@ class Leg:
         return (last.yaw - first.yaw) / (last.time - first.time)
 
     @property
-    def gone(self) -> tuple[float, float]:
-        """How far ahead and to the right it went in all, m, as seen from its place at the begin."""
+    def gone(self) -> float:
+        """How far it went, m, as the crow flies."""
         self._steady()
-        first, last = self.moments[0], self.moments[-1]
-        x, y = (b - a for a, b in zip(first.location[:2], last.location[:2], strict=True))
-        cos, sin = math.cos(first.yaw), math.sin(first.yaw)
-        return cos * x + sin * y, cos * y - sin * x
+        return self._away(self.moments[-1])
+
+    def took(self, near: float, far: float) -> float:
+        """s from when it was so far from its first place to when it was farther; between reports
+        by a straight line. Unlike how far it comes in a time, this does not depend on when its
+        first report came after the command.
+
+        Args:
+            near: m.
+            far: m, at most `gone`.
+        """
+        passed = []
+        for wanted in (near, far):
+            for before, after in itertools.pairwise(self.moments):
+                a, b = self._away(before), self._away(after)
+                if a <= wanted <= b and b > a:
+                    share = (wanted - a) / (b - a)
+                    passed.append(before.time + share * (after.time - before.time))
+                    break
+        if len(passed) < 2:
+            raise Inconclusive(f"it does not go from {near:.2f} to {far:.2f} m on a straight way")
+        return passed[1] - passed[0]
+
+    def _away(self, moment: Moment) -> float:
+        return math.dist(self.moments[0].location, moment.location)
 
     @property
     def roll(self) -> float:
@@ -145,8 +167,7 @@ def moments_of(lines: Sequence[Line]) -> list[Moment]:
 
 async def ride(robot: Robot, command: str, seconds: float) -> Leg:
     """What a robot does under a command for a simulated time, from when it was executed."""
-    await robot.send(command)
-    lines = await robot.run(seconds)
+    lines = await robot.under(command, seconds=seconds)
     return Leg(command, lines, moments_of(lines))
 
 

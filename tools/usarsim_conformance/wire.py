@@ -217,6 +217,11 @@ class Wire:
         Raises:
             Hangup: if the connection ends.
         """
+        reading, self._reading = self._reading, None
+        # One that was begun and not waited for has what comes next.
+        return await (self._next() if reading is None else reading)
+
+    async def _next(self) -> bytes:
         try:
             data = await self._connection.receive()
         except OSError as error:
@@ -258,7 +263,7 @@ class Wire:
 
     async def _receive(self, moment: float) -> bytes:
         if self._reading is None:
-            self._reading = asyncio.create_task(self.receive())
+            self._reading = asyncio.create_task(self._next())
             self._reading.add_done_callback(_noticed)
         # Never cancelled by a time limit: nothing that has come may be lost.
         if not await self.clock.wait(self._reading, moment):

@@ -200,8 +200,7 @@ async def poses(case: Case) -> None:
             if command and not flies:
                 continue
             if command:
-                await robot.send(command)
-                await robot.run(1.6)
+                await robot.under(command, seconds=1.6)
             reports = [line for line in await robot.run(0.3) if line.type == "GroundTruth"]
             if not reports:
                 case.skip(f"{robot.class_name} has no GroundTruth")

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 from usarsim_conformance.case import Case
 from usarsim_conformance.control import Robot
-from usarsim_conformance.registry import UDK, UNREAL, Severity, control
+from usarsim_conformance.registry import Severity, udk, unreal
 from usarsim_conformance.trips import Trip, near, of_classes, on_open_floor, ride
 
 QUADROTORS = ("AirRobot", "ARDrone")
@@ -108,11 +108,10 @@ async def _axis(case: Case, axis: str, plus: str, minus: str, wanted: float) -> 
             )
 
 
-@control(
+@unreal(
     "aerial.altitude-velocity",
     "AltitudeVelocity is m/s upwards",
     "3.4.4; robots reference 5.2, no. 42",
-    dialects=UNREAL,
 )
 async def altitude(case: Case) -> None:
     """With AltitudeVelocity v alone an aircraft climbs at v m/s, with -v it sinks, and nothing else
@@ -120,11 +119,8 @@ async def altitude(case: Case) -> None:
     await _axis(case, "AltitudeVelocity", "up", "down", _SPEED)
 
 
-@control(
-    "aerial.linear-velocity",
-    "LinearVelocity is m/s ahead",
-    "3.4.4; robots reference 5.2, no. 42",
-    dialects=UNREAL,
+@unreal(
+    "aerial.linear-velocity", "LinearVelocity is m/s ahead", "3.4.4; robots reference 5.2, no. 42"
 )
 async def linear(case: Case) -> None:
     """With LinearVelocity v alone an aircraft flies ahead at v m/s, with -v backwards, and nothing
@@ -132,11 +128,10 @@ async def linear(case: Case) -> None:
     await _axis(case, "LinearVelocity", "ahead", "behind", _SPEED)
 
 
-@control(
+@unreal(
     "aerial.lateral-velocity",
     "LateralVelocity is m/s to the right",
     "3.4.4; robots reference 5.2, no. 42",
-    dialects=UNREAL,
 )
 async def lateral(case: Case) -> None:
     """With LateralVelocity v alone an aircraft flies to the right at v m/s, with -v to the left,
@@ -144,11 +139,10 @@ async def lateral(case: Case) -> None:
     await _axis(case, "LateralVelocity", "right", "left", _SPEED)
 
 
-@control(
+@unreal(
     "aerial.rotational-velocity",
     "RotationalVelocity turns clockwise at its rate",
     "3.4.4 and 6, no. 152; robots reference 5.2, no. 44",
-    dialects=UNREAL,
 )
 async def rotational(case: Case) -> None:
     """With RotationalVelocity v alone an aircraft turns clockwise at v, with -v anticlockwise:
@@ -156,9 +150,7 @@ async def rotational(case: Case) -> None:
     await _axis(case, "RotationalVelocity", "clockwise", "anticlockwise", _SPIN)
 
 
-@control(
-    "aerial.percent", "CONF tells what percent are of", "3.4.4", Severity.SHOULD, dialects=UNREAL
-)
+@unreal("aerial.percent", "CONF tells what percent are of", "3.4.4", Severity.SHOULD)
 async def percent(case: Case) -> None:
     """`{Normalized true}` with 50 on one axis gives half of what CONF names as its maximum, if it
     does (MaxLinearVelocity and so on); an AirRobot does 2 m/s and 100 degrees per second. Within 12
@@ -184,12 +176,11 @@ async def percent(case: Case) -> None:
         case.skip("CONF names no largest velocities")
 
 
-@control(
+@unreal(
     "aerial.pitches",
     "Flying ahead the nose goes down",
     "3.4.4; robots reference 5.2, no. 43",
     Severity.SHOULD,
-    dialects=UNREAL,
 )
 async def pitches(case: Case) -> None:
     """An AirRobot that flies ahead has its nose down by 25 degrees, backwards up; others by MaxTilt
@@ -197,13 +188,7 @@ async def pitches(case: Case) -> None:
     await _leans(case, "pitch", (("ahead", -1.0), ("behind", 1.0)))
 
 
-@control(
-    "aerial.rolls",
-    "Flying to the right the right side goes down",
-    "3.4.4",
-    Severity.SHOULD,
-    dialects=UNREAL,
-)
+@unreal("aerial.rolls", "Flying to the right the right side goes down", "3.4.4", Severity.SHOULD)
 async def rolls(case: Case) -> None:
     """An AirRobot that flies to the right has its right side down by 25 degrees, to the left its
     left side; others by MaxTilt of CONF, if it names one, and never the other way."""
@@ -229,13 +214,7 @@ async def _leans(case: Case, angle: str, legs: tuple[tuple[str, float], ...]) ->
             )
 
 
-@control(
-    "aerial.lean-angles",
-    "PitchAngle and RollAngle are degrees",
-    "3.4.4",
-    Severity.SHOULD,
-    dialects=UDK,
-)
+@udk("aerial.lean-angles", "PitchAngle and RollAngle are degrees", "3.4.4", Severity.SHOULD)
 async def lean_angles(case: Case) -> None:
     """`DRIVE {PitchAngle 12}` raises the nose by 12 degrees, `{RollAngle 12}` lowers the right
     side by 12 degrees."""
@@ -249,7 +228,7 @@ async def lean_angles(case: Case) -> None:
             )
 
 
-@control("aerial.keeps", "Absent segments keep their value", "3.4.4", dialects=UNREAL)
+@unreal("aerial.keeps", "Absent segments keep their value", "3.4.4")
 async def keeps(case: Case) -> None:
     """LinearVelocity stays in force when LateralVelocity alone is sent after it."""
     for trip in await _flights(case):

@@ -9,12 +9,12 @@ import re
 from usarsim_conformance.case import PATIENCE, Case
 from usarsim_conformance.control import Robot
 from usarsim_conformance.recordings import ground_told, items_of, standing, told
-from usarsim_conformance.registry import GAZEBO, ONCE, UDK, UNREAL, Severity, control
+from usarsim_conformance.registry import Severity, control, gazebo, once, udk, unreal
 
 _N4 = r"-?\d+\.\d{4}"
 
 
-@control("conf.ground", "CONF of ground vehicles", "6, no. 130", dialects=UNREAL)
+@unreal("conf.ground", "CONF of ground vehicles", "6, no. 130")
 async def conf_ground(case: Case) -> None:
     """A ground vehicle's CONF has SteeringType, Mass, MaxSpeed, MaxTorque, MaxFrontSteer,
     MaxRearSteer in this order; Type and Name come first, in ut2004 Type before Name, in udk
@@ -25,13 +25,7 @@ async def conf_ground(case: Case) -> None:
     case.expect(line.names == first + rest, f"other segments: {line}")
 
 
-@control(
-    "conf.ground-gazebo",
-    "CONF in the form of the Gazebo prototype",
-    "4.15",
-    Severity.SHOULD,
-    dialects=GAZEBO,
-)
+@gazebo("conf.ground-gazebo", "CONF in the form of the Gazebo prototype", "4.15", Severity.SHOULD)
 async def conf_gazebo(case: Case) -> None:
     """In the prototype's form Type comes before Name and nothing stands between segments."""
     line = await ground_told(case, "GETCONF")
@@ -39,7 +33,7 @@ async def conf_gazebo(case: Case) -> None:
     case.expect("} {" not in line.text, f"blanks between segments: {line}")
 
 
-@control("conf.numbers", "Numbers of CONF", "2.2 and 4.8", Severity.SHOULD, dialects=UNREAL)
+@unreal("conf.numbers", "Numbers of CONF", "2.2 and 4.8", Severity.SHOULD)
 async def conf_numbers(case: Case) -> None:
     """Numbers of the robot's CONF have four digits; steering limits of skid steered robots may be
     a plain 0 in udk."""
@@ -67,7 +61,7 @@ async def plausible(case: Case) -> None:
         case.expect(0.0 < value <= most, f"{name} is {line.get(name)}")
 
 
-@control("conf.class-name", "The name is the class", "6, no. 133", dialects=UNREAL)
+@unreal("conf.class-name", "The name is the class", "6, no. 133")
 async def class_name(case: Case) -> None:
     """Name in vehicle CONF and GEO is the class name, without package."""
     for command in ("GETCONF", "GETGEO"):
@@ -76,7 +70,7 @@ async def class_name(case: Case) -> None:
         case.expect(name.lower() == case.robot_class.lower(), f"Name is {name!r}: {line}")
 
 
-@control("conf.scanner", "CONF of RangeScanner", "6, no. 136", dialects=UNREAL)
+@unreal("conf.scanner", "CONF of RangeScanner", "6, no. 136")
 async def conf_scanner(case: Case) -> None:
     """RangeScanner CONF has MaxRange, MinRange, Resolution, Fov with exactly this case, before
     the panning flags."""
@@ -86,7 +80,7 @@ async def conf_scanner(case: Case) -> None:
     case.expect(line.names[start : start + 4] == wanted, f"other segments: {line}")
 
 
-@control("conf.panning", "Paning and Panning", "5.2, no. 11", Severity.INFORMATIVE, dialects=UNREAL)
+@unreal("conf.panning", "Paning and Panning", "5.2, no. 11", Severity.INFORMATIVE)
 async def panning(case: Case) -> None:
     """The panning flag is spelled Paning in ut2004 and Panning in udk."""
     line = await told(case, "GETCONF", "RangeScanner")
@@ -104,7 +98,7 @@ async def scanner_agrees(case: Case) -> None:
             case.expect(gap <= 0.01 * abs(line.number(sent)), f"{key}: {conf}, but {line}")
 
 
-@control("conf.sonar", "CONF of Sonar", "6, no. 137", dialects=UNREAL)
+@unreal("conf.sonar", "CONF of Sonar", "6, no. 137")
 async def conf_sonar(case: Case) -> None:
     """Sonar CONF contains MaxRange and MinRange of every item."""
     line = await told(case, "GETCONF", "Sonar")
@@ -112,7 +106,7 @@ async def conf_sonar(case: Case) -> None:
         case.expect({"MaxRange", "MinRange"} <= set(item), f"{item['Name']} lacks them: {line}")
 
 
-@control("conf.camera", "CONF of Camera", "6, no. 138", dialects=UNREAL)
+@unreal("conf.camera", "CONF of Camera", "6, no. 138")
 async def conf_camera(case: Case) -> None:
     """Camera CONF contains CameraDefFov, CameraMinFov, CameraMaxFov, CameraFov, in radians in
     ut2004 and in degrees in udk."""
@@ -127,7 +121,7 @@ async def conf_camera(case: Case) -> None:
     case.expect(degrees == (case.dialect == "udk"), f"in the wrong unit: {line}")
 
 
-@control("conf.actuator", "CONF of Actuator", "6, no. 139", dialects=UDK)
+@udk("conf.actuator", "CONF of Actuator", "6, no. 139")
 async def conf_actuator(case: Case) -> None:
     """Actuator CONF numbers links from 1 and gives JointType, MaxTorque, MinValue, MaxValue of
     each."""
@@ -139,7 +133,7 @@ async def conf_actuator(case: Case) -> None:
     case.expect(line.get("Link") == "1", f"links do not begin with 1: {line}")
 
 
-@control("conf.aerial", "CONF of aerial robots has a Type", "5.2, no. 17", dialects=UNREAL)
+@unreal("conf.aerial", "CONF of aerial robots has a Type", "5.2, no. 17")
 async def conf_aerial(case: Case) -> None:
     """CONF and GEO of an aerial robot have Type AerialVehicle in every dialect."""
     robot = await case.spawn("aerial")
@@ -213,7 +207,7 @@ async def by_type(case: Case) -> None:
             case.expect(wanted <= told, f"{command} {{Type {type}}} lacks {wanted - told}: {line}")
 
 
-@control("conf.no-match", "Nothing matches, nothing is said", "6, no. 126", dialects=UNREAL)
+@unreal("conf.no-match", "Nothing matches, nothing is said", "6, no. 126")
 async def no_match(case: Case) -> None:
     """A request with unknown Type or Name gives no line."""
     robot = await case.spawn()
@@ -242,7 +236,7 @@ async def canonical(case: Case) -> None:
     case.expect(line.type == types[0], f"{line.type!r} instead of {types[0]!r}")
 
 
-@control("conf.both-names", "MisPkg and Actuator both answer", "6, no. 141", dialects=UNREAL)
+@unreal("conf.both-names", "MisPkg and Actuator both answer", "6, no. 141")
 async def both_names(case: Case) -> None:
     """GETCONF of MisPkg and of Actuator are both answered for a robot with an arm."""
     robot = await case.spawn("arm")
@@ -250,7 +244,7 @@ async def both_names(case: Case) -> None:
         await robot.client.ask(f"GETCONF {{Type {type}}}", f"CONF {{Type {type}")
 
 
-@control("conf.next-line", "The CONF is the next line", "6, no. 142", dialects=ONCE)
+@once("conf.next-line", "The CONF is the next line", "6, no. 142")
 async def next_line(case: Case) -> None:
     """After INIT and `GETCONF {Type Actuator}` in one packet the next line after the greeting is
     the CONF: one client reads exactly one line."""
@@ -278,11 +272,10 @@ async def _lens(case: Case, robot: Robot) -> tuple[str, list[float]]:
     return line.items()[0]["Name"], [line.number(key) / unit for key in _KEYS]
 
 
-@control(
+@unreal(
     "values.camera-zoom",
     "Zoom sets the angle of view",
     "robots reference 2.7; protocol reference 4.8",
-    dialects=UNREAL,
 )
 async def camera_zoom(case: Case) -> None:
     """A Zoom, in rad, becomes CameraFov of CONF, but for CameraMinFov and CameraMaxFov, which it

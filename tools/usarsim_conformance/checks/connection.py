@@ -11,7 +11,7 @@ from usarsim_conformance.control import REPLY, ControlClient
 from usarsim_conformance.lines import Line
 from usarsim_conformance.places import LEAVES
 from usarsim_conformance.recordings import standing
-from usarsim_conformance.registry import ONCE, UNREAL, Severity, control
+from usarsim_conformance.registry import Severity, control, once, unreal
 from usarsim_conformance.survey import dialect_of
 from usarsim_conformance.wire import Wire
 
@@ -19,7 +19,7 @@ _SILENCE = 5.0
 _CROWD = 40
 
 
-@control("connection.greeting", "Greets whoever connects, with one line", "6, no. 2", dialects=ONCE)
+@once("connection.greeting", "Greets whoever connects, with one line", "6, no. 2")
 async def greeting(case: Case) -> None:
     """Soon after accept, before any input, the server sends exactly one line, the game NFO."""
     client = await case.connect(greet=False)
@@ -30,12 +30,7 @@ async def greeting(case: Case) -> None:
     case.expect(not more, f"a second line was sent: {more[:1]}")
 
 
-@control(
-    "connection.greeting-segments",
-    "The greeting has Gametype, Level, TimeLimit",
-    "6, no. 3",
-    dialects=ONCE,
-)
+@once("connection.greeting-segments", "The greeting has Gametype, Level, TimeLimit", "6, no. 3")
 async def greeting_segments(case: Case) -> None:
     """The greeting has exactly the segments Gametype, Level, TimeLimit in this order, and
     TimeLimit is an integer."""
@@ -46,13 +41,7 @@ async def greeting_segments(case: Case) -> None:
     case.expect(re.fullmatch(r"\d+", limit), f"TimeLimit is {limit!r}, no integer")
 
 
-@control(
-    "connection.greeting-level",
-    "The level is a bare name",
-    "6, no. 4",
-    Severity.SHOULD,
-    dialects=ONCE,
-)
+@once("connection.greeting-level", "The level is a bare name", "6, no. 4", Severity.SHOULD)
 async def greeting_level(case: Case) -> None:
     """The Level of the greeting is not empty and has no suffix `.LevelInfo`."""
     client = await case.connect(greet=False)
@@ -61,7 +50,7 @@ async def greeting_level(case: Case) -> None:
     case.expect(".levelinfo" not in level.lower(), f"Level is {level!r}")
 
 
-@control("connection.quiet", "Says nothing to a silent client", "6, no. 5", dialects=ONCE)
+@once("connection.quiet", "Says nothing to a silent client", "6, no. 5")
 async def quiet(case: Case) -> None:
     """After the greeting nothing is sent on a connection that sends no command."""
     client = await case.connect()
@@ -95,7 +84,7 @@ async def blanks(case: Case) -> None:
         case.expect(line.text == line.text.strip(" "), f"a blank at the edge: {line.raw[:200]!r}")
 
 
-@control("connection.separation", "One blank between segments", "6, no. 9", dialects=UNREAL)
+@unreal("connection.separation", "One blank between segments", "6, no. 9")
 async def separation(case: Case) -> None:
     """Between a closing brace and the next opening one there is exactly one blank, and one
     between head and first brace. (The camera CONF of the udk dialect is glued by tradition.)"""
@@ -136,13 +125,8 @@ async def whole_lines(case: Case) -> None:
     case.expect(share < 0.05, f"{recording.torn} reads ended in the middle of a line")
 
 
-@control(
-    "connection.crowd",
-    f"Serves {_CROWD} connections",
-    "6, no. 12",
-    Severity.SHOULD,
-    dialects=ONCE,
-    exclusive=True,
+@once(
+    "connection.crowd", f"Serves {_CROWD} connections", "6, no. 12", Severity.SHOULD, exclusive=True
 )
 async def crowd(case: Case) -> None:
     """Dozens of connections at a time are greeted and answered."""
@@ -154,7 +138,7 @@ async def crowd(case: Case) -> None:
     case.expect(not mute, f"{mute} of {_CROWD} connections were not answered")
 
 
-@control("connection.come-and-go", "Short connections do no harm", "6, no. 14", dialects=ONCE)
+@once("connection.come-and-go", "Short connections do no harm", "6, no. 14")
 async def come_and_go(case: Case) -> None:
     """Clients that connect and leave at once, politely or with a reset, leave the server well."""
     for number in range(20):
@@ -166,13 +150,7 @@ async def come_and_go(case: Case) -> None:
     case.expect(await (await case.connect()).is_alive(), "a later connection is not answered")
 
 
-@control(
-    "connection.half-close",
-    "A half-closed connection is closed",
-    "6, no. 14",
-    Severity.SHOULD,
-    dialects=ONCE,
-)
+@once("connection.half-close", "A half-closed connection is closed", "6, no. 14", Severity.SHOULD)
 async def half_close(case: Case) -> None:
     """If the client ends its half of the connection, the server ends the other within seconds."""
     robot = await case.spawn()
@@ -180,7 +158,7 @@ async def half_close(case: Case) -> None:
     case.expect(await robot.client.wire.hung_up(REPLY), f"the server went on for {REPLY:g} s")
 
 
-@control("connection.again", "The same INIT works again after closing", "6, no. 15", dialects=ONCE)
+@once("connection.again", "The same INIT works again after closing", "6, no. 15")
 async def again(case: Case) -> None:
     """After the client has closed, the same INIT can be repeated on a new connection, whether the
     first ended politely or with a reset."""
@@ -198,7 +176,7 @@ def _reset(client: ControlClient) -> None:
     client.wire.reset()
 
 
-@control("connection.leaves", "A robot leaves with its connection", "6, no. 13", dialects=ONCE)
+@once("connection.leaves", "A robot leaves with its connection", "6, no. 13")
 async def leaves(case: Case) -> None:
     """Closing the socket removes the robot from the world within 1 s."""
     robot = await case.spawn()
@@ -241,7 +219,7 @@ async def _streamed(case: Case, *commands: str) -> Line:
     return await client.wait(lambda line: line.head == "STA", PATIENCE, "STA")
 
 
-@control("dialect.default", "A UT2004 robot speaks ut2004", "6, no. 174", dialects=ONCE)
+@once("dialect.default", "A UT2004 robot speaks ut2004", "6, no. 174")
 async def default(case: Case) -> None:
     """INIT with ClassName of a UT2004 robot and nothing else gives ut2004 shapes."""
     robot = await _u4_class(case)
@@ -250,7 +228,7 @@ async def default(case: Case) -> None:
     case.expect(dialect_of(line) == "ut2004", f"{line}")
 
 
-@control("dialect.classname", "Classname switches to udk", "6, no. 173", dialects=ONCE)
+@once("dialect.classname", "Classname switches to udk", "6, no. 173")
 async def classname(case: Case) -> None:
     """INIT with `Classname` gives udk shapes from the first streamed line."""
     robot = await _u4_class(case)
@@ -259,7 +237,7 @@ async def classname(case: Case) -> None:
     case.expect(dialect_of(line) == "udk", f"{line}")
 
 
-@control("dialect.actuator", "GETCONF of Actuator switches to udk", "6, no. 175", dialects=ONCE)
+@once("dialect.actuator", "GETCONF of Actuator switches to udk", "6, no. 175")
 async def actuator(case: Case) -> None:
     """`GETCONF {Type Actuator}` directly after INIT switches to udk."""
     robot = await _u4_class(case)
@@ -270,7 +248,7 @@ async def actuator(case: Case) -> None:
     case.expect(dialect_of(line) == "udk", f"{line}")
 
 
-@control("dialect.forced", "Dialect forces a dialect", "6, no. 176", dialects=UNREAL)
+@unreal("dialect.forced", "Dialect forces a dialect", "6, no. 176")
 async def forced(case: Case) -> None:
     """`{Dialect udk}` or `{Dialect ut2004}` in INIT forces the dialect and ends automatic
     change."""
@@ -285,7 +263,7 @@ async def forced(case: Case) -> None:
     case.expect(dialect_of(line) == case.dialect, f"{line}")
 
 
-@control("dialect.side-by-side", "Two dialects at a time", "6, no. 178", dialects=ONCE)
+@once("dialect.side-by-side", "Two dialects at a time", "6, no. 178")
 async def side_by_side(case: Case) -> None:
     """Two connections with different dialects work at the same time, with robots of the same
     class."""
@@ -303,7 +281,7 @@ async def side_by_side(case: Case) -> None:
             case.expect(dialect_of(line) == dialect, f"not {dialect}: {line}")
 
 
-@control("dialect.steady", "A dialect does not flicker", "5.3", Severity.SHOULD, dialects=UNREAL)
+@unreal("dialect.steady", "A dialect does not flicker", "5.3", Severity.SHOULD)
 async def steady(case: Case) -> None:
     """All STA lines of a connection have one shape."""
     robot = await case.spawn()

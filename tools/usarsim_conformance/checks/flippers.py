@@ -6,7 +6,7 @@ import math
 
 from usarsim_conformance.case import Case
 from usarsim_conformance.control import Robot
-from usarsim_conformance.registry import UT2004, Severity, control
+from usarsim_conformance.registry import Severity, ut2004
 from usarsim_conformance.trips import Trip, near, of_classes, on_open_floor, ride
 
 CRAWLERS = ("Kenaf", "TeleMax")
@@ -59,9 +59,7 @@ async def _crawls(case: Case) -> list[Trip]:
     return found
 
 
-@control(
-    "flippers.each", "Every flipper by its name", "3.5, 4.3 and 6, no. 154 and 155", dialects=UT2004
-)
+@ut2004("flippers.each", "Every flipper by its name", "3.5, 4.3 and 6, no. 154 and 155")
 async def each(case: Case) -> None:
     """MULTIDRIVE with one flipper moves this one to its angle, as STA tells it under the same name
     with the same sign, and no other; absent ones keep theirs. DRIVE with Name and Value does the
@@ -84,12 +82,11 @@ def _compare(case: Case, trip: Trip, leg: str, wanted: dict[str, float]) -> None
         )
 
 
-@control(
+@ut2004(
     "flippers.lift",
     "Lowered flippers lift their side",
     "3.5; robots reference 5.2, no. 46",
     Severity.SHOULD,
-    dialects=UT2004,
 )
 async def lift(case: Case) -> None:
     """A positive angle lowers a front flipper and a negative one a rear flipper. With both front
@@ -158,13 +155,7 @@ async def _steps(case: Case, classes: tuple[str, ...]) -> list[Trip]:
     return await of_classes(case, classes, step)
 
 
-@control(
-    "omni.speed",
-    "WheelSpeed times WheelRadius is the speed",
-    "3.4.3",
-    Severity.SHOULD,
-    dialects=UT2004,
-)
+@ut2004("omni.speed", "WheelSpeed times WheelRadius is the speed", "3.4.3", Severity.SHOULD)
 async def wheel_speed(case: Case) -> None:
     """With the same WheelSpeed on all wheels and none steered the robot runs at WheelSpeed times
     WheelRadius of GEO straight ahead, backwards with a negative one, within 8 percent."""
@@ -180,9 +171,7 @@ async def wheel_speed(case: Case) -> None:
             )
 
 
-@control(
-    "omni.sides", "Even wheels are left, odd ones right", "3.4.3", Severity.SHOULD, dialects=UT2004
-)
+@ut2004("omni.sides", "Even wheels are left, odd ones right", "3.4.3", Severity.SHOULD)
 async def wheel_sides(case: Case) -> None:
     """Wheels are counted front left, front right, rear left, rear right: with 0 and 2 faster than 1
     and 3 the robot turns clockwise."""
@@ -196,13 +185,7 @@ async def wheel_sides(case: Case) -> None:
             )
 
 
-@control(
-    "omni.steer",
-    "WheelSteer is positive to the right",
-    "3.4.3 and 3.4.2",
-    Severity.SHOULD,
-    dialects=UT2004,
-)
+@ut2004("omni.steer", "WheelSteer is positive to the right", "3.4.3 and 3.4.2", Severity.SHOULD)
 async def wheel_steer(case: Case) -> None:
     """With all wheels steered by 0.4 rad the robot moves 0.4 rad to the right of where it looks and
     does not turn; with wheels 0 and 1, the front ones, to the right and the others to the left it
@@ -225,12 +208,8 @@ async def wheel_steer(case: Case) -> None:
             )
 
 
-@control(
-    "omni.steering-type",
-    "SteeringType of robots driven wheel by wheel",
-    "4.8",
-    Severity.SHOULD,
-    dialects=UT2004,
+@ut2004(
+    "omni.steering-type", "SteeringType of robots driven wheel by wheel", "4.8", Severity.SHOULD
 )
 async def steering_type(case: Case) -> None:
     """SteeringType of CONF is OmniDrive for a robot whose wheels are steered one by one."""
@@ -242,13 +221,7 @@ async def steering_type(case: Case) -> None:
 # Lamps.
 
 
-@control(
-    "status.light-intensity",
-    "LightIntensity follows the lamp",
-    "4.3",
-    Severity.SHOULD,
-    dialects=UT2004,
-)
+@ut2004("status.light-intensity", "LightIntensity follows the lamp", "4.3", Severity.SHOULD)
 async def light_intensity(case: Case) -> None:
     """In ut2004 LightIntensity of STA is 0 while the headlight is off, above 0 while it is on."""
     robot = await case.spawn()

@@ -10,7 +10,7 @@ from usarsim_conformance.case import Case
 from usarsim_conformance.control import Robot, turned
 from usarsim_conformance.places import Place
 from usarsim_conformance.recordings import driven, ground_told, standing, wheels_of
-from usarsim_conformance.registry import GAZEBO, ONCE, UDK, UNREAL, UT2004, Severity, control
+from usarsim_conformance.registry import Severity, control, gazebo, once, udk, unreal, ut2004
 
 _NUMBER = r"-?\d+\.\d+|-?\d+"
 
@@ -75,41 +75,37 @@ async def _digits(case: Case, type: str) -> None:
                 case.expect(found == wanted, f"{name} has {found} digits, not {wanted}: {line}")
 
 
-@control("digits.sonar", "Digits of Sonar", "6, no. 66", Severity.SHOULD, dialects=UNREAL)
+@unreal("digits.sonar", "Digits of Sonar", "6, no. 66", Severity.SHOULD)
 async def digits_sonar(case: Case) -> None:
     """Sonar ranges have four digits after the point."""
     await _digits(case, "Sonar")
 
 
-@control(
-    "digits.rangescanner", "Digits of RangeScanner", "6, no. 66", Severity.SHOULD, dialects=UNREAL
-)
+@unreal("digits.rangescanner", "Digits of RangeScanner", "6, no. 66", Severity.SHOULD)
 async def digits_scanner(case: Case) -> None:
     """Ranges of a scan have four digits (ut2004) or two (udk)."""
     await _digits(case, "RangeScanner")
 
 
-@control("digits.odometry", "Digits of Odometry", "6, no. 66", Severity.SHOULD, dialects=UNREAL)
+@unreal("digits.odometry", "Digits of Odometry", "6, no. 66", Severity.SHOULD)
 async def digits_odometry(case: Case) -> None:
     """The odometry pose has four digits."""
     await _digits(case, "Odometry")
 
 
-@control("digits.ins", "Digits of INS", "6, no. 66", Severity.SHOULD, dialects=UNREAL)
+@unreal("digits.ins", "Digits of INS", "6, no. 66", Severity.SHOULD)
 async def digits_ins(case: Case) -> None:
     """INS locations have two digits."""
     await _digits(case, "INS")
 
 
-@control(
-    "digits.groundtruth", "Digits of GroundTruth", "6, no. 66", Severity.SHOULD, dialects=UNREAL
-)
+@unreal("digits.groundtruth", "Digits of GroundTruth", "6, no. 66", Severity.SHOULD)
 async def digits_ground_truth(case: Case) -> None:
     """GroundTruth locations have two digits (ut2004) or three (udk)."""
     await _digits(case, "GroundTruth")
 
 
-@control("digits.time", "Digits of SEN Time", "2.2", Severity.SHOULD, dialects=UNREAL)
+@unreal("digits.time", "Digits of SEN Time", "2.2", Severity.SHOULD)
 async def digits_time(case: Case) -> None:
     """Time in SEN has four digits, but two for RangeScanner in ut2004."""
     for line in (await standing(case)).of("SEN"):
@@ -120,14 +116,14 @@ async def digits_time(case: Case) -> None:
         case.expect(len(value.partition(".")[2]) == wanted, f"not {wanted} digits: {line}")
 
 
-@control("frames.down", "z points down", "6, no. 56", dialects=UNREAL)
+@unreal("frames.down", "z points down", "6, no. 56")
 async def down(case: Case) -> None:
     """A robot that is put higher reports a smaller z; the wire frame has z down."""
     fell = await _fallen(case, down=-1.2)
     case.expect(fell > 0.0, f"falling changed z by {fell:.2f}: z points up")
 
 
-@control("frames.up", "z points up in the Gazebo prototype", "4.15", dialects=GAZEBO)
+@gazebo("frames.up", "z points up in the Gazebo prototype", "4.15")
 async def up(case: Case) -> None:
     """The prototype reports the frame of Gazebo: z up."""
     fell = await _fallen(case, down=1.2)
@@ -146,7 +142,7 @@ async def _fallen(case: Case, down: float) -> float:
     return fell
 
 
-@control("frames.floor", "Robots stand above the floor", "2.5", Severity.SHOULD, dialects=UNREAL)
+@unreal("frames.floor", "Robots stand above the floor", "2.5", Severity.SHOULD)
 async def floor(case: Case) -> None:
     """A mount above the reference point has a negative z in GEO: the laser of a ground robot is
     not below its wheels."""
@@ -159,7 +155,7 @@ async def floor(case: Case) -> None:
         case.expect(z < 0.05, f"the scanner is mounted at z {z}: {reply}")
 
 
-@control("frames.clockwise", "Yaw grows clockwise", "6, no. 58", dialects=UNREAL)
+@unreal("frames.clockwise", "Yaw grows clockwise", "6, no. 58")
 async def clockwise(case: Case) -> None:
     """A robot that turns clockwise seen from above, left wheels forward and right ones back,
     shows increasing yaw."""
@@ -168,7 +164,7 @@ async def clockwise(case: Case) -> None:
     case.expect(turn > 0.0, f"turning clockwise changed the yaw by {turn:.2f} rad")
 
 
-@control("frames.right", "y grows to the right", "6, no. 57", dialects=UNREAL)
+@unreal("frames.right", "y grows to the right", "6, no. 57")
 async def right(case: Case) -> None:
     """A robot that drives a curve to the right ends with a larger y, seen from its start."""
     robot = await case.spawn()
@@ -236,7 +232,7 @@ async def _angles(case: Case, type: str, low: float, high: float) -> None:
             case.expect(low <= angle <= high, f"an angle outside {low:g} to {high:g}: {line}")
 
 
-@control("frames.ins-angles", "INS angles are not negative", "6, no. 64", dialects=UNREAL)
+@unreal("frames.ins-angles", "INS angles are not negative", "6, no. 64")
 async def ins_angles(case: Case) -> None:
     """INS orientations are in [0, 6.2832), also for a robot with negative yaw."""
     if not (await standing(case)).of("SEN", "INS"):
@@ -244,7 +240,7 @@ async def ins_angles(case: Case) -> None:
     await _angles(case, "INS", 0.0, 6.2832)
 
 
-@control("frames.truth-angles", "GroundTruth angles are not negative", "6, no. 65", dialects=UT2004)
+@ut2004("frames.truth-angles", "GroundTruth angles are not negative", "6, no. 65")
 async def truth_angles(case: Case) -> None:
     """In ut2004 GroundTruth orientations are in [0, 6.2832)."""
     if not (await standing(case)).of("SEN", "GroundTruth"):
@@ -252,7 +248,7 @@ async def truth_angles(case: Case) -> None:
     await _angles(case, "GroundTruth", 0.0, 6.2832)
 
 
-@control("frames.truth-angles-udk", "GroundTruth angles are signed", "6, no. 65", dialects=UDK)
+@udk("frames.truth-angles-udk", "GroundTruth angles are signed", "6, no. 65")
 async def truth_angles_udk(case: Case) -> None:
     """In udk GroundTruth orientations are in (-3.1416, 3.1416]."""
     if not (await standing(case)).of("SEN", "GroundTruth"):
@@ -282,7 +278,7 @@ async def advances(case: Case) -> None:
     case.expect(max(stated) - min(stated) < 1.0 + times[-1] - times[0], "lines disagree on Time")
 
 
-@control("time.shared", "All robots share a clock", "6, no. 68", dialects=ONCE)
+@once("time.shared", "All robots share a clock", "6, no. 68")
 async def shared(case: Case) -> None:
     """Two robots report equal Time for lines of the same moment; Time does not start with
     INIT."""

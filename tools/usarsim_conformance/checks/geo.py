@@ -7,7 +7,7 @@ import re
 from usarsim_conformance.case import Case
 from usarsim_conformance.places import Place
 from usarsim_conformance.recordings import ground_told, standing, told
-from usarsim_conformance.registry import UDK, UNREAL, UT2004, Severity, control
+from usarsim_conformance.registry import Severity, udk, unreal, ut2004
 
 _N4 = r"-?\d+\.\d{4}"
 
@@ -15,7 +15,7 @@ _N4 = r"-?\d+\.\d{4}"
 _V4 = rf"{_N4},{_N4},{_N4}"
 
 
-@control("geo.ground", "GEO of ground vehicles", "6, no. 129", dialects=UNREAL)
+@unreal("geo.ground", "GEO of ground vehicles", "6, no. 129")
 async def geo_ground(case: Case) -> None:
     """A ground vehicle's GEO has Type, Name, Dimensions, COG, WheelRadius, WheelSeparation,
     WheelBase in this order."""
@@ -24,7 +24,7 @@ async def geo_ground(case: Case) -> None:
     case.expect(line.names == names, f"other segments: {line}")
 
 
-@control("geo.numbers", "Numbers of GEO", "2.2", Severity.SHOULD, dialects=UNREAL)
+@unreal("geo.numbers", "Numbers of GEO", "2.2", Severity.SHOULD)
 async def geo_numbers(case: Case) -> None:
     """Numbers and vectors of the robot's GEO have four digits, and wheels a size."""
     line = await ground_told(case, "GETGEO")
@@ -35,7 +35,7 @@ async def geo_numbers(case: Case) -> None:
         case.expect(line.number(name) > 0.0, f"{name}: {line}")
 
 
-@control("geo.sensors-ut2004", "GEO of sensors in pairs", "6, no. 134", dialects=UT2004)
+@ut2004("geo.sensors-ut2004", "GEO of sensors in pairs", "6, no. 134")
 async def geo_pairs(case: Case) -> None:
     """In ut2004 the GEO of sensors has one segment per item: `{Name n Location v Orientation v
     Mount m}`; one client crashes on any other form."""
@@ -55,7 +55,7 @@ async def geo_pairs(case: Case) -> None:
         case.skip("no sensor answered GETGEO")
 
 
-@control("geo.sensors-udk", "GEO of sensors in segments", "6, no. 134", dialects=UDK)
+@udk("geo.sensors-udk", "GEO of sensors in segments", "6, no. 134")
 async def geo_segments(case: Case) -> None:
     """In udk the GEO of sensors has separate segments in the order Name, Location, Orientation,
     Mount."""
@@ -77,7 +77,7 @@ async def geo_segments(case: Case) -> None:
         case.skip("no sensor answered GETGEO")
 
 
-@control("geo.body-frame", "Mounts are told in the body frame", "6, no. 135", dialects=UNREAL)
+@unreal("geo.body-frame", "Mounts are told in the body frame", "6, no. 135")
 async def body_frame(case: Case) -> None:
     """Mount poses are in the body frame whatever the yaw of the robot."""
     recording = await standing(case)
@@ -94,7 +94,7 @@ async def body_frame(case: Case) -> None:
     case.expect(line.text == before.text, f"{before} became {line} when turned by 90 degrees")
 
 
-@control("geo.actuator", "GEO of Actuator and MisPkg", "6, no. 140", dialects=UNREAL)
+@unreal("geo.actuator", "GEO of Actuator and MisPkg", "6, no. 140")
 async def geo_actuator(case: Case) -> None:
     """In udk GEO of an Actuator has Parent 0 for the base; in ut2004 GEO of a MisPkg has
     ParentLink -1."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from usarsim_conformance.case import Case
-from usarsim_conformance.registry import ONCE, UNREAL, Severity, control
+from usarsim_conformance.registry import Severity, once, unreal
 
 
 async def _conf_answers(case: Case, command: str, reply: str = "CONF {") -> None:
@@ -13,67 +13,67 @@ async def _conf_answers(case: Case, command: str, reply: str = "CONF {") -> None
     case.expect("SteeringType" in line.text or line.get("Name"), f"not the robot's: {line}")
 
 
-@control("grammar.case", "Command words and names in any case", "6, no. 32", dialects=ONCE)
+@once("grammar.case", "Command words and names in any case", "6, no. 32")
 async def any_case(case: Case) -> None:
     """Command words and segment names are matched without regard to case."""
     await _conf_answers(case, "getConf {TYPE Robot}")
 
 
-@control("grammar.value-case", "Types in any case", "1.6", dialects=ONCE)
+@once("grammar.value-case", "Types in any case", "1.6")
 async def value_case(case: Case) -> None:
     """The Type of a request is matched without regard to case."""
     await _conf_answers(case, "GETCONF {Type rObOt}")
 
 
-@control("grammar.no-blanks", "Segments without blanks between", "6, no. 33", dialects=ONCE)
+@once("grammar.no-blanks", "Segments without blanks between", "6, no. 33")
 async def no_blanks(case: Case) -> None:
     """A command whose segments follow without blanks is accepted."""
     await _conf_answers(case, "GETCONF{Type Robot}{Name x}")
 
 
-@control("grammar.inner-blanks", "Blanks within braces", "6, no. 34", dialects=ONCE)
+@once("grammar.inner-blanks", "Blanks within braces", "6, no. 34")
 async def inner_blanks(case: Case) -> None:
     """Blanks around the name and the value of a segment are ignored."""
     await _conf_answers(case, "GETCONF {  Type   Robot  }   {Name x}")
 
 
-@control("grammar.tabs", "Tabs within braces", "1.5", Severity.SHOULD, dialects=UNREAL)
+@unreal("grammar.tabs", "Tabs within braces", "1.5", Severity.SHOULD)
 async def tabs(case: Case) -> None:
     """A tab parts name and value like a blank."""
     await _conf_answers(case, "GETCONF {Type\tRobot}")
 
 
-@control("grammar.junk", "Text between segments", "6, no. 35", dialects=UNREAL)
+@unreal("grammar.junk", "Text between segments", "6, no. 35")
 async def junk(case: Case) -> None:
     """Text between segments that is no command is ignored."""
     await _conf_answers(case, "GETCONF {Name x} junk {Type Robot}")
 
 
-@control("grammar.open-brace", "A segment that does not end", "6, no. 36", dialects=UNREAL)
+@unreal("grammar.open-brace", "A segment that does not end", "6, no. 36")
 async def open_brace(case: Case) -> None:
     """Segments before one whose brace is never closed are used."""
     await _conf_answers(case, "GETCONF {Type Robot} {Name")
 
 
-@control("grammar.bare-name", "A segment without a value", "6, no. 37", dialects=UNREAL)
+@unreal("grammar.bare-name", "A segment without a value", "6, no. 37")
 async def bare_name(case: Case) -> None:
     """Segments behind one that has a name only, or nothing, are used."""
     await _conf_answers(case, "GETCONF {Bad} {} {Type Robot}")
 
 
-@control("grammar.stray-brace", "A stray closing brace", "6, no. 38", dialects=UNREAL)
+@unreal("grammar.stray-brace", "A stray closing brace", "6, no. 38")
 async def stray_brace(case: Case) -> None:
     """A closing brace without an opening one is ignored."""
     await _conf_answers(case, "GETCONF } {Type Robot}")
 
 
-@control("grammar.first-wins", "The first of two equal names counts", "6, no. 39", dialects=UNREAL)
+@unreal("grammar.first-wins", "The first of two equal names counts", "6, no. 39")
 async def first_wins(case: Case) -> None:
     """Of two segments with the same name the first counts."""
     await _conf_answers(case, "GETCONF {Type Robot} {Type NoSuchType}")
 
 
-@control("grammar.no-open-brace", "A command without an opening brace", "1.7", dialects=ONCE)
+@once("grammar.no-open-brace", "A command without an opening brace", "1.7")
 async def no_open_brace(case: Case) -> None:
     """A command whose first brace is missing is ignored and does no harm."""
     robot = await case.spawn()
@@ -83,7 +83,7 @@ async def no_open_brace(case: Case) -> None:
     case.expect(await robot.client.is_alive(), "the connection no longer answers")
 
 
-@control("grammar.unknown-command", "Unknown commands are ignored", "6, no. 41", dialects=ONCE)
+@once("grammar.unknown-command", "Unknown commands are ignored", "6, no. 41")
 async def unknown_command(case: Case) -> None:
     """Unknown commands cause no output, and the connection goes on."""
     client = await case.connect()
@@ -94,9 +94,7 @@ async def unknown_command(case: Case) -> None:
     case.expect(await client.is_alive(), "the connection no longer answers")
 
 
-@control(
-    "grammar.old-commands", "Commands of other eras do no harm", "3.12 and 3.15", dialects=ONCE
-)
+@once("grammar.old-commands", "Commands of other eras do no harm", "3.12 and 3.15")
 async def old_commands(case: Case) -> None:
     """TRACE, PAUSE, KILL, TEST and other names that were once commands do no harm."""
     robot = await case.spawn()
@@ -118,13 +116,13 @@ async def old_commands(case: Case) -> None:
     case.expect(await robot.client.is_alive(), "the connection no longer answers")
 
 
-@control("grammar.unknown-segment", "Unknown segments are ignored", "6, no. 42", dialects=ONCE)
+@once("grammar.unknown-segment", "Unknown segments are ignored", "6, no. 42")
 async def unknown_segment(case: Case) -> None:
     """Segments that a command does not know are ignored."""
     await _conf_answers(case, "GETCONF {Colour red} {Type Robot} {Size 3 x 4}")
 
 
-@control("grammar.before-init", "Robot commands before INIT are ignored", "1.7", dialects=ONCE)
+@once("grammar.before-init", "Robot commands before INIT are ignored", "1.7")
 async def before_init(case: Case) -> None:
     """Commands for a robot that come before INIT are ignored silently."""
     client = await case.connect()

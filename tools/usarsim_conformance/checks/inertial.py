@@ -19,8 +19,10 @@ from usarsim_conformance.excursions import (
     fly_about,
 )
 from usarsim_conformance.ranging import CHANCE, spread_bounds
-from usarsim_conformance.registry import UNREAL, NotApplicable, Severity, control
+from usarsim_conformance.registry import UNREAL, NotApplicable, Severity, checks_of
 from usarsim_conformance.walls import turned_by
+
+measured = checks_of("control", reference="robots reference", dialects=UNREAL)
 
 _SIGMA = 0.05
 """Of INS, as a part of each step (robots reference 2.5: a constant of the class)."""
@@ -121,12 +123,7 @@ def _judge_noise(case: Case, found: _Errors, axes: Sequence[int], what: str) -> 
     )
 
 
-@control(
-    "values.ins-location",
-    "INS follows the robot",
-    "robots reference 2.5; protocol reference 4.6",
-    dialects=UNREAL,
-)
+@measured("values.ins-location", "INS follows the robot", "2.5; protocol reference 4.6")
 async def ins_location(case: Case) -> None:
     """Location of INS changes as that of GroundTruth, on every axis, but for its drift: within
     five times sigma times the root of way times step."""
@@ -148,13 +145,7 @@ async def ins_location(case: Case) -> None:
             )
 
 
-@control(
-    "values.ins-noise",
-    "INS is as inexact as it should be",
-    "robots reference 2.5",
-    Severity.SHOULD,
-    dialects=UNREAL,
-)
+@measured("values.ins-noise", "INS is as inexact as it should be", "2.5", Severity.SHOULD)
 async def ins_noise(case: Case) -> None:
     """The error of Location grows by a normal variate with 0.05 of every step: neither nothing nor
     much more."""
@@ -162,23 +153,13 @@ async def ins_noise(case: Case) -> None:
     _judge_noise(case, _location_errors(track), (0, 1, 2), "Location")
 
 
-@control(
-    "values.ins-orientation",
-    "INS turns with the robot",
-    "robots reference 2.5; protocol reference 4.6",
-    dialects=UNREAL,
-)
+@measured("values.ins-orientation", "INS turns with the robot", "2.5; protocol reference 4.6")
 async def ins_orientation(case: Case) -> None:
     """Orientation of INS changes as that of GroundTruth, about every axis, but for its drift."""
     await _orientation_follows(case, "INS")
 
 
-@control(
-    "values.inu-orientation",
-    "INU turns with the robot",
-    "robots reference 2.5; protocol reference 4.6",
-    dialects=UNREAL,
-)
+@measured("values.inu-orientation", "INU turns with the robot", "2.5; protocol reference 4.6")
 async def inu_orientation(case: Case) -> None:
     """Orientation of INU changes as that of GroundTruth, about every axis, but for its drift."""
     await _orientation_follows(case, "INU")
@@ -201,12 +182,8 @@ async def _orientation_follows(case: Case, type: str) -> None:
             )
 
 
-@control(
-    "values.ins-orientation-noise",
-    "INS turns as inexactly as it should",
-    "robots reference 2.5",
-    Severity.SHOULD,
-    dialects=UNREAL,
+@measured(
+    "values.ins-orientation-noise", "INS turns as inexactly as it should", "2.5", Severity.SHOULD
 )
 async def ins_orientation_noise(case: Case) -> None:
     """The error of yaw in Orientation grows by a normal variate with 0.05 of every turn."""
@@ -214,12 +191,7 @@ async def ins_orientation_noise(case: Case) -> None:
     _judge_noise(case, _orientation_errors(track, "INS"), (2,), "Orientation")
 
 
-@control(
-    "values.compass",
-    "A compass turns clockwise",
-    "robots reference 2.5; protocol reference 4.6",
-    dialects=UNREAL,
-)
+@measured("values.compass", "A compass turns clockwise", "2.5; protocol reference 4.6")
 async def compass(case: Case) -> None:
     """MagneticAngle grows with yaw, clockwise, rad for rad; without another north it is yaw."""
     track = (await _flown(case, "MagneticCompass")).track
@@ -240,12 +212,7 @@ async def compass(case: Case) -> None:
     )
 
 
-@control(
-    "values.altitude",
-    "An altimeter tells metres",
-    "robots reference 2.5; protocol reference 6, no. 123",
-    dialects=UNREAL,
-)
+@measured("values.altitude", "An altimeter tells metres", "2.5; protocol reference 6, no. 123")
 async def altitude(case: Case) -> None:
     """relativeAltitude is the height above the first report, metre for metre, and absoluteAltitude
     111 m more."""
@@ -306,24 +273,14 @@ def _judge_acceleration(
         )
 
 
-@control(
-    "values.accel",
-    "Accel is the change of velocity",
-    "robots reference 2.5; protocol reference 4.6",
-    dialects=UNREAL,
-)
+@measured("values.accel", "Accel is the change of velocity", "2.5; protocol reference 4.6")
 async def accel(case: Case) -> None:
     """Acceleration of Accel, turned from the sensor's frame into the world's, adds up to the
     robot's velocity on every axis, z down, without gravity."""
     _judge_acceleration(case, await _flown(case, "Accel"), "Accel", "Acceleration", 0.0, False)
 
 
-@control(
-    "values.accelerometer",
-    "An accelerometer adds gravity",
-    "robots reference 2.5; protocol reference 4.6",
-    dialects=UNREAL,
-)
+@measured("values.accelerometer", "An accelerometer adds gravity", "2.5; protocol reference 4.6")
 async def accelerometer(case: Case) -> None:
     """ProperAcceleration is the change of velocity with 9.81 m/s^2 downward added, also when the
     robot is tilted."""
@@ -331,23 +288,15 @@ async def accelerometer(case: Case) -> None:
     _judge_acceleration(case, flight, "AcceleroMeter", "ProperAcceleration", 9.81, False)
 
 
-@control(
-    "values.imu-acceleration",
-    "IMU tells the change of velocity",
-    "robots reference 2.5; protocol reference 4.6",
-    dialects=UNREAL,
+@measured(
+    "values.imu-acceleration", "IMU tells the change of velocity", "2.5; protocol reference 4.6"
 )
 async def imu_acceleration(case: Case) -> None:
     """XYZAcceleration of IMU, with z up as an exception, adds up to the robot's velocity."""
     _judge_acceleration(case, await _flown(case, "IMU"), "IMU", "XYZAcceleration", 0.0, True)
 
 
-@control(
-    "values.imu-rotation",
-    "IMU tells where the robot turns",
-    "robots reference 2.5; protocol reference 4.6",
-    dialects=UNREAL,
-)
+@measured("values.imu-rotation", "IMU tells where the robot turns", "2.5; protocol reference 4.6")
 async def imu_rotation(case: Case) -> None:
     """Rotation of IMU is Orientation of GroundTruth, AngularVel the change of its angles per s, and
     AngularAccel that of AngularVel, each about its own axis."""

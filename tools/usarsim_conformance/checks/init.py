@@ -8,7 +8,7 @@ import re
 from usarsim_conformance.case import PATIENCE, Case
 from usarsim_conformance.places import Place
 from usarsim_conformance.recordings import standing
-from usarsim_conformance.registry import ONCE, UDK, UNREAL, Severity, control
+from usarsim_conformance.registry import Severity, control, once, udk, unreal
 
 _QUIET = 0.22
 """s; a little less than the 0.25 s that are demanded, for times that are rounded."""
@@ -68,7 +68,7 @@ async def _waited(case: Case) -> float:
     return waited
 
 
-@control("init.unknown-class", "An unknown class is no end", "6, no. 71", dialects=ONCE)
+@once("init.unknown-class", "An unknown class is no end", "6, no. 71")
 async def unknown_class(case: Case) -> None:
     """INIT with an unknown class produces no output, and a valid INIT on the same connection
     works."""
@@ -88,25 +88,25 @@ async def _class_spelled(case: Case, spell: str) -> None:
     await case.appears(init)
 
 
-@control("init.package", "Class with its package", "6, no. 72", dialects=ONCE)
+@once("init.package", "Class with its package", "6, no. 72")
 async def package(case: Case) -> None:
     """The class may be written with its package: `USARBot.P2AT`."""
     await _class_spelled(case, f"USARBot.{case.robot_class}")
 
 
-@control("init.no-package", "Class without package", "6, no. 72", dialects=ONCE)
+@once("init.no-package", "Class without package", "6, no. 72")
 async def no_package(case: Case) -> None:
     """The class may be written without its package: `P2AT`."""
     await _class_spelled(case, case.robot_class)
 
 
-@control("init.class-case", "Class in any case", "6, no. 72", dialects=ONCE)
+@once("init.class-case", "Class in any case", "6, no. 72")
 async def class_case(case: Case) -> None:
     """The class is matched without regard to case."""
     await _class_spelled(case, f"usarBOT.{case.robot_class.swapcase()}")
 
 
-@control("init.case", "INIT in any case", "1.6", dialects=ONCE)
+@once("init.case", "INIT in any case", "1.6")
 async def init_case(case: Case) -> None:
     """`Init {CLASSNAME ..}` works as `INIT {ClassName ..}` does."""
     place = await case.place()
@@ -114,7 +114,7 @@ async def init_case(case: Case) -> None:
     await case.appears(init.replace("INIT", "Init").replace("ClassName", "CLASSNAME"))
 
 
-@control("init.classname", "ClassName spelled Classname", "6, no. 73", dialects=ONCE)
+@once("init.classname", "ClassName spelled Classname", "6, no. 73")
 async def classname(case: Case) -> None:
     """`Classname`, as the ROS and MOAST family writes it, is accepted for ClassName."""
     place = await case.place()
@@ -122,7 +122,7 @@ async def classname(case: Case) -> None:
     await case.appears(init.replace("ClassName", "Classname"))
 
 
-@control("init.glued", "INIT without blanks", "3.2", dialects=ONCE)
+@once("init.glued", "INIT without blanks", "3.2")
 async def glued(case: Case) -> None:
     """INIT works without blanks between its segments."""
     place = await case.place()
@@ -130,7 +130,7 @@ async def glued(case: Case) -> None:
     await case.appears(init)
 
 
-@control("init.order", "Segments of INIT in any order", "3.2", dialects=ONCE)
+@once("init.order", "Segments of INIT in any order", "3.2")
 async def order(case: Case) -> None:
     """The segments of INIT may stand in any order."""
     place = await case.place()
@@ -141,7 +141,7 @@ async def order(case: Case) -> None:
     await case.appears(init)
 
 
-@control("init.no-name", "INIT without Name", "6, no. 74", dialects=ONCE)
+@once("init.no-name", "INIT without Name", "6, no. 74")
 async def no_name(case: Case) -> None:
     """INIT without Name works, also for two robots at a time."""
     for _ in range(2):
@@ -149,7 +149,7 @@ async def no_name(case: Case) -> None:
         await case.appears(case.init(place))
 
 
-@control("init.same-name", "Two robots of one name", "3.2", Severity.SHOULD, dialects=ONCE)
+@once("init.same-name", "Two robots of one name", "3.2", Severity.SHOULD)
 async def same_name(case: Case) -> None:
     """Two clients that give their robots the same name both get one."""
     name = case.new_name()
@@ -158,14 +158,14 @@ async def same_name(case: Case) -> None:
         await case.appears(case.init(place, name))
 
 
-@control("init.name-with-blanks", "A name with blanks", "3.2", dialects=ONCE)
+@once("init.name-with-blanks", "A name with blanks", "3.2")
 async def name_with_blanks(case: Case) -> None:
     """A robot name may contain blanks."""
     place = await case.place()
     await case.appears(case.init(place, f"{case.new_name()} the first"))
 
 
-@control("init.no-place", "INIT without a place", "6, no. 75", dialects=ONCE, exclusive=True)
+@once("init.no-place", "INIT without a place", "6, no. 75", exclusive=True)
 async def no_place(case: Case) -> None:
     """INIT without Location and Start spawns a robot, at 0,0,0 or at a start position."""
     await case.appears(f"INIT {{ClassName USARBot.{case.robot_class}}} {{Name {case.new_name()}}}")
@@ -186,7 +186,7 @@ async def location(case: Case) -> None:
     case.expect(abs(turned) < 0.025, f"asked for yaw {place.rotation[2]}, it has {pose.yaw}")
 
 
-@control("init.extras", "Unknown segments of INIT", "6, no. 78", dialects=ONCE)
+@once("init.extras", "Unknown segments of INIT", "6, no. 78")
 async def extras(case: Case) -> None:
     """INIT with segments of other eras (Team, Skin, unknown ones) works."""
     place = await case.place()
@@ -196,7 +196,7 @@ async def extras(case: Case) -> None:
     await case.appears(init)
 
 
-@control("init.battery", "Battery sets the battery", "6, no. 78", Severity.SHOULD, dialects=ONCE)
+@once("init.battery", "Battery sets the battery", "6, no. 78", Severity.SHOULD)
 async def battery(case: Case) -> None:
     """`{Battery 300}` of INIT sets the battery that STA shows."""
     robot = await case.spawn(extra=" {Battery 300}")
@@ -206,7 +206,7 @@ async def battery(case: Case) -> None:
     case.expect(280 <= value <= 300, f"STA shows Battery {value:g}")
 
 
-@control("init.second", "A second INIT is no second robot", "6, no. 79", dialects=ONCE)
+@once("init.second", "A second INIT is no second robot", "6, no. 79")
 async def second(case: Case) -> None:
     """A second INIT after success does not create a second robot: the connection goes on
     reporting one, at one place."""
@@ -239,19 +239,13 @@ async def start(case: Case) -> None:
     case.expect(away < 0.1, f"Start {tag} led to {pose.location} instead of {place.location}")
 
 
-@control(
-    "init.unknown-start",
-    "An unknown Start spawns anyway",
-    "6, no. 77",
-    dialects=ONCE,
-    exclusive=True,
-)
+@once("init.unknown-start", "An unknown Start spawns anyway", "6, no. 77", exclusive=True)
 async def unknown_start(case: Case) -> None:
     """INIT with an unknown Start still spawns the robot."""
     await case.appears(case.init(Place("NoSuchStart"), case.new_name()))
 
 
-@control("init.start-poses", "GETSTARTPOSES before and after INIT", "6, no. 80", dialects=ONCE)
+@once("init.start-poses", "GETSTARTPOSES before and after INIT", "6, no. 80")
 async def start_poses(case: Case) -> None:
     """GETSTARTPOSES is answered before INIT and after it."""
     client = await case.connect()
@@ -260,7 +254,7 @@ async def start_poses(case: Case) -> None:
     case.expect(await robot.client.is_alive(), "no answer after INIT")
 
 
-@control("init.start-poses-count", "StartPoses counts what follows", "6, no. 81", dialects=ONCE)
+@once("init.start-poses-count", "StartPoses counts what follows", "6, no. 81")
 async def start_poses_count(case: Case) -> None:
     """The reply to GETSTARTPOSES begins `NFO {StartPoses n}` and n groups follow; with n = 0 no
     second segment exists."""
@@ -271,7 +265,7 @@ async def start_poses_count(case: Case) -> None:
     case.expect(len(words) == 3 * int(count), f"{count} poses are announced: {line}")
 
 
-@control("init.start-poses-form", "Start poses in the flat form", "6, no. 82", dialects=UNREAL)
+@unreal("init.start-poses-form", "Start poses in the flat form", "6, no. 82")
 async def start_poses_form(case: Case) -> None:
     """The second segment holds groups `tag x,y,z r,p,y`, all separated by single blanks."""
     line = await (await case.connect()).ask("GETSTARTPOSES", "NFO {StartPoses")
@@ -282,9 +276,7 @@ async def start_poses_form(case: Case) -> None:
     case.expect(re.fullmatch(pattern, line.text), f"another form: {line}")
 
 
-@control(
-    "init.path-nodes", "GETPATHNODES lists path nodes", "6, no. 84", Severity.SHOULD, dialects=UDK
-)
+@udk("init.path-nodes", "GETPATHNODES lists path nodes", "6, no. 84", Severity.SHOULD)
 async def path_nodes(case: Case) -> None:
     """GETPATHNODES is answered by `NFO {PathNodes n}` with n groups in a second segment."""
     line = await (await case.connect()).ask("GETPATHNODES", "NFO {PathNodes")
@@ -294,13 +286,7 @@ async def path_nodes(case: Case) -> None:
     case.expect(len(words) == 3 * int(count), f"{count} nodes are announced: {line}")
 
 
-@control(
-    "init.closest-node",
-    "GETCLOSESTPATHNODE needs a Location",
-    "6, no. 84",
-    Severity.SHOULD,
-    dialects=UDK,
-)
+@udk("init.closest-node", "GETCLOSESTPATHNODE needs a Location", "6, no. 84", Severity.SHOULD)
 async def closest_node(case: Case) -> None:
     """GETCLOSESTPATHNODE without Location is not answered."""
     client = await case.connect()

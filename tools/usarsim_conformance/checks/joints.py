@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from usarsim_conformance.case import Case
 from usarsim_conformance.control import Robot
 from usarsim_conformance.lines import Line, number
-from usarsim_conformance.registry import ONCE, UNREAL, UT2004, Failed, Severity, control
+from usarsim_conformance.registry import Failed, Severity, once, unreal, ut2004
 from usarsim_conformance.trips import Leg, Trip, near, of_classes, on_open_floor, ride
 
 ARMED = ("P2AT", "P3AT_arm")
@@ -162,12 +162,7 @@ def _sent(trip: Trip, leg: str) -> dict[int, float]:
     return dict(zip(links, values, strict=True))
 
 
-@control(
-    "arm.each-link",
-    "Every link goes where it is told",
-    "3.9, 4.9 and 6, no. 157 and 158",
-    dialects=UNREAL,
-)
+@unreal("arm.each-link", "Every link goes where it is told", "3.9, 4.9 and 6, no. 157 and 158")
 async def each_link(case: Case) -> None:
     """Told a place of its own each, within its limits, every link of an arm or a camera's mount
     goes there and Value under its number tells so, with its sign."""
@@ -182,12 +177,8 @@ async def each_link(case: Case) -> None:
                 )
 
 
-@control(
-    "arm.both-limits",
-    "Links stop at both limits of CONF",
-    "4.8 and 6, no. 160",
-    Severity.SHOULD,
-    dialects=UNREAL,
+@unreal(
+    "arm.both-limits", "Links stop at both limits of CONF", "4.8 and 6, no. 160", Severity.SHOULD
 )
 async def both_limits(case: Case) -> None:
     """Told to go far beyond, a link stops at MaxRange or MaxValue of CONF, and the other way at
@@ -211,7 +202,7 @@ async def both_limits(case: Case) -> None:
         case.skip("no link has limits that it reaches in 15 s")
 
 
-@control("arm.speed", "Links move at the speed of CONF", "4.8", Severity.SHOULD, dialects=UNREAL)
+@unreal("arm.speed", "Links move at the speed of CONF", "4.8", Severity.SHOULD)
 async def arm_speed(case: Case) -> None:
     """On a long way a link moves at MaxSpeed (MaxRotationSpeed) of CONF, within 15 percent."""
     judged = 0
@@ -250,7 +241,7 @@ def _rate(leg: Leg, name: str, link: int) -> float:
     return (middle[-1][1] - middle[0][1]) / (middle[-1][0] - middle[0][0])
 
 
-@control("arm.order", "Order 1 is a speed", "3.9", Severity.SHOULD, dialects=UT2004)
+@ut2004("arm.order", "Order 1 is a speed", "3.9", Severity.SHOULD)
 async def arm_order(case: Case) -> None:
     """`{Link i} {Value v} {Order 1}` moves a link at v, both ways, within 20 percent."""
     judged = 0
@@ -270,7 +261,7 @@ async def arm_order(case: Case) -> None:
         case.skip("no link has limits that it reaches in 15 s")
 
 
-@control("arm.torque", "Torque stays below MaxTorque", "4.9", Severity.SHOULD, dialects=UT2004)
+@ut2004("arm.torque", "Torque stays below MaxTorque", "4.9", Severity.SHOULD)
 async def torque(case: Case) -> None:
     """Torque of MISSTA never exceeds MaxTorque of CONF, in either direction."""
     for arm in await _arms(case):
@@ -311,7 +302,7 @@ def _step(index: int) -> float:
     return 0.05 + 0.02 * (index % 5)
 
 
-@control("legged.each-joint", "Every joint by its name", "3.7, 4.4 and 6, no. 156", dialects=ONCE)
+@once("legged.each-joint", "Every joint by its name", "3.7, 4.4 and 6, no. 156")
 async def each_joint(case: Case) -> None:
     """`SET {Type Joint} {Name j} {Opcode Angle} {Params a}` moves joint j to a, and STA tells a
     under its name; where a limit is in the way of one direction, it does in the other."""

@@ -8,7 +8,7 @@ from usarsim_conformance.case import Case
 from usarsim_conformance.checks.values import lit
 from usarsim_conformance.control import ControlClient
 from usarsim_conformance.lines import Line
-from usarsim_conformance.registry import ONCE, UNREAL, control
+from usarsim_conformance.registry import control, once, unreal
 
 _POSES = "NFO {StartPoses"
 
@@ -36,40 +36,38 @@ async def _ended_by(case: Case, end: bytes) -> None:
     case.expect(count == 1, f"GETSTARTPOSES ended by {end!r} was answered {count} times, not once")
 
 
-@control("input.crlf", "CR LF ends a command", "6, no. 21", dialects=ONCE)
+@once("input.crlf", "CR LF ends a command", "6, no. 21")
 async def ends_crlf(case: Case) -> None:
     """A command followed by CR LF is answered, once."""
     await _ended_by(case, b"\r\n")
 
 
-@control("input.lf", "LF alone ends a command", "6, no. 22", dialects=UNREAL)
+@unreal("input.lf", "LF alone ends a command", "6, no. 22")
 async def ends_lf(case: Case) -> None:
     """A command followed by LF alone is answered without further input."""
     await _ended_by(case, b"\n")
 
 
-@control("input.cr", "CR alone ends a command", "6, no. 23", dialects=UNREAL)
+@unreal("input.cr", "CR alone ends a command", "6, no. 23")
 async def ends_cr(case: Case) -> None:
     """A command followed by CR alone is answered without further input."""
     await _ended_by(case, b"\r")
 
 
-@control("input.lfcr", "LF CR ends one command", "6, no. 24", dialects=UNREAL)
+@unreal("input.lfcr", "LF CR ends one command", "6, no. 24")
 async def ends_lfcr(case: Case) -> None:
     """A command followed by LF CR is answered exactly once."""
     await _ended_by(case, b"\n\r")
 
 
-@control(
-    "input.crlf-lf", "CR LF LF ends one command", "protocol reference, addendum", dialects=ONCE
-)
+@once("input.crlf-lf", "CR LF LF ends one command", "protocol reference, addendum")
 async def ends_crlf_lf(case: Case) -> None:
     """A command followed by CR LF and a further LF, as student controllers send it, is answered
     exactly once."""
     await _ended_by(case, b"\r\n\n")
 
 
-@control("input.packet", "Two commands in one packet", "6, no. 25", dialects=ONCE)
+@once("input.packet", "Two commands in one packet", "6, no. 25")
 async def one_packet(case: Case) -> None:
     """Two commands in one packet are both executed, in order."""
     robot = await case.spawn()
@@ -79,7 +77,7 @@ async def one_packet(case: Case) -> None:
     await robot.wait("GEO {")
 
 
-@control("input.bytes", "One byte per packet", "6, no. 26", dialects=ONCE)
+@once("input.bytes", "One byte per packet", "6, no. 26")
 async def byte_by_byte(case: Case) -> None:
     """A command sent one byte per packet is executed."""
     client = await case.connect()
@@ -90,7 +88,7 @@ async def byte_by_byte(case: Case) -> None:
     case.expect(count == 1, f"it was answered {count} times, not once")
 
 
-@control("input.split", "A command in two packets", "6, no. 26", dialects=ONCE)
+@once("input.split", "A command in two packets", "6, no. 26")
 async def split(case: Case) -> None:
     """A command cut within a word, the rest coming later, is executed once."""
     client = await case.connect()
@@ -101,7 +99,7 @@ async def split(case: Case) -> None:
     case.expect(count == 1, f"it was answered {count} times, not once")
 
 
-@control("input.split-end", "CR and LF in two packets", "6, no. 24", dialects=ONCE)
+@once("input.split-end", "CR and LF in two packets", "6, no. 24")
 async def split_end(case: Case) -> None:
     """If a packet ends between CR and LF, the command is executed once, and the next one too."""
     client = await case.connect()
@@ -112,7 +110,7 @@ async def split_end(case: Case) -> None:
     case.expect(count == 2, f"two commands were answered {count} times")
 
 
-@control("input.unended", "No end, no execution", "6, no. 27", dialects=ONCE)
+@once("input.unended", "No end, no execution", "6, no. 27")
 async def unended(case: Case) -> None:
     """A command without terminator is not executed until the terminator arrives."""
     client = await case.connect()
@@ -124,7 +122,7 @@ async def unended(case: Case) -> None:
     case.expect(count == 1, f"once ended, it was answered {count} times")
 
 
-@control("input.blank-lines", "Blank lines do nothing", "6, no. 28", dialects=ONCE)
+@once("input.blank-lines", "Blank lines do nothing", "6, no. 28")
 async def blank_lines(case: Case) -> None:
     """Twenty blank lines produce no output and no error."""
     client = await case.connect()
@@ -134,7 +132,7 @@ async def blank_lines(case: Case) -> None:
     case.expect(await client.is_alive(), "the connection no longer answers")
 
 
-@control("input.glued", "Commands glued to a brace", "6, no. 29", dialects=UNREAL)
+@unreal("input.glued", "Commands glued to a brace", "6, no. 29")
 async def glued(case: Case) -> None:
     """A command that follows a closing brace without a line end is executed too:
     `SET {..} {..}DRIVE {..}`."""
@@ -150,7 +148,7 @@ async def glued(case: Case) -> None:
     )
 
 
-@control("input.glued-requests", "Requests glued together", "6, no. 29", dialects=UNREAL)
+@unreal("input.glued-requests", "Requests glued together", "6, no. 29")
 async def glued_requests(case: Case) -> None:
     """Two requests on one line, the second right behind the brace of the first, are answered."""
     robot = await case.spawn()
@@ -173,7 +171,7 @@ async def init_packet(case: Case) -> None:
     case.expect(heads == ["CONF", "GEO"], f"replies came as {heads}")
 
 
-@control("input.outer-blanks", "Blanks around a command", "6, no. 31", dialects=ONCE)
+@once("input.outer-blanks", "Blanks around a command", "6, no. 31")
 async def outer_blanks(case: Case) -> None:
     """Leading and trailing blanks and tabs of a line are ignored."""
     client = await case.connect()
@@ -182,11 +180,10 @@ async def outer_blanks(case: Case) -> None:
     case.expect(count == 1, f"it was answered {count} times, not once")
 
 
-@control(
+@once(
     "input.before-greeting",
     "Commands may come before the greeting is read",
     "protocol reference, addendum",
-    dialects=ONCE,
 )
 async def before_greeting(case: Case) -> None:
     """GETSTARTPOSES sent twice right after connecting, before the greeting was read, is answered

@@ -8,7 +8,7 @@ from itertools import pairwise
 from usarsim_conformance.case import Case
 from usarsim_conformance.control import Robot, turned
 from usarsim_conformance.recordings import driven, ground_told, wheels_of
-from usarsim_conformance.registry import ONCE, UDK, UNREAL, UT2004, Severity, control
+from usarsim_conformance.registry import Severity, control, once, udk, unreal, ut2004
 
 _STILL = 0.02
 """m/s below which a robot stands; sensors print centimetres."""
@@ -22,8 +22,7 @@ _RAMP = 10
 
 async def _rolling(robot: Robot, *commands: str, seconds: float = 1.0) -> tuple[float, float]:
     """Forward speed, m/s, and clockwise turning rate, rad/s, some time after commands."""
-    await robot.send(*commands)
-    await robot.run(0.4)
+    await robot.under(*commands, seconds=0.4)
     before, start = await robot.pose(), robot.now
     await robot.run(seconds)
     after, end = await robot.pose(), robot.now
@@ -49,9 +48,7 @@ async def back(case: Case) -> None:
     case.expect(ahead < -0.05, f"it went {ahead:.2f} m forward")
 
 
-@control(
-    "motion.clockwise", "Left forward, right back turns clockwise", "6, no. 143", dialects=UNREAL
-)
+@unreal("motion.clockwise", "Left forward, right back turns clockwise", "6, no. 143")
 async def clockwise(case: Case) -> None:
     """`DRIVE {Left v} {Right -v}` turns clockwise seen from above: left and right are not
     swapped. Clockwise is what increases odometry theta and, with z down, yaw."""
@@ -59,21 +56,14 @@ async def clockwise(case: Case) -> None:
     case.expect(turn > _TURNS, f"it turned by {turn:.2f} rad, clockwise positive")
 
 
-@control(
-    "motion.anticlockwise",
-    "Right forward, left back turns anticlockwise",
-    "6, no. 143",
-    dialects=UNREAL,
-)
+@unreal("motion.anticlockwise", "Right forward, left back turns anticlockwise", "6, no. 143")
 async def anticlockwise(case: Case) -> None:
     """`DRIVE {Left -v} {Right v}` turns anticlockwise seen from above."""
     _, _, turn = (await driven(case)).phases["anticlockwise"].moved
     case.expect(turn < -_TURNS, f"it turned by {turn:.2f} rad, clockwise positive")
 
 
-@control(
-    "motion.in-place", "Opposite speeds turn on the spot", "3.4.1", Severity.SHOULD, dialects=UNREAL
-)
+@unreal("motion.in-place", "Opposite speeds turn on the spot", "3.4.1", Severity.SHOULD)
 async def in_place(case: Case) -> None:
     """With opposite speeds the robot turns and hardly leaves its place."""
     ahead, side, _ = (await driven(case)).phases["clockwise"].moved
@@ -113,13 +103,7 @@ async def speed(case: Case) -> None:
     case.expect(abs(found - wanted) < 0.1 * wanted + 0.02, f"{found:.3f} m/s, not {wanted:.3f}")
 
 
-@control(
-    "motion.turn-rate",
-    "WheelSeparation predicts turning",
-    "6, no. 132",
-    Severity.INFORMATIVE,
-    dialects=UNREAL,
-)
+@unreal("motion.turn-rate", "WheelSeparation predicts turning", "6, no. 132", Severity.INFORMATIVE)
 async def turn_rate(case: Case) -> None:
     """r (L - R) / separation is the turning rate within 10 percent. (Wheels that scrub turn a
     real skid steered robot more slowly: informative.)"""
@@ -134,7 +118,7 @@ async def turn_rate(case: Case) -> None:
     case.expect(abs(found - wanted) < 0.1 * wanted, f"{found:.2f} rad/s, not {wanted:.2f}")
 
 
-@control("motion.persists", "A command stays in force", "6, no. 144", dialects=ONCE)
+@once("motion.persists", "A command stays in force", "6, no. 144")
 async def persists(case: Case) -> None:
     """A drive command persists without repetition: there is no watchdog."""
     robot = await case.spawn()
@@ -162,7 +146,7 @@ async def _cruising(case: Case, command: str) -> tuple[float, float, float]:
         return found, radius, limit
 
 
-@control("motion.clamped", "Speeds are clamped", "6, no. 131", dialects=UNREAL, exclusive=True)
+@unreal("motion.clamped", "Speeds are clamped", "6, no. 131", exclusive=True)
 async def clamped(case: Case) -> None:
     """Commanding more than MaxSpeed of CONF gives MaxSpeed."""
     found, radius, limit = await _cruising(case, "DRIVE {Left 1000} {Right 1000}")
@@ -170,9 +154,7 @@ async def clamped(case: Case) -> None:
     case.expect(abs(found - wanted) < 0.2 * wanted, f"{found:.3f} m/s, not {wanted:.3f}")
 
 
-@control(
-    "motion.normalized", "Normalized is percent", "6, no. 146", dialects=UNREAL, exclusive=True
-)
+@unreal("motion.normalized", "Normalized is percent", "6, no. 146", exclusive=True)
 async def normalized(case: Case) -> None:
     """`DRIVE {Left 50} {Right 50} {Normalized true}` runs at half of MaxSpeed."""
     found, radius, limit = await _cruising(case, "DRIVE {Left 50} {Right 50} {Normalized true}")
@@ -191,16 +173,14 @@ async def _after_normalized(case: Case) -> tuple[float, float, float]:
     return found, value * radius, value / 100.0 * limit * radius
 
 
-@control(
-    "motion.normalized-once", "Normalized holds for its command", "6, no. 147", dialects=UT2004
-)
+@ut2004("motion.normalized-once", "Normalized holds for its command", "6, no. 147")
 async def normalized_once(case: Case) -> None:
     """In ut2004 a DRIVE without Normalized is in rad/s, whatever the one before was."""
     found, plain, _ = await _after_normalized(case)
     case.expect(abs(found - plain) < 0.25 * plain, f"{found:.3f} m/s, not {plain:.3f}")
 
 
-@control("motion.normalized-sticky", "Normalized sticks in udk", "6, no. 147", dialects=UDK)
+@udk("motion.normalized-sticky", "Normalized sticks in udk", "6, no. 147")
 async def normalized_sticky(case: Case) -> None:
     """In udk ground vehicles remember Normalized until it is sent again."""
     found, _, percent = await _after_normalized(case)
@@ -214,26 +194,21 @@ async def _one_side(case: Case) -> tuple[float, float]:
     return await _rolling(robot, "DRIVE {Left 0} {Right 0}", f"DRIVE {{Left {value}}}")
 
 
-@control("motion.one-side", "One side alone keeps the other", "6, no. 148", dialects=UT2004)
+@ut2004("motion.one-side", "One side alone keeps the other", "6, no. 148")
 async def one_side(case: Case) -> None:
     """In ut2004 `DRIVE {Left v}` alone keeps the right side: the robot turns clockwise."""
     _, rate = await _one_side(case)
     case.expect(rate > 0.012, f"it turns at {rate:.3f} rad/s, clockwise positive")
 
 
-@control("motion.one-side-udk", "One side alone does nothing in udk", "6, no. 148", dialects=UDK)
+@udk("motion.one-side-udk", "One side alone does nothing in udk", "6, no. 148")
 async def one_side_udk(case: Case) -> None:
     """In udk `DRIVE {Left v}` alone does nothing."""
     speed, rate = await _one_side(case)
     case.expect(abs(speed) < _STILL and abs(rate) < 0.05, f"{speed:.3f} m/s, {rate:.3f} rad/s")
 
 
-@control(
-    "motion.unknown-name",
-    "A Name in a wheel command is ignored",
-    "protocol reference, addendum",
-    dialects=ONCE,
-)
+@once("motion.unknown-name", "A Name in a wheel command is ignored", "protocol reference, addendum")
 async def unknown_name(case: Case) -> None:
     """`DRIVE {Name robot_0} {Left v} {Right v}` is a wheel command; the unknown Name is ignored."""
     robot = await case.spawn()
@@ -245,7 +220,7 @@ async def unknown_name(case: Case) -> None:
     case.expect(found > 0.5 * value * radius, f"it drives at {found:.3f} m/s")
 
 
-@control("motion.segments-of-all", "Segments of all vehicle kinds at once", "5.1.2", dialects=ONCE)
+@once("motion.segments-of-all", "Segments of all vehicle kinds at once", "5.1.2")
 async def segments_of_all(case: Case) -> None:
     """A DRIVE that carries zeros for all kinds of vehicles, as one client sends it to stop, stops
     the robot."""
@@ -261,7 +236,7 @@ async def segments_of_all(case: Case) -> None:
     case.expect(abs(found) < 0.05, f"it drives on at {found:.3f} m/s")
 
 
-@control("motion.flip", "Flip does an upright robot no harm", "6, no. 153", dialects=UNREAL)
+@unreal("motion.flip", "Flip does an upright robot no harm", "6, no. 153")
 async def flip(case: Case) -> None:
     """`DRIVE {Flip True}` leaves an upright robot upright, where it is."""
     robot = await case.spawn()
@@ -273,7 +248,7 @@ async def flip(case: Case) -> None:
     case.expect(tilt < 0.2, f"it is tilted by {tilt:.2f} rad")
 
 
-@control("motion.flip-over", "Flip rights an overturned robot", "6, no. 153", dialects=UT2004)
+@ut2004("motion.flip-over", "Flip rights an overturned robot", "6, no. 153")
 async def flip_over(case: Case) -> None:
     """In ut2004 `DRIVE {Flip True}` puts an overturned ground vehicle upright."""
     await ground_told(case, "GETCONF")
@@ -290,9 +265,7 @@ async def flip_over(case: Case) -> None:
     case.expect(tilt < 0.3, f"it is still tilted by {tilt:.2f} rad")
 
 
-@control(
-    "motion.wheel-by-wheel", "Wheels one by one", "6, no. 150", Severity.SHOULD, dialects=UT2004
-)
+@ut2004("motion.wheel-by-wheel", "Wheels one by one", "6, no. 150", Severity.SHOULD)
 async def wheel_by_wheel(case: Case) -> None:
     """`DRIVE {WheelNumber 0} {WheelSpeed v} {WheelNumber 1} {WheelSpeed v}` drives wheels 0 and 1
     of a skid steered robot, the foremost pair or one of each side: it moves forward."""
@@ -304,7 +277,7 @@ async def wheel_by_wheel(case: Case) -> None:
     case.expect(found > 0.4 * value * radius, f"it drives at {found:.3f} m/s")
 
 
-@control("motion.order", "Commands are executed in order", "1.8", dialects=ONCE)
+@once("motion.order", "Commands are executed in order", "1.8")
 async def in_order(case: Case) -> None:
     """Of many drive commands in one packet the last counts."""
     robot = await case.spawn()

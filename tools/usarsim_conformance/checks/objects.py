@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import fmean
 
@@ -11,7 +13,7 @@ from usarsim_conformance.control import ControlClient, turned
 from usarsim_conformance.grounds import open_floor
 from usarsim_conformance.lines import Line, numbers
 from usarsim_conformance.places import Place
-from usarsim_conformance.registry import ONCE, Severity, control
+from usarsim_conformance.registry import Severity, once
 from usarsim_conformance.walls import controller, create, status_of
 
 _SOON = 30.0
@@ -37,7 +39,7 @@ def _same(line: Line, name: str, wanted: tuple[float, ...], slack: float) -> boo
     return math.dist(found, wanted) <= slack
 
 
-@control("world.poses", "GetSTA tells all of a pose", "3.14, 4.11 and 6, no. 168", dialects=ONCE)
+@once("world.poses", "GetSTA tells all of a pose", "3.14, 4.11 and 6, no. 168")
 async def poses(case: Case) -> None:
     """Location and Rotation of GetSTA are those of Create, then those of AbsMove, on all axes with
     their signs; RelMove adds to both in the axes of the world, however the object is turned. Memory
@@ -88,7 +90,7 @@ _LEAN = 0.35
 """rad."""
 
 
-@control("world.seen", "Objects stand where GetSTA tells", "2.5, 3.14 and 4.6", dialects=ONCE)
+@once("world.seen", "Objects stand where GetSTA tells", "2.5, 3.14 and 4.6")
 async def seen(case: Case) -> None:
     """A robot's scanner, whose mount GEO tells, sees a board where Location puts it, turned as
     Rotation says: positive yaw brings its right end nearer, positive pitch takes its lower part
@@ -160,7 +162,7 @@ def _points(line: Line) -> list[tuple[float, float]]:
     ]
 
 
-@control("world.rotates", "Rotate turns at its Speed", "3.14", Severity.SHOULD, dialects=ONCE)
+@once("world.rotates", "Rotate turns at its Speed", "3.14", Severity.SHOULD)
 async def rotates(case: Case) -> None:
     """`{Type Rotate} {Speed r,p,y}` turns an object about the axis of its component at so many
     rad/s, in the positive direction; about roll, pitch and yaw, within 20 percent."""
@@ -207,19 +209,28 @@ class _Timed:
         return self.earliest - other.latest, self.latest - other.earliest
 
 
-_LATE = 0.4
-"""s; reports that tell the time come every 0.2 s, and may be read a little later."""
-
-
 async def _timed(case: Case, client: ControlClient, name: str) -> _Timed:
+    case.need(case.clock.followed, "no robot tells the time")
     earliest = case.clock.told
     line = await status_of(client, name)
-    return _Timed(line, earliest, case.clock.told + _LATE)
+    return _Timed(line, earliest, await case.clock.moment())
 
 
-@control(
-    "world.path", "Way points are followed at their Speed", "3.14", Severity.SHOULD, dialects=ONCE
-)
+def _along(way: Sequence[tuple[float, ...]], at: tuple[float, ...]) -> tuple[float, float]:
+    """How far along a way a place is, and how far aside of it, m."""
+    gone, found = 0.0, (0.0, math.inf)
+    for a, b in itertools.pairwise(way):
+        length = math.dist(a, b)
+        share = sum((p - q) * (r - q) for p, q, r in zip(at, a, b, strict=True)) / length**2
+        share = min(max(share, 0.0), 1.0)
+        aside = math.dist(at, [q + share * (r - q) for q, r in zip(a, b, strict=True)])
+        if aside < found[1]:
+            found = (gone + share * length, aside)
+        gone += length
+    return found
+
+
+@once("world.path", "Way points are followed at their Speed", "3.14", Severity.SHOULD)
 async def path(case: Case) -> None:
     """An object with way points and `{Type SetWP} {Speed v}` moves to them in their order at v,
     within 20 percent, and stays at the last; with Loop it goes back to the first."""
@@ -229,7 +240,11 @@ async def path(case: Case) -> None:
         # A long first way: the controller may be told of it late.
         begin = Place(None, (x - 5.0, y, z))
         name = await create(case, client, begin, (0.3, 0.3, 0.3))
-        points = [(x + 5.0, y, z), (x + 5.0, y - 1.0, z), (x + 5.0, y - 1.0, z - 0.5)]
+        points: list[tuple[float, ...]] = [
+            (x + 5.0, y, z),
+            (x + 5.0, y - 1.0, z),
+            (x + 5.0, y - 1.0, z - 0.5),
+        ]
         await client.send(
             f"CONTROL {{Type SetWP}} {{Name {name}}} {{Speed 0.5}} {{Loop false}} {{Moving false}}",
             f"CONTROL {{Type AddWP}} {{Name {name}}} {{WP {';'.join(map(_text, points))}}}",
@@ -244,10 +259,17 @@ async def path(case: Case) -> None:
         await case.clock.sleep(1.6)
         second = await _timed(case, client, name)
         before, after = (one.line.numbers("Location") for one in (first, second))
-        low, high = second.since(first)
+        way = [begin.location, *points]
+        (start, aside), (end, off) = (_along(way, at) for at in (before, after))
         case.expect(
-            0.5 * low * 0.95 - 0.02 <= after[0] - before[0] <= 0.5 * high * 1.05 + 0.02
-            and abs(after[1] - y) < 0.05,
+            max(aside, off) < 0.05,
+            f"Location is {max(aside, off):.2f} m aside of the way over {_text(points[0])}, as "
+            f"{_text(before)} and then {_text(after)} show",
+        )
+        low, high = second.since(first)
+        remains = sum(map(math.dist, way, way[1:])) - start  # whoever looks late sees it there
+        case.expect(
+            min(0.5 * low * 0.95, remains) - 0.02 <= end - start <= 0.5 * high * 1.05 + 0.02,
             f"on the way to {_text(points[0])} at Speed 0.5 Location went from {_text(before)} to "
             f"{_text(after)} in {low:.1f} to {high:.1f} s",
         )
@@ -268,7 +290,7 @@ async def path(case: Case) -> None:
         case.expect(await case.soon(left, _SOON), "with Loop it stays at the last way point")
 
 
-@control("world.physics", "Physics decides what falls", "3.14", Severity.SHOULD, dialects=ONCE)
+@once("world.physics", "Physics decides what falls", "3.14", Severity.SHOULD)
 async def physics(case: Case) -> None:
     """An object with Physics None stays in the air; RigidBody and Falling fall to the floor, where
     Ground stands at once: half its size above it, all three at one height."""
@@ -299,13 +321,7 @@ async def physics(case: Case) -> None:
             )
 
 
-@control(
-    "world.robots",
-    "AbsMove and RelMove put robots elsewhere",
-    "3.14",
-    Severity.SHOULD,
-    dialects=ONCE,
-)
+@once("world.robots", "AbsMove and RelMove put robots elsewhere", "3.14", Severity.SHOULD)
 async def robots(case: Case) -> None:
     """AbsMove with the name of a robot puts it there, facing as told; RelMove adds. Its own sensors
     tell so."""

@@ -9,8 +9,10 @@ from usarsim_conformance.case import Case
 from usarsim_conformance.excursions import Track, bearer, equipment, spawn_far
 from usarsim_conformance.lines import Line, numbers
 from usarsim_conformance.ranging import CHANCE, spread_bounds
-from usarsim_conformance.registry import UNREAL, UT2004, Severity, control
+from usarsim_conformance.registry import UNREAL, UT2004, Severity, checks_of
 from usarsim_conformance.visits import View, Visit, visit, watch_walker
+
+measured = checks_of("control", reference="robots reference", dialects=UNREAL)
 
 _NOISE = 0.05
 """Of VictSensor, as a part of the distance, on each axis."""
@@ -31,12 +33,7 @@ def _seen(view: View) -> list[list[tuple[str, tuple[float, ...]]]]:
     return [_parts(line) for _, line in view.track.of("VictSensor") if _parts(line)]
 
 
-@control(
-    "values.victim-location",
-    "A victim is where it is seen",
-    "robots reference 2.9; protocol reference 4.6",
-    dialects=UNREAL,
-)
+@measured("values.victim-location", "A victim is where it is seen", "2.9; protocol reference 4.6")
 async def victim_location(case: Case) -> None:
     """Location of a part is relative to the sensor: x ahead, y to the right, z down, m."""
     found = await _visit(case, "VictSensor")
@@ -73,12 +70,8 @@ async def victim_location(case: Case) -> None:
             )
 
 
-@control(
-    "values.victim-noise",
-    "A victim is seen as inexactly as it should",
-    "robots reference 2.9",
-    Severity.SHOULD,
-    dialects=UNREAL,
+@measured(
+    "values.victim-noise", "A victim is seen as inexactly as it should", "2.9", Severity.SHOULD
 )
 async def victim_noise(case: Case) -> None:
     """Location of a part scatters from report to report by 0.05 of the distance, on each axis."""
@@ -109,11 +102,10 @@ async def victim_noise(case: Case) -> None:
     )
 
 
-@control(
+@measured(
     "values.victim-view",
     "A victim sensor sees what is in its field of view",
-    "robots reference 2.9; protocol reference 4.8",
-    dialects=UNREAL,
+    "2.9; protocol reference 4.8",
 )
 async def victim_view(case: Case) -> None:
     """Somebody within HorizontalFOV and MaxRange of CONF is seen, beyond either nobody; parts
@@ -141,11 +133,8 @@ async def victim_view(case: Case) -> None:
             )
 
 
-@control(
-    "values.victim-tag",
-    "A victim's tag is where the victim is",
-    "robots reference 2.9; protocol reference 4.6",
-    dialects=UNREAL,
+@measured(
+    "values.victim-tag", "A victim's tag is where the victim is", "2.9; protocol reference 4.6"
 )
 async def victim_tag(case: Case) -> None:
     """Location of VictRFID is relative to the reader, VictimName stays."""
@@ -172,13 +161,7 @@ async def victim_tag(case: Case) -> None:
     case.expect(len(names) == 1, f"VictimName of the same victim is {names}")
 
 
-@control(
-    "values.co2",
-    "CO2 thins with the square of the distance",
-    "robots reference 2.9",
-    Severity.SHOULD,
-    dialects=UNREAL,
-)
+@measured("values.co2", "CO2 thins with the square of the distance", "2.9", Severity.SHOULD)
 async def co2(case: Case) -> None:
     """Density near somebody who breathes falls with the square of the distance."""
     found = await _visit(case, "CO2Sensor")
@@ -199,13 +182,7 @@ async def co2(case: Case) -> None:
         )
 
 
-@control(
-    "values.loudness",
-    "Sound fades by 6 dB with every doubling",
-    "robots reference 2.9",
-    Severity.SHOULD,
-    dialects=UNREAL,
-)
+@measured("values.loudness", "Sound fades by 6 dB with every doubling", "2.9", Severity.SHOULD)
 async def loudness(case: Case) -> None:
     """Loudness of somebody who calls falls by 20 log10 of the distance, and Duration stays."""
     found = await _visit(case, "Sound")
@@ -229,11 +206,10 @@ async def loudness(case: Case) -> None:
         )
 
 
-@control(
+@measured(
     "values.acoustic",
     "An acoustic array hears where a call comes from",
-    "robots reference 2.9; protocol reference 4.6",
-    dialects=UNREAL,
+    "2.9; protocol reference 4.6",
 )
 async def acoustic(case: Case) -> None:
     """Direction is a unit vector in the sensor's frame, z up, towards who calls; Volume falls by 20
@@ -276,12 +252,8 @@ async def acoustic(case: Case) -> None:
         )
 
 
-@control(
-    "values.human-motion",
-    "HumanMotion tells who moves",
-    "robots reference 2.9",
-    Severity.SHOULD,
-    dialects=UT2004,
+@measured(
+    "values.human-motion", "HumanMotion tells who moves", "2.9", Severity.SHOULD, dialects=UT2004
 )
 async def human_motion(case: Case) -> None:
     """Prob is 0 while nobody moves, and falls in proportion to the distance of who walks, from 1 at
@@ -303,23 +275,17 @@ async def human_motion(case: Case) -> None:
     )
 
 
-@control(
-    "values.rfid-location",
-    "A tag is where it was dropped",
-    "robots reference 2.9; protocol reference 4.6",
-    dialects=UNREAL,
-)
+@measured("values.rfid-location", "A tag is where it was dropped", "2.9; protocol reference 4.6")
 async def rfid_location(case: Case) -> None:
     """Location of RFID is relative to the reader, x ahead, y to the right, z down: that of the
     place where a releaser dropped the tag, while the robot drives about."""
     await _judge_tag(case, "RFID")
 
 
-@control(
+@measured(
     "values.rfid-tag-location",
     "A tag is where it was dropped, for a tag reader",
-    "robots reference 2.9; protocol reference 4.6",
-    dialects=UNREAL,
+    "2.9; protocol reference 4.6",
 )
 async def rfid_tag_location(case: Case) -> None:
     """Location of RFIDTag is relative to the reader, as that of RFID."""
@@ -338,8 +304,7 @@ async def _judge_tag(case: Case, type: str) -> None:
         await robot.run(0.6)
         begun = len(robot.client.lines)
         for left, right, seconds in ((3, 3, 2.0), (3, -3, 1.5), (3, 2, 2.0), (-3, 3, 1.0)):
-            await robot.send(f"DRIVE {{Left {left}}} {{Right {right}}}")
-            await robot.run(seconds)
+            await robot.under(f"DRIVE {{Left {left}}} {{Right {right}}}", seconds=seconds)
         return View("", 0.0, 0.0, before, Track(())), Track(robot.client.lines[begun:])
 
     start, track = await case.shared(f"{class_name} drops a tag", drop)

@@ -18,11 +18,13 @@ from usarsim_conformance.ranging import (
     walls_for,
 )
 from usarsim_conformance.recordings import senses, standing, told
-from usarsim_conformance.registry import GAZEBO, UNREAL, control
+from usarsim_conformance.registry import UNREAL, checks_of, control, gazebo, unreal
 from usarsim_conformance.walls import Scene, Vector, turned_by
 
+measured = checks_of("control", reference="robots reference", dialects=UNREAL)
 
-@control("values.scan-3d-range", "A scan in rows measures a wall", "4.6", dialects=UNREAL)
+
+@unreal("values.scan-3d-range", "A scan in rows measures a wall", "4.6")
 async def scan_3d_range(case: Case) -> None:
     """Range of a RangeScanner3D is row by row from up to down, each from right to left, by the two
     angles of Resolution and FOV."""
@@ -53,12 +55,7 @@ async def scan_3d_range(case: Case) -> None:
         judge_beam(case, found, type, "Range", one, False, floor)
 
 
-@control(
-    "values.image-range",
-    "A depth picture measures a wall",
-    "robots reference 2.3; protocol reference 4.6",
-    dialects=UNREAL,
-)
+@measured("values.image-range", "A depth picture measures a wall", "2.3; protocol reference 4.6")
 async def image_range(case: Case) -> None:
     """Range of a RangeImager is the depth along its axis, row by row from up to down, each from
     left to right, from -FOV/2 on by FOV over the number of pixels."""
@@ -155,9 +152,7 @@ def _triples(text: str) -> list[Vector]:
     return found
 
 
-@control(
-    "values.line-laser-points", "Points of a line laser lie on the wall", "4.6", dialects=UNREAL
-)
+@unreal("values.line-laser-points", "Points of a line laser lie on the wall", "4.6")
 async def line_laser_points(case: Case) -> None:
     """Location and Orientation of a LineLaser are where it is in the world, and Points where its
     beams end there, from left to right over FOV: on a wall, or MaxRange away."""
@@ -192,7 +187,7 @@ async def line_laser_points(case: Case) -> None:
     case.expect(met["ahead"] > met["half"] > 0, f"Points on a wall and half of it: {met}")
 
 
-@control("values.cloud-points", "Points of a cloud lie on the wall", "4.6", dialects=UNREAL)
+@unreal("values.cloud-points", "Points of a cloud lie on the wall", "4.6")
 async def cloud_points(case: Case) -> None:
     """Points of a PCL sensor are in its own frame, x ahead, y to the right, z down: those of a wall
     lie on it."""
@@ -237,11 +232,8 @@ async def cloud_points(case: Case) -> None:
             case.expect(count < whole, f"points of {name} do not miss a wall that is not there")
 
 
-@control(
-    "values.object-sensor",
-    "An object sensor tells what is ahead",
-    "robots reference 2.9; protocol reference 4.6",
-    dialects=UNREAL,
+@measured(
+    "values.object-sensor", "An object sensor tells what is ahead", "2.9; protocol reference 4.6"
 )
 async def object_sensor(case: Case) -> None:
     """Location and Orientation of an ObjectSensor's Object are those of the object in the world,
@@ -280,7 +272,7 @@ async def object_sensor(case: Case) -> None:
     case.need(seen > 1, "too few ObjectSensor lines")
 
 
-@control("sensors.scan-order", "Segments of a scan", "6, no. 102", dialects=UNREAL)
+@unreal("sensors.scan-order", "Segments of a scan", "6, no. 102")
 async def scan_order(case: Case) -> None:
     """RangeScanner segments are Name, Resolution, FOV, Range in this order, Range last, with
     exactly this spelling."""
@@ -308,7 +300,7 @@ async def scan_count(case: Case) -> None:
         case.expect(count >= math.floor(beams), f"{count} ranges for {beams:.1f} steps: {line}")
 
 
-@control("sensors.scan-miss", "A beam without echo reads MaxRange", "6, no. 105", dialects=UNREAL)
+@unreal("sensors.scan-miss", "A beam without echo reads MaxRange", "6, no. 105")
 async def scan_miss(case: Case) -> None:
     """No range is larger than the MaxRange of CONF."""
     recording, lines = await senses(case, "RangeScanner")
@@ -321,13 +313,7 @@ async def scan_miss(case: Case) -> None:
         case.expect(most <= limit + 1e-3, f"{most} although MaxRange is {limit}")
 
 
-@control(
-    "sensors.scan-right-first",
-    "Scans begin on the right",
-    "6, no. 104",
-    dialects=UNREAL,
-    exclusive=True,
-)
+@unreal("sensors.scan-right-first", "Scans begin on the right", "6, no. 104", exclusive=True)
 async def scan_right_first(case: Case) -> None:
     """An obstacle to the right of the robot, here another robot, appears in the first half of
     the range list."""
@@ -335,11 +321,10 @@ async def scan_right_first(case: Case) -> None:
     case.expect(change < 0.5, f"a robot on the right shortened ranges at {change:.0%} of the list")
 
 
-@control(
+@gazebo(
     "sensors.scan-left-first",
     "Scans begin on the left in the Gazebo prototype",
     "4.15",
-    dialects=GAZEBO,
     exclusive=True,
 )
 async def scan_left_first(case: Case) -> None:

@@ -9,16 +9,10 @@ from dataclasses import dataclass
 
 from usarsim_conformance.case import Case
 from usarsim_conformance.control import Robot
-from usarsim_conformance.excursions import (
-    Equipment,
-    Track,
-    bearer,
-    equipment,
-    spawn_far,
-)
+from usarsim_conformance.excursions import Equipment, Track, bearer, equipment, spawn_far
 from usarsim_conformance.grounds import lane
 from usarsim_conformance.ranging import SLACK, Beam, judge_beam, limit, ray, values_of, walls_for
-from usarsim_conformance.registry import UNREAL, control
+from usarsim_conformance.registry import UNREAL, checks_of, unreal
 from usarsim_conformance.walls import (
     Builder,
     Scene,
@@ -29,6 +23,8 @@ from usarsim_conformance.walls import (
     controller,
     settled,
 )
+
+measured = checks_of("control", reference="robots reference", dialects=UNREAL)
 
 
 async def _single(case: Case, type: str, least: bool) -> None:
@@ -41,34 +37,21 @@ async def _single(case: Case, type: str, least: bool) -> None:
     case.need(seen > 3, f"too few {type} lines")
 
 
-@control(
-    "values.ir-range",
-    "IR measures the distance ahead of it",
-    "robots reference 2.2",
-    dialects=UNREAL,
-)
+@measured("values.ir-range", "IR measures the distance ahead of it", "2.2")
 async def ir_range(case: Case) -> None:
     """Range of IR is the distance of a wall along the mount's axis, between MinRange and MaxRange
     of CONF, wherever the wall stands."""
     await _single(case, "IR", True)
 
 
-@control(
-    "values.range-range",
-    "A range sensor measures the distance ahead of it",
-    "robots reference 2.2",
-    dialects=UNREAL,
-)
+@measured("values.range-range", "A range sensor measures the distance ahead of it", "2.2")
 async def range_range(case: Case) -> None:
     """Range of a range sensor is the distance of a wall along the mount's axis, up to MaxRange."""
     await _single(case, "Range", False)
 
 
-@control(
-    "values.sonar-range",
-    "A sonar measures the nearest echo",
-    "robots reference 2.2; protocol reference 6, no. 101",
-    dialects=UNREAL,
+@measured(
+    "values.sonar-range", "A sonar measures the nearest echo", "2.2; protocol reference 6, no. 101"
 )
 async def sonar_range(case: Case) -> None:
     """Range of a sonar is the distance of a wall within its cone: that of its axis, or less where
@@ -119,12 +102,7 @@ def _beam_angle(found: Surrounded, item: str) -> float:
     return float(conf.get("BeamAngle") or conf.get("beamAngle") or 0.349)
 
 
-@control(
-    "values.sonar-cone",
-    "A sonar sees its cone and no more",
-    "robots reference 2.2",
-    dialects=UNREAL,
-)
+@measured("values.sonar-cone", "A sonar sees its cone and no more", "2.2")
 async def sonar_cone(case: Case) -> None:
     """A narrow wall that goes round the robot and faces it is seen by a sonar while it covers part
     of the cone of BeamAngle about the mount's axis, and not beyond."""
@@ -202,11 +180,8 @@ async def _scanner(case: Case, type: str, least: bool) -> None:
     case.need(seen > 10, f"too few {type} lines")
 
 
-@control(
-    "values.scan-range",
-    "A scan measures a wall",
-    "robots reference 2.3; protocol reference 6, no. 103 to 105",
-    dialects=UNREAL,
+@measured(
+    "values.scan-range", "A scan measures a wall", "2.3; protocol reference 6, no. 103 to 105"
 )
 async def scan_range(case: Case) -> None:
     """Range of every beam of a RangeScanner is the distance of the wall in its direction, beams
@@ -214,19 +189,14 @@ async def scan_range(case: Case) -> None:
     await _scanner(case, "RangeScanner", False)
 
 
-@control(
-    "values.ir-scan-range",
-    "A scan by infrared measures a wall",
-    "robots reference 2.3",
-    dialects=UNREAL,
-)
+@measured("values.ir-scan-range", "A scan by infrared measures a wall", "2.3")
 async def ir_scan_range(case: Case) -> None:
     """Range of every beam of an IRScanner is the distance of the wall in its direction, between
     MinRange and MaxRange."""
     await _scanner(case, "IRScanner", True)
 
 
-@control("values.scan-head", "A scan says what CONF says", "4.6 and 4.8", dialects=UNREAL)
+@unreal("values.scan-head", "A scan says what CONF says", "4.6 and 4.8")
 async def scan_head(case: Case) -> None:
     """Resolution and FOV of a scan are Resolution and Fov of CONF, and the number of ranges follows
     from them."""
@@ -327,9 +297,7 @@ def _judge_reach(case: Case, found: _Approach, least: float, most: float) -> Non
         )
 
 
-@control(
-    "values.touch-reach", "A touch pad feels what is close", "robots reference 2.8", dialects=UNREAL
-)
+@measured("values.touch-reach", "A touch pad feels what is close", "2.8")
 async def touch_reach(case: Case) -> None:
     """Touch is False while a wall is a centimetre before the pad, and True from a few millimetres
     on."""
@@ -337,12 +305,7 @@ async def touch_reach(case: Case) -> None:
     _judge_reach(case, found, 0.0, 0.005)
 
 
-@control(
-    "values.touch-diameter",
-    "A touch pad is as large as it says",
-    "robots reference 2.8",
-    dialects=UNREAL,
-)
+@measured("values.touch-diameter", "A touch pad is as large as it says", "2.8")
 async def touch_diameter(case: Case) -> None:
     """A wall close before a pad is felt where its edge is nearer to the middle of the pad than half
     of Diameter of CONF, and not beside it."""
@@ -363,9 +326,7 @@ async def touch_diameter(case: Case) -> None:
             )
 
 
-@control(
-    "values.bumper-reach", "A bumper feels what is close", "robots reference 2.8", dialects=UNREAL
-)
+@measured("values.bumper-reach", "A bumper feels what is close", "2.8")
 async def bumper_reach(case: Case) -> None:
     """Touch of a TouchArray is True from 2 cm before its arc on, ArcRadius of CONF from its
     mount."""

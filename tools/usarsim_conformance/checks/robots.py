@@ -8,7 +8,7 @@ from collections.abc import Callable
 from usarsim_conformance.case import Case
 from usarsim_conformance.control import Pose, Robot, turned
 from usarsim_conformance.lines import Line
-from usarsim_conformance.registry import ONCE, UDK, UNREAL, UT2004, Severity, control
+from usarsim_conformance.registry import Severity, once, udk, unreal, ut2004
 
 _HOVER = "DRIVE {AltitudeVelocity 0} {LinearVelocity 0} {LateralVelocity 0} {RotationalVelocity 0}"
 
@@ -17,16 +17,14 @@ async def _flown(case: Case, name: str, value: float, seconds: float = 1.2) -> t
     """Poses of an aerial robot before and after it has flown with one segment set."""
     robot = await case.spawn("aerial")
     # High enough that the ground does not matter.
-    await robot.send(_HOVER.replace("AltitudeVelocity 0", "AltitudeVelocity 1"))
-    await robot.run(1.2)
-    await robot.send(_HOVER)
-    await robot.run(0.6)
+    await robot.under(_HOVER.replace("AltitudeVelocity 0", "AltitudeVelocity 1"), seconds=1.2)
+    await robot.under(_HOVER, seconds=0.6)
     before, after = await case.drive(robot, _HOVER.replace(f"{name} 0", f"{name} {value}"), seconds)
     await robot.send(_HOVER)
     return before, after
 
 
-@control("aerial.climbs", "AltitudeVelocity climbs", "6, no. 151", dialects=UNREAL)
+@unreal("aerial.climbs", "AltitudeVelocity climbs", "6, no. 151")
 async def climbs(case: Case) -> None:
     """Positive AltitudeVelocity climbs: z becomes smaller."""
     before, after = await _flown(case, "AltitudeVelocity", 1.0)
@@ -34,23 +32,21 @@ async def climbs(case: Case) -> None:
     case.expect(rise > 0.3, f"it rose by {rise:.2f} m")
 
 
-@control("aerial.forward", "LinearVelocity flies forward", "6, no. 151", dialects=UNREAL)
+@unreal("aerial.forward", "LinearVelocity flies forward", "6, no. 151")
 async def flies_forward(case: Case) -> None:
     """Positive LinearVelocity flies forward."""
     before, after = await _flown(case, "LinearVelocity", 0.6)
     case.expect(before.ahead(after)[0] > 0.15, f"it went {before.ahead(after)} m ahead and right")
 
 
-@control("aerial.right", "LateralVelocity flies right", "6, no. 151", dialects=UNREAL)
+@unreal("aerial.right", "LateralVelocity flies right", "6, no. 151")
 async def flies_right(case: Case) -> None:
     """Positive LateralVelocity flies to the right."""
     before, after = await _flown(case, "LateralVelocity", 0.6)
     case.expect(before.ahead(after)[1] > 0.15, f"it went {before.ahead(after)} m ahead and right")
 
 
-@control(
-    "aerial.turns", "RotationalVelocity turns clockwise", "6, no. 151 and 152", dialects=UNREAL
-)
+@unreal("aerial.turns", "RotationalVelocity turns clockwise", "6, no. 151 and 152")
 async def turns(case: Case) -> None:
     """Positive RotationalVelocity turns clockwise, in rad/s in ut2004 and in degrees per second
     in udk: 0.8 rad/s is 45.8 degrees per second."""
@@ -60,7 +56,7 @@ async def turns(case: Case) -> None:
     case.expect(0.3 < turn < 1.6, f"it turned by {turn:.2f} rad, clockwise positive, in 1 s")
 
 
-@control("aerial.hovers", "Zeros hover", "6, no. 151", dialects=UNREAL)
+@unreal("aerial.hovers", "Zeros hover", "6, no. 151")
 async def hovers(case: Case) -> None:
     """With all velocities zero the robot stays where it is in the air."""
     before, after = await _flown(case, "AltitudeVelocity", 0.0)
@@ -72,49 +68,34 @@ async def _steered(case: Case, *commands: str) -> tuple[float, Line]:
     robot = await case.spawn("ackerman")
     await robot.run(1.2)
     before = await robot.pose()
-    await robot.send(*commands)
-    lines = await robot.run(1.2)
+    lines = await robot.under(*commands, seconds=1.2)
     after = await robot.pose()
     await robot.send("DRIVE {Speed 0} {FrontSteer 0} {RearSteer 0}")
     return before.ahead(after)[0], [line for line in lines if line.head == "STA"][-1]
 
 
-@control("ackerman.drives", "Speed drives a car", "3.4.2", dialects=UNREAL, exclusive=True)
+@unreal("ackerman.drives", "Speed drives a car", "3.4.2", exclusive=True)
 async def car_drives(case: Case) -> None:
     """`DRIVE {Speed v} {FrontSteer 0} {RearSteer 0}` drives a car forward."""
     ahead, _ = await _steered(case, "DRIVE {Speed 2} {FrontSteer 0} {RearSteer 0}")
     case.expect(ahead > 0.05, f"it went {ahead:.2f} m forward")
 
 
-@control(
-    "ackerman.speed-alone",
-    "Speed alone drives a car",
-    "6, no. 149",
-    dialects=UT2004,
-    exclusive=True,
-)
+@ut2004("ackerman.speed-alone", "Speed alone drives a car", "6, no. 149", exclusive=True)
 async def speed_alone(case: Case) -> None:
     """In ut2004 Speed alone works."""
     ahead, _ = await _steered(case, "DRIVE {Speed 2}")
     case.expect(ahead > 0.05, f"it went {ahead:.2f} m forward")
 
 
-@control(
-    "ackerman.all-three", "All three are needed in udk", "6, no. 149", dialects=UDK, exclusive=True
-)
+@udk("ackerman.all-three", "All three are needed in udk", "6, no. 149", exclusive=True)
 async def all_three(case: Case) -> None:
     """In udk a car needs Speed, FrontSteer and RearSteer; one alone does nothing."""
     ahead, _ = await _steered(case, "DRIVE {Speed 2}")
     case.expect(abs(ahead) < 0.03, f"it went {ahead:.2f} m forward")
 
 
-@control(
-    "ackerman.steer-limits",
-    "Steering stays within limits",
-    "6, no. 149",
-    dialects=UNREAL,
-    exclusive=True,
-)
+@unreal("ackerman.steer-limits", "Steering stays within limits", "6, no. 149", exclusive=True)
 async def steer_limits(case: Case) -> None:
     """A steering angle beyond the limits of CONF stops at them."""
     _, status = await _steered(case, "DRIVE {Speed 0} {FrontSteer 9} {RearSteer 9}")
@@ -122,7 +103,7 @@ async def steer_limits(case: Case) -> None:
         case.expect(abs(status.number(name)) < 1.6, f"{name} is {status.get(name)}")
 
 
-@control("flippers.multidrive", "MULTIDRIVE moves flippers", "6, no. 154", dialects=UT2004)
+@ut2004("flippers.multidrive", "MULTIDRIVE moves flippers", "6, no. 154")
 async def multidrive(case: Case) -> None:
     """`MULTIDRIVE {FRFlipper 0.4} {FLflipper 0.4}` moves both flippers there, names in any
     case."""
@@ -164,7 +145,7 @@ async def _moved(case: Case, robot: Robot, command: str, target: float) -> None:
     case.fail(f"link 1 of {name} is at {value:.3f}, not at {target}")
 
 
-@control("arm.mispkg", "MISPKG counts links from 1", "6, no. 157", dialects=UNREAL)
+@unreal("arm.mispkg", "MISPKG counts links from 1", "6, no. 157")
 async def mispkg(case: Case) -> None:
     """`MISPKG {Name p} {Link 1} {Value 0.2}`, with and without Order, moves the first link."""
     robot = await case.spawn("arm")
@@ -172,14 +153,14 @@ async def mispkg(case: Case) -> None:
     await _moved(case, robot, "MISPKG {Name <arm>} {Link 1} {Value 0.1} {Order 0}", 0.1)
 
 
-@control("arm.act", "ACT counts links from 0", "6, no. 158", dialects=UDK)
+@udk("arm.act", "ACT counts links from 0", "6, no. 158")
 async def act(case: Case) -> None:
     """`ACT {Name a} {Link 0} {Value 0.2}` moves the link that ASTA reports as Link 1."""
     robot = await case.spawn("arm")
     await _moved(case, robot, "ACT {Name <arm>} {Link 0} {Value 0.2}", 0.2)
 
 
-@control("arm.out-of-range", "Links that are none are ignored", "6, no. 159", dialects=UNREAL)
+@unreal("arm.out-of-range", "Links that are none are ignored", "6, no. 159")
 async def out_of_range(case: Case) -> None:
     """Links out of range are ignored without disturbing the other groups of the command."""
     robot = await case.spawn("arm")
@@ -191,7 +172,7 @@ async def out_of_range(case: Case) -> None:
     )  # fmt: skip
 
 
-@control("arm.links", "Links are reported from 1", "4.9", dialects=UNREAL)
+@unreal("arm.links", "Links are reported from 1", "4.9")
 async def links(case: Case) -> None:
     """MISSTA (ut2004, with Torque) and ASTA (udk) number links from 1 without a gap."""
     robot = await case.spawn("arm")
@@ -204,9 +185,7 @@ async def links(case: Case) -> None:
     case.expect(line.names == ("Time", "Name", *group * len(numbers)), f"{line}")
 
 
-@control(
-    "arm.limits", "Joints stop at their limits", "6, no. 160", Severity.SHOULD, dialects=UNREAL
-)
+@unreal("arm.limits", "Joints stop at their limits", "6, no. 160", Severity.SHOULD)
 async def limits(case: Case) -> None:
     """A value beyond a joint's limit stops at the limit told by CONF."""
     robot = await case.spawn("arm")
@@ -224,7 +203,7 @@ async def limits(case: Case) -> None:
             case.expect(value <= high + 0.05, f"link 1 is at {value}, beyond {high}")
 
 
-@control("arm.gripper", "Grippers open and close", "6, no. 161", dialects=UDK)
+@udk("arm.gripper", "Grippers open and close", "6, no. 161")
 async def gripper(case: Case) -> None:
     """`SET {Type Gripper} {Name g} {Opcode OPEN}` and CLOSE change the Status of EFF."""
     robot = await case.spawn("gripper")
@@ -242,12 +221,11 @@ def _status(status: str) -> Callable[[Line], bool]:
     return lambda line: line.head == "EFF" and line.get("Status") == status
 
 
-@control(
+@once(
     "legged.no-drive",
     "DRIVE moves no legged robot",
     "robots reference 5.2, no. 48",
     Severity.SHOULD,
-    dialects=ONCE,
 )
 async def no_drive(case: Case) -> None:
     """DRIVE to a legged robot does not move it."""
@@ -258,7 +236,7 @@ async def no_drive(case: Case) -> None:
     case.expect(away < 0.1, f"it moved by {away:.2f} m")
 
 
-@control("legged.joints", "SET moves a joint", "6, no. 156", dialects=UDK)
+@udk("legged.joints", "SET moves a joint", "6, no. 156")
 async def joints(case: Case) -> None:
     """`SET {Type Joint} {Name j} {Opcode Angle} {Params 0.2}` moves a joint that STA reports."""
     robot = await case.spawn("legged")
@@ -271,12 +249,11 @@ async def joints(case: Case) -> None:
     case.expect(abs(value - 0.2) < 0.06, f"{names[0]} is at {value}")
 
 
-@control(
+@once(
     "underwater.stays",
     "A submarine without orders stays",
     "robots reference 5.2, no. 49",
     Severity.INFORMATIVE,
-    dialects=ONCE,
     exclusive=True,
 )
 async def submarine(case: Case) -> None:

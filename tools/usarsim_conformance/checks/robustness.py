@@ -9,7 +9,7 @@ import re
 from usarsim_conformance.case import Case
 from usarsim_conformance.clock import Stalled
 from usarsim_conformance.control import ControlClient, Robot
-from usarsim_conformance.registry import ONCE, Failed, Severity, control
+from usarsim_conformance.registry import Failed, Severity, once
 
 _GARBAGE_LINES = 1000
 _LONG_LINE = 65536
@@ -26,7 +26,7 @@ async def _obeys(case: Case, robot: Robot) -> None:
     await robot.wait(lambda line: line.head == "STA", what="STA")
 
 
-@control("robust.garbage", "Random bytes are survived", "6, no. 19", dialects=ONCE)
+@once("robust.garbage", "Random bytes are survived", "6, no. 19")
 async def garbage(case: Case) -> None:
     """The connection stays open after 1000 lines of random bytes, and a valid command sent
     afterwards works."""
@@ -39,7 +39,7 @@ async def garbage(case: Case) -> None:
     await _obeys(case, robot)
 
 
-@control("robust.near-misses", "Nearly right commands are survived", "1.7", dialects=ONCE)
+@once("robust.near-misses", "Nearly right commands are survived", "1.7")
 async def near_misses(case: Case) -> None:
     """Commands with braces, blanks and values in wrong places, and truncated ones, do no harm."""
     robot = await case.spawn()
@@ -67,7 +67,7 @@ async def near_misses(case: Case) -> None:
     await _obeys(case, robot)
 
 
-@control("robust.long-line", "A line of 65536 bytes is processed", "6, no. 20", dialects=ONCE)
+@once("robust.long-line", "A line of 65536 bytes is processed", "6, no. 20")
 async def long_line(case: Case) -> None:
     """A line of 65536 bytes is processed."""
     robot = await case.spawn()
@@ -77,7 +77,7 @@ async def long_line(case: Case) -> None:
     await robot.wait("CONF {")
 
 
-@control("robust.endless-line", "A line without end is discarded", "6, no. 20", dialects=ONCE)
+@once("robust.endless-line", "A line without end is discarded", "6, no. 20")
 async def endless_line(case: Case) -> None:
     """A line of 1 MiB without terminator is discarded, and the connection survives."""
     robot = await case.spawn()
@@ -87,13 +87,7 @@ async def endless_line(case: Case) -> None:
     await _obeys(case, robot)
 
 
-@control(
-    "robust.many-segments",
-    "A command of a thousand segments",
-    "6, no. 20",
-    Severity.SHOULD,
-    dialects=ONCE,
-)
+@once("robust.many-segments", "A command of a thousand segments", "6, no. 20", Severity.SHOULD)
 async def many_segments(case: Case) -> None:
     """A command with a thousand segments is read: the last of them counts."""
     robot = await case.spawn()
@@ -101,9 +95,7 @@ async def many_segments(case: Case) -> None:
     await robot.wait("CONF {")
 
 
-@control(
-    "robust.flood", "A flood of commands is executed", "protocol reference, addendum", dialects=ONCE
-)
+@once("robust.flood", "A flood of commands is executed", "protocol reference, addendum")
 async def flood(case: Case) -> None:
     """Two thousand DRIVE commands in a row, more than a client that answers every line, are worked
     off: a request behind them is answered. Servers may let who sends so much wait for others."""
@@ -113,7 +105,7 @@ async def flood(case: Case) -> None:
     case.expect(await robot.client.is_alive(_FLOOD_WITHIN), "the connection no longer answers")
 
 
-@control("robust.request-flood", "A flood of requests is answered", "6, no. 18", dialects=ONCE)
+@once("robust.request-flood", "A flood of requests is answered", "6, no. 18")
 async def request_flood(case: Case) -> None:
     """Two hundred requests in one packet are all answered."""
     robot = await case.spawn()
@@ -124,7 +116,7 @@ async def request_flood(case: Case) -> None:
     case.expect(count == 200, f"{count} of 200 requests were answered")
 
 
-@control("robust.init-flood", "INIT over and over", "6, no. 79", Severity.SHOULD, dialects=ONCE)
+@once("robust.init-flood", "INIT over and over", "6, no. 79", Severity.SHOULD)
 async def init_flood(case: Case) -> None:
     """Two hundred further INIT commands on a connection do no harm."""
     robot = await case.spawn()
@@ -132,7 +124,7 @@ async def init_flood(case: Case) -> None:
     await _obeys(case, robot)
 
 
-@control("robust.long-names", "Very long names and numbers", "1.7", dialects=ONCE)
+@once("robust.long-names", "Very long names and numbers", "1.7")
 async def long_names(case: Case) -> None:
     """A robot name of 2000 characters and numbers of 2000 digits do no harm: an INIT with such a
     name may be refused, and then another one works on the same connection."""
@@ -152,9 +144,7 @@ async def long_names(case: Case) -> None:
         case.expect(not re.search(r"[ ,](nan|inf)", line.text, re.I), f"not a number: {line}")
 
 
-@control(
-    "robust.far-away", "Places far away", "1.7", Severity.SHOULD, dialects=ONCE, exclusive=True
-)
+@once("robust.far-away", "Places far away", "1.7", Severity.SHOULD, exclusive=True)
 async def far_away(case: Case) -> None:
     """INIT with a location beyond all worlds, or none that is a number, harms nobody else: other
     robots go on."""
@@ -172,13 +162,7 @@ async def far_away(case: Case) -> None:
     case.expect(abs(pose.location[0]) < 1e6, f"another robot is at {pose.location}")
 
 
-@control(
-    "robust.slow-reader",
-    "A client that does not read stops nobody",
-    "6, no. 16",
-    dialects=ONCE,
-    exclusive=True,
-)
+@once("robust.slow-reader", "A client that does not read stops nobody", "6, no. 16", exclusive=True)
 async def slow_reader(case: Case) -> None:
     """A client that stops reading does not stop the simulation: another robot's time advances, and
     its requests are answered."""
@@ -196,11 +180,10 @@ async def slow_reader(case: Case) -> None:
     lazy.close()
 
 
-@control(
+@once(
     "robust.late-reader",
     "A client that reads late reads whole lines",
     "6, no. 17 and 18",
-    dialects=ONCE,
     exclusive=True,
 )
 async def late_reader(case: Case) -> None:
@@ -218,9 +201,7 @@ async def late_reader(case: Case) -> None:
     case.fail("GETSTARTPOSES was not answered")
 
 
-@control(
-    "robust.reset-reader", "A client that resets while not reading", "6, no. 14", dialects=ONCE
-)
+@once("robust.reset-reader", "A client that resets while not reading", "6, no. 14")
 async def reset_reader(case: Case) -> None:
     """A client that stopped reading and then resets its connection harms nobody."""
     watcher = await case.spawn()
@@ -231,7 +212,7 @@ async def reset_reader(case: Case) -> None:
     await _obeys(case, watcher)
 
 
-@control("robust.torn-command", "Hanging up in the middle of a command", "6, no. 14", dialects=ONCE)
+@once("robust.torn-command", "Hanging up in the middle of a command", "6, no. 14")
 async def torn_command(case: Case) -> None:
     """A connection that ends in the middle of a command, with and without a robot, harms
     nobody."""
@@ -245,7 +226,7 @@ async def torn_command(case: Case) -> None:
     await _obeys(case, watcher)
 
 
-@control("robust.isolated", "Clients do not read each other's lines", "1.1", dialects=ONCE)
+@once("robust.isolated", "Clients do not read each other's lines", "1.1")
 async def isolated(case: Case) -> None:
     """Replies go to whoever asked; a silent connection beside a busy one stays silent."""
     silent = await case.connect()

@@ -20,7 +20,9 @@ from usarsim_conformance.excursions import (
     spawn_far,
 )
 from usarsim_conformance.recordings import watched
-from usarsim_conformance.registry import ONCE, UNREAL, control
+from usarsim_conformance.registry import ONCE, UNREAL, checks_of, unreal
+
+measured = checks_of("control", reference="robots reference", dialects=UNREAL)
 
 _WHEELS = 0.05
 """Part by which a rate may differ from that of the wheels: they take a moment, times are rough."""
@@ -52,12 +54,7 @@ def _poses(stretch: Stretch) -> list[tuple[float, tuple[float, ...]]]:
     return [(time, line.numbers("Pose")) for time, line in stretch.steady.of("Odometry")]
 
 
-@control(
-    "values.odometry-distance",
-    "Odometry goes as far as the wheels",
-    "robots reference 2.4",
-    dialects=UNREAL,
-)
+@measured("values.odometry-distance", "Odometry goes as far as the wheels", "2.4")
 async def odometry_distance(case: Case) -> None:
     """Along its own heading the Pose of Odometry grows at the mean speed of the wheels, within 5
     percent, and straight ahead as far as the robot really comes, within 12 percent."""
@@ -88,12 +85,7 @@ async def odometry_distance(case: Case) -> None:
             )
 
 
-@control(
-    "values.odometry-heading",
-    "Odometry turns as the wheels say",
-    "robots reference 2.4",
-    dialects=UNREAL,
-)
+@measured("values.odometry-heading", "Odometry turns as the wheels say", "2.4")
 async def odometry_heading(case: Case) -> None:
     """Theta of Odometry changes at r (L - R) / WheelSeparation, clockwise positive, within 5
     percent, on curves as on the spot; the robot turns the same way."""
@@ -118,11 +110,8 @@ async def odometry_heading(case: Case) -> None:
                 )
 
 
-@control(
-    "values.odometry-path",
-    "Odometry goes where it heads",
-    "robots reference 2.4; protocol reference 6, no. 108",
-    dialects=UNREAL,
+@measured(
+    "values.odometry-path", "Odometry goes where it heads", "2.4; protocol reference 6, no. 108"
 )
 async def odometry_path(case: Case) -> None:
     """x and y of Odometry follow from the speed of the wheels along theta: x grows with the cosine,
@@ -167,11 +156,8 @@ def _by_tachometer(stretch: Stretch, name: str) -> list[float]:
     return []
 
 
-@control(
-    "values.encoder-ticks",
-    "Ticks are turns of the wheel",
-    "robots reference 2.4; protocol reference 6, no. 110",
-    dialects=UNREAL,
+@measured(
+    "values.encoder-ticks", "Ticks are turns of the wheel", "2.4; protocol reference 6, no. 110"
 )
 async def encoder_ticks(case: Case) -> None:
     """Ticks times Resolution of CONF turn as fast as the wheel of their side, within 5 percent, in
@@ -214,9 +200,7 @@ async def encoder_ticks(case: Case) -> None:
                     )
 
 
-@control(
-    "values.tachometer", "Vel and Pos of a Tachometer", "robots reference 2.4", dialects=UNREAL
-)
+@measured("values.tachometer", "Vel and Pos of a Tachometer", "2.4")
 async def tachometer(case: Case) -> None:
     """Vel of every wheel is the speed it was told, within 5 percent, that of one side for each, and
     half of the wheels have that of the left when the robot turns; Pos changes at Vel."""
@@ -255,7 +239,7 @@ _TOLD = ("Odometry", "INS", "GPS", "GroundTruth", "Tachometer", "Sonar")
 """Types whose CONF tells a ScanInterval (protocol reference 4.8)."""
 
 
-@control("values.scan-interval", "ScanInterval is kept", "4.8 and 6, no. 122", dialects=UNREAL)
+@unreal("values.scan-interval", "ScanInterval is kept", "4.8 and 6, no. 122")
 async def scan_interval(case: Case) -> None:
     """ScanInterval of CONF is the time between two reports in s, within 12 percent."""
     worn = await equipment(case, case.robot_class)
@@ -288,12 +272,7 @@ async def scan_interval(case: Case) -> None:
         )
 
 
-@control(
-    "values.battery-drain",
-    "A battery loses a second in a second",
-    "robots reference 2.10",
-    dialects=UNREAL,
-)
+@measured("values.battery-drain", "A battery loses a second in a second", "2.10")
 async def battery_drain(case: Case) -> None:
     """Battery of STA is the time left in s: it falls by one a second, and no more when driving."""
     lines = [line for line in await watched(case) if line.head == "STA"]
@@ -305,7 +284,7 @@ async def battery_drain(case: Case) -> None:
     case.expect(abs(lost - passed) <= 1.05, f"Battery fell by {lost:g} in {passed:.1f} s")
 
 
-@control("values.mission-time", "MissionTime counts minutes", "robots reference 2.5", dialects=ONCE)
+@measured("values.mission-time", "MissionTime counts minutes", "2.5", dialects=ONCE)
 async def mission_time(case: Case) -> None:
     """Minutes of MissionTime is 0 at first, and 1 a minute of simulated time later."""
     robot = await spawn_far(case, await bearer(case, "MissionTime"))

@@ -8,7 +8,7 @@ from functools import partial
 from usarsim_conformance.case import Case
 from usarsim_conformance.control import Robot
 from usarsim_conformance.lines import Line
-from usarsim_conformance.registry import ONCE, Severity, control
+from usarsim_conformance.registry import Severity, once
 from usarsim_conformance.trips import Trip, near, of_classes, on_open_floor, ride
 
 DIFFERENTIAL = ("P2DX", "P3DX")
@@ -84,12 +84,11 @@ def _side(trip: Trip, leg: str, side: str) -> float:
     return float(trip[leg].command.split(f"{{{side} ")[1].partition("}")[0])
 
 
-@control(
+@once(
     "motion.radius",
     "Spin times WheelRadius is the speed, both ways",
     "3.4.1 and 6, no. 132",
     Severity.SHOULD,
-    dialects=ONCE,
 )
 async def radius(case: Case) -> None:
     """Ahead and back, wheels and tracks of several robots run at their spin times WheelRadius of
@@ -106,12 +105,11 @@ async def radius(case: Case) -> None:
             )
 
 
-@control(
+@once(
     "motion.max-speed",
     "Normalized is percent of MaxSpeed, more is clamped to it",
     "4.8 and 6, no. 131 and 146",
     Severity.SHOULD,
-    dialects=ONCE,
 )
 async def max_speed(case: Case) -> None:
     """40 percent run at 0.4 times MaxSpeed of CONF times WheelRadius, ahead and back, and 1000
@@ -130,12 +128,7 @@ async def max_speed(case: Case) -> None:
             )
 
 
-@control(
-    "motion.sides",
-    "Left and Right are left and right",
-    "3.4.1; robots reference 5.2, no. 34",
-    dialects=ONCE,
-)
+@once("motion.sides", "Left and Right are left and right", "3.4.1; robots reference 5.2, no. 34")
 async def sides(case: Case) -> None:
     """A faster Left turns clockwise, yaw grows; a faster Right does the opposite: on the spot and
     in arcs."""
@@ -151,12 +144,11 @@ async def sides(case: Case) -> None:
             )
 
 
-@control(
+@once(
     "motion.separation",
     "Turning shows WheelSeparation",
     "3.4.1; robots reference 3.2 and 5.2, no. 25 and 26",
     Severity.SHOULD,
-    dialects=ONCE,
 )
 async def separation(case: Case) -> None:
     """r (L - R) over the turning rate is WheelSeparation of GEO, within 10 percent for robots with
@@ -179,12 +171,8 @@ async def separation(case: Case) -> None:
             )
 
 
-@control(
-    "geo.size",
-    "Wheels stand within the body's size",
-    "4.7; robots reference 1.2",
-    Severity.SHOULD,
-    dialects=ONCE,
+@once(
+    "geo.size", "Wheels stand within the body's size", "4.7; robots reference 1.2", Severity.SHOULD
 )
 async def size(case: Case) -> None:
     """WheelBase is at most the length and WheelSeparation at most the width of Dimensions, and no
@@ -209,12 +197,11 @@ async def size(case: Case) -> None:
         )  # fmt: skip
 
 
-@control(
+@once(
     "conf.mass",
     "Mass is that of the class",
     "robots reference 1.2, 1.4, 1.6 and 1.11",
     Severity.SHOULD,
-    dialects=ONCE,
 )
 async def mass(case: Case) -> None:
     """Mass of CONF is that of the original's class, or where none is known of the real machine,
@@ -233,12 +220,11 @@ async def mass(case: Case) -> None:
         case.skip("the mass of none of the classes is known")
 
 
-@control(
+@once(
     "conf.torque",
     "MaxTorque is that of the class",
     "4.8; robots reference 1.2 and 1.6",
     Severity.SHOULD,
-    dialects=ONCE,
 )
 async def max_torque(case: Case) -> None:
     """MaxTorque of CONF is that of the original's class, as it was captured."""
@@ -251,7 +237,7 @@ async def max_torque(case: Case) -> None:
         )
 
 
-@control("conf.steering-type", "SteeringType tells how it is driven", "4.8", dialects=ONCE)
+@once("conf.steering-type", "SteeringType tells how it is driven", "4.8")
 async def steering_type(case: Case) -> None:
     """SteeringType of CONF is SkidSteered for robots that Left and Right drive."""
     for trip in await _tours(case):
@@ -259,13 +245,7 @@ async def steering_type(case: Case) -> None:
         case.expect(found == "SkidSteered", f"SteeringType of {trip.class_name} is {found}")
 
 
-@control(
-    "conf.dialects-agree",
-    "Dialects tell the same numbers",
-    "4.7 and 4.8",
-    Severity.SHOULD,
-    dialects=ONCE,
-)
+@once("conf.dialects-agree", "Dialects tell the same numbers", "4.7 and 4.8", Severity.SHOULD)
 async def dialects_agree(case: Case) -> None:
     """What CONF and GEO of a robot tell is the same in every dialect that the server speaks."""
     if len(case.survey.dialects) < 2:
@@ -295,12 +275,11 @@ async def _ask(command: str, case: Case) -> Line:
     )
 
 
-@control(
+@once(
     "motion.upright",
     "Driving on level floor is level",
     "robots reference 5.2, no. 30",
     Severity.SHOULD,
-    dialects=ONCE,
 )
 async def upright(case: Case) -> None:
     """On level floor a robot neither leans nor climbs, whichever way it goes: pitch and roll stay

@@ -8,13 +8,13 @@ from itertools import pairwise
 
 from usarsim_conformance.case import Case
 from usarsim_conformance.recordings import driven, senses, standing
-from usarsim_conformance.registry import ONCE, UDK, UNREAL, UT2004, Severity, control
+from usarsim_conformance.registry import Severity, control, once, udk, unreal, ut2004
 
 _OF_MOUNTS = ("ECTilt", "ECPan")
 """Encoders that count turns of a camera's mount (robots reference 2)."""
 
 
-@control("sensors.sonar-range", "Sonars stay in their range", "6, no. 101", dialects=UNREAL)
+@unreal("sensors.sonar-range", "Sonars stay in their range", "6, no. 101")
 async def sonar_range(case: Case) -> None:
     """Sonar values lie in [MinRange, MaxRange] of CONF; without echo the value is MaxRange."""
     recording, lines = await senses(case, "Sonar")
@@ -30,7 +30,7 @@ async def sonar_range(case: Case) -> None:
             case.expect(low - 1e-3 <= float(item["Range"]) <= high + 1e-3, f"{item}: {line}")
 
 
-@control("sensors.odometry-start", "Odometry starts at zero", "6, no. 108", dialects=UNREAL)
+@unreal("sensors.odometry-start", "Odometry starts at zero", "6, no. 108")
 async def odometry_start(case: Case) -> None:
     """Odometry is 0,0,0 at spawn, wherever the robot stands."""
     for line in (await senses(case, "Odometry"))[1][:1]:
@@ -39,7 +39,7 @@ async def odometry_start(case: Case) -> None:
         case.expect(max(map(abs, pose)) < 0.02, f"not zero: {line}")
 
 
-@control("sensors.odometry-forward", "Odometry grows forward", "6, no. 108", dialects=UNREAL)
+@unreal("sensors.odometry-forward", "Odometry grows forward", "6, no. 108")
 async def odometry_forward(case: Case) -> None:
     """Odometry x grows by the distance driven, within 10 percent."""
     forward = (await driven(case)).phases["forward"]
@@ -55,9 +55,7 @@ async def odometry_forward(case: Case) -> None:
     )
 
 
-@control(
-    "sensors.odometry-clockwise", "Odometry theta grows clockwise", "6, no. 108", dialects=UNREAL
-)
+@unreal("sensors.odometry-clockwise", "Odometry theta grows clockwise", "6, no. 108")
 async def odometry_clockwise(case: Case) -> None:
     """Odometry theta grows in a clockwise turn."""
     lines = (await driven(case)).phases["clockwise"].sensor("Odometry")
@@ -67,7 +65,7 @@ async def odometry_clockwise(case: Case) -> None:
     case.expect(turn > 0.05, f"theta changed by {turn:.3f} in a clockwise turn")
 
 
-@control("sensors.encoder-forward", "Encoders count forward", "6, no. 110", dialects=UNREAL)
+@unreal("sensors.encoder-forward", "Encoders count forward", "6, no. 110")
 async def encoder_forward(case: Case) -> None:
     """Encoder ticks increase when the wheels roll forward and decrease when they roll back."""
     drive = await driven(case)
@@ -95,13 +93,7 @@ async def encoder_integers(case: Case) -> None:
             case.expect(re.fullmatch(r"-?\d+", item.get("Tick", "")), f"{item}: {line}")
 
 
-@control(
-    "sensors.encoder-names-udk",
-    "Encoders are called Wk in udk",
-    "4.6 and 5.3",
-    Severity.SHOULD,
-    dialects=UDK,
-)
+@udk("sensors.encoder-names-udk", "Encoders are called Wk in udk", "4.6 and 5.3", Severity.SHOULD)
 async def encoder_names_udk(case: Case) -> None:
     """In udk encoders of wheels report under the names W0, W1, ..."""
     for line in (await senses(case, "Encoder"))[1]:
@@ -113,9 +105,7 @@ async def encoder_names_udk(case: Case) -> None:
 _GPS = re.compile(r"\d+,\d+\.\d{4},([NSEW])")
 
 
-@control(
-    "sensors.gps", "GPS in degrees, minutes and a letter", "6, no. 111 and 112", dialects=UNREAL
-)
+@unreal("sensors.gps", "GPS in degrees, minutes and a letter", "6, no. 111 and 112")
 async def gps(case: Case) -> None:
     """GPS minutes have four digits, degrees are integers, hemisphere letters are N/S and E/W;
     without a fix there are no coordinates."""
@@ -144,13 +134,7 @@ async def ins(case: Case) -> None:
         case.expect(line.names[-2:] == ("Location", "Orientation"), f"{line}")
 
 
-@control(
-    "sensors.ins-agrees",
-    "INS agrees with the truth at first",
-    "4.6",
-    Severity.SHOULD,
-    dialects=UNREAL,
-)
+@unreal("sensors.ins-agrees", "INS agrees with the truth at first", "4.6", Severity.SHOULD)
 async def ins_agrees(case: Case) -> None:
     """The first INS location is that of the robot within half a metre."""
     recording, lines = await senses(case, "INS")
@@ -169,7 +153,7 @@ async def touch(case: Case) -> None:
             case.expect(item.get("Touch") in ("True", "False"), f"{item}: {line}")
 
 
-@control("sensors.tachometer", "Tachometer has Vel and Pos", "6, no. 119", dialects=UNREAL)
+@unreal("sensors.tachometer", "Tachometer has Vel and Pos", "6, no. 119")
 async def tachometer(case: Case) -> None:
     """A Tachometer has Vel before Pos with equal counts."""
     for line in (await senses(case, "Tachometer"))[1]:
@@ -179,9 +163,7 @@ async def tachometer(case: Case) -> None:
         case.expect(len(line.numbers("Vel")) == len(line.numbers("Pos")), f"{line}")
 
 
-@control(
-    "sensors.victims", "Victims are told in known words", "6, no. 114 and 115", dialects=UNREAL
-)
+@unreal("sensors.victims", "Victims are told in known words", "6, no. 114 and 115")
 async def victims(case: Case) -> None:
     """A VictSensor says `{Status NoVictims}` after its Name, or PartName and Location pairs with
     parts among Arm, Hand, Chest, Pelvis, Leg, Foot."""
@@ -195,14 +177,14 @@ async def victims(case: Case) -> None:
         case.expect({value for name, value in data if name == "PartName"} <= parts, f"{line}")
 
 
-@control("sensors.camera-silent", "Cameras send no SEN", "4.6", dialects=UT2004)
+@ut2004("sensors.camera-silent", "Cameras send no SEN", "4.6")
 async def camera_silent(case: Case) -> None:
     """In ut2004 a camera sends no SEN line: pictures travel on another port."""
     lines = (await standing(case)).of("SEN", "Camera")
     case.expect(not lines, f"a camera's line: {lines[:1]}")
 
 
-@control("sensors.climb", "AltitudeSensor grows upwards", "6, no. 123", dialects=ONCE)
+@once("sensors.climb", "AltitudeSensor grows upwards", "6, no. 123")
 async def climb(case: Case) -> None:
     """The relative altitude of an AltitudeSensor increases when climbing."""
     robot = await case.spawn("aerial")

@@ -15,7 +15,17 @@ from usarsim_conformance.lines import Line
 from usarsim_conformance.places import Place
 from usarsim_conformance.ranging import CHANCE, spread_bounds
 from usarsim_conformance.recordings import irregular, senses, standing, watched
-from usarsim_conformance.registry import UDK, UNREAL, UT2004, Severity, control
+from usarsim_conformance.registry import (
+    UNREAL,
+    Severity,
+    checks_of,
+    control,
+    udk,
+    unreal,
+    ut2004,
+)
+
+measured = checks_of("control", reference="robots reference", dialects=UNREAL)
 
 _UNTIMED = (
     "Odometry", "INS", "INU", "GPS", "Encoder", "Touch", "RFID", "RFIDTag", "HumanMotion",
@@ -57,7 +67,7 @@ async def order(case: Case) -> None:
         case.expect(line.type == "Camera" or rest[1:2] == ["Name"], f"no Name next: {line}")
 
 
-@control("sensors.untimed", "Types without Time", "6, no. 96", dialects=UT2004)
+@ut2004("sensors.untimed", "Types without Time", "6, no. 96")
 async def untimed(case: Case) -> None:
     """In ut2004 Odometry, INS, GPS, Encoder, Touch, RFID, HumanMotion, Sound, CO2Sensor lines
     have no Time: index-based clients would read the wrong segments."""
@@ -68,7 +78,7 @@ async def untimed(case: Case) -> None:
         case.expect("Time" not in line.names, f"a Time: {line}")
 
 
-@control("sensors.timed", "Types with Time", "6, no. 96", dialects=UT2004)
+@ut2004("sensors.timed", "Types with Time", "6, no. 96")
 async def timed(case: Case) -> None:
     """In ut2004 Sonar, IR, RangeScanner, GroundTruth, VictSensor lines have a Time."""
     lines = [line for line in (await senses(case))[1] if line.type in _TIMED]
@@ -78,7 +88,7 @@ async def timed(case: Case) -> None:
         case.expect(line.names[0] == "Time", f"no Time: {line}")
 
 
-@control("sensors.timed-udk", "Types with Time in udk", "5.3", Severity.SHOULD, dialects=UDK)
+@udk("sensors.timed-udk", "Types with Time in udk", "5.3", Severity.SHOULD)
 async def timed_udk(case: Case) -> None:
     """In udk all lines but those of INS, GPS, ObjectSensor and LineLaser have a Time; the INU of
     older robots, which UDK does not know, is no rule's business."""
@@ -87,14 +97,14 @@ async def timed_udk(case: Case) -> None:
             case.expect(line.names[0] == "Time", f"no Time: {line}")
 
 
-@control("sensors.ins-untimed", "INS has no Time", "6, no. 113", dialects=UNREAL)
+@unreal("sensors.ins-untimed", "INS has no Time", "6, no. 113")
 async def ins_untimed(case: Case) -> None:
     """INS lines have no Time in either dialect."""
     for line in (await senses(case, "INS"))[1]:
         case.expect("Time" not in line.names, f"a Time: {line}")
 
 
-@control("sensors.batched", "One line for all of a type", "6, no. 97 and 99", dialects=UT2004)
+@ut2004("sensors.batched", "One line for all of a type", "6, no. 97 and 99")
 async def batched(case: Case) -> None:
     """In ut2004 all Sonar, IR, Encoder and Touch items of a robot are in one line per type,
     each item one segment `{Name n Range f}`."""
@@ -114,7 +124,7 @@ async def batched(case: Case) -> None:
             )
 
 
-@control("sensors.single", "One line for every item", "6, no. 98 and 99", dialects=UDK)
+@udk("sensors.single", "One line for every item", "6, no. 98 and 99")
 async def single(case: Case) -> None:
     """In udk every Sonar, IR, Encoder and Touch item has a line of its own with separate
     segments."""
@@ -129,7 +139,7 @@ async def single(case: Case) -> None:
             case.expect(" " not in names[0], f"pairs in one segment: {line}")
 
 
-@control("sensors.sixteen", "P2AT has sixteen sonars", "6, no. 100", dialects=UT2004)
+@ut2004("sensors.sixteen", "P2AT has sixteen sonars", "6, no. 100")
 async def sixteen(case: Case) -> None:
     """A P2AT reports sixteen sonars in one line, F1..F8 and then R1..R8."""
     if case.robot_class.lower() != "p2at":
@@ -140,7 +150,7 @@ async def sixteen(case: Case) -> None:
         case.expect([item["Name"] for item in line.items()] == wanted, f"other sonars: {line}")
 
 
-@control("sensors.keys", "Range, Tick and Touch", "6, no. 97 to 99", dialects=UNREAL)
+@unreal("sensors.keys", "Range, Tick and Touch", "6, no. 97 to 99")
 async def keys(case: Case) -> None:
     """The value of a Sonar or IR is called Range, of an Encoder Tick, of a Touch Touch."""
     recording = await standing(case)
@@ -241,11 +251,8 @@ def _deviation(satellites: int) -> float:
     return max(2.5 + (0.75 - 2.5) / 8.0 * (satellites - 4), 0.0) / 3.0
 
 
-@control(
-    "values.gps-scale",
-    "GPS tells metres north and east",
-    "robots reference 2.6; protocol reference 6, no. 111",
-    dialects=UNREAL,
+@measured(
+    "values.gps-scale", "GPS tells metres north and east", "2.6; protocol reference 6, no. 111"
 )
 async def gps_scale(case: Case) -> None:
     """Latitude grows by a degree in 111,200 m along x, Longitude by one in 71,670 m along y, each
@@ -264,12 +271,7 @@ async def gps_scale(case: Case) -> None:
             )
 
 
-@control(
-    "values.gps-noise",
-    "GPS is as inexact as its satellites",
-    "robots reference 2.6",
-    dialects=UNREAL,
-)
+@measured("values.gps-noise", "GPS is as inexact as its satellites", "2.6")
 async def gps_noise(case: Case) -> None:
     """Latitude and Longitude of a robot at rest scatter by a third of 2.5 m with 4 satellites and
     of 0.75 m with 12, and so on in between; reports do not depend on each other."""
@@ -292,9 +294,7 @@ async def gps_noise(case: Case) -> None:
         )
 
 
-@control(
-    "values.gps-satellites", "Satellites over open floor", "robots reference 2.6", dialects=UNREAL
-)
+@measured("values.gps-satellites", "Satellites over open floor", "2.6")
 async def gps_satellites(case: Case) -> None:
     """On open floor Satellites is between 4 and 12, the same at places not far from each other."""
     counts = [fix[2] for one in await _stations(case) for fix in one.fixes]

@@ -8,7 +8,7 @@ from usarsim_conformance.case import PATIENCE, Case
 from usarsim_conformance.control import Robot
 from usarsim_conformance.lines import Line
 from usarsim_conformance.recordings import items_of, standing, wheels_of
-from usarsim_conformance.registry import ONCE, UDK, UNREAL, UT2004, NotApplicable, Severity, control
+from usarsim_conformance.registry import NotApplicable, Severity, once, udk, unreal, ut2004
 
 _RESCUE = ("RescueP2AT", "P2AT_ATLANTA", "MultiView")
 """Classes of the original's contests; some carry an RFID reader."""
@@ -42,19 +42,19 @@ async def _reset(case: Case, end: str) -> None:
     case.expect(max(map(abs, pose)) < 0.02, f"odometry is {pose} after RESET")
 
 
-@control("set.odometry-reset", "RESET of Odometry", "6, no. 109", dialects=UNREAL)
+@unreal("set.odometry-reset", "RESET of Odometry", "6, no. 109")
 async def odometry_reset(case: Case) -> None:
     """`SET {Type Odometry} {Name n} {Opcode RESET}` returns the pose to 0,0,0."""
     await _reset(case, "")
 
 
-@control("set.trailing-blank", "A blank behind SET", "6, no. 109", dialects=ONCE)
+@once("set.trailing-blank", "A blank behind SET", "6, no. 109")
 async def trailing_blank(case: Case) -> None:
     """A trailing blank behind SET does no harm."""
     await _reset(case, " ")
 
 
-@control("set.result", "SET is answered by RES", "6, no. 163", dialects=UT2004)
+@ut2004("set.result", "SET is answered by RES", "6, no. 163")
 async def result(case: Case) -> None:
     """In ut2004 every SET with an Opcode known to the item gives one RES with Time, Type, Name,
     Status."""
@@ -66,7 +66,7 @@ async def result(case: Case) -> None:
     case.expect(found[0].get("Status") == "OK", f"{found[0]}")
 
 
-@control("set.no-result-udk", "SET is not answered in udk", "6, no. 163", dialects=UDK)
+@udk("set.no-result-udk", "SET is not answered in udk", "6, no. 163")
 async def no_result(case: Case) -> None:
     """In udk no SET gives a RES."""
     name = await _item(case, "Odometry")
@@ -75,7 +75,7 @@ async def no_result(case: Case) -> None:
     case.expect(not found, f"{found[:1]}")
 
 
-@control("set.unknown", "An unknown SET does no harm", "3.7", dialects=UNREAL)
+@unreal("set.unknown", "An unknown SET does no harm", "3.7")
 async def unknown(case: Case) -> None:
     """SET of unknown types, items and opcodes, or without any, does no harm."""
     robot = await case.spawn()
@@ -88,7 +88,7 @@ async def unknown(case: Case) -> None:
     await robot.wait(lambda line: line.head == "STA", what="STA")
 
 
-@control("set.scan", "SCAN measures at once", "3.7", Severity.SHOULD, dialects=UNREAL)
+@unreal("set.scan", "SCAN measures at once", "3.7", Severity.SHOULD)
 async def scan(case: Case) -> None:
     """`SET {Type RangeScanner} {Name n} {Opcode SCAN}` gives a measurement beside the periodic
     ones: more lines come than without."""
@@ -104,7 +104,7 @@ async def scan(case: Case) -> None:
     case.expect(more >= usual + 4, f"{usual} scans in 1.5 s without SCAN, {more} with eight")
 
 
-@control("set.ins-pose", "POSE sets the estimate of INS", "3.7", Severity.SHOULD, dialects=UNREAL)
+@unreal("set.ins-pose", "POSE sets the estimate of INS", "3.7", Severity.SHOULD)
 async def ins_pose(case: Case) -> None:
     """`SET {Type INS} {Name n} {Opcode POSE} {Params x,y,z,roll,pitch,yaw}` sets the estimate."""
     name = await _item(case, "INS")
@@ -116,7 +116,7 @@ async def ins_pose(case: Case) -> None:
     case.expect(math.dist(line.numbers("Location"), (7, 8, -9)) < 0.3, f"it is {line}")
 
 
-@control("set.zoom", "Zoom with a nameless parameter", "6, no. 166", dialects=UNREAL)
+@unreal("set.zoom", "Zoom with a nameless parameter", "6, no. 166")
 async def zoom(case: Case) -> None:
     """`SET {Type Camera} {Name c} {Opcode Zoom} {0.5}`, a segment without a name, is understood
     as Params 0.5: CameraFov of CONF follows."""
@@ -135,7 +135,7 @@ async def zoom(case: Case) -> None:
     case.expect(abs(fov - wanted) < 0.02 * wanted, f"CameraFov is {fov}, not {wanted:.4f}")
 
 
-@control("set.zoom-limits", "Zoom stays within limits", "3.7", Severity.SHOULD, dialects=UNREAL)
+@unreal("set.zoom-limits", "Zoom stays within limits", "3.7", Severity.SHOULD)
 async def zoom_limits(case: Case) -> None:
     """A field of view beyond the camera's limits is clamped to them; 0 is the default again."""
     recording = await standing(case)
@@ -155,12 +155,7 @@ async def zoom_limits(case: Case) -> None:
         case.expect(gap < 0.01 * told.number(wanted), f"FOV {value} gives {told}")
 
 
-@control(
-    "set.viewports",
-    "SET of viewports does no harm",
-    "side channels reference 11, no. 46",
-    dialects=UNREAL,
-)
+@unreal("set.viewports", "SET of viewports does no harm", "side channels reference 11, no. 46")
 async def viewports(case: Case) -> None:
     """`SET {Type Viewports} ...` never breaks the connection."""
     robot = await case.spawn()
@@ -172,13 +167,7 @@ async def viewports(case: Case) -> None:
     case.expect(await robot.client.is_alive(), "the connection no longer answers")
 
 
-@control(
-    "set.releaser",
-    "RFIDReleaser answers with OK at the end",
-    "6, no. 164",
-    Severity.SHOULD,
-    dialects=UT2004,
-)
+@ut2004("set.releaser", "RFIDReleaser answers with OK at the end", "6, no. 164", Severity.SHOULD)
 async def releaser(case: Case) -> None:
     """The RES of an RFIDReleaser ends in `{status OK}`, lower case, directly before CR LF."""
     robot = await _with_rfid(case)
@@ -188,13 +177,7 @@ async def releaser(case: Case) -> None:
     case.expect(found[0].raw.endswith(b"{status OK}\r\n"), f"{found[0]}")
 
 
-@control(
-    "set.rfid",
-    "RFID memory is read and written",
-    "6, no. 40 and 165",
-    Severity.SHOULD,
-    dialects=UT2004,
-)
+@ut2004("set.rfid", "RFID memory is read and written", "6, no. 40 and 165", Severity.SHOULD)
 async def rfid(case: Case) -> None:
     """What is written to a tag is read back, blanks within it included; an unknown tag gives
     `{status Failed}`."""

@@ -9,7 +9,15 @@ from usarsim_conformance.case import Case
 from usarsim_conformance.checks.values import lit
 from usarsim_conformance.lines import Line
 from usarsim_conformance.recordings import irregular, standing, watched
-from usarsim_conformance.registry import GAZEBO, ONCE, UDK, UNREAL, UT2004, Severity, control
+from usarsim_conformance.registry import (
+    Severity,
+    control,
+    gazebo,
+    once,
+    udk,
+    unreal,
+    ut2004,
+)
 
 _GROUND = re.compile(
     r"STA \{Type GroundVehicle\} \{Time \d+\.\d\d\} \{FrontSteer -?\d+\.\d{4}\}"
@@ -37,7 +45,7 @@ async def _ground(case: Case) -> list[Line]:
     return lines
 
 
-@control("status.ground-ut2004", "STA in the order of UT2004", "6, no. 85", dialects=UT2004)
+@ut2004("status.ground-ut2004", "STA in the order of UT2004", "6, no. 85")
 async def ground_ut2004(case: Case) -> None:
     """A ground vehicle's STA is Type, Time, FrontSteer, RearSteer, joints, LightToggle,
     LightIntensity, Battery, View, in this order, with two digits of time and four of angles."""
@@ -45,7 +53,7 @@ async def ground_ut2004(case: Case) -> None:
         case.expect(_GROUND.fullmatch(line.text), f"another form: {line}")
 
 
-@control("status.ground-udk", "STA as clients of UDK read it", "4.3 and 5.3", dialects=UDK)
+@udk("status.ground-udk", "STA as clients of UDK read it", "4.3 and 5.3")
 async def ground_udk(case: Case) -> None:
     """A ground vehicle's STA has the segments of UDK, in UDK's order or in that of UT2004 with
     View, and four digits of time."""
@@ -58,13 +66,7 @@ async def ground_udk(case: Case) -> None:
         case.expect(ordered, f"neither order: {line}")
 
 
-@control(
-    "status.ground-gazebo",
-    "STA in the form of the Gazebo prototype",
-    "4.15",
-    Severity.SHOULD,
-    dialects=GAZEBO,
-)
+@gazebo("status.ground-gazebo", "STA in the form of the Gazebo prototype", "4.15", Severity.SHOULD)
 async def ground_gazebo(case: Case) -> None:
     """STA is Time, Battery, Type, LightToggle, LightIntensity, FrontSteer, RearSteer,
     CountPer1sec, without blanks between."""
@@ -136,7 +138,7 @@ async def light_moves_nothing(case: Case) -> None:
     case.expect(max(map(abs, ahead)) < 0.03, f"the robot moved by {ahead}")
 
 
-@control("status.rate", "STA keeps its rate", "6, no. 91", Severity.SHOULD, dialects=UNREAL)
+@unreal("status.rate", "STA keeps its rate", "6, no. 91", Severity.SHOULD)
 async def rate(case: Case) -> None:
     """STA of ground vehicles comes every 0.2 s (ut2004) or 0.1 s (udk) of simulated time: over
     eight seconds within 2 percent."""
@@ -158,14 +160,14 @@ async def steady(case: Case) -> None:
     case.expect(not odd, f"STA is irregular: {odd}")
 
 
-@control("status.aerial", "STA of aerial robots", "6, no. 87", dialects=UT2004)
+@ut2004("status.aerial", "STA of aerial robots", "6, no. 87")
 async def aerial(case: Case) -> None:
     """An aerial robot's STA has Type AerialVehicle right after the head."""
     robot = await case.spawn("aerial")
     case.expect(robot.first.segments[:1] == (("Type", "AerialVehicle"),), f"{robot.first}")
 
 
-@control("status.flippers", "STA lists the flippers", "6, no. 88", dialects=UT2004)
+@ut2004("status.flippers", "STA lists the flippers", "6, no. 88")
 async def flippers(case: Case) -> None:
     """A robot with four flippers lists FRFlipper, FLFlipper, RRFlipper, RLFlipper in this order
     between RearSteer and LightToggle."""
@@ -177,7 +179,7 @@ async def flippers(case: Case) -> None:
     case.expect(robot.first.names[place + 1 : place + 5] == tuple(wanted), f"{robot.first}")
 
 
-@control("status.legged", "STA of legged robots", "4.4", Severity.SHOULD, dialects=UNREAL)
+@unreal("status.legged", "STA of legged robots", "4.4", Severity.SHOULD)
 async def legged(case: Case) -> None:
     """A legged robot's STA has Type LeggedRobot (ut2004) or LeggedVehicle (udk)."""
     robot = await case.spawn("legged")
@@ -185,9 +187,7 @@ async def legged(case: Case) -> None:
     case.expect(robot.first.type == wanted, f"{robot.first}")
 
 
-@control(
-    "status.battery-dead", "A dead battery ends SEN, not STA", "6, no. 92 and 162", dialects=ONCE
-)
+@once("status.battery-dead", "A dead battery ends SEN, not STA", "6, no. 92 and 162")
 async def battery_dead(case: Case) -> None:
     """With battery 0, STA goes on, SEN stops and DRIVE has no effect."""
     robot = await case.spawn(extra=" {Battery 1}")

@@ -10,7 +10,7 @@ from usarsim_conformance.control import Robot
 from usarsim_conformance.lines import Line
 from usarsim_conformance.places import Place
 from usarsim_conformance.recordings import wheels_of
-from usarsim_conformance.registry import ONCE, UNREAL, UT2004, Inconclusive, Severity, control
+from usarsim_conformance.registry import Inconclusive, Severity, control, once, unreal, ut2004
 
 
 @control("grammar.booleans", "Booleans in every spelling", "6, no. 46")
@@ -44,10 +44,8 @@ def _light(state: str) -> Callable[[Line], bool]:
 
 async def _speed(robot: Robot, left: str, right: str) -> float:
     """Forward speed, m/s, after a DRIVE with these values."""
-    await robot.send("DRIVE {Left 0} {Right 0}")
-    await robot.run(0.4)
-    await robot.send(f"DRIVE {{Left {left}}} {{Right {right}}}")
-    await robot.run(0.4)
+    await robot.under("DRIVE {Left 0} {Right 0}", seconds=0.4)
+    await robot.under(f"DRIVE {{Left {left}}} {{Right {right}}}", seconds=0.4)
     before, start = await robot.pose(), robot.now
     await robot.run(0.8)
     after, end = await robot.pose(), robot.now
@@ -56,7 +54,7 @@ async def _speed(robot: Robot, left: str, right: str) -> float:
     return before.ahead(after)[0] / (end - start)
 
 
-@control("grammar.numbers", "Numbers in every spelling", "6, no. 43", dialects=UNREAL)
+@unreal("grammar.numbers", "Numbers in every spelling", "6, no. 43")
 async def number_spellings(case: Case) -> None:
     """`0.5`, `.5`, `+0.5`, `5e-1` and, with a decimal comma, `0,5` are the same number."""
     robot = await case.spawn()
@@ -81,7 +79,7 @@ async def number_spellings(case: Case) -> None:
         )
 
 
-@control("grammar.short-numbers", "A number without its leading zero", "6, no. 43", dialects=UNREAL)
+@unreal("grammar.short-numbers", "A number without its leading zero", "6, no. 43")
 async def short_numbers(case: Case) -> None:
     """`.9` is read as 0.9."""
     robot = await case.spawn()
@@ -91,7 +89,7 @@ async def short_numbers(case: Case) -> None:
     case.expect(abs(speed - wanted) < 0.35 * wanted, f"{speed:.3f} m/s instead of {wanted:.3f}")
 
 
-@control("grammar.number-junk", "Junk behind a number", "6, no. 44", dialects=UNREAL)
+@unreal("grammar.number-junk", "Junk behind a number", "6, no. 44")
 async def number_junk(case: Case) -> None:
     """`1.5abc` is 1.5, and `abc` is 0."""
     robot = await case.spawn()
@@ -106,7 +104,7 @@ async def number_junk(case: Case) -> None:
     case.expect(abs(speed) < 0.02, f"abc moved the robot at {speed:.3f} m/s")
 
 
-@control("grammar.not-finite", "NaN and infinity do no harm", "6, no. 45", dialects=ONCE)
+@once("grammar.not-finite", "NaN and infinity do no harm", "6, no. 45")
 async def not_finite(case: Case) -> None:
     """`nan`, `inf` and `1e999` leave everything that the robot reports finite."""
     robot = await case.spawn()
@@ -158,16 +156,14 @@ async def vector_comma_blank(case: Case) -> None:
     await _lands(case, " " + ", ".join(f"{v:.4f}" for v in place.location) + " ", place)
 
 
-@control("grammar.vector-blanks", "Vectors with blanks only", "6, no. 47", dialects=UNREAL)
+@unreal("grammar.vector-blanks", "Vectors with blanks only", "6, no. 47")
 async def vector_blanks(case: Case) -> None:
     """`1.0 2.0 3.0` with blanks instead of commas is the same vector as `1,2,3`."""
     place = await _place(case)
     await _lands(case, " ".join(f"{v:.6f}" for v in place.location), place)
 
 
-@control(
-    "grammar.vector-decimal-comma", "Vectors with decimal commas", "6, no. 50", dialects=UNREAL
-)
+@unreal("grammar.vector-decimal-comma", "Vectors with decimal commas", "6, no. 50")
 async def vector_decimal_comma(case: Case) -> None:
     """`0,5 1,0 1,8`, as a program in a decimal comma locale writes it, is (0.5, 1.0, 1.8)."""
     place = await _place(case)
@@ -185,21 +181,14 @@ async def vector_zeros(case: Case) -> None:
     await _lands(case, ", ".join(map(zeros, place.location)), place)
 
 
-@control(
-    "grammar.vector-two", "A vector of two numbers", "6, no. 51", Severity.SHOULD, dialects=UT2004
-)
+@ut2004("grammar.vector-two", "A vector of two numbers", "6, no. 51", Severity.SHOULD)
 async def vector_two(case: Case) -> None:
     """`1,2` is (1, 2, 0)."""
     place = await _place(case)
     await _lands(case, ",".join(f"{v:.4f}" for v in place.location[:2]), place)
 
 
-@control(
-    "grammar.vector-six",
-    "A vector of six parts does not fail",
-    "protocol reference, addendum",
-    dialects=UNREAL,
-)
+@unreal("grammar.vector-six", "A vector of six parts does not fail", "protocol reference, addendum")
 async def vector_six(case: Case) -> None:
     """`0,0000, 0,0000, 0,0000` as location does not keep the robot from appearing."""
     place = await case.place()
@@ -210,14 +199,14 @@ async def vector_six(case: Case) -> None:
     )
 
 
-@control("grammar.non-ascii", "Bytes beyond ASCII", "6, no. 52", dialects=ONCE)
+@once("grammar.non-ascii", "Bytes beyond ASCII", "6, no. 52")
 async def non_ascii(case: Case) -> None:
     """Bytes beyond ASCII in a name do not break the parsing of later segments."""
     place = await case.place()
     await case.appears(case.init(place, case.new_name() + "\xe9\xff\x80"))
 
 
-@control("grammar.nul", "NUL and control bytes", "1.7", Severity.SHOULD, dialects=ONCE)
+@once("grammar.nul", "NUL and control bytes", "1.7", Severity.SHOULD)
 async def nul(case: Case) -> None:
     """NUL and other control bytes within a line do no harm to the connection."""
     client = await case.connect()

@@ -7,7 +7,7 @@ import math
 
 from usarsim_conformance.case import Case
 from usarsim_conformance.control import Robot
-from usarsim_conformance.registry import ONCE, Severity, control
+from usarsim_conformance.registry import Severity, once
 from usarsim_conformance.trips import Trip, near, of_classes, on_open_floor, ride
 
 CARS = ("Sedan", "Hummer", "FrontAckerman", "BasicAckermanRobot")
@@ -96,28 +96,25 @@ async def _turns(case: Case, axle: str) -> None:
         case.skip(f"no car of {', '.join(CARS)} is steered by {axle}Steer")
 
 
-@control("ackerman.front-steer", "Positive FrontSteer turns right", "3.4.2", dialects=ONCE)
+@once("ackerman.front-steer", "Positive FrontSteer turns right", "3.4.2")
 async def front_steer(case: Case) -> None:
     """A positive FrontSteer turns the front wheels clockwise: driving ahead yaw grows, backwards it
     shrinks; a negative one does the opposite."""
     await _turns(case, "Front")
 
 
-@control(
-    "ackerman.rear-steer", "Positive RearSteer turns rear wheels clockwise", "3.4.2", dialects=ONCE
-)
+@once("ackerman.rear-steer", "Positive RearSteer turns rear wheels clockwise", "3.4.2")
 async def rear_steer(case: Case) -> None:
     """A positive RearSteer turns the rear wheels clockwise: driving ahead the car turns left and
     yaw shrinks, backwards it grows; a negative one does the opposite."""
     await _turns(case, "Rear")
 
 
-@control(
+@once(
     "ackerman.radius",
     "WheelBase and angle give the radius",
     "robots reference 3.2 and 5.2, no. 40",
     Severity.SHOULD,
-    dialects=ONCE,
 )
 async def radius(case: Case) -> None:
     """A car turns by tan(angle) / WheelBase per metre, WheelBase as in GEO, within 15 percent (cars
@@ -136,12 +133,11 @@ async def radius(case: Case) -> None:
             )
 
 
-@control(
+@once(
     "ackerman.speed",
     "Speed times WheelRadius is the speed",
     "6, no. 132 and 3.4.2",
     Severity.SHOULD,
-    dialects=ONCE,
 )
 async def speed(case: Case) -> None:
     """Straight ahead and back a car runs at Speed times WheelRadius of GEO within 7 percent, and
@@ -157,12 +153,11 @@ async def speed(case: Case) -> None:
             )
 
 
-@control(
+@once(
     "ackerman.percent",
     "Normalized Speed is percent of MaxSpeed",
     "3.4 and 6, no. 146",
     Severity.SHOULD,
-    dialects=ONCE,
 )
 async def percent(case: Case) -> None:
     """`{Speed p} {Normalized true}` runs at p percent of MaxSpeed of CONF times WheelRadius, within
@@ -178,7 +173,7 @@ async def percent(case: Case) -> None:
         )
 
 
-@control("ackerman.status", "STA tells the steering angles", "4.3", dialects=ONCE)
+@once("ackerman.status", "STA tells the steering angles", "4.3")
 async def status(case: Case) -> None:
     """FrontSteer and RearSteer of STA are the angles that the car was told, with their signs; the
     axle that is not steered stays at 0."""
@@ -192,12 +187,11 @@ async def status(case: Case) -> None:
                 )
 
 
-@control(
+@once(
     "ackerman.limits",
     "CONF tells the steering limits",
     "4.8; robots reference 1.4",
     Severity.SHOULD,
-    dialects=ONCE,
 )
 async def limits(case: Case) -> None:
     """Told to steer by 9 rad, STA tells the limit of CONF, on both sides: MaxFrontSteer and
@@ -215,7 +209,7 @@ async def limits(case: Case) -> None:
             )
 
 
-@control("ackerman.steering-type", "SteeringType of cars", "4.8", dialects=ONCE)
+@once("ackerman.steering-type", "SteeringType of cars", "4.8")
 async def steering_type(case: Case) -> None:
     """SteeringType of CONF is AckermanSteered for cars."""
     for trip in await _cars(case):
@@ -271,7 +265,7 @@ async def _dives(case: Case) -> list[Trip]:
     return await of_classes(case, VESSELS, dive)
 
 
-@control("underwater.propeller", "A positive Propeller drives ahead", "3.4.5", dialects=ONCE)
+@once("underwater.propeller", "A positive Propeller drives ahead", "3.4.5")
 async def propeller(case: Case) -> None:
     """A positive Propeller drives a submarine ahead along its x, a negative one slows it down and
     drives it back."""
@@ -290,12 +284,11 @@ async def propeller(case: Case) -> None:
         )
 
 
-@control(
+@once(
     "underwater.percent",
     "Normalized Propeller is percent of MaxPropeller",
     "3.4.5",
     Severity.SHOULD,
-    dialects=ONCE,
 )
 async def vessel_percent(case: Case) -> None:
     """A Propeller in percent of MaxPropeller of CONF gives the speed of the same spin in rad/s,
@@ -304,20 +297,27 @@ async def vessel_percent(case: Case) -> None:
         if not trip.conf.number("MaxPropeller") > 0.0:
             case.skip(f"CONF names no MaxPropeller: {trip.conf}")
         other = await on_open_floor(case, "a dive in percent", trip.class_name, _dive_percent, _UP)
-        plain, found = trip["ahead"].gone[0], other["ahead"].gone[0]
+        legs = (other["ahead"], trip["ahead"])
+        way = min(leg.gone for leg in legs)
         case.expect(
-            near(found, plain, 0.1, 0.05),
-            f"{trip.class_name} with {other['ahead'].command} goes {found:.2f} m from rest, with "
-            f"{trip['ahead'].command} {plain:.2f}: MaxPropeller of CONF, or Propeller in percent",
+            way > 0.2,
+            f"{trip.class_name} goes {way:.2f} m at most with {legs[0].command} and with "
+            f"{legs[1].command}: MaxPropeller of CONF, or Propeller in percent",
+        )
+        found, plain = (leg.took(0.1 * way, 0.9 * way) for leg in legs)
+        case.expect(
+            near(found, plain, 0.1),
+            f"{trip.class_name} with {legs[0].command} takes {found:.2f} s for {0.8 * way:.2f} m "
+            f"from rest, with {legs[1].command} {plain:.2f}: MaxPropeller of CONF, or Propeller in "
+            "percent",
         )
 
 
-@control(
+@once(
     "underwater.rudder",
     "A positive Rudder turns right",
     "3.4.5; as FrontSteer, 3.4.2",
     Severity.SHOULD,
-    dialects=ONCE,
 )
 async def rudder(case: Case) -> None:
     """Ahead, a positive Rudder turns a submarine clockwise, yaw grows; a negative one does the
@@ -332,9 +332,7 @@ async def rudder(case: Case) -> None:
             )
 
 
-@control(
-    "underwater.stern-plane", "A positive SternPlane dives", "3.4.5", Severity.SHOULD, dialects=ONCE
-)
+@once("underwater.stern-plane", "A positive SternPlane dives", "3.4.5", Severity.SHOULD)
 async def stern_plane(case: Case) -> None:
     """Ahead, a positive SternPlane turns the nose of a submarine down, pitch below 0, and it goes
     deeper; a negative one does the opposite."""
@@ -355,9 +353,7 @@ async def stern_plane(case: Case) -> None:
         )
 
 
-@control(
-    "underwater.status", "STA tells rudder and stern planes", "4.4", Severity.SHOULD, dialects=ONCE
-)
+@once("underwater.status", "STA tells rudder and stern planes", "4.4", Severity.SHOULD)
 async def vessel_status(case: Case) -> None:
     """RudderAngle and SternPlaneAngle of STA are the angles that were told, up to MaxRudder and
     MaxSternPlane of CONF; absent segments keep their value."""
@@ -383,12 +379,11 @@ async def vessel_status(case: Case) -> None:
                 )
 
 
-@control(
+@once(
     "underwater.depth",
     "Without orders it keeps its depth",
     "robots reference 5.2, no. 49",
     Severity.SHOULD,
-    dialects=ONCE,
 )
 async def depth(case: Case) -> None:
     """A submarine whose propeller stands neither rises nor sinks, and does not turn."""

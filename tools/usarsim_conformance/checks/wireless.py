@@ -252,7 +252,8 @@ async def ghost(case: Case) -> None:
         await client.expect(
             f"INIT {{Robot Ghost{case.new_name()}}} {{Port 5}}", "INITREPLY {Status OK}"
         )
-        case.expect(await client.wire.hung_up(side_lines.LEAVES), "a ghost stays registered")
+        gone = await side_lines.dropped(client.wire, radio.client)
+        case.expect(gone, "a ghost stays registered")
         await radio.client.ask("GETSS {Robot Nobody?}")
 
 
@@ -262,7 +263,8 @@ async def leaver(case: Case) -> None:
     seconds; others stay registered."""
     async with await Radio.make(case) as one, await Radio.make(case) as other:
         other.robot.close()
-        case.expect(await other.client.wire.hung_up(side_lines.LEAVES), "it stays registered")
+        gone = await side_lines.dropped(other.client.wire, one.client)
+        case.expect(gone, "it stays registered")
         await one.client.ask("GETSS {Robot Nobody?}")
 
 
@@ -441,7 +443,7 @@ async def relay_leaver(case: Case) -> None:
         wire, guest = await one.call(other)
         other.robot.close()
         case.expect(
-            await wire.hung_up(side_lines.LEAVES),
+            await side_lines.dropped(wire, one.client),
             "the caller's end stays open when the other has left",
         )
         case.expect(await guest.hung_up(), "the end of the robot that left stays open")

@@ -11,7 +11,7 @@ from usarsim_conformance.control import ControlClient, turned
 from usarsim_conformance.grounds import open_floor
 from usarsim_conformance.lines import Line
 from usarsim_conformance.places import Place
-from usarsim_conformance.registry import ONCE, NotApplicable, Severity, control
+from usarsim_conformance.registry import NotApplicable, Severity, once
 from usarsim_conformance.walls import controller, status_of
 
 _HIGH = -40.0
@@ -46,7 +46,7 @@ async def _created(case: Case) -> tuple[ControlClient, str, float]:
     return client, name, y
 
 
-@control("world.silent", "CONTROL answers nothing but GetSTA", "3.14", dialects=ONCE)
+@once("world.silent", "CONTROL answers nothing but GetSTA", "3.14")
 async def silent(case: Case) -> None:
     """Create, AbsMove and Kill have no reply."""
     client, name, y = await _created(case)
@@ -59,7 +59,7 @@ async def silent(case: Case) -> None:
     case.expect(not lines, f"something was answered: {lines[:1]}")
 
 
-@control("world.no-controller", "CONTROL needs a world controller", "6, no. 167", dialects=ONCE)
+@once("world.no-controller", "CONTROL needs a world controller", "6, no. 167")
 async def nocontroller(case: Case) -> None:
     """CONTROL is ignored on a connection of a robot."""
     robot = await case.spawn()
@@ -68,7 +68,7 @@ async def nocontroller(case: Case) -> None:
     case.expect(not found, f"it was answered: {found[:1]}")
 
 
-@control("world.moves", "Objects are created, moved and killed", "6, no. 168", dialects=ONCE)
+@once("world.moves", "Objects are created, moved and killed", "6, no. 168")
 async def moves(case: Case) -> None:
     """After Create, AbsMove and RelMove GetSTA tells the new place; after Kill a bare `STA`."""
     client, name, y = await _created(case)
@@ -86,7 +86,7 @@ async def moves(case: Case) -> None:
     case.expect(await case.soon(partial(_gone, client, name), 3.0), "it is still there")
 
 
-@control("world.form", "GetSTA has balanced braces", "6, no. 171", Severity.SHOULD, dialects=ONCE)
+@once("world.form", "GetSTA has balanced braces", "6, no. 171", Severity.SHOULD)
 async def form(case: Case) -> None:
     """GetSTA tells Name, Size, Location, Memory, Rotation, each in braces of its own, sizes above
     zero."""
@@ -97,7 +97,7 @@ async def form(case: Case) -> None:
     case.expect(all(size > 0.0 for size in line.numbers("Size")), f"{line}")
 
 
-@control("world.same-name", "A name is taken once", "6, no. 169", dialects=ONCE)
+@once("world.same-name", "A name is taken once", "6, no. 169")
 async def same_name(case: Case) -> None:
     """Creating an existing name leaves the first object untouched."""
     client, name, y = await _created(case)
@@ -109,7 +109,7 @@ async def same_name(case: Case) -> None:
     case.expect(abs(line.numbers("Location")[0]) < 0.1, f"it was replaced: {line}")
 
 
-@control("world.kill-all", "KillAll with a box", "6, no. 170", dialects=ONCE, exclusive=True)
+@once("world.kill-all", "KillAll with a box", "6, no. 170", exclusive=True)
 async def kill_all(case: Case) -> None:
     """KillAll with a box removes only objects strictly inside, whichever corner comes first."""
     client, inside, y = await _created(case)
@@ -122,13 +122,7 @@ async def kill_all(case: Case) -> None:
     case.expect(line.get("Name") == outside, "the object outside is gone")
 
 
-@control(
-    "world.cleans-up",
-    "Objects leave with their controller",
-    "6, no. 172",
-    Severity.SHOULD,
-    dialects=ONCE,
-)
+@once("world.cleans-up", "Objects leave with their controller", "6, no. 172", Severity.SHOULD)
 async def cleans_up(case: Case) -> None:
     """Closing the world controller's connection removes its objects."""
     client, name, _ = await _created(case)
@@ -225,7 +219,7 @@ def _towards(lines: list[Line], goal: tuple[float, float]) -> float:
     return math.atan2(goal[1] - y, goal[0] - x)
 
 
-@control("avatar.walks", "Avatars walk to the Location", "3.13", Severity.SHOULD, dialects=ONCE)
+@once("avatar.walks", "Avatars walk to the Location", "3.13", Severity.SHOULD)
 async def walks(case: Case) -> None:
     """An avatar goes straight to the Location of MOVE, walking, running or backwards, and Location
     of STA tells so on both axes; running is faster than walking, both are what people do."""
@@ -244,9 +238,7 @@ async def walks(case: Case) -> None:
     case.expect(speeds[1] > 1.2 * speeds[0], f"walking and running are {speeds} m/s: Type Run")
 
 
-@control(
-    "avatar.faces", "Avatars face where they go", "3.13 and 4.4", Severity.SHOULD, dialects=ONCE
-)
+@once("avatar.faces", "Avatars face where they go", "3.13 and 4.4", Severity.SHOULD)
 async def faces(case: Case) -> None:
     """The yaw of an avatar's Orientation is where it goes, turned about for Walk_Backward."""
     walk = await _walk(case)
@@ -259,13 +251,7 @@ async def faces(case: Case) -> None:
         )
 
 
-@control(
-    "avatar.status",
-    "Walking tells whether it walks",
-    "3.13 and 4.4",
-    Severity.SHOULD,
-    dialects=ONCE,
-)
+@once("avatar.status", "Walking tells whether it walks", "3.13 and 4.4", Severity.SHOULD)
 async def status(case: Case) -> None:
     """Walking of STA is True while an avatar goes and False while it stands; Pause stops it on the
     spot, Resume lets it go on to the same place."""
@@ -283,7 +269,7 @@ async def status(case: Case) -> None:
     case.expect(abs(off) < 0.3, f"after Resume it goes {off:.2f} rad aside of its way")
 
 
-@control("avatar.appends", "Append comes after", "3.13", Severity.SHOULD, dialects=ONCE)
+@once("avatar.appends", "Append comes after", "3.13", Severity.SHOULD)
 async def appends(case: Case) -> None:
     """MOVE with Action Append is done after what was ordered before: an avatar comes by the first
     Location and ends at the second, standing on the floor."""

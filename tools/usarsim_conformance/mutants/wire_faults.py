@@ -29,7 +29,7 @@ class WireFault:
     services: tuple[str, ...]  # that have the fault; the others are healthy
     dialect: str  # to judge in, for checks to which it matters
     robot: str  # class of the robots of most checks
-    server: str  # `own` for our own server, `raw` for ours with raw pictures
+    server: str  # `own` for our own server, `images` for one for pictures, `raw` for raw ones
 
 
 _FAULTS: dict[str, WireFault] = {}
@@ -52,7 +52,7 @@ def enter(
     services: tuple[str, ...] = (),
     dialect: str = "ut2004",
     robot: str = "P2AT",
-    server: str = "own",
+    server: str = "",
 ) -> None:
     """Enter a fault; see `WireFault`. By default it is one of the service that the check is of."""
     count = sum(fault.check == check for fault in _FAULTS.values())
@@ -64,7 +64,7 @@ def enter(
         services=services or (check.partition(".")[0],),
         dialect=dialect,
         robot=robot,
-        server=server,
+        server=server or ("images" if check.startswith("images") else "own"),
     )
 
 

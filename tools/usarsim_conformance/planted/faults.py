@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import fnmatch
-import importlib
-import pkgutil
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
-
-_NAME = re.compile(r"[a-z0-9]+(\.[a-z0-9-]+)+")
+from pathlib import Path
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,69 +27,59 @@ class Fault:
     field: str  # pattern that their message fits, the name of the field that is wrong
     robot: str  # class that the checks take
     dialect: str | None  # to judge in; None for all that the server speaks
-    options: tuple[str, ...]  # further ones of `usarsim serve`
 
 
-_FAULTS: dict[str, Fault] = {}
-
-
-def plant(
-    name: str,
-    file: str,
-    old: str,
-    new: str,
-    *,
-    notices: str | Sequence[str],
-    field: str,
-    also: Iterable[tuple[str, str, str]] = (),
-    robot: str = "P2AT",
-    dialect: str | None = "ut2004",
-    options: Sequence[str] = (),
-) -> None:
-    """Enter a fault; see `Fault`.
-
-    Args:
-        name: of the fault.
-        file: of its only, or first, edit.
-        old: text there.
-        new: text in its place.
-        notices: the check, or the checks, that have to notice.
-        field: as a regular expression.
-        also: further edits: file, old text, new text.
-        robot: class.
-        dialect: one is enough for most, and faster.
-        options: of the server.
-
-    Raises:
-        ValueError: if the name is taken or malformed.
-    """
-    if not _NAME.fullmatch(name) or name in _FAULTS:
-        raise ValueError(f"{name!r} is taken, or no name of a fault like sensors.gps.noise")
-    _FAULTS[name] = Fault(
-        name=name,
-        edits=(Edit(file, old, new), *(Edit(*one) for one in also)),
-        notices=(notices,) if isinstance(notices, str) else tuple(notices),
-        field=field,
-        robot=robot,
-        dialect=dialect,
-        options=tuple(options),
-    )
+_FAULT = re.compile(
+    r"@@ (?P<name>[a-z0-9]+(?:\.[a-z0-9-]+)+) @@"
+    r"(?: robot=(?P<robot>\w+))?(?: dialect=(?P<dialect>\w+))?\n"
+    r" (?P<notices>[\w.-]+(?:, [\w.-]+)*): (?P<field>.+)\n"
+    r"(?P<edits>(?:(?:-.*\n)+(?:\+.*\n)+)+)"
+)
+_EDIT = re.compile(r"((?:-.*\n)+)((?:\+.*\n)+)")
 
 
 def all_faults() -> tuple[Fault, ...]:
-    """Every fault of the files `faults_*.py` beside this one, in their order."""
-    import usarsim_conformance.planted as package
+    """Every fault of the files `*.diff` beside this one, in their order.
 
-    for entry in pkgutil.iter_modules(package.__path__):
-        if entry.name.startswith("faults_"):
-            importlib.import_module(f"{package.__name__}.{entry.name}")
-    return tuple(_FAULTS.values())
+    Raises:
+        ValueError: if one is malformed, or its name is taken.
+    """
+    found: dict[str, Fault] = {}
+    for path in sorted(Path(__file__).parent.glob("*.diff")):
+        for fault in read_faults(path.read_text(encoding="utf-8")):
+            if fault.name in found:
+                raise ValueError(f"{path}: {fault.name} is taken")
+            found[fault.name] = fault
+    return tuple(found.values())
 
 
-def select_faults(faults: Iterable[Fault], pattern: str) -> tuple[Fault, ...]:
-    """Those whose name a pattern fits; patterns as in `registry.select`."""
-    words = [word.strip() for word in pattern.split(",") if word.strip()]
-    globs = [word if any(sign in word for sign in "*?[") else f"*{word}*" for word in words]
-    return tuple(
-        one for one in faults if any(fnmatch.fnmatchcase(one.name, glob) for glob in globs)
-    )
+def read_faults(text: str) -> Iterator[Fault]:
+    """The faults of a text; see the package for what one looks like.
+
+    Raises:
+        ValueError: if one is malformed.
+    """
+    file = ""
+    for part in re.split(r"\n\n+", text.strip("\n")):
+        if part.startswith("--- "):
+            file = part.removeprefix("--- ")
+        elif not part.startswith("#"):
+            found = _FAULT.fullmatch(part + "\n")
+            if found is None or not file:
+                raise ValueError(f"no fault of a file: {part!r}")
+            dialect = found["dialect"] or "ut2004"
+            yield Fault(
+                name=found["name"],
+                edits=tuple(
+                    Edit(file, _bare(old), _bare(new)) for old, new in _EDIT.findall(found["edits"])
+                ),
+                notices=tuple(found["notices"].split(", ")),
+                field=found["field"],
+                robot=found["robot"] or "P2AT",
+                dialect=None if dialect == "any" else dialect,
+            )
+
+
+def _bare(lines: str) -> str:
+    """Lines of a difference without the sign before each."""
+    return "\n".join(line[1:] for line in lines.removesuffix("\n").split("\n"))

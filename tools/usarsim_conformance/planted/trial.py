@@ -129,13 +129,8 @@ class Outcome:
     lines: tuple[tuple[str, str, str], ...]  # check, verdict and message, one for each check
 
 
-@dataclass(frozen=True, slots=True)
-class _Bench:
-    """What several faults need alike."""
-
-    robot: str
-    dialect: str | None
-    options: tuple[str, ...]
+_Bench = tuple[str, str | None]
+"""What several faults need alike: class of the robot, and dialect."""
 
 
 def try_faults(
@@ -153,8 +148,7 @@ def try_faults(
     """
     benches: dict[_Bench, set[str]] = {}
     for fault in faults:
-        bench = _Bench(fault.robot, fault.dialect, fault.options)
-        benches.setdefault(bench, set()).update(fault.notices)
+        benches.setdefault((fault.robot, fault.dialect), set()).update(fault.notices)
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(jobs or os.cpu_count() or 1, mp_context=context) as pool:
         works = [pool.submit(_healthy, bench, sorted(ids)) for bench, ids in benches.items()]
@@ -185,7 +179,7 @@ def as_table(outcomes: Sequence[Outcome]) -> str:
 
 def _healthy(bench: _Bench, ids: Sequence[str]) -> Outcome:
     """The server as it is: every check has to pass, in at least one dialect and without doubt."""
-    name = " ".join(("healthy", bench.robot, *filter(None, [bench.dialect]), *bench.options))
+    name = " ".join(("healthy", *filter(None, bench)))
     results, error = _judge((), bench, ids)
     if error:
         return Outcome(name, False, (("", "error", error),))
@@ -201,8 +195,7 @@ def _healthy(bench: _Bench, ids: Sequence[str]) -> Outcome:
 
 
 def _planted(fault: Fault) -> Outcome:
-    bench = _Bench(fault.robot, fault.dialect, fault.options)
-    results, error = _judge(fault.edits, bench, fault.notices)
+    results, error = _judge(fault.edits, (fault.robot, fault.dialect), fault.notices)
     if error:
         return Outcome(fault.name, False, (("", "error", error),))
     lines, good = [], True
@@ -227,15 +220,15 @@ def _by_check(ids: Sequence[str], results: Sequence[Result]) -> Iterator[tuple[s
 
 def _judge(edits: Sequence[Edit], bench: _Bench, ids: Sequence[str]) -> tuple[list[Result], str]:
     """Verdicts of checks about a server with edits, or why there are none."""
+    robot, dialect = bench
     checks = [check for check in all_checks() if check.id in ids]
-    options = ("--speed", "max", *bench.options)
     with tempfile.TemporaryDirectory(prefix="usarsim-planted-") as name:
         folder = Path(name) if edits else None
         try:
             if folder is not None:
                 edited_copy(edits, folder)
-            with OwnServer(*options, folder=folder) as server:
-                target = Target(ports=dict(server.ports), robot=bench.robot, dialect=bench.dialect)
+            with OwnServer("--speed", "max", folder=folder) as server:
+                target = Target(ports=dict(server.ports), robot=robot, dialect=dialect)
                 report = asyncio.run(judge_all(target, checks, hangs=_HANGS, gives_up=_GIVES_UP))
                 if server.died:
                     return [], f"the server died: {server.said}"
