@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from statistics import median
 
 from usarsim_bench.crowd import DEFAULT_CLASS, Controller, Crowd
-from usarsim_bench.figures import Aim, Figure, Plan, Section
+from usarsim_bench.figures import Aim, Figure, Plan, Section, in_ms
 from usarsim_bench.recording import first_reading, longest_extra_gap, streams
-from usarsim_bench.robot_files import SCOUT, SCOUT_SENSORS, scouts
-from usarsim_bench.server import SERVE, BenchError, Server, load_between
-from usarsim_bench.team import ROBOTS, SETTLE, load_figures
+from usarsim_bench.robot_files import SCOUT, SCOUT_SENSORS
+from usarsim_bench.server import BenchError, Server, load_between
+from usarsim_bench.team import ROBOTS, SETTLE, gather, load_figures, served
 
 SECONDS = 2.0
 """s of wall time after each INIT in which gaps are looked for."""
@@ -32,11 +32,9 @@ class Arrival:
 
 
 def disturbance(recorded: list[dict[str, list[float]]], start: float, stop: float) -> float:
-    """The longest silence beyond its period of any stream of any robot within a span, s.
+    """The longest silence beyond its period of any stream within a span, s.
 
-    Args:
-        recorded: arrivals of every stream of every robot that was there before.
-        start, stop: the span.
+    What is recorded are the arrivals of every stream of every robot that was there before.
 
     Raises:
         BenchError: if a stream has hardly any lines.
@@ -61,10 +59,8 @@ def measure_spawn(plan: Plan) -> Section:
         Server(plan.world, robots + len(NEW_CLASSES)) as server,
         Crowd(server.port, plan.seed) as crowd,
     ):
-        present = []
-        for _ in range(max(1, robots - 1)):
-            present.append(crowd.join())
-            crowd.wait_until_speaking(present[-1:])
+        gather(crowd, max(1, robots - 1), (DEFAULT_CLASS,))
+        present = list(crowd.controllers)
         crowd.run(SETTLE)
         before = server.usage()
         arrivals = [_quiet(crowd, seconds), _arrival(crowd, DEFAULT_CLASS, seconds)]
@@ -73,7 +69,24 @@ def measure_spawn(plan: Plan) -> Section:
         crowd.run(SETTLE / 2)
         load = load_between(before, server.usage())
         recorded = [streams(one.chunks) for one in present]
-    return _section(plan, present, seconds, arrivals, recorded, load_figures(load))
+    gaps = {one.name: disturbance(recorded, one.start, one.stop) for one in arrivals}
+    came = [one for one in arrivals if one.delay is not None]
+    delays = [one.delay for one in came if one.delay is not None]
+    longest = max(gaps[one.name] for one in came)
+    return Section(
+        "spawn",
+        "Disturbance by newcomers",
+        f"{len(present)} {DEFAULT_CLASS} driving around in {plan.world}; for {seconds:g} s after "
+        "an INIT, the longest silence of any of their streams beyond its period. The first robot "
+        "of a class makes the server compile its model again.",
+        (
+            in_ms("Longest extra gap, all newcomers", longest, 1, GAP_AIM),
+            *(in_ms(f"Longest extra gap, {name}", gap, 1) for name, gap in gaps.items()),
+            in_ms("INIT to the newcomer's first STA line, median", median(delays), 0),
+            in_ms("INIT to the newcomer's first STA line, longest", max(delays), 0),
+            *load_figures(load),
+        ),
+    )
 
 
 def _quiet(crowd: Crowd, seconds: float) -> Arrival:
@@ -88,39 +101,6 @@ def _arrival(crowd: Crowd, robot_class: str, seconds: float) -> Arrival:
     known = "one more" if robot_class == DEFAULT_CLASS else "the first"
     delay = streams(newcomer.chunks)["STA"][0] - newcomer.joined
     return Arrival(f"{known} {robot_class}", newcomer.joined, stop, delay)
-
-
-def _section(
-    plan: Plan,
-    present: list[Controller],
-    seconds: float,
-    arrivals: list[Arrival],
-    recorded: list[dict[str, list[float]]],
-    load: list[Figure],
-) -> Section:
-    gaps = {one.name: 1e3 * disturbance(recorded, one.start, one.stop) for one in arrivals}
-    came = [one for one in arrivals if one.delay is not None]
-    delays = [1e3 * one.delay for one in came if one.delay is not None]
-    return Section(
-        "spawn",
-        "Disturbance by newcomers",
-        f"{len(present)} {DEFAULT_CLASS} driving around in {plan.world}; for {seconds:g} s after "
-        "an INIT, the longest silence of any of their streams beyond its period. The first robot "
-        "of a class makes the server compile its model again.",
-        (
-            Figure(
-                "Longest extra gap, all newcomers",
-                max(gaps[one.name] for one in came),
-                "ms",
-                1,
-                GAP_AIM,
-            ),
-            *(Figure(f"Longest extra gap, {name}", gap, "ms", 1) for name, gap in gaps.items()),
-            Figure("INIT to the newcomer's first STA line, median", median(delays), "ms", 0),
-            Figure("INIT to the newcomer's first STA line, longest", max(delays), "ms", 0),
-            *load,
-        ),
-    )
 
 
 ADMISSION_ROBOTS = 24
@@ -167,14 +147,10 @@ def measure_admission(plan: Plan) -> Section:
     robots, seconds = plan.robots or ADMISSION_ROBOTS, plan.seconds or ADMISSION_SECONDS
     number = max(FEWEST, round(seconds / (2.0 * WATCHED + PAUSE)))
     plan.say(f"admission: {robots} robots at once, then {number} newcomers")
-    with (
-        scouts() as classes,
-        Server(plan.world, robots + 1, (*SERVE, *classes)) as server,
-        Crowd(server.port, plan.seed) as crowd,
-    ):
+    with served(plan, robots + 1) as (server, crowd):
         team = _storm(crowd, robots)
         storm = waits(team)
-        served = max(wait + one.joined for wait, one in zip(storm, team, strict=True))
+        last = max(wait + one.joined for wait, one in zip(storm, team, strict=True))
         crowd.run(SETTLE)
         before = server.usage()
         visits = _visits(crowd, number)
@@ -191,7 +167,7 @@ def measure_admission(plan: Plan) -> Section:
         f"of any robot beyond its period, within {WATCHED:g} s after an INIT.",
         (
             *admission_figures(
-                robots, storm, served - min(one.joined for one in team), visits, recorded
+                robots, storm, last - min(one.joined for one in team), visits, recorded
             ),
             *load_figures(load),
         ),
@@ -228,35 +204,30 @@ def _visits(crowd: Crowd, number: int) -> Visits:
 def admission_figures(
     robots: int, storm: Sequence[float], served: float, visits: Visits, recorded: Streams
 ) -> list[Figure]:
-    """What became of the storm and of the newcomers.
+    """What became of the storm and of the newcomers; times in s.
 
     Args:
         robots: size of the team.
-        storm: s from INIT to the first sensor line, of each of the team.
-        served: s from the first INIT of the team until the last of them had its first line.
+        storm: from INIT to the first sensor line, of each of the team.
+        served: from the first INIT of the team until the last of them had its first line.
         visits: those who came later.
         recorded: arrivals of every stream of every robot of the team.
 
     Raises:
         BenchError: if a stream has hardly any lines.
     """
-    late = [1e3 * disturbance(recorded, *span) for span in visits.busy]
-    usual = [1e3 * disturbance(recorded, *span) for span in visits.quiet]
-    name = "INIT to first SEN"
+    late = [disturbance(recorded, *span) for span in visits.busy]
+    usual = [disturbance(recorded, *span) for span in visits.quiet]
+    at_once, name = f"{robots} INITs at once", "INIT to first SEN"
+    running = f"{name}, {robots} robots running"
     return [
-        Figure(f"{robots} INITs at once: all served after", served, "s", 2, STORM_AIM),
-        Figure(f"{robots} INITs at once: {name}, median", median(storm), "s", 2),
-        Figure(
-            f"{name}, {robots} robots running, longest",
-            1e3 * max(visits.waits),
-            "ms",
-            0,
-            WAIT_AIM,
-        ),
-        Figure(f"{name}, {robots} robots running, median", 1e3 * median(visits.waits), "ms", 0),
-        Figure("Others late meanwhile, longest of all newcomers", max(late), "ms", 1, LATE_AIM),
-        Figure("Others late meanwhile, median newcomer", median(late), "ms", 1),
-        Figure("Others late while nobody comes, longest", max(usual), "ms", 1),
-        Figure("Others late while nobody comes, median", median(usual), "ms", 1),
+        Figure(f"{at_once}: all served after", served, "s", 2, STORM_AIM),
+        Figure(f"{at_once}: {name}, median", median(storm), "s"),
+        in_ms(f"{running}, longest", max(visits.waits), 0, WAIT_AIM),
+        in_ms(f"{running}, median", median(visits.waits), 0),
+        in_ms("Others late meanwhile, longest of all newcomers", max(late), 1, LATE_AIM),
+        in_ms("Others late meanwhile, median newcomer", median(late), 1),
+        in_ms("Others late while nobody comes, longest", max(usual), 1),
+        in_ms("Others late while nobody comes, median", median(usual), 1),
         Figure("Newcomers", len(visits.waits), "", 0),
     ]

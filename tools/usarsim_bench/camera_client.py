@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from statistics import median
 from zlib import crc32
 
-import numpy as np
-
-from usarsim_bench.server import BenchError, CarefulClosing
-from usarsim_client import FULL_FRAME, BlockingConnection, ProtocolError, pictures
-
-_ANSWER_TIMEOUT = 10.0
-_STOP_TIMEOUT = 15.0
+from usarsim_bench.figures import p99
+from usarsim_bench.server import Asking, BenchError
+from usarsim_client import FULL_FRAME, pictures
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +24,7 @@ class Picture:
     content: int  # checksum of the payload, by which repeats are known
 
 
-class Viewer(CarefulClosing):
+class Viewer(Asking):
     """Looks at the cameras of a server while it is open as a context manager.
 
     Attributes:
@@ -52,45 +48,17 @@ class Viewer(CarefulClosing):
             BenchError: if nobody listens.
         """
         self.pictures: list[Picture] = []
-        self._failure: str | None = None
-        self._stop = threading.Event()
-        self._period = 0.0 if rate is None else 1.0 / rate
         self._request = FULL_FRAME if rectangle is None else pictures.rectangle(*rectangle)
-        try:
-            self._connection = BlockingConnection(port, patience=_ANSWER_TIMEOUT)
-        except OSError as error:
-            raise BenchError(f"nobody listens for image clients: {error.strerror}") from None
-        self._thread = threading.Thread(target=self._look, name="viewer", daemon=True)
-        self._thread.start()
+        super().__init__(port, "images", 0.0 if rate is None else 1.0 / rate)
 
-    def close(self) -> None:
-        """Stop asking and hang up, once the last picture is there.
-
-        Raises:
-            BenchError: if the server failed this client at any time.
-        """
-        self._stop.set()
-        self._thread.join(_STOP_TIMEOUT)
-        self._connection.close()
-        if self._failure is not None:
-            raise BenchError(f"an image client was failed: {self._failure}")
-
-    def _look(self) -> None:
-        due = time.perf_counter()
-        try:
-            while not self._stop.wait(max(0.0, due - time.perf_counter())):
-                self.pictures.append(self._ask())
-                # A client that was held up does not ask in bursts.
-                due = max(due + self._period, time.perf_counter())
-        except (OSError, ProtocolError) as error:
-            self._failure = str(error)
-
-    def _ask(self) -> Picture:
+    def ask(self) -> None:
+        """Take one picture."""
         asked = time.perf_counter()
         self._connection.send(self._request)
         payload = self._connection.picture().payload
         come = time.perf_counter()
-        return Picture(asked, come, pictures.HEADER.size + len(payload), crc32(payload))
+        octets = pictures.HEADER.size + len(payload)
+        self.pictures.append(Picture(asked, come, octets, crc32(payload)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,8 +87,8 @@ def summed_up(pictures: Sequence[Picture], start: float, stop: float) -> ViewerT
     return ViewerTrial(
         pictures=len(seen) / (stop - start),
         news=news / (stop - start),
-        median=float(np.percentile(waits, 50.0)),
-        tail=float(np.percentile(waits, 99.0)),
+        median=median(waits),
+        tail=p99(waits),
         longest=max(waits),
         octets=sum(one.octets for one in seen) / (stop - start),
     )

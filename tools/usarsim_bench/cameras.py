@@ -9,9 +9,9 @@ from statistics import median
 
 from usarsim_bench.camera_client import Viewer, ViewerTrial, summed_up
 from usarsim_bench.crowd import DEFAULT_CLASS, Crowd
-from usarsim_bench.figures import Aim, Figure, Plan, Section
-from usarsim_bench.robot_files import CAMERA_RATE, CAMERA_SCOUT, SCOUT_SENSORS, scouts
-from usarsim_bench.server import SERVE, BenchError, Server
+from usarsim_bench.figures import Aim, Figure, Plan, Section, in_ms
+from usarsim_bench.robot_files import CAMERA_RATE, CAMERA_SCOUT, SCOUT_SENSORS
+from usarsim_bench.server import Server
 from usarsim_bench.swarm import TOGETHER
 from usarsim_bench.team import (
     FACTOR_AIM,
@@ -21,6 +21,7 @@ from usarsim_bench.team import (
     TeamTrial,
     gather,
     load_figures,
+    served,
     try_team,
 )
 
@@ -54,14 +55,8 @@ def measure_watched(plan: Plan) -> Section:
     robots, seconds = plan.robots or WATCHED_ROBOTS, plan.seconds or SECONDS
     plan.say(f"watched: {robots} robots, each with a camera that is watched, for {seconds:g} s")
     columns, rows = grid(robots)
-    with (
-        scouts() as classes,
-        Server(plan.world, robots, (*SERVE, *classes, "--tiles", f"{columns}x{rows}")) as server,
-        Crowd(server.port, plan.seed) as crowd,
-    ):
-        port = server.ports.get("images")
-        if port is None:
-            raise BenchError("the server has no images")
+    with served(plan, robots, "--tiles", f"{columns}x{rows}") as (server, crowd):
+        port = server.port_of("images")
         # As many tiles as cameras: whoever has which, all of them are watched.
         gather(crowd, robots, (CAMERA_SCOUT,), TOGETHER)
         with ExitStack() as stack:
@@ -84,19 +79,16 @@ def measure_watched(plan: Plan) -> Section:
 
 def watched_figures(trial: TeamTrial, seen: Sequence[ViewerTrial]) -> list[Figure]:
     """The figures of the team and of all its viewers."""
+    fewest, news = min(s.pictures for s in seen), [s.news for s in seen]
     return [
         Figure("Real-time factor, lowest of all robots", trial.factor, "", 4, FACTOR_AIM),
         Figure("Real-time factor, worst second of any robot", trial.worst, "", 4),
-        Figure(
-            "Pictures of a camera, fewest", min(s.pictures for s in seen), "1/s", 2, PICTURES_AIM
-        ),
-        Figure(
-            "New pictures of a camera, median", median(s.news for s in seen), "1/s", 2, NEWS_AIM
-        ),
-        Figure("New pictures of a camera, fewest", min(s.news for s in seen), "1/s", 2),
-        Figure("New pictures of all cameras", sum(s.news for s in seen), "1/s", 1),
-        Figure("Time to answer, median", 1e3 * median(s.median for s in seen), "ms", 1),
-        Figure("Time to answer, largest 99th percentile", 1e3 * max(s.tail for s in seen), "ms", 1),
+        Figure("Pictures of a camera, fewest", fewest, "1/s", 2, PICTURES_AIM),
+        Figure("New pictures of a camera, median", median(news), "1/s", 2, NEWS_AIM),
+        Figure("New pictures of a camera, fewest", min(news), "1/s"),
+        Figure("New pictures of all cameras", sum(news), "1/s", 1),
+        in_ms("Time to answer, median", median(s.median for s in seen), 1),
+        in_ms("Time to answer, largest 99th percentile", max(s.tail for s in seen), 1),
         Figure("Processor use of the server", trial.load.process, "cores", 2),
         Figure("Memory of the server", trial.resident / MIB, "MiB", 0),
         *load_figures(trial.load),
@@ -133,9 +125,7 @@ def measure_cameras(plan: Plan) -> Section:
     robots, seconds = plan.robots or ROBOTS, plan.seconds or LOOK_SECONDS
     figures: list[Figure] = []
     with Server(plan.world, robots) as server, Crowd(server.port, plan.seed) as crowd:
-        port = server.ports.get("images")
-        if port is None:
-            raise BenchError("the server has no images")
+        port = server.port_of("images")
         plan.say(f"cameras: {robots} robots, unwatched, for {seconds:g} s")
         trial = try_team(server, crowd, robots, seconds)
         figures += _team_figures("Unwatched", trial)
@@ -179,7 +169,7 @@ def _viewer_figures(look: Look, seen: ViewerTrial) -> list[Figure]:
     return [
         Figure(f"{name}: pictures", seen.pictures, "1/s", 1, aim),
         Figure(f"{name}: new pictures", seen.news, "1/s", 1),
-        Figure(f"{name}: time to answer, median", 1e3 * seen.median, "ms", 1),
-        Figure(f"{name}: time to answer, 99th percentile", 1e3 * seen.tail, "ms", 1),
+        in_ms(f"{name}: time to answer, median", seen.median, 1),
+        in_ms(f"{name}: time to answer, 99th percentile", seen.tail, 1),
         Figure(f"{name}: data", seen.octets / 1e6, "MB/s", 2),
     ]

@@ -8,13 +8,14 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from usarsim_bench.console import ITEMS
 from usarsim_bench.figures import Plan, Report
 from usarsim_bench.hostile.attackers import ATTACKS
 from usarsim_bench.report import as_json, as_markdown, as_text
+from usarsim_bench.server import BenchError
 from usarsim_bench.suite import ALL, LONG, MEASUREMENTS, QUICK, QUICK_SECONDS, take
 from usarsim_server import __version__
-from usarsim_server import files as atomic
-from usarsim_server.cli.common import Subparsers, add_command
+from usarsim_server.cli.common import Subparsers, add_command, written
 from usarsim_server.errors import UsarsimError
 
 _EPILOG = (
@@ -22,8 +23,17 @@ _EPILOG = (
     "themselves. Let nothing else run meanwhile: what other programs used is part of the report. "
     "Options may stand before or after the measurement."
 )
+_PEERS = "the same work done by other simulators"
+_PEERS_EPILOG = (
+    "Each of them is installed by pip into an environment of its own, which needs the network. "
+    "What cannot be installed here is left out, and the report says why."
+)
 ATTACKED = "hostile"
 """The measurement that tries many attacks."""
+CONSOLE = "console"
+"""The measurement of many checks of the operator console."""
+HOURS = ("soak",)
+"""What is told its length in minutes."""
 _MOST_ROBOTS = 256
 _MOST_SECONDS = 600.0
 _MOST_MINUTES = 10000.0
@@ -49,8 +59,7 @@ def add_parser(subparsers: Subparsers) -> None:
         _add_measurement(kinds, name, help_text)
     # No part of the wheel: only a checkout has the programs for other simulators.
     if importlib.util.find_spec("usarsim_bench.peers") is not None:
-        peers = importlib.import_module("usarsim_bench.peers.command")
-        peers.add_peers(kinds, lambda parser: _add_options(parser, world=False), _hand_out)
+        _add_peers(kinds)
     # Without a prefix that could mark an option everything behind `fidelity` is taken as it is.
     fidelity = kinds.add_parser(
         "fidelity", help="the robots' motion against theory", add_help=False, prefix_chars="\0"
@@ -66,14 +75,14 @@ def run(arguments: argparse.Namespace) -> int:
         UsarsimError: if a measurement cannot be taken or a file cannot be written.
     """
     name = getattr(arguments, "measurement", "all")
-    brief = name == "quick"
+    brief = name == "quick" or getattr(arguments, "quick", False)
     plan = Plan(
         robots=getattr(arguments, "robots", None),
-        seconds=getattr(arguments, "seconds", QUICK_SECONDS if brief else None),
+        seconds=getattr(arguments, "seconds", QUICK_SECONDS if name == "quick" else None),
         world=getattr(arguments, "world", "arena"),
         say=_say,
         brief=brief,
-        attacks=tuple(getattr(arguments, "attack", ())),
+        only=tuple(getattr(arguments, "only", ())),
     )
     names = {"all": ALL, "quick": QUICK}.get(name, (name,))
     report = take(names, plan, __version__)
@@ -82,8 +91,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _hand_out(report: Report, arguments: argparse.Namespace) -> int:
     print(as_text(report))
-    _write(report, getattr(arguments, "json", None), as_json)
-    _write(report, getattr(arguments, "markdown", None), as_markdown)
+    for name, form in (("json", as_json), ("markdown", as_markdown)):
+        if (file := getattr(arguments, name, None)) is not None:
+            with written(file) as page:
+                page.write(form(report).encode())
     if report.failed:
         raise UsarsimError(f"could not be measured: {', '.join(report.failed)} (reasons above)")
     return 0
@@ -95,22 +106,68 @@ def _add_measurement(kinds: Subparsers, name: str, help_text: str) -> None:
     if name == ATTACKED:
         parser.add_argument(
             "--attack",
+            dest="only",
             metavar="NAME",
             nargs="+",
             choices=sorted(ATTACKS),
             default=argparse.SUPPRESS,
             help=f"try only these: {', '.join(ATTACKS)}",
         )
-    if name in LONG:
+    if name == CONSOLE:
+        listed = ", ".join(f"{key} ({what})" for key, what in ITEMS.items())
+        parser.add_argument(
+            "only",
+            metavar="ITEM",
+            nargs="*",
+            type=_item,
+            default=argparse.SUPPRESS,
+            help=f"measure only these: {listed}",
+        )
+        parser.add_argument(
+            "--quick", action="store_true", help="everything briefly, some 6 minutes instead of 30"
+        )
+    if name in HOURS:
         parser.add_argument(
             "--minutes",
             metavar="M",
             dest="seconds",
-            type=_minutes,
+            type=_above_zero(_MOST_MINUTES, 60.0),
             default=argparse.SUPPRESS,
             help="length of the measurement (default: 60)",
         )
     parser.set_defaults(measurement=name)
+
+
+def _add_peers(kinds: Subparsers) -> None:
+    parser = add_command(kinds, "peers", _PEERS, _run_peers, epilog=_PEERS_EPILOG)
+    _add_options(parser, world=False)
+    parser.add_argument(
+        "--only", metavar="NAME", action="append", help="compare with this one; may be repeated"
+    )
+    parser.add_argument(
+        "--keep",
+        metavar="DIR",
+        type=Path,
+        help="keep their environments there and use them again (default: thrown away)",
+    )
+
+
+def _run_peers(arguments: argparse.Namespace) -> int:
+    from usarsim_bench.peers import comparing
+
+    if hasattr(arguments, "world"):
+        raise UsarsimError("--world: all simulators get the same hall (leave the option out)")
+    plan = Plan(
+        robots=getattr(arguments, "robots", None),
+        seconds=getattr(arguments, "seconds", None),
+        say=_say,
+    )
+    try:
+        only = tuple(arguments.only or ())
+        report = comparing.compare(plan, __version__, only, arguments.keep)
+    except BenchError as error:
+        raise UsarsimError(str(error)) from error
+    return _hand_out(report, arguments)
 
 
 def _add_options(parser: argparse.ArgumentParser, world: bool = True) -> None:
@@ -121,7 +178,12 @@ def _add_options(parser: argparse.ArgumentParser, world: bool = True) -> None:
         )
 
     add("--robots", "N", _robots, f"size of the team, 1 to {_MOST_ROBOTS} (default: its own)")
-    add("--seconds", "S", _seconds, "length of each measurement (default: its own)")
+    add(
+        "--seconds",
+        "S",
+        _above_zero(_MOST_SECONDS),
+        "length of each measurement (default: its own)",
+    )
     if world:
         add("--world", "NAME|PATH", str, "world to measure in (default arena)")
     add("--json", "FILE", Path, "write the report as JSON too")
@@ -134,19 +196,14 @@ def _run_fidelity(arguments: argparse.Namespace) -> int:
     return fidelity.main(arguments.arguments)
 
 
-def _write(report: Report, file: Path | None, form: Callable[[Report], str]) -> None:
-    if file is None:
-        return
-    try:
-        atomic.write_text(file, form(report))
-    except OSError as error:
-        raise UsarsimError(
-            f"{file}: cannot be written: {error.strerror} (name a file in a folder that exists)"
-        ) from error
-
-
 def _say(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
+
+
+def _item(text: str) -> str:
+    if text.lower() not in ITEMS:
+        raise argparse.ArgumentTypeError(f"no item {text} (choose from {', '.join(ITEMS)})")
+    return text.lower()
 
 
 def _robots(text: str) -> int:
@@ -156,15 +213,13 @@ def _robots(text: str) -> int:
     return number
 
 
-def _minutes(text: str) -> float:
-    minutes = float(text)
-    if not 0.0 < minutes <= _MOST_MINUTES:
-        raise argparse.ArgumentTypeError(f"must be above 0 and at most {_MOST_MINUTES:g}")
-    return 60.0 * minutes
+def _above_zero(most: float, unit: float = 1.0) -> Callable[[str], float]:
+    """What reads a number of units, s each, that is at most so much; returns s."""
 
+    def read(text: str) -> float:
+        number = float(text)
+        if not 0.0 < number <= most:
+            raise argparse.ArgumentTypeError(f"must be above 0 and at most {most:g}")
+        return unit * number
 
-def _seconds(text: str) -> float:
-    number = float(text)
-    if not 0.0 < number <= _MOST_SECONDS:
-        raise argparse.ArgumentTypeError(f"must be above 0 and at most {_MOST_SECONDS:g}")
-    return number
+    return read

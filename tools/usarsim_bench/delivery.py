@@ -1,22 +1,19 @@
 """Camera pictures that clients get, against a loop that only renders and encodes.
 
-The loop is `python -m usarsim_bench.delivery --robots 4 --seconds 5`: it puts a team into a world
-and lets time stand still; then one thread draws the cameras of all robots in turn with
-`mujoco.Renderer`, in the quality of the server's default, and makes a JPEG of each picture with the
-server's own codec. It prints one JSON object (`Frames`). It runs before and after the server, on
-the same cameras of the same team, so that both have the machine for themselves.
+The loop (`measure_frames`) puts a team into a world and lets time stand still; then one thread
+draws the cameras of all robots in turn with `mujoco.Renderer`, in the quality of the server's
+default, and makes a JPEG of each picture with the server's own codec. It runs in a process of its
+own before and after the server, on the same cameras of the same team, so that both have the machine
+for themselves.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
-import sys
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 from usarsim_bench.camera_client import Viewer, ViewerTrial, summed_up
@@ -25,7 +22,7 @@ from usarsim_bench.crowd import DEFAULT_CLASS, Crowd
 from usarsim_bench.figures import Aim, Figure, Plan, Section
 from usarsim_bench.rendering import BareRenderer, assemble_team
 from usarsim_bench.robot_files import SURVEYOR, SURVEYOR_CAMERAS, scouts
-from usarsim_bench.server import SERVE, BenchError, Server, run_instrument
+from usarsim_bench.server import SERVE, Server, run_apart
 from usarsim_bench.team import TeamTrial, gather, load_figures, try_team
 from usarsim_server.app import Assembly
 from usarsim_server.cameras.encoding import encode_jpeg
@@ -37,7 +34,6 @@ from usarsim_server.simulation.snapshot import Snapshot
 
 SETTLE = 1.0
 """s of simulated time before pictures are taken."""
-TILE = 320, 240
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,12 +52,8 @@ def measure_frames(
 ) -> Frames:
     """Draw and encode for so many seconds of wall time.
 
-    Args:
-        world: name or folder.
-        robot_class: of all robots; it carries cameras.
-        folders: with further robot files.
-        robots: how many, on the world's start poses in turn.
-        seconds: wall time.
+    The robots, all of a class that carries cameras, stand on the world's start poses in turn;
+    `folders` have further robot files.
 
     Raises:
         UsarsimError: if the world or the class cannot be used, or carries no camera.
@@ -73,7 +65,7 @@ def measure_frames(
         speed=math.inf,
         robots=tuple(folders),
         max_robots=robots,
-        tile_size=TILE,
+        tile_size=TILE_SIZE,
     )
     try:
         assembly.simulation.run_until(SETTLE)
@@ -107,24 +99,8 @@ def _drawn(bare: BareRenderer, renderer: str, eyes: Sequence[Eye], seconds: floa
 
 
 def _eyes(assembly: Assembly, painter: Painter, snapshot: Snapshot) -> list[Eye]:
-    placed = (painter.place(view, snapshot, *TILE) for view in assembly.board.views)
+    placed = (painter.place(view, snapshot, *TILE_SIZE) for view in assembly.board.views)
     return [eye for eye in placed if eye is not None]
-
-
-def main(arguments: Sequence[str]) -> int:
-    """Measure, and print one JSON object."""
-    parser = argparse.ArgumentParser(prog="python -m usarsim_bench.delivery")
-    parser.add_argument("--world", default="arena", help="name or folder (default arena)")
-    parser.add_argument("--class", dest="robot_class", default="P3AT", metavar="NAME")
-    parser.add_argument("--folder", type=Path, action="append", default=[], metavar="DIR")
-    parser.add_argument("--robots", type=int, default=4, help="size of the team (default 4)")
-    parser.add_argument("--seconds", type=float, default=5.0, help="wall time")
-    given = parser.parse_args(arguments)
-    frames = measure_frames(
-        given.world, given.robot_class, given.folder, given.robots, given.seconds
-    )
-    print(json.dumps(asdict(frames)))
-    return 0
 
 
 ROBOTS = 4
@@ -151,9 +127,9 @@ def measure_delivery(plan: Plan) -> Section:
     seconds = plan.seconds or SECONDS
     cameras = robots * SURVEYOR_CAMERAS
     with scouts() as classes:
-        folder = classes[1]
+        drawn = (plan.world, SURVEYOR, [Path(classes[1])], robots, seconds / 2)
         plan.say(f"delivery: {cameras} cameras without a server for {seconds / 2:g} s")
-        loops = [_loop(plan.world, folder, robots, seconds / 2)]
+        loops = [run_apart(measure_frames, *drawn)]
         rate = rate_for(loops[0].pictures, cameras)
         plan.say(f"delivery: {cameras} cameras watched for {seconds:g} s")
         columns, rows = grid(cameras)
@@ -167,7 +143,7 @@ def measure_delivery(plan: Plan) -> Section:
         ):
             trial, seen = _watched(server, crowd, robots, rate, seconds)
         plan.say(f"delivery: {cameras} cameras without a server for {seconds / 2:g} s")
-        loops.append(_loop(plan.world, folder, robots, seconds / 2))
+        loops.append(run_apart(measure_frames, *drawn))
     return Section(
         "delivery",
         "Camera pictures that arrive",
@@ -184,9 +160,7 @@ def measure_delivery(plan: Plan) -> Section:
 def _watched(
     server: Server, crowd: Crowd, robots: int, rate: float, seconds: float
 ) -> tuple[TeamTrial, list[ViewerTrial]]:
-    port = server.ports.get("images")
-    if port is None:
-        raise BenchError("the server has no images")
+    port = server.port_of("images")
     gather(crowd, robots, (SURVEYOR,))
     with ExitStack() as stack:
         viewers = [
@@ -218,13 +192,3 @@ def delivery_figures(
         Figure("Server: processor use", trial.load.process, "cores", 2),
         *load_figures(trial.load),
     ]
-
-
-def _loop(world: str, folder: str, robots: int, seconds: float) -> Frames:
-    words = ["--world", world, "--robots", robots, "--class", SURVEYOR, "--folder", folder]
-    (told,) = run_instrument("delivery", [*words, "--seconds", seconds])
-    return Frames(**told)
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

@@ -14,6 +14,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
 import psutil
 
 _PACKAGES = ("mujoco", "numpy", "embreex")
@@ -46,11 +47,7 @@ class Machine:
 
 
 def describe_machine(server_version: str) -> Machine:
-    """This machine, now.
-
-    Args:
-        server_version: of the server that is measured.
-    """
+    """This machine, now, and the version of the server that is measured."""
     return Machine(
         processor=_processor(),
         cores=os.cpu_count() or 1,
@@ -116,6 +113,16 @@ class Figure:
         return f"{self.value:,.{self.digits}f}"
 
 
+def in_ms(name: str, seconds: float, digits: int = 2, aim: Aim | None = None) -> Figure:
+    """A time, told in ms."""
+    return Figure(name, 1e3 * seconds, "ms", digits, aim)
+
+
+def p99(values: Sequence[float]) -> float:
+    """The 99th percentile of values."""
+    return float(np.percentile(values, 99.0))
+
+
 @dataclass(frozen=True, slots=True)
 class Table:
     """Many cases beside each other."""
@@ -160,10 +167,6 @@ class Report:
         return sum(figure.met is False for section in self.sections for figure in section.figures)
 
 
-def _silent(text: str) -> None:
-    """Says nothing."""
-
-
 @dataclass(frozen=True, slots=True)
 class Plan:
     """What to measure with."""
@@ -174,18 +177,14 @@ class Plan:
     the measurement."""
     world: str = "arena"  # name or folder of the world
     seed: int = 0  # of the clients' behaviour
-    say: Callable[[str], None] = _silent  # told what goes on while it takes its time
+    say: Callable[[str], None] = lambda _: None  # told what goes on while it takes its time
     brief: bool = False
     """Only to see whether something is badly wrong: of several sizes one is enough."""
-    attacks: tuple[str, ...] = ()  # names of those that `hostile` is to try; none for all
+    only: tuple[str, ...] = ()  # names of the cases that a measurement is to take; none for all
 
     def sizes(self, usual: Sequence[int], brief: int) -> tuple[int, ...]:
-        """Sizes of the teams to measure: the one asked for, else the usual ones.
-
-        Args:
-            usual: the measurement's own.
-            brief: the one of them that is enough if it is to be brief.
-        """
+        """Sizes of the teams to measure: the one asked for, else the measurement's usual ones, or
+        the one of them that is enough if it is to be brief."""
         if self.robots is not None:
             return (self.robots,)
         return (brief,) if self.brief else tuple(usual)

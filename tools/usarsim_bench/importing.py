@@ -1,7 +1,7 @@
 """Maps of other programs: what their import takes, and how robots get on in them.
 
-The maps are written by the measurement itself (`map_sources.py`). `python -m
-usarsim_bench.importing` imports one of them in a process of its own, beginning with an empty cache:
+The maps are written by the measurement itself (`map_sources.py`). Each of them is imported in a
+process of its own, beginning with an empty cache:
 
 * **first**: `import_map`, from the file to the world folder;
 * **again**: the same call, which finds the world in the cache;
@@ -15,15 +15,12 @@ Then a team drives in it, watched from outside.
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
 import resource
-import sys
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 
@@ -34,7 +31,7 @@ from usarsim_bench.cameras import RATE, TILE
 from usarsim_bench.crowd import DEFAULT_CLASS, Crowd
 from usarsim_bench.figures import Aim, Figure, Plan, Section
 from usarsim_bench.map_sources import BRUSHES, MESHES, write_hall, write_yard
-from usarsim_bench.server import BenchError, Server, run_instrument
+from usarsim_bench.server import Server, run_apart
 from usarsim_bench.team import MIB, load_figures, try_team
 from usarsim_maps.convert import Request, import_map
 from usarsim_maps.reader import ImportOptions
@@ -73,10 +70,7 @@ class Importing:
 def measure(source: Path, out: Path, assets: Sequence[Path] = ()) -> Importing:
     """Import a map into a folder, with a cache that nobody else uses.
 
-    Args:
-        source: the map.
-        out: exists; becomes the parent of the world folder.
-        assets: folders of what it names.
+    The world folder is made in `out`; `assets` are folders of what the map names.
 
     Raises:
         UsarsimError: the map cannot be imported.
@@ -139,22 +133,6 @@ def scan_time(world: WorldDescription, scans: int = SCANS) -> tuple[float, float
     return median(times[1:]), hits / (BEAMS * (scans + 1))
 
 
-def main(arguments: Sequence[str]) -> int:
-    """Measure one map and print a JSON object."""
-    parser = argparse.ArgumentParser(prog="python -m usarsim_bench.importing")
-    parser.add_argument("source", type=Path)
-    parser.add_argument("--out", type=Path, required=True, help="where the world folder is made")
-    parser.add_argument("--assets", type=Path, action="append", default=[], metavar="DIR")
-    given = parser.parse_args(arguments)
-    try:
-        result = measure(given.source, given.out, given.assets)
-    except UsarsimError as error:
-        print(error, file=sys.stderr)
-        return 2
-    print(json.dumps(asdict(result)), flush=True)
-    return 0
-
-
 ROBOTS = 4
 SECONDS = 20.0
 
@@ -187,7 +165,8 @@ def measure_import(plan: Plan) -> Section:
             plan.say(f"import: {one.name.lower()}, then {robots} robots in it for {seconds:g} s")
             out = Path(name, "worlds")
             out.mkdir(exist_ok=True)
-            figures += _import_figures(one, _measured(one, out))
+            found = run_apart(measure, one.source, out, one.assets, patience=_PATIENCE)
+            figures += _import_figures(one, found)
             figures += _team_figures(one, out / one.source.stem, robots, seconds, plan.seed)
     return Section(
         "import",
@@ -209,32 +188,18 @@ def _maps(folder: Path) -> list[Map]:
     ]
 
 
-def _measured(one: Map, out: Path) -> dict[str, float]:
-    words: list[object] = [one.source, "--out", out]
-    for folder in one.assets:
-        words += ["--assets", folder]
-    (answer,) = run_instrument("importing", words, _PATIENCE)
-    return answer
-
-
-def _import_figures(one: Map, result: dict[str, float]) -> list[Figure]:
-    name = one.name
+def _import_figures(one: Map, found: Importing) -> list[Figure]:
+    name, saved = one.name, found.first / max(found.again, 1e-9)
     return [
-        Figure(f"{name}: import", result["first"], "s", 2, one.seconds),
-        Figure(
-            f"{name}: first import / second, from the cache",
-            result["first"] / max(result["again"], 1e-9),
-            "",
-            0,
-            CACHE_AIM,
-        ),
-        Figure(f"{name}: memory of the import at the most", result["peak"] / MIB, "MiB", 0),
-        Figure(f"{name}: triangles seen", result["triangles"], "", 0),
-        Figure(f"{name}: pieces felt", result["pieces"], "", 0),
-        Figure(f"{name}: compiling the model", result["compiling"], "s", 2),
-        Figure(f"{name}: compiled model", result["model"] / MIB, "MiB", 1),
-        Figure(f"{name}: one scan, median", 1e6 * result["scan"], "us", 0, one.scan),
-        Figure(f"{name}: part of the beams that hit", result["hits"], "", 2),
+        Figure(f"{name}: import", found.first, "s", 2, one.seconds),
+        Figure(f"{name}: first import / second, from the cache", saved, "", 0, CACHE_AIM),
+        Figure(f"{name}: memory of the import at the most", found.peak / MIB, "MiB", 0),
+        Figure(f"{name}: triangles seen", found.triangles, "", 0),
+        Figure(f"{name}: pieces felt", found.pieces, "", 0),
+        Figure(f"{name}: compiling the model", found.compiling, "s", 2),
+        Figure(f"{name}: compiled model", found.model / MIB, "MiB", 1),
+        Figure(f"{name}: one scan, median", 1e6 * found.scan, "us", 0, one.scan),
+        Figure(f"{name}: part of the beams that hit", found.hits, "", 2),
     ]
 
 
@@ -242,10 +207,7 @@ def _team_figures(one: Map, world: Path, robots: int, seconds: float, seed: int)
     began = time.perf_counter()
     with Server(str(world), robots) as server, Crowd(server.port, seed) as crowd:
         ready = time.perf_counter() - began
-        port = server.ports.get("images")
-        if port is None:
-            raise BenchError("the server has no images")
-        with Viewer(port, TILE, RATE) as viewer:
+        with Viewer(server.port_of("images"), TILE, RATE) as viewer:
             trial = try_team(server, crowd, robots, seconds)
         seen = summed_up(viewer.pictures, trial.start, trial.stop)
     name = f"{one.name}, {robots} robots"
@@ -258,7 +220,3 @@ def _team_figures(one: Map, world: Path, robots: int, seconds: float, seed: int)
         Figure(f"{name}: pictures of the tile", seen.pictures, "1/s", 1, PICTURES_AIM),
         *load_figures(trial.load),
     ]
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

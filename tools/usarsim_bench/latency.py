@@ -18,14 +18,15 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from statistics import median
+from unittest import mock
 
 import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_bench.crowd import DEFAULT_CLASS, DRIVE_PERIOD, Controller, Crowd
-from usarsim_bench.figures import Aim, Figure, Plan, Section
+from usarsim_bench.figures import Aim, Figure, Plan, Section, in_ms, p99
 from usarsim_bench.server import BenchError, Server, load_between
-from usarsim_bench.team import ROBOTS, SETTLE, load_figures
+from usarsim_bench.team import ROBOTS, SETTLE, gather, load_figures
 from usarsim_server.cli import main as usarsim
 from usarsim_server.protocol.commands import interpret
 from usarsim_server.protocol.grammar import Command
@@ -56,32 +57,27 @@ def code(speed: float) -> int:
 def instrumented() -> Iterator[Record]:
     """While inside, every server in this process records when DRIVE commands pass the stations."""
     record: Record = {station: [] for station in STATIONS}
-    originals = (
-        (Session, "submit", Session.submit),
-        (BodyHandle, "drive", BodyHandle.drive),
-        (Engine, "drive", Engine.drive),
-        (Engine, "advance", Engine.advance),
-    )
     waiting: list[int] = []
-    try:
-        setattr(Session, "submit", _on_submit(Session.submit, record["received"]))  # noqa: B010
-        setattr(BodyHandle, "drive", _on_post(BodyHandle.drive, record["posted"]))  # noqa: B010
-        setattr(Engine, "drive", _on_target(Engine.drive, record["target"], waiting))  # noqa: B010
-        setattr(Engine, "advance", _on_step(Engine.advance, record["stepped"], waiting))  # noqa: B010
+    patch = mock.patch.object
+    with (
+        patch(Session, "submit", _on_submit(Session.submit, record["received"])),
+        patch(BodyHandle, "drive", _on_post(BodyHandle.drive, record["posted"])),
+        patch(Engine, "drive", _on_target(Engine.drive, record["target"], waiting)),
+        patch(Engine, "advance", _on_step(Engine.advance, record["stepped"], waiting)),
+    ):
         yield record
-    finally:
-        for owner, name, original in originals:
-            setattr(owner, name, original)
+
+
+Passed = list[tuple[int, float]]
 
 
 def _on_submit(
-    original: Callable[[Session, list[Command]], None], passed: list[tuple[int, float]]
+    original: Callable[[Session, list[Command]], None], passed: Passed
 ) -> Callable[[Session, list[Command]], None]:
     def submit(session: Session, commands: list[Command]) -> None:
         moment = time.perf_counter()
         original(session, commands)
-        for command in commands:
-            request = interpret(command)
+        for request in map(interpret, commands):
             if isinstance(request, Drive) and request.left is not None:
                 passed.append((code(request.left), moment))
 
@@ -89,7 +85,7 @@ def _on_submit(
 
 
 def _on_post(
-    original: Callable[[BodyHandle, Array], None], passed: list[tuple[int, float]]
+    original: Callable[[BodyHandle, Array], None], passed: Passed
 ) -> Callable[[BodyHandle, Array], None]:
     def drive(body: BodyHandle, targets: Array) -> None:
         passed.append((code(targets[0]), time.perf_counter()))
@@ -99,23 +95,18 @@ def _on_post(
 
 
 def _on_target(
-    original: Callable[[Engine, int, Array], None],
-    passed: list[tuple[int, float]],
-    waiting: list[int],
+    original: Callable[[Engine, int, Array], None], passed: Passed, waiting: list[int]
 ) -> Callable[[Engine, int, Array], None]:
     def drive(engine: Engine, robot: int, targets: Array) -> None:
         original(engine, robot, targets)
-        number = code(targets[0])
-        passed.append((number, time.perf_counter()))
-        waiting.append(number)
+        waiting.append(code(targets[0]))
+        passed.append((waiting[-1], time.perf_counter()))
 
     return drive
 
 
 def _on_step(
-    original: Callable[[Engine, int], list[int]],
-    passed: list[tuple[int, float]],
-    waiting: list[int],
+    original: Callable[[Engine, int], list[int]], passed: Passed, waiting: list[int]
 ) -> Callable[[Engine, int], list[int]]:
     def advance(engine: Engine, steps: int) -> list[int]:
         if waiting:
@@ -128,11 +119,7 @@ def _on_step(
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run a subcommand of `usarsim` with stopwatches; returns its exit code.
-
-    Args:
-        arguments: the file to write, then those of `usarsim`.
-    """
+    """Run `usarsim` with all words but the first, the file to write; returns its exit code."""
     file, *rest = arguments
     with instrumented() as record:
         result = usarsim(rest)
@@ -206,8 +193,7 @@ def measure_latency(plan: Plan) -> Section:
             Server(plan.world, robots, command) as server,
             Crowd(server.port, plan.seed, driver) as crowd,
         ):
-            for _ in range(robots):
-                crowd.wait_until_speaking([crowd.join()])
+            gather(crowd, robots, (DEFAULT_CLASS,))
             crowd.run(SETTLE)
             driver.sent.clear()
             before = server.usage()
@@ -227,15 +213,9 @@ def measure_latency(plan: Plan) -> Section:
         f"each from another process, {seconds:g} s; medians of the stations are counted from "
         "sending.",
         (
-            Figure(f"{_NAME}, median", 1e3 * median(total), "ms", 2, MEDIAN_AIM),
-            Figure(
-                f"{_NAME}, 99th percentile",
-                1e3 * float(np.percentile(total, 99.0)),
-                "ms",
-                2,
-                TAIL_AIM,
-            ),
-            Figure(f"{_NAME}, longest", 1e3 * max(total), "ms"),
+            in_ms(f"{_NAME}, median", median(total), 2, MEDIAN_AIM),
+            in_ms(f"{_NAME}, 99th percentile", p99(total), 2, TAIL_AIM),
+            in_ms(f"{_NAME}, longest", max(total)),
             Figure("Commands measured", len(total), "", 0),
             Figure("Commands lost", len(sent) - len(total), "", 0, Aim("<=", 0)),
             *_stations(sent, record),
@@ -251,8 +231,7 @@ def _stations(
     for station, name in _STATIONS.items():
         found = delays(sent, record[station])
         if found:
-            figures.append(Figure(f"{name}, median", 1e3 * median(found), "ms"))
-            figures.append(Figure(f"{name}, 99th", 1e3 * float(np.percentile(found, 99.0)), "ms"))
+            figures += [in_ms(f"{name}, median", median(found)), in_ms(f"{name}, 99th", p99(found))]
     return figures
 
 

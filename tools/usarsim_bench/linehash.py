@@ -17,7 +17,6 @@ import hashlib
 import json
 import platform
 import re
-import subprocess
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -28,7 +27,7 @@ from pathlib import Path
 
 from usarsim_bench.linehash_play import SESSIONS, Lines, grounds, play
 from usarsim_bench.linehash_yard import EVERY_SENSOR
-from usarsim_bench.server import BenchError
+from usarsim_bench.server import BenchError, all_classes
 
 PACKAGES = ("mujoco", "numpy", "embreex")
 _STORE = Path("tests", "bench", "line_hashes.json")
@@ -42,12 +41,7 @@ def catalog() -> list[str]:
     Raises:
         BenchError: if the server does not list its robots.
     """
-    command = [sys.executable, "-m", "usarsim_server", "robots"]
-    answer = subprocess.run(command, capture_output=True, text=True, check=False)
-    classes = [line.split()[0] for line in answer.stdout.splitlines()[1:] if line.strip()]
-    if answer.returncode or not classes:
-        raise BenchError(f"the server lists no robots: {answer.stderr.strip()}")
-    return [*classes, EVERY_SENSOR, *SESSIONS]
+    return [*all_classes(), EVERY_SENSOR, *SESSIONS]
 
 
 def environment() -> dict[str, str]:

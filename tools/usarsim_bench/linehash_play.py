@@ -11,9 +11,10 @@ import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
-from usarsim_bench.linehash_script import DIALECTS, STEPS, before, init
+from usarsim_bench.linehash_script import BEFORE, DIALECTS, STEPS, init
 from usarsim_bench.linehash_yard import APART, write_robots, write_yard
 from usarsim_server.testing import Rehearsal, RehearsedClient
+from usarsim_server.testing.sharing import shared_parts
 
 Lines = dict[str, list[bytes]]
 """All lines of the clients of a session, by client, in order, with their ends."""
@@ -44,8 +45,8 @@ class Grounds:
 
 @contextlib.contextmanager
 def grounds() -> Iterator[Grounds]:
-    """Grounds in a temporary folder."""
-    with tempfile.TemporaryDirectory() as folder:
+    """Grounds in a temporary folder; inside, servers of this process share what is dear to make."""
+    with tempfile.TemporaryDirectory() as folder, shared_parts(own_robots=True):
         yield Grounds(Path(folder))
 
 
@@ -77,7 +78,7 @@ def _play_class(robot: str, place: Grounds) -> Lines:
     with place.rehearsal(max_robots=4) as rehearsal:
         clients = [Listener(rehearsal, f"{dialect}:1") for dialect in DIALECTS]
         for number, (client, dialect) in enumerate(zip(clients, DIALECTS, strict=True)):
-            client.say(*before(), init(robot, number, dialect, APART))
+            client.say(*BEFORE, init(robot, number, dialect, APART))
         for words, seconds in STEPS:
             if words is not None:
                 for client, dialect in zip(clients, DIALECTS, strict=True):

@@ -60,24 +60,15 @@ FIT = {
 SAME_AS = {"LighterThanAir": "RotaryWing"}
 
 OPCODES = {
-    "RangeScanner": ("SCAN",),
-    "IRScanner": ("SCAN",),
-    "Acoustic": ("SCAN",),
-    "RangeImager": ("SCAN",),
-    "RangeScanner3D": ("SCAN",),
-    "3DRangeScanner": ("SCAN",),
-    "PCL": ("SCAN",),
-    "LineLaser": ("SCAN",),
-    "Odometry": ("RESET",),
-    "Encoder": ("RESET",),
-    "Tachometer": ("RESET",),
+    **dict.fromkeys(("RangeScanner", "IRScanner", "Acoustic", "RangeImager"), ("SCAN",)),
+    **dict.fromkeys(("RangeScanner3D", "3DRangeScanner", "PCL", "LineLaser"), ("SCAN",)),
+    **dict.fromkeys(("Odometry", "Encoder", "Tachometer", "Battery"), ("RESET",)),
     "INS": ("POSE} {Params 1.0,2.0,0.5,0.1,0,1.57",),
     "Camera": ("ZOOM} {Params 0.6", "Nonsense} {Params 1"),
     "RFID": ("Read} {Params 101", "Write} {Params 101 seen here", "Read} {Params 101"),
     "RFIDReleaser": ("Release",),
     "Gripper": ("GRIP} {Params 1",),
     "ToolChanger": ("CLOSE",),
-    "Battery": ("RESET",),
 }
 """Opcodes for items by type, with their parameters."""
 
@@ -88,14 +79,11 @@ _JOINT = re.compile(r"\{(\w+) -?\d+\.\d{4}\}")
 _NO_JOINTS = frozenset({"Time", "FrontSteer", "RearSteer", "RudderAngle", "SternPlaneAngle"})
 
 
-def before() -> list[str]:
-    """What may be asked without a robot, and one question that may not."""
-    return [
-        "GETSTARTPOSES",
-        "GETPATHNODES",
-        "GETCLOSESTPATHNODE {Location 4,-0.5,0}",
-        "GETCONF {Type Robot}",
-    ]
+BEFORE = (
+    *("GETSTARTPOSES", "GETPATHNODES", "GETCLOSESTPATHNODE {Location 4,-0.5,0}"),
+    "GETCONF {Type Robot}",
+)
+"""What may be asked without a robot, and one question that may not."""
 
 
 def init(robot: str, place: int, dialect: str, apart: float) -> str:

@@ -14,53 +14,24 @@ APART = 60.0
 EVERY_SENSOR = "EverySensor"
 """Class that has one sensor of each of `SENSOR_TYPES`."""
 
-SENSOR_TYPES = (
-    ("3DRangeScanner", ""),
-    ("Accel", ""),
-    ("Acceleration", ""),
-    ("Accelerometer", ""),
-    ("Acoustic", ""),
-    ("AcousticArraySensor", ""),
-    ("AltitudeSensor", ""),
-    ("Battery", ""),
-    ("BumperArray", "position = [0.29, 0, 0.04]"),
-    ("CO2Sensor", ""),
-    ("Encoder", 'wheel = "LeftFWheel"'),
-    ("ExampleSonarArray", "position = [0.1, 0, -0.5]"),
-    ("GPS", ""),
-    ("GroundTruth", ""),
-    ("GroundTruthMovable", ""),
-    ("Helper", ""),
-    ("Hokuyo", ""),
-    ("HumanMotion", ""),
-    ("IMU", ""),
-    ("INS", ""),
-    ("INU", ""),
-    ("IR", ""),
-    ("IRScanner", ""),
-    ("KinectDepth", ""),
-    ("LineLaser", ""),
-    ("MagneticCompass", ""),
-    ("MissionTime", ""),
-    ("ObjectSensor", ""),
-    ("Odometry", ""),
-    ("RangeScanner", "fov = 4.7124\nresolution = 0.0175\ninterval = 0.1"),
-    ("RangeScanner3D", ""),
-    ("RangeSensor", ""),
-    ("RangeSensorArray", ""),
-    ("RFIDReader", ""),
-    ("RFIDReleaser", ""),
-    ("RFIDTag", ""),
-    ("RotatingPointCloudScanner", ""),
-    ("SICK", ""),
-    ("Sonar", ""),
-    ("Sound", ""),
-    ("Tachometer", ""),
-    ("Touch", "position = [0.283, 0, 0.0393]"),
-    ("VictRFID", ""),
-    ("VictSensor", ""),
-)
-"""Types that a robot file may name, and what that sensor needs beside a name and a place."""
+_WORDS = """
+    3DRangeScanner Accel Acceleration Accelerometer Acoustic AcousticArraySensor AltitudeSensor
+    Battery BumperArray CO2Sensor Encoder ExampleSonarArray GPS GroundTruth GroundTruthMovable
+    Helper Hokuyo HumanMotion IMU INS INU IR IRScanner KinectDepth LineLaser MagneticCompass
+    MissionTime ObjectSensor Odometry RangeScanner RangeScanner3D RangeSensor RangeSensorArray
+    RFIDReader RFIDReleaser RFIDTag RotatingPointCloudScanner SICK Sonar Sound Tachometer Touch
+    VictRFID VictSensor
+"""
+SENSOR_TYPES = tuple(_WORDS.split())
+"""Types that a robot file may name."""
+NEEDS = {
+    "BumperArray": "position = [0.29, 0, 0.04]",
+    "Encoder": 'wheel = "LeftFWheel"',
+    "ExampleSonarArray": "position = [0.1, 0, -0.5]",
+    "RangeScanner": "fov = 4.7124\nresolution = 0.0175\ninterval = 0.1",
+    "Touch": "position = [0.283, 0, 0.0393]",
+}
+"""What some of them need beside a name and the usual place."""
 
 _PLACE = """
     <geom name="ahead{0}" type="box" pos="8 {1} 1" size="0.1 6 1" material="brick"/>
@@ -201,7 +172,8 @@ def write_robots(folder: Path) -> Path:
     robots = folder / "robots"
     robots.mkdir()
     text = f'name = "{EVERY_SENSOR}"\ndescription = "every sensor"\nextends = "P2AT"\n'
-    for kind, more in SENSOR_TYPES:
+    for kind in SENSOR_TYPES:
+        more = NEEDS.get(kind, "")
         place = "" if "position" in more else "position = [0.2, 0, -0.3]\n"
         text += f'\n[[sensor]]\ntype = "{kind}"\nname = "My{kind}"\n{place}{more}\n'
     (robots / f"{EVERY_SENSOR}.toml").write_text(text, encoding="utf-8")

@@ -90,6 +90,8 @@ def measure_memory(plan: Plan) -> Section:
             turnover = churn(server, crowd, seconds, plan.seed)
         left = _wait_until_back(server, empty)
     highest = max(octets for _, octets in turnover.resident)
+    grown = 60.0 * slope(turnover.resident, seconds) / MIB
+    descriptors = left.descriptors - empty.descriptors
     trend_aim = TREND_AIM if seconds >= LEAST_TREND else None
     return Section(
         "memory",
@@ -102,19 +104,11 @@ def measure_memory(plan: Plan) -> Section:
             Figure(f"Memory with {robots} robots", full.resident / MIB, "MiB", 0, RESIDENT_AIM),
             Figure("Memory while they come and go, highest", highest / MIB, "MiB", 0, RESIDENT_AIM),
             Figure("Memory after coming and going", left.resident / MIB, "MiB", 0),
-            Figure(
-                "Trend of memory while they come and go",
-                60.0 * slope(turnover.resident, seconds) / MIB,
-                "MiB/min",
-                2,
-                trend_aim,
-            ),
+            Figure("Trend of memory while they come and go", grown, "MiB/min", 2, trend_aim),
             Figure("Robots that came", turnover.spawned, "", 0),
             Figure("Robots that never spoke", turnover.silent, "", 0, LEFT_AIM),
             Figure("Threads left behind", left.threads - empty.threads, "", 0, LEFT_AIM),
-            Figure(
-                "Descriptors left behind", left.descriptors - empty.descriptors, "", 0, LEFT_AIM
-            ),
+            Figure("Descriptors left behind", descriptors, "", 0, LEFT_AIM),
         ),
     )
 

@@ -26,6 +26,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import mean, median
+from unittest import mock
 
 import mujoco
 
@@ -69,22 +70,15 @@ class BareSteps:
     """Bare MuJoCo on the scene of an engine."""
 
     def __init__(self, gain: float) -> None:
-        """Take no scene yet.
-
-        Args:
-            gain: of the wheels' velocity actuators, N m s/rad.
-        """
+        """Take no scene yet; the gain is that of the wheels' velocity actuators, N m s/rad."""
         self._gain = gain
         self._world: CompiledWorld | None = None
         self._model: mujoco.MjModel | None = None
         self._data: mujoco.MjData | None = None
 
     def spend(self, engine: Engine) -> float:
-        """Processor seconds of a bare step from the engine's present state, which stays as it is.
-
-        Args:
-            engine: between two steps.
-        """
+        """Processor seconds of a bare step from the present state of an engine, which is between
+        two steps and stays as it is."""
         model, data = self._scene(engine)
         mujoco.mj_copyData(data, engine.world.model, engine.data)
         model.tree_sleep_policy[:] = engine.world.model.tree_sleep_policy
@@ -114,9 +108,8 @@ class Bystander:
     def __init__(self, bare: Callable[[Engine], float], watch: Stopwatch) -> None:
         """Begin with a stretch that does not count.
 
-        Args:
-            bare: seconds of a bare step on the scene of an engine.
-            watch: adds up what is spent inside MuJoCo.
+        `bare` gives the s of a bare step on the scene of an engine; the watch adds up what is spent
+        inside MuJoCo.
         """
         self.turns: list[Turn] = []
         self._bare = bare
@@ -126,13 +119,7 @@ class Bystander:
         self._inside = 0.0
 
     def stepped(self, engine: Engine, steps: int, inside: float) -> None:
-        """Take note of steps that the engine has just made.
-
-        Args:
-            engine: whose steps they were.
-            steps: how many.
-            inside: processor seconds spent in them.
-        """
+        """Take note of steps that an engine has just made, and of processor s spent in them."""
         settling = self._steps < 0
         self._steps += steps
         if settling:
@@ -172,20 +159,12 @@ def compared() -> Iterator[Bystander]:
         bystander.stepped(engine, steps, time.thread_time() - begun)
         return lost
 
-    try:
-        setattr(Engine, "advance", advance)  # noqa: B010
-        with halves_timed(watch):
-            yield bystander
-    finally:
-        setattr(Engine, "advance", original)  # noqa: B010
+    with mock.patch.object(Engine, "advance", advance), halves_timed(watch):
+        yield bystander
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run a subcommand of `usarsim` with the comparison; returns its exit code.
-
-    Args:
-        arguments: the file to write, then those of `usarsim`.
-    """
+    """Run `usarsim` with all words but the first, the file to write; returns its exit code."""
     file, *rest = arguments
     with compared() as bystander:
         result = usarsim(rest)

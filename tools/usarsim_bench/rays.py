@@ -5,18 +5,15 @@ answers them (`Simulation.cast_all`, one batch), and the very same rays are cast
 one scene that holds all triangles of world and robots as they stand, arrays made beforehand. The
 loops take turns on one thread; times are processor times. Bare Embree does less: it knows no glass,
 no endless planes, no ranges and no names, and a robot's rays meet its own body.
-`python -m usarsim_bench.rays` measures, in a process that does nothing else; `usarsim bench rays`
-runs it and makes figures of what it prints.
+`measure` runs in a process that does nothing else.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
-import sys
+import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
 
@@ -27,10 +24,9 @@ from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
 
 from usarsim_bench.figures import Aim, Figure, Plan, Section
+from usarsim_bench.rendering import assemble_team
 from usarsim_bench.robot_files import SCOUT, SCOUT_SENSORS, scouts
-from usarsim_bench.server import run_instrument
-from usarsim_server.app import assemble
-from usarsim_server.settings import Settings
+from usarsim_bench.server import run_apart
 from usarsim_server.simulation.model import SHELF_NAME
 from usarsim_server.simulation.rays.query import PendingReport
 from usarsim_server.simulation.rays.scenery import is_visible
@@ -50,58 +46,27 @@ PLANE_HALF = 100.0
 
 @dataclass(frozen=True, slots=True)
 class Rates:
-    """What was measured.
+    """What was measured: rays in a batch, and rays per s of processor time."""
 
-    Attributes:
-        world: where. robots: how many.
-        rays: in the batch of all. scans: the same with the lasers alone.
-        server, bare: rays per s of processor time, all sensors.
-        server_scans, bare_scans: the same, lasers alone.
-        scenery: rays per s of the server against what never moves, all sensors.
-        bare_scenery: of bare Embree in the scene of that alone.
-    """
-
-    world: str
-    robots: int
-    rays: int
-    scans: int
+    rays: int  # of all sensors
     server: float
     bare: float
-    server_scans: float
+    server_scans: float  # lasers alone
     bare_scans: float
-    scenery: float
-    bare_scenery: float
+    scenery: float  # the server, all sensors, against what never moves
+    bare_scenery: float  # bare Embree in the scene of that alone
 
 
-def measure(
-    world: str, robots: int, robot_class: str, folder: Path | None, seconds: float
-) -> Rates:
-    """Measure one team.
-
-    Args:
-        world: name or folder.
-        robots: size of the team.
-        robot_class: its class.
-        folder: with that class, None for a shipped one.
-        seconds: of processor time for each loop, about.
-    """
-    folders = () if folder is None else (folder,)
-    assembly = assemble(
-        Settings(world=world, speed=float("inf"), max_robots=max(robots, 1), robots=folders)
+def measure(world: str, robots: int, folder: Path, seconds: float) -> Rates:
+    """Measure one team of the `SCOUT` of a folder, each loop for about so many processor s."""
+    assembly = assemble_team(
+        world, SCOUT, robots, speed=math.inf, max_robots=robots, robots=(folder,)
     )
-    simulation, all_robots = assembly.simulation, assembly.robots
-    description = all_robots.describe(robot_class)
-    if description is None:
-        raise ValueError(f"no such robot class: {robot_class}")
-    starts = assembly.world.starts
-    team = [
-        all_robots.spawn(description, None, starts[number % len(starts)].pose)
-        for number in range(robots)
-    ]
+    simulation = assembly.simulation
     simulation.run_until(simulation.look().time + SETTLE)
     snapshot = simulation.look()
     queries = []
-    for vehicle in team:
+    for vehicle in assembly.robots.vehicles:
         state = vehicle.body.state(snapshot)
         if state is not None:
             fans = [fan for sensor in vehicle.sensors for fan in sensor.rays(state)]
@@ -126,7 +91,7 @@ def measure(
         seconds,
     )
     assembly.stop()
-    return Rates(Path(world).name, robots, _count(queries), _count(lasers), *rates)
+    return Rates(_count(queries), *rates)
 
 
 def bare_scene(simulation: Simulation, snapshot: Snapshot | None) -> rtcore_scene.EmbreeScene:
@@ -185,21 +150,6 @@ def _in_turns(loops: Sequence[tuple[int, Callable[[], object]]], seconds: float)
     return [median(rates) for rates in found]
 
 
-def main(arguments: Sequence[str]) -> int:
-    """Measure teams and print one JSON object per line, one for each number of robots."""
-    parser = argparse.ArgumentParser(prog="python -m usarsim_bench.rays")
-    parser.add_argument("--world", default="arena", help="name or folder (default arena)")
-    parser.add_argument("--robots", type=int, nargs="+", default=[16], metavar="N")
-    parser.add_argument("--class", dest="robot_class", default="P3AT", help="default P3AT")
-    parser.add_argument("--folder", type=Path, help="folder with the class")
-    parser.add_argument("--seconds", type=float, default=3.0, help="for each loop")
-    given = parser.parse_args(arguments)
-    for robots in given.robots:
-        found = measure(given.world, robots, given.robot_class, given.folder, given.seconds)
-        print(json.dumps(asdict(found)), flush=True)
-    return 0
-
-
 ROBOTS = (1, 16, 64)
 SECONDS = 3.0
 RATIO_AIM = Aim(">=", 0.5)
@@ -211,13 +161,11 @@ def measure_rays(plan: Plan) -> Section:
     """Teams that stand; `plan.seconds` of processor time for each loop."""
     seconds = plan.seconds or SECONDS
     figures: list[Figure] = []
-    sizes = plan.sizes(ROBOTS, JUDGED)
-    plan.say(f"rays: {', '.join(map(str, sizes))} robots in {plan.world}")
     with scouts() as classes:
-        words = ["--world", plan.world, "--class", SCOUT, "--folder", classes[-1]]
-        words += ["--seconds", str(seconds), "--robots", *map(str, sizes)]
-        for found in run_instrument("rays", words):
-            figures += ray_figures(found)
+        for robots in plan.sizes(ROBOTS, JUDGED):
+            plan.say(f"rays: {robots} robots in {plan.world}")
+            found = run_apart(measure, plan.world, robots, Path(classes[-1]), seconds)
+            figures += ray_figures(robots, found)
     return Section(
         "rays",
         "Rays against bare Embree",
@@ -230,27 +178,16 @@ def measure_rays(plan: Plan) -> Section:
     )
 
 
-def ray_figures(found: dict[str, float]) -> list[Figure]:
-    """What the instrument said about one team."""
-    robots = int(found["robots"])
+def ray_figures(robots: int, found: Rates) -> list[Figure]:
+    """What was measured of one team."""
     team = f"{robots} robot{'s' if robots != 1 else ''}"
     aim = RATIO_AIM if robots == JUDGED else None
+    unmoved = found.scenery / found.bare_scenery
     return [
-        Figure(f"{team}: server / bare Embree", found["server"] / found["bare"], "", 2, aim),
-        Figure(
-            f"{team}: the same, lasers alone", found["server_scans"] / found["bare_scans"], "", 2
-        ),
-        Figure(
-            f"{team}: the same, against what never moves",
-            found["scenery"] / found["bare_scenery"],
-            "",
-            2,
-        ),
-        Figure(f"{team}: server", found["server"] / 1e6, "M rays/s", 2),
-        Figure(f"{team}: bare Embree", found["bare"] / 1e6, "M rays/s", 2),
-        Figure(f"{team}: rays in the batch", found["rays"], "", 0),
+        Figure(f"{team}: server / bare Embree", found.server / found.bare, "", 2, aim),
+        Figure(f"{team}: the same, lasers alone", found.server_scans / found.bare_scans),
+        Figure(f"{team}: the same, against what never moves", unmoved),
+        Figure(f"{team}: server", found.server / 1e6, "M rays/s"),
+        Figure(f"{team}: bare Embree", found.bare / 1e6, "M rays/s"),
+        Figure(f"{team}: rays in the batch", found.rays, "", 0),
     ]
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

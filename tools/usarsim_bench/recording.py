@@ -148,21 +148,15 @@ def lines(chunks: Iterable[Chunk]) -> Iterator[tuple[float, bytes]]:
 
 def status_samples(chunks: Iterable[Chunk]) -> list[Sample]:
     """Arrival and simulated time of every STA line."""
-    samples = []
-    for moment, line in lines(chunks):
-        if found := _STATUS_TIME.match(line):
-            samples.append((moment, float(found[1])))
-    return samples
+    found = ((moment, _STATUS_TIME.match(line)) for moment, line in lines(chunks))
+    return [(moment, float(status[1])) for moment, status in found if status]
 
 
 def sensor_samples(chunks: Iterable[Chunk], name: str) -> list[Sample]:
     """Arrival and simulated time of every line of one sensor, if its lines tell their time."""
-    samples = []
-    for moment, line in lines(chunks):
-        found = _TIMED_SENSOR.match(line)
-        if found is not None and found[2].decode("latin-1") == name:
-            samples.append((moment, float(found[1])))
-    return samples
+    found = ((moment, _TIMED_SENSOR.match(line)) for moment, line in lines(chunks))
+    wanted = name.encode("latin-1")
+    return [(moment, float(told[1])) for moment, told in found if told and told[2] == wanted]
 
 
 def first_reading(chunks: Iterable[Chunk]) -> float | None:

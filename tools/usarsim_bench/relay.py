@@ -18,18 +18,14 @@ import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 
-import numpy as np
-
 from usarsim_bench.crowd import DEFAULT_CLASS, Controller, Crowd
-from usarsim_bench.figures import Aim, Figure, Plan, Section
-from usarsim_bench.recording import between, real_time_factor, status_samples
-from usarsim_bench.server import SERVE, BenchError, Server, load_between
-from usarsim_bench.team import EDGE, ROBOTS, SETTLE, load_figures
-from usarsim_client import BlockingConnection, Closing, ProtocolError, command, road
+from usarsim_bench.figures import Aim, Figure, Plan, Section, in_ms, p99
+from usarsim_bench.server import SERVE, BenchError, CarefulClosing, Server, load_between
+from usarsim_bench.team import ROBOTS, SETTLE, gather, load_figures, paces
+from usarsim_client import BlockingConnection, ProtocolError, command, road
 
 CHUNK = 64 * 1024
 
@@ -104,7 +100,8 @@ class Radio:
 
     def call(self, other: Radio) -> tuple[socket.socket, socket.socket]:
         """A link to another station: our end and theirs."""
-        return _connect(self.road(other.name)), other.accept()
+        mine = BlockingConnection(self.road(other.name), patience=_PATIENCE)
+        return mine.socket, other.accept()
 
     def close(self) -> None:
         """Hang up."""
@@ -158,7 +155,7 @@ def round_trips(mine: socket.socket, theirs: socket.socket, count: int) -> list[
     return taken
 
 
-class Traffic(Closing):
+class Traffic(CarefulClosing):
     """Stations that send at an even rate, and a base that counts; on a thread of its own.
 
     Attributes:
@@ -167,12 +164,7 @@ class Traffic(Closing):
     """
 
     def __init__(self, links: Sequence[tuple[socket.socket, socket.socket]], rate: int) -> None:
-        """Begin to send.
-
-        Args:
-            links: the sender's end and the base's.
-            rate: bytes/s of each.
-        """
+        """Begin to send so many bytes/s over each link, given by the ends of sender and base."""
         self.sent = self.received = 0
         self.delays: list[float] = []
         self._links = [_Flow(mine, theirs) for mine, theirs in links]
@@ -182,7 +174,7 @@ class Traffic(Closing):
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
-    def finish(self) -> None:
+    def close(self) -> None:
         """Stop sending and wait for the rest.
 
         Raises:
@@ -196,7 +188,7 @@ class Traffic(Closing):
     def _run(self) -> None:
         try:
             self._work()
-        except Exception as error:  # told by `finish`, on the caller's thread
+        except Exception as error:  # told by `close`, on the caller's thread
             self._error = error
 
     def _work(self) -> None:
@@ -231,11 +223,6 @@ class Traffic(Closing):
             self.delays.append(time.perf_counter() - flow.sent[flow.arrived])
             flow.arrived += 1
 
-    def close(self) -> None:
-        """Stop sending, whatever has arrived."""
-        self._stop.set()
-        self._thread.join(_PATIENCE)
-
 
 class _Flow:
     """One link and what is known about it."""
@@ -246,30 +233,24 @@ class _Flow:
         self.received = self.arrived = 0
 
 
-@dataclass(frozen=True, slots=True)
-class _Path:
-    rate: float
-    pings: list[float]
-
-
 def measure_relay(plan: Plan) -> Section:
     """Relays beside a proxy, then under a team; each takes `plan.seconds` of wall time."""
     robots, seconds = plan.robots or ROBOTS, plan.seconds or SECONDS
     plan.say(f"relay: one link, then {robots} robots for {seconds:g} s, twice")
-    with _radio_file() as file, ExitStack() as stack:
+    with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
+        file = Path(folder) / "radio.toml"
+        file.write_text(RADIO, encoding="utf-8")
         server = stack.enter_context(
             Server(plan.world, robots + 1, (*SERVE, "--wireless", str(file)))
         )
         crowd = stack.enter_context(Crowd(server.port, plan.seed))
-        crowd.wait_until_speaking([crowd.join("ComStation")])
-        crowd.wait_until_speaking([crowd.join()])
+        gather(crowd, 2, ("ComStation", DEFAULT_CLASS))
         port = server.ports["wireless"]
         base, first = (_registered(stack, port, one) for one in crowd.controllers)
-        relay = _measure_path(*first.call(base), seconds)
+        rate, pings = _measure_path(*first.call(base), seconds)
         with _proxy_link() as (mine, theirs):
-            proxy = _measure_path(mine, theirs, seconds)
-        for _ in range(robots - 1):
-            crowd.wait_until_speaking([crowd.join()])
+            proxy_rate, proxy_pings = _measure_path(mine, theirs, seconds)
+        gather(crowd, robots - 1, (DEFAULT_CLASS,))
         team = [first, *(_registered(stack, port, one) for one in crowd.controllers[2:])]
         links = [one.call(base) for one in team]
         crowd.run(SETTLE)
@@ -278,7 +259,6 @@ def measure_relay(plan: Plan) -> Section:
         with Traffic(links, RATE) as traffic:
             busy = _factor(crowd, seconds)
             load = load_between(before, server.usage())
-            traffic.finish()
     return Section(
         "relay",
         "Radio links",
@@ -286,22 +266,17 @@ def measure_relay(plan: Plan) -> Section:
         f"{seconds:g} s each; then {robots} {DEFAULT_CLASS} in {plan.world}, first silent, then "
         f"each sending {RATE / 1e3:g} kB/s to a base, {seconds:g} s each.",
         (
-            Figure("Throughput of one link", relay.rate / 1e6, "MB/s", 0),
-            Figure("Throughput of the proxy", proxy.rate / 1e6, "MB/s", 0),
-            Figure("Link to proxy, throughput", relay.rate / proxy.rate, "", 2, THROUGHPUT_AIM),
-            Figure("Round trip of one link, median", 1e3 * median(relay.pings), "ms", 3),
-            Figure("Round trip of the proxy, median", 1e3 * median(proxy.pings), "ms", 3),
+            Figure("Throughput of one link", rate / 1e6, "MB/s", 0),
+            Figure("Throughput of the proxy", proxy_rate / 1e6, "MB/s", 0),
+            Figure("Link to proxy, throughput", rate / proxy_rate, "", 2, THROUGHPUT_AIM),
+            in_ms("Round trip of one link, median", median(pings), 3),
+            in_ms("Round trip of the proxy, median", median(proxy_pings), 3),
             Figure("Real-time factor without traffic", quiet, "", 4),
             Figure("Real-time factor with traffic", busy, "", 4, FACTOR_AIM),
             Figure("Part that arrived", traffic.received / traffic.sent, "", 4, DELIVERED_AIM),
             Figure("Data carried", traffic.sent / seconds / 1e3, "kB/s", 0),
-            Figure("Delay of 50 ms of data, median", 1e3 * median(traffic.delays), "ms", 2),
-            Figure(
-                "Delay of 50 ms of data, 99 %",
-                1e3 * float(np.percentile(traffic.delays, 99)),
-                "ms",
-                2,
-            ),
+            in_ms("Delay of 50 ms of data, median", median(traffic.delays)),
+            in_ms("Delay of 50 ms of data, 99 %", p99(traffic.delays)),
             Figure("Processor use of the server", load.process, "cores", 2),
             *load_figures(load),
         ),
@@ -314,31 +289,18 @@ def _registered(stack: ExitStack, port: int, controller: Controller) -> Radio:
     return radio
 
 
-def _measure_path(mine: socket.socket, theirs: socket.socket, seconds: float) -> _Path:
+def _measure_path(
+    mine: socket.socket, theirs: socket.socket, seconds: float
+) -> tuple[float, list[float]]:
+    """Bytes/s of a link, and s of its round trips."""
     pings = round_trips(mine, theirs, PINGS)
     with mine, theirs:
-        return _Path(throughput(mine, theirs, seconds), pings)
+        return throughput(mine, theirs, seconds), pings
 
 
 def _factor(crowd: Crowd, seconds: float) -> float:
     """Real-time factor of the robot that had the lowest."""
-    start, stop = crowd.run(seconds)
-    factors = []
-    for one in crowd.controllers:
-        try:
-            samples = between(status_samples(one.chunks), start, stop)
-            factors.append(real_time_factor(samples, min(EDGE, seconds / 4.0)))
-        except ValueError as error:
-            raise BenchError(f"too few STA lines for {one.name}: {error}") from None
-    return min(factors)
-
-
-@contextmanager
-def _radio_file() -> Iterator[Path]:
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "radio.toml"
-        file.write_text(RADIO, encoding="utf-8")
-        yield file
+    return min(factor for factor, _ in paces(crowd, *crowd.run(seconds)))
 
 
 @contextmanager
@@ -355,19 +317,13 @@ def _proxy_link() -> Iterator[tuple[socket.socket, socket.socket]]:
                 said = process.stdout.readline()
             if not said.strip().isdigit():
                 raise BenchError("the proxy did not start")
-            mine = _connect(int(said))
+            mine = BlockingConnection(int(said), patience=_PATIENCE).socket
             theirs, _ = listening.accept()
             theirs.settimeout(_PATIENCE)
             yield mine, theirs
         finally:
             process.kill()
             process.wait()
-
-
-def _connect(port: int) -> socket.socket:
-    end = socket.create_connection(("127.0.0.1", port), timeout=_PATIENCE)
-    end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    return end
 
 
 def _receive(end: socket.socket, size: int) -> None:

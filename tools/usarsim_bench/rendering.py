@@ -1,7 +1,7 @@
 """What a camera picture costs, beside a bare MuJoCo renderer on the same scene, and how old it is.
 
-`python -m usarsim_bench.rendering` measures, in one process, on one thread, in turns, for a team of
-robots with cameras on their start poses:
+In a process of its own, on one thread, in turns, for a team of robots with cameras on their start
+poses:
 
 * **bare**: `mujoco.Renderer` and nothing else, with the same quality, camera and OpenGL;
 * **tile**: the painter of the server, from a snapshot to the finished pixels of a tile;
@@ -17,14 +17,11 @@ per second, the age of a frame when its watcher is told, and the real-time facto
 
 from __future__ import annotations
 
-import argparse
 import importlib
-import json
 import math
-import sys
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable
+from dataclasses import dataclass
 from statistics import median
 from typing import Any
 
@@ -32,8 +29,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_bench.figures import Aim, Figure, Plan, Section
-from usarsim_bench.server import run_instrument
+from usarsim_bench.figures import Aim, Figure, Plan, Section, in_ms, p99
+from usarsim_bench.server import run_apart
 from usarsim_server.app import Assembly, assemble
 from usarsim_server.cameras.backend import NEAR
 from usarsim_server.cameras.encoding import Encoder
@@ -61,14 +58,8 @@ class BareRenderer(Closing):
     """
 
     def __init__(self, platform: str, world: CompiledWorld, snapshot: Snapshot, eye: Eye) -> None:
-        """Open a renderer.
-
-        Args:
-            platform: of OpenGL, "egl" or "osmesa".
-            world: the model of the snapshot.
-            snapshot: the scene.
-            eye: one of those that it will be drawn from.
-        """
+        """Open a renderer on a platform of OpenGL, "egl" or "osmesa"; `world` is the model of the
+        snapshot, `eye` one of those that it will be drawn from."""
         # The platform that mujoco took when it was imported may not be the one that works here.
         renderer = importlib.import_module("mujoco.rendering.classic.renderer")
         context: Any = importlib.import_module(f"mujoco.{platform}").GLContext
@@ -265,7 +256,7 @@ def measure_watched(world: str, robots: int, cameras: int, seconds: float) -> Wa
         cameras=cameras,
         pictures=pictures / (now - started),
         age=median(ages),
-        oldest=float(np.percentile(ages, 99.0)),
+        oldest=p99(ages),
         factor=factor,
     )
 
@@ -298,21 +289,6 @@ def assemble_team(world: str, robot_class: str, size: int, **settings: Any) -> A
     return assembly
 
 
-def main(arguments: Sequence[str]) -> int:
-    """Measure, and print one JSON object for the costs and one for each number of cameras."""
-    parser = argparse.ArgumentParser(prog="python -m usarsim_bench.rendering")
-    parser.add_argument("--world", default="arena", help="name or folder (default arena)")
-    parser.add_argument("--robots", type=int, default=4, help="size of the team (default 4)")
-    parser.add_argument("--cameras", type=int, nargs="*", default=[1, 4, 16], metavar="N")
-    parser.add_argument("--seconds", type=float, default=5.0, help="wall time for each number")
-    given = parser.parse_args(arguments)
-    print(json.dumps(asdict(measure_costs(given.world, given.robots))), flush=True)
-    for cameras in given.cameras:
-        watched = measure_watched(given.world, given.robots, cameras, given.seconds)
-        print(json.dumps(asdict(watched)), flush=True)
-    return 0
-
-
 ROBOTS = 4
 CAMERAS = (1, 4, 16)
 SECONDS = 10.0
@@ -336,29 +312,25 @@ def measure_rendering(plan: Plan) -> Section:
     """Costs of a picture, then cameras watched for `plan.seconds` of wall time each."""
     robots, seconds = plan.robots or ROBOTS, plan.seconds or SECONDS
     plan.say(f"rendering: {robots} robots in {plan.world}")
-    words = ("--world", plan.world, "--robots", robots, "--seconds", seconds, "--cameras", *CAMERAS)
-    costs, *watched = run_instrument("rendering", words)
+    costs = run_apart(measure_costs, plan.world, robots)
     figures = [
-        Figure("bare mujoco.Renderer / tile", float(costs["to_bare"]), "", 2, RATIO_AIM),
-        *(Figure(name, float(costs[key]), "ms", 1) for name, key in _COSTS),
+        Figure("bare mujoco.Renderer / tile", costs.to_bare, "", 2, RATIO_AIM),
+        *(Figure(name, getattr(costs, key), "ms", 1) for name, key in _COSTS),
     ]
-    for one in watched:
-        name = f"{one['cameras']} watched"
+    for cameras in CAMERAS:
+        one = run_apart(measure_watched, plan.world, robots, cameras, seconds)
+        name = f"{cameras} watched"
         figures += [
-            Figure(f"{name}: pictures of all", float(one["pictures"]), "1/s", 1),
-            Figure(f"{name}: age when handed out, median", 1e3 * float(one["age"]), "ms", 0),
-            Figure(f"{name}: age, 99th percentile", 1e3 * float(one["oldest"]), "ms", 0),
-            Figure(f"{name}: real-time factor", float(one["factor"]), "", 4, FACTOR_AIM),
+            Figure(f"{name}: pictures of all", one.pictures, "1/s", 1),
+            in_ms(f"{name}: age when handed out, median", one.age, 0),
+            in_ms(f"{name}: age, 99th percentile", one.oldest, 0),
+            Figure(f"{name}: real-time factor", one.factor, "", 4, FACTOR_AIM),
         ]
     return Section(
         "rendering",
         "Camera pictures against a bare renderer",
-        f"Pictures of 320 x 240 by {costs['renderer']}, {robots} P3AT; costs in ms of processor "
+        f"Pictures of 320 x 240 by {costs.renderer}, {robots} P3AT; costs in ms of processor "
         f"time, in turns on one thread; then {seconds:g} s of wall time for each number of "
         "watched cameras, 15 pictures of each asked for per simulated second, the team driving.",
         tuple(figures),
     )
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

@@ -56,14 +56,7 @@ def as_json(report: Report) -> str:
         "taken": report.taken.isoformat(timespec="seconds"),
         "machine": asdict(report.machine),
         "sections": [
-            {
-                "key": section.key,
-                "title": section.title,
-                "setting": section.setting,
-                "figures": [_figure(figure) for figure in section.figures],
-                "table": None if section.table is None else asdict(section.table),
-                "failure": section.failure,
-            }
+            {**asdict(section), "figures": [_figure(figure) for figure in section.figures]}
             for section in report.sections
         ],
         "missed": report.missed,

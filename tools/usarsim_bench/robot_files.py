@@ -44,13 +44,13 @@ _HALF_RING = (
 """Sonars of one side of the front ring of the real machine: x, |y|, m; |heading|, degrees."""
 
 
-def sonars(keys: str = "") -> list[str]:
-    """Tables of the front ring, F1 to F8, with further keys."""
+def sonars() -> list[str]:
+    """Tables of the front ring, F1 to F8."""
     left = [(x, -y, -heading) for x, y, heading in _HALF_RING]
     ring = [*left, *((x, -y, -heading) for x, y, heading in reversed(left))]
     return [
         f'{{ type = "Sonar", name = "F{number}", position = [{x}, {y}, -0.06], '
-        f"rotation = [0, 0, {math.radians(heading):.6f}]{keys and ', '}{keys} }}"
+        f"rotation = [0, 0, {math.radians(heading):.6f}] }}"
         for number, (x, y, heading) in enumerate(ring, start=1)
     ]
 
@@ -59,21 +59,19 @@ def write_class(
     folder: Path,
     name: str,
     *,
-    parent: str = DEFAULT_CLASS,
     without: Sequence[str] = (),
     sensors: Iterable[str] = (),
     cameras: Iterable[str] = (),
 ) -> None:
-    """Write a robot file that extends the shipped class, or another.
+    """Write a robot file that extends the shipped class.
 
     Args:
         folder: where to.
         name: of the class.
-        parent: the class that it extends.
         without: names of inherited sensors and cameras that are dropped.
         sensors, cameras: inline tables of TOML; those with inherited names replace them.
     """
-    lines = [f'extends = "{parent}"']
+    lines = [f'extends = "{DEFAULT_CLASS}"']
     if without:
         lines.append(f"without = {json.dumps(list(without))}")
     for key, tables in (("sensor", sensors), ("camera", cameras)):

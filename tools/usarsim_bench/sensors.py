@@ -79,22 +79,14 @@ def look_around(controller: Controller, dice: random.Random) -> None:
 
 def whole_scans(chunks: Iterable[Chunk]) -> list[float]:
     """Arrivals of the fast laser's scans that have all their beams."""
-    arrivals = []
-    for moment, line in lines(chunks):
-        found = _SCAN.match(line)
-        if found is not None and found[1].count(b",") == BEAMS - 1:
-            arrivals.append(moment)
-    return arrivals
+    found = ((moment, _SCAN.match(line)) for moment, line in lines(chunks))
+    return [moment for moment, scan in found if scan and scan[1].count(b",") == BEAMS - 1]
 
 
 def whole_images(chunks: Iterable[Chunk]) -> list[float]:
     """Arrivals of the last frame of every depth image."""
-    arrivals = []
-    for moment, line in lines(chunks):
-        found = _FRAME.match(line)
-        if found is not None and int(found[2]) == int(found[1]) - 1:
-            arrivals.append(moment)
-    return arrivals
+    found = ((moment, _FRAME.match(line)) for moment, line in lines(chunks))
+    return [moment for moment, part in found if part and int(part[2]) == int(part[1]) - 1]
 
 
 def measure_sensors(plan: Plan) -> Section:

@@ -1,25 +1,26 @@
 """A server in a process of its own, known only by its ports and by what it uses of the machine.
 
 Beside that what all measurements share: the one error of this package, processor time and memory of
-a process, and running an instrument, which measures in a process of its own.
+a process, and measuring in a process that does nothing else.
 """
 
 from __future__ import annotations
 
-import json
+import functools
+import pickle
 import re
 import subprocess
 import sys
 import tempfile
+import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from types import TracebackType
-from typing import Any
+from typing import TypeVar
 
 import psutil
 
-from usarsim_client.blocking import Closing
+from usarsim_client import BlockingConnection, Closing, ProtocolError
 
 
 class BenchError(RuntimeError):
@@ -29,18 +30,64 @@ class BenchError(RuntimeError):
 class CarefulClosing(Closing):
     """Something whose closing may find a fault of its own."""
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         try:
             self.close()
         except BenchError:
             # What went wrong first says more.
-            if error is None:
+            if not any(raised):
                 raise
+
+
+class Asking(CarefulClosing):
+    """Asks a service again and again, on a thread of its own, while it is open.
+
+    A subclass says by `ask` what it asks for; it is asked at once, so what that needs has to be
+    there before `__init__` of this class is called.
+    """
+
+    def __init__(self, port: int, service: str, period: float) -> None:
+        """Connect to a service, named for people; a round that takes more s than the period from
+        one to the next is followed at once.
+
+        Raises:
+            BenchError: if nobody listens.
+        """
+        self._service, self._period = service, period
+        self._failure: Exception | None = None
+        self._stop = threading.Event()
+        try:
+            self._connection = BlockingConnection(port, patience=_ANSWER_TIMEOUT)
+        except OSError as error:
+            raise BenchError(f"nobody listens for {service}: {error.strerror}") from None
+        self._thread = threading.Thread(target=self._run, name="asking", daemon=True)
+        self._thread.start()
+
+    def ask(self) -> None:
+        """Do one round; `OSError`, `ValueError` or `ProtocolError` if the answer is none."""
+        raise NotImplementedError
+
+    def _run(self) -> None:
+        due = time.perf_counter()
+        try:
+            while not self._stop.wait(max(0.0, due - time.perf_counter())):
+                self.ask()
+                # A client that was held up does not ask in bursts.
+                due = max(due + self._period, time.perf_counter())
+        except (OSError, ValueError, ProtocolError) as error:
+            self._failure = error
+
+    def close(self) -> None:
+        """Stop asking and hang up, once the last answer is there; a second call does nothing.
+
+        Raises:
+            BenchError: if the server failed this client at any time.
+        """
+        self._stop.set()
+        self._thread.join(_ANSWER_TIMEOUT)
+        self._connection.close()
+        if self._failure is not None:
+            raise BenchError(f"a client of {self._service} was failed: {self._failure}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,16 +167,79 @@ SERVE = ("usarsim_server.cli", "serve")
 
 _SIDE_CHANNELS = ("image", "groundtruth", "wireless", "truth")
 _STOP_TIMEOUT = 10.0
+_ANSWER_TIMEOUT = 10.0
 _SHOWN_ERRORS = 2000
 
 
-class Server(CarefulClosing):
-    """A running server; leave it as a context manager, or with `stop`.
+class Program(CarefulClosing):
+    """A Python module that runs in a process of its own, and says on standard output when it is
+    ready.
+
+    Attributes:
+        pid: of its process.
+    """
+
+    def __init__(self, what: str, command: Sequence[str], stops_within: float) -> None:
+        """Start it.
+
+        Args:
+            what: it is, for people. command: module, and its arguments.
+            stops_within: s of wall time until one that was told to end is killed.
+        """
+        self._what, self._stops_within = what, stops_within
+        self._errors = tempfile.TemporaryFile("w+")  # noqa: SIM115  (closed by `close`)
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", *command], stdout=subprocess.PIPE, stderr=self._errors, text=True
+        )
+        self.pid = self._process.pid
+
+    def usage(self) -> Usage:
+        """What it uses at this moment.
+
+        Raises:
+            BenchError: if it has died; with what it said.
+        """
+        if self._process.poll() is not None:
+            raise BenchError(f"{self._what} died: {self._said()}")
+        return usage(self.pid)
+
+    def close(self) -> None:
+        """End it; a second call does nothing.
+
+        Raises:
+            BenchError: if it had to be killed or ended with an error.
+        """
+        if self._errors.closed:
+            return
+        self._process.terminate()
+        try:
+            code = self._process.wait(self._stops_within)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            code = self._process.wait()
+        said = self._said()
+        self._errors.close()
+        assert self._process.stdout is not None
+        self._process.stdout.close()
+        if code != 0:
+            raise BenchError(f"{self._what} ended with code {code}: {said}")
+
+    def _line(self) -> str:
+        """The next line of its standard output; empty at its end."""
+        assert self._process.stdout is not None
+        return self._process.stdout.readline()
+
+    def _said(self) -> str:
+        self._errors.seek(0)
+        return self._errors.read()[-_SHOWN_ERRORS:].strip() or "it said nothing"
+
+
+class Server(Program):
+    """A running server.
 
     Attributes:
         port: of robot control.
         ports: of all services that listen, by the name on the READY line.
-        pid: of its process.
     """
 
     def __init__(self, world: str, max_robots: int, command: Sequence[str] = SERVE) -> None:
@@ -146,22 +256,9 @@ class Server(CarefulClosing):
             BenchError: if it does not become ready; with what it said.
         """
         channels = [text for name in _SIDE_CHANNELS for text in (f"--{name}-port", "0")]
-        self._errors = tempfile.TemporaryFile("w+")  # noqa: SIM115  (closed by `stop`)
-        self._process = subprocess.Popen(
-            [
-                sys.executable,
-                "-m",
-                *command,
-                *("--port", "0", "--world", world, "--max-robots", str(max_robots)),
-                *channels,
-            ],
-            stdout=subprocess.PIPE,
-            stderr=self._errors,
-            text=True,
-        )
-        self.pid = self._process.pid
-        assert self._process.stdout is not None
-        ready = self._process.stdout.readline()
+        options = ("--port", "0", "--world", world, "--max-robots", str(max_robots))
+        super().__init__("the server", (*command, *options, *channels), _STOP_TIMEOUT)
+        ready = self._line()
         found = re.findall(r"(\w+)=\S+:(\d+)", ready)
         self.ports = {name: int(port) for name, port in found}
         if not ready.startswith("READY") or "control" not in self.ports:
@@ -170,67 +267,62 @@ class Server(CarefulClosing):
             raise BenchError(f"the server did not start: {self._said()}")
         self.port = self.ports["control"]
 
-    def usage(self) -> Usage:
-        """What it uses at this moment.
+    def port_of(self, service: str) -> int:
+        """Where a service listens, by its name on the READY line.
 
         Raises:
-            BenchError: if it has died; with what it said.
+            BenchError: if it does not.
         """
-        if self._process.poll() is not None:
-            raise BenchError(f"the server died: {self._said()}")
-        return usage(self.pid)
-
-    def stop(self) -> None:
-        """End it; a second call does nothing.
-
-        Raises:
-            BenchError: if it had to be killed or ended with an error.
-        """
-        if self._errors.closed:
-            return
-        self._process.terminate()
-        try:
-            code = self._process.wait(_STOP_TIMEOUT)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            code = self._process.wait()
-        said = self._said()
-        self._errors.close()
-        assert self._process.stdout is not None
-        self._process.stdout.close()
-        if code != 0:
-            raise BenchError(f"the server ended with code {code}: {said}")
-
-    def _said(self) -> str:
-        self._errors.seek(0)
-        return self._errors.read()[-_SHOWN_ERRORS:].strip() or "it said nothing"
-
-    def close(self) -> None:
-        """See `stop`."""
-        self.stop()
+        if service not in self.ports:
+            raise BenchError(f"the server has no {service}")
+        return self.ports[service]
 
 
-def run_instrument(
-    module: str, arguments: Sequence[object], patience: float | None = None
-) -> list[dict[str, Any]]:
-    """Run a module that measures something; returns the JSON objects that it prints, one a line.
+Found = TypeVar("Found")
+_APART = (
+    "import pickle, sys; measure, given = pickle.load(sys.stdin.buffer); "
+    "sys.stdout.buffer.write(pickle.dumps(measure(*given)))"
+)
+
+
+def run_apart(
+    measure: Callable[..., Found], *arguments: object, patience: float | None = None
+) -> Found:
+    """What a function returns in a process of its own, which does nothing else.
 
     Args:
-        module: below `usarsim_bench`.
-        arguments: of its command line.
+        measure: found by the name of its module; what it gets and returns is pickled.
+        arguments: of it.
         patience: s after which it is given up.
 
     Raises:
         BenchError: if it fails, with what it said, or takes too long.
     """
-    command = [sys.executable, "-m", f"usarsim_bench.{module}", *map(str, arguments)]
+    name, given = measure.__module__, pickle.dumps((measure, arguments))
+    command = [sys.executable, "-c", _APART]
     try:
         done = subprocess.run(
-            command, capture_output=True, text=True, check=False, timeout=patience
+            command, input=given, capture_output=True, check=False, timeout=patience
         )
     except subprocess.TimeoutExpired:
-        raise BenchError(f"the {module} instrument took more than {patience:g} s") from None
+        raise BenchError(f"{name} took more than {patience:g} s") from None
     if done.returncode != 0:
-        said = done.stderr[-_SHOWN_ERRORS:].strip()
-        raise BenchError(f"the {module} instrument failed: {said}")
-    return [json.loads(line) for line in done.stdout.splitlines()]
+        said = done.stderr.decode(errors="replace")[-_SHOWN_ERRORS:].strip()
+        raise BenchError(f"{name} failed: {said}")
+    found: Found = pickle.loads(done.stdout)
+    return found
+
+
+@functools.cache
+def all_classes() -> tuple[str, ...]:
+    """Every class of robots that a server knows; asked for once in this process.
+
+    Raises:
+        BenchError: if it does not tell.
+    """
+    command = [sys.executable, "-m", "usarsim_server.cli", "robots"]
+    told = subprocess.run(command, capture_output=True, text=True, check=False)
+    names = tuple(line.split()[0] for line in told.stdout.splitlines()[1:] if line.strip())
+    if told.returncode or not names:
+        raise BenchError(f"the classes are not told: {told.stderr.strip()[-500:]}")
+    return names

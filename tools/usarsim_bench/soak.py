@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import re
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from statistics import mean, median
+from statistics import mean
 
 from usarsim_bench.crowd import DEFAULT_CLASS, Controller, Crowd
 from usarsim_bench.figures import Aim, Figure, Plan, Section
+from usarsim_bench.hostile.tally import Tally, intervals
 from usarsim_bench.recording import trend
-from usarsim_bench.server import SERVE, BenchError, Server, Usage, load_between
-from usarsim_bench.soak_visitors import GUESTS, Visitors, all_classes
+from usarsim_bench.server import SERVE, BenchError, Server, Usage, all_classes, load_between
+from usarsim_bench.soak_visitors import GUESTS, Visitors
 from usarsim_bench.team import MIB, SETTLE, gather
 
 ROBOTS = 4
@@ -41,40 +41,6 @@ THREADS_AIM = Aim("<=", 10)
 """Workers of pools, which are made when they are first needed and stay."""
 COST_AIM = Aim("<=", 1.2)
 
-_TIME = re.compile(rb"STA .*?\{Time ([0-9.]+)\}")
-
-
-@dataclass(slots=True)
-class Stream:
-    """The status lines of one robot, judged by the simulated time that they tell."""
-
-    lines: int = 0  # that came
-    missing: int = 0  # that should have come between two of them
-    _last: float | None = None
-    _gaps: list[float] = field(default_factory=list)
-    _rest: bytes = b""
-
-    def digest(self, data: bytes) -> None:
-        """Count what has come since the last time; the period is that of the first lines."""
-        *whole, self._rest = (self._rest + data).split(b"\r\n")
-        for line in whole:
-            found = _TIME.match(line)
-            if found is None:
-                continue
-            now = float(found[1])
-            self.lines += 1
-            if self._last is not None:
-                self._count(now - self._last)
-            self._last = now
-
-    def _count(self, gap: float) -> None:
-        if len(self._gaps) < 20:
-            self._gaps.append(gap)
-            return
-        period = median(self._gaps)
-        self.missing += max(0, round(gap / period) - 1) if period > 0.0 else 0
-
-
 Samples = Sequence[tuple[float, float]]
 """Wall time since the beginning, s, and bytes."""
 
@@ -94,7 +60,7 @@ class _Course:
 
     empty: Usage
     samples: list[tuple[float, float]] = field(default_factory=list)
-    streams: dict[str, Stream] = field(default_factory=dict)
+    tallies: dict[str, Tally] = field(default_factory=dict)
     costs: list[float] = field(default_factory=list)
     visits: int = 0
     seen: int = 0
@@ -113,7 +79,9 @@ def measure_soak(plan: Plan) -> Section:
     try:
         with Server(plan.world, robots + GUESTS, command) as server:
             with Crowd(server.port, plan.seed) as crowd:
-                course = _Course(_settled(server, crowd))
+                # By then its cameras are ready.
+                crowd.run(SETTLE + 3.0)
+                course = _Course(server.usage())
                 _soak(plan, server, crowd, course, robots, seconds, classes)
             time.sleep(min(REST, REST_PART * seconds))
             course.left = server.usage()
@@ -123,13 +91,6 @@ def measure_soak(plan: Plan) -> Section:
             raise
         plan.say(f"soak: ended early: {str(error) or 'interrupted'}")
     return _section(plan, course, robots, seconds, len(classes))
-
-
-def _settled(server: Server, crowd: Crowd) -> Usage:
-    """What the server uses once its cameras are ready."""
-    crowd.run(SETTLE)
-    crowd.run(3.0)
-    return server.usage()
 
 
 def _soak(
@@ -142,6 +103,7 @@ def _soak(
     classes: Sequence[str],
 ) -> None:
     gather(crowd, robots, (DEFAULT_CLASS,))
+    crowd.run(SETTLE)
     watch = min(WATCH, seconds)
     course.costs.append(_cost(server, crowd, course, watch))
     begun = told = time.perf_counter()
@@ -174,8 +136,10 @@ def _take_turn(crowd: Crowd, course: _Course) -> None:
 
 
 def _digest(one: Controller, course: _Course) -> None:
-    stream = course.streams.setdefault(one.name, Stream())
-    stream.digest(b"".join(data for _, data in one.chunks))
+    if one.name not in course.tallies:
+        # The period of its status lines, from those that have come so far.
+        course.tallies[one.name] = Tally(0.0, {"STA": intervals(one.chunks)["STA"]})
+    course.tallies[one.name].digest(one.chunks)
     one.chunks.clear()
 
 
@@ -194,27 +158,25 @@ def _section(plan: Plan, course: _Course, robots: int, seconds: float, classes: 
     late = [sample for sample in course.samples if sample[0] >= warm_up] or course.samples
     slope = 60.0 * trend(late) / MIB if len(late) > 1 else 0.0
     empty, left = course.empty, course.left
+    flat = flatness(course.samples, warm_up)
+
+    def judged(aim: Aim) -> Aim | None:
+        """A short soak has no aims but those that hold from the first second on."""
+        return aim if aimed else None
+
     figures = [
         Figure("Memory of the empty server", empty.resident / MIB, "MiB", 0),
         Figure(f"Memory after {warm_up / 60.0:.1f} min", late[0][1] / MIB, "MiB", 0),
         Figure("Memory, highest after that", max(size for _, size in late) / MIB, "MiB", 0),
         Figure("Memory, last", late[-1][1] / MIB, "MiB", 0),
         Figure("Trend of memory after that", slope, "MiB/min", 3),
-        Figure(
-            "Last tenth by first tenth after that",
-            flatness(course.samples, warm_up),
-            "",
-            3,
-            FLAT_AIM if aimed else None,
-        ),
+        Figure("Last tenth by first tenth after that", flat, "", 3, judged(FLAT_AIM)),
         Figure("Visits of robots", course.visits, "", 0),
-        Figure(
-            "Classes that were there", course.seen, "", 0, Aim(">=", classes) if aimed else None
-        ),
+        Figure("Classes that were there", course.seen, "", 0, judged(Aim(">=", classes))),
         Figure("Links by radio", course.radio, "", 0),
         Figure("Links by radio that failed", course.failures, "", 0),
-        Figure("Status lines of those who stay", _sum(course, "lines"), "", 0),
-        Figure("... of them missing in simulated time", _sum(course, "missing"), "", 0, NONE_AIM),
+        Figure("Status lines of those who stay", _sum(course, "count"), "", 0),
+        Figure("... of them missing in simulated time", _sum(course, "lost"), "", 0, NONE_AIM),
     ]
     if len(course.costs) == 2:
         before, after = course.costs
@@ -222,17 +184,16 @@ def _section(plan: Plan, course: _Course, robots: int, seconds: float, classes: 
         figures += [
             Figure("Those who stay: processor use before", before, "cores", 3),
             Figure("Those who stay: processor use after", after, "cores", 3),
-            Figure("... after by before", ratio, "", 2, COST_AIM if aimed else None),
+            Figure("... after by before", ratio, "", 2, judged(COST_AIM)),
         ]
     if left is not None:
         back = left.resident / empty.resident
+        descriptors = left.descriptors - empty.descriptors
         figures += [
             Figure("Memory when everybody has gone", left.resident / MIB, "MiB", 0),
-            Figure("... by that of the empty server", back, "", 3, BACK_AIM if aimed else None),
+            Figure("... by that of the empty server", back, "", 3, judged(BACK_AIM)),
             Figure("Threads left behind", left.threads - empty.threads, "", 0, THREADS_AIM),
-            Figure(
-                "Descriptors left behind", left.descriptors - empty.descriptors, "", 0, NONE_AIM
-            ),
+            Figure("Descriptors left behind", descriptors, "", 0, NONE_AIM),
         ]
     return Section(
         "soak",
@@ -246,4 +207,4 @@ def _section(plan: Plan, course: _Course, robots: int, seconds: float, classes: 
 
 
 def _sum(course: _Course, what: str) -> int:
-    return sum(getattr(stream, what) for stream in course.streams.values())
+    return sum(getattr(tally, what) for tally in course.tallies.values())

@@ -6,8 +6,6 @@ import contextlib
 import itertools
 import random
 import socket
-import subprocess
-import sys
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -30,20 +28,6 @@ _PATIENCE = 10.0
 DRIVE = b"DRIVE {Left 1.5} {Right -0.5}\r\n"
 OBJECTS = (b"Box", b"WCCrate", b"Ball", b"Barrel", b"Gear", b"Table", b"Pipe", b"TrafficCone")
 PEOPLE = (b"NewMale", b"NewFemale", b"Worker", b"Rescuer")
-
-
-def all_classes() -> list[str]:
-    """Every class of robots that a server knows.
-
-    Raises:
-        BenchError: if it does not tell.
-    """
-    command = [sys.executable, "-m", "usarsim_server.cli", "robots"]
-    told = subprocess.run(command, capture_output=True, text=True, check=False)
-    names = [line.split()[0] for line in told.stdout.splitlines()[1:] if line.strip()]
-    if told.returncode or not names:
-        raise BenchError(f"the classes are not told: {told.stderr.strip()[-500:]}")
-    return names
 
 
 class _Guest(Link):
@@ -86,13 +70,9 @@ class Visitors(Closing):
     def __init__(
         self, ports: Mapping[str, int], classes: Sequence[str], tags: Sequence[str], seed: int
     ) -> None:
-        """Let them come.
+        """Let them come to the ports of a server, by the names of its READY line, on start poses.
 
-        Args:
-            ports: of the server, by the names of its READY line.
-            classes: of robots, all of which come in turn.
-            tags: of start poses.
-            seed: of the order in which classes come.
+        All classes come in turn; the seed is that of their order.
         """
         self.damage, self.failures, self.links = Damage(), 0, 0
         self._ports = ports

@@ -11,27 +11,25 @@ Three rates are taken in one process, on one thread, in turns, with the same rob
   compensation robots that turn hop, are in the air much of the time, and so cost MuJoCo less.
 
 Rates are steps per second of processor time, so that other programs disturb them little.
-`python -m usarsim_bench.stepping` measures, in a process that does nothing else; `usarsim bench
-stepping` runs it and makes figures of what it prints.
+`measure` runs in a process that does nothing else.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
-import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from itertools import product
 from statistics import mean, median
 from typing import Any
+from unittest import mock
 
 import mujoco
 import numpy as np
 
 from usarsim_bench.figures import Aim, Figure, Plan, Section
-from usarsim_bench.server import run_instrument
+from usarsim_bench.server import run_apart
 from usarsim_server.robots.catalog import load_catalog
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.simulation.clock import BATCH_STEPS
@@ -160,14 +158,11 @@ class Stopwatch:
 @contextmanager
 def halves_timed(watch: Stopwatch) -> Iterator[None]:
     """While inside, the two half steps of MuJoCo are timed, whoever in this process calls them."""
-    originals = {name: getattr(mujoco, name) for name in HALVES}
-    try:
-        for name, original in originals.items():
-            setattr(mujoco, name, watch.timed(original))
+    with ExitStack() as stack:
+        for name in HALVES:
+            timed = watch.timed(getattr(mujoco, name))
+            stack.enter_context(mock.patch.object(mujoco, name, timed))
         yield
-    finally:
-        for name, original in originals.items():
-            setattr(mujoco, name, original)
 
 
 class _Scene:
@@ -288,20 +283,6 @@ def _advance(engine: Engine) -> None:
         engine.advance(BATCH_STEPS)
 
 
-def main(arguments: Sequence[str]) -> int:
-    """Measure scenes and print one JSON object per line, one for each number of robots."""
-    parser = argparse.ArgumentParser(prog="python -m usarsim_bench.stepping")
-    parser.add_argument("--world", default="arena", help="name or folder (default arena)")
-    parser.add_argument("--robots", type=int, nargs="+", default=[1, 4, 16], metavar="N")
-    parser.add_argument("--seconds", type=float, default=10.0, help="simulated, for each loop")
-    parser.add_argument("--seed", type=int, default=0)
-    given = parser.parse_args(arguments)
-    for robots in given.robots:
-        result = measure(given.world, robots, given.seconds, given.seed)
-        print(json.dumps(asdict(result)), flush=True)
-    return 0
-
-
 ROBOTS = (1, 4, 16)
 SECONDS = 10.0
 BARE_WORLD = "empty"
@@ -315,10 +296,9 @@ def measure_stepping(plan: Plan) -> Section:
     sizes = plan.sizes(ROBOTS, max(ROBOTS))
     seconds = plan.seconds or SECONDS
     figures: list[Figure] = []
-    for world in dict.fromkeys((BARE_WORLD, plan.world)):
-        plan.say(f"stepping: {', '.join(map(str, sizes))} robots in {world}")
-        for scene in _scenes(world, sizes, seconds, plan.seed):
-            figures += _figures(scene)
+    for world, robots in product(dict.fromkeys((BARE_WORLD, plan.world)), sizes):
+        plan.say(f"stepping: {robots} robots in {world}")
+        figures += _figures(run_apart(measure, world, robots, seconds, plan.seed))
     return Section(
         "stepping",
         "The step loop against MuJoCo alone",
@@ -331,28 +311,14 @@ def measure_stepping(plan: Plan) -> Section:
     )
 
 
-def _scenes(world: str, sizes: Sequence[int], seconds: float, seed: int) -> list[dict[str, Any]]:
-    words = ("--world", world, "--seconds", seconds, "--seed", seed, "--robots", *sizes)
-    return run_instrument("stepping", words)
-
-
-def _figures(scene: dict[str, Any]) -> list[Figure]:
-    robots = scene["robots"]
-    place = f"{scene['world']}, {robots} robot{'s' if robots != 1 else ''}"
-
-    def figure(name: str, key: str, unit: str, digits: int, aim: Aim | None = None) -> Figure:
-        return Figure(f"{place}: {name}", float(scene[key]), unit, digits, aim)
-
+def _figures(scene: Stepping) -> list[Figure]:
+    place = f"{scene.world}, {scene.robots} robot{'s' if scene.robots != 1 else ''}"
     return [
-        figure("engine / bare mj_step", "to_bare", "", 2, RATIO_AIM),
-        figure("engine / MuJoCo's part of it", "to_mujoco", "", 2),
-        figure("engine", "engine", "steps/s", 0),
-        figure("bare mj_step", "bare", "steps/s", 0),
-        figure("MuJoCo's part", "mujoco", "steps/s", 0),
-        figure("contacts, engine", "contacts", "", 1),
-        figure("contacts, bare mj_step", "bare_contacts", "", 1),
+        Figure(f"{place}: engine / bare mj_step", scene.to_bare, "", 2, RATIO_AIM),
+        Figure(f"{place}: engine / MuJoCo's part of it", scene.to_mujoco),
+        Figure(f"{place}: engine", scene.engine, "steps/s", 0),
+        Figure(f"{place}: bare mj_step", scene.bare, "steps/s", 0),
+        Figure(f"{place}: MuJoCo's part", scene.mujoco, "steps/s", 0),
+        Figure(f"{place}: contacts, engine", scene.contacts, "", 1),
+        Figure(f"{place}: contacts, bare mj_step", scene.bare_contacts, "", 1),
     ]
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

@@ -35,14 +35,18 @@ MEASUREMENTS: Mapping[str, tuple[str, str]] = {
     "relay": ("relay", "what radio links carry, beside a plain proxy, and under a team"),
     "import": ("importing", "maps of other programs: import, cache, rays, a team in them"),
     "stepping": ("stepping", "the step loop against MuJoCo alone"),
+    "mission": ("mission", "what a referee costs, how fast a trial runs, how long reports take"),
+    "explore": ("exploration", "a step of exploration on the grid, by team and environment"),
+    # The operator console, in a browser.
+    "console": ("console.measuring", "the operator console: sizes, costs, from key to wire"),
     # What an hour leaves behind.
     "soak": ("soak", "memory while everything comes and goes for an hour"),
 }
 """Module of each, where `measure_NAME` makes a section of a plan, and one line of help; in the
 order in which `all` takes them."""
 
-LONG = ("soak",)
-"""What takes an hour."""
+LONG = ("console", "soak")
+"""What takes half an hour or more."""
 ALL = tuple(name for name in MEASUREMENTS if name not in LONG)
 QUICK = tuple(name for name in ALL if name != "largest")
 """What is measured when it is to be quick: a search for the largest team cannot be."""
@@ -51,13 +55,8 @@ QUICK_SECONDS = 4.0
 
 
 def take(names: Sequence[str], plan: Plan, server_version: str) -> Report:
-    """Take measurements, one after the other; one that fails does not keep the others back.
-
-    Args:
-        names: keys of `MEASUREMENTS`.
-        plan: for each of them.
-        server_version: for the report.
-    """
+    """Take measurements, by keys of `MEASUREMENTS`, one after the other; one that fails does not
+    keep the others back."""
     machine, now = describe_machine(server_version), datetime.now(UTC)
     return Report(machine, now, tuple(_take(name, plan) for name in names))
 

@@ -9,10 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from statistics import median
 
-import numpy as np
-
-from usarsim_bench.crowd import DEFAULT_CLASS, Crowd
-from usarsim_bench.figures import Aim, Figure, Plan, Section
+from usarsim_bench.crowd import DEFAULT_CLASS
+from usarsim_bench.figures import Aim, Figure, Plan, Section, in_ms, p99
 from usarsim_bench.recording import (
     Sample,
     between,
@@ -22,8 +20,8 @@ from usarsim_bench.recording import (
     sensor_samples,
     status_samples,
 )
-from usarsim_bench.robot_files import LASER_NAME, LASER_PERIOD, SCOUT, SCOUT_SENSORS, scouts
-from usarsim_bench.server import SERVE, BenchError, Server, load_between
+from usarsim_bench.robot_files import LASER_NAME, LASER_PERIOD, SCOUT, SCOUT_SENSORS
+from usarsim_bench.server import BenchError, load_between
 from usarsim_bench.team import (
     FACTOR_AIM,
     SECONDS,
@@ -32,6 +30,7 @@ from usarsim_bench.team import (
     gather,
     load_figures,
     named,
+    served,
     team_figures,
     try_team,
 )
@@ -69,11 +68,7 @@ def measure_swarm(plan: Plan) -> Section:
 
 
 def _trial(plan: Plan, robots: int, seconds: float) -> TeamTrial:
-    with (
-        scouts() as classes,
-        Server(plan.world, robots, (*SERVE, *classes)) as server,
-        Crowd(server.port, plan.seed) as crowd,
-    ):
+    with served(plan, robots) as (server, crowd):
         gather(crowd, robots, (SCOUT,), TOGETHER)
         return try_team(server, crowd, 0, seconds)
 
@@ -93,8 +88,7 @@ SPEED_AIM = Aim(">=", 6.0)
 def slowest(recorded: Sequence[Sequence[Sample]]) -> float:
     """Simulated seconds per wall second of the robot that had the lowest.
 
-    Args:
-        recorded: arrival and simulated time of every STA line, of each robot.
+    What is recorded are arrival and simulated time of every STA line, of each robot.
 
     Raises:
         BenchError: if a robot hardly said anything.
@@ -109,11 +103,7 @@ def measure_lockstep(plan: Plan) -> Section:
     """A team at `--speed max`; `plan.seconds` of wall time are watched."""
     robots, seconds = plan.robots or LOCKSTEP_ROBOTS, plan.seconds or LOCKSTEP_SECONDS
     plan.say(f"lockstep: {robots} robots as fast as can be for {seconds:g} s")
-    with (
-        scouts() as classes,
-        Server(plan.world, robots, (*SERVE, *classes, "--speed", "max")) as server,
-        Crowd(server.port, plan.seed) as crowd,
-    ):
+    with served(plan, robots, "--speed", "max") as (server, crowd):
         gather(crowd, robots, (SCOUT,))
         crowd.run(SETTLE)
         before = server.usage()
@@ -154,11 +144,7 @@ def measure_jitter(plan: Plan) -> Section:
     """Scans of a team at real time; `plan.seconds` of wall time are watched."""
     robots, seconds = plan.robots or JITTER_ROBOTS, plan.seconds or JITTER_SECONDS
     plan.say(f"jitter: {robots} robots for {seconds:g} s")
-    with (
-        scouts() as classes,
-        Server(plan.world, robots, (*SERVE, *classes)) as server,
-        Crowd(server.port, plan.seed) as crowd,
-    ):
+    with served(plan, robots) as (server, crowd):
         gather(crowd, robots, (SCOUT,), TOGETHER)
         crowd.run(SETTLE)
         before = server.usage()
@@ -181,8 +167,7 @@ def measure_jitter(plan: Plan) -> Section:
 def jitter_figures(recorded: Sequence[Sequence[Sample]]) -> list[Figure]:
     """What became of the periods of every robot's stream.
 
-    Args:
-        recorded: arrival and simulated time of every line, of each robot.
+    What is recorded are arrival and simulated time of every line, of each robot.
 
     Raises:
         BenchError: if a robot sent fewer than two.
@@ -194,23 +179,10 @@ def jitter_figures(recorded: Sequence[Sequence[Sample]]) -> list[Figure]:
     pooled = [error for one in wall for error in one]
     name = "Error of a period"
     return [
-        Figure(
-            f"{name}, 99th percentile", 1e3 * float(np.percentile(pooled, 99.0)), "ms", 2, TAIL_AIM
-        ),
-        Figure(f"{name}, median", 1e3 * median(pooled), "ms", 2),
-        Figure(f"{name}, longest", 1e3 * max(pooled), "ms", 2),
-        Figure(
-            f"{name}, 99th percentile of the worst robot",
-            1e3 * max(float(np.percentile(one, 99.0)) for one in wall),
-            "ms",
-            2,
-        ),
-        Figure(
-            f"{name} in simulated time, longest",
-            1e3 * max(max(one) for one in simulated),
-            "ms",
-            3,
-            EXACT_AIM,
-        ),
+        in_ms(f"{name}, 99th percentile", p99(pooled), 2, TAIL_AIM),
+        in_ms(f"{name}, median", median(pooled)),
+        in_ms(f"{name}, longest", max(pooled)),
+        in_ms(f"{name}, 99th percentile of the worst robot", max(map(p99, wall))),
+        in_ms(f"{name} in simulated time, longest", max(map(max, simulated)), 3, EXACT_AIM),
         Figure("Periods measured", len(pooled), "", 0),
     ]

@@ -6,13 +6,15 @@ One of them is mixed: robots of every kind together, each driven in its own word
 from __future__ import annotations
 
 import random
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 from usarsim_bench.crowd import DEFAULT_CLASS, Controller, Crowd, wander
 from usarsim_bench.figures import Aim, Figure, Plan, Section
 from usarsim_bench.recording import between, lines, real_time_factor, status_samples, worst_window
-from usarsim_bench.server import BenchError, Load, Server, load_between
+from usarsim_bench.robot_files import scouts
+from usarsim_bench.server import SERVE, BenchError, Load, Server, load_between
 
 ROBOTS = 16
 SECONDS = 60.0
@@ -49,15 +51,23 @@ class TeamTrial:
     stop: float
 
 
-def gather(crowd: Crowd, robots: int, classes: Sequence[str], together: int = 1) -> None:
-    """Bring robots into the world and wait until they are there.
+@contextmanager
+def served(plan: Plan, robots: int, *options: str) -> Iterator[tuple[Server, Crowd]]:
+    """A server with room for so many, which knows the classes of `robot_files`, and an empty
+    crowd."""
+    with (
+        scouts() as classes,
+        Server(plan.world, robots, (*SERVE, *classes, *options)) as server,
+        Crowd(server.port, plan.seed) as crowd,
+    ):
+        yield server, crowd
 
-    Args:
-        crowd: whose they are.
-        robots: how many more.
-        classes: of them, taken in turn.
-        together: how many ask at the same time. One, unless there are many: a crowd at the door
-            is a measurement of its own.
+
+def gather(crowd: Crowd, robots: int, classes: Sequence[str], together: int = 1) -> None:
+    """Bring so many more robots, of some classes in turn, into the world.
+
+    As many ask `together` before it waits until they are there: one, unless there are many, because
+    a crowd at the door is a measurement of its own.
 
     Raises:
         BenchError: if the server fails a client, or a robot does not come.
@@ -75,14 +85,9 @@ def try_team(
     seconds: float,
     robot_class: str | Sequence[str] = DEFAULT_CLASS,
 ) -> TeamTrial:
-    """Bring a team into the world, let it drive around and watch.
+    """Bring a team into the world, let it drive around and watch for so many s of wall time.
 
-    Args:
-        server: what they are in.
-        crowd: nobody so far, or those who are watched, too.
-        robots: how many come.
-        seconds: of wall time that it is watched.
-        robot_class: of all of them, or several that are taken in turn.
+    Those who are in the crowd already are watched, too; several classes are taken in turn.
 
     Raises:
         BenchError: if the server fails a client, or a robot stops talking.
@@ -93,14 +98,7 @@ def try_team(
     start, stop = crowd.run(seconds)
     after = server.usage()
     told = [line for one in crowd.controllers for line in lines(one.chunks) if line[0] >= start]
-    factors, worst = [], []
-    for one in crowd.controllers:
-        samples = between(status_samples(one.chunks), start, stop)
-        try:
-            factors.append(real_time_factor(samples, min(EDGE, seconds / 4.0)))
-            worst.append(worst_window(samples, WINDOW))
-        except ValueError as error:
-            raise BenchError(f"too few STA lines for {one.name}: {error}") from None
+    factors, worst = zip(*paces(crowd, start, stop), strict=True)
     return TeamTrial(
         robots=len(crowd.controllers),
         factor=min(factors),
@@ -112,6 +110,23 @@ def try_team(
         start=start,
         stop=stop,
     )
+
+
+def paces(crowd: Crowd, start: float, stop: float) -> list[tuple[float, float]]:
+    """Real-time factor of each robot over a span of wall time, and that of its worst stretch.
+
+    Raises:
+        BenchError: if a robot has hardly said anything.
+    """
+    found = []
+    for one in crowd.controllers:
+        samples = between(status_samples(one.chunks), start, stop)
+        try:
+            factor = real_time_factor(samples, min(EDGE, (stop - start) / 4.0))
+            found.append((factor, worst_window(samples, WINDOW)))
+        except ValueError as error:
+            raise BenchError(f"too few STA lines for {one.name}: {error}") from None
+    return found
 
 
 def measure_team(plan: Plan) -> Section:
@@ -241,9 +256,8 @@ def _joints(*names: str) -> Words:
     """A pose of joints that are named."""
 
     def words(dice: Dice) -> str:
-        return (
-            f"MULTIDRIVE {' '.join(f'{{{name} {dice.uniform(-0.3, 0.3):.2f}}}' for name in names)}"
-        )
+        poses = [f"{{{name} {dice.uniform(-0.3, 0.3):.2f}}}" for name in names]
+        return f"MULTIDRIVE {' '.join(poses)}"
 
     return words
 

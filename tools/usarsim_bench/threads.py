@@ -75,11 +75,7 @@ def _used_by(thread: threading.Thread) -> float:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run a subcommand of `usarsim` and watch its threads; returns its exit code.
-
-    Args:
-        arguments: the file to write, then those of `usarsim`.
-    """
+    """Run `usarsim` with all words but the first, the file to write; returns its exit code."""
     file, *rest = arguments
     looks: list[Look] = []
     finished = threading.Event()

@@ -21,9 +21,8 @@ from typing import Any
 from usarsim_maps.files import MAX_INDEXED, file_digest
 from usarsim_maps.reader import ImportOptions
 from usarsim_server import __version__
-from usarsim_server import files as atomic
 from usarsim_server.errors import MapImportError, at
-from usarsim_server.files import read_regular
+from usarsim_server.files import publish_folder, read_regular
 
 FORMAT = 5
 """Raise it when the same map would give another world."""
@@ -61,11 +60,7 @@ class ImportCache:
         self._root = root
 
     def key(self, source: Path, sidecar: Path | None, options: ImportOptions, name: str) -> str:
-        """The key of an import.
-
-        Raises:
-            MapImportError: a file cannot be read.
-        """
+        """The key of an import; `MapImportError` if a file cannot be read."""
         digest = hashlib.sha256()
         said = [__version__, FORMAT, str(source), name, options.scale, options.up]
         said += [options.mirror, options.placeholders, options.wall_height, options.allow_outside]
@@ -129,10 +124,8 @@ class ImportCache:
     def building(self, source: Path) -> Any:
         """A fresh folder to build in, next to the entries; gone afterwards.
 
-        Those of processes that were killed are removed, too.
-
-        Raises:
-            MapImportError: the cache cannot be written.
+        Those of processes that were killed are removed, too. `MapImportError` if the cache cannot
+        be written.
         """
         try:
             self._root.mkdir(parents=True, exist_ok=True)
@@ -156,10 +149,7 @@ class ImportCache:
     def store(self, key: str, built: Path, record: dict[str, Any], files: Iterable[Path]) -> Path:
         """Make a folder of `building` an entry, whole; returns where it is now.
 
-        To be called within `changing`.
-
-        Raises:
-            OSError: the disk is full, for example.
+        To be called within `changing`; `OSError` if the disk is full, for example.
         """
         record = {**record, "files": {str(path): _stamp(path) for path in files}}
         text = json.dumps(record, indent=1, default=str)
@@ -170,7 +160,7 @@ class ImportCache:
         entry = built.with_name(".entry")
         entry.mkdir()
         os.rename(built, entry / built.name)
-        atomic.publish_folder(entry, place)
+        publish_folder(entry, place)
         self._prune(place)
         return place / built.name
 

@@ -7,9 +7,9 @@ import json
 import math
 from pathlib import Path
 
-from usarsim_server import files as atomic
 from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_server.errors import MapImportError, SettingsError, at
+from usarsim_server.files import write_text
 
 _EPILOG = (
     "The world folder is DIR/NAME. Facts that the map lacks stand in a sidecar file, "
@@ -133,7 +133,7 @@ def _number(
 
 def _write(path: Path, text: str) -> None:
     try:
-        atomic.write_text(path, text)
+        write_text(path, text)
     except OSError as error:
         problem = f"cannot be written: {error.strerror}"
         raise MapImportError(at(path, problem, "give another --report")) from error

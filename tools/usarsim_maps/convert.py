@@ -27,9 +27,8 @@ from usarsim_maps.report import Report, make_report
 from usarsim_maps.sidecar import find_sidecar, load_sidecar
 from usarsim_maps.terminal import ProgressBar, quiet
 from usarsim_server import __version__
-from usarsim_server import files as atomic
 from usarsim_server.errors import MapImportError, at
-from usarsim_server.files import ALLOW, Folders, is_folder, is_regular
+from usarsim_server.files import ALLOW, Folders, is_folder, is_regular, publish_folder
 from usarsim_server.worlds.loader import SHEET
 
 
@@ -170,7 +169,7 @@ def _deliver(folder: Path, target: Path | None) -> Path:
     fresh = target.with_name(f".new-{secrets.token_hex(8)}")
     try:
         shutil.copytree(folder, fresh)
-        atomic.publish_folder(fresh, target)
+        publish_folder(fresh, target)
     except OSError as error:
         # Of several errors `copytree` tells each as file, copy and text.
         reason = error.strerror or error.args[0][0][2].partition("] ")[2]

@@ -1,4 +1,7 @@
-"""Reading files of unknown origin with bounded memory, and finding those that a map names."""
+"""Reading files of unknown origin with bounded memory, and finding those that a map names.
+
+A file that cannot be read, or is too large, is a `MapImportError`.
+"""
 
 from __future__ import annotations
 
@@ -40,66 +43,48 @@ USUAL = {"meshes", "staticmeshes", "textures", "materials", "models", "assets", 
 """Folders beside a map that are searched without being told."""
 
 
-def read_head(path: Path) -> bytes:
-    """The first 4 KiB of a file.
-
-    Raises:
-        MapImportError: it cannot be read.
-    """
+@contextlib.contextmanager
+def _opened(path: Path, limit: int | None = None) -> Iterator[io.BufferedReader]:
+    """A file while it is open, if it is not larger than the limit."""
     try:
         with open_regular(path) as file:
-            return file.read(HEAD)
+            if limit is not None:
+                check_size(path, os.fstat(file.fileno()).st_size, limit)
+            yield file
     except OSError as error:
-        raise _unreadable(path, error) from error
+        problem = f"cannot be read: {reason(error)}"
+        raise MapImportError(at(path, problem, "check the path")) from error
+
+
+def read_head(path: Path) -> bytes:
+    """The first 4 KiB of a file."""
+    with _opened(path) as file:
+        return file.read(HEAD)
 
 
 def read_bytes(path: Path, limit: int = MAX_BYTES) -> bytes:
-    """A whole file, or a refusal if it is larger than the limit.
-
-    Raises:
-        MapImportError: it cannot be read or is too large.
-    """
-    try:
-        with open_regular(path) as file:
-            check_size(path, os.fstat(file.fileno()).st_size, limit)
-            content = file.read(limit + 1)
-    except OSError as error:
-        raise _unreadable(path, error) from error
+    """A whole file, or a refusal if it is larger than the limit."""
+    with _opened(path, limit) as file:
+        content = file.read(limit + 1)
     check_size(path, len(content), limit)
     return content
 
 
 def check_size(path: Path, size: int, limit: int = MAX_BYTES) -> None:
-    """Refuse a file that is too large, before anybody reads it.
-
-    Raises:
-        MapImportError: it is.
-    """
+    """Refuse a file that is too large, before anybody reads it."""
     if size > limit:
         problem = f"larger than {limit >> 20} MiB"
         raise MapImportError(at(path, problem, "export the map in smaller parts"))
 
 
 def file_digest(path: Path, limit: int = MAX_BYTES) -> bytes:
-    """SHA-256 of a file, read in pieces.
-
-    Raises:
-        MapImportError: it cannot be read or is too large.
-    """
-    try:
-        with open_regular(path) as file:
-            check_size(path, os.fstat(file.fileno()).st_size, limit)
-            return hashlib.file_digest(file, "sha256").digest()
-    except OSError as error:
-        raise _unreadable(path, error) from error
+    """SHA-256 of a file, read in pieces."""
+    with _opened(path, limit) as file:
+        return hashlib.file_digest(file, "sha256").digest()
 
 
 def read_text(path: Path, limit: int = MAX_BYTES) -> str:
-    """A text file in UTF-8, UTF-16 (with or without mark) or Latin-1; line ends become LF.
-
-    Raises:
-        MapImportError: it cannot be read or is too large.
-    """
+    """A text file in UTF-8, UTF-16 (with or without mark) or Latin-1; line ends become LF."""
     content = read_bytes(path, limit)
     return decode(content).replace("\r\n", "\n").replace("\r", "\n")
 
@@ -120,13 +105,8 @@ def decode(content: bytes) -> str:
 def open_picture(source: Path | bytes, name: str, most: int = MAX_PIXELS) -> Iterator[Picture]:
     """A picture while it is open; its pixels are not decoded before somebody asks for them.
 
-    Args:
-        source: a file, or what is in it.
-        name: for errors.
-        most: pixels that it may have.
-
-    Raises:
-        MapImportError: it cannot be opened, has more pixels, or, while it is open, is damaged.
+    Given a file, or what is in it, and a name for errors: a `MapImportError` if it cannot be
+    opened, has more than `most` pixels, or, while it is open, is damaged.
     """
     from PIL import Image
 
@@ -160,13 +140,11 @@ class AssetIndex:
         beside: Path | None = None,
         admit: Callable[[Path], bool] | None = None,
     ) -> None:
-        """Look through the folders at the first question, not now.
+        """Look through the folders, and all below them, at the first question, not now.
 
-        Args:
-            folders: searched with everything below them.
-            beside: a map; its own folder is searched too, but of what is below only folders with
-                the usual names, for a map may lie in somebody's home.
-            admit: whether a file may be read; by default those in the folders, links followed.
+        The folder of the map `beside` is searched too, but of what is below only folders with the
+        usual names, for a map may lie in somebody's home. `admit` says whether a file may be read;
+        by default those in the folders may, links followed.
         """
         self._folders = tuple(dict.fromkeys(Path(folder) for folder in folders))
         self._near = () if beside is None else tuple(_usual_folders(beside.parent))
@@ -257,7 +235,3 @@ def _nearest(paths: Sequence[Path], wanted: str) -> Path:
     """Of files with the same name the one that shares most folder names with the wanted path."""
     folders = {part.lower() for part in PurePosixPath(wanted).parts[:-1]}
     return max(paths, key=lambda path: len(folders & {part.lower() for part in path.parts[:-1]}))
-
-
-def _unreadable(path: Path, error: OSError) -> MapImportError:
-    return MapImportError(at(path, f"cannot be read: {reason(error)}", "check the path"))

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass
-from types import MappingProxyType
+from dataclasses import dataclass, field
 
 MAX_WARNINGS = 500
 """Different warnings that are kept; a broken file could give millions."""
@@ -20,23 +18,23 @@ class Remark:
     times: int = 1  # how often
 
 
+@dataclass(slots=True, eq=False)
 class Findings:
     """A notebook that readers and builder share during one import."""
 
-    def __init__(self) -> None:
-        self._classes: Counter[str] = Counter()
-        self._skipped: Counter[str] = Counter()
-        self._missing: Counter[tuple[str, str]] = Counter()
-        self._warnings: Counter[tuple[str, str]] = Counter()
-        self._facts: dict[str, object] = {}
+    classes: Counter[str] = field(default_factory=Counter)  # objects read, by class
+    skipped: Counter[str] = field(default_factory=Counter)  # objects left out, by class
+    facts: dict[str, object] = field(default_factory=dict)  # by name
+    _missing: Counter[tuple[str, str]] = field(default_factory=Counter)
+    _warnings: Counter[tuple[str, str]] = field(default_factory=Counter)
 
     def count(self, kind: str, times: int = 1) -> None:
         """An actor, node or element of this class was read."""
-        self._classes[kind] += times
+        self.classes[kind] += times
 
     def skip(self, kind: str, times: int = 1) -> None:
         """One of this class was left out because nothing is known about the class (item 16)."""
-        self._skipped[kind] += times
+        self.skipped[kind] += times
 
     def missing(self, kind: str, name: str) -> None:
         """A `mesh`, `texture`, `model` or `file` that the map names was not found (item 70)."""
@@ -50,22 +48,7 @@ class Findings:
 
     def fact(self, name: str, value: object) -> None:
         """A number or word for the report; replaces an earlier one."""
-        self._facts[name] = value
-
-    @property
-    def classes(self) -> Mapping[str, int]:
-        """Objects read, by class."""
-        return MappingProxyType(self._classes)
-
-    @property
-    def skipped(self) -> Mapping[str, int]:
-        """Objects left out, by class."""
-        return MappingProxyType(self._skipped)
-
-    @property
-    def facts(self) -> Mapping[str, object]:
-        """Facts by name."""
-        return MappingProxyType(self._facts)
+        self.facts[name] = value
 
     def missing_list(self) -> list[tuple[str, str, int]]:
         """Kind, name and number of uses of everything missing, once each, sorted."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -14,6 +15,12 @@ FARTHEST = 1e7
 
 LEAST_AREA = 1e-8
 """m^2: smaller triangles are dropped."""
+
+CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+"""(8, 3) of a box of 2 m around the origin; z changes fastest."""
+
+QUADS = ((0, 2, 6, 4), (0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (1, 5, 7, 3))
+"""Numbers of the corners of each side, counter-clockwise from outside; the bottom is the first."""
 
 
 def normals_areas(vertices: Array, triangles: NDArray[np.integer]) -> tuple[Array, Array]:
@@ -55,9 +62,7 @@ def outline_of(shape: object, linear: Array) -> Array:
     ring = np.column_stack([np.cos(turn), np.sin(turn)])
     match kind:
         case "box":
-            signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-            corners: Array = signs * np.array(size)
-            return corners
+            return np.asarray(CORNERS * size)
         case "sphere":
             levels = np.linspace(-0.98, 0.98, 9)
             radius, half = size[0], size[0]
@@ -90,5 +95,4 @@ def points_of(part: Part) -> Array:
 
 
 def _placed(points: Array, matrix: Array) -> Array:
-    answer: Array = points @ matrix[:3, :3].T + matrix[:3, 3]
-    return answer
+    return np.asarray(points @ matrix[:3, :3].T + matrix[:3, 3])

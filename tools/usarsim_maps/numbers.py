@@ -31,10 +31,7 @@ def read_number(word: str) -> float:
     """The value of a word: a number, a sum such as `-3.14/2` or `2*(1+pi)`, or a decimal comma.
 
     What C libraries print for values that are none, such as `nan(ind)` and `-1.#IND00`, is NaN;
-    so is a division by zero.
-
-    Raises:
-        ValueError: it can be read as no number.
+    so is a division by zero. What can be read as no number is a `ValueError`.
     """
     try:
         return float(word)
@@ -75,11 +72,7 @@ def read_numbers(text: str, *counts: int) -> list[float]:
 
 
 def read_whole(word: str | bytes) -> int:
-    """A whole number, also one written as `3.0`.
-
-    Raises:
-        ValueError: it is none.
-    """
+    """A whole number, also one written as `3.0`; else a `ValueError`."""
     try:
         return int(word)
     except ValueError:

@@ -140,6 +140,12 @@ def readers() -> dict[str, type[Reader]]:
     return {name: TYPES.find(name, GROUP) for name in TYPES.names()}
 
 
+def mesh_extensions() -> tuple[str, ...]:
+    """Of files that may hold meshes which other maps name; those of the first readers first."""
+    mesh_readers = (reader for reader in readers().values() if reader.meshes)
+    return tuple(dict.fromkeys(ext for reader in mesh_readers for ext in reader.extensions))
+
+
 def find_reader(source: Path) -> Reader:
     """The reader of a file, by extension and, where that does not decide, by the first bytes.
 
@@ -182,9 +188,8 @@ def read_scene(source: Path, context: Context | None = None) -> Scene:
         problem = f"too deeply nested or too large ({type(error).__name__})"
         raise MapImportError(at(source, problem, "import a smaller part of the map")) from None
     except OSError as error:
-        raise MapImportError(
-            at(error.filename or source, f"cannot be read: {error.strerror}", "check the file")
-        ) from error
+        problem = f"cannot be read: {error.strerror}"
+        raise MapImportError(at(error.filename or source, problem, "check the file")) from error
 
 
 def without_refused(scene: Scene, context: Context, asker: Path) -> Scene:
@@ -212,10 +217,6 @@ def need(module: str, source: Path, what_for: str) -> ModuleType:
         return importlib.import_module(module)
     except ImportError:
         top = module.partition(".")[0]
-        raise MapImportError(
-            at(
-                source,
-                f"{what_for} need the Python package {top!r}",
-                PACKAGES.get(top, f"pip install {top}"),
-            )
-        ) from None
+        problem = f"{what_for} need the Python package {top!r}"
+        cure = PACKAGES.get(top, f"pip install {top}")
+        raise MapImportError(at(source, problem, cure)) from None

@@ -8,13 +8,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from usarsim_maps.build.builder import Built
 from usarsim_maps.files import read_head
 from usarsim_maps.findings import Findings
-from usarsim_maps.scene import Scene
+from usarsim_maps.scene import Array, Scene
 from usarsim_server.errors import MapImportError
 
 MOST_LINES = 40
@@ -98,7 +95,7 @@ def make_report(scene: Scene, built: Built, findings: Findings, seconds: float) 
     """Put a report together."""
     source = scene.source
     totals: dict[str, Any] = {
-        "starts": len(built.places),
+        "starts": len(built.checks),
         "victims": len(scene.victims),
         "path nodes": len(scene.path_nodes),
         "objects": len(scene.objects),
@@ -128,7 +125,7 @@ def make_report(scene: Scene, built: Built, findings: Findings, seconds: float) 
         skipped=dict(sorted(findings.skipped.items())),
         starts=tuple(
             (place.name, place.height if math.isfinite(place.height) else None, place.overlap)
-            for place in built.places
+            for place in built.checks
         ),
         totals=totals,
         missing=tuple(findings.missing_list()),
@@ -156,7 +153,7 @@ def licence_note(source: Path) -> str:
     return "none found beside the map; ask its author before passing the result on"
 
 
-def _triple(values: NDArray[np.float64]) -> tuple[float, float, float]:
+def _triple(values: Array) -> tuple[float, float, float]:
     x, y, z = values.tolist()
     return x, y, z
 

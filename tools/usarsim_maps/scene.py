@@ -22,6 +22,8 @@ from usarsim_server.worlds.description import PathNode, Smoke, StartPose, Victim
 
 Array: TypeAlias = NDArray[np.float64]
 Indices: TypeAlias = NDArray[np.int32]
+Integers: TypeAlias = NDArray[np.int64]
+Mask: TypeAlias = NDArray[np.bool_]
 Color: TypeAlias = tuple[float, float, float, float]
 """Red, green, blue, opacity, each from 0 to 1."""
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import fnmatch
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, TypeVar
@@ -182,14 +182,10 @@ def load_sidecar(path: Path) -> Sidecar:
         raise table.error("replace", f"{unknown[0]!r} is unknown", cure)
     additions = Scene(
         source=Source(path, "sidecar"),
-        starts=_each(table, "start", lambda one: StartPose(one.word("tag"), _pose(one))),
-        victims=_each(table, "victim", _victim),
-        path_nodes=_each(
-            table,
-            "path_node",
-            lambda one: PathNode(one.word("tag"), one.vector("position"), one.words("neighbours")),
-        ),
-        lights=_each(table, "light", lambda one: one.read(Light, LAMP)),
+        starts=table.all("start", lambda one: StartPose(one.word("tag"), _pose(one))),
+        victims=table.all("victim", _victim),
+        path_nodes=table.all("path_node", PathNode),
+        lights=table.all("light", lambda one: one.read(Light, LAMP)),
         smoke=read_smoke(table.tables("smoke")),
         materials=dict(_materials(path, table)),
         filled=table.flag("filled") if table.has("filled") else None,
@@ -199,15 +195,6 @@ def load_sidecar(path: Path) -> Sidecar:
     sidecar = table.read(Sidecar, path=path, additions=additions, assets=assets, replaces=replaces)
     table.finish()
     return sidecar
-
-
-def _each(table: Table, key: str, read: Callable[[Table], T]) -> tuple[T, ...]:
-    """What stands in a list of tables."""
-    found = []
-    for one in table.tables(key):
-        found.append(read(one))
-        one.finish()
-    return tuple(found)
 
 
 def _pose(table: Table) -> Pose:

@@ -34,8 +34,7 @@ def unreal_points(
 
     This is a reflection: whoever uses it on faces reverses their vertex order once.
     """
-    answer: Array = np.asarray(points, dtype=float) * np.array([1.0, -1.0, 1.0]) / scale
-    return answer
+    return np.asarray(np.asarray(points, dtype=float) * np.array([1.0, -1.0, 1.0]) / scale)
 
 
 def unreal_rotation(pitch: float, yaw: float, roll: float) -> Array:
@@ -49,18 +48,14 @@ def unreal_rotation(pitch: float, yaw: float, roll: float) -> Array:
     turn_z = np.array([[cy, sy, 0.0], [-sy, cy, 0.0], [0.0, 0.0, 1.0]])
     turn_y = np.array([[cp, 0.0, -sp], [0.0, 1.0, 0.0], [sp, 0.0, cp]])
     turn_x = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
-    answer: Array = turn_z @ turn_y @ turn_x
-    return answer
+    return np.asarray(turn_z @ turn_y @ turn_x)
 
 
 def unreal_pose(
     location: Sequence[float], rotator: Sequence[float], scale: float = UU_PER_METRE
 ) -> Pose:
     """Pose of an actor; the rotator is (pitch, yaw, roll) in rotation units."""
-    matrix = np.eye(4)
-    matrix[:3, :3] = unreal_rotation(*rotator)
-    matrix[:3, 3] = unreal_points(np.asarray(location, dtype=float), scale)
-    return pose_of_matrix(matrix)
+    return pose_of_matrix(affine(unreal_rotation(*rotator), unreal_points(location, scale)))
 
 
 def unreal_matrix(
@@ -83,12 +78,8 @@ def unreal_matrix(
         @ unreal_rotation(*rotator)
         @ np.diag(np.asarray(scale3d, dtype=float) * np.asarray(main_scale, dtype=float))
     )
-    matrix = np.eye(4)
-    matrix[:3, :3] = linear
-    matrix[:3, 3] = unreal_points(np.asarray(location, dtype=float), scale) - linear @ (
-        unreal_points(np.asarray(pivot, dtype=float), scale)
-    )
-    return matrix
+    offset = unreal_points(location, scale) - linear @ unreal_points(pivot, scale)
+    return affine(linear, offset)
 
 
 def axis_matrix(up: str) -> Array:
@@ -160,9 +151,7 @@ def take_apart(matrix: Array) -> tuple[Pose, Array]:
     stretch = right.T @ np.diag(scales) @ right
     if np.linalg.det(turn) < 0.0:
         turn, stretch = -turn, -stretch
-    rigid = np.eye(4)
-    rigid[:3, :3], rigid[:3, 3] = turn, matrix[:3, 3]
-    return pose_of_matrix(rigid), np.round(stretch, 9) + 0.0
+    return pose_of_matrix(affine(turn, matrix[:3, 3])), np.round(stretch, 9) + 0.0
 
 
 def axis_turn(axis: Array, angle: float) -> Array:
@@ -174,16 +163,28 @@ def axis_turn(axis: Array, angle: float) -> Array:
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     # Quarter turns come out exact, so that walls stay parallel to the axes.
     s, c = np.round(np.sin(angle), 15), np.round(np.cos(angle), 15)
-    answer: Array = np.eye(3) + s * cross + (1.0 - c) * (cross @ cross)
-    return answer
+    return np.asarray(np.eye(3) + s * cross + (1.0 - c) * (cross @ cross))
+
+
+def affine(linear: Array | None = None, offset: Sequence[float] | Array = (0.0, 0.0, 0.0)) -> Array:
+    """Matrix (4, 4) of a linear map (3, 3), if there is one, and a way (3,) after it."""
+    matrix = np.eye(4)
+    if linear is not None:
+        matrix[:3, :3] = linear
+    matrix[:3, 3] = offset
+    return matrix
 
 
 def matrix_of_pose(pose: Pose) -> Array:
     """(4, 4)."""
-    matrix = np.eye(4)
-    matrix[:3, :3] = pose.matrix()
-    matrix[:3, 3] = pose.position
-    return matrix
+    return affine(pose.matrix(), pose.position)
+
+
+def srgb(value: float) -> float:
+    """A linear part of a colour, from 0 to 1, as screens show it."""
+    if value <= 0.0031308:
+        return 12.92 * value
+    return float(1.055 * value ** (1.0 / 2.4) - 0.055)
 
 
 def reflect(scene: Scene) -> Scene:

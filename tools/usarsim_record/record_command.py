@@ -11,9 +11,9 @@ from pathlib import Path
 
 from usarsim_record.proxy import Proxy
 from usarsim_record.recording import Link, RecordError, Writer
-from usarsim_server import processes as interrupts
 from usarsim_server.cli.common import Subparsers, add_command
 from usarsim_server.errors import UsarsimError
+from usarsim_server.processes import calling
 
 _EPILOG = (
     "Point the controller to the port of --listen instead of the server's. Everything is passed on "
@@ -91,7 +91,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 async def _record(links: Sequence[Link], writer: Writer, host: str, fresh: Path, file: Path) -> int:
     stop, loop = asyncio.Event(), asyncio.get_running_loop()
-    with interrupts.calling(lambda: loop.call_soon_threadsafe(stop.set)):
+    with calling(lambda: loop.call_soon_threadsafe(stop.set)):
         proxy = Proxy(links, writer, host)
         ports = await proxy.start()
         words = [

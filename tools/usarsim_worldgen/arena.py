@@ -11,7 +11,6 @@ y=-10 +---------+----------------------------------------+
 from __future__ import annotations
 
 from usarsim_worldgen import furniture, terrain
-from usarsim_worldgen import furniture as substances
 from usarsim_worldgen.mjcf import Scene, turned
 from usarsim_worldgen.sheet import GeneratedWorld
 from usarsim_worldgen.walls import Maze, panel
@@ -60,7 +59,7 @@ def build() -> GeneratedWorld:
         upper=(HALF_X, HALF_Y, 30.0),
     )
     shades = _materials(scene)
-    substances.daylight(scene)
+    furniture.daylight(scene)
     scene.camera("overview", (-2.6, -17.6, 21.0), (-0.1, -0.85, 0.0), 39.0)
     _hall(scene)
     _floors(scene)
@@ -74,10 +73,10 @@ def build() -> GeneratedWorld:
 
 
 def _materials(scene: Scene) -> tuple[str, ...]:
-    substances.floor_tiles(scene, "floor_grey", (0.62, 0.63, 0.64), (0.54, 0.55, 0.56))
-    substances.floor_tiles(scene, "floor_yellow", (0.90, 0.80, 0.42), (0.80, 0.70, 0.34))
-    substances.floor_tiles(scene, "floor_orange", (0.90, 0.63, 0.38), (0.80, 0.54, 0.30))
-    substances.floor_tiles(scene, "floor_red", (0.80, 0.43, 0.38), (0.68, 0.34, 0.30))
+    furniture.floor_tiles(scene, "floor_grey", (0.62, 0.63, 0.64), (0.54, 0.55, 0.56))
+    furniture.floor_tiles(scene, "floor_yellow", (0.90, 0.80, 0.42), (0.80, 0.70, 0.34))
+    furniture.floor_tiles(scene, "floor_orange", (0.90, 0.63, 0.38), (0.80, 0.54, 0.30))
+    furniture.floor_tiles(scene, "floor_red", (0.80, 0.43, 0.38), (0.68, 0.34, 0.30))
     scene.material("line_blue", (0.10, 0.28, 0.78))
     scene.material("asphalt", (0.44, 0.45, 0.47), shine=0.0)
     scene.material("concrete", (0.72, 0.72, 0.70))
@@ -95,7 +94,7 @@ def _materials(scene: Scene) -> tuple[str, ...]:
     scene.material("plastic_white", (0.92, 0.92, 0.92), shine=0.4)
     scene.material("metal", (0.52, 0.55, 0.58), shine=0.6)
     scene.material("metal_yellow", (0.93, 0.76, 0.14), shine=0.5)
-    return substances.woods(scene, "wood_post", (0.50, 0.34, 0.20), (0.94, 0.80, 0.56), 4)
+    return furniture.woods(scene, "wood_post", (0.50, 0.34, 0.20), (0.94, 0.80, 0.56), 4)
 
 
 def _hall(scene: Scene) -> None:

@@ -15,7 +15,6 @@ y=-10 +---------+-----+-----+-----+-----+-------+
 from __future__ import annotations
 
 from usarsim_worldgen import furniture
-from usarsim_worldgen import furniture as substances
 from usarsim_worldgen.mjcf import Movable, Scene, turned
 from usarsim_worldgen.sheet import GeneratedWorld
 from usarsim_worldgen.walls import WallSize, door, wall, window
@@ -91,7 +90,7 @@ def build() -> GeneratedWorld:
         upper=(HALF_X, HALF_Y, 30.0),
     )
     _materials(scene)
-    substances.daylight(scene)
+    furniture.daylight(scene)
     scene.camera("overview", (-4.5, -20.0, 24.0), (0.0, -1.0, 0.0), 42.5)
     _floors(scene)
     _outer_walls(scene)
@@ -112,7 +111,7 @@ def build() -> GeneratedWorld:
 
 
 def _materials(scene: Scene) -> None:
-    tiles = substances.floor_tiles
+    tiles = furniture.floor_tiles
     tiles(scene, "floor_stone", (0.74, 0.73, 0.70), (0.62, 0.61, 0.58))
     tiles(scene, "floor_kitchen", (0.78, 0.80, 0.78), (0.60, 0.63, 0.62), per_metre=2.0)
     tiles(scene, "floor_parquet", (0.66, 0.50, 0.33), (0.56, 0.41, 0.26), per_metre=2.0)

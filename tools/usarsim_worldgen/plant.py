@@ -14,7 +14,6 @@ y=-6  +-----------+-------------------------------------+
 from __future__ import annotations
 
 from usarsim_worldgen import furniture
-from usarsim_worldgen import furniture as substances
 from usarsim_worldgen.mjcf import Scene
 from usarsim_worldgen.sheet import GeneratedWorld
 from usarsim_worldgen.walls import WallSize, door, wall
@@ -57,7 +56,7 @@ def build() -> GeneratedWorld:
         upper=(EAST, HALF, 30.0),
     )
     _materials(scene)
-    substances.daylight(scene)
+    furniture.daylight(scene)
     scene.camera("overview", (-9.0, -13.5, 20.0), (-0.3, -0.2, 0.0), 41.0)
     scene.section("floor")
     scene.floor("concrete")
@@ -75,7 +74,7 @@ def build() -> GeneratedWorld:
 
 
 def _materials(scene: Scene) -> None:
-    substances.checkered_floor(scene, "concrete", (0.60, 0.62, 0.63), (0.66, 0.68, 0.69))
+    furniture.checkered_floor(scene, "concrete", (0.60, 0.62, 0.63), (0.66, 0.68, 0.69))
     scene.material("brick", (0.75, 0.70, 0.64))
     scene.material("metal", (0.48, 0.51, 0.55), shine=0.6)
     scene.material("metal_floor", (0.58, 0.60, 0.56), shine=0.3)

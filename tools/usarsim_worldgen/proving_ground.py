@@ -10,7 +10,6 @@ import math
 from collections.abc import Callable
 
 from usarsim_worldgen import furniture, terrain
-from usarsim_worldgen import furniture as substances
 from usarsim_worldgen.mjcf import Scene
 from usarsim_worldgen.sheet import GeneratedWorld, Start
 
@@ -45,7 +44,7 @@ def build() -> GeneratedWorld:
         upper=(200.0, 200.0, 100.0),
     )
     shades = _materials(scene)
-    substances.daylight(scene)
+    furniture.daylight(scene)
     scene.camera("overview", (-30.0, -15.5, 17.5), (-3.3, -0.2, 0.0), 33.5)
     scene.section("floor")
     scene.floor("concrete")
@@ -63,7 +62,7 @@ def build() -> GeneratedWorld:
 
 
 def _materials(scene: Scene) -> tuple[str, ...]:
-    substances.checkered_floor(scene, "concrete", (0.60, 0.62, 0.64), (0.66, 0.68, 0.70))
+    furniture.checkered_floor(scene, "concrete", (0.60, 0.62, 0.64), (0.66, 0.68, 0.70))
     scene.material("wood", (0.84, 0.69, 0.47))
     scene.material("wood_dark", (0.66, 0.49, 0.31))
     scene.material("wood_blue", (0.33, 0.50, 0.68))
@@ -72,7 +71,7 @@ def _materials(scene: Scene) -> tuple[str, ...]:
     scene.material("brick", (0.70, 0.38, 0.29))
     scene.material("cardboard", (0.76, 0.58, 0.38), shine=0.0)
     scene.material("cardboard_tape", (0.86, 0.74, 0.56))
-    return substances.woods(scene, "wood_post", (0.50, 0.34, 0.20), (0.94, 0.80, 0.56), 4)
+    return furniture.woods(scene, "wood_post", (0.50, 0.34, 0.20), (0.94, 0.80, 0.56), 4)
 
 
 def _lanes(shades: tuple[str, ...]) -> list[tuple[str, str, Obstacle]]:

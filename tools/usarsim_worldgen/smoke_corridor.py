@@ -10,7 +10,7 @@ y=-2.7 +--------+
 
 from __future__ import annotations
 
-from usarsim_worldgen import furniture as substances
+from usarsim_worldgen import furniture
 from usarsim_worldgen.mjcf import Scene
 from usarsim_worldgen.sheet import GeneratedWorld
 from usarsim_worldgen.walls import WallSize, door, wall
@@ -44,7 +44,7 @@ def build() -> GeneratedWorld:
         upper=(LENGTH + ROOM, LOBBY_HALF, 30.0),
     )
     _materials(scene)
-    substances.daylight(scene)
+    furniture.daylight(scene)
     scene.camera("overview", (8.0, -11.5, 27.0), (9.1, 0.3, 0.0), 37.5)
     scene.section("floor")
     scene.floor("concrete")
@@ -59,7 +59,7 @@ def build() -> GeneratedWorld:
 
 
 def _materials(scene: Scene) -> None:
-    substances.checkered_floor(scene, "concrete", (0.62, 0.63, 0.64), (0.68, 0.69, 0.70))
+    furniture.checkered_floor(scene, "concrete", (0.62, 0.63, 0.64), (0.68, 0.69, 0.70))
     scene.material("brick", (0.78, 0.72, 0.64))
     scene.material("metal", (0.45, 0.47, 0.50), shine=0.6)
     scene.material("mud", (0.36, 0.27, 0.19), shine=0.4)

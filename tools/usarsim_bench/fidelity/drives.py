@@ -95,19 +95,9 @@ def turns(
     return [shop.turn(robot, timestep, speed, mu) for speed in speeds for mu in frictions]
 
 
-@_level()
-def stop(stage: Stage) -> tuple[float, float]:
-    """From 0.33 m/s."""
-    return manoeuvres.stop(stage, 0.33)
-
-
-@_level()
-def rest(stage: Stage) -> manoeuvres.Rest:
-    """For a minute."""
-    return manoeuvres.rest(stage, 60.0)
-
-
 for _act, _pose in (
+    (manoeuvres.stop, None),
+    (manoeuvres.rest, None),
     (manoeuvres.arc, None),
     (manoeuvres.about_axle, None),
     (manoeuvres.circle, None),
@@ -221,18 +211,23 @@ def push_crate(shop: Workshop, robot: str, timestep: float) -> tuple[float, floa
 def slide(shop: Workshop, robot: str, timestep: float, friction: float) -> float:
     """A block that is given 1 m/s; returns its way, m."""
     world = shop.world(worlds.sliding_block(friction))
-    return terrain.slide_block(world, timestep, 1.0)[0]
+    return terrain.slide_block(world, timestep, 1.0)
 
 
 # -- step fields, tracks ---------------------------------------------------------------------------
+
+
+def _field_scenes(name: str, levels: Sequence[float]) -> list[worlds.Scene]:
+    return [
+        worlds.step_field(f"{name}{seed}", worlds.symmetric_heights(seed, levels)) for seed in SEEDS
+    ]
 
 
 def _fields(
     shop: Workshop, robot: str, timestep: float, name: str, levels: Sequence[float]
 ) -> list[Crossing]:
     runs = []
-    for seed in SEEDS:
-        scene = worlds.step_field(f"{name}{seed}", worlds.symmetric_heights(seed, levels))
+    for scene in _field_scenes(name, levels):
         with shop.stage(scene, robot, timestep) as stage:
             runs.append(terrain.cross(stage, SPIN, 20.0, FIELD_END + terrain.BEYOND))
     return runs
@@ -253,13 +248,23 @@ def cubic_fields(shop: Workshop, robot: str, timestep: float) -> list[Crossing]:
 @_drive
 def tracked_fields(shop: Workshop, robot: str, timestep: float) -> list[Crossing]:
     """Across the low fields with raised flippers, kept on course."""
-    return [terrain.cross_field(shop, robot, seed, timestep) for seed in SEEDS]
+    runs = []
+    for scene in _field_scenes("low", terrain.LOW_POSTS):
+        with shop.stage(scene, robot, timestep) as stage:
+            terrain.posture(stage, terrain.raised(0.4, 0.4))
+            spin, goal = terrain.spin(stage), FIELD_END + terrain.BEYOND
+            runs.append(terrain.cross(stage, spin, 20.0, goal, terrain.COURSE))
+    return runs
 
 
 @_drive
 def climb_stairs(shop: Workshop, robot: str, timestep: float) -> Crossing:
-    """Up six steps."""
-    return terrain.climb_stairs(shop, timestep, robot)
+    """Up six steps of 18 x 28 cm with the front flippers, if any, raised by 0.7 rad."""
+    with shop.stage(worlds.stairs(), robot, timestep) as stage:
+        if any(link.joint == "FRFlipper" for link in stage.robot.links):
+            terrain.posture(stage, terrain.raised(0.7))
+        goal = terrain.STAIRS_END + 0.5
+        return terrain.cross(stage, terrain.spin(stage), 25.0, goal, terrain.COURSE)
 
 
 @_drive

@@ -16,7 +16,7 @@ from usarsim_bench.fidelity.results import ANY, Band, Result, as_json, as_markdo
 from usarsim_bench.fidelity.stage import StageError
 from usarsim_bench.fidelity.table import TRIALS, Trial
 from usarsim_bench.fidelity.workshop import Workshop
-from usarsim_server import files as atomic
+from usarsim_server.cli.common import written
 from usarsim_server.errors import UsarsimError, at
 
 TIMESTEPS = (0.001, 0.002, 0.004, 0.005)
@@ -29,13 +29,8 @@ BEGIN, END = "<!-- fidelity table: begin -->", "<!-- fidelity table: end -->"
 def run_trials(
     trials: Sequence[Trial], timesteps: Sequence[float], tests: Sequence[str] = ()
 ) -> Iterator[Result]:
-    """Carry out trials; a trial that breaks down yields a failed result and the next one follows.
-
-    Args:
-        trials: what to do.
-        timesteps: s.
-        tests: numbers of the results wanted; all if empty.
-    """
+    """Carry out trials at time steps (s); one that breaks down yields a failed result and the next
+    one follows. Of the results those of the given tests are wanted, all if there are none."""
     with Workshop() as shop:
         for trial in trials:
             for robot in trial.robots:
@@ -51,11 +46,7 @@ def run_trials(
 def main(args: list[str]) -> int:
     """Run the acceptance tests and print their table.
 
-    Args:
-        args: the command line after `usarsim bench fidelity`.
-
-    Returns:
-        0 if everything lies in its band, else 1.
+    Returns 0 if everything lies in its band, else 1.
 
     Raises:
         UsarsimError: if a file cannot be written.
@@ -74,9 +65,12 @@ def main(args: list[str]) -> int:
         print(as_table([result], heads=False), flush=True)
     print(_summary(results))
     if options.json is not None:
-        _write(options.json, as_json(results) + "\n")
+        with written(options.json) as page:
+            page.write(as_json(results).encode() + b"\n")
     if options.markdown is not None:
-        _write(options.markdown, _page(options.markdown, as_markdown(results)))
+        text = _page(options.markdown, as_markdown(results))
+        with written(options.markdown) as page:
+            page.write(text.encode())
     return 0 if all(result.passed for result in results) else 1
 
 
@@ -131,13 +125,6 @@ def _page(path: Path, table: str) -> str:
     if not (begin and end):
         return table
     return f"{head}{BEGIN}\n\n{table}\n{END}{tail}"
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        atomic.write_text(path, text)
-    except OSError as error:
-        raise UsarsimError(at(path, f"cannot be written: {error.strerror}", "check it")) from error
 
 
 if __name__ == "__main__":

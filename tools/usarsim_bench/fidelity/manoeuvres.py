@@ -16,7 +16,7 @@ import numpy as np
 from usarsim_bench.fidelity.stage import Stage, turned, yaw_of
 from usarsim_server.protocol.dialects import FACETS
 from usarsim_server.robots.description import RobotDescription
-from usarsim_server.robots.families.ackerman import SteeredFamily
+from usarsim_server.robots.families.steered import SteeredFamily
 from usarsim_server.simulation.frames import Pose, rpy_from_quaternion
 from usarsim_server.simulation.snapshot import RobotBody
 
@@ -165,7 +165,7 @@ def arc(stage: Stage, left: float, right: float, seconds: float = 5.0) -> Arc:
     return Arc(angle / seconds, angle / seconds / ideal)
 
 
-def stop(stage: Stage, speed: float) -> tuple[float, float]:
+def stop(stage: Stage, speed: float = 0.33) -> tuple[float, float]:
     """Way (m) from the command to stop, from a ground speed (m/s), and the speed after it."""
     stage.settle()
     spin = speed / stage.robot.report.wheel_radius
@@ -187,7 +187,7 @@ class Rest:
     depth: float
 
 
-def rest(stage: Stage, seconds: float) -> Rest:
+def rest(stage: Stage, seconds: float = 60.0) -> Rest:
     """Leave the robot alone after it came to rest; it never gets a command."""
     begin = stage.settle()
     probe = stage.probe()
@@ -263,36 +263,32 @@ class Circle:
     own: bool  # whether two parts of the robot ever touched each other
 
 
-def unsteered_axle(robot: RobotDescription) -> float:
-    """How far ahead of the reference point the wheels stand that no joint steers, m."""
-    steering = robot.family
-    assert isinstance(steering, SteeredFamily)
-    places = [wheel.x for wheel in steering.wheels if wheel.joint is None]
-    return sum(places) / len(places)
+def steered(robot: RobotDescription) -> SteeredFamily:
+    """What steers a car."""
+    assert isinstance(robot.family, SteeredFamily)
+    return robot.family
 
 
 def ideal_radius(robot: RobotDescription, steer: float) -> float:
     """Wheel base over the tangent of the steering angle, m (robots reference 3.3 V25)."""
-    steering = robot.family
-    assert isinstance(steering, SteeredFamily)
-    places = [wheel.x for wheel in steering.wheels]
+    places = [wheel.x for wheel in steered(robot).wheels]
     return (max(places) - min(places)) / math.tan(abs(steer))
 
 
 def circle(stage: Stage, steer: float = STEER, seconds: float = WALKED) -> Circle:
     """Drive ahead with the wheels turned by an angle (rad, positive to the right)."""
     robot = stage.robot
-    steering = robot.family
-    assert isinstance(steering, SteeredFamily)
-    front = any(wheel.joint and wheel.front for wheel in steering.wheels)
+    wheels = steered(robot).wheels
+    front = any(wheel.joint and wheel.front for wheel in wheels)
+    fixed = [wheel.x for wheel in wheels if wheel.joint is None]
     stage.settle()
-    spin = min(GROUND_SPEED / steering.wheels[0].radius, robot.drive.max_wheel_speed / 2.0)
+    spin = min(GROUND_SPEED / wheels[0].radius, robot.drive.max_wheel_speed / 2.0)
     command = f"{{FrontSteer {steer if front else 0.0}}} {{RearSteer {0.0 if front else steer}}}"
     stage.client.send(f"DRIVE {{Speed 0}} {command}")
     stage.run(1.0)
     stage.client.send(f"DRIVE {{Speed {spin:.9g}}} {command}")
     stage.run(1.0)
-    probe, axle = stage.probe(), (unsteered_axle(robot), 0.0, 0.0)
+    probe, axle = stage.probe(), Pose((sum(fixed) / len(fixed), 0.0, 0.0))
     way = angle = 0.0
     own = False
     last = stage.state
@@ -300,7 +296,7 @@ def circle(stage: Stage, steer: float = STEER, seconds: float = WALKED) -> Circl
     for number, state in enumerate(stage.steps(seconds)):
         if number % 20:
             continue
-        before, after = ((one.pose @ Pose(axle)).position for one in (last, state))
+        before, after = ((one.pose @ axle).position for one in (last, state))
         way += math.dist(before, after)
         angle += turned(yaw_of(last), yaw_of(state))
         own |= probe.look(state.snapshot).own

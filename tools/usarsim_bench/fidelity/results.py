@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,14 +89,8 @@ def as_table(results: Iterable[Result], *, heads: bool = True) -> str:
     rows = [HEADS] if heads else []
     rows += [
         (
-            one.test,
-            one.robot,
-            one.quantity,
-            _step(one.timestep),
-            one.value,
-            one.target,
-            str(one.band),
-            one.verdict,
+            *(one.test, one.robot, one.quantity, _step(one.timestep), one.value, one.target),
+            *(str(one.band), one.verdict),
         )
         for one in results
     ]
@@ -109,24 +103,14 @@ def as_table(results: Iterable[Result], *, heads: bool = True) -> str:
 
 def as_json(results: Sequence[Result]) -> str:
     """A list of objects; values that are not finite become null."""
-    return json.dumps(
-        [
-            {
-                "test": one.test,
-                "robot": one.robot,
-                "quantity": one.quantity,
-                "timestep": one.timestep,
-                "measured": _finite(one.measured),
-                "unit": one.unit,
-                "target": one.target,
-                "low": _finite(one.band.low),
-                "high": _finite(one.band.high),
-                "verdict": one.verdict,
-            }
-            for one in results
-        ],
-        indent=1,
-    )
+    return json.dumps([_plain(one) for one in results], indent=1)
+
+
+def _plain(one: Result) -> dict[str, object]:
+    found = asdict(one) | {"measured": _finite(one.measured)}
+    del found["band"]
+    ends = {"low": _finite(one.band.low), "high": _finite(one.band.high)}
+    return {**found, **ends, "verdict": one.verdict}
 
 
 def _finite(value: float) -> float | None:

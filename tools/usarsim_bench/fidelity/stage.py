@@ -42,17 +42,10 @@ class Stage(Closing):
         timestep: float,
         pose: Pose | None = None,
         robots: Sequence[Path] = (),
-        seed: int = 0,
     ) -> None:
-        """Load a world, spawn a robot and let it come to rest.
+        """Load a world folder, with further folders of robot files, and spawn a robot of a class.
 
-        Args:
-            world: world folder.
-            robot: class name.
-            timestep: s.
-            pose: where to; by default at rest on a level floor at the origin.
-            robots: folders with further robot files.
-            seed: of all noise.
+        Without a pose it stands at rest on a level floor at the origin; time steps are in s.
 
         Raises:
             StageError: if there is no such robot or no room for it.
@@ -60,9 +53,7 @@ class Stage(Closing):
         self.warnings: list[str] = []
         self._ear = _Ear(self.warnings)
         logging.getLogger(ROOT).addHandler(self._ear)
-        self.rehearsal = Rehearsal(
-            world=str(world), timestep=timestep, robots=tuple(robots), seed=seed
-        )
+        self.rehearsal = Rehearsal(world=str(world), timestep=timestep, robots=tuple(robots))
         self.timestep = timestep
         self.client = self.rehearsal.connect()
         try:

@@ -58,15 +58,8 @@ class LaneRun:
 def drive_lanes(
     shop: Workshop, scene: Scene, lanes: Sequence[Lane], timestep: float, seconds: float
 ) -> list[LaneRun]:
-    """Let all robots drive along x, from x = 0, in lanes centred about y = 0.
-
-    Args:
-        shop: makes the world.
-        scene: at least `LANE` wide for each robot.
-        lanes: robots and what they do.
-        timestep: s.
-        seconds: that they drive.
-    """
+    """Let all robots drive for some s along x, from x = 0, in lanes centred about y = 0, in a scene
+    that is at least `LANE` wide for each of them; the time step is in s."""
     models = {lane.robot.model: robot_model(lane.robot) for lane in lanes}
     engine = Engine(
         shop.scenery(scene),
@@ -247,25 +240,18 @@ def push_crate(stage: Stage, speed: float, way: float) -> tuple[float, float, fl
     return moved, ahead, abs(aside)
 
 
-def slide_block(world: Path, timestep: float, speed: float) -> tuple[float, float]:
-    """Give the block of the scene a speed (m/s) and let it slide.
+def slide_block(world: Path, timestep: float, speed: float) -> float:
+    """Give the block of the scene a speed (m/s); returns the way on which it stops (m).
 
     The block is no robot: it is pushed in the physics itself, below the protocol.
-
-    Returns:
-        The way on which it stops, and the peak to peak of its height (m).
     """
     description = load_world(world)
     engine = Engine(lambda: build_scene(description), PhysicsOptions(timestep=timestep))
     engine.advance(round(0.5 / timestep))
-    data = engine.data
-    begin = data.qpos[:3].copy()
-    data.qvel[0] = speed
-    heights = [float(begin[2])]
-    for _ in range(round(2.0 / timestep)):
-        engine.advance(1)
-        heights.append(float(data.qpos[2]))
-    return float(np.hypot(*(data.qpos[:2] - begin[:2]))), max(heights) - min(heights)
+    begin = engine.data.qpos[:2].copy()
+    engine.data.qvel[0] = speed
+    engine.advance(round(2.0 / timestep))
+    return float(np.hypot(*(engine.data.qpos[:2] - begin)))
 
 
 # -- tracks ----------------------------------------------------------------------------------------
@@ -282,7 +268,7 @@ PUSHING = 10.0
 """s from the start to the end of a push."""
 COURSE = 4.0
 """How sharply a robot is steered back to its line (see `cross`)."""
-STAIRS_END = FIELD_START + 6 * 0.28
+STAIRS_END = FIELD_START + worlds.STEPS * worlds.STEP_RUN
 """x of the edge of the landing, m."""
 LOAD = 5.0
 """kg on the tip of a flipper (5.2 #46)."""
@@ -358,22 +344,6 @@ def stand_up(stage: Stage) -> tuple[float, float]:
     end = stage.state
     error = max(abs(end.joint_position(joint) - angle) for joint, angle in wanted.items())
     return error, end.pose.position[2] - begin.pose.position[2]
-
-
-def cross_field(shop: Workshop, robot: str, seed: int, timestep: float) -> Crossing:
-    """Cross a step field of posts up to 6 cm with raised flippers, kept on course."""
-    scene = worlds.step_field(f"low{seed}", worlds.symmetric_heights(seed, LOW_POSTS))
-    with shop.stage(scene, robot, timestep) as stage:
-        posture(stage, raised(0.4, 0.4))
-        return cross(stage, spin(stage), 20.0, FIELD_END + BEYOND, COURSE)
-
-
-def climb_stairs(shop: Workshop, timestep: float, robot: str = "Kenaf") -> Crossing:
-    """Climb six steps of 18 x 28 cm at mu 1 with the front flippers, if any, raised by 0.7 rad."""
-    with shop.stage(worlds.stairs(), robot, timestep) as stage:
-        if any(link.joint == "FRFlipper" for link in stage.robot.links):
-            posture(stage, raised(0.7))
-        return cross(stage, spin(stage), 25.0, STAIRS_END + 0.5, COURSE)
 
 
 def tilts_at_wall(shop: Workshop, timestep: float) -> dict[str, float]:

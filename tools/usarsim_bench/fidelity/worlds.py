@@ -25,6 +25,8 @@ POST = 0.1
 POSTS = 12
 """Posts along an edge of a step field (robots reference 3.3 V19)."""
 HALF_WIDTH = 2.0
+STEPS, STEP_RISE, STEP_RUN = 6, 0.18, 0.28
+"""Of stairs; m."""
 LANDING = 30.0
 """m behind the last stair."""
 
@@ -39,20 +41,17 @@ class Scene:
     elements: tuple[str, ...]
 
 
-def _surface(friction: float) -> str:
-    return f'friction="{friction}"' + ("" if friction >= 1.0 else ' priority="1"')
-
-
-def _box(name: str, lower: Vector, upper: Vector, friction: float) -> str:
+def _box(name: str, lower: Vector, upper: Vector) -> str:
     middle = " ".join(f"{(a + b) / 2:.6g}" for a, b in zip(lower, upper, strict=True))
     half = " ".join(f"{(b - a) / 2:.6g}" for a, b in zip(lower, upper, strict=True))
-    surface = _surface(friction)
-    return f'<geom name="{name}" type="box" pos="{middle}" size="{half}" {surface}/>'
+    return f'<geom name="{name}" type="box" pos="{middle}" size="{half}" friction="1.0"/>'
 
 
-def _floor(friction: float, degrees: float = 0.0) -> str:
+def _floor(friction: float = 1.0, degrees: float = 0.0) -> str:
     turned = f' euler="0 {-degrees} 0"' if degrees else ""
-    return f'<geom name="floor" type="plane" size="0 0 1"{turned} {_surface(friction)}/>'
+    priority = "" if friction >= 1.0 else ' priority="1"'
+    surface = f'friction="{friction}"{priority}'
+    return f'<geom name="floor" type="plane" size="0 0 1"{turned} {surface}/>'
 
 
 def flat(friction: float = 1.0) -> Scene:
@@ -72,39 +71,30 @@ def on_slope(degrees: float, rest_height: float) -> Pose:
     return Pose(position, quaternion_from_rpy(0.0, -angle, 0.0))
 
 
-def step(height: float, friction: float = 1.0) -> Scene:
+def step(height: float) -> Scene:
     """A level step up, square to the way."""
     lower, upper = (FIELD_START, -HALF_WIDTH, 0.0), (FIELD_START + 6.0, HALF_WIDTH, height)
-    return Scene(
-        f"step_{height:g}_mu{friction:g}", (_floor(friction), _box("step", lower, upper, friction))
-    )
+    return Scene(f"step_{height:g}", (_floor(), _box("step", lower, upper)))
 
 
-def gap(width: float, friction: float = 1.0) -> Scene:
+def gap(width: float) -> Scene:
     """Two platforms with a gap between them that begins at `FIELD_START`."""
     spans = ((-2.0, FIELD_START), (FIELD_START + width, FIELD_START + width + 6.0))
     boxes = [
-        _box(f"platform{n}", (a, -HALF_WIDTH, 0.0), (b, HALF_WIDTH, PLATFORM), friction)
+        _box(f"platform{n}", (a, -HALF_WIDTH, 0.0), (b, HALF_WIDTH, PLATFORM))
         for n, (a, b) in enumerate(spans)
     ]
-    return Scene(f"gap_{width:g}_mu{friction:g}", (_floor(friction), *boxes))
+    return Scene(f"gap_{width:g}", (_floor(), *boxes))
 
 
-def stairs(
-    steps: int = 6,
-    rise: float = 0.18,
-    run: float = 0.28,
-    friction: float = 1.0,
-    half_width: float = HALF_WIDTH,
-) -> Scene:
+def stairs(half_width: float = HALF_WIDTH) -> Scene:
     """Stairs that begin at `FIELD_START` and lead up to a landing (robots reference 3.3 V21)."""
-    far = FIELD_START + steps * run + LANDING
     boxes = []
-    for n in range(steps):
-        lower, upper = (FIELD_START + n * run, -half_width, 0.0), (far, half_width, (n + 1) * rise)
-        boxes.append(_box(f"stair{n}", lower, upper, friction))
-    name = f"stairs_{steps}x{rise:g}_mu{friction:g}_w{half_width:g}"
-    return Scene(name, (_floor(friction), *boxes))
+    for n in range(STEPS):
+        lower = (FIELD_START + n * STEP_RUN, -half_width, 0.0)
+        upper = (FIELD_START + STEPS * STEP_RUN + LANDING, half_width, (n + 1) * STEP_RISE)
+        boxes.append(_box(f"stair{n}", lower, upper))
+    return Scene(f"stairs_w{half_width:g}", (_floor(), *boxes))
 
 
 def symmetric_heights(seed: int, levels: Sequence[float]) -> Heights:
@@ -115,7 +105,7 @@ def symmetric_heights(seed: int, levels: Sequence[float]) -> Heights:
     return tuple(tuple(flat_list[row * POSTS : (row + 1) * POSTS]) for row in range(POSTS))
 
 
-def step_field(name: str, heights: Heights, friction: float = 1.0) -> Scene:
+def step_field(name: str, heights: Heights) -> Scene:
     """Posts from `FIELD_START` on, centred on the way; height 0 leaves bare floor."""
     boxes = []
     for i, row in enumerate(heights):
@@ -123,14 +113,14 @@ def step_field(name: str, heights: Heights, friction: float = 1.0) -> Scene:
             if height > 0.0:
                 x, y = FIELD_START + i * POST, (j - POSTS / 2) * POST
                 upper = (x + POST, y + POST, height)
-                boxes.append(_box(f"post{i}_{j}", (x, y, 0.0), upper, friction))
-    return Scene(f"field_{name}_mu{friction:g}", (_floor(friction), *boxes))
+                boxes.append(_box(f"post{i}_{j}", (x, y, 0.0), upper))
+    return Scene(f"field_{name}", (_floor(), *boxes))
 
 
 def wall(half_width: float = HALF_WIDTH) -> Scene:
     """A wall across the way."""
     lower, upper = (FIELD_START, -half_width, 0.0), (FIELD_START + 0.3, half_width, 1.0)
-    return Scene(f"wall_w{half_width:g}", (_floor(1.0), _box("wall", lower, upper, 1.0)))
+    return Scene(f"wall_w{half_width:g}", (_floor(), _box("wall", lower, upper)))
 
 
 def crate(mass: float) -> Scene:
@@ -139,7 +129,7 @@ def crate(mass: float) -> Scene:
         f'<body name="crate" pos="{FIELD_START} 0 0.15"><freejoint name="crate"/>'
         f'<geom name="crate" type="box" size="0.2 0.2 0.15" mass="{mass:g}" friction="0.5"/></body>'
     )
-    return Scene(f"crate_{mass:g}kg", (_floor(1.0), body))
+    return Scene(f"crate_{mass:g}kg", (_floor(), body))
 
 
 def sliding_block(friction: float) -> Scene:

@@ -18,14 +18,17 @@ Answers = Mapping[str, bytes]
 of the streams that the robots get."""
 
 
+Links = Callable[[Site], Sequence[Link]]
+"""Makes the connections of attackers; may prepare something, with calls that block."""
+
+
 @dataclass(frozen=True, slots=True)
 class Attack:
     """One way to mean a server no good."""
 
     name: str  # as in `--attack NAME`
     what: str  # what the attackers do, for people
-    links: Callable[[Site], Sequence[Link]]
-    """Makes their connections; may prepare something, with calls that block."""
+    links: Links
     ports: tuple[str, ...] = ()
     """Where a new client must get its answer meanwhile, beside robot control."""
     growth: float = 64 * MIB  # bytes that the server's memory may grow by
@@ -46,13 +49,7 @@ class Attack:
 
 
 def holding(name: str, port: str, first: bytes = b"") -> Attack:
-    """More idle connections than a port has places for.
-
-    Args:
-        name: of the attack.
-        port: that they hold.
-        first: what each says before it falls silent.
-    """
+    """More idle connections than a port has places for; each says something first."""
 
     def links(site: Site) -> Sequence[Link]:
         # They read, so that they notice when they are thrown out, and come back.

@@ -19,10 +19,13 @@ from dataclasses import asdict
 from usarsim_bench.hostile.attack import Attack
 from usarsim_bench.hostile.control_attacks import CONTROL_ATTACKS
 from usarsim_bench.hostile.links import Damage, Site, work
+from usarsim_bench.hostile.scene_attacks import SCENE_ATTACKS
 from usarsim_bench.hostile.side_attacks import SIDE_ATTACKS
 from usarsim_bench.server import BenchError, CarefulClosing
 
-ATTACKS: Mapping[str, Attack] = {one.name: one for one in (*CONTROL_ATTACKS, *SIDE_ATTACKS)}
+ATTACKS: Mapping[str, Attack] = {
+    one.name: one for one in (*CONTROL_ATTACKS, *SIDE_ATTACKS, *SCENE_ATTACKS)
+}
 """In the order in which they are tried."""
 
 
@@ -33,12 +36,7 @@ class Attackers(CarefulClosing):
     """The attackers, as the one who started them sees them."""
 
     def __init__(self, name: str, ports: Mapping[str, int]) -> None:
-        """Let them loose.
-
-        Args:
-            name: of the attack.
-            ports: of the server, by the names of its READY line.
-        """
+        """Let one attack loose on the ports of a server, by the names of its READY line."""
         self._process = subprocess.Popen(
             [sys.executable, "-m", __name__, name, json.dumps(dict(ports))],
             stdin=subprocess.PIPE,

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import random
 from collections.abc import Sequence
+from typing import Any
 
-from usarsim_bench.hostile.attack import MIB, Answers, Attack, holding
+from usarsim_bench.hostile.attack import MIB, Answers, Attack, Links, holding
 from usarsim_bench.hostile.links import First, Link, Site
 
 EVERYBODY = ("groundtruth", "wireless", "truth", "images")
@@ -22,28 +23,21 @@ def robot(name: bytes, robot_class: str = "P3AT", where: bytes = b"") -> bytes:
     return b"INIT {ClassName USARBot.%s} {Name %s}%s\r\n" % (robot_class.encode(), name, where)
 
 
-def _numbered(name: str, robot_class: str = "P3AT") -> First:
-    return lambda number: robot(b"%s%d" % (name.encode(), number), robot_class)
+def _robots(
+    count: int, name: bytes, again: bytes = b"", robot_class: str = "P3AT", **how: Any
+) -> Links:
+    """Robots that say something again and again; see `Link` for how."""
+    hellos = [robot(b"%s%d" % (name, number), robot_class) for number in range(count)]
+    return lambda site: [Link(site.ports["control"], one, again, **how) for one in hellos]
 
 
-def _never_reading(site: Site) -> Sequence[Link]:
-    port = site.ports["control"]
-    return [Link(port, robot(b"Deaf%d" % number)) for number in range(8)]
-
-
-def _unread_questions(site: Site) -> Sequence[Link]:
-    port = site.ports["control"]
-    questions = b"GETCONF {Type Robot}\r\nGETGEO {Type Robot}\r\nGETSTARTPOSES\r\n"
-    return [Link(port, robot(b"Asks%d" % number), questions, every=0.0) for number in range(4)] + [
-        Link(port, again=b"GETSTARTPOSES\r\n") for _ in range(8)
-    ]
-
-
-def _read_questions(site: Site) -> Sequence[Link]:
-    port = site.ports["control"]
-    questions = b"GETCONF {Type Robot}\r\nGETGEO {Type Robot}\r\nGETSTARTPOSES\r\n"
-    return [Link(port, robot(b"Asks%d" % number), questions, reads=True) for number in range(4)] + [
-        Link(port, again=b"GETSTARTPOSES\r\n", reads=True) for _ in range(8)
+def _asking(reads: bool) -> Links:
+    poses = b"GETSTARTPOSES\r\n"
+    questions = b"GETCONF {Type Robot}\r\nGETGEO {Type Robot}\r\n" + poses
+    robots = _robots(4, b"Asks", questions, reads=reads)
+    return lambda site: [
+        *robots(site),
+        *(Link(site.ports["control"], again=poses, reads=reads) for _ in range(8)),
     ]
 
 
@@ -52,7 +46,7 @@ def _long_names(site: Site) -> Sequence[Link]:
     name = LONG_NAME
     twin = b"GETOBS {From %s} {To %s}\r\n" % (name[:30_000], name[:30_000])
     return [
-        *(Link(ports["control"], robot(name + b"%d" % number)) for number in range(6)),
+        *_robots(6, name)(site),
         *(
             Link(ports["control"], b"", b"GETCONF {Type Robot} {Name %s}\r\n" % name)
             for _ in range(4)
@@ -65,14 +59,6 @@ def _long_names(site: Site) -> Sequence[Link]:
             for _ in range(4)
         ),
         *(Link(ports["comserver"], again=b"REGISTER %s 127.0.0.1;" % name) for _ in range(4)),
-    ]
-
-
-def _drive(site: Site) -> Sequence[Link]:
-    drive = b"DRIVE {Left 0.5} {Right 0.4}\r\n"
-    return [
-        Link(site.ports["control"], robot(b"Fast%d" % number), drive, reads=True)
-        for number in range(10)
     ]
 
 
@@ -92,7 +78,7 @@ def _long_lines(site: Site) -> Sequence[Link]:
     fitting = b"DRIVE " + b"{Left 1} " * 7000 + b"\r\n"
     endless = b"DRIVE {Left " + b"1" * 200_000 + b"}\r\n"
     return [
-        *(Link(port, robot(b"Long%d" % number), fitting, reads=True) for number in range(6)),
+        *_robots(6, b"Long", fitting, reads=True)(site),
         *(Link(port, again=endless) for _ in range(6)),
     ]
 
@@ -107,7 +93,11 @@ def _reconnect(site: Site) -> Sequence[Link]:
 
 def _spawn(site: Site) -> Sequence[Link]:
     port = site.ports["control"]
-    return [Link(port, _numbered(f"Storm{n}x"), lives=0.5, reads=True) for n in range(16)]
+
+    def next_name(number: int) -> First:
+        return lambda count: robot(b"Storm%dx%d" % (number, count))
+
+    return [Link(port, next_name(number), lives=0.5, reads=True) for number in range(16)]
 
 
 def _failing_spawn(site: Site) -> Sequence[Link]:
@@ -152,10 +142,8 @@ def _world_control(site: Site) -> Sequence[Link]:
 
 
 def _half_closed(site: Site) -> Sequence[Link]:
-    return [
-        Link(site.ports["control"], robot(b"Half%d" % number), half_closed=True)
-        for number in range(8)
-    ] + [Link(port, b"GETPOS\r\n", half_closed=True) for port in site.ports.values()]
+    others = [Link(port, b"GETPOS\r\n", half_closed=True) for port in site.ports.values()]
+    return [*_robots(8, b"Half", half_closed=True)(site), *others]
 
 
 def _orders(site: Site) -> Sequence[Link]:
@@ -199,10 +187,6 @@ def _medley(site: Site) -> Sequence[Link]:
         Link(port, again=b"D", every=1.0),
         Link(port, b"GETSTARTPOSES\r\n", lives=0.01),
     ]
-
-
-def _nobody(site: Site) -> Sequence[Link]:
-    return []
 
 
 # -- names ---------------------------------------------------------------------
@@ -250,16 +234,20 @@ CONTROL_ATTACKS = (
     Attack(
         "medley", "one deaf robot, garbage, a byte a second, reconnects", _medley, growth=50 * MIB
     ),
-    Attack("deaf", "8 robots that never read their streams", _never_reading),
-    Attack("unread-questions", "12 clients ask at full speed, never read", _unread_questions),
-    Attack("questions", "12 clients ask at full speed and read", _read_questions),
+    Attack("deaf", "8 robots that never read their streams", _robots(8, b"Deaf")),
+    Attack("unread-questions", "12 clients ask at full speed, never read", _asking(False)),
+    Attack("questions", "12 clients ask at full speed and read", _asking(True)),
     Attack(
         "long-names",
         "names of 65,000 bytes, then questions about them on all ports, unread",
         _long_names,
         EVERYBODY,
     ),
-    Attack("drive", "10 robots send DRIVE as fast as it is taken", _drive),
+    Attack(
+        "drive",
+        "10 robots send DRIVE as fast as it is taken",
+        _robots(10, b"Fast", b"DRIVE {Left 0.5} {Right 0.4}\r\n", reads=True),
+    ),
     Attack("garbage", "16 clients send bytes without lines, lines without sense", _garbage),
     Attack("long-lines", "lines of 63 kB and of 200 kB at full speed", _long_lines),
     Attack("drip", "a byte a second on every port", _drip, (*EVERYBODY, "comserver")),
@@ -280,6 +268,8 @@ CONTROL_ATTACKS = (
         EVERYBODY,
         faults=_forged,
     ),
-    Attack("busy-machine", "six other programs take the processors", _nobody, busy_loops=6),
-    Attack("overload", "the world is to run 32 times as fast", _nobody, options=("--speed", "32")),
+    Attack("busy-machine", "six other programs take the processors", lambda _: (), busy_loops=6),
+    Attack(
+        "overload", "the world is to run 32 times as fast", lambda _: (), options=("--speed", "32")
+    ),
 )

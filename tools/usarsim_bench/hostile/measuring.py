@@ -108,7 +108,7 @@ def verdict(outcome: Outcome) -> list[str]:
 def measure_hostile(plan: Plan) -> Section:
     """Every attack on a server of its own, `plan.seconds` long, quiet before and behind."""
     robots, seconds = plan.robots or ROBOTS, plan.seconds or SECONDS
-    names = plan.attacks or (BRIEF if plan.brief else tuple(ATTACKS))
+    names = plan.only or (BRIEF if plan.brief else tuple(ATTACKS))
     outcomes: list[Outcome] = []
     failed: list[tuple[str, str]] = []
     for number, name in enumerate(names, 1):
@@ -209,7 +209,7 @@ def _try(plan: Plan, attack: Attack, robots: int, seconds: float) -> Outcome:
                 watch.watch(ENDING)
                 begun = time.perf_counter()
                 try:
-                    server.stop()
+                    server.close()
                     end = time.perf_counter() - begun
                 except BenchError:
                     end = float("inf")
@@ -263,37 +263,20 @@ def _section(
     rows += [(name, *[""] * (len(HEADS) - 2), f"NO: {why}") for name, why in failed]
     kept = sum(not verdict(one) for one in outcomes)
     judged = [one for one in outcomes if not one.attack.overload]
-    figures = [
-        Figure("Attacks whose promise is kept", kept, "", 0, Aim(">=", len(rows))),
-    ]
+    lost, rate = sum(one.lost for one in outcomes), "Lowest rate of the others' lines"
+    figures = [Figure("Attacks whose promise is kept", kept, "", 0, Aim(">=", len(rows)))]
     if outcomes:
+        growth = max(one.growth for one in outcomes) / MIB
         figures += [
-            Figure(
-                "Lines lost in simulated time",
-                sum(one.lost for one in outcomes),
-                "",
-                0,
-                Aim("<=", 0),
-            ),
-            Figure("Largest growth of memory", max(one.growth for one in outcomes) / MIB, "MiB", 0),
+            Figure("Lines lost in simulated time", lost, "", 0, Aim("<=", 0)),
+            Figure("Largest growth of memory", growth, "MiB", 0),
         ]
     if judged:
+        lowest, end = min(one.rate for one in judged), max(one.end for one in judged)
         figures += [
-            Figure(
-                "Lowest rate of the others' lines, during / without",
-                min(one.rate for one in judged),
-                "",
-                3,
-                Aim(">=", LEAST_RATE),
-            ),
-            Figure(
-                "Longest end of the server",
-                max(one.end for one in judged),
-                "s",
-                1,
-                Aim("<=", LONGEST_END),
-            ),
-            Figure("Longest wait of a new client", max(one.wait[0] for one in judged), "s", 2),
+            Figure(f"{rate}, during / without", lowest, "", 3, Aim(">=", LEAST_RATE)),
+            Figure("Longest end of the server", end, "s", 1, Aim("<=", LONGEST_END)),
+            Figure("Longest wait of a new client", max(one.wait[0] for one in judged), "s"),
         ]
     return Section(
         "hostile",

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import contextlib
-import socket
 import threading
 import time
 from collections.abc import Mapping, Sequence
 
-from usarsim_client.blocking import Closing
+from usarsim_bench.hostile.scene_attacks import hello
+from usarsim_client import BlockingConnection, Closing, HangupError, Inbox
 
 QUESTIONS: Mapping[str, tuple[bytes, bytes]] = {
     "control": (b"GETSTARTPOSES\r\n", b"{StartPoses"),
@@ -18,6 +18,7 @@ QUESTIONS: Mapping[str, tuple[bytes, bytes]] = {
     # A rectangle without a point: answered, and nothing has to be drawn.
     "images": (b"U" + bytes(16), b"\x00\x00"),
     "comserver": (b"GETSS Nobody Noone;", b";"),
+    "scene": (hello(), b'"welcome"'),
 }
 """For each port what is asked and what an answer contains."""
 
@@ -38,12 +39,7 @@ class Newcomers(Closing):
     """
 
     def __init__(self, ports: Mapping[str, int], names: Sequence[str]) -> None:
-        """Begin.
-
-        Args:
-            ports: of the server, by name.
-            names: of the ports where to ask.
-        """
+        """Begin to ask at some of the ports of the server, by name."""
         self.answers: dict[str, bytes] = {}
         self.waits = dict.fromkeys(names, 0.0)
         self._ports = ports
@@ -78,14 +74,14 @@ class Newcomers(Closing):
 
     def _ask(self, name: str) -> bool:
         question, sign = QUESTIONS[name]
-        with socket.create_connection(("127.0.0.1", self._ports[name]), TIMEOUT) as client:
-            client.sendall(question)
-            answer = b""
-            while sign not in answer or len(answer) < _LEAST:
-                client.settimeout(TIMEOUT)
-                piece = client.recv(1 << 20)
-                if not piece:
-                    return False
-                answer += piece
-        self.answers[name] = answer
+
+        def whole(inbox: Inbox) -> bytes | None:
+            return inbox.rest if sign in inbox.rest and len(inbox) >= _LEAST else None
+
+        with BlockingConnection(self._ports[name], patience=TIMEOUT) as client:
+            client.send(question)
+            try:
+                self.answers[name] = client.take(whole)
+            except HangupError:
+                return False
         return True

@@ -7,7 +7,7 @@ import socket
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from usarsim_bench.hostile.attack import MIB, Answers, Attack, holding
+from usarsim_bench.hostile.attack import MIB, Answers, Attack, Links, holding
 from usarsim_bench.hostile.links import HOST, Link, Site
 
 NO_RADIO = ("--wireless-model", "none")
@@ -25,11 +25,12 @@ THROUGH_ONE = 32
 PAUSE = 0.01
 """s between two relay ports, so that the attackers stay within their share."""
 
-_Links = Callable[[Site], Sequence[Link]]
 
-
-def _asking(count: int, port: str, question: bytes, *, reads: bool) -> _Links:
-    return lambda site: [Link(site.ports[port], again=question, reads=reads) for _ in range(count)]
+def _asking(count: int, port: str, question: bytes) -> Callable[[bool], Links]:
+    """Clients that ask at full speed, given whether they read."""
+    return lambda reads: (
+        lambda site: [Link(site.ports[port], again=question, reads=reads) for _ in range(count)]
+    )
 
 
 # -- wireless ---------------------------------------------------------------------
@@ -50,7 +51,7 @@ def _road(site: Site, client: socket.socket, name: bytes, port: int) -> int:
     return int(found) if found.isdigit() else 0
 
 
-def _relays(reads: bool) -> _Links:
+def _relays(reads: bool) -> Links:
     """Sixteen links between two robots, full speed both ways."""
 
     def links(site: Site) -> Sequence[Link]:
@@ -113,7 +114,7 @@ def _open_links(site: Site, count: int) -> list[tuple[socket.socket, socket.sock
     return pairs
 
 
-def _junk_links(reads: bool) -> _Links:
+def _junk_links(reads: bool) -> Links:
     """What no message begins with; nothing leaves at the other end."""
 
     def links(site: Site) -> Sequence[Link]:
@@ -128,7 +129,7 @@ def _junk_links(reads: bool) -> _Links:
     return links
 
 
-def _full_links(piece: bytes, reads: bool) -> _Links:
+def _full_links(piece: bytes, reads: bool) -> Links:
     """Messages that are handed on, at full speed both ways."""
     return lambda site: [
         Link(0, again=piece, reads=reads, client=end)
@@ -161,7 +162,7 @@ def _told(answers: Answers) -> Sequence[str]:
 
 
 def _both(
-    name: str, what: str, links: Callable[[bool], _Links], port: str, **promised: Any
+    name: str, what: str, links: Callable[[bool], Links], port: str, **promised: Any
 ) -> tuple[Attack, Attack]:
     """An attack whose clients read what they asked for, and the same never read."""
     return (
@@ -170,17 +171,13 @@ def _both(
     )
 
 
-def _asked(count: int, port: str, question: bytes) -> Callable[[bool], _Links]:
-    return lambda reads: _asking(count, port, question, reads=reads)
-
-
 _BLOCKS = b"SEND 16000 " + b"\x55" * 16_000 + b";"
 
 SIDE_ATTACKS = (
     *_both(
         "positions",
         "30 clients ask GETPOS and GETOBS on 50000",
-        _asked(30, "wireless", POSITIONS),
+        _asking(30, "wireless", POSITIONS),
         "wireless",
     ),
     *_both(
@@ -208,23 +205,23 @@ SIDE_ATTACKS = (
     *_both(
         "groundtruth",
         "20 clients ask GETPOS and GETOBS on 7435",
-        _asked(20, "groundtruth", POSITIONS),
+        _asking(20, "groundtruth", POSITIONS),
         "groundtruth",
     ),
     holding("groundtruth-held", "groundtruth"),
-    *_both("truth", "30 clients ask on 3989", _asked(30, "truth", b"\r\n"), "truth"),
+    *_both("truth", "30 clients ask on 3989", _asking(30, "truth", b"\r\n"), "truth"),
     holding("truth-held", "truth"),
     *_both(
         "pictures",
         "16 clients ask for pictures and tiles and read",
-        _asked(16, "images", PICTURE + TILES),
+        _asking(16, "images", PICTURE + TILES),
         "images",
         growth=128 * MIB,
     ),
     Attack(
         "image-junk",
         "16 clients send bytes that are no request",
-        _asking(16, "images", b"\x00NOKNO", reads=True),
+        _asking(16, "images", b"\x00NOKNO")(True),
         ("images",),
     ),
     holding("image-held", "images"),
@@ -251,7 +248,7 @@ SIDE_ATTACKS = (
     Attack(
         "truth-off",
         "with --truth off, everything asks where robots are",
-        _asking(4, "wireless", POSITIONS, reads=True),
+        _asking(4, "wireless", POSITIONS)(True),
         ("wireless",),
         options=("--truth", "off"),
         faults=_told,

@@ -67,12 +67,7 @@ class Tally:
     """
 
     def __init__(self, start: float, usual: Mapping[str, float]) -> None:
-        """Begin a first span.
-
-        Args:
-            start: where it begins; what came before is not counted.
-            usual: see `intervals`.
-        """
+        """Begin a first span; what came before is not counted. `usual` is of `intervals`."""
         self.streams = {name: StreamTally(interval, start) for name, interval in usual.items()}
         self._start = start
         self._rest: list[Chunk] = []

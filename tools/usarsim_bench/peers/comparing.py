@@ -41,24 +41,11 @@ class Measured:
         return self.rovers if peer.against == "rovers" else self.humanoids
 
 
-@dataclass(frozen=True, slots=True)
-class Tools:
-    """What does the work; tests put in their own."""
-
-    environments: Callable[[Path | None], Environments] = Environments
-    """Makes the environments of others, in a folder if there is one."""
-    own: Callable[[], OwnSide] = OwnSide  # makes our own side
-    run: Callable[[Sequence[str], str, float], Outcome] = run_workload
-    """Runs a workload: command, work, s after which it is given up."""
-
-
 def compare(
     plan: Plan,
     version: str,
     only: Sequence[str] = (),
     keep: Path | None = None,
-    peers: Mapping[str, Peer] | None = None,
-    tools: Tools | None = None,
 ) -> Report:
     """Let all peers, or some, and our server do the same work, one after the other.
 
@@ -70,28 +57,24 @@ def compare(
         version: of our server.
         only: names of peers; none means all.
         keep: folder for their environments, to be used again; None: thrown away.
-        peers: instead of `PEERS`.
-        tools: instead of the real ones.
 
     Raises:
         BenchError: for a name that no peer has, or a folder that cannot be made.
     """
-    known = PEERS if peers is None else peers
-    tools = tools or Tools()
     for name in only:
-        if name not in known:
-            raise BenchError(f"no simulator is called {name!r} (known: {', '.join(known)})")
+        if name not in PEERS:
+            raise BenchError(f"no simulator is called {name!r} (known: {', '.join(PEERS)})")
     if plan.robots is not None and plan.robots > MOST:
         raise BenchError(f"{plan.robots} robots: the hall has room for {MOST} (ask for fewer)")
-    chosen = [peer for name, peer in known.items() if not only or name in only]
+    chosen = [peer for name, peer in PEERS.items() if not only or name in only]
     machine, now = describe_machine(version), datetime.now(UTC)
     seconds = plan.seconds or SECONDS
     sizes = SIZES if plan.robots is None else (plan.robots,)
     works = {size: plan_work(size, seconds, WALL_LIMIT, plan.seed) for size in sizes}
-    with tools.environments(keep) as environments:
+    with Environments(keep) as environments:
         pythons = {peer.name: _install(peer, environments, plan) for peer in chosen}
         try:
-            measured = _measure_own(works, chosen, plan, tools)
+            measured = _measure_own(works, chosen, plan)
         except BenchError as error:
             failed = Section("own", "usarsim-server", "", (), str(error))
             return Report(machine, now, (failed,))
@@ -101,7 +84,7 @@ def compare(
             if isinstance(python, NotInstalledError):
                 sections.append(refusal(peer, str(python)))
             else:
-                sections.append(_measure_peer(peer, python, works, measured, plan, tools))
+                sections.append(_measure_peer(peer, python, works, measured, plan))
     return Report(machine, now, tuple(sections))
 
 
@@ -113,11 +96,9 @@ def _install(peer: Peer, environments: Environments, plan: Plan) -> str | NotIns
         return error
 
 
-def _measure_own(
-    works: Mapping[int, Work], chosen: Sequence[Peer], plan: Plan, tools: Tools
-) -> Measured:
+def _measure_own(works: Mapping[int, Work], chosen: Sequence[Peer], plan: Plan) -> Measured:
     measured = Measured()
-    with tools.own() as own:
+    with OwnSide() as own:
         for size, work in works.items():
             plan.say(f"peers: {size} of our own robots")
             measured.rovers[size] = _fastest(partial(own.in_process, work))
@@ -139,7 +120,6 @@ def _measure_peer(
     works: Mapping[int, Work],
     measured: Measured,
     plan: Plan,
-    tools: Tools,
 ) -> Section:
     runs: dict[int, Outcome] = {}
     missing: list[str] = []
@@ -151,7 +131,7 @@ def _measure_peer(
         try:
             # Isolated from this process's paths and from the folder of the script.
             command = (python, "-I", str(peer.script))
-            runs[size] = _fastest(partial(tools.run, command, work.as_json(), TIMEOUT))
+            runs[size] = _fastest(partial(run_workload, command, work.as_json(), TIMEOUT))
         except BenchError as error:
             missing.append(f"{_robots(size)}: {error}")
     if not runs:
@@ -200,14 +180,7 @@ def own_section(measured: Measured, works: Mapping[int, Work]) -> Section:
 
 
 def peer_section(peer: Peer, runs: Runs, own: Runs, missing: Sequence[str] = ()) -> Section:
-    """How a peer did, beside ours.
-
-    Args:
-        peer: who.
-        runs: its outcomes.
-        own: ours that they are compared with.
-        missing: what was not compared, and why.
-    """
+    """How a peer did, beside ours, and what was not compared, with the reason."""
     figures: list[Figure] = []
     for size, outcome in runs.items():
         of, ours = _robots(size), own[size]

@@ -43,20 +43,12 @@ class OwnSide(Closing):
         self._robots = write_robots(Path(self._folder.name, "robots"))
 
     def in_process(self, work: Work) -> Outcome:
-        """Rovers without sockets, in lockstep.
-
-        Raises:
-            BenchError: if it cannot be measured.
-        """
+        """Rovers without sockets, in lockstep; `BenchError` if that cannot be measured."""
         robots = ("--robots", str(self._robots), "--robot-class", ROVER)
         return self._instrument(work, robots)
 
     def bare(self, work: Work) -> Outcome:
-        """MuJoCo alone.
-
-        Raises:
-            BenchError: if it cannot be measured.
-        """
+        """MuJoCo alone; `BenchError` if that cannot be measured."""
         return self._instrument(work, ("--bare",))
 
     def over_sockets(self, work: Work, robot_class: str = ROVER) -> Outcome:
@@ -109,7 +101,6 @@ class _Client:
     now: float = -math.inf  # simulated time of the latest STA line, s
     due: float = 0.0  # simulated time of the next command, s
     lines: int = 0  # received so far
-    octets: int = 0
     scans: int = 0
     status: bytes = b""  # the latest STA line
     tail: bytes = b""  # the beginning of a line that is not whole yet
@@ -124,7 +115,6 @@ class _Client:
             raise BenchError(f"the server dropped {self.controller.name}: {error}") from None
         if not data:
             raise BenchError(f"the server hung up on {self.controller.name}")
-        self.octets += len(data)
         whole, end, rest = (self.tail + data).rpartition(b"\r\n")
         self.tail = rest
         self.lines += whole.count(b"\r\n") + bool(end)
@@ -217,6 +207,5 @@ class _Clients(Closing):
     def _counts(self) -> dict[str, float]:
         return {
             "messages": sum(one.lines for one in self._clients),
-            "octets": sum(one.octets for one in self._clients),
             "scans": sum(one.scans for one in self._clients),
         }

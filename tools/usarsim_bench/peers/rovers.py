@@ -51,11 +51,6 @@ class Counts:
 def drive(work: dict[str, Any], world: Path, robots: Path, robot_class: str) -> dict[str, Any]:
     """Let robots do the work; returns versions, times (s) and counts.
 
-    Args:
-        work: as the file says it.
-        world, robots: folders of the same world and of the robot class.
-        robot_class: of all robots.
-
     Raises:
         UsarsimError: if world or class cannot be used.
         RuntimeError: if a robot does not come into the world.

@@ -42,8 +42,6 @@ class Peer:
     different: str  # what is not, and what is not compared at all
     most: int | None = None  # robots that it takes; None for any number
     most_because: str = ""  # the reason for `most`
-    binary: bool = True
-    """Whether only wheels will do; a package that takes long to compile should not be."""
 
     @property
     def script(self) -> Path:
@@ -170,23 +168,19 @@ def _version(python: str, run: Run) -> tuple[int, ...] | None:
 class Environments(Closing):
     """The environments of one comparison."""
 
-    def __init__(
-        self, keep: Path | None = None, run: Run = run_quietly, timeout: float = INSTALL_TIMEOUT
-    ) -> None:
+    def __init__(self, keep: Path | None = None, run: Run = run_quietly) -> None:
         """Make nothing yet.
 
         Args:
             keep: folder that they stay in, to be used again; None for one that is thrown away.
             run: runs commands.
-            timeout: s for pip.
 
         Raises:
             BenchError: if the folder cannot be made.
         """
-        self._thrown = None if keep else tempfile.TemporaryDirectory(prefix="usarsim-peers-")
-        self._folder = keep if keep else Path(self._thrown.name) if self._thrown else Path()
+        self._thrown = tempfile.TemporaryDirectory(prefix="usarsim-peers-")
+        self._folder = keep or Path(self._thrown.name)
         self._run = run
-        self._timeout = timeout
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -209,15 +203,15 @@ class Environments(Closing):
         maker = find_python(peer.python, self._run)
         self._do([maker, "-m", "venv", str(folder)], _MAKE_TIMEOUT, "making an environment")
         command = [str(python), "-m", "pip", "install", "--quiet", "--no-input"]
-        command += ["--disable-pip-version-check", *_wheels_only(peer), *peer.packages]
-        self._do(command, self._timeout, "installing " + ", ".join(peer.packages))
+        command += ["--disable-pip-version-check", "--only-binary", ":all:"]
+        command += peer.packages
+        self._do(command, INSTALL_TIMEOUT, "installing " + ", ".join(peer.packages))
         mark.write_text(wanted, encoding="utf-8")
         return str(python)
 
     def close(self) -> None:
         """Throw away what is not to be kept."""
-        if self._thrown is not None:
-            self._thrown.cleanup()
+        self._thrown.cleanup()
 
     def _do(self, command: Sequence[str], timeout: float, what: str) -> None:
         try:
@@ -228,10 +222,6 @@ class Environments(Closing):
             raise NotInstalledError(f"{what} failed: {error.strerror}") from None
         if done.returncode != 0:
             raise NotInstalledError(f"{what} failed: {_reason(done.stderr or done.stdout)}")
-
-
-def _wheels_only(peer: Peer) -> list[str]:
-    return ["--only-binary", ":all:"] if peer.binary else []
 
 
 def _reason(said: str) -> str:

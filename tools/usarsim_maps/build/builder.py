@@ -13,8 +13,8 @@ from usarsim_maps.build.cells import Point
 from usarsim_maps.build.emitter import Emitter
 from usarsim_maps.build.facts import (
     BALL,
-    Place,
     Probe,
+    StartCheck,
     note_floor,
     path_node_entries,
     start_entries,
@@ -54,28 +54,19 @@ ROOM_BELOW, ROOM_ABOVE, ROOM_AROUND = 10.0, 100.0, 20.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Built:
-    """What was made.
+    """What was made."""
 
-    Attributes:
-        folder: the world folder.
-        extents: corners of everything that has an end, m; None if there are only endless planes.
-        lower, upper: corners of the playable part, which start poses belong to.
-        places: starts, with their height above the floor.
-        things: named objects.
-        finishes: materials by the map's names.
-        pieces: solid geoms. seen: geoms that are seen. memory: MiB of the compiled model.
-    """
-
-    folder: Path
+    folder: Path  # of the world
     extents: tuple[Array, Array] | None
-    lower: Array
+    """Corners of everything that has an end, m; None if there are only endless planes."""
+    lower: Array  # corners of the playable part, which start poses belong to
     upper: Array
-    places: tuple[Place, ...]
-    things: tuple[NamedObject, ...]
-    finishes: dict[str, Finish]
-    pieces: int
+    checks: tuple[StartCheck, ...]  # of the starts
+    things: tuple[NamedObject, ...]  # named objects
+    finishes: dict[str, Finish]  # materials by the map's names
+    pieces: int  # geoms that are solid, and that are seen
     seen: int
-    memory: float
+    memory: float  # MiB of the compiled model
 
 
 def build(
@@ -156,7 +147,7 @@ def build(
         raise MapImportError(at(scene.source.path, "nothing solid in this map", cure))
     note_floor(probe, bounds, findings)
     note_error(probe.model, findings, (BALL,))
-    starts, places = start_entries(scene, probe, bounds, findings)
+    starts, checks = start_entries(scene, probe, bounds, findings)
     sheet = _sheet(scene, probe, bounds, starts, [*objects.things, *brushes], findings, origin)
     (folder / "world.toml").write_text(sheet, encoding="utf-8")
     model = probe.model
@@ -166,7 +157,7 @@ def build(
         extents=extents,
         lower=lower,
         upper=upper,
-        places=tuple(places),
+        checks=tuple(checks),
         things=(*objects.things, *brushes),
         finishes=finishes,
         pieces=int(solid.sum()) - 1,

@@ -180,14 +180,7 @@ def side(cell: Cell, plane: Plane) -> int:
 
 
 def split(cell: Cell, plane: Plane, inner: int, outer: int) -> tuple[Cell | None, Cell | None]:
-    """The parts of a cell behind and before a plane.
-
-    Args:
-        cell: what to cut.
-        plane: the cut.
-        inner: surface of the new face of the part behind the plane.
-        outer: surface of the new face of the part before it.
-    """
+    """The parts of a cell behind and before a plane; their new faces get `inner` and `outer`."""
     where = side(cell, plane)
     if where:
         return (cell, None) if where < 0 else (None, cell)

@@ -92,12 +92,9 @@ LEAST_DRIVABLE = 0.25
 
 
 def slabs(surface: Oriented, up: Array, *, within: bool = False) -> list[Piece]:
-    """Slabs of all polygons of a soup.
+    """Slabs of all polygons of a soup; floors, `up` (3,) in its frame, get thicker ones.
 
-    Args:
-        surface: clean triangles that face outside.
-        up: (3,) the vertical in the soup's frame: floors get thicker slabs.
-        within: nothing comes out below the lowest point, on which the thing may stand.
+    `within`: nothing comes out below the lowest point, on which the thing may stand.
     """
     found = convex_polygons(surface.soup)
     if not found:
@@ -152,8 +149,7 @@ def _slab(points: Array, way: Array, up: Array) -> Piece:
 def _normal(points: Array) -> Array:
     """Unit normal of a polygon (Newell's method)."""
     cross = np.cross(points - points[0], np.roll(points, -1, axis=0) - points[0]).sum(axis=0)
-    answer: Array = cross / max(float(np.linalg.norm(cross)), 1e-30)
-    return answer
+    return np.asarray(cross / max(float(np.linalg.norm(cross)), 1e-30))
 
 
 def _room_behind(surface: Oriented, polygons: list[Array], normals: Array) -> tuple[Array, Array]:
@@ -183,16 +179,10 @@ def collide(
     name: str = "",
     findings: Findings | None = None,
 ) -> list[Piece]:
-    """Pieces of a mesh, in its own (scaled) frame.
+    """Pieces of a mesh, in its own (scaled) frame, in which `up` (3,) is the vertical.
 
-    Args:
-        soup: clean triangles.
-        mode: what the map or the user asks for.
-        up: (3,) the vertical in the mesh's frame.
-        hulls: collision pieces of the artist.
-        movable: only hulls and boxes will do.
-        name: for the findings.
-        findings: told when a budget forces a coarser shape.
+    The map or the user asks for a mode; the artist may have given hulls. For movable things only
+    hulls and boxes will do. The findings are told when a budget forces a coarser shape.
     """
     findings = findings or Findings()
     points = soup.vertices[np.unique(soup.triangles)] if len(soup.triangles) else np.zeros((0, 3))

@@ -73,14 +73,10 @@ def evaluate(
     findings: Findings | None = None,
     progress: Callable[[float], None] = lambda part: None,
 ) -> Solid:
-    """Carry out a level's brushes in order.
+    """Carry out a level's brushes in order; `progress` is told the part that is done.
 
-    Args:
-        brushes: the program.
-        filled: space is solid at first; None: if the first solid brush subtracts.
-        disjoint: cells never overlap. Costs time; contacts do not need it, volumes do.
-        findings: takes warnings.
-        progress: told the part that is done.
+    If `filled`, space is solid at first; None: if the first solid brush subtracts. If `disjoint`,
+    cells never overlap, which costs time; contacts do not need it, volumes do.
     """
     findings = findings or Findings()
     solid = Solid()
@@ -194,10 +190,8 @@ def _outside(cell: Cell, hole: Cell) -> list[Cell]:
 def brush_cells(brush: Brush, surfaces: list[Surface], findings: Findings) -> list[Cell]:
     """Convex cells of one brush, by a solid-leaf BSP tree over its own polygons.
 
-    Args:
-        brush: closed or not, convex or not.
-        surfaces: its polygons are appended; faces of the cells refer to them by index.
-        findings: takes warnings.
+    It need be neither closed nor convex. Its polygons are appended to the surfaces, to which faces
+    of the cells refer by index.
     """
     pieces: list[_Piece] = []
     for polygon in brush.polygons:

@@ -13,15 +13,13 @@ from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
-from numpy.typing import NDArray
 
 from usarsim_maps.build.looks import Look, msh
 from usarsim_maps.build.materials import Finish
 from usarsim_maps.build.pieces import BoxPiece, Convex, FieldPiece, HullPiece, Piece
 from usarsim_maps.build.sheet import safe
+from usarsim_maps.scene import Array
 from usarsim_server.simulation.frames import IDENTITY, Pose
-
-Array = NDArray[np.float64]
 
 CHUNK = 400
 """Solid geoms per file."""
@@ -89,12 +87,9 @@ class Emitter:
     # ---- what is seen ----------------------------------------------------------------------
 
     def mesh_files(self, owner: object, label: str, looks: Iterable[Look]) -> None:
-        """Write the mesh files of something that several things may share.
+        """Write the mesh files, one per look, of something that several things may share.
 
-        Args:
-            owner: `show` names it by this object.
-            label: for file names.
-            looks: one mesh each.
+        `show` names it by the owner; the label is for file names.
         """
         entries = []
         for look in looks:
@@ -143,10 +138,6 @@ class Emitter:
         """Lines for the world body."""
         self._world.extend(lines)
 
-    def add_asset(self, line: str) -> None:
-        """A line for the assets."""
-        self._assets.append(line)
-
     # ---- what is felt ----------------------------------------------------------------------
 
     def add_solid(self, piece: Piece, pose: Pose, friction: float, name: str | None) -> None:
@@ -173,7 +164,9 @@ class Emitter:
             head = struct.pack("<2i", rows, columns)
             (self.folder / file).write_bytes(head + data.tobytes())
             size = (x, y, span, BASE)
-            self.add_asset(f"<hfield{attributes({'name': name, 'file': file, 'size': size})}/>")
+            self._assets.append(
+                f"<hfield{attributes({'name': name, 'file': file, 'size': size})}/>"
+            )
         middle = pose @ piece.pose @ Pose((x, y, low))
         return f"<geom{attributes({'type': 'hfield', 'hfield': name, **place(middle), **values})}/>"
 
@@ -194,11 +187,8 @@ class Emitter:
     ) -> None:
         """Write `scene.xml` and the files beside it.
 
-        Args:
-            name: of the model.
-            lamps: attributes of light sources.
-            extent: size of the playable part, m: what cameras and shadows are scaled by.
-            middle: its middle.
+        The extent, m, and the middle are those of the playable part: cameras and shadows are scaled
+        by it.
         """
         parts = self._write_solids()
         lines = [
@@ -257,17 +247,8 @@ class Emitter:
                     f"<geom{attributes({'type': 'mesh', 'mesh': hull, **place(pose), **values})}/>"
                 )
             (self.folder / "solids").mkdir(exist_ok=True)
-            lines = [
-                f'<mujoco model="{name}">',
-                "<asset>",
-                *assets,
-                "</asset>",
-                "<worldbody>",
-                *geoms,
-                "</worldbody>",
-                "</mujoco>",
-            ]
-            text = "\n".join(lines) + "\n"
+            head, end = f'<mujoco model="{name}">\n<asset>', "</worldbody>\n</mujoco>\n"
+            text = "\n".join([head, *assets, "</asset>\n<worldbody>", *geoms, end])
             (self.folder / "solids" / f"{name}.xml").write_text(text, encoding="utf-8")
             names.append(name)
         return names

@@ -50,8 +50,8 @@ NUDGE = np.array([1e-3, 0.7e-3, 0.4e-3])
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
-    """A start pose as the report tells it: m above the floor, m of overlap, free headroom."""
+class StartCheck:
+    """A start pose as the report tells it: m above the floor, m of overlap with what is solid."""
 
     name: str
     height: float
@@ -89,10 +89,7 @@ def within_reach(scene: Scene, bounds: tuple[Array, Array], findings: Findings) 
 def without_strays(scene: Scene, limit: float, findings: Findings) -> Scene:
     """The scene without the few objects that lie farther from the middle of all than a map is wide.
 
-    Args:
-        scene: too large for a map.
-        limit: m, the largest extent of a map.
-        findings: told what was left out.
+    The limit, m, is the largest extent of a map.
     """
     boxes = [bounds_of_object(thing) for thing in scene.objects]
     places = [None if box is None else (box[0] + box[1]) / 2.0 for box in boxes]
@@ -131,11 +128,11 @@ def note_floor(probe: Probe, bounds: tuple[Array, Array], findings: Findings) ->
 
 def start_entries(
     scene: Scene, probe: Probe, bounds: tuple[Array, Array], findings: Findings
-) -> tuple[list[Entry], list[Place]]:
+) -> tuple[list[Entry], list[StartCheck]]:
     """`[[start]]` tables, and what the report says about them (item 71)."""
     book = NameBook()
     entries: list[Entry] = []
-    places: list[Place] = []
+    checks: list[StartCheck] = []
     inside = list(scene.starts)
     if not inside:
         inside = [_default_start(probe, bounds)]
@@ -153,7 +150,7 @@ def start_entries(
             {"tag": tag, "position": _exact(position), **facing, "turns": start.turns or None}
         )
         height, overlap = probe.height(position), probe.overlap(position, FREE)
-        places.append(Place(tag, height, overlap))
+        checks.append(StartCheck(tag, height, overlap))
         if height > FLOOR_BELOW:
             findings.warn(
                 start.tag,
@@ -166,7 +163,7 @@ def start_entries(
                 "something solid is in the place of this start pose: robots will appear beside it, "
                 "or fall; give another with a sidecar file",
             )
-    return entries, places
+    return entries, checks
 
 
 def _default_start(probe: Probe, bounds: tuple[Array, Array]) -> StartPose:
@@ -264,19 +261,10 @@ def _exact(position: Vector) -> list[float]:
 
 
 class Probe:
-    """The compiled scenery of a world folder, movable things where the map has them.
-
-    Attributes:
-        model: compiled.
-        seconds: not timed here; compile once and ask many things.
-    """
+    """The compiled scenery (`model`) of a world folder, movable things where the map has them."""
 
     def __init__(self, scene: Path, source: Path) -> None:
-        """Compile.
-
-        Raises:
-            MapImportError: MuJoCo refuses the scene.
-        """
+        """Compile; `MapImportError` if MuJoCo refuses the scene."""
         try:
             spec = mujoco.MjSpec.from_file(str(scene))
             ball = spec.worldbody.add_body(name=BALL, pos=[0.0, 0.0, 1e4])
@@ -312,17 +300,8 @@ class Probe:
     def way(self, start: Vector, direction: Vector) -> float:
         """m to the next solid surface in a direction; inf if there is none."""
         geom = np.zeros(1, dtype=np.int32)
-        way = mujoco.mj_ray(
-            self._rays,
-            self._data,
-            np.array(start),
-            np.array(direction),
-            None,
-            1,
-            -1,
-            geom,
-            None,
-        )
+        ray = np.array(start), np.array(direction)
+        way = mujoco.mj_ray(self._rays, self._data, *ray, None, 1, -1, geom, None)
         return float(way) if geom[0] >= 0 else math.inf
 
     def height(self, point: Vector) -> float:

@@ -44,17 +44,9 @@ def add_brushes(
     findings: Findings,
     progress: Callable[[float], None],
 ) -> Solid:
-    """Carry out the brushes, and put the result into the scene.
+    """Carry out the brushes in order, see `evaluate`, and put the result into the scene.
 
-    Args:
-        emitter: of the scene.
-        brushes: in order.
-        filled: see `evaluate`.
-        limits: box to which everything is cut, None if no brush is a giant.
-        glows: lamps that shine on it.
-        names: for the geoms.
-        findings: takes facts and warnings.
-        progress: told the part that is done.
+    If a brush is a giant, everything is cut to the box of the limits.
     """
     solid = evaluate(brushes, filled, findings=findings, progress=progress)
     if limits is not None:
@@ -88,15 +80,15 @@ def materials_of(brushes: Sequence[Brush]) -> list[str]:
 
 def add_heightfield(
     emitter: Emitter, field: Heightfield, names: NameBook, findings: Findings
-) -> str | None:
-    """Terrain: a height field to stand on, triangles to be seen; returns its name.
+) -> None:
+    """Terrain: a height field to stand on, triangles to be seen.
 
     Height fields are endlessly thick below, and cheap (worlds reference 9.2).
     """
     heights = np.asarray(field.heights, dtype=float)
     if heights.ndim != 2 or min(heights.shape) < 2 or not np.isfinite(heights).all():
         findings.warn(field.name, "terrain without a sound grid of heights was left out")
-        return None
+        return
     name = names.take(field.name)
     piece = FieldPiece(heights, field.spacing, IDENTITY)
     emitter.add_solid(piece, field.pose, GRIP, f"{name}.solid")
@@ -105,4 +97,3 @@ def add_heightfield(
     )
     emitter.mesh_files(field, field.name, [look])
     emitter.add_world(emitter.show(field, field.pose, [name]))
-    return name

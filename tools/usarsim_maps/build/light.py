@@ -63,12 +63,8 @@ class Glow:
 def cut_for_light(points: Array, glows: Sequence[Glow]) -> list[Array]:
     """Convex pieces of a flat convex face: small ones where a lamp lights it, else the face itself.
 
-    Cuts lie on a grid of the world for each lamp, so that faces that meet are cut at the same
-    places.
-
-    Args:
-        points: (k, 3) m, counter-clockwise as seen from outside.
-        glows: lamps that fade.
+    Cuts lie on a grid of the world for each lamp that fades, so that faces that meet are cut at the
+    same places. The points (k, 3), m, run counter-clockwise as seen from outside.
     """
     pieces = [points]
     low, high = points.min(axis=0), points.max(axis=0)

@@ -35,9 +35,7 @@ class Look:
 def looks_of_mesh(mesh: Mesh, linear: Array) -> Iterator[tuple[int, Look]]:
     """Slot number and triangles of every material slot of a mesh.
 
-    Args:
-        mesh: as read.
-        linear: (3, 3) applied to its vertices; where it mirrors, triangles are turned round.
+    A linear map (3, 3) is applied to its vertices; where it mirrors, triangles are turned round.
     """
     with np.errstate(all="ignore"):
         corners = (mesh.vertices @ linear.T)[mesh.triangles]
@@ -59,9 +57,7 @@ def looks_of_mesh(mesh: Mesh, linear: Array) -> Iterator[tuple[int, Look]]:
 def looks_of_level(solid: Solid, glows: Sequence[Glow] = ()) -> list[Look]:
     """The faces of all cells and sheets, by material and tile, in the order of appearance.
 
-    Args:
-        solid: the level.
-        glows: lamps near which faces are cut small.
+    Near lamps that fade they are cut small.
     """
     twins = _twins(solid.surfaces)
     parts: dict[tuple[str, int, int], list[tuple[Array, Array | None]]] = defaultdict(list)

@@ -34,11 +34,8 @@ def finish_materials(
 ) -> dict[str, Finish]:
     """Write the pictures of all used materials into a folder, each different picture once.
 
-    Args:
-        materials: of the scene.
-        used: names that are used, in order; unknown ones become neutral grey.
-        folder: `textures/` of the world; made if there is something to put into it.
-        findings: told about missing and unreadable pictures.
+    Names that are used and unknown become neutral grey. The folder is made if there is something
+    to put into it.
     """
     book = NameBook()
     written: dict[str, str] = {}

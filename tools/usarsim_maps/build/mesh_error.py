@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 
 from usarsim_maps.build.soup import Rays
 from usarsim_maps.findings import Findings
+from usarsim_maps.scene import Array
 from usarsim_server.simulation.rays.scenery import is_visible
 from usarsim_server.simulation.rays.triangles import triangles_of_all
-
-Array = NDArray[np.float64]
 
 MEDIAN, MOST = 0.01, 0.02
 """m between felt and seen that are borne: in the median, and at 95 % of all places."""
@@ -82,14 +81,10 @@ class SurfaceError:
 
 
 def drivable_points(seen: Array, places: Array) -> tuple[Array, Array, NDArray[np.intp]]:
-    """What may be driven on below or above some places.
+    """What may be driven on below or above some places (k, 2), x and y in m.
 
-    Args:
-        seen: (n, 3, 3) triangles; of those that look down only the first from above counts.
-        places: (k, 2) x and y, m.
-
-    Returns:
-        Points (m, 3), the free height above each, and which triangle each lies on.
+    Of the triangles (n, 3, 3) that look down only the first from above counts. Returns points
+    (m, 3), the free height above each, and which triangle each lies on.
     """
     nothing = np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=np.intp)
     if not len(seen) or not len(places):
@@ -123,12 +118,9 @@ def drivable_points(seen: Array, places: Array) -> tuple[Array, Array, NDArray[n
 
 
 def surface_error(points: Array, rooms: Array, felt: Array) -> Array:
-    """m by which what is felt lies above points (n, 3); infinite where it is not within `REACH`.
+    """m by which felt triangles (m, 3, 3) lie above points (n, 3) of what is seen.
 
-    Args:
-        points: of what is seen.
-        rooms: free height above each.
-        felt: (n, 3, 3) triangles of what is felt.
+    Infinite where they do not within `REACH`; `rooms` is the free height above each point.
     """
     if not len(points) or not len(felt):
         return np.full(len(points), np.inf)
@@ -142,23 +134,14 @@ def surface_error(points: Array, rooms: Array, felt: Array) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class ModelError:
-    """How far felt surfaces are from seen ones.
+    """How far felt surfaces are from seen ones."""
 
-    Attributes:
-        all: over all places. things: by the name of the geom that is seen first of each thing.
-    """
-
-    all: SurfaceError
-    things: Mapping[str, SurfaceError]
+    all: SurfaceError  # over all places
+    things: Mapping[str, SurfaceError]  # by the name of the geom that is seen first of each thing
 
 
 def model_error(model: mujoco.MjModel, without: Collection[str] = ()) -> ModelError:
-    """Compare what is felt with what is seen wherever it may be driven on.
-
-    Args:
-        model: compiled.
-        without: names of geoms that do not count.
-    """
+    """Compare what is felt with what is seen wherever it may be driven on, some geoms left out."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     seen = [geom for geom in range(model.ngeom) if is_visible(model, geom)]
@@ -236,5 +219,4 @@ def _places(triangles: Array, things: NDArray[np.intp], count: int) -> Array:
     # Between the lines of a grid that builders use.
     x, y = np.meshgrid((np.arange(side) + 0.37) / side, (np.arange(side) + 0.53) / side)
     grid = np.column_stack([x.ravel(), y.ravel()])
-    found: Array = (low[near, None] + grid * (high - low)[near, None]).reshape(-1, 2)
-    return found
+    return np.asarray((low[near, None] + grid * (high - low)[near, None]).reshape(-1, 2))

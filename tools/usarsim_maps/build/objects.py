@@ -53,14 +53,10 @@ class _Baked:
 
 
 class ObjectBuilder:
-    """Puts the objects of one scene into an emitter.
-
-    Attributes:
-        things: what was built, with the names of the map.
-    """
+    """Puts the objects of one scene into an emitter."""
 
     def __init__(self, scene: Scene, emitter: Emitter, names: NameBook, findings: Findings) -> None:
-        self.things: list[NamedObject] = []
+        self.things: list[NamedObject] = []  # that were built, with the names of the map
         self._scene = scene
         self._emitter = emitter
         self._names = names
@@ -69,11 +65,7 @@ class ObjectBuilder:
         self._boxes = self._fields = self._pieces = self._dropped = 0
 
     def add(self, thing: SceneObject) -> None:
-        """One object.
-
-        Raises:
-            MapImportError: a mesh refers to vertices that are not there.
-        """
+        """One object; `MapImportError` if a mesh refers to vertices that are not there."""
         if _is_sky(thing):
             self._findings.warn(thing.name, "a painted sky was left out")
             return

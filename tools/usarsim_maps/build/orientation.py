@@ -15,9 +15,7 @@ from numpy.typing import NDArray
 
 from usarsim_maps.build.soup import Rays, Soup
 from usarsim_maps.geometry import normals_areas
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from usarsim_maps.scene import Array, Mask
 
 LEVEL = 0.7
 """Upward part of the normal of what may be a floor or a ceiling."""
@@ -51,19 +49,13 @@ class Oriented:
 
     def only(self, chosen: NDArray[np.intp]) -> Oriented:
         """Some of the triangles."""
-        soup = Soup(
-            self.soup.vertices, self.soup.triangles[chosen], self.soup.origin[chosen], dropped=0
-        )
+        triangles, origin = self.soup.triangles[chosen], self.soup.origin[chosen]
+        soup = Soup(self.soup.vertices, triangles, origin, dropped=0)
         return Oriented(soup, self.closed[chosen], self.known[chosen])
 
 
 def orient(soup: Soup, up: Array) -> Oriented:
-    """Turn triangles so that they face outside.
-
-    Args:
-        soup: clean triangles.
-        up: (3,) the vertical in the soup's frame.
-    """
+    """Turn clean triangles so that they face outside; `up` (3,) is the vertical in their frame."""
     count = len(soup.triangles)
     turned, known, closed = (np.zeros(count, dtype=bool) for _ in range(3))
     normals, areas = normals_areas(soup.vertices, soup.triangles)

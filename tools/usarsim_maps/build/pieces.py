@@ -9,13 +9,12 @@ from typing import TypeAlias
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from usarsim_maps.build.cells import Cell
-from usarsim_maps.units import pose_of_matrix
-from usarsim_server.simulation.frames import Pose
-
-Array = NDArray[np.float64]
+from usarsim_maps.geometry import CORNERS, QUADS
+from usarsim_maps.scene import Array
+from usarsim_maps.units import affine, pose_of_matrix
+from usarsim_server.simulation.frames import Pose, rotation_matrix
 
 MAX_HULL_POINTS = 128
 """Corners of a hull that are kept; MuJoCo's cost of a contact grows with them."""
@@ -25,10 +24,6 @@ FLAT = 1e-3
 
 SQUARE = 1e-3
 """Cosine between the edges of what counts as a box."""
-
-_QUADS = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
-_FACES = np.array([t for a, b, c, d in _QUADS for t in ((a, b, c), (a, c, d))])
-"""Triangles of a box whose corners are numbered by the signs of x, y, z (z fastest)."""
 
 TRUE_CORNER = 1e-4
 """m: how far corners may be from those of the box that stands for them."""
@@ -64,8 +59,7 @@ class FieldPiece:
         grid = np.stack([x, y, self.heights], axis=-1)
         a, b, c, d = grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]
         found = np.concatenate([np.stack([a, b, d], 2), np.stack([b, c, d], 2)]).reshape(-1, 3, 3)
-        answer: Array = found @ self.pose.matrix().T + np.array(self.pose.position)
-        return answer
+        return np.asarray(found @ self.pose.matrix().T + np.array(self.pose.position))
 
 
 Convex: TypeAlias = BoxPiece | HullPiece
@@ -105,9 +99,7 @@ def box_from_axes(points: Array, axes: Array) -> BoxPiece:
     turn = np.column_stack([x, y, np.cross(x, y)])
     inside = points @ turn
     low, high = inside.min(axis=0), inside.max(axis=0)
-    matrix = np.eye(4)
-    matrix[:3, :3] = turn
-    matrix[:3, 3] = turn @ ((low + high) / 2.0)
+    matrix = affine(turn, turn @ ((low + high) / 2.0))
     half = np.maximum((high - low) / 2.0, FLAT / 2.0).tolist()
     return BoxPiece(pose_of_matrix(matrix), (half[0], half[1], half[2]))
 
@@ -126,15 +118,8 @@ def hull_piece(points: Array) -> Convex:
         if box is not None:
             return box
     middle = points.mean(axis=0)
-    _, _, axes = (
-        np.linalg.svd(points - middle, full_matrices=False)
-        if len(points) > 2
-        else (
-            None,
-            None,
-            np.eye(3),
-        )
-    )
+    many = len(points) > 2
+    axes = np.linalg.svd(points - middle, full_matrices=False)[2] if many else np.eye(3)
     spread = np.ptp((points - middle) @ axes.T, axis=0)
     if len(points) < 4 or len(spread) < 3 or spread.min() < FLAT:
         frame = axes if len(axes) == 3 else np.eye(3)
@@ -188,16 +173,11 @@ def _extremes(points: Array) -> Array:
     # Directions are stretched so that flat things get as many corners as round ones.
     size = np.maximum(np.ptp(points, axis=0), FLAT)
     chosen = np.unique(np.argmax((points / size) @ ways.T, axis=0))
-    answer: Array = points[chosen]
-    return answer
+    return np.asarray(points[chosen])
 
 
 def volumes(pieces: Sequence[Convex]) -> Array:
-    """m^3 of every piece; MuJoCo computes those of hulls.
-
-    Raises:
-        ValueError: a hull has no volume.
-    """
+    """m^3 of every piece; MuJoCo computes those of hulls (`ValueError` if one has none)."""
     found = np.zeros(len(pieces))
     for number, piece in enumerate(pieces):
         if isinstance(piece, BoxPiece):
@@ -210,10 +190,9 @@ def volumes(pieces: Sequence[Convex]) -> Array:
 
 
 def depths_inside(pieces: Sequence[Convex], samples: Sequence[Array]) -> Array:
-    """m by which the deepest sample (k, 3) of every piece lies within it; MuJoCo makes the hulls.
+    """m by which the deepest sample (k, 3) of every piece lies within it.
 
-    Raises:
-        ValueError: a hull has no volume.
+    MuJoCo makes the hulls (`ValueError` if one has no volume).
     """
     hulls = {n: piece for n, piece in enumerate(pieces) if isinstance(piece, HullPiece)}
     model = _compiled(hulls) if hulls else None
@@ -240,9 +219,8 @@ def triangles_of(pieces: Sequence[Convex]) -> Array:
     found = [np.zeros((0, 3, 3))]
     for number, piece in enumerate(pieces):
         if isinstance(piece, BoxPiece):
-            corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-            corners = corners * piece.half @ piece.pose.matrix().T + np.array(piece.pose.position)
-            found.append(corners[_FACES])
+            corners = CORNERS * piece.half @ piece.pose.matrix().T + np.array(piece.pose.position)
+            found += [corners[[[a, b, c], [a, c, d]]] for a, b, c, d in QUADS]
         else:
             assert model is not None
             middle = piece.points.mean(axis=0)
@@ -254,12 +232,9 @@ def _hull_triangles(model: mujoco.MjModel, mesh: int) -> Array:
     """Triangles (n, 3, 3) of a mesh, in the frame in which it was given."""
     start, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
     vertices = model.mesh_vert[start : start + count].astype(float)
-    turn = np.zeros(9)
-    mujoco.mju_quat2Mat(turn, model.mesh_quat[mesh])
-    vertices = vertices @ turn.reshape(3, 3).T + model.mesh_pos[mesh]
+    vertices = vertices @ rotation_matrix(model.mesh_quat[mesh]).T + model.mesh_pos[mesh]
     start, count = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
-    answer: Array = vertices[model.mesh_face[start : start + count]]
-    return answer
+    return np.asarray(vertices[model.mesh_face[start : start + count]])
 
 
 def _compiled(hulls: Mapping[int, HullPiece]) -> mujoco.MjModel:

@@ -17,16 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image as Picture
 
+from usarsim_maps.scene import Array, Mask
 from usarsim_maps.terminal import quiet
-from usarsim_server import files as atomic
+from usarsim_server.files import write_bytes
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.rays.triangles import TriangleScene, triangles_of_all
 from usarsim_server.worlds.description import WorldDescription
 from usarsim_server.worlds.scene import build_scene
 
-Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
 
 WIDTH, HEIGHT = 800, 600
 LASER = 0.3
@@ -246,18 +245,15 @@ def write_previews(world: WorldDescription, folder: Path) -> list[Path]:
         path = folder / f"{name}.png"
         file = io.BytesIO()
         Picture.fromarray(image).save(file, "PNG")
-        atomic.write_bytes(path, file.getvalue())
+        write_bytes(path, file.getvalue())
         paths.append(path)
     return paths
 
 
 def _ceiling(scene: TriangleScene, floor: float, lower: Array, upper: Array) -> float:
-    """m from a floor up to what half of it lies below; inf where half of it lies below nothing.
+    """m from a floor, at a height, up to what half of it lies below; inf if that is nothing.
 
-    Args:
-        scene: triangles that are seen.
-        floor: m, its height.
-        lower: (3,) corner of the map. upper: the other one.
+    The corners (3,) are those of the map.
     """
     parts = (np.arange(PROBES) + 0.37) / PROBES  # between the lines of a builder's grid
     x, y = np.meshgrid(*(lower[:2] + parts[:, None] * (upper - lower)[:2]).T)
@@ -270,12 +266,7 @@ def _ceiling(scene: TriangleScene, floor: float, lower: Array, upper: Array) -> 
 
 
 def sections(model: mujoco.MjModel, data: mujoco.MjData, level: float) -> Iterator[Array]:
-    """Corners (k, 2), in order around it, of the cut through every fixed convex piece.
-
-    Args:
-        model: compiled. data: after `mj_forward`.
-        level: m, height of the cut.
-    """
+    """Corners (k, 2), in order around it, of the cut through every fixed convex piece."""
     chosen = (model.body_weldid[model.geom_bodyid] == 0) & (model.geom_group == FELT)
     chosen &= np.isin(model.geom_type, list(CONVEX))
     chosen &= np.abs(data.geom_xpos[:, 2] - level) <= model.geom_rbound
@@ -326,8 +317,7 @@ def _playable(world: WorldDescription) -> tuple[Array, Array]:
 
 def _plane(position: Array, turn: Array) -> Array:
     quad = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * PLANE @ turn.T + position
-    answer: Array = np.array([quad[[0, 1, 2]], quad[[0, 2, 3]]])
-    return answer
+    return np.asarray(np.array([quad[[0, 1, 2]], quad[[0, 2, 3]]]))
 
 
 def _colors(model: mujoco.MjModel) -> Array:
@@ -369,5 +359,4 @@ def _dot(
 
 
 def _bytes(image: Array) -> Image:
-    answer: Image = (np.clip(image, 0.0, 1.0) * 255.0).round().astype(np.uint8)
-    return answer
+    return np.asarray((np.clip(image, 0.0, 1.0) * 255.0).round().astype(np.uint8))

@@ -22,13 +22,7 @@ LONGEST = 120
 def write_sheet(
     head: Entry, single: Mapping[str, Entry], lists: Mapping[str, Sequence[Entry]]
 ) -> str:
-    """TOML text.
-
-    Args:
-        head: keys at the top.
-        single: tables by name, `[name]`.
-        lists: lists of tables by name, `[[name]]`.
-    """
+    """TOML text: keys at the top, tables `[name]`, lists of tables `[[name]]`."""
     blocks = ["# Made by `usarsim import`; import again rather than edit, or keep a sidecar file."]
     blocks.append("\n".join(_lines(head)))
     for name, entry in single.items():

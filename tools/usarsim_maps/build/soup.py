@@ -17,9 +17,7 @@ from embreex.mesh_construction import TriangleMesh
 from numpy.typing import NDArray
 
 from usarsim_maps.geometry import FARTHEST, LEAST_AREA, normals_areas
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int32]
+from usarsim_maps.scene import Array, Indices
 
 WELD = 1e-5
 """m: vertices nearer than this are one."""
@@ -98,12 +96,8 @@ def components(soup: Soup) -> list[NDArray[np.intp]]:
 def convex_polygons(soup: Soup) -> list[tuple[int, tuple[int, ...]]]:
     """Merge coplanar neighbours greedily, longest shared edge first, while the result is convex.
 
-    Args:
-        soup: what to merge; neighbours agree on which side is outside.
-
-    Returns:
-        One of its triangles, and the vertex numbers of each polygon in order around it, collinear
-        corners dropped.
+    Neighbours agree on which side is outside. Returns one of its triangles, and the vertex numbers
+    of each polygon in order around it, collinear corners dropped.
     """
     normals, _ = normals_areas(soup.vertices, soup.triangles)
     triangles = soup.triangles
@@ -167,15 +161,8 @@ def _joints(vertices: Array, triangles: Indices, normals: Array) -> list[tuple[i
     first, one, other = first[same], one[same], other[same]
     length = np.linalg.norm(vertices[starts[first]] - vertices[ends[first]], axis=1)
     order = np.argsort(-np.round(length, 6), kind="stable")
-    return list(
-        zip(
-            one[order].tolist(),
-            other[order].tolist(),
-            starts[first[order]].tolist(),
-            ends[first[order]].tolist(),
-            strict=True,
-        )
-    )
+    columns = one[order], other[order], starts[first[order]], ends[first[order]]
+    return list(zip(*(column.tolist() for column in columns), strict=True))
 
 
 def _join(
@@ -255,7 +242,7 @@ class Rays:
 
     def cast(
         self, start: Array, ways: Array | tuple[float, float, float] = (0.0, 0.0, -1.0)
-    ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    ) -> tuple[NDArray[np.float32], Indices]:
         """Distances and numbers of triangles; infinity and -1 where nothing is met."""
         found = self._scene.run(
             np.ascontiguousarray(start, dtype=np.float32),

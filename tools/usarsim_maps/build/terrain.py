@@ -11,17 +11,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from usarsim_maps.build.mesh_error import SurfaceError
 from usarsim_maps.build.orientation import Oriented
 from usarsim_maps.build.pieces import FieldPiece
 from usarsim_maps.build.soup import SAME_NORMAL, Rays, Soup
 from usarsim_maps.geometry import normals_areas
-from usarsim_maps.units import pose_of_matrix
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int32]
+from usarsim_maps.scene import Array, Indices
+from usarsim_maps.units import affine, pose_of_matrix
 
 SOME = 4_000
 """Triangles from which on a mesh may be rolling ground."""
@@ -54,9 +51,7 @@ PROBES = 4_000
 def as_terrain(surface: Oriented, up: Array) -> FieldPiece | None:
     """The height field that is as true to a mesh as robots need; None if there is none.
 
-    Args:
-        surface: clean triangles that face outside.
-        up: (3,) the vertical in their frame.
+    Its triangles face outside; `up` (3,) is the vertical in their frame.
     """
     ways = [way for turn in _frames(up) if (way := _way_of(surface, turn)) is not None]
     for times in FINER:
@@ -72,20 +67,14 @@ def as_terrain(surface: Oriented, up: Array) -> FieldPiece | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Way:
-    """Ground in a frame whose z is up.
+    """Ground in a frame whose z is up."""
 
-    Attributes:
-        turn: (3, 3) of the frame. low, high: corners of the ground in it.
-        scene: its triangles. probes: (k, 3) places on it.
-        columns, rows: of the grid that is as fine as its triangles.
-    """
-
-    turn: Array
-    low: Array
+    turn: Array  # (3, 3) of the frame
+    low: Array  # corners of the ground in it
     high: Array
-    scene: Rays
-    probes: Array
-    columns: int
+    scene: Rays  # its triangles
+    probes: Array  # (k, 3) places on it
+    columns: int  # of the grid that is as fine as its triangles
     rows: int
 
 
@@ -112,9 +101,7 @@ def _field(way: _Way, times: int) -> tuple[SurfaceError, FieldPiece] | None:
         return None
     spacing = size / [columns - 1, rows - 1]
     felt = _interpolated(heights, (way.probes[:, :2] - way.low[:2]) / spacing)
-    matrix = np.eye(4)
-    matrix[:3, :3] = way.turn
-    matrix[:3, 3] = way.turn @ np.array([way.low[0], way.low[1], 0.0])
+    matrix = affine(way.turn, way.turn @ np.array([way.low[0], way.low[1], 0.0]))
     steps = (float(spacing[0]), float(spacing[1]))
     field = FieldPiece(heights, steps, pose_of_matrix(matrix))
     return SurfaceError.of(felt - way.probes[:, 2]), field
@@ -172,8 +159,7 @@ def _probes(points: Array, triangles: Indices) -> Array:
     dice = np.random.default_rng(0)
     chosen = triangles[dice.choice(len(triangles), PROBES, p=areas / areas.sum())]
     shares = dice.dirichlet(np.ones(3), PROBES)
-    found: Array = np.einsum("ij,ijk->ik", shares, points[chosen])
-    return found
+    return np.asarray(np.einsum("ij,ijk->ik", shares, points[chosen]))
 
 
 def _own_grid(used: Array, low: Array, high: Array, count: int) -> tuple[int, int]:
@@ -216,5 +202,4 @@ def _interpolated(heights: Array, places: Array) -> Array:
     d, c = heights[j + 1, i], heights[j + 1, i + 1]
     near = a + u * (b - a) + v * (d - a)
     far = c + (1.0 - u) * (d - c) + (1.0 - v) * (b - c)
-    answer: Array = np.where(u + v < 1.0, near, far)
-    return answer
+    return np.asarray(np.where(u + v < 1.0, near, far))

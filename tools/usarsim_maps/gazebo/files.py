@@ -118,13 +118,10 @@ class FolderTree:
     def find(self, parts: Sequence[str], asker: Path, wanted: Kind, *, exact: bool) -> Path | None:
         """What lies at a path that ends so, capitals and numbers of versions aside.
 
-        Args:
-            parts: the path.
-            asker: the file that asks; among equals what is nearest to it is taken.
-            wanted: what it has to be.
-            exact: the whole path has to agree, for it begins with the name of a model or package.
-                Else as much as possible, but never only names that all models have; the name of a
-                file alone will do where there is one such file, or one near the asker.
+        Among equals that are what is wanted, what is nearest to the asker is taken. If `exact`, the
+        whole path has to agree, for it begins with the name of a model or package. Else as much as
+        possible, but never only names that all models have; the name of a file alone will do where
+        there is one such file, or one near the asker.
         """
         names = self._index()
         plain = [part.lower() for part in parts if part != ".."]
@@ -260,15 +257,11 @@ class GazeboFiles:
     First where Gazebo looks: beside the file that asks, beside the world, in the asset folders and
     those that the user gave to Gazebo. Then anywhere below the asset folders, and last below the
     world's own folder, by as many folders of the URI as there are.
-
     """
 
-    source: Path
-    """The world."""
-
+    source: Path  # the world
     context: Context
-    files: list[Path] = field(default_factory=list)
-    """Everything that was found."""
+    files: list[Path] = field(default_factory=list)  # everything that was found
 
     _found: dict[tuple[str, Path, Kind], Path | None] = field(default_factory=dict)
     _trees: list[FolderTree] = field(default_factory=list)

@@ -8,18 +8,15 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from usarsim_maps.files import read_text
 from usarsim_maps.gazebo.files import GazeboFiles
 from usarsim_maps.gazebo.models import flag
 from usarsim_maps.meshes.mesh_files import PICTURES, Pictures
 from usarsim_maps.meshes.xml_text import Document, Node
-from usarsim_maps.scene import Color, Light, LightKind, Material
+from usarsim_maps.scene import Array, Color, Light, LightKind, Material
 from usarsim_server.errors import MapImportError
 from usarsim_server.files import is_regular
-
-Array = NDArray[np.float64]
 
 MAX_SCRIPT_BYTES = 4 << 20
 

@@ -11,17 +11,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from usarsim_maps.findings import Findings
 from usarsim_maps.gazebo.files import GazeboFiles, model_name
 from usarsim_maps.gazebo.places import Person, person_words
 from usarsim_maps.meshes.xml_text import Document, Node, read_xml
-from usarsim_maps.units import matrix_of_pose
+from usarsim_maps.scene import Array
+from usarsim_maps.units import affine, matrix_of_pose
 from usarsim_server.errors import MapImportError
 from usarsim_server.simulation.frames import Pose
-
-Array = NDArray[np.float64]
 
 BUILTIN = ("sun", "ground_plane")
 """Models that Gazebo brings along."""
@@ -35,14 +33,12 @@ def _rpy_matrix(position: Array, roll: float, pitch: float, yaw: float) -> Array
     cr, sr = math.cos(roll), math.sin(roll)
     cp, sp = math.cos(pitch), math.sin(pitch)
     cy, sy = math.cos(yaw), math.sin(yaw)
-    matrix = np.eye(4)
-    matrix[:3, :3] = [
+    turn = [
         [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
         [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
         [-sp, cp * sr, cp * cr],
     ]
-    matrix[:3, 3] = position
-    return matrix
+    return affine(np.array(turn), position)
 
 
 def matrix_from(document: Document, node: Node | None, unit: float) -> Array:
@@ -109,11 +105,7 @@ class Scope:
                 self._nodes.setdefault(entry[0], (node, entry[1]))
 
     def matrix(self, name: str) -> Array:
-        """Where a named thing is in the frame of the owner.
-
-        Raises:
-            MapImportError: names refer to each other in a circle.
-        """
+        """Where a named thing is in the frame of the owner; a circle is a `MapImportError`."""
         return self._find(name, ())
 
     def place(self, node: Node, default: str = "") -> Array:
@@ -124,8 +116,7 @@ class Scope:
         pose = node.child("pose")
         reference = "" if pose is None else (pose.get("relative_to") or pose.get("frame"))
         base = self._find(reference or default, above)
-        answer: Array = base @ matrix_from(self.document, pose, self.unit)
-        return answer
+        return np.asarray(base @ matrix_from(self.document, pose, self.unit))
 
     def _find(self, name: str, above: tuple[str, ...]) -> Array:
         if name in ("", "__model__", "world", "__root__"):
@@ -208,10 +199,8 @@ class Models:
     def world(self, document: Document, owner: Node, saved: Mapping[str, Array]) -> list[Body]:
         """All bodies below a `world` element, or below the root of a model file.
 
-        Poses of models in a saved state win.
-
-        Raises:
-            MapImportError: includes go in a circle, or there are too many.
+        Poses of models in a saved state win. Includes that go in a circle, or are too many, are a
+        `MapImportError`.
         """
         scope = Scope(document, owner, self._unit)
         if owner is document.root and len(list(owner.all("model"))) == 1:

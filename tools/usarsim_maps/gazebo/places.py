@@ -12,14 +12,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from usarsim_maps.files import read_text
 from usarsim_maps.findings import Findings
 from usarsim_maps.geometry import points_of
 from usarsim_maps.meshes.xml_text import Document
 from usarsim_maps.numbers import read_number
-from usarsim_maps.scene import Part, map_victim
+from usarsim_maps.scene import Array, Part, map_victim
 from usarsim_maps.units import pose_of_matrix
 from usarsim_server.errors import MapImportError
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
@@ -34,11 +33,11 @@ _LINE = re.compile(rf"^\s*([A-Za-z_]\w{{0,60}})\s*:\s*((?:{_NUMBER}[\s,]*){{3,6}
 
 PERSON = {"victim", "victims", "person", "survivor", "randy", "human", "casualty", "pedestrian"}
 FEMALE = {"female", "woman", "girl", "lady"}
-SITTING, LYING, STANDING = (
-    {"sitting", "sit"},
-    {"lying", "laying", "fallen"},
-    {"standing", "walking"},
-)
+POSTURES = {
+    "sitting": {"sitting", "sit"},
+    "lying": {"lying", "laying", "fallen"},
+    "standing": {"standing", "walking"},
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,11 +54,9 @@ def person_words(*names: str) -> tuple[bool, str, str | None]:
     for name in names:
         spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name)
         words |= set(re.split(r"[^a-z]+", spaced.lower()))
-    posture = None
-    for found, group in (("sitting", SITTING), ("lying", LYING), ("standing", STANDING)):
-        if words & group:
-            posture = found
-    return bool(words & PERSON), "female" if words & FEMALE else "male", posture
+    postures = [posture for posture, group in POSTURES.items() if words & group]
+    figure = "female" if words & FEMALE else "male"
+    return bool(words & PERSON), figure, postures[-1] if postures else None
 
 
 def starts_of(document: Document, unit: float = 1.0) -> list[StartPose]:
@@ -168,11 +165,7 @@ def find_placement(
 
 
 def read_placement(path: Path) -> list[Placement]:
-    """Sections of a placement file: `# title`, then `Victim1 : x y z r p y`, `StartPoint1 : ...`.
-
-    Raises:
-        MapImportError: the file cannot be read.
-    """
+    """Sections of a placement file: `# title`, `Victim1 : x y z r p y`, `StartPoint1 : ...`."""
     sections = [Placement(path, path.stem)]
     for line in read_text(path, MAX_BYTES).split("\n"):
         if line.lstrip().startswith("#"):
@@ -218,8 +211,6 @@ def _score(
 def _plain(text: str) -> str:
     return re.sub(r"[^a-z0-9]", "", text.lower())
 
-
-Array = NDArray[np.float64]
 
 UPRIGHT = 1.2
 """Height by greatest width of somebody who stands."""

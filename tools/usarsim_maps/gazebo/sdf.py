@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from usarsim_maps.files import open_picture
 from usarsim_maps.findings import Findings
@@ -24,6 +23,7 @@ from usarsim_maps.meshes.mesh_files import Pictures
 from usarsim_maps.meshes.xml_text import Document, Node, read_xml
 from usarsim_maps.reader import Context, Reader, register
 from usarsim_maps.scene import (
+    Array,
     Heightfield,
     Light,
     Material,
@@ -33,11 +33,9 @@ from usarsim_maps.scene import (
     SceneObject,
     Source,
 )
-from usarsim_maps.units import axis_matrix, matrix_of_pose, pose_of_matrix, reflect
+from usarsim_maps.units import affine, axis_matrix, matrix_of_pose, pose_of_matrix, reflect
 from usarsim_server.errors import MapImportError
 from usarsim_server.worlds.description import StartPose, Victim
-
-Array = NDArray[np.float64]
 
 MAX_BYTES = 256 << 20
 EARTH = 9.8
@@ -86,8 +84,7 @@ class Terrain:
         if not (size[:2] > 0.0).all():
             document.note(node, f"a height map of {size[0]:g} by {size[1]:g} m was left out")
             return None
-        corner = np.eye(4)
-        corner[:3, 3] = middle - [size[0] / 2.0, size[1] / 2.0, 0.0]
+        corner = affine(offset=middle - [size[0] / 2.0, size[1] / 2.0, 0.0])
         return Heightfield(
             name=name,
             heights=rows * size[2],
@@ -113,8 +110,7 @@ class Terrain:
         if min(rows.shape) < 2:
             findings.warn(path.name, "a height map needs two pixels each way")
             return None
-        answer: Array = np.nan_to_num(rows) / max(float(np.nan_to_num(rows).max()), 1e-9)
-        return answer
+        return np.asarray(np.nan_to_num(rows) / max(float(np.nan_to_num(rows).max()), 1e-9))
 
     def _material(self, document: Document, node: Node) -> str:
         picture = node.word("texture", "diffuse")
@@ -172,8 +168,7 @@ class _World:
         self._models = Models(files, self._unit)
         self._terrain = Terrain(files, self._looks, self._unit)
         self._heightfields: list[Heightfield] = []
-        self._root = np.eye(4)
-        self._root[:3, :3] = axis_matrix(context.options.up or "Z")
+        self._root = affine(axis_matrix(context.options.up or "Z"))
         self._objects: list[SceneObject] = []
         self._victims: list[Victim] = []
         self._lights: list[Light] = []

@@ -5,22 +5,21 @@ Shapes that are none of the scene's own, ellipsoids, cones and prisms, become me
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from usarsim_maps.gazebo.files import GazeboFiles
 from usarsim_maps.gazebo.looks import Looks
 from usarsim_maps.gazebo.models import Scope, matrix_from
-from usarsim_maps.meshes.polygons import merge_meshes, triangulate_one
+from usarsim_maps.meshes.polygons import half_circle, lathe, merge_meshes, triangulate_one
 from usarsim_maps.meshes.xml_text import Document, Node
-from usarsim_maps.reader import ImportOptions, read_scene, readers
+from usarsim_maps.reader import ImportOptions, mesh_extensions, read_scene
 from usarsim_maps.scene import (
+    Array,
     Box,
     Capsule,
     Collision,
@@ -32,9 +31,8 @@ from usarsim_maps.scene import (
     Shape,
     Sphere,
 )
+from usarsim_maps.units import affine
 from usarsim_server.errors import MapImportError
-
-Array = NDArray[np.float64]
 
 PLACEHOLDER = Box((0.5, 0.5, 0.5))
 
@@ -51,40 +49,22 @@ SIZES = {
 STEEPEST_FRICTION = 2.0
 """Worlds write 100 and more for `it does not slip`."""
 
-AROUND, RINGS = 24, 12
+AROUND = 24
+"""Corners of round things."""
 
 
 def ball_mesh(radii: Sequence[float]) -> Mesh:
     """An ellipsoid around the origin; its hull is what collides."""
-    turn = np.linspace(0.0, math.tau, AROUND, endpoint=False)
-    round_about = np.column_stack([np.cos(turn), np.sin(turn)])
-    tilt = np.linspace(0.0, math.pi, RINGS + 1)[1:-1]
-    rings = [np.column_stack([np.sin(t) * round_about, np.full(AROUND, np.cos(t))]) for t in tilt]
-    points = np.concatenate([*rings, [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]]) * np.array(radii)
-    top, bottom = len(points) - 2, len(points) - 1
-    faces = []
-    for k in range(AROUND):
-        after = (k + 1) % AROUND
-        faces.append((top, k, after))
-        last = (len(tilt) - 1) * AROUND
-        faces.append((bottom, last + after, last + k))
-        for ring in range(len(tilt) - 1):
-            a, b = ring * AROUND + k, ring * AROUND + after
-            faces += [(a, a + AROUND, b), (b, a + AROUND, b + AROUND)]
-    return Mesh("ellipsoid", points, np.array(faces, dtype=np.int32), hulls=(points,))
+    ball = lathe("ellipsoid", half_circle(1.0, AROUND), AROUND)
+    points = ball.vertices * np.array(radii)
+    return replace(ball, vertices=points, hulls=(points,))
 
 
 def cone_mesh(radius: float, length: float) -> Mesh:
     """A cone along z, centred, its tip upwards; its hull is what collides."""
-    turn = np.linspace(0.0, math.tau, AROUND, endpoint=False)
-    ring = np.column_stack(
-        [radius * np.cos(turn), radius * np.sin(turn), np.full(AROUND, -length / 2.0)]
-    )
-    points = np.concatenate([ring, [[0.0, 0.0, length / 2.0]]])
-    around = range(AROUND)
-    faces = [(k, (k + 1) % AROUND, AROUND) for k in around]
-    faces += [(0, k + 1, k) for k in range(1, AROUND - 1)]
-    return Mesh("cone", points, np.array(faces, dtype=np.int32), hulls=(points,))
+    half = length / 2.0
+    cone = lathe("cone", [(0.0, -half), (radius, -half), (0.0, half)], AROUND)
+    return replace(cone, hulls=(cone.vertices,))
 
 
 def prism_mesh(outline: Array, height: float) -> Mesh:
@@ -186,9 +166,7 @@ class Shapes:
                     return None
                 shape = PLACEHOLDER
             else:
-                stretch = np.eye(4)
-                stretch[:3, :3] = np.diag(self._scale(document, kind)) * self.unit
-                matrix = matrix @ stretch
+                matrix = matrix @ affine(np.diag(self._scale(document, kind)) * self.unit)
                 collision = {
                     "convex_hull": Collision.HULL,
                     "convex_decomposition": Collision.HULLS,
@@ -212,8 +190,7 @@ class Shapes:
             return matrix
         link = scope.matrix(next((n.get("name") for n in scope.owner.all("link")
                                   if node in n.children), ""))  # fmt: skip
-        answer: Array = np.linalg.inv(link) @ scope.matrix(reference) @ matrix
-        return answer
+        return np.asarray(np.linalg.inv(link) @ scope.matrix(reference) @ matrix)
 
     def _primitive(self, document: Document, kind: Node) -> Shape | None:
         """A shape; None, and a finding, if its size makes no sense."""
@@ -260,15 +237,13 @@ class Shapes:
         """Matrix that turns z into the normal of a plane."""
         normal = document.vector(kind.child("normal"), 3)
         length = 0.0 if normal is None else float(np.linalg.norm(normal))
-        matrix = np.eye(4)
         if normal is None or length < 1e-9:
-            return matrix
+            return np.eye(4)
         z = normal / length
         x = np.cross(z, [0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0])
         x = -x if x[0] < 0.0 else x
         x = x / np.linalg.norm(x)
-        matrix[:3, :3] = np.column_stack([x, np.cross(z, x), z])
-        return matrix
+        return affine(np.column_stack([x, np.cross(z, x), z]))
 
     def _polyline(self, document: Document, kind: Node) -> Mesh | None:
         """A prism over the points that make sense."""
@@ -329,9 +304,8 @@ class Shapes:
         if path in self._scenes:
             return self._scenes[path]
         context = self.files.context
-        known = {ext for reader in readers().values() if reader.meshes for ext in reader.extensions}
         scene: Scene | None = None
-        if path.suffix.lower() not in known:
+        if path.suffix.lower() not in mesh_extensions():
             context.findings.warn(path.name, "this kind of mesh is not read; export it as glTF")
         else:
             own = path.suffix.lower() in (".dae", ".glb", ".gltf")

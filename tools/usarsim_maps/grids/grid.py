@@ -1,4 +1,4 @@
-"""Cells into walls: few rectangles that cover all occupied cells, and free places to start from."""
+"""Mask into walls: few rectangles that cover all occupied cells, and free places to start from."""
 
 from __future__ import annotations
 
@@ -6,20 +6,17 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from usarsim_maps.scene import Mesh
-
-Array = NDArray[np.float64]
-Cells = NDArray[np.bool_]
+from usarsim_maps.geometry import CORNERS, QUADS
+from usarsim_maps.scene import Mask, Mesh
 
 COARSE = 300
-"""Cells along the longer side of the grid on which free places are looked for."""
+"""Mask along the longer side of the grid on which free places are looked for."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rectangle:
-    """Cells `left` to `right` and `low` to `high`, ends not included; row 0 is at the lowest y."""
+    """Mask `left` to `right` and `low` to `high`, ends not included; row 0 is at the lowest y."""
 
     left: int
     low: int
@@ -27,7 +24,7 @@ class Rectangle:
     high: int
 
 
-def rectangles(cells: Cells) -> list[Rectangle]:
+def rectangles(cells: Mask) -> list[Rectangle]:
     """Rectangles that cover exactly the set cells and do not overlap.
 
     Runs of cells that are alike in neighbouring rows are joined, along x or along y, whichever
@@ -38,7 +35,7 @@ def rectangles(cells: Cells) -> list[Rectangle]:
     return along if len(along) <= len(across) else across
 
 
-def _stacked(cells: Cells) -> list[Rectangle]:
+def _stacked(cells: Mask) -> list[Rectangle]:
     rows, columns = cells.shape
     padded = np.zeros((rows, columns + 2), dtype=np.int8)
     padded[:, 1:-1] = cells
@@ -59,8 +56,8 @@ def _stacked(cells: Cells) -> list[Rectangle]:
     return sorted(finished, key=lambda r: (r.low, r.left))
 
 
-def pooled(cells: Cells) -> Cells:
-    """Cells of twice the size; one is set if any of its four is."""
+def pooled(cells: Mask) -> Mask:
+    """Mask of twice the size; one is set if any of its four is."""
     rows, columns = (size + size % 2 for size in cells.shape)
     even = np.zeros((rows, columns), dtype=bool)
     even[: cells.shape[0], : cells.shape[1]] = cells
@@ -70,16 +67,14 @@ def pooled(cells: Cells) -> Cells:
 def wall_mesh(walls: list[Rectangle], size: float, height: float, material: str) -> Mesh:
     """All walls as one mesh from z = 0 to a height, m, with a box to collide with for each.
 
-    Cells have a size, m.
+    Mask have a size, m.
     """
     table = np.array([(w.left, w.low, w.right, w.high) for w in walls], dtype=float) * size
     low = np.column_stack([table[:, 0], table[:, 1], np.zeros(len(walls))])
     high = np.column_stack([table[:, 2], table[:, 3], np.full(len(walls), height)])
-    pick = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=bool)
-    corners = np.where(pick[None], high[:, None], low[:, None])
-    # Four sides and the top; nobody sees what a wall stands on.
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (1, 5, 7, 3)]
-    faces = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
+    corners = np.where(CORNERS > 0.0, high[:, None], low[:, None])
+    # Nobody sees what a wall stands on.
+    faces = np.array([t for a, b, c, d in QUADS[1:] for t in ((a, b, c), (a, c, d))])
     triangles = (faces[None] + 8 * np.arange(len(walls))[:, None, None]).reshape(-1, 3)
     return Mesh(
         name="walls",
@@ -91,16 +86,12 @@ def wall_mesh(walls: list[Rectangle], size: float, height: float, material: str)
 
 
 def free_places(
-    free: Cells, size: float, wanted: tuple[float, float] | None, room: float, count: int
+    free: Mask, size: float, wanted: tuple[float, float] | None, room: float, count: int
 ) -> list[tuple[float, float]]:
-    """Places in the largest connected free region, the first near the wanted one, all far apart.
+    """Places in the largest connected region of free cells of a size, m, so many at most.
 
-    Args:
-        free: cells where a robot may be.
-        size: of a cell, m.
-        wanted: x, y in m from the grid's lower left corner; None: the middle of the region.
-        room: m around a place that have to be free.
-        count: how many at most.
+    They are far apart, have `room` m around them, and the first is near the wanted one: x, y in m
+    from the grid's lower left corner, or the middle of the region.
     """
     block = max(1, -(-max(free.shape) // COARSE))
     rows, columns = free.shape[0] // block, free.shape[1] // block
@@ -126,8 +117,8 @@ def free_places(
     return [(float(x), float(y)) for x, y in places[chosen]]
 
 
-def _eroded(cells: Cells, margin: int) -> Cells:
-    """Cells whose whole square of so many cells around is set; beyond the edge nothing is."""
+def _eroded(cells: Mask, margin: int) -> Mask:
+    """Mask whose whole square of so many cells around is set; beyond the edge nothing is."""
     rows, columns = cells.shape
     total = np.zeros((rows + 1, columns + 1), dtype=np.int64)
     total[1:, 1:] = cells.cumsum(axis=0).cumsum(axis=1)
@@ -140,7 +131,7 @@ def _eroded(cells: Cells, margin: int) -> Cells:
     return answer
 
 
-def _largest(cells: Cells) -> Cells:
+def _largest(cells: Mask) -> Mask:
     """The largest region of cells that touch at their sides."""
     left = cells.copy()
     best: list[tuple[int, int]] = []

@@ -1,6 +1,6 @@
 """Reads occupancy grids: map server YAML with a picture, a picture alone, MRESim's text form.
 
-Occupied cells become walls on level ground. Cells of a picture are as large as the YAML file or
+Occupied cells become walls on level ground. Mask of a picture are as large as the YAML file or
 the user says (`--scale` cells per metre); what is only assumed is reported. On the wire x counts to
 the right and y down in a picture without YAML, from its upper left corner, as MRESim counts cells
 (exploration reference 3.1 to 3.3).
@@ -14,20 +14,18 @@ from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from usarsim_maps.files import open_picture, read_text
-from usarsim_maps.grids.grid import Cells, free_places, pooled, rectangles, wall_mesh
+from usarsim_maps.grids.grid import free_places, pooled, rectangles, wall_mesh
 from usarsim_maps.meshes.mesh_files import Pictures
 from usarsim_maps.reader import Context, Reader, register
-from usarsim_maps.scene import Material, Part, Plane, Scene, SceneObject, Source
+from usarsim_maps.scene import Array, Mask, Material, Part, Plane, Scene, SceneObject, Source
 from usarsim_maps.units import reflect
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.files import ALLOW, is_regular
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
 from usarsim_server.worlds.description import StartPose
 
-Array = NDArray[np.float64]
 Value: TypeAlias = str | list[str]
 
 MAX_TEXT_BYTES = 256 << 20
@@ -59,11 +57,11 @@ FLOOR = Material("floor", (0.45, 0.47, 0.50, 1.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Grid:
+class GridMap:
     """A map as read."""
 
-    walls: Cells  # cells, row 0 at the lowest y; some may be neither
-    free: Cells
+    walls: Mask  # cells, row 0 at the lowest y; some may be neither
+    free: Mask
     size: float  # of a cell, m
     corner: Pose  # pose of the lower left corner
     wanted: tuple[float, float] | None  # a place that is probably free, m from that corner
@@ -82,7 +80,7 @@ class OccupancyReader(Reader):
 
     def read(self, source: Path, context: Context) -> Scene:
         """See `Reader.read`; an error names the line."""
-        grid = _load(source, context)
+        grid = load_grid(source, context)
         walls, size = grid.walls, grid.size
         if not walls.any():
             cure = "check occupied_thresh and negate, or whether walls are dark in the picture"
@@ -121,7 +119,7 @@ class OccupancyReader(Reader):
         return reflect(scene) if context.options.mirror else scene
 
 
-def _starts(grid: _Grid) -> list[StartPose]:
+def _starts(grid: GridMap) -> list[StartPose]:
     """Start poses in free places; none if there is no room."""
     places: list[tuple[float, float]] = []
     for room in (ROOM, 0.6 * ROOM):
@@ -133,12 +131,17 @@ def _starts(grid: _Grid) -> list[StartPose]:
     return starts
 
 
-def _load(source: Path, context: Context) -> _Grid:
+def load_grid(source: Path, context: Context) -> GridMap:
+    """Cells of a map in any of the forms.
+
+    Raises:
+        MapImportError: naming the file, what is wrong, and the cure.
+    """
     suffix = source.suffix.lower()
     if suffix in (".yaml", ".yml"):
         return _from_yaml(source, context, None)
     if suffix == ".txt":
-        cells = _text(source)
+        cells = read_digits(source)
         return _plain(source, cells, ~cells, "MRESim text", context)
     for other in (".yaml", ".yml"):
         beside = source.with_suffix(other)
@@ -152,25 +155,17 @@ def _load(source: Path, context: Context) -> _Grid:
     return _plain(source, occupied > OCCUPIED, occupied < known, "occupancy picture", context)
 
 
-def _plain(source: Path, walls: Cells, free: Cells, title: str, context: Context) -> _Grid:
+def _plain(source: Path, walls: Mask, free: Mask, title: str, context: Context) -> GridMap:
     """A grid that says nothing about scale: its upper left corner is the origin."""
     size = 1.0 / (context.options.scale or CELLS_PER_METRE)
-    return _Grid(
-        walls[::-1],
-        free[::-1],
-        size,
-        Pose((0.0, -walls.shape[0] * size, 0.0)),
-        None,
-        title,
-        context.options.scale is None,
-        (source,),
-    )
+    corner, assumed = Pose((0.0, -walls.shape[0] * size, 0.0)), context.options.scale is None
+    return GridMap(walls[::-1], free[::-1], size, corner, None, title, assumed, (source,))
 
 
 # ---- YAML ------------------------------------------------------------------------------------
 
 
-def _from_yaml(path: Path, context: Context, picture: Path | None) -> _Grid:
+def _from_yaml(path: Path, context: Context, picture: Path | None) -> GridMap:
     table = read_yaml(path, read_text(path, MAX_YAML_BYTES))
     name = table.get("image", "")
     if not isinstance(name, str) or not name:
@@ -194,27 +189,16 @@ def _from_yaml(path: Path, context: Context, picture: Path | None) -> _Grid:
     wall = _number(path, table, "occupied_thresh", OCCUPIED)
     open_ = _number(path, table, "free_thresh", FREE)
     corner = Pose((x, y, 0.0), quaternion_from_rpy(0.0, 0.0, yaw))
-    start = corner.inverse() @ Pose()
-    walls = occupied > wall
-    return _Grid(
-        walls[::-1],
-        (occupied < max(open_, 1e-6))[::-1],
-        size,
-        corner,
-        start.position[:2],
-        "occupancy grid",
-        False,
-        (path, found),
-    )
+    start = (corner.inverse() @ Pose()).position[:2]
+    walls, free = (occupied > wall)[::-1], (occupied < max(open_, 1e-6))[::-1]
+    return GridMap(walls, free, size, corner, start, "occupancy grid", False, (path, found))
 
 
 def read_yaml(path: Path, text: str) -> dict[str, Value]:
     """Keys of the outermost level; values stay texts, and what is nested deeper is empty.
 
-    Backslashes are those of paths, in quotes too.
-
-    Raises:
-        MapImportError: naming the line that makes no sense.
+    Backslashes are those of paths, in quotes too. A `MapImportError` names the line that makes no
+    sense.
     """
     import yaml
 
@@ -290,11 +274,7 @@ def _origin(path: Path, table: dict[str, Value]) -> tuple[float, float, float]:
 
 
 def _gray(path: Path) -> Array:
-    """Brightness (rows, columns) from 0 to 1, top row first; nan where a picture is transparent.
-
-    Raises:
-        MapImportError: it is no picture, damaged, or too large.
-    """
+    """Brightness (rows, columns) from 0 to 1, top row first; nan where a picture is transparent."""
     with open_picture(path, str(path), MAX_CELLS) as image:
         if image.mode.startswith("I") or image.mode == "F":
             deep = np.array(image, dtype=float)
@@ -316,7 +296,7 @@ def _occupied(gray: Array, negate: bool, mode: str = "") -> Array:
     return gray if negate else 1.0 - gray
 
 
-def _text(path: Path) -> Cells:
+def read_digits(path: Path) -> Mask:
     """Rows, columns, then a line of 0 and 1 per row."""
     lines = read_text(path, MAX_TEXT_BYTES).split("\n")
 

@@ -13,16 +13,13 @@ from dataclasses import dataclass, field
 from pathlib import Path, PureWindowsPath
 
 import numpy as np
-from numpy.typing import NDArray
 
 from usarsim_maps.files import AssetIndex, read_text
 from usarsim_maps.meshes.mesh_files import broken
 from usarsim_maps.reader import Context, Reader, register
-from usarsim_maps.scene import Collision, Material, Mesh, Part, Scene, SceneObject, Source
+from usarsim_maps.scene import Array, Collision, Material, Mesh, Part, Scene, SceneObject, Source
 from usarsim_maps.units import MIRROR, UU_PER_METRE, axis_matrix
 from usarsim_server.errors import MapImportError, at
-
-Array = NDArray[np.float64]
 
 MAX_BYTES = 96 << 20
 MAX_ITEMS = 5_000_000

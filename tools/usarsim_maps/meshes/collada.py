@@ -10,22 +10,19 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from usarsim_maps.meshes.collada_mesh import read_geometry
 from usarsim_maps.meshes.mesh_files import (
     Axes,
     Pictures,
-    Stage,
+    SceneBuilder,
     axes_of,
 )
 from usarsim_maps.meshes.xml_text import Document, Node, read_xml
 from usarsim_maps.numbers import read_number, read_numbers
 from usarsim_maps.reader import Context, Reader, register
-from usarsim_maps.scene import Color, LightKind, Material, Part, Scene, SceneObject
-from usarsim_maps.units import axis_turn
-
-Array = NDArray[np.float64]
+from usarsim_maps.scene import Array, Color, LightKind, Material, Part, Scene, SceneObject
+from usarsim_maps.units import affine, axis_turn
 
 MAX_NODES = 100_000
 """Nodes that a scene shows; nodes that contain others twice could make billions."""
@@ -149,7 +146,7 @@ class ColladaReader(Reader):
         document = read_xml(source, tolerant=True, findings=context.findings)
         if document.root.tag != "COLLADA":
             raise document.error(document.root, "this is no COLLADA file", "check the extension")
-        return _Stage(document, context, _axes(document, context)).filled()
+        return _ColladaScene(document, context, _axes(document, context)).filled()
 
 
 def _axes(document: Document, context: Context) -> Axes:
@@ -173,7 +170,7 @@ def _axes(document: Document, context: Context) -> Axes:
     return axes_of(context.options, up, unit)
 
 
-class _Stage(Stage):
+class _ColladaScene(SceneBuilder):
     """A scene being filled."""
 
     def __init__(self, document: Document, context: Context, axes: Axes) -> None:
@@ -310,17 +307,16 @@ class _Stage(Stage):
             values = self._document.vector(child, STEPS[child.tag], far=FAR)
             if values is None:
                 return None
-            step = np.eye(4)
             match child.tag:
                 case "matrix":
                     step = values.reshape(4, 4)
                 case "translate":
-                    step[:3, 3] = values
+                    step = affine(offset=values)
                 case "scale":
-                    step[:3, :3] = np.diag(values)
+                    step = affine(np.diag(values))
                 case "rotate":
-                    step[:3, :3] = axis_turn(values[:3], np.radians(values[3]))
-                case "lookat":
+                    step = affine(axis_turn(values[:3], np.radians(values[3])))
+                case _:
                     step = _look_at(values.reshape(3, 3))
             matrix = matrix @ step
         return matrix
@@ -359,7 +355,4 @@ def _look_at(rows: Array) -> Array:
     back = back / max(float(np.linalg.norm(back)), 1e-12)
     right = np.cross(rows[2], back)
     right = right / max(float(np.linalg.norm(right)), 1e-12)
-    matrix = np.eye(4)
-    matrix[:3, :3] = np.column_stack([right, np.cross(back, right), back])
-    matrix[:3, 3] = rows[0]
-    return matrix
+    return affine(np.column_stack([right, np.cross(back, right), back]), rows[0])

@@ -6,16 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from usarsim_maps.findings import Findings
 from usarsim_maps.meshes.polygons import MeshBuilder, triangulate, triangulate_one
 from usarsim_maps.meshes.xml_text import Document, Node
-from usarsim_maps.scene import Mesh
+from usarsim_maps.scene import Array, Integers, Mesh
 from usarsim_server.errors import MapImportError
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 PRIMITIVES = ("triangles", "polylist", "polygons", "tristrips", "trifans")
 
@@ -36,10 +32,7 @@ def read_geometry(
 ) -> Mesh | None:
     """The mesh of a `geometry` in the file's units and axes; None if it has no triangles.
 
-    Its materials are symbols.
-
-    Raises:
-        MapImportError: naming the line of what is broken.
+    Its materials are symbols. A `MapImportError` names the line of what is broken.
     """
     mesh = geometry.child("mesh") or geometry.child("convex_mesh")
     if mesh is None:
@@ -82,8 +75,7 @@ class _Mesh:
         if wrong.any():
             text = f"{int(wrong.sum())} corners have texture coordinates that are not there"
             self._document.note(primitive, text)
-        answer: Array = uvs[np.where(wrong, 0, corners)]
-        return answer
+        return np.asarray(uvs[np.where(wrong, 0, corners)])
 
     # ---- inputs ----------------------------------------------------------------------------
 

@@ -13,18 +13,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from usarsim_maps.meshes.gltf_data import DRACO, DracoPrimitive, GltfFile, Item, load_gltf
-from usarsim_maps.meshes.mesh_files import Axes, Pictures, Stage, axes_of
+from usarsim_maps.meshes.mesh_files import Axes, Pictures, SceneBuilder, axes_of
 from usarsim_maps.meshes.polygons import MeshBuilder
 from usarsim_maps.reader import Context, Reader, register
-from usarsim_maps.scene import LightKind, Material, Mesh, Part, Scene, SceneObject
+from usarsim_maps.scene import Array, Integers, LightKind, Material, Mesh, Part, Scene, SceneObject
+from usarsim_maps.units import affine, srgb
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.simulation.frames import Pose
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 MAX_OBJECTS = 100_000
 
@@ -63,10 +60,10 @@ class GltfReader(Reader):
             cure = "export without compression and without this extension"
             raise MapImportError(at(source, f"the file requires {missing[0]}", cure))
         axes = axes_of(context.options, "Y")
-        return _Stage(file, context, axes).filled()
+        return _GltfScene(file, context, axes).filled()
 
 
-class _Stage(Stage):
+class _GltfScene(SceneBuilder):
     """A scene being filled."""
 
     def __init__(self, file: GltfFile, context: Context, axes: Axes) -> None:
@@ -277,10 +274,7 @@ def _matrix(node: Item) -> Array | None:
 def _compose(translation: Array, rotation: Array, scale: Array) -> Array:
     """Translation, rotation (x, y, z, w) and scale as a matrix."""
     x, y, z, w = rotation / max(float(np.linalg.norm(rotation)), 1e-12)
-    matrix = np.eye(4)
-    matrix[:3, :3] = Pose(quaternion=(w, x, y, z)).matrix() * scale
-    matrix[:3, 3] = translation
-    return matrix
+    return affine(Pose(quaternion=(w, x, y, z)).matrix() * scale, translation)
 
 
 # ---- materials -----------------------------------------------------------------------------
@@ -302,17 +296,13 @@ class Mapping:
         c, s = math.cos(self.rotation), math.sin(self.rotation)
         scaled = uvs * np.array(self.scale)
         turned = scaled @ np.array([[c, s], [-s, c]]).T + np.array(self.offset)
-        answer: Array = turned * np.array([1.0, -1.0]) + np.array([0.0, 1.0])
-        return answer
+        return np.asarray(turned * np.array([1.0, -1.0]) + np.array([0.0, 1.0]))
 
 
 def finish_materials(file: GltfFile, pictures: Pictures) -> list[tuple[Material, Mapping]]:
     """All materials in the order of the file; names are made unique.
 
     A picture that cannot be had is a finding.
-
-    Raises:
-        MapImportError: the list of materials is none.
     """
     taken: set[str] = set()
     answer = []
@@ -338,7 +328,7 @@ def _material(
         a = 1.0
     passed = item.item("extensions").item("KHR_materials_transmission")
     a = min(a, 1.0 - 0.8 * (passed.positive("transmissionFactor") or 0.0))
-    material = Material(name, (_srgb(r), _srgb(g), _srgb(b), max(0.0, a)))
+    material = Material(name, (srgb(r), srgb(g), srgb(b), max(0.0, a)))
     texture = base.item(picture)
     try:
         number = texture.index("index", file.items("textures"))
@@ -384,10 +374,3 @@ def _textured(
         rotation=change.number_or("rotation", 0.0),
     )
     return Material(material.name, material.color, path, content, repeat), mapping
-
-
-def _srgb(value: float) -> float:
-    """Colour factors are linear; screens are not."""
-    if value <= 0.0031308:
-        return 12.92 * value
-    return float(1.055 * value ** (1.0 / 2.4) - 0.055)

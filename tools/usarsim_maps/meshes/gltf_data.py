@@ -1,4 +1,7 @@
-"""The container of glTF: JSON whose every value is checked, buffers, accessors."""
+"""The container of glTF: JSON whose every value is checked, buffers, accessors.
+
+Whatever makes no sense, and has no default, is a `MapImportError` that names its place.
+"""
 
 from __future__ import annotations
 
@@ -18,11 +21,9 @@ from usarsim_maps.files import AssetIndex, read_bytes
 from usarsim_maps.findings import Findings
 from usarsim_maps.meshes.mesh_files import CURE, broken
 from usarsim_maps.reader import need
+from usarsim_maps.scene import Array, Integers
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.files import ALLOW, Folders
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 MAX_BYTES = 1 << 30
 MAX_JSON = 128 << 20
@@ -59,11 +60,7 @@ class Item:
         return Item(self.path, place, found if isinstance(found, dict) else {})
 
     def items(self, key: str) -> list[Item]:
-        """A list of objects inside.
-
-        Raises:
-            MapImportError: it is something else.
-        """
+        """A list of objects inside."""
         found = self.value.get(key, [])
         place = f"{self.place}.{key}" if self.place else key
         if not isinstance(found, list) or not all(isinstance(entry, dict) for entry in found):
@@ -76,11 +73,7 @@ class Item:
         return found if isinstance(found, str) else ""
 
     def number_of(self, key: str, default: int) -> int:
-        """A whole number from 0 to 2^40.
-
-        Raises:
-            MapImportError: it is something else.
-        """
+        """A whole number from 0 to 2^40."""
         found = self.value.get(key, default)
         if isinstance(found, float) and found.is_integer():
             found = int(found)
@@ -119,11 +112,7 @@ class Item:
         return tuple(found.tolist())
 
     def index(self, key: str, of: Sequence[object]) -> int | None:
-        """The number of an entry of a list; None if it is not given.
-
-        Raises:
-            MapImportError: there is no such entry.
-        """
+        """The number of an entry of a list; None if it is not given."""
         if key not in self.value:
             return None
         found = self.number_of(key, 0)
@@ -132,11 +121,7 @@ class Item:
         return found
 
     def indices(self, key: str, of: Sequence[object]) -> list[int]:
-        """Numbers of entries of a list.
-
-        Raises:
-            MapImportError: one is not there.
-        """
+        """Numbers of entries of a list."""
         found = self.value.get(key, [])
         if not isinstance(found, list) or not all(
             isinstance(n, int) and not isinstance(n, bool) and 0 <= n < len(of) for n in found
@@ -263,11 +248,7 @@ class GltfFile:
         return self._buffers[number]
 
     def resource(self, item: Item, uri: str) -> bytes:
-        """The bytes behind a URI: data in the URI itself, or a file beside this one.
-
-        Raises:
-            MapImportError: there are none, or they lie elsewhere.
-        """
+        """The bytes behind a URI: data in the URI itself, or a file beside this one."""
         if uri.startswith("data:"):
             try:
                 return base64.b64decode(uri.partition(",")[2], validate=False)
@@ -291,11 +272,7 @@ def _normalized(item: Item, values: Array, dtype: np.dtype[Any]) -> Array:
 
 
 def load_gltf(path: Path, folders: Folders) -> GltfFile:
-    """Read the container; buffers follow when they are needed, out of these folders.
-
-    Raises:
-        MapImportError: it is damaged, or not of version 2.
-    """
+    """Read the container, of version 2; buffers follow when needed, out of these folders."""
     content = read_bytes(path, MAX_BYTES)
     chunk = None
     text = content
@@ -358,11 +335,7 @@ class DracoPrimitive:
     """What is in the compressed buffer of a primitive."""
 
     def __init__(self, file: GltfFile, primitive: Item) -> None:
-        """Decompress it.
-
-        Raises:
-            MapImportError: DracoPy is not installed, or the buffer is damaged.
-        """
+        """Decompress it; a `MapImportError` too if DracoPy is not installed."""
         draco = need("DracoPy", file.path, "meshes compressed by Draco")
         self._file = file
         self._item = primitive.item("extensions").item(DRACO)
@@ -377,11 +350,7 @@ class DracoPrimitive:
         self.chain: Integers = faces.reshape(-1)  # (3 n,) vertex numbers of its triangles
 
     def attribute(self, name: str, accessor: int) -> Array:
-        """Values (n, width) of `POSITION` or another attribute, in the types of its accessor.
-
-        Raises:
-            MapImportError: the buffer has no such attribute.
-        """
+        """Values (n, width) of `POSITION` or another attribute, in the types of its accessor."""
         number = self._item.item("attributes").number_of(name, NONE)
         found = self._mesh.get_attribute_by_unique_id(number)
         if found is None:

@@ -15,13 +15,11 @@ from pathlib import Path, PureWindowsPath
 from typing import Any
 from urllib.parse import unquote
 
-import numpy as np
-from numpy.typing import NDArray
-
 from usarsim_maps.files import AssetIndex
 from usarsim_maps.meshes.polygons import check_count
 from usarsim_maps.reader import Context, ImportOptions
 from usarsim_maps.scene import (
+    Array,
     Collision,
     Light,
     LightKind,
@@ -32,13 +30,11 @@ from usarsim_maps.scene import (
     Source,
     map_victim,
 )
-from usarsim_maps.units import MIRROR, axis_matrix, matrix_of_pose, pose_of_matrix
+from usarsim_maps.units import MIRROR, affine, axis_matrix, matrix_of_pose, pose_of_matrix
 from usarsim_server.errors import MapImportError, at
 from usarsim_server.files import is_regular
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.worlds.description import PathNode, StartPose, Victim
-
-Array = NDArray[np.float64]
 
 CURE = "the file is damaged or cut off; export it again"
 
@@ -82,27 +78,19 @@ class Axes:
         thing has no rotation.
         """
         pose = self.pose(node)
-        whole = np.eye(4)
-        whole[:3, :3] = self.linear
-        return pose, matrix_of_pose(pose.inverse()) @ whole @ node
+        return pose, matrix_of_pose(pose.inverse()) @ affine(self.linear) @ node
 
     def pose(self, node: Array) -> Pose:
         """Pose of a node in the world; its x axis stays its x axis."""
         turn = self.linear * self.units_per_metre
-        matrix = np.eye(4)
-        matrix[:3, :3] = turn @ node[:3, :3] @ turn.T
-        matrix[:3, 3] = self.linear @ node[:3, 3]
-        return pose_of_matrix(matrix)
+        return pose_of_matrix(affine(turn @ node[:3, :3] @ turn.T, self.linear @ node[:3, 3]))
 
 
 def axes_of(options: ImportOptions, up: str, unit: float = 1.0, *, stated: bool = True) -> Axes:
-    """Axes of a file.
+    """Axes of a file, whose user has the last word.
 
-    Args:
-        options: of the user, who has the last word.
-        up: axis that the file, or its format's custom, has upwards.
-        unit: metres per unit of the file.
-        stated: file or format say what the units are.
+    `up` is the axis that the file, or its format's custom, has upwards, `unit` is in metres;
+    `stated`: file or format say what the units are.
     """
     scale = options.scale or 1.0 / unit
     up = options.up or up
@@ -235,39 +223,7 @@ def with_hulls(objects: Sequence[SceneObject]) -> tuple[SceneObject, ...]:
     return tuple(answer)
 
 
-class Markers:
-    """Collects starts, path nodes and victims from nodes without geometry."""
-
-    def __init__(self) -> None:
-        self.starts: list[StartPose] = []
-        self.path_nodes: list[PathNode] = []
-        self.victims: list[Victim] = []
-
-    def fields(self) -> dict[str, Any]:
-        """All that was found, by the fields of a scene."""
-        return {name: tuple(found) for name, found in vars(self).items()}
-
-    def take(self, name: str, pose: Pose, tag: str = "") -> str | None:
-        """The kind of a marker, `start`, `path node` or `victim`; None if it is none.
-
-        Clients are told the tag instead of the name.
-        """
-        plain = re.sub(r"[^a-z]", "", name.lower())
-        word = tag or name
-        if plain.startswith(("playerstart", "robotstart", "startpose", "startpoint")):
-            self.starts.append(StartPose(word, pose))
-            return "start"
-        if plain.startswith("pathnode"):
-            self.path_nodes.append(PathNode(word, pose.position))
-            return "path node"
-        if plain.startswith(("malevictim", "femalevictim", "victim")):
-            figure = "female" if "female" in plain else "male"
-            self.victims.append(map_victim(word, pose, figure))
-            return "victim"
-        return None
-
-
-class Stage:
+class SceneBuilder:
     """A scene being filled from a file of nodes."""
 
     def __init__(self, path: Path, context: Context, axes: Axes) -> None:
@@ -275,7 +231,9 @@ class Stage:
         self.axes = axes
         self.findings = context.findings
         self.pictures = Pictures(path, context)
-        self.markers = Markers()
+        self.starts: list[StartPose] = []
+        self.path_nodes: list[PathNode] = []
+        self.victims: list[Victim] = []
         self.objects: list[SceneObject] = []
         self.lights: list[Light] = []
         self._meshes: dict[object, Mesh | None] = {}
@@ -289,10 +247,24 @@ class Stage:
             check_count(self.path, self._triangles)
         return self._meshes[key]
 
-    def mark(self, name: str, matrix: Array, tag: str = "") -> None:
-        """Take a node without geometry for what its name says."""
-        kind = self.markers.take(name, self.axes.pose(matrix), tag)
-        self.findings.count(kind or "empty node")
+    def mark(self, name: str, matrix: Array, tag: str = "") -> bool:
+        """Take a node without geometry for the start, path node or victim that its name says it is.
+
+        Clients are told the tag instead of the name. Whether it is one.
+        """
+        plain, word = re.sub(r"[^a-z]", "", name.lower()), tag or name
+        kind, pose = "empty node", self.axes.pose(matrix)
+        if plain.startswith(("playerstart", "robotstart", "startpose", "startpoint")):
+            kind = "start"
+            self.starts.append(StartPose(word, pose))
+        elif plain.startswith("pathnode"):
+            kind = "path node"
+            self.path_nodes.append(PathNode(word, pose.position))
+        elif plain.startswith(("malevictim", "femalevictim", "victim")):
+            kind = "victim"
+            self.victims.append(map_victim(word, pose, "female" if "female" in plain else "male"))
+        self.findings.count(kind)
+        return kind != "empty node"
 
     def light(
         self, name: str, kind: LightKind, matrix: Array, color: Iterable[float], **facts: Any
@@ -312,6 +284,8 @@ class Stage:
             source=self.axes.source(self.path, title, [*files, *self.pictures.files]),
             objects=with_hulls(self.objects),
             materials=dict(materials),
+            starts=tuple(self.starts),
+            path_nodes=tuple(self.path_nodes),
+            victims=tuple(self.victims),
             lights=tuple(self.lights),
-            **self.markers.fields(),
         )

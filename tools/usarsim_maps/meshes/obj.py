@@ -14,14 +14,13 @@ from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
 from usarsim_maps.files import read_text
 from usarsim_maps.meshes.mesh_files import Axes, Pictures, axes_of, broken, with_hulls
 from usarsim_maps.meshes.polygons import MAX_TRIANGLES, check_count, make_mesh, triangulate
 from usarsim_maps.numbers import read_number
 from usarsim_maps.reader import Context, Reader, register
-from usarsim_maps.scene import Material, Part, Scene, SceneObject
+from usarsim_maps.scene import Array, Material, Part, Scene, SceneObject
 
 MAX_BYTES = 512 << 20
 MAX_MTL_BYTES = 16 << 20
@@ -95,11 +94,7 @@ class _File:
         self._has_objects = False
 
     def parse(self, text: str) -> None:
-        """Read all lines.
-
-        Raises:
-            MapImportError: naming the line.
-        """
+        """Read all lines; a `MapImportError` names the one that makes no sense."""
         corners = 0
         for number, words in _lines(text):
             try:
@@ -196,11 +191,11 @@ class _File:
         return -1
 
     @cached_property
-    def _all_points(self) -> NDArray[np.float64]:
+    def _all_points(self) -> Array:
         return np.array(self._points)
 
     @cached_property
-    def _all_uvs(self) -> NDArray[np.float64]:
+    def _all_uvs(self) -> Array:
         return np.array(self._uvs)
 
     def build(self, group: _Group, axes: Axes) -> SceneObject:
@@ -267,11 +262,7 @@ def _materials(
 
 
 def read_mtl(path: Path, pictures: Pictures) -> dict[str, Material]:
-    """Materials of a library; lines that make no sense are passed over.
-
-    Raises:
-        MapImportError: the file cannot be read.
-    """
+    """Materials of a library; lines that make no sense are passed over."""
     known: dict[str, Material] = {}
     name = ""
     for _, words in _lines(read_text(path, MAX_MTL_BYTES)):

@@ -20,11 +20,8 @@ from usarsim_maps.meshes.mesh_files import Pictures, axes_of, broken
 from usarsim_maps.meshes.polygons import MAX_TRIANGLES, check_count, make_mesh, triangulate
 from usarsim_maps.numbers import read_number, read_whole
 from usarsim_maps.reader import Context, Reader, register
-from usarsim_maps.scene import Material, Part, Scene, SceneObject
+from usarsim_maps.scene import Array, Integers, Material, Part, Scene, SceneObject
 from usarsim_server.errors import MapImportError, at
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 MAX_BYTES = 1 << 30
 MAX_HEADER = 64 << 10
@@ -32,6 +29,8 @@ MAX_PROPERTIES = 200
 SHADES = 4
 """Steps per colour channel that coloured vertices are rounded to; each colour is a material."""
 
+
+ORDERS = {"ascii": "ascii", "binary_little_endian": "<", "binary_big_endian": ">"}
 
 TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2",
@@ -144,11 +143,7 @@ def _header(source: Path, content: bytes) -> tuple[str, list[_Element], list[str
         try:
             match words:
                 case ["format", word, *_]:
-                    order = {
-                        "ascii": "ascii",
-                        "binary_little_endian": "<",
-                        "binary_big_endian": ">",
-                    }[word]
+                    order = ORDERS[word]
                 case ["comment", "TextureFile", *name]:
                     pictures.append(" ".join(name))
                 case ["element", name, count]:
@@ -276,7 +271,13 @@ def _binary(
         if even:
             end = start + element.count * row.itemsize
             return _regular(element, rows, lengths), end
-    return _irregular(source, element, content, start, order)
+    if element.count > 2 * MAX_TRIANGLES:
+        check_count(source, element.count)
+    reader = _Reader(content, start, order)
+    try:
+        return _rows(element, reader), reader.place
+    except IndexError:
+        raise _short(source, element) from None
 
 
 def _first_lengths(element: _Element, content: bytes, start: int, order: str) -> dict[int, int]:
@@ -304,18 +305,6 @@ def _regular(element: _Element, rows: NDArray[np.void], lengths: dict[int, int])
             else:
                 table.columns[item.name] = values
     return table
-
-
-def _irregular(
-    source: Path, element: _Element, content: bytes, start: int, order: str
-) -> tuple[_Table, int]:
-    if element.count > 2 * MAX_TRIANGLES:
-        check_count(source, element.count)
-    reader = _Reader(content, start, order)
-    try:
-        return _rows(element, reader), reader.place
-    except IndexError:
-        raise _short(source, element) from None
 
 
 # ---- faces -----------------------------------------------------------------------------------

@@ -5,20 +5,19 @@ Convex polygons become fans, ears are clipped of the rest (mapbox_earcut).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import mapbox_earcut
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_maps.scene import Mesh, Scene
+from usarsim_maps.scene import Array, Integers, Mask, Mesh, Scene
 from usarsim_maps.units import matrix_of_pose
 from usarsim_server.errors import MapImportError, at
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Indices = NDArray[np.integer[Any]]
 
 MAX_TRIANGLES = 8_000_000
@@ -35,14 +34,10 @@ BENT = 1e-6
 
 
 def triangulate(points: Array, sizes: Integers) -> tuple[Integers, Integers]:
-    """Triangles of many polygons.
+    """Triangles of many polygons: numbers of corners (t, 3), and whose each is (t,); in order.
 
-    Args:
-        points: (c, 3) corners of all polygons, one after the other.
-        sizes: (p,) corners of each; polygons of fewer than three give nothing.
-
-    Returns:
-        (t, 3) numbers of corners, and (t,) the polygon that each triangle is of; in order.
+    The points (c, 3) are the corners of all polygons, one after the other, and the sizes (p,) how
+    many each has; those of fewer than three give nothing.
     """
     starts = np.cumsum(sizes) - sizes
     triangles = [np.zeros((0, 3), np.int64)]
@@ -63,15 +58,10 @@ def triangulate(points: Array, sizes: Integers) -> tuple[Integers, Integers]:
 
 
 def triangulate_one(outline: Array, holes: Sequence[Array] = ()) -> Integers:
-    """Triangles of one polygon, which look to the same side as its outline.
+    """Triangles (t, 3) of one polygon, which look to the same side as its outline (n, 3).
 
-    Args:
-        outline: (n, 3).
-        holes: (m, 3) each, inside the outline, in either direction.
-
-    Returns:
-        (t, 3) numbers of corners: those of the outline, then of each hole in turn. None where the
-        polygon encloses nothing, or a corner is at no place.
+    Holes (m, 3) run in either direction inside it. Corners are numbered: those of the outline, then
+    of each hole in turn. None where the polygon encloses nothing, or a corner is at no place.
     """
     points = np.concatenate([outline, *holes])
     if len(outline) < 3 or not (np.abs(points) < FAR).all():
@@ -84,8 +74,7 @@ def triangulate_one(outline: Array, holes: Sequence[Array] = ()) -> Integers:
     numbers = numbers[np.repeat([size >= 3 for size in rings], rings)]
     ends = np.cumsum([size for size in rings if size >= 3], dtype=np.uint32)
     found = mapbox_earcut.triangulate_float64(_flat(points, outline)[numbers], ends)
-    answer: Integers = numbers[found].reshape(-1, 3)
-    return answer
+    return np.asarray(numbers[found].reshape(-1, 3))
 
 
 def _fan(size: int) -> Integers:
@@ -93,7 +82,7 @@ def _fan(size: int) -> Integers:
     return np.stack([np.zeros_like(steps), steps, steps + 1], axis=1)
 
 
-def _is_convex(corners: Array) -> NDArray[np.bool_]:
+def _is_convex(corners: Array) -> Mask:
     """Whether polygons (g, n, 3) have no inward corner."""
     with np.errstate(all="ignore"):
         before = corners - np.roll(corners, 1, axis=1)
@@ -103,7 +92,7 @@ def _is_convex(corners: Array) -> NDArray[np.bool_]:
         turn = (np.cross(before, after) * normal).sum(axis=2)
         size = np.linalg.norm(before, axis=2) * np.linalg.norm(after, axis=2)
         size *= np.linalg.norm(normal, axis=2)
-        answer: NDArray[np.bool_] = (turn >= -BENT * size).all(axis=1)
+        answer: Mask = (turn >= -BENT * size).all(axis=1)
         answer |= ~np.isfinite(size).all(axis=1)
     return answer
 
@@ -131,12 +120,9 @@ def make_mesh(
     materials: Sequence[str] = (),
     linear: Array | None = None,
 ) -> Mesh:
-    """A mesh of those points that its triangles use.
+    """A mesh of those points that its triangles use; see `MeshBuilder.add`.
 
-    Args:
-        name: of the mesh.
-        points, triangles, uvs, materials, slots: see `MeshBuilder.add`.
-        linear: (3, 3) applied to the points; where it mirrors, triangles are turned round.
+    A linear map (3, 3) is applied to the points; where it mirrors, triangles are turned round.
     """
     used, inverse = np.unique(triangles.reshape(-1), return_inverse=True)
     corners = inverse.reshape(-1, 3)
@@ -155,6 +141,32 @@ def make_mesh(
         slots=None if slots is None else slots.astype(np.int32),
         materials=tuple(materials),
     )
+
+
+Profile: TypeAlias = list[tuple[float, float]]
+"""Radii and heights, from below to above."""
+
+POINTED = 1e-9
+"""Radius of what is a point."""
+
+
+def lathe(name: str, profile: Profile, sides: int, phase: float = 0.0) -> Mesh:
+    """What turns about z with so many sides; the first corners are at an angle, rad."""
+    angles = phase + np.arange(sides) * 2.0 * np.pi / sides
+    circle = np.column_stack([np.cos(angles), np.sin(angles)])
+    rings = [np.column_stack([circle * r, np.full(sides, z)]) for r, z in profile]
+    number = np.arange(len(rings) * sides).reshape(len(rings), sides)
+    a, b = number[:-1], np.roll(number[:-1], -1, axis=1)
+    d, c = number[1:], np.roll(number[1:], -1, axis=1)
+    wide = np.array([r for r, _ in profile]) > POINTED
+    halves = [np.stack([a, b, c], -1)[wide[:-1]], np.stack([a, c, d], -1)[wide[1:]]]
+    return Mesh(name, np.vstack(rings), np.concatenate(halves).reshape(-1, 3).astype(np.int32))
+
+
+def half_circle(radius: float, sides: int) -> Profile:
+    """The profile of a ball, from pole to pole; its level edges are as long as those around it."""
+    angles = np.linspace(-np.pi / 2.0, np.pi / 2.0, sides // 2 + 1).tolist()
+    return [(radius * math.cos(angle), radius * math.sin(angle)) for angle in angles]
 
 
 class MeshBuilder:
@@ -178,12 +190,8 @@ class MeshBuilder:
     ) -> None:
         """Add triangles (m, 3) of points (n, 3); the same array of points is stored once.
 
-        Args:
-            points: all or more of those that the triangles use.
-            triangles: indices into them.
-            uvs: (m, 3, 2), v upwards.
-            materials: names of those that the slots mean.
-            slots: (m,) numbers of materials; None: all triangles have the first one.
+        `uvs` (m, 3, 2) count upwards, `slots` (m,) are numbers of materials; None: all triangles
+        have the first one.
         """
         if id(points) not in self._first:
             self._first[id(points)] = sum(map(len, self._points))
@@ -244,11 +252,7 @@ def merge_meshes(scene: Scene, name: str) -> Mesh | None:
 
 
 def check_count(source: Path, count: int) -> None:
-    """Refuse a file with too many triangles.
-
-    Raises:
-        MapImportError: it has.
-    """
+    """Refuse a file with too many triangles, by a `MapImportError`."""
     if count > MAX_TRIANGLES:
         problem = f"{count} triangles are more than {MAX_TRIANGLES}"
         raise MapImportError(at(source, problem, "simplify the mesh, or split it"))

@@ -10,16 +10,13 @@ import re
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from usarsim_maps.files import read_bytes
 from usarsim_maps.meshes.mesh_files import axes_of, broken, with_hulls
 from usarsim_maps.meshes.polygons import MAX_TRIANGLES, check_count, make_mesh
 from usarsim_maps.numbers import read_number
 from usarsim_maps.reader import Context, Reader, register
-from usarsim_maps.scene import Part, Scene, SceneObject
-
-Array = NDArray[np.float64]
+from usarsim_maps.scene import Array, Part, Scene, SceneObject
 
 MAX_BYTES = 512 << 20
 HEADER = 84

@@ -60,11 +60,7 @@ def _metres(trimesh: Any, units: str) -> float:
 
 
 def _refuse_bomb(source: Path, content: bytes) -> None:
-    """Refuse an archive that is far larger than its file, or that is cut off.
-
-    Raises:
-        MapImportError: it is.
-    """
+    """Refuse an archive that is far larger than its file, or that is cut off."""
     if not content.startswith(b"PK"):
         return
     try:

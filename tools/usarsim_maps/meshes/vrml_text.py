@@ -29,11 +29,7 @@ _DECLARED = {"field", "exposedField", "eventIn", "eventOut", "inputOutput", "ini
 
 
 def read_vrml(path: Path) -> Document:
-    """Read a file.
-
-    Raises:
-        MapImportError: naming the line.
-    """
+    """Read a file; a `MapImportError` names the line of what is wrong."""
     text = decode(read_bytes(path, MAX_BYTES))
     if text.startswith("#VRML V1"):
         problem = "VRML 1 is not known"
@@ -77,6 +73,9 @@ class _Parser:
         self._next, self._line = next(self._tokens, ("", self._line))
         return token
 
+    def _take(self, count: int) -> list[str]:
+        return [self._advance() for _ in range(count)]
+
     def _error(self, problem: str, line: int | None = None) -> MapImportError:
         where = f"line {self._line if line is None else line}"
         return broken(self._path, problem, where)
@@ -90,7 +89,7 @@ class _Parser:
         """Of the head of an X3D file; only the unit of length has a meaning here."""
         word, line = self._advance(), self._line
         count = {"PROFILE": 1, "COMPONENT": 1, "META": 2, "UNIT": 3}[word]
-        values = [self._advance() for _ in range(count)]
+        values = self._take(count)
         if word == "UNIT":
             facts = {"category": values[0], "conversionFactor": values[2]}
             scene.children.append(Node("unit", facts, line))
@@ -100,25 +99,17 @@ class _Parser:
         word = self._next
         match word:
             case "ROUTE":
-                for _ in range(4):
-                    self._advance()
+                self._take(4)
             case "PROTO" | "EXTERNPROTO":
-                for _ in range(2):
-                    self._advance()
+                self._take(2)
                 self._block()
                 self._block()  # of addresses, or one address; of a body
             case "IMPORT" | "EXPORT":
-                for _ in range(2):
-                    self._advance()
-                self._alias()
+                self._take(2)
+                self._take(2 if self._next == "AS" else 0)
             case _:
                 return False
         return True
-
-    def _alias(self) -> None:
-        if self._next == "AS":
-            for _ in range(2):
-                self._advance()
 
     def _block(self) -> None:
         """Pass over everything between two brackets, or over one value."""
@@ -161,8 +152,7 @@ class _Parser:
             if not self._is_value():
                 return
         if self._next == "IS":
-            self._advance()
-            self._advance()
+            self._take(2)
         elif self._next == "[":
             self._advance()
             values = []

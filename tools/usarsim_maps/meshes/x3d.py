@@ -7,8 +7,9 @@ those of DEF. What moves, asks or draws by itself (scripts, routes, prototypes) 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from usarsim_maps.files import AssetIndex, read_head
 from usarsim_maps.findings import Findings
 from usarsim_maps.meshes.mesh_files import (
     Axes,
-    Stage,
+    SceneBuilder,
     axes_of,
 )
 from usarsim_maps.meshes.vrml_text import read_vrml
@@ -26,7 +27,7 @@ from usarsim_maps.meshes.xml_text import Document, Node, read_xml
 from usarsim_maps.numbers import read_number, read_numbers
 from usarsim_maps.reader import Context, Reader, register
 from usarsim_maps.scene import Array, Material, Part, Scene, SceneObject
-from usarsim_maps.units import axis_turn
+from usarsim_maps.units import affine, axis_turn
 from usarsim_server.errors import MapImportError, at
 
 MAX_DEPTH = 200
@@ -38,22 +39,10 @@ MAX_FILES = 1000
 CURE = "export it again, or as glTF"
 
 GROUPS = {
-    "Anchor",
-    "Billboard",
-    "Collision",
-    "Group",
-    "Scene",
-    "StaticGroup",
-    "X3D",
-    "CADLayer",
-    "CADAssembly",
-    "CADPart",
-    "CADFace",
-    "HAnimHumanoid",
-    "HAnimJoint",
-    "HAnimSegment",
-}
-"""Nodes whose children are simply there."""  # fmt: skip
+    "Anchor", "Billboard", "CADAssembly", "CADFace", "CADLayer", "CADPart", "Collision", "Group",
+    "HAnimHumanoid", "HAnimJoint", "HAnimSegment", "Scene", "StaticGroup", "X3D",
+}  # fmt: skip
+"""Nodes whose children are simply there."""
 
 _STRINGS = re.compile(r'"((?:[^"\\]|\\.)*)"')
 
@@ -69,7 +58,7 @@ class X3dReader(Reader):
     def read(self, source: Path, context: Context) -> Scene:
         """See `Reader.read`."""
         document = _load(source, context.findings)
-        return _Stage(document, context, axes_of(context.options, "Y", _unit(document))).filled()
+        return _X3dScene(document, context, axes_of(context.options, "Y", _unit(document))).filled()
 
 
 def _load(path: Path, findings: Findings) -> Document:
@@ -102,7 +91,7 @@ def _defined(document: Document) -> dict[str, Node]:
     return names
 
 
-class _Stage(Stage):
+class _X3dScene(SceneBuilder):
     """A scene being filled."""
 
     def __init__(self, document: Document, context: Context, axes: Axes) -> None:
@@ -202,7 +191,7 @@ class _Stage(Stage):
         geometry = self._geometry(node)
         if geometry is None:
             return
-        find = self._field_of(geometry)
+        find = partial(self._child, geometry)
         mesh = self.mesh(id(geometry), lambda: make_geometry(self._document, geometry, find))
         if mesh is None:
             self.findings.skip(geometry.tag)
@@ -221,9 +210,6 @@ class _Stage(Stage):
             if found.tag != "Appearance" and not found.tag.startswith("Metadata"):
                 return found
         return None
-
-    def _field_of(self, geometry: Node) -> Callable[..., Node | None]:
-        return lambda *tags: self._child(geometry, *tags)
 
     def _look(self, appearance: Node | None) -> str:
         """The name of the material of an appearance."""
@@ -255,14 +241,13 @@ class _Stage(Stage):
 
     def _matrix(self, node: Node) -> Array:
         """T C R SR S -SR -C, as the standard has it for Transform."""
-        center = _moved(self._numbers(node, "center", (0.0, 0.0, 0.0)))
-        back = _moved([-value for value in center[:3, 3]])
+        center = affine(offset=self._numbers(node, "center", (0.0, 0.0, 0.0)))
+        back = affine(offset=-center[:3, 3])
         turn = _turned(self._numbers(node, "rotation", (0.0, 0.0, 1.0, 0.0)))
         skew = _turned(self._numbers(node, "scaleOrientation", (0.0, 0.0, 1.0, 0.0)))
         scale = np.diag([*self._numbers(node, "scale", (1.0, 1.0, 1.0)), 1.0])
-        place = _moved(self._numbers(node, "translation", (0.0, 0.0, 0.0)))
-        answer: Array = place @ center @ turn @ skew @ scale @ skew.T @ back
-        return answer
+        place = affine(offset=self._numbers(node, "translation", (0.0, 0.0, 0.0)))
+        return np.asarray(place @ center @ turn @ skew @ scale @ skew.T @ back)
 
     def _numbers(self, node: Node, field: str, default: tuple[float, ...]) -> list[float]:
         """So many numbers of a field as its default has, which stands for what makes no sense."""
@@ -279,16 +264,8 @@ class _Stage(Stage):
         return values
 
 
-def _moved(translation: list[float]) -> Array:
-    matrix = np.eye(4)
-    matrix[:3, 3] = translation
-    return matrix
-
-
 def _turned(rotation: list[float]) -> Array:
-    matrix = np.eye(4)
-    matrix[:3, :3] = axis_turn(np.array(rotation[:3]), rotation[3])
-    return matrix
+    return affine(axis_turn(np.array(rotation[:3]), rotation[3]))
 
 
 def _strings(text: str) -> Iterator[str]:

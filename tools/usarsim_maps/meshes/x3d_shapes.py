@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_maps.meshes.polygons import make_mesh, triangulate
+from usarsim_maps.geometry import CORNERS, QUADS
+from usarsim_maps.meshes.polygons import Profile, half_circle, lathe, make_mesh, triangulate
 from usarsim_maps.meshes.xml_text import Document, Node
-from usarsim_maps.scene import Array, Mesh
+from usarsim_maps.scene import Array, Integers, Mesh
 
-Integers = NDArray[np.int64]
 Find = Callable[..., Node | None]
 
 SIDES = 32
@@ -24,10 +23,8 @@ CURE = "export it again, or as glTF"
 def make_geometry(document: Document, node: Node, child: Find) -> Mesh | None:
     """The mesh of a geometry node in its own frame, with one material; None for other nodes.
 
-    `child` finds the first of its children of some kinds.
-
-    Raises:
-        MapImportError: a value makes no sense; the message has the line.
+    `child` finds the first of its children of some kinds. If a value makes no sense, a
+    `MapImportError` has the line.
     """
     maker = _MAKERS.get(node.tag)
     if maker is None:
@@ -123,53 +120,34 @@ def _triangle_set(fields: _Fields) -> Made:
     order = order[: len(order) // 3 * 3]
     uvs = fields.uvs()
     fits = uvs is not None and (not len(order) or 0 <= order.min() <= order.max() < len(uvs))
-    rows = np.column_stack([order.reshape(-1, 3), np.full(len(order) // 3, -1)])
-    return points, rows.reshape(-1), uvs[order] if fits and uvs is not None else None
+    corners = uvs[order] if fits and uvs is not None else None
+    return points, _ended(order.reshape(-1, 3)), corners
 
 
 def _box(fields: _Fields) -> Made:
     rows = fields.floats("size", width=3)
     half = (rows[0] if len(rows) else np.array([2.0, 2.0, 2.0])) / 2.0
-    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * half
-    return (
-        corners,
-        _ended(
-            [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
-        ),
-        None,
-    )
+    return CORNERS * half, _ended(np.array(QUADS)), None
 
 
 def _sphere(fields: _Fields) -> Made:
-    return _lathe([(radius, height) for radius, height in _half_circle(fields.size("radius", 1.0))])
-
-
-def _half_circle(radius: float) -> list[tuple[float, float]]:
-    angles = np.linspace(-math.pi / 2.0, math.pi / 2.0, SIDES // 2 + 1)
-    return [(radius * math.cos(a), radius * math.sin(a)) for a in angles.tolist()]
+    return _turned(half_circle(fields.size("radius", 1.0), SIDES))
 
 
 def _cylinder(fields: _Fields) -> Made:
     radius, half = fields.size("radius", 1.0), fields.size("height", 2.0) / 2.0
-    return _lathe([(0.0, -half), (radius, -half), (radius, half), (0.0, half)])
+    return _turned([(0.0, -half), (radius, -half), (radius, half), (0.0, half)])
 
 
 def _cone(fields: _Fields) -> Made:
     radius, half = fields.size("bottomRadius", 1.0), fields.size("height", 2.0) / 2.0
-    return _lathe([(0.0, -half), (radius, -half), (0.0, half)])
+    return _turned([(0.0, -half), (radius, -half), (0.0, half)])
 
 
-def _lathe(outline: list[tuple[float, float]]) -> Made:
-    """What turns about y: radius and height from below to above."""
-    turn = np.linspace(0.0, math.tau, SIDES, endpoint=False)
-    rings = [np.column_stack([r * np.cos(turn), np.full(SIDES, h), -r * np.sin(turn)])
-             for r, h in outline]  # fmt: skip
-    rows = []
-    for level in range(len(outline) - 1):
-        for k in range(SIDES):
-            low, high, after = level * SIDES, (level + 1) * SIDES, (k + 1) % SIDES
-            rows.append([low + k, low + after, high + after, high + k])
-    return np.concatenate(rings), _ended(rows), None
+def _turned(profile: Profile) -> Made:
+    """What turns about y."""
+    mesh = lathe("", profile, SIDES)
+    return mesh.vertices[:, [0, 2, 1]] * [1.0, 1.0, -1.0], _ended(mesh.triangles), None
 
 
 def _grid(fields: _Fields) -> Made:
@@ -183,13 +161,14 @@ def _grid(fields: _Fields) -> Made:
     points = np.column_stack([np.tile(x, rows), heights, np.repeat(z, columns)])
     first = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).reshape(-1)
     # Two triangles for each cell: its corners need not lie in one plane.
-    one = np.column_stack([first, first + columns, first + columns + 1, np.full(len(first), -1)])
-    two = np.column_stack([first, first + columns + 1, first + 1, np.full(len(first), -1)])
-    return points, np.concatenate([one, two]).reshape(-1), None
+    one = np.column_stack([first, first + columns, first + columns + 1])
+    two = np.column_stack([first, first + columns + 1, first + 1])
+    return points, _ended(np.concatenate([one, two])), None
 
 
-def _ended(rows: list[list[int]]) -> Integers:
-    return np.array([number for row in rows for number in (*row, -1)], np.int64)
+def _ended(rows: NDArray[np.integer]) -> Integers:
+    """Polygons (n, k), each ended by -1."""
+    return np.column_stack([rows, np.full(len(rows), -1)]).reshape(-1).astype(np.int64)
 
 
 _MAKERS: dict[str, Callable[[_Fields], Made]] = {

@@ -13,16 +13,13 @@ from pathlib import Path
 from xml.parsers import expat
 
 import numpy as np
-from numpy.typing import NDArray
 
 from usarsim_maps.files import decode, read_bytes
 from usarsim_maps.findings import Findings
 from usarsim_maps.meshes.mesh_files import CURE, broken
 from usarsim_maps.numbers import read_numbers, read_whole
+from usarsim_maps.scene import Array, Integers
 from usarsim_server.errors import MapImportError, at
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 MAX_BYTES = 512 << 20
 MAX_DEPTH = 300
@@ -81,7 +78,7 @@ class Node:
 
 @dataclass(frozen=True, slots=True)
 class Document:
-    """A file."""
+    """A file; numbers that make no sense where there must be some are a `MapImportError`."""
 
     path: Path  # of the file
     root: Node  # its outermost element
@@ -101,13 +98,8 @@ class Document:
     def vector(self, node: Node | None, *counts: int, far: float = FAR) -> Array | None:
         """The few numbers of an element; None, and a note unless it is missing, if they are bad.
 
-        Of more numbers than there should be the first ones count, as for programs that stop reading
-        when they have enough.
-
-        Args:
-            node: the element.
-            counts: how many numbers there may be, ascending.
-            far: larger ones have no meaning.
+        There may be as many numbers as one of the counts, ascending. Of more the first ones count,
+        as for programs that stop reading when they have enough. Those beyond `far` have no meaning.
         """
         if node is None:
             return None
@@ -140,11 +132,7 @@ class Document:
         return None if found is None else float(found[0])
 
     def floats(self, node: Node) -> Array:
-        """All numbers of a long list, those that are none as NaN.
-
-        Raises:
-            MapImportError: a word is no number.
-        """
+        """All numbers of a long list, those that are none as NaN."""
         try:
             return np.array(node.text.split(), dtype=float)
         except ValueError:
@@ -156,11 +144,7 @@ class Document:
             raise self.error(node, f"{error}"[:120]) from None
 
     def integers(self, node: Node) -> Integers:
-        """All whole numbers in the text of an element; `3.0` is one, too.
-
-        Raises:
-            MapImportError: a word is no whole number, or absurdly large.
-        """
+        """All whole numbers in the text of an element; `3.0` is one, too."""
         words = node.text.split()
         try:
             return np.array(words, dtype=np.int64)
@@ -179,16 +163,10 @@ def read_xml(
     limit: int = MAX_BYTES,
     findings: Findings | None = None,
 ) -> Document:
-    """Read a file.
+    """Read a file of at most `limit` bytes; a `MapImportError` names the line of what is wrong.
 
-    Args:
-        path: of the file.
-        tolerant: mend common faults instead of refusing them.
-        limit: largest size, bytes.
-        findings: told later on of numbers that make no sense.
-
-    Raises:
-        MapImportError: naming the line.
+    If tolerant, common faults are mended instead. The findings are told later on of numbers that
+    make no sense.
     """
     text = _text(read_bytes(path, limit))
     findings = findings or Findings()

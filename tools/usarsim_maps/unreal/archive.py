@@ -11,7 +11,7 @@ import zlib
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from usarsim_maps.scene import Array
 
 MAX_STRING = 1 << 20
 """Characters of one string."""
@@ -43,20 +43,13 @@ class PackageError(ValueError):
 class Archive:
     """Reads numbers and strings from a part of a package, front to back.
 
-    Attributes:
-        offset: where the next value is, counted from the beginning of the package.
-        end: where the part ends.
+    What is not there, or makes no sense, is a `PackageError`.
     """
 
     def __init__(self, data: bytes, offset: int = 0, end: int | None = None) -> None:
-        """A part of some bytes.
-
-        Raises:
-            PackageError: the part is not inside them.
-        """
         self._data = data
-        self.offset = offset
-        self.end = len(data) if end is None else end
+        self.offset = offset  # where the next value is, counted from the beginning of the package
+        self.end = len(data) if end is None else end  # of the part
         if not 0 <= offset <= self.end <= len(data):
             raise PackageError(f"a part from byte {offset} to {self.end} of {len(data)}", offset)
 
@@ -70,17 +63,13 @@ class Archive:
         return Archive(self._data, self.offset, self.end)
 
     def skip(self, size: int) -> None:
-        """Leave out some bytes.
-
-        Raises:
-            PackageError: so many are not there.
-        """
+        """Leave out some bytes."""
         if not 0 <= size <= self.left:
             raise PackageError(f"{size} bytes wanted, {self.left} are left", self.offset)
         self.offset += size
 
     def bytes(self, size: int) -> bytes:
-        """Some bytes as they are; `PackageError` as in `skip`, here and everywhere below."""
+        """Some bytes as they are."""
         start = self.offset
         self.skip(size)
         return self._data[start : start + size]
@@ -126,11 +115,7 @@ class Archive:
         return raw.astype(np.float64).reshape(shape)
 
     def count(self, item: int, what: str = "items") -> int:
-        """The length of a list whose items take at least so many bytes each.
-
-        Raises:
-            PackageError: it is negative, or longer than what is left.
-        """
+        """The length of a list whose items take at least so many bytes each."""
         start = self.offset
         number = self.i32()
         if number < 0 or number * item > self.left:
@@ -140,12 +125,8 @@ class Archive:
     def bulk(self, size: int, what: str) -> tuple[int, int]:
         """Skip over a list that is stored in one block, with the size of an item before it.
 
-        Args:
-            size: that items must have; 0: any.
-            what: for errors.
-
-        Returns:
-            Where the items begin, and their number.
+        That size has to be the given one, unless 0 is given. Returns where the items begin, and
+        their number.
         """
         start = self.offset
         item = self.i32()
@@ -163,11 +144,7 @@ class Archive:
         return np.frombuffer(self._data, dtype, count, begin)
 
     def string(self) -> str:
-        """A string: its length with the final NUL before it; negative for UTF-16.
-
-        Raises:
-            PackageError: it is absurdly long or not there.
-        """
+        """A string: its length with the final NUL before it; negative for UTF-16."""
         start = self.offset
         length = self.i32()
         if abs(length) > MAX_STRING:
@@ -180,13 +157,8 @@ class Archive:
 def inflate_part(archive: Archive, method: int, limit: int) -> bytes:
     """What a compressed part holds: tag, block size, totals, sizes of the blocks, the blocks.
 
-    Args:
-        archive: at the tag.
-        method: compression flags.
-        limit: bytes that may come out.
-
-    Raises:
-        PackageError: the part is damaged, larger than the limit, or compressed otherwise.
+    It is a `PackageError` if the part is damaged, gives more bytes than the limit, or is compressed
+    by another method than the flags say.
     """
     start = archive.offset
     if archive.u32() != TAG:
@@ -231,14 +203,8 @@ def lzo1x(packed: bytes, size: int) -> bytes:
 
     The stream is a chain of instructions. Each copies a match out of what has been written, then
     up to three literal bytes; runs of more literals are instructions of their own, which exist
-    only where no literals went before.
-
-    Args:
-        packed: all of it, end marker included.
-        size: most bytes that may come out.
-
-    Raises:
-        PackageError: the stream is damaged.
+    only where no literals went before. It ends with a marker. More bytes than `size`, and damage,
+    are a `PackageError`.
     """
     out = bytearray()
     try:

@@ -1,5 +1,7 @@
 """Polygons of brushes, and the tree of convex parts that the editor has built from them.
 
+What cannot be read is a `PackageError`.
+
 Layouts: worlds reference 5.2. `agreement` compares two independent ways to the same answer: the
 order of the brushes with the winding number of each about a point, and the tree.
 """
@@ -12,12 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_maps.scene import Array, Brush, BrushOperation, Solidity
+from usarsim_maps.scene import Array, Brush, BrushOperation, Mask, Solidity
 from usarsim_maps.unreal.archive import Archive, PackageError
 from usarsim_maps.unreal.package import Export, Package
 from usarsim_maps.unreal.properties import read_object
-
-Bools = NDArray[np.bool_]
 
 FARTHEST = 1e7
 """UU: coordinates beyond this are nonsense (the engine's world ends at 262 144)."""
@@ -56,28 +56,18 @@ MAX_BRUSHES = 2_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Face:
-    """A polygon of a brush, in its own frame and in Unreal units.
+    """A polygon of a brush, in its own frame and in Unreal units."""
 
-    Attributes:
-        points: (n, 3); their cross products point outwards.
-        base: origin of the texture. u, v: its axes.
-        flags: of the polygon. material: object index.
-    """
-
-    points: Array
-    base: Array
+    points: Array  # (n, 3); their cross products point outwards
+    base: Array  # origin of the texture, and its axes
     u: Array
     v: Array
     flags: int
-    material: int
+    material: int  # object index
 
 
 def faces_of_model(package: Package, model: Export) -> tuple[list[Face], int]:
-    """Polygons of a brush's model, and how many senseless ones were left out.
-
-    Raises:
-        PackageError: the model or its polygons cannot be read.
-    """
+    """Polygons of a brush's model, and how many senseless ones were left out."""
     polys = package.export(_Model(package, model).polys)
     if polys is None or package.class_of(polys) != "Polys":
         raise PackageError("a model without polygons", model.offset)
@@ -107,12 +97,7 @@ def _face(package: Package, archive: Archive) -> Face | None:
 
 
 class _Model:
-    """The parts of a model that are of use.
-
-    Attributes:
-        polys: object index of its polygons.
-        nodes: of the tree. outside: what is beyond all planes is empty.
-    """
+    """The parts of a model that are of use."""
 
     def __init__(self, package: Package, model: Export) -> None:
         package.spend(model.size)
@@ -121,16 +106,16 @@ class _Model:
         archive.bulk(12, "vectors")
         archive.bulk(12, "points")
         begin, count = archive.bulk(NODE.itemsize, "nodes")
-        self.nodes = archive.table(begin, count, NODE)
+        self.nodes = archive.table(begin, count, NODE)  # of the tree
         archive.skip(4)  # owner
         archive.skip(SURFACE * archive.count(SURFACE, "surfaces"))
         archive.bulk(24, "vertices")
         archive.skip(4)  # shared sides
         archive.skip(24 * archive.count(24, "zones"))
-        self.polys = archive.i32()
+        self.polys = archive.i32()  # object index of its polygons
         archive.bulk(4, "hulls of leaves")
         archive.bulk(4, "leaves")
-        self.outside = archive.i32() != 0
+        self.outside = archive.i32() != 0  # what is beyond all planes is empty
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,7 +125,7 @@ class BuiltLevel:
     nodes: NDArray[np.void]  # the tree
     outside: bool  # space is empty before the first brush
 
-    def solid(self, points: Sequence[Sequence[float]] | Array) -> Bools:
+    def solid(self, points: Sequence[Sequence[float]] | Array) -> Mask:
         """Whether points (n, 3) in Unreal units are inside something solid."""
         places = np.asarray(points, dtype=float).reshape(-1, 3)
         planes = self.nodes["plane"].astype(float)
@@ -163,11 +148,7 @@ class BuiltLevel:
 
 
 def read_built_level(package: Package, level: Export) -> BuiltLevel | None:
-    """The level's tree; None if it has not been built.
-
-    Raises:
-        PackageError: it cannot be read.
-    """
+    """The level's tree; None if it has not been built."""
     best: _Model | None = None
     for export in package.inside(level):
         if package.class_of(export) == "Model":
@@ -183,10 +164,7 @@ def read_built_level(package: Package, level: Export) -> BuiltLevel | None:
 def agreement(brushes: Sequence[Brush], built: BuiltLevel, scale: float) -> tuple[int, int]:
     """How many points brushes and tree agree about, and how many were asked.
 
-    Args:
-        brushes: of the level, in order, in metres.
-        built: the tree, in Unreal units.
-        scale: Unreal units per metre.
+    The brushes of the level are in order and in metres, the tree is in Unreal units.
     """
     solids = [brush for brush in brushes if brush.solidity is not Solidity.NONSOLID]
     if not solids or len(solids) > MAX_BRUSHES:
@@ -206,7 +184,7 @@ def _sample(brush: Brush, count: int, generator: np.random.Generator) -> Array:
     return generator.uniform(low - margin, high + margin, (count, 3))
 
 
-def _program(brushes: Sequence[Brush], points: Array, filled: bool) -> Bools:
+def _program(brushes: Sequence[Brush], points: Array, filled: bool) -> Mask:
     """Carry out the brushes at some points; semisolid ones act last."""
     solid = np.full(len(points), filled)
     late = [brush for brush in brushes if brush.solidity is Solidity.SEMISOLID]
@@ -221,7 +199,7 @@ def _program(brushes: Sequence[Brush], points: Array, filled: bool) -> Bools:
     return solid
 
 
-def inside(brush: Brush, points: Array) -> Bools:
+def inside(brush: Brush, points: Array) -> Mask:
     """Whether points (n, 3) are in a brush: its faces wind about them.
 
     The sum of solid angles (van Oosterom and Strackee 1983) needs neither convex nor closed faces.
@@ -236,5 +214,4 @@ def inside(brush: Brush, points: Array) -> Bools:
             rest = la * lb * lc + (a * b).sum(axis=1) * lc
             rest += (b * c).sum(axis=1) * la + (c * a).sum(axis=1) * lb
             total += 2.0 * np.arctan2(volume, rest)
-    answer: Bools = np.abs(total) > 2.0 * np.pi
-    return answer
+    return np.asarray(np.abs(total) > 2.0 * np.pi)

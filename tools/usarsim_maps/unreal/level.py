@@ -6,6 +6,7 @@ What an actor's properties mean is told here once; `t3d.py` and `udk.py` only ge
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,7 +44,6 @@ from usarsim_maps.units import (
 from usarsim_maps.unreal.library import AssetLibrary
 from usarsim_maps.unreal.names import (
     ActorKind,
-    VictimNames,
     is_victim_tag,
     likely_color,
     path_node_of,
@@ -166,17 +166,10 @@ def light(
     color: Vector = (1.0, 1.0, 1.0),
     cone: float = 0.0,
 ) -> Light:
-    """A light of an actor class; its x axis is where it shines.
+    """A light of an actor class (lower case); its x axis is where it shines.
 
-    Args:
-        name: of the actor.
-        kind: its class, lower case.
-        pose: of the actor.
-        scale: Unreal units per metre.
-        radius: UU; 0 means the default, as do the other zeros.
-        brightness: 1 is an ordinary lamp.
-        color: red, green, blue from 0 to 1.
-        cone: half angle of a spot, degrees.
+    The radius is in UU, the brightness of an ordinary lamp is 1, the cone is the half angle of a
+    spot in degrees; 0 means the default of each.
     """
     shape = LightKind.POINT
     if "directional" in kind or "sunlight" in kind:
@@ -201,12 +194,7 @@ def light(
 class UnrealLevel:
     """A scene being filled, actor by actor in the order of the level.
 
-    Attributes:
-        scale: Unreal units per metre.
-        library: of meshes and pictures in other files.
-        files: everything that was read beside the map and the library's files.
-        kill_z: m. title: of the map.
-        whole_map: it is a level, not a package of meshes.
+    Readers derive from it.
     """
 
     PLAIN = frozenset({ActorKind.START, ActorKind.PATH_NODE, ActorKind.VICTIM, ActorKind.SMOKE})
@@ -214,45 +202,32 @@ class UnrealLevel:
 
     def __init__(self, source: Path, context: Context, title: str) -> None:
         """Start empty; `title` is that of the format."""
-        self.scale = context.options.scale or UU_PER_METRE
-        self.library = AssetLibrary(source, context, self.scale)
-        self.files: list[Path] = []
-        self.kill_z: float | None = None
+        self.source = source
+        self.context = context
+        self.findings = context.findings
+        self.scale = context.options.scale or UU_PER_METRE  # Unreal units per metre
+        self.library = AssetLibrary(source, context, self.scale)  # of meshes and pictures
+        self.files: list[Path] = []  # what was read beside the map and the library's files
+        self.brushes: list[Brush] = []  # in the order of the program
+        self.lights: list[Light] = []
+        self.kill_z: float | None = None  # m
         self.title = ""
-        self.whole_map = False
-        self._source = source
+        self.whole_map = False  # it is a level, not a package of meshes
         self._format = title
-        self._context = context
-        self._findings = context.findings
-        self._victim_names = VictimNames()
+        self._known_victims: Counter[str] = Counter()
         self._objects: list[SceneObject] = []
-        self._brushes: list[Brush] = []
         self._starts: list[StartPose] = []
         self._nodes: list[PathNode] = []
         self._victims: list[Victim] = []
-        self._lights: list[Light] = []
         self._puffs: list[SmokePuff] = []
         self._haze = 0.0
-
-    @property
-    def brushes(self) -> Sequence[Brush]:
-        """Those so far."""
-        return self._brushes
-
-    def add_brush(self, brush: Brush) -> None:
-        """The next brush of the program."""
-        self._brushes.append(brush)
 
     def add_object(
         self, actor: Actor, matrix: Array, parts: Sequence[Part], movable: bool = False
     ) -> None:
-        """A thing with shapes.
+        """A thing with shapes, whose matrices lead into the world; `matrix` (4, 4) is the actor's.
 
-        Args:
-            actor: whose it is; its pose does not count.
-            matrix: (4, 4) of the actor.
-            parts: their matrices lead into the world.
-            movable: it can be pushed.
+        The actor's own pose does not count.
         """
         if not parts:
             return
@@ -279,7 +254,7 @@ class UnrealLevel:
                 start = start_of(actor.name, actor.tag, actor.kind, actor.pose, actor.yaw)
                 self._starts.append(start)
             case ActorKind.PATH_NODE if is_victim_tag(actor.tag):  # a person (item 26)
-                self._victims.append(victim_of_tag(actor.tag, actor.pose, self._victim_names))
+                self._victims.append(victim_of_tag(actor.tag, actor.pose, self._known_victims))
             case ActorKind.PATH_NODE:
                 self._nodes.append(path_node_of(actor.name, actor.tag, actor.kind, actor.pose))
             case ActorKind.VICTIM:  # a `MaleVictim` or `FemaleVictim` (item 28)
@@ -297,15 +272,11 @@ class UnrealLevel:
             self.kill_z = values.number("killz", 0.0) / self.scale
         self.title = self.title or values.text("title")
 
-    def add_light(self, lamp: Light) -> None:
-        """A lamp."""
-        self._lights.append(lamp)
-
     def add_fog(self, actor: Actor, density: float) -> None:
         """Fog over the whole level; density in thousandths per unit to the base 2, or 0."""
         density = density or DEFAULT_FOG
         self._haze = min(1.0, max(1e-6, density / 1000.0 * self.scale * math.log(2.0)))
-        self._findings.warn(
+        self.findings.warn(
             actor.name,
             f"fog became a haze of {self._haze:.2g}/m everywhere; a sidecar can change it",
         )
@@ -325,37 +296,37 @@ class UnrealLevel:
                 lifetime=10.0 if "dynamic" in actor.kind.lower() else 0.0,
             )
         )
-        self._findings.warn(actor.name, "smoke got a size of its own; the map does not say it")
+        self.findings.warn(actor.name, "smoke got a size of its own; the map does not say it")
 
     def scene(self) -> Scene:
         """What was found."""
         materials = self._materials()  # first: it finds pictures, which are files that were read
         scene = Scene(
             source=Source(
-                path=self._source,
+                path=self.source,
                 format=self._format,
                 units_per_metre=self.scale,
                 mirrored=True,
                 whole_map=self.whole_map,
-                files=tuple(dict.fromkeys([self._source, *self.files, *self.library.files])),
+                files=tuple(dict.fromkeys([self.source, *self.files, *self.library.files])),
             ),
             objects=tuple(self._objects),
-            brushes=tuple(self._brushes),
+            brushes=tuple(self.brushes),
             materials=materials,
             starts=tuple(self._starts),
             path_nodes=tuple(self._nodes),
             victims=tuple(self._victims),
-            lights=tuple(self._lights),
+            lights=tuple(self.lights),
             smoke=Smoke(puffs=tuple(self._puffs), haze=self._haze),
             kill_z=self.kill_z,
             title=self.title,
         )
-        return reflect(scene) if self._context.options.mirror else scene
+        return reflect(scene) if self.context.options.mirror else scene
 
     def _materials(self) -> dict[str, Material]:
         materials = dict(self.library.materials)
         guessed = 0
-        used = {p.material: None for brush in self._brushes for p in brush.polygons}
+        used = {p.material: None for brush in self.brushes for p in brush.polygons}
         for thing in self._objects:
             for part in thing.parts:
                 used |= dict.fromkeys(part.materials.values())
@@ -364,10 +335,10 @@ class UnrealLevel:
             if name and name not in materials:
                 picture = self.library.picture(name)
                 if picture is None:
-                    self._findings.missing("texture", name)
+                    self.findings.missing("texture", name)
                 color = (picture is None and likely_color(name)) or PLAIN
                 guessed += color is not PLAIN
                 materials[name] = Material(name, color, texture=picture)
         if guessed:
-            self._findings.fact("materials coloured after their names", guessed)
+            self.findings.fact("materials coloured after their names", guessed)
         return materials

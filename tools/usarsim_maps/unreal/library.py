@@ -8,7 +8,7 @@ from pathlib import Path
 from usarsim_maps.files import AssetIndex, read_bytes
 from usarsim_maps.meshes.mesh_files import PICTURES
 from usarsim_maps.meshes.polygons import merge_meshes
-from usarsim_maps.reader import Context, read_scene, readers
+from usarsim_maps.reader import Context, mesh_extensions, read_scene
 from usarsim_maps.scene import Material, Mesh
 from usarsim_maps.units import UU_PER_METRE
 from usarsim_maps.unreal.archive import PackageError
@@ -76,9 +76,7 @@ class MeshPackage:
         """Materials of this package get its name in front, as other packages know them."""
         own = {self.package.path(e.number + 1) for e in self.package.exports}
         names = tuple(f"{self.name}.{m}" if m in own and m else m for m in mesh.materials)
-        return Mesh(
-            mesh.name, mesh.vertices, mesh.triangles, mesh.uvs, mesh.slots, names, mesh.hulls
-        )
+        return replace(mesh, materials=names)
 
 
 @dataclass(slots=True)
@@ -123,13 +121,8 @@ class AssetLibrary:
         return self._meshes[key]
 
     def _load(self, name: str) -> Mesh | None:
-        extensions = tuple(
-            dict.fromkeys(
-                ext for reader in readers().values() if reader.meshes for ext in reader.extensions
-            )
-        )
-        candidates = [name, name.rpartition(".")[2]]
-        for candidate in candidates:
+        extensions = mesh_extensions()
+        for candidate in (name, name.rpartition(".")[2]):
             path = self.index.find(candidate, extensions)
             if path is None or path.suffix.lower() not in extensions or path == self.source:
                 continue

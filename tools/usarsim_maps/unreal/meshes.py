@@ -11,13 +11,12 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_maps.geometry import CORNERS
 from usarsim_maps.scene import Array, Mesh
 from usarsim_maps.units import unreal_points
 from usarsim_maps.unreal.archive import Archive, PackageError
 from usarsim_maps.unreal.package import Export, Package
 from usarsim_maps.unreal.properties import Properties, read_object
-
-Integers = NDArray[np.int64]
 
 BYTE_TREE = 770
 SOURCE_LOD, SETTINGS, PROXY = 823, 829, 859
@@ -48,16 +47,9 @@ ROUND = 12
 
 
 def read_mesh(package: Package, export: Export, name: str, scale: float) -> Mesh:
-    """A static mesh.
+    """A static mesh; `PackageError` if it cannot be read, or has no triangles.
 
-    Args:
-        package: that holds it.
-        export: the mesh.
-        name: for the result.
-        scale: Unreal units per metre.
-
-    Raises:
-        PackageError: it cannot be read, or has no triangles.
+    The name is for the result, the scale is in Unreal units per metre.
     """
     properties, archive = read_object(package, export)
     archive.skip(28)  # bounds
@@ -181,8 +173,7 @@ def _convex(item: Properties) -> Array:
 
 def _box(item: Properties) -> Array:
     half = np.array([item.number(axis, 1.0) for axis in ("x", "y", "z")]) / 2.0
-    corners = np.array(list(itertools.product((-1.0, 1.0), repeat=3))) * half
-    return _placed(item, corners)
+    return _placed(item, CORNERS * half)
 
 
 def _ball(item: Properties, length: float) -> Array:
@@ -205,5 +196,4 @@ def _placed(item: Properties, points: Array) -> Array:
     if archive is None or archive.left < 64:
         return points
     rows = archive.floats(4, 4)[:, 1:]
-    answer: Array = points @ rows[:3] + rows[3]
-    return answer
+    return np.asarray(points @ rows[:3] + rows[3])

@@ -121,26 +121,16 @@ def path_node_of(name: str, tag: str, actor_class: str, pose: Pose) -> PathNode:
     return PathNode(announced(name, tag, actor_class), pose.position)
 
 
-class VictimNames:
-    """Names `MaleVictim_0`, `FemaleVictim_0`, ... as clients know them."""
-
-    def __init__(self) -> None:
-        self._next: Counter[str] = Counter()
-
-    def take(self, female: bool) -> str:
-        """The next name."""
-        word = "FemaleVictim" if female else "MaleVictim"
-        self._next[word] += 1
-        return f"{word}_{self._next[word] - 1}"
-
-
 def is_victim_tag(tag: str) -> bool:
     """Whether a path node is a person (item 26)."""
     return tag.lower().startswith(PACKAGE)
 
 
-def victim_of_tag(tag: str, pose: Pose, names: VictimNames) -> Victim:
-    """A person from a tag such as `VictimPackage.animation.GenericMale_AnimTree_hugKnees`."""
+def victim_of_tag(tag: str, pose: Pose, known: Counter[str]) -> Victim:
+    """A person from a tag such as `VictimPackage.animation.GenericMale_AnimTree_hugKnees`.
+
+    Clients know people as `MaleVictim_0`, `FemaleVictim_0`, ...; `known` counts them.
+    """
     words = tag.lower()
     female = "female" in words
     animation = words.rpartition("_")[2]
@@ -152,8 +142,10 @@ def victim_of_tag(tag: str, pose: Pose, names: VictimNames) -> Victim:
     properties: dict[str, object] = {"animation": tag.rpartition("_")[2]}
     if any(word in animation for word in WAVING):
         properties["motion"] = "wave"
+    word = "FemaleVictim" if female else "MaleVictim"
+    known[word] += 1
     return map_victim(
-        name=names.take(female),
+        name=f"{word}_{known[word] - 1}",
         pose=pose,
         figure="female" if female else "male",
         posture=posture,
@@ -163,13 +155,9 @@ def victim_of_tag(tag: str, pose: Pose, names: VictimNames) -> Victim:
 
 
 def likely_color(name: str) -> Color | None:
-    """The colour that a material probably has.
+    """The colour that a material `Package.Group.Name` probably has, by the last part of its name.
 
-    Args:
-        name: `Package.Group.Name`; only the last part counts.
-
-    Returns:
-        None if the name says nothing.
+    None if it says nothing.
     """
     words = [word.lower() for word in _WORD.findall(name.rpartition(".")[2])]
     for stuff, color in _STUFF:

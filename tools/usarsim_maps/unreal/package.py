@@ -12,8 +12,8 @@ OLDEST, NEWEST = 700, 868
 """File versions that are read: the beta releases of UDK from 2010 to the last one of 2015. 832 and
 860 were checked against real files (worlds reference 5)."""
 
-UE2, UE3_GAMES = 200, 700
-"""Versions below these are of UT2004 and before, and of UT3 and the first UDK."""
+UE2 = 200
+"""Versions below are of UT2004 and before; from there to `OLDEST` of UT3 and the first UDK."""
 
 COOKED = 0x0000_0008
 """Package flag: stripped for a game."""
@@ -59,7 +59,7 @@ class Export:
 
 @dataclass(slots=True)
 class Package:
-    """A package in memory.
+    """A package in memory; what makes no sense in it is a `PackageError`.
 
     Object indices are positive for exports (number + 1), negative for imports, 0 for nothing.
     """
@@ -83,11 +83,7 @@ class Package:
             raise PackageError("objects that refer to each other over and over", 0, AGAIN)
 
     def name(self, archive: Archive) -> str:
-        """A reference to the name table: `Brush`, or with a number `Brush_3`.
-
-        Raises:
-            PackageError: there is no such name.
-        """
+        """A reference to the name table: `Brush`, or with a number `Brush_3`."""
         return _name(archive, self.names)
 
     def export(self, index: int) -> Export | None:

@@ -1,4 +1,7 @@
-"""Tagged properties of objects: names, types and values, only where they differ from a default."""
+"""Tagged properties of objects: names, types and values, only where they differ from a default.
+
+What makes no sense is a `PackageError`.
+"""
 
 from __future__ import annotations
 
@@ -41,11 +44,7 @@ class Properties:
 
     @classmethod
     def read(cls, package: Package, archive: Archive) -> Properties:
-        """Everything up to the name `None`; the cursor stands behind it then.
-
-        Raises:
-            PackageError: the list makes no sense.
-        """
+        """Everything up to the name `None`; the cursor stands behind it then."""
         answer = cls(package)
         begin = archive.offset
         package.spend(0)
@@ -184,9 +183,6 @@ def read_object(package: Package, export: Export) -> tuple[Properties, Archive]:
     """Properties of an export, those of its archetypes included, and a cursor at what follows.
 
     Only archetypes in the same package are known.
-
-    Raises:
-        PackageError: the data make no sense.
     """
     properties, rest = _own(package, export)
     seen = {export.number}

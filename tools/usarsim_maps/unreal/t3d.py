@@ -68,27 +68,19 @@ class T3dReader(Reader):
         return level.scene()
 
 
-class _Level:
+class _Level(UnrealLevel):
     """A level being filled from blocks."""
 
     def __init__(self, source: Path, context: Context, title: str) -> None:
-        self._source = source
-        self._context = context
-        self._findings = context.findings
-        self._level = UnrealLevel(source, context, title)
-        self._scale = self._level.scale
+        super().__init__(source, context, title)
         self._add: dict[ActorKind, Callable[[Block, Actor], None]] = {
             ActorKind.BRUSH: self._add_brush,
-            ActorKind.MESH: self._add_object,
-            ActorKind.MOVABLE: partial(self._add_object, movable=True),
+            ActorKind.MESH: self._add_mesh,
+            ActorKind.MOVABLE: partial(self._add_mesh, movable=True),
             ActorKind.LIGHT: self._add_light,
-            ActorKind.FOG: self._add_fog,
-            ActorKind.LEVEL: lambda block, actor: self._level.add_info(block),
+            ActorKind.FOG: self._add_fog_of,
+            ActorKind.LEVEL: lambda block, actor: self.add_info(block),
         }
-
-    def scene(self) -> Scene:
-        """What was found."""
-        return self._level.scene()
 
     def add_all(self, root: Block) -> None:
         """Everything in the file, actors in the order of the level."""
@@ -103,21 +95,21 @@ class _Level:
             elif block.kind == "staticmesh":
                 self._add_static_mesh(block)
             elif block.kind not in ("surface",):
-                self._findings.skip(f"block {block.kind}")
-        self._level.whole_map = bool(actors)
+                self.findings.skip(f"block {block.kind}")
+        self.whole_map = bool(actors)
         for number, block in enumerate(actors):
             if number % 200 == 0:
-                self._context.progress("actors", number / len(actors))
+                self.context.progress("actors", number / len(actors))
             actor_class = block.attributes.get("class", "?")
             kind = kind_of(actor_class)
             name = block.attributes.get("name") or block.text("name") or actor_class
-            actor = Actor.of(name, block.attributes.get("class", ""), block, self._scale)
+            actor = Actor.of(name, block.attributes.get("class", ""), block, self.scale)
             if kind in self._add:
                 self._add[kind](block, actor)
-            elif not self._level.add_actor(kind, actor):
-                self._findings.skip(actor_class)
+            elif not self.add_actor(kind, actor):
+                self.findings.skip(actor_class)
                 continue
-            self._findings.count(actor_class)
+            self.findings.count(actor_class)
 
     # ---- solids ----------------------------------------------------------------------------
 
@@ -129,12 +121,12 @@ class _Level:
         name = block.attributes.get("name") or block.text("name") or "Brush"
         polygons, flags = self._polygons(block)
         if not polygons:
-            self._findings.warn(name, "a brush without polygons was left out")
+            self.findings.warn(name, "a brush without polygons was left out")
             return
         solidity = solidity_of(flags | int(block.number("polyflags", 0.0)), operation)
         if solidity is not None:
             brush = Brush(name, tuple(polygons), operation, solidity, actor.tag)
-            self._level.add_brush(brush)
+            self.brushes.append(brush)
 
     def _polygons(self, block: Block) -> tuple[list[Polygon], int]:
         """Polygons of an actor's inner PolyList in the world, and the flags that all of them have.
@@ -148,10 +140,10 @@ class _Level:
         polygons: list[Polygon] = []
         common = -1
         for inner in (polygon for plist in lists for polygon in plist.inner("polygon")):
-            found = _polygon(inner, self._scale)
+            found = _polygon(inner, self.scale)
             if found is None:
                 name = block.attributes.get("name", "Brush")
-                self._findings.warn(name, "a broken polygon was left out")
+                self.findings.warn(name, "a broken polygon was left out")
                 continue
             common &= int(_first(inner.attributes.get("flags", "0")))
             material = reference(inner.attributes.get("texture", ""))
@@ -165,12 +157,12 @@ class _Level:
             block.rotator("rotation"),
             draw_scale(block),
             block.vector("prepivot"),
-            self._scale,
+            self.scale,
             _brush_scale(block.properties.get("mainscale", "")),
             _brush_scale(block.properties.get("postscale", "")),
         )
 
-    def _add_object(self, block: Block, actor: Actor, movable: bool = False) -> None:
+    def _add_mesh(self, block: Block, actor: Actor, movable: bool = False) -> None:
         """A static mesh; its name is in a component (UE3) or on the actor (UE2)."""
         if block.text("deletestatus") or block.flag("bdeleteme", False):
             return
@@ -183,10 +175,10 @@ class _Level:
                 if list(block.inner("brush")):
                     parts += self._brush_part(block)
                 continue
-            mesh = self._level.library.mesh(path)
-            local = matrix @ component_matrix(owner, self._scale) if owner is not block else matrix
+            mesh = self.library.mesh(path)
+            local = matrix @ component_matrix(owner, self.scale) if owner is not block else matrix
             if mesh is None:
-                if self._context.options.placeholders:
+                if self.context.options.placeholders:
                     parts.append(Part(PLACEHOLDER, matrix_of_pose(pose_of_matrix(matrix))))
                 continue
             parts.append(
@@ -198,7 +190,7 @@ class _Level:
                     materials=_overrides(owner),
                 )
             )
-        self._level.add_object(actor, matrix, parts, movable)
+        self.add_object(actor, matrix, parts, movable)
 
     def _brush_part(self, block: Block) -> list[Part]:
         """A mover of UE1 or UE2: polygons that do not take part in the level's CSG."""
@@ -216,11 +208,11 @@ class _Level:
 
     def _add_static_mesh(self, block: Block) -> None:
         """A file that holds a mesh instead of a level."""
-        name = block.attributes.get("name", self._source.stem)
-        mesh = mesh_of_block(block, name, self._scale, self._findings)
+        name = block.attributes.get("name", self.source.stem)
+        mesh = mesh_of_block(block, name, self.scale, self.findings)
         if mesh is not None:
             actor = Actor(name, "StaticMesh", "", IDENTITY)
-            self._level.add_object(actor, np.eye(4), [Part(mesh)])
+            self.add_object(actor, np.eye(4), [Part(mesh)])
 
     # ---- air and light ---------------------------------------------------------------------
 
@@ -237,12 +229,12 @@ class _Level:
             radius = owner.number("radius", steps * UE1_RADIUS) or radius
             brightness = owner.number("brightness", strength / UE1_BRIGHTNESS) or brightness
             color = _color(owner) or color
-        self._level.add_light(
+        self.lights.append(
             light(
                 actor.name,
                 actor.kind.lower(),
                 actor.pose,
-                self._scale,
+                self.scale,
                 radius=radius,
                 brightness=brightness,
                 color=color,
@@ -250,9 +242,9 @@ class _Level:
             )
         )
 
-    def _add_fog(self, block: Block, actor: Actor) -> None:
+    def _add_fog_of(self, block: Block, actor: Actor) -> None:
         density = max((b.number("fogdensity", 0.0) for b in block.inner("object")), default=0.0)
-        self._level.add_fog(actor, density or block.number("fogdensity", 0.0))
+        self.add_fog(actor, density or block.number("fogdensity", 0.0))
 
 
 def _brush_scale(text: str) -> tuple[float, float, float]:

@@ -15,6 +15,7 @@ import numpy as np
 from usarsim_maps.reader import Context, Reader, register
 from usarsim_maps.scene import Array, Brush, BrushOperation, Mesh, Part, Polygon, Scene
 from usarsim_maps.units import (
+    affine,
     matrix_of_pose,
     pose_of_matrix,
     unreal_matrix,
@@ -22,7 +23,6 @@ from usarsim_maps.units import (
 )
 from usarsim_maps.unreal.archive import TAG, PackageError
 from usarsim_maps.unreal.brushes import (
-    BuiltLevel,
     Face,
     agreement,
     faces_of_model,
@@ -82,84 +82,75 @@ class UdkReader(Reader):
         """See `Reader.read`; an error names the byte (item 72)."""
         package = load_package(source)
         main = level_of(package)
-        level = UnrealLevel(source, context, self.title)
+        level = _Level(source, context, self.title)
         try:
-            if main is None:
-                return self._catalogue(package, source, level, context)
-            return self._level(package, main, source, level, context)
+            return level.catalogue(package) if main is None else level.whole(package, main)
         except PackageError as error:
             raise as_error(source, error) from None
 
-    def _catalogue(
-        self, package: Package, source: Path, level: UnrealLevel, context: Context
-    ) -> Scene:
-        count = LevelReader(package, source, level, context).add_catalogue()
+
+class _Level(UnrealLevel):
+    """A level with those that it loads, or what stands for one."""
+
+    def catalogue(self, package: Package) -> Scene:
+        """The meshes of a package without a level."""
+        count = LevelReader(package, self.source, self).add_catalogue()
         if not count:
             cure = "import a map; folders of packages go to --assets"
             problem = "a package without a level and without static meshes"
-            raise MapImportError(at(source, problem, cure))
-        context.findings.warn(
-            source.name, f"no level: its {count} meshes stand side by side; --assets is for these"
-        )
-        return level.scene()
+            raise MapImportError(at(self.source, problem, cure))
+        text = f"no level: its {count} meshes stand side by side; --assets is for these"
+        self.findings.warn(self.source.name, text)
+        return self.scene()
 
-    def _level(
-        self, package: Package, main: Export, source: Path, level: UnrealLevel, context: Context
-    ) -> Scene:
-        level.whole_map = True
-        reader = LevelReader(package, source, level, context)
+    def whole(self, package: Package, main: Export) -> Scene:
+        """A level, its sublevels, and whether its brushes give what the editor has built."""
+        self.whole_map = True
+        reader = LevelReader(package, self.source, self)
         reader.add_all(main)
-        own = len(level.brushes)
-        self._sublevels(reader.sublevels, source, level, context)
-        built = _built(package, main, context)
-        if built is not None:
-            same, asked = agreement(level.brushes[:own], built, level.scale)
-            if asked:
-                told = f"agree at {same} of {asked} points"
-                context.findings.fact("brushes and built level", told)
-            if same < ENOUGH * asked:
-                context.findings.warn(
-                    "level",
-                    f"brushes and the geometry that was built from them agree at {same} of "
-                    f"{asked} points only; rebuild the geometry in the editor and look again",
-                )
-        scene = level.scene()
-        return scene if built is None else replace(scene, filled=not built.outside)
+        own = len(self.brushes)
+        self._add_sublevels(reader.sublevels)
+        try:
+            built = read_built_level(package, main)
+        except PackageError as error:
+            self.findings.warn("level", f"what the editor built cannot be read: {error}")
+            built = None
+        if built is None:
+            return self.scene()
+        same, asked = agreement(self.brushes[:own], built, self.scale)
+        if asked:
+            self.findings.fact("brushes and built level", f"agree at {same} of {asked} points")
+        if same < ENOUGH * asked:
+            self.findings.warn(
+                "level",
+                f"brushes and the geometry that was built from them agree at {same} of "
+                f"{asked} points only; rebuild the geometry in the editor and look again",
+            )
+        return replace(self.scene(), filled=not built.outside)
 
-    def _sublevels(
-        self, names: list[str], source: Path, level: UnrealLevel, context: Context
-    ) -> None:
+    def _add_sublevels(self, names: list[str]) -> None:
         """Levels that the map loads at run time, and those that they load."""
-        seen = {source.stem.lower()}
+        seen = {self.source.stem.lower()}
         todo = list(names)
         while todo and len(seen) <= MAX_SUBLEVELS:
             name = todo.pop(0)
             if name.lower() in seen:
                 continue
             seen.add(name.lower())
-            path = level.library.index.find(name, MAPS)
+            path = self.library.index.find(name, MAPS)
             if path is None or path.suffix.lower() not in MAPS:
-                context.findings.missing("sublevel", name)
+                self.findings.missing("sublevel", name)
                 continue
             try:
                 package = load_package(path)
                 inner = level_of(package)
                 if inner is not None:
-                    reader = LevelReader(package, path, level, context, main=False)
+                    reader = LevelReader(package, path, self, main=False)
                     reader.add_all(inner)
-                    level.files.append(path)
+                    self.files.append(path)
                     todo += reader.sublevels
             except (MapImportError, PackageError) as error:
-                context.findings.warn(name, f"the sublevel was left out: {error}")
-
-
-def _built(package: Package, level: Export, context: Context) -> BuiltLevel | None:
-    """The built tree; without one the map can be used all the same."""
-    try:
-        return read_built_level(package, level)
-    except PackageError as error:
-        context.findings.warn("level", f"what the editor built cannot be read: {error}")
-        return None
+                self.findings.warn(name, f"the sublevel was left out: {error}")
 
 
 def level_of(package: Package) -> Export | None:
@@ -168,11 +159,7 @@ def level_of(package: Package) -> Export | None:
 
 
 def actors_of(package: Package, level: Export) -> list[Export]:
-    """Actors in the order of the level, which is that of the brushes, each once.
-
-    Raises:
-        PackageError: the level cannot be read.
-    """
+    """Actors in the order of the level, which is that of the brushes, each once."""
     archive = read_object(package, level)[1]
     archive.skip(4)  # owner
     indices = archive.i32s(archive.count(4, "actors"))
@@ -188,13 +175,7 @@ class LevelReader:
     """
 
     def __init__(
-        self,
-        package: Package,
-        source: Path,
-        level: UnrealLevel,
-        context: Context,
-        *,
-        main: bool = True,
+        self, package: Package, source: Path, level: UnrealLevel, *, main: bool = True
     ) -> None:
         """The file's name is that of the package; `main` is false for sublevels."""
         self.sublevels: list[str] = []
@@ -202,8 +183,7 @@ class LevelReader:
         self._brushes: list[Brush] = []
         self._package = package
         self._level = level
-        self._context = context
-        self._findings = context.findings
+        self._findings = level.findings
         self._own = MeshPackage(package, source.stem, level.scale)
         self._add: dict[ActorKind, Callable[[Export, Properties], None]] = {
             ActorKind.BRUSH: self._add_brush,
@@ -223,14 +203,13 @@ class LevelReader:
         actors = actors_of(self._package, level)
         for number, export in enumerate(actors):
             if number % 200 == 0:
-                self._context.progress("actors", number / len(actors))
+                self._level.context.progress("actors", number / len(actors))
             self._add_actor(export)
         if not self._main and any(b.operation is BrushOperation.SUBTRACT for b in self._brushes):
             text = "its brushes cut holes, which would reach into other levels; left out"
             self._findings.warn(self._own.name, f"{text}: import this sublevel on its own")
             return
-        for brush in self._brushes:
-            self._level.add_brush(brush)
+        self._level.brushes += self._brushes
 
     def add_catalogue(self, gap: float = 0.5) -> int:
         """All meshes of a package without a level, side by side; their number."""
@@ -241,8 +220,7 @@ class LevelReader:
             if mesh is None:
                 continue
             low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-            matrix = np.eye(4)
-            matrix[:3, 3] = (-low[0], place - low[1], -low[2])
+            matrix = affine(offset=(-low[0], place - low[1], -low[2]))
             place += float(high[1] - low[1]) + gap
             pose = pose_of_matrix(matrix)
             actor = Actor(export.name, "StaticMesh", "", pose)
@@ -328,7 +306,7 @@ class LevelReader:
                         materials=self._overrides(component),
                     )
                 )
-            elif self._context.options.placeholders:
+            elif self._level.context.options.placeholders:
                 parts.append(Part(PLACEHOLDER, matrix_of_pose(pose_of_matrix(matrix))))
         self._level.add_object(self._actor(export, properties), matrix, parts, movable)
 
@@ -378,7 +356,7 @@ class LevelReader:
     def _add_light(self, export: Export, properties: Properties) -> None:
         actor = self._actor(export, properties)
         component = self._component(properties, "lightcomponent")
-        self._level.add_light(
+        self._level.lights.append(
             light(
                 actor.name,
                 actor.kind.lower(),

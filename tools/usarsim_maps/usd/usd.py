@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from usarsim_maps.meshes.mesh_files import Pictures, axes_of
+from usarsim_maps.meshes.mesh_files import axes_of
 from usarsim_maps.reader import Context, Reader, need, register
 from usarsim_maps.scene import Scene
 from usarsim_server.errors import MapImportError, at
@@ -55,8 +55,7 @@ class UsdReader(Reader):
                     _unit(stage.GetMetadata("metersPerUnit"), source, context),
                     stated=bool(UsdGeom.StageHasAuthoredMetersPerUnit(stage)),
                 )
-                reader = StageReader(stage, context, axes, Pictures(source, context))
-                return reader.scene(self.title, files_of(stage))
+                return StageReader(stage, source, context, axes).filled(self.title, files_of(stage))
         except (Tf.ErrorException, UnicodeDecodeError) as error:
             raise broken(source, error) from None
 

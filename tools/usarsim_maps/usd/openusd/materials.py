@@ -16,6 +16,7 @@ from pxr import Ar, Sdf, UsdGeom, UsdLux, UsdShade
 from usarsim_maps.findings import Findings
 from usarsim_maps.meshes.mesh_files import Axes, Pictures
 from usarsim_maps.scene import NEUTRAL, Array, Color, Light, LightKind, Material
+from usarsim_maps.units import srgb
 from usarsim_maps.usd.openusd.stage import read_resource
 from usarsim_maps.usd.openusd.values import NOW, array, number, numbers
 from usarsim_server.files import is_regular
@@ -57,16 +58,11 @@ class Finish:
 
 @dataclass(slots=True)
 class Finishes:
-    """The materials of one stage, each read once.
+    """The materials of one stage, each read once."""
 
-    Attributes:
-        pictures: finds files. findings: told what cannot be shown.
-        materials: those in use, by name.
-    """
-
-    pictures: Pictures
-    findings: Findings
-    materials: dict[str, Material] = field(default_factory=dict)
+    pictures: Pictures  # finds files
+    findings: Findings  # told what cannot be shown
+    materials: dict[str, Material] = field(default_factory=dict)  # those in use, by name
     _known: dict[str, Finish] = field(default_factory=dict)
 
     def of(self, prim: Any) -> Finish:
@@ -122,7 +118,7 @@ class Finishes:
             found = self._textured(name, source, alpha)
             if found is not None:
                 return found
-        red, green, blue = map(srgb, _vector(base, (0.18, 0.18, 0.18)))
+        red, green, blue = map(_shown, _vector(base, (0.18, 0.18, 0.18)))
         return Finish(Material(name, (red, green, blue, alpha)))
 
     def _textured(self, name: str, shader: Any, alpha: float) -> Finish | None:
@@ -132,7 +128,7 @@ class Finishes:
         asset = _constant(shader.GetInput("file"))
         if not isinstance(asset, Sdf.AssetPath) or not asset.path:
             return None
-        red, green, blue = map(srgb, _vector(shader.GetInput("scale"), (1.0, 1.0, 1.0)))
+        red, green, blue = map(_shown, _vector(shader.GetInput("scale"), (1.0, 1.0, 1.0)))
         wrap = str(_constant(shader.GetInput("wrapS")))
         coordinates, mapping = _coordinates(shader)
         material = Material(
@@ -229,7 +225,7 @@ def _display_color(prim: Any) -> Color | None:
     values = array(primvar.GetAttr(), 3) if primvar and primvar.HasAuthoredValue() else None
     if values is None or not len(values) or not np.isfinite(values[0]).all():
         return None
-    red, green, blue = (srgb(float(value)) for value in values[0])
+    red, green, blue = (_shown(float(value)) for value in values[0])
     return red, green, blue, 1.0
 
 
@@ -245,21 +241,15 @@ def _unit(value: float) -> float:
     return min(1.0, max(0.0, value)) if math.isfinite(value) else 1.0
 
 
-def srgb(value: float) -> float:
+def _shown(value: float) -> float:
     """Colours in a stage are linear; screens are not."""
-    value = _unit(value)
-    if value <= 0.0031308:
-        return 12.92 * value
-    return float(1.055 * value ** (1.0 / 2.4) - 0.055)
+    return srgb(_unit(value))
 
 
 def light_of(prim: Any, matrix: Array, axes: Axes) -> Light:
-    """A light; flat ones shine along -z.
+    """A light of one of the types `LIGHTS`; flat ones shine along -z.
 
-    Args:
-        prim: of one of the types `LIGHTS`.
-        matrix: (4, 4) from its frame into the file's.
-        axes: from the file's frame into the simulation's.
+    The matrix (4, 4) leads from its frame into the file's, the axes from there on.
     """
     kind = LIGHTS[prim.GetTypeName()]
     light = UsdLux.LightAPI(prim)
@@ -279,7 +269,7 @@ def light_of(prim: Any, matrix: Array, axes: Axes) -> Light:
         reach = 0.0
     color = array(light.GetColorAttr())
     tint = color.tolist() if color is not None and len(color) == 3 else (1.0, 1.0, 1.0)
-    red, green, blue = map(srgb, tint)
+    red, green, blue = map(_shown, tint)
     x, y, z = (axes.linear @ matrix[:3, 3]).tolist()
     dx, dy, dz = (axes.linear @ -matrix[:3, 2]).tolist()
     return Light(

@@ -6,22 +6,17 @@ Cubes, spheres, cylinders and the like as shapes of the scene.
 from __future__ import annotations
 
 import hashlib
-import math
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pxr import UsdGeom, UsdShade
 
 from usarsim_maps.findings import Findings
-from usarsim_maps.meshes.polygons import triangulate
-from usarsim_maps.scene import Array, Box, Capsule, Cylinder, Mesh, Shape, Sphere
+from usarsim_maps.meshes.polygons import half_circle, lathe, triangulate
+from usarsim_maps.scene import Array, Box, Capsule, Cylinder, Integers, Mesh, Shape, Sphere
 from usarsim_maps.usd.openusd.materials import Finish, Finishes
 from usarsim_maps.usd.openusd.values import NOW, array, number, numbers
-
-Integers = NDArray[np.int64]
-
 
 SHAPES = {"Cube", "Sphere", "Cylinder", "Capsule", "Cone", "Plane"}
 """Types of prims that are understood beside meshes."""
@@ -35,16 +30,11 @@ SAME = 1e-4
 
 @dataclass(slots=True)
 class MeshReader:
-    """Reads meshes; copies share one, whether they are instances in the stage or merely equal.
+    """Reads meshes; copies share one, whether they are instances in the stage or merely equal."""
 
-    Attributes:
-        finishes: of the stage. findings: told of damage.
-        triangles: read so far, copies not counted.
-    """
-
-    finishes: Finishes
-    findings: Findings
-    triangles: int = 0
+    finishes: Finishes  # of the stage
+    findings: Findings  # told of damage
+    triangles: int = 0  # read so far, copies not counted
     _by_prim: dict[str, Mesh | None] = field(default_factory=dict)
     _by_content: dict[bytes, Mesh] = field(default_factory=dict)
 
@@ -186,14 +176,10 @@ def _primvar(
 
 
 def shape_of(prim: Any, matrix: Array) -> tuple[Shape, Array] | None:
-    """A shape and the rigid matrix of its place; None if it has no size.
+    """A shape of one of the types `SHAPES`, and the rigid matrix of its place; None if no size.
 
-    Shapes that the matrix shears, or scales so that they are no longer what they were, become
-    meshes.
-
-    Args:
-        prim: of one of the types `SHAPES`.
-        matrix: (4, 4) from its frame into that of its object.
+    The given matrix (4, 4) leads into the frame of its object. Shapes that it shears, or scales so
+    that they are no longer what they were, become meshes.
     """
     found = _plain(prim)
     if found is None:
@@ -241,7 +227,7 @@ def _plain(prim: Any) -> tuple[Shape, Array] | None:
     if kind == "Cone":
         half = height / 2.0
         profile = [(0.0, -half), (radius, -half), (0.0, half)]
-        return _revolved(prim.GetName(), profile), _axis(solid)
+        return lathe(prim.GetName(), profile, AROUND), _axis(solid)
     shape = Cylinder(radius, height) if kind == "Cylinder" else Capsule(radius, height)
     return shape, _axis(solid)
 
@@ -279,34 +265,16 @@ def _tessellated(shape: Shape, name: str) -> Mesh:
         case Box(size=size):
             corner = np.sqrt(0.5)
             profile = [(0.0, -0.5), (corner, -0.5), (corner, 0.5), (0.0, 0.5)]
-            unit = _revolved(name, profile, 4, np.pi / 4.0)
+            unit = lathe(name, profile, 4, np.pi / 4.0)
             return replace(unit, vertices=unit.vertices * np.array(size))
         case Sphere(radius=radius):
-            return _revolved(name, _arc(radius, 0.0))
+            return lathe(name, half_circle(radius, AROUND), AROUND)
         case Capsule(radius=radius, length=length):
-            return _revolved(name, _arc(radius, length / 2.0))
+            ball, half = half_circle(radius, AROUND), length / 2.0
+            low, high = ball[: AROUND // 4 + 1], ball[AROUND // 4 :]
+            profile = [(r, z - half) for r, z in low] + [(r, z + half) for r, z in high]
+            return lathe(name, profile, AROUND)
         case Cylinder(radius=r, length=length):
             half = length / 2.0
-            return _revolved(name, [(0.0, -half), (r, -half), (r, half), (0.0, half)])
+            return lathe(name, [(0.0, -half), (r, -half), (r, half), (0.0, half)], AROUND)
     raise TypeError(shape)
-
-
-def _arc(radius: float, half: float) -> list[tuple[float, float]]:
-    """Half a circle from pole to pole, its quarters moved apart."""
-    angles = np.linspace(0.0, np.pi / 2.0, AROUND // 4 + 1).tolist()
-    upper = [(radius * math.cos(a), radius * math.sin(a) + half) for a in angles]
-    return [(r, -z) for r, z in reversed(upper)] + upper
-
-
-def _revolved(
-    name: str, profile: list[tuple[float, float]], around: int = AROUND, phase: float = 0.0
-) -> Mesh:
-    """A mesh from radii and heights, from below to above, turned about z."""
-    angles = phase + np.arange(around) * 2.0 * np.pi / around
-    circle = np.column_stack([np.cos(angles), np.sin(angles)])
-    rings = [np.column_stack([circle * r, np.full(around, z)]) for r, z in profile]
-    number = np.arange(len(rings) * around).reshape(len(rings), around)
-    a, b = number[:-1], np.roll(number[:-1], -1, axis=1)
-    d, c = number[1:], np.roll(number[1:], -1, axis=1)
-    triangles = np.concatenate([np.stack([a, b, c], -1), np.stack([a, c, d], -1)]).reshape(-1, 3)
-    return Mesh(name, np.vstack(rings), triangles.astype(np.int32))

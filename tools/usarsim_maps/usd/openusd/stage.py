@@ -70,10 +70,8 @@ def check_archive(source: Path) -> None:
 def try_out(source: Path, context: Context) -> None:
     """Let another process read a binary file first: a damaged one may end or stall it.
 
+    That is a `MapImportError` then, as is a file that the stage needs and that may not be read.
     Text is read here, unless it brings in other files.
-
-    Raises:
-        MapImportError: it did, or files that the stage needs may not be read.
     """
     binary = source.suffix.lower() == ".usdz" or read_head(source).startswith(BINARY)
     if not binary and b"@" not in read_bytes(source):
@@ -101,11 +99,7 @@ def try_out(source: Path, context: Context) -> None:
 
 
 def check_layer(context: Context, asker: Path, path: Path) -> None:
-    """Refuse a file that a stage is composed of, if it lies outside or is no regular file.
-
-    Raises:
-        MapImportError: it is one.
-    """
+    """Refuse a file that a stage is composed of, if it lies outside or is no regular file."""
     refusal = context.confined().refusal(path, asker)
     if refusal is not None:
         raise MapImportError(at(asker, refusal, ALLOW))
@@ -115,10 +109,8 @@ def check_layer(context: Context, asker: Path, path: Path) -> None:
 def open_stage(source: Path, context: Context) -> Any:
     """Open a stage with all its payloads.
 
-    Args:
-        source: the file.
-        context: of the import; its asset folders are searched for references that are not found
-            where they should be, its findings are told of files that are missing.
+    References that are not found where they should be are searched in the asset folders; the
+    findings are told of files that are missing.
 
     Raises:
         MapImportError: the file itself cannot be read; line and reason are those of the library.

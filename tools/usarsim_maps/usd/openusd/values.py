@@ -28,8 +28,7 @@ APPROXIMATIONS = {
 
 def matrix(value: Any) -> Array:
     """(4, 4) for column vectors; the library's are for rows."""
-    answer: Array = np.array(value, dtype=float).T
-    return answer
+    return np.asarray(np.array(value, dtype=float).T)
 
 
 def array(attribute: Any, *shape: int) -> Array | None:

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pxr import Kind, Tf, Usd, UsdGeom
 
-from usarsim_maps.meshes.mesh_files import Axes, Markers, Pictures, collision_of
+from usarsim_maps.meshes.mesh_files import Axes, SceneBuilder, collision_of
 from usarsim_maps.meshes.polygons import check_count
 from usarsim_maps.reader import Context
-from usarsim_maps.scene import Array, Collision, Light, Mesh, Part, Scene, SceneObject, Shape
-from usarsim_maps.units import matrix_of_pose
+from usarsim_maps.scene import Array, Collision, Mesh, Part, Scene, SceneObject, Shape
+from usarsim_maps.units import affine, matrix_of_pose
 from usarsim_maps.usd.openusd.materials import LIGHTS, Finish, Finishes, light_of
 from usarsim_maps.usd.openusd.meshes import SHAPES, MeshReader, shape_of
 from usarsim_maps.usd.openusd.values import (
@@ -52,8 +53,8 @@ KINDS = {"start": "PlayerStart", "path_node": "PathNode", "victim": "Victim"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Place:
-    """Where a part of the walk is: what is put before matrices, and after names."""
+class _Instance:
+    """The copy that the walk is in: what is put before matrices, and after names."""
 
     prefix: Array
     suffix: str = ""
@@ -72,49 +73,36 @@ class _Thing:
     shapes: list[tuple[Any, Array, bool, Collision]] = field(default_factory=list)
 
 
-class StageReader:
+class StageReader(SceneBuilder):
     """Reads one stage into a scene."""
 
-    def __init__(self, stage: Any, context: Context, axes: Axes, pictures: Pictures) -> None:
+    def __init__(self, stage: Any, source: Path, context: Context, axes: Axes) -> None:
+        super().__init__(source, context, axes)
         self._stage = stage
-        self._context = context
-        self._findings = context.findings
-        self._axes = axes
-        self._source = pictures.source
-        self._pictures = pictures
-        self._finishes = Finishes(pictures, context.findings)
-        self._meshes = MeshReader(self._finishes, context.findings)
+        self._progress = context.progress
+        self._finishes = Finishes(self.pictures, context.findings)
+        self._reader = MeshReader(self._finishes, context.findings)
         self._transforms = UsdGeom.XformCache(NOW)
         self._things: dict[str, _Thing] = {}
-        self._markers = Markers()
-        self._lights: list[Light] = []
         self._guided: set[str] = set()
         self._parts = 0
         self._kilograms = _kilograms(stage)
 
-    def scene(self, title: str, files: list[Any]) -> Scene:
+    def filled(self, title: str, files: list[Path]) -> Scene:
         """Everything that is seen or felt."""
-        self._walk(self._stage.GetPseudoRoot(), VISIBLE, _Place(np.eye(4)))
-        objects = []
+        self._walk(self._stage.GetPseudoRoot(), VISIBLE, _Instance(np.eye(4)))
         for number, thing in enumerate(self._things.values()):
             if number % 100 == 0:
-                self._context.progress("objects", number / len(self._things))
+                self._progress("objects", number / len(self._things))
             made = self._object(thing)
             if made is not None:
-                objects.append(made)
-        return Scene(
-            source=self._axes.source(self._source, title, [*files, *self._pictures.files]),
-            objects=tuple(objects),
-            materials=self._finishes.materials,
-            starts=tuple(self._markers.starts),
-            path_nodes=tuple(self._markers.path_nodes),
-            victims=tuple(self._markers.victims),
-            lights=tuple(self._lights),
-        )
+                self.objects.append(made)
+        scene = self.scene(title, self._finishes.materials, files)
+        return replace(scene, objects=tuple(self.objects))  # shapes know which of them are hulls
 
     # ---- the walk --------------------------------------------------------------------------
 
-    def _walk(self, root: Any, predicate: Any, place: _Place) -> None:
+    def _walk(self, root: Any, predicate: Any, place: _Instance) -> None:
         walk = iter(Usd.PrimRange(root, predicate))
         for prim in walk:
             if prim.IsPseudoRoot():
@@ -122,15 +110,15 @@ class StageReader:
             if not self._enter(prim, place):
                 walk.PruneChildren()
 
-    def _enter(self, prim: Any, place: _Place) -> bool:
+    def _enter(self, prim: Any, place: _Instance) -> bool:
         """Take in one prim; whether to go on below it."""
         image = UsdGeom.Imageable(prim)
         if image:
             if image.GetVisibilityAttr().Get(NOW) == UsdGeom.Tokens.invisible:
-                self._findings.skip("invisible")
+                self.findings.skip("invisible")
                 return False
             if image.GetPurposeAttr().Get(NOW) == UsdGeom.Tokens.proxy:
-                self._findings.skip("proxy")
+                self.findings.skip("proxy")
                 return False
         kind = prim.GetTypeName()
         if kind == "PointInstancer":
@@ -142,14 +130,14 @@ class StageReader:
         if kind in LIGHTS:
             here = self._matrix(prim, place)
             if not (np.abs(here) < FARTHEST).all():
-                self._findings.warn(prim.GetName(), "a light at no place was left out")
+                self.findings.warn(prim.GetName(), "a light at no place was left out")
                 return False
-            self._findings.count(kind)
-            self._lights.append(light_of(prim, here, self._axes))
+            self.findings.count(kind)
+            self.lights.append(light_of(prim, here, self.axes))
             return False
         return not self._marker(prim, place)
 
-    def _matrix(self, prim: Any, place: _Place) -> Array:
+    def _matrix(self, prim: Any, place: _Instance) -> Array:
         """Whoever asks looks whether it is a place."""
         try:
             local = matrix(self._transforms.GetLocalToWorldTransform(prim))
@@ -159,27 +147,23 @@ class StageReader:
             answer: Array = place.prefix @ local
         return answer
 
-    def _instancer(self, prim: Any, place: _Place) -> None:
+    def _instancer(self, prim: Any, place: _Instance) -> None:
         """All copies of an instancer, each at its place (item 32)."""
         instancer = UsdGeom.PointInstancer(prim)
         if place.depth >= MAX_DEPTH:
-            self._findings.warn(prim.GetName(), "instancers within instancers are too deep")
+            self.findings.warn(prim.GetName(), "instancers within instancers are too deep")
             return
         targets = [self._stage.GetPrimAtPath(p) for p in instancer.GetPrototypesRel().GetTargets()]
         chosen = array(instancer.GetProtoIndicesAttr())
-        transforms = instancer.ComputeInstanceTransformsAtTime(
-            NOW,
-            NOW,
-            UsdGeom.PointInstancer.IncludeProtoXform,
-            UsdGeom.PointInstancer.IgnoreMask,
-        )
+        how = UsdGeom.PointInstancer.IncludeProtoXform, UsdGeom.PointInstancer.IgnoreMask
+        transforms = instancer.ComputeInstanceTransformsAtTime(NOW, NOW, *how)
         if chosen is None or transforms is None or len(transforms) != len(chosen):
-            self._findings.warn(prim.GetName(), "an instancer without sound places was left out")
+            self.findings.warn(prim.GetName(), "an instancer without sound places was left out")
             return
         if len(chosen) > MAX_PARTS:
             raise self._too_many(len(chosen))
         mask = instancer.ComputeMaskAtTime(NOW) or [True] * len(chosen)
-        self._findings.count("PointInstancer")
+        self.findings.count("PointInstancer")
         outer = self._matrix(prim, place)
         for number, (index, transform, shown) in enumerate(
             zip(chosen, transforms, mask, strict=True)
@@ -192,19 +176,19 @@ class StageReader:
                 continue
             prefix = outer @ matrix(transform) @ np.linalg.inv(own)
             suffix = f"{place.suffix}_{number}"
-            self._walk(target, PROTOTYPES, _Place(prefix, suffix, place.depth + 1))
+            self._walk(target, PROTOTYPES, _Instance(prefix, suffix, place.depth + 1))
 
     # ---- shapes ----------------------------------------------------------------------------
 
-    def _shape(self, prim: Any, place: _Place) -> None:
+    def _shape(self, prim: Any, place: _Instance) -> None:
         guide = UsdGeom.Imageable(prim).ComputePurpose() == UsdGeom.Tokens.guide
         if guide and not is_collider(prim):
-            self._findings.skip("guide that does not collide")
+            self.findings.skip("guide that does not collide")
             return
         self._parts += 1
         if self._parts > MAX_PARTS:
             raise self._too_many(self._parts)
-        self._findings.count(prim.GetTypeName())
+        self.findings.count(prim.GetTypeName())
         owner = _owner(prim)
         key = f"{owner.GetPath()}{place.suffix}"
         if key not in self._things:
@@ -221,22 +205,21 @@ class StageReader:
 
     def _too_many(self, count: int) -> MapImportError:
         problem = f"{count} shapes are more than {MAX_PARTS}"
-        return MapImportError(at(self._source, problem, "export the map in smaller parts"))
+        return MapImportError(at(self.path, problem, "export the map in smaller parts"))
 
     def _object(self, thing: _Thing) -> SceneObject | None:
         if not (np.abs(thing.place) < FARTHEST).all():
-            self._findings.warn(thing.name, "a thing at no place was left out")
+            self.findings.warn(thing.name, "a thing at no place was left out")
             return None
-        pose, _ = self._axes.place(thing.place)
+        pose, _ = self.axes.place(thing.place)
         back = matrix_of_pose(pose.inverse())
-        whole = np.eye(4)
-        whole[:3, :3] = self._axes.linear
+        whole = affine(self.axes.linear)
         parts = []
         friction = None
         for prim, place, guide, felt in thing.shapes:
             local = back @ whole @ place
             if not (np.abs(local) < FARTHEST).all():
-                self._findings.warn(prim.GetName(), "a shape at no place was left out")
+                self.findings.warn(prim.GetName(), "a shape at no place was left out")
                 continue
             found = self._build(prim, local)
             if found is None:
@@ -265,8 +248,8 @@ class StageReader:
     def _build(self, prim: Any, local: Array) -> tuple[Shape, Array, Finish | None] | None:
         """A shape, its matrix, and its finish unless the shape knows its own."""
         if prim.GetTypeName() == "Mesh":
-            mesh = self._meshes.read(prim)
-            check_count(self._source, self._meshes.triangles)
+            mesh = self._reader.read(prim)
+            check_count(self.path, self._reader.triangles)
             return None if mesh is None else (mesh, local, None)
         found = shape_of(prim, local)
         if found is None:
@@ -274,18 +257,12 @@ class StageReader:
         shape, place = found
         finish = self._finishes.of(prim)
         if isinstance(shape, Mesh):
-            shape = Mesh(
-                shape.name,
-                shape.vertices,
-                shape.triangles,
-                materials=(finish.material.name,),
-            )
-            return shape, place, None
+            return replace(shape, materials=(finish.material.name,)), place, None
         return shape, place, finish
 
     # ---- names with a meaning --------------------------------------------------------------
 
-    def _marker(self, prim: Any, place: _Place) -> bool:
+    def _marker(self, prim: Any, place: _Instance) -> bool:
         """Whether a prim is a start, a path node or a victim (item 38)."""
         kind = KINDS.get(text(prim, "usarsim:kind")) or _kind_by_name(prim)
         if not kind:
@@ -293,13 +270,10 @@ class StageReader:
         name = f"{prim.GetName()}{place.suffix}"
         here = self._matrix(prim, place)
         if not (np.abs(here) < FARTHEST).all():
-            self._findings.warn(name, "a thing at no place was left out")
+            self.findings.warn(name, "a thing at no place was left out")
             return True
-        pose = self._axes.pose(here)
         tag = text(prim, "usarsim:tag") or text(prim, "userProperties:tag") or name
-        told = self._markers.take(kind, pose, tag)
-        self._findings.count(told or "empty prim")
-        return told is not None
+        return self.mark(kind, here, tag)
 
 
 def _kind_by_name(prim: Any) -> str:
