@@ -1,0 +1,52 @@
+"""Tokens that outlive their gateway, in a file, so that pages come back by themselves."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import stat
+from pathlib import Path
+
+from usarsim_operator.roles import Role, Tokens
+from usarsim_server.errors import UsarsimError
+from usarsim_server.files import reason
+from usarsim_server.tables import Table
+from usarsim_server.toml import read_toml
+
+_LEAST, _MOST = 16, 200
+"""Characters of a token; 16 of ours have 96 bits."""
+
+
+def kept_tokens(path: Path) -> Tokens:
+    """The tokens of a file, one key for each role; it is made if it is not there.
+
+    Raises:
+        UsarsimError: if it cannot be had, others may read or change it, or something is wrong in
+            it.
+    """
+    try:
+        with contextlib.suppress(FileExistsError):
+            # It has its mode from the beginning: nobody sees it in between.
+            made = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
+            fresh = Tokens()
+            with os.fdopen(made, "w") as file:
+                file.writelines(f'{role.value} = "{fresh[role]}"\n' for role in Role)
+        mode = stat.S_IMODE(path.stat().st_mode)
+    except OSError as error:
+        why = f"{reason(error)} (name a file in a folder of yours)"
+        raise UsarsimError(f"--tokens: {path}: {why}") from None
+    if os.name == "posix" and mode & 0o077:
+        cure = f"chmod 600 {path}, or delete it for new tokens"
+        raise UsarsimError(f"--tokens: {path}: others may read or change it (cure: {cure})")
+    table = Table(read_toml(path, UsarsimError), path, UsarsimError)
+    tokens: dict[Role, str] = {}
+    for role in Role:
+        token, cure = table.text(role.value), "delete the file for new ones"
+        if not _LEAST <= len(token) <= _MOST or not token.isascii() or not token.isprintable():
+            wanted = f"must have {_LEAST} to {_MOST} printable characters of ASCII"
+            raise table.error(role.value, wanted, cure)
+        if token in tokens.values():
+            raise table.error(role.value, "is the token of another role, too", cure)
+        tokens[role] = token
+    table.finish()
+    return Tokens(tokens)

@@ -1,0 +1,201 @@
+// Alarms, marks, notices and questions: at most five lines of alarms, the gravest first.
+
+import { button, h, panel, say } from "./dom";
+import type { Link } from "./link";
+import type { Alarm, Vector } from "./protocol";
+import { clockText } from "./staleness";
+import type { Store } from "./store";
+
+export const MOST_ALARMS = 5;
+
+/** The alarms to show: not acknowledged first, then by severity (3 is gravest), then the newest. */
+export function shown(alarms: Alarm[]): Alarm[] {
+  const open = (alarm: Alarm): number => Number(alarm.acknowledged);
+  return [...alarms]
+    .sort((a, b) => open(a) - open(b) || b.severity - a.severity || b.since - a.since)
+    .slice(0, MOST_ALARMS);
+}
+
+const SIGNS = { 1: "○", 2: "△", 3: "■" };
+
+export function alarmList(store: Store, link: Link): HTMLElement {
+  const list = h("ol", { class: "alarms", "data-alarms": true, "aria-live": "polite" });
+  const more = h("p", { class: "quiet", "data-alarms-hidden": true });
+  const all = button("Acknowledge", "acknowledge", () => acknowledgeFirst(store, link), "K");
+  const element = panel("alarms", "Alarms", [all], list, more);
+  let before = "";
+  store.on("state", () => {
+    const { alarms = [], alarms_hidden = 0 } = store.state ?? {};
+    const rows = shown(alarms);
+    const hidden = alarms_hidden + alarms.length - rows.length;
+    say(more, hidden > 0 ? `and ${hidden} more` : rows.length === 0 ? "none" : "");
+    all.disabled = !rows.some((alarm) => !alarm.acknowledged);
+    const key = JSON.stringify(rows);
+    if (key === before) return;
+    before = key;
+    list.replaceChildren(
+      ...rows.map((alarm) =>
+        h(
+          "li",
+          {
+            "data-alarm": alarm.id,
+            "data-severity": alarm.severity,
+            "data-acknowledged": String(alarm.acknowledged),
+          },
+          h(
+            "span",
+            { class: "sign", "aria-label": `severity ${alarm.severity}` },
+            SIGNS[alarm.severity],
+          ),
+          h(
+            "button",
+            { type: "button", class: "plain", onclick: () => store.select(alarm.robot) },
+            `${alarm.robot}: ${alarm.text}`,
+          ),
+          h(
+            "span",
+            { class: "number quiet" },
+            (alarm.count > 1 ? `${alarm.count}× ` : "") + clockText(alarm.since),
+          ),
+        ),
+      ),
+    );
+  });
+  return element;
+}
+
+export function acknowledgeFirst(store: Store, link: Link): void {
+  const first = shown(store.state?.alarms ?? []).find((alarm) => !alarm.acknowledged);
+  if (first) link.request({ type: "acknowledge", alarm: first.id });
+}
+
+export const STATUSES = ["unknown", "alive", "unconscious", "dead"];
+
+export function markList(store: Store, link: Link, edit: (id: number) => void): HTMLElement {
+  const list = h("ol", { class: "marks", "data-marks": true });
+  const element = panel("marks", "Victims marked", [], list);
+  let before = "";
+  store.on("state", () => {
+    const marks = store.state?.marks ?? [];
+    const key = JSON.stringify(marks);
+    if (key === before) return;
+    before = key;
+    list.replaceChildren(
+      ...marks.map((one, place) =>
+        h(
+          "li",
+          { "data-mark": one.id },
+          h("span", { class: "sign" }, `V${place + 1}`),
+          h("span", {}, `${one.status || "unknown"} ${one.note}`),
+          button("Edit", "mark-edit", () => edit(one.id)),
+          button("Delete", "mark-delete", () => {
+            link.request({ type: "mark_delete", mark: one.id });
+          }),
+        ),
+      ),
+    );
+    const none = store.welcome?.role === "viewer" ? "none" : "none; M marks one";
+    if (marks.length === 0) list.append(h("li", { class: "quiet" }, none));
+  });
+  return element;
+}
+
+/** Asks for status and note of a new mark at a place, or of one that is there. */
+export function markDialog(
+  store: Store,
+  link: Link,
+  target: { place: Vector } | { id: number },
+): void {
+  const old = "id" in target ? store.state?.marks.find((one) => one.id === target.id) : undefined;
+  const status = h(
+    "select",
+    { "data-field": "status" },
+    ...STATUSES.map((s) => h("option", { value: s }, s)),
+  );
+  const note = h("input", { type: "text", maxlength: 200, "data-field": "note" });
+  if (old) {
+    status.value = old.status;
+    note.value = old.note;
+  }
+  dialog("Victim", [h("label", {}, "Status", status), h("label", {}, "Note", note)], "Mark", () => {
+    const facts = { status: status.value, note: note.value };
+    if ("id" in target) link.request({ type: "mark_edit", mark: target.id, ...facts });
+    else link.request({ type: "mark", robot: store.selected, place: target.place, ...facts });
+  });
+}
+
+/** A modal dialog with a form; the browser keeps the focus in it and gives it back. */
+export function dialog(
+  title: string,
+  body: Node[],
+  accept: string,
+  accepted: () => void,
+  decline = "Cancel",
+  declined: () => void = () => {},
+): HTMLDialogElement {
+  const no = button(decline, "cancel", () => element.close("no"));
+  const yes = h("button", { type: "submit", class: "primary", "data-do": "accept" }, accept);
+  const form = h(
+    "form",
+    { method: "dialog" },
+    h("h2", {}, title),
+    ...body,
+    h("div", { class: "dialog-foot" }, no, yes),
+  );
+  const element = h("dialog", { "data-dialog": true, "aria-label": title }, form);
+  form.addEventListener("submit", (event) => {
+    event.preventDefault();
+    element.close("yes");
+  });
+  element.addEventListener("close", () => {
+    if (element.returnValue === "yes") accepted();
+    else declined();
+    element.remove();
+  });
+  document.body.append(element);
+  element.showModal();
+  return element;
+}
+
+/** Notices for a few seconds, and the question of one who wants this page's robot. */
+export function notices(store: Store, link: Link): HTMLElement {
+  const element = h("div", { class: "notices", "data-notices": true, role: "status" });
+  const show = (text: string): void => {
+    const note = h("p", {}, text);
+    element.append(note);
+    while (element.children.length > 3) element.firstChild?.remove();
+    setTimeout(() => note.remove(), 5000);
+  };
+  store.on("notice", (text) => show(String(text)));
+  store.on("event", (event) => {
+    const { robot, kind, value } = event as { robot: string; kind: string; value: unknown };
+    if (kind === "message") show(String(value));
+    if (kind === "sound") show(`${robot} hears something (${Number(value).toFixed(0)} dB)`);
+    if (kind === "timed_move") show(`${robot}: move ${String(value)}`);
+    // The state of before is still known here: whose the robot was.
+    const before = store.robots.find((one) => one.name === robot)?.holder?.page;
+    const taker = value as { page: number; name: string } | null;
+    if (kind === "lock" && taker && before === store.welcome?.page && taker.page !== before)
+      show(`${taker.name} drives ${robot} now`);
+  });
+  store.on("asked", (question) => {
+    const { robot, page, name } = question as { robot: string; page: number; name: string };
+    // Not a dialog: that would take the keys from one who drives, and stop the robot.
+    const reply = (grant: boolean) => () => {
+      card.remove();
+      link.request({ type: "reply", robot, to: page, grant });
+    };
+    const title = `${name} asks for ${robot}`;
+    const keep = button("Keep", "keep", reply(false));
+    const give = button("Hand over", "hand-over", reply(true));
+    const card = h(
+      "section",
+      { class: "question", role: "alertdialog", "aria-label": title, "data-asked": robot },
+      h("h2", {}, title),
+      h("div", { class: "dialog-foot" }, keep, give),
+    );
+    document.body.append(card);
+    setTimeout(() => card.remove(), 10_000);
+  });
+  return element;
+}

@@ -1,0 +1,160 @@
+// Puts the page together.
+
+import { addressOf } from "./address";
+import { acknowledgeFirst, alarmList, markDialog, markList, notices } from "./alarms";
+import type { Bindings } from "./bindings";
+import { charts, linesButton } from "./charts";
+import { choice, h, mark, say } from "./dom";
+import { header, toggleStop } from "./header";
+import { Input } from "./input";
+import { keysDialog, savedBindings } from "./keys";
+import { laser } from "./laser";
+import { lines } from "./lines";
+import { Link } from "./link";
+import { MapView } from "./map";
+import { remapDialog, savedPads } from "./remap";
+import { robotCard, robotList, takeOrBack } from "./robots";
+import { placeOfColumn } from "./sighting";
+import { Store } from "./store";
+import { firstTheme } from "./theme";
+import { savePicture, tiles } from "./tiles";
+import { touchSticks } from "./touch";
+import { View3D } from "./view3d";
+
+function driveStrip(store: Store, input: Input): HTMLElement {
+  const text = h("output", { "data-wish": true });
+  const hint = h(
+    "span",
+    { class: "quiet hint" },
+    "WASD drive · Shift slow · R F speed · T G turn · 1–9 robot · Space stop · M mark · O mode · K alarm · L take",
+  );
+  store.on("welcome", () => {
+    if (store.welcome?.role === "viewer") say(hint, "1–9 robot · P save picture");
+    const device = store.welcome?.device ?? "any";
+    if (device !== "any") say(hint, `Only the ${device} drives here · Space stop · M mark`);
+    mark(hint, "data-only", device === "any" ? null : device);
+  });
+  const element = h("footer", { class: "strip" }, text, hint);
+  setInterval(() => {
+    const { forward, turn, up } = input.wish;
+    const arrow = (x: number): string => `${x < 0 ? "−" : "+"}${Math.abs(x).toFixed(1)}`;
+    const limits = `speed ${Math.round(100 * input.keyboard.driving)} % · turn ${Math.round(100 * input.keyboard.turning)} %`;
+    const lift = store.robot?.kind === "aerial" ? ` up ${arrow(up)}` : "";
+    say(
+      text,
+      input.device ? `${input.device}: ${arrow(forward)} turn ${arrow(turn)}${lift}` : limits,
+    );
+    mark(element, "data-device", input.device ?? "none");
+  }, 100);
+  return element;
+}
+
+function start(): void {
+  const { token, panel, theme, session } = addressOf(location.hash);
+  firstTheme(theme);
+  const store = new Store();
+  const link = new Link(store, token, localStorage.getItem("usarsim-name"));
+  let bindings = savedBindings(session);
+  const padMaps = savedPads();
+  const input = new Input(store, link, bindings, padMaps);
+  const apply = (next: Bindings): void => {
+    bindings = next;
+    input.bind(next);
+  };
+
+  const markAhead = (column = 0): void => {
+    const { robot } = store;
+    if (!robot || store.welcome?.role === "viewer") return;
+    const place = placeOfColumn(robot, column, store.slot(robot.index).scan);
+    if (place) markDialog(store, link, { place });
+    else store.tell("notice", "the laser sees nothing there: mark it on the map");
+  };
+  // What a key would ask for and the gateway refuse: a viewer is told once that it looks only.
+  const acting = (act: () => void) => () => {
+    if (store.welcome?.role === "viewer") store.tell("notice", "a viewer only looks");
+    else act();
+  };
+  input.acts = {
+    estop: acting(() => {
+      if (!store.state?.estop) toggleStop(store, link);
+    }),
+    mark: acting(markAhead),
+    picture: () => savePicture(store),
+    acknowledge: acting(() => acknowledgeFirst(store, link)),
+    take: acting(() => void takeOrBack(store, link)),
+    mode: acting(() => void takeOrBack(store, link)),
+    connect: () => {
+      if (!store.connected) link.open();
+      else if (!store.mine) input.acts.take?.();
+    },
+    laser: () => {
+      const { robot } = store;
+      if (robot?.laser) link.request({ type: "laser", robot: robot.name, on: !robot.laser.on });
+    },
+  };
+  input.strangePad = (pad) => remapDialog(pad, padMaps);
+
+  const map = new MapView(store, (place) => {
+    if (store.welcome?.role !== "viewer") markDialog(store, link, { place });
+  });
+  const view = new View3D(store, link.token);
+  const rows = lines(store, link);
+  const opened = linesButton(store, (open) => {
+    rows.open(open);
+    mark(main, "data-lines-open", open);
+  });
+  const classic = panel === "classic";
+  const shown = classic
+    ? [laser(store, link), laser(store, link, "strips")]
+    : [view.element, map.element];
+  const beside = classic ? [] : [laser(store, link), charts(store, opened)];
+  const main = h(
+    "main",
+    { class: "grid", "data-tab": "drive", "data-variant": panel },
+    h(
+      "div",
+      { class: "column left" },
+      robotList(store),
+      alarmList(store, link),
+      markList(store, link, (id) => markDialog(store, link, { id })),
+    ),
+    h(
+      "div",
+      { class: "column middle" },
+      tiles(store, link, markAhead),
+      h("div", { class: "pair" }, ...shown, rows.element),
+    ),
+    h("div", { class: "column right" }, robotCard(store, link), ...beside),
+  );
+  const tabs = choice(
+    "panels",
+    { drive: "Drive", world: "World", team: "Team", more: "More" },
+    "drive",
+    (tab) => {
+      mark(main, "data-tab", tab);
+    },
+  );
+  tabs.classList.add("tabs");
+  document.body.append(
+    header(store, link, () => keysDialog(store, session, bindings, apply)),
+    tabs,
+    main,
+    touchSticks(store, input),
+    driveStrip(store, input),
+    notices(store, link),
+  );
+  store.on("select", () => link.send({ type: "select", robot: store.selected }));
+  // For tests of the browser: what the page knows, and where its meshes are.
+  Object.assign(window, {
+    usarsim: {
+      store,
+      input,
+      poseOf: (robot: string) => view.poseOf(robot),
+      cloud: () => view.cloudDrawn(),
+      map,
+    },
+  });
+  link.open();
+}
+
+start();

@@ -1,0 +1,219 @@
+// The experimenter's view: who is at what, what happens, and what may be done about it.
+
+import { dialog } from "../alarms";
+import { button, h, mark, say } from "../dom";
+import { clockText } from "../staleness";
+import type { Desk } from "./desk";
+import type { Overview } from "./protocol";
+
+const NEEDS = {
+  robot_fails: "robot",
+  robot_recovers: "robot",
+  link_drops: "robot",
+  link_returns: "robot",
+  victim_calls: "victim",
+  message: "text",
+} as const;
+type Inject = keyof typeof NEEDS;
+const WORDS: Record<Inject, string> = {
+  robot_fails: "robot fails",
+  robot_recovers: "robot recovers",
+  link_drops: "link drops",
+  link_returns: "link returns",
+  victim_calls: "victim calls",
+  message: "message",
+};
+
+export class Experimenter {
+  readonly element: HTMLElement;
+  private readonly facts: Record<string, HTMLElement> = {};
+  private readonly seats = h("ul", { class: "seats", "data-seats": true });
+  private readonly events = h("ol", { class: "events", "data-events": true, tabindex: 0 });
+  private readonly list = h("datalist", { id: "names" });
+  private readonly trouble = h("p", { class: "form-note", role: "alert", "data-trouble": true });
+  private readonly watch = h(
+    "a",
+    { "data-do": "watch", target: "_blank", rel: "noreferrer", hidden: true },
+    "Watch as instructor",
+  );
+  private readonly next = button("Next step", "next", () => this.goOn());
+  /** What ends something. */
+  private readonly ending = [
+    button("End this trial", "end-trial", () =>
+      this.reason(
+        "End this trial?",
+        "It ends now and counts as it is. Void it instead if it should be repeated.",
+        "End it",
+        "end_trial",
+      ),
+    ),
+    button("Void this trial", "void", () =>
+      this.reason(
+        "Void this trial?",
+        "It ends now, does not count, and is repeated.",
+        "Void it",
+        "void",
+      ),
+    ),
+    button("End the session", "end", () =>
+      this.reason(
+        "End the session?",
+        "The participant withdraws; what is on disk stays.",
+        "End it",
+        "end_session",
+      ),
+    ),
+  ];
+  private rows = "";
+  /** A form stands before the participant. */
+  private asks = false;
+
+  constructor(private readonly desk: Desk) {
+    const names = {
+      participant: "Participant",
+      step: "Step",
+      trial: "Trial",
+      time: "Time in trial",
+      score: "Points",
+    };
+    const facts = Object.entries(names).map(([name, label]) => {
+      const value = h("dd", { class: "number", "data-fact": name }, "–");
+      this.facts[name] = value;
+      return h("div", {}, h("dt", { class: "quiet" }, label), value);
+    });
+    this.element = h(
+      "main",
+      { class: "desk" },
+      h("h1", { class: "sr" }, "Session"),
+      h("section", { class: "card", "aria-label": "now" }, h("dl", { class: "facts" }, ...facts)),
+      h("section", { class: "card", "aria-label": "seats" }, h("h2", {}, "Seats"), this.seats),
+      h(
+        "section",
+        { class: "card", "aria-label": "session" },
+        h("h2", {}, "Session"),
+        this.orders(),
+      ),
+      h(
+        "section",
+        { class: "card", "aria-label": "inject" },
+        h("h2", {}, "Make happen"),
+        this.inject(),
+      ),
+      h(
+        "section",
+        { class: "card grow", "aria-label": "events" },
+        h("h2", {}, "What has happened"),
+        this.events,
+      ),
+      this.list,
+    );
+  }
+
+  show(told: Overview): void {
+    const { participant, number, step, trial, attempt, time, score, status = "running" } = told;
+    this.fact(
+      "participant",
+      participant === null ? "–" : `${participant}, number ${number ?? "?"}`,
+    );
+    const what = step?.what ? ` (${step.what})` : "";
+    this.asks = step?.kind === "form";
+    this.fact("step", status === "running" ? `${step?.kind ?? "–"}${what}` : ended(told));
+    say(this.next, status === "running" ? "Next step" : "Next participant");
+    for (const one of this.ending) one.disabled = status !== "running";
+    say(this.trouble, told.trouble ?? "");
+    this.watch.hidden = !told.panel;
+    if (told.panel && this.watch.href !== told.panel) this.watch.href = told.panel;
+    const again = attempt !== null && attempt > 1 ? `, attempt ${attempt}` : "";
+    this.fact("trial", trial ? `${trial}${again}` : "–");
+    this.fact("time", time === null ? "–" : clockText(time));
+    this.fact("score", score === null ? "–" : String(Number(score.toFixed(1))));
+    this.seats.replaceChildren(
+      ...told.seats.map(({ seat, connected }) =>
+        h(
+          "li",
+          { "data-seat": seat, "data-connected": String(connected) },
+          `${connected ? "●" : "✕"} operator ${seat}: ${connected ? "there" : "not there"}`,
+        ),
+      ),
+    );
+    const rows = told.events.join("\n");
+    if (rows !== this.rows) {
+      this.rows = rows;
+      this.events.replaceChildren(...told.events.map((row) => h("li", {}, row)));
+      this.events.scrollTop = this.events.scrollHeight;
+    }
+    const known = [...(told.robots ?? []), ...(told.victims ?? [])].join("\n");
+    if (this.list.dataset.known !== known) {
+      this.list.dataset.known = known;
+      this.list.replaceChildren(...known.split("\n").map((value) => h("option", { value })));
+    }
+    mark(this.element, "data-running", trial !== null && time !== null);
+  }
+
+  private fact(name: string, text: string): void {
+    const element = this.facts[name];
+    if (element) say(element, text);
+  }
+
+  private orders(): HTMLElement {
+    return h("div", { class: "orders" }, this.next, ...this.ending, this.watch, this.trouble);
+  }
+
+  private goOn(): void {
+    if (!this.asks) this.desk.order("next");
+    else
+      dialog(
+        "Leave this form?",
+        [h("p", { class: "quiet" }, "What is not answered in it is missing.")],
+        "Leave it",
+        () => this.desk.order("next"),
+      );
+  }
+
+  /** What cannot be undone is asked for once more, with a reason for the log. */
+  private reason(title: string, text: string, accept: string, deed: string): void {
+    const why = h("input", { type: "text", maxlength: 200, required: true, "data-field": "why" });
+    const body = [h("p", { class: "quiet" }, text), h("label", {}, "Reason", why)];
+    dialog(title, body, accept, () => this.desk.order(deed, { reason: why.value.trim() }));
+  }
+
+  private inject(): HTMLElement {
+    const deed = h(
+      "select",
+      { "data-field": "inject", "aria-label": "what" },
+      ...Object.entries(WORDS).map(([value, text]) => h("option", { value }, text)),
+    );
+    const whom = h("input", { type: "text", maxlength: 200, required: true, "data-field": "whom" });
+    whom.setAttribute("list", "names");
+    const lasts = h("input", { type: "number", min: 0.1, step: "any", "data-field": "lasts" });
+    const label = h("span", {}, "robot");
+    deed.addEventListener("change", () => {
+      const needs = NEEDS[deed.value as Inject];
+      say(label, needs);
+      if (needs === "text") whom.removeAttribute("list");
+      else whom.setAttribute("list", "names");
+    });
+    const form = h(
+      "form",
+      { class: "inject" },
+      deed,
+      h("label", {}, label, whom),
+      h("label", {}, h("span", {}, "lasts, s"), lasts),
+      h("button", { type: "submit", "data-do": "inject" }, "Do it"),
+    );
+    form.addEventListener("submit", (event) => {
+      event.preventDefault();
+      const kind = deed.value as Inject;
+      const about = whom.value.trim();
+      const more = lasts.value === "" ? {} : { lasts: Number(lasts.value) };
+      if (about !== "")
+        this.desk.order("inject", { inject: { do: kind, [NEEDS[kind]]: about, ...more } });
+    });
+    return form;
+  }
+}
+
+/** How the session ended. */
+function ended({ status = "", reason }: Overview): string {
+  return reason ? `${status}: ${reason}` : status;
+}
