@@ -1,0 +1,17 @@
+"""What a user of missions can do wrong; see `usarsim_server.errors`."""
+
+from __future__ import annotations
+
+from usarsim_server.errors import UsarsimError
+
+
+class MissionError(UsarsimError):
+    """A mission, or a file that belongs to one, cannot be used."""
+
+
+class ScoringError(MissionError):
+    """A scoring file cannot be used."""
+
+
+class RunLogError(MissionError):
+    """The folder of a run cannot be read or written."""

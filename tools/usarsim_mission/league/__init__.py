@@ -1,0 +1,1 @@
+"""A league: what many runs of several teams say about the teams."""

@@ -1,0 +1,123 @@
+"""Teams: who drives in a match, as a TOML file tells it."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from usarsim_mission.errors import MissionError
+from usarsim_mission.match.synthetic import Skill
+from usarsim_server.errors import at
+from usarsim_server.fields import field
+from usarsim_server.files import read_regular, reason
+from usarsim_server.tables import Table
+
+LARGEST = 1 << 20
+"""Bytes of a team file."""
+PLACES = ("host", "port", "image_port", "wireless_port", "truth_port", "robots", "run")
+"""What stands in braces in a command: `{port}`, for example."""
+
+
+def _command(table: Table, key: str) -> tuple[str, ...]:
+    words = table.texts(key)
+    for word in words:
+        try:
+            word.format(**dict.fromkeys(PLACES, ""))
+        except (KeyError, IndexError, ValueError):
+            cure = "braces hold one of " + ", ".join(PLACES) + "; write {{ and }} for braces"
+            raise table.error(key, f"{word!r} cannot be filled in", cure) from None
+    return words
+
+
+def _skill(table: Table, key: str) -> Skill:
+    return table.one(key, Skill)
+
+
+@dataclass(frozen=True, slots=True)
+class Team:
+    """Who drives the robots of a mission; exactly one of `command`, `policy`, `wait`, `console`.
+
+    Attributes:
+        path: the file; empty for a team that no file tells.
+    """
+
+    name: str = field(help="of the team, for reports and tables")
+    command: tuple[str, ...] = field(
+        default=(),
+        parse=_command,
+        expects="a list of words",
+        help="program that is started and brings its robots itself, with its arguments; "
+        "`{port}` and the like are filled in",
+    )
+    folder: str = field(default=".", help="in which it is started, from the file's own")
+    environment: Mapping[str, object] = field(factory=dict, help="further variables for it")
+    policy: str = field(
+        default="", help="what robots do by themselves: explore, or one of a package"
+    )
+    wait: bool = field(default=False, help="controllers are started by hand and waited for")
+    console: bool = field(default=False, help="people drive by the pages of the console")
+    operators: int = field(default=1, low=1, high=100, help="how many people drive")
+    synthetic: Skill | None = field(
+        default=None,
+        parse=_skill,
+        expects="a table",
+        help="beside `policy`: a program watches the robots as an operator and marks victims",
+    )
+    hand_in: str = field(
+        default="",
+        help="folder, from the file's own, in which its programs leave victims and map; `{run}` is "
+        "that of the run",
+    )
+    hand_in_frame: Literal["usarsim", "world"] = field(
+        default="usarsim", help="of what they leave: y to the right as robots tell it, or left"
+    )
+    path: Path = Path()
+
+    def hand_in_folder(self, run: Path) -> Path | None:
+        """Where the programs leave victims and map; None if they do not.
+
+        Args:
+            run: folder of the run.
+        """
+        if not self.hand_in:
+            return None
+        return self.path.parent / self.folder / self.hand_in.replace("{run}", str(run.absolute()))
+
+    @property
+    def brings_robots(self) -> bool:
+        """Whether its own programs bring the robots into the world."""
+        return bool(self.command) or self.wait
+
+
+DEMO = Team(name="Explorers", policy="explore", synthetic=Skill())
+"""Robots that explore by themselves, watched by a program: what `--demo` runs."""
+
+
+def read_team(path: Path) -> Team:
+    """What a team file tells.
+
+    Raises:
+        MissionError: it cannot be read, or something in it cannot be.
+    """
+    try:
+        content = tomllib.loads(read_regular(path, LARGEST).decode("utf-8"))
+    except OSError as error:
+        cure = "check the path and its rights"
+        raise MissionError(at(path, f"cannot be read: {reason(error)}", cure)) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise MissionError(at(path, f"is not valid TOML: {error}", "mend that place")) from None
+    table = Table(content, path, MissionError)
+    team = table.read(Team, path=path)
+    table.finish()
+    kinds = [bool(team.command), bool(team.policy), team.wait, team.console]
+    if sum(kinds) != 1:
+        cure = "give exactly one of command, policy, wait and console"
+        raise MissionError(at(path, f"{sum(kinds)} ways to drive", cure))
+    if team.hand_in and not team.brings_robots:
+        raise MissionError(at(path, "hand_in stands without command or wait", "leave it out"))
+    if team.synthetic is not None and not team.policy:
+        raise MissionError(at(path, "synthetic stands without policy", 'add policy = "explore"'))
+    return team
