@@ -1,0 +1,1 @@
+"""One file per `usarsim study` command; `command.COMMANDS` names them."""

@@ -1,0 +1,1 @@
+"""Operators made by code: they look, choose, drive and mark as a person would, by real pages."""

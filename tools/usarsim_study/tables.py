@@ -1,0 +1,223 @@
+"""Writes a study's numbers as tidy CSV with a dictionary of all columns, and reads them back.
+
+One row per participant, trial, part of a trial, answer; UTF-8, comma, a header, missing values
+empty, numbers with a point: opens in R and pandas without options. `datapackage.json` has the
+schema (Frictionless Tabular Data Package, https://specs.frictionlessdata.io), `dictionary.csv` the
+same for people. Nothing is lost: what is read is what was written.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, Literal
+
+from usarsim_server.files import write_text
+from usarsim_study.dataset import AnswerRow, Dataset, ParticipantRow, PartRow, TrialRow
+from usarsim_study.errors import StudyError
+from usarsim_study.measures import MEASURES
+
+PACKAGE = "datapackage.json"
+DICTIONARY = "dictionary.csv"
+SUMMARY = "summary.csv"
+
+Type = Literal["string", "integer", "number"]
+Cellular = str | int | float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column of a table."""
+
+    name: str
+    type: Type
+    meaning: str
+    unit: str = ""
+    source: str = ""
+
+
+_CODE = Column("participant", "string", "random code of the participant")
+_TRIAL = Column("trial", "integer", "position of the trial, from 1; 0: before or after all")
+
+TABLES: dict[str, tuple[Column, ...]] = {
+    "participants": (
+        _CODE,
+        Column("number", "integer", "position in the list of assignments, from 1"),
+        Column("sequence", "integer", "sequence of trials, from 1"),
+        Column("day", "string", "of the session, YYYY-MM-DD"),
+        Column("status", "string", "complete, running, withdrawn or excluded"),
+        Column("reason", "string", "why it is not complete"),
+    ),
+    "trials": (
+        _CODE,
+        _TRIAL,
+        Column("attempt", "integer", "which attempt this is; more than 1: repeated; 0: none"),
+        Column("condition", "string", "what was compared"),
+        Column("layout", "string", "where"),
+        Column("status", "string", "complete, aborted, void or missing"),
+        Column("reason", "string", "why it is not complete, or ended before its time"),
+        *(
+            Column(one.name, "number", f"{one.title}: {one.definition}", one.unit, one.source)
+            for one in MEASURES.values()
+        ),
+    ),
+    "parts": (
+        _CODE,
+        _TRIAL,
+        Column("level", "string", "operator or robot"),
+        Column("who", "string", "number of the operator, name of the robot"),
+        Column("measure", "string", "a column of trials"),
+        Column("value", "number", "in the unit of that column"),
+    ),
+    "answers": (
+        _CODE,
+        _TRIAL,
+        Column("form", "string", "name of the form"),
+        Column("form_kind", "string", "its kind"),
+        Column("item", "string", "name of the item"),
+        Column("answer", "string", "what was answered; what was typed is left out"),
+        Column("number", "number", "the same, if it is a number"),
+        Column("time", "number", "since the form was shown", "s"),
+    ),
+}
+"""Columns of each file."""
+
+
+def write(dataset: Dataset, folder: Path) -> list[Path]:
+    """Write all files of a data set into a folder.
+
+    Returns:
+        The files.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    rows: dict[str, Iterable[Sequence[Cellular]]] = {
+        "participants": (_plain(one) for one in dataset.participants),
+        "trials": (
+            (*_plain(one)[:-1], *(one.values.get(name) for name in MEASURES))
+            for one in dataset.trials
+        ),
+        "parts": (_plain(one) for one in dataset.parts),
+        "answers": (_plain(one) for one in dataset.answers),
+    }
+    written = []
+    for name, columns in TABLES.items():
+        path = folder / f"{name}.csv"
+        write_text(path, csv_text([one.name for one in columns], rows[name]))
+        written.append(path)
+    known = [
+        (table, one.name, one.type, one.unit, one.meaning, one.source)
+        for table, columns in TABLES.items()
+        for one in columns
+    ]
+    heads = ("table", "column", "type", "unit", "meaning", "source")
+    write_text(folder / DICTIONARY, csv_text(heads, known))
+    text = json.dumps(_package(dataset), indent=1, ensure_ascii=False)
+    write_text(folder / PACKAGE, text + "\n")
+    return [*written, folder / DICTIONARY, folder / PACKAGE]
+
+
+def read(folder: Path) -> Dataset:
+    """Read the files that `write` wrote.
+
+    Raises:
+        StudyError: one is missing or has other columns or values.
+    """
+    try:
+        package = json.loads((folder / PACKAGE).read_text(encoding="utf-8"))
+        about = package["study"]
+        known = [one["name"] for one in about["conditions"]]
+    except OSError as error:
+        cure = "export the study: usarsim study export DIR"
+        raise StudyError(f"{folder / PACKAGE}: cannot be read: {error.strerror} ({cure})") from None
+    except (ValueError, KeyError, TypeError):
+        raise StudyError(f"{folder / PACKAGE}: is no data of a study (export it again)") from None
+    trials = []
+    for row in _rows(folder, "trials"):
+        if row["condition"] not in known:
+            text = f"unknown condition {row['condition']!r} (mend it)"
+            raise StudyError(f"{folder / 'trials.csv'}: {text}")
+        values = {name: row.pop(name) for name in MEASURES}
+        trials.append(TrialRow(**row, values=values))  # type: ignore[arg-type]
+    return Dataset(
+        about,
+        tuple(ParticipantRow(**row) for row in _rows(folder, "participants")),  # type: ignore[arg-type]
+        tuple(trials),
+        tuple(PartRow(**row) for row in _rows(folder, "parts")),  # type: ignore[arg-type]
+        tuple(AnswerRow(**row) for row in _rows(folder, "answers")),  # type: ignore[arg-type]
+    )
+
+
+def csv_text(heads: Sequence[str], rows: Iterable[Sequence[Cellular]]) -> str:
+    """A table as CSV; None is an empty cell, numbers are written so that they read back."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(heads)
+    for row in rows:
+        writer.writerow(
+            [
+                "" if cell is None else repr(cell) if isinstance(cell, float) else cell
+                for cell in row
+            ]
+        )
+    return out.getvalue()
+
+
+def _plain(row: Any) -> list[Cellular]:
+    return [getattr(row, one.name) for one in fields(row)]
+
+
+def _rows(folder: Path, table: str) -> list[dict[str, Cellular]]:
+    path = folder / f"{table}.csv"
+    columns = {one.name: one.type for one in TABLES[table]}
+    try:
+        reader = csv.DictReader(io.StringIO(path.read_text(encoding="utf-8"), newline=""))
+        if list(reader.fieldnames or ()) != list(columns):
+            raise StudyError(f"{path}: has other columns than {DICTIONARY} says (export it again)")
+        return [{name: _value(one[name], columns[name]) for name in columns} for one in reader]
+    except OSError as error:
+        raise StudyError(f"{path}: cannot be read: {error.strerror} (export it again)") from None
+    except (ValueError, TypeError, csv.Error) as error:
+        raise StudyError(f"{path}: {error} (mend or export it again)") from None
+
+
+def _value(text: str, kind: Type) -> Cellular:
+    if kind == "string":
+        return text
+    if kind == "integer":
+        return int(text)
+    return float(text) if text else None
+
+
+def _package(dataset: Dataset) -> dict[str, Any]:
+    """The schema of all tables, and what the study is."""
+    return {
+        "profile": "tabular-data-package",
+        "name": "study",
+        "title": dataset.about["title"],
+        "study": dataset.about,
+        "resources": [
+            {
+                "profile": "tabular-data-resource",
+                "name": name,
+                "path": f"{name}.csv",
+                "encoding": "utf-8",
+                "schema": {
+                    "fields": [
+                        {
+                            "name": one.name,
+                            "type": one.type,
+                            "description": one.meaning,
+                            **({"unit": one.unit} if one.unit else {}),
+                        }
+                        for one in columns
+                    ],
+                    "missingValues": [""],
+                },
+            }
+            for name, columns in TABLES.items()
+        ],
+    }
