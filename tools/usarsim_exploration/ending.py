@@ -1,0 +1,46 @@
+"""When a run ends, and why: the `[end]` table of a scenario (exploration reference 4.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from usarsim_exploration.cycle import BASE, Cycle
+from usarsim_exploration.history import Recorder
+from usarsim_server.fields import field
+
+Reason = Literal["steps", "base knows", "all home", "all lost"]
+
+
+@dataclass(frozen=True)
+class End:
+    """Keys of `[end]`; the first rule that holds ends the run."""
+
+    steps: int = field(default=3000, low=1, high=1_000_000, help="after so many steps")
+    base: float | None = field(
+        default=95.0,
+        above=0.0,
+        high=100.0,
+        unit="%",
+        words={"off": None},
+        help="when the base knows so much of the free cells",
+    )
+    of: Literal["reachable", "all"] = field(
+        default="reachable",
+        help="which free cells: those that the base can be reached from, or all (MRESim)",
+    )
+    home: bool = field(
+        default=True, help="when all robots that work have nothing more to find and are home"
+    )
+
+    def reason(self, cycle: Cycle, recorder: Recorder) -> Reason | None:
+        """Why a run ends now; None: it goes on."""
+        goal = recorder.reachable if self.of == "reachable" else recorder.free
+        if self.base is not None and 100 * recorder.free_base >= self.base * goal:
+            return "base knows"
+        working = [one for one in cycle.bodies if one.works and one is not cycle.bodies[BASE]]
+        if not working:
+            return "all lost"
+        if self.home and all(one.home and not one.view.path for one in working):
+            return "all home"
+        return "steps" if cycle.step >= self.steps else None

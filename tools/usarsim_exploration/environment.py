@@ -1,0 +1,53 @@
+"""The true world of a run: which cells are walls. Strategies never see it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Cell = tuple[int, int]
+"""Column and row from the top left."""
+
+
+@dataclass(frozen=True, eq=False)
+class Environment:
+    """One world.
+
+    Attributes:
+        name: of its file or generator.
+        walls: (rows, columns) 1 where a wall is, else 0.
+        cell: width of a cell, m.
+    """
+
+    name: str
+    walls: NDArray[np.uint8]
+    cell: float = 0.1
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.walls.shape[0], self.walls.shape[1]
+
+    @cached_property
+    def free(self) -> int:
+        """How many cells are no wall."""
+        return int(self.walls.size - np.count_nonzero(self.walls))
+
+    def is_free(self, cell: Cell) -> bool:
+        """Whether a cell is inside and no wall."""
+        rows, columns = self.shape
+        column, row = cell
+        return 0 <= column < columns and 0 <= row < rows and not self.walls[row, column]
+
+    def reachable(self, cell: Cell) -> NDArray[np.bool_]:
+        """Where a robot can drive from a free cell, the same shape as `walls`.
+
+        A diagonal move needs both cells beside it, so a robot gets as far by straight ones.
+        """
+        _, labels = cv2.connectedComponents((self.walls == 0).astype(np.uint8), connectivity=4)
+        found: NDArray[np.bool_] = (labels == labels[cell[1], cell[0]]) & (self.walls == 0)
+        return found

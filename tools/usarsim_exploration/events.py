@@ -1,0 +1,126 @@
+"""What happens to a run from outside: robots fail, batteries run down, doors close and open.
+
+Events of `[[event]]` come between two steps, before the robots decide. Robots are not told; they
+find out by their scanners, by a move that is blocked, or by silence (reference 16).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from usarsim_exploration.cycle import Cycle
+from usarsim_exploration.environment import Environment
+from usarsim_server.fields import field
+from usarsim_server.tables import Table
+
+
+@dataclass(frozen=True)
+class Event:
+    """One `[[event]]`.
+
+    Attributes:
+        number: of the robot; 0 if it concerns none.
+    """
+
+    step: int = field(low=1, high=1_000_000, help="before which it happens")
+    kind: Literal["loss", "battery", "close", "open"] = field(
+        help="a robot fails, with its radio; a robot has so much left to drive, then fails; walls "
+        "appear in a rectangle; walls vanish from one"
+    )
+    robot: str = field(default="", help="name, of loss and battery")
+    distance: float = field(
+        default=0.0, low=0.0, high=1e9, unit="cells", help="left to drive, of battery"
+    )
+    cells: tuple[int, int, int, int] | None = field(
+        default=None,
+        low=0,
+        help="left, top, right and bottom, both ends included, of close and open",
+    )
+    number: int = 0
+
+    @property
+    def text(self) -> str:
+        """In a few words, for results."""
+        where = self.robot or " ".join(map(str, self.cells or ()))
+        return f"{self.kind} {where}"
+
+
+def read_events(table: Table, names: list[str], environment: Environment) -> tuple[Event, ...]:
+    """The events of a scenario, in order of steps.
+
+    Args:
+        table: of the whole scenario. names: of the team, the base first.
+
+    Raises:
+        ExplorationError: naming the event, what is wrong with it, and the cure.
+    """
+    found = []
+    for inner in table.tables("event"):
+        event = inner.read(Event)
+        if event.kind in ("loss", "battery"):
+            name = inner.choice("robot", names[1:])
+            event = inner.read(Event, number=names.index(name))
+            if event.cells is not None:
+                raise inner.error("cells", f"means nothing to {event.kind}", "remove it")
+        else:
+            rows, columns = environment.shape
+            cells = inner.numbers("cells", (4,), event.cells)
+            left, top, right, bottom = cells
+            if not (left <= right < columns and top <= bottom < rows):
+                problem = f"{list(event.cells or ())} is no rectangle of the world"
+                cure = f"write [left, top, right, bottom] within {columns} x {rows} cells"
+                raise inner.error("cells", problem, cure)
+            if event.robot:
+                raise inner.error("robot", f"means nothing to {event.kind}", "remove it")
+        inner.finish()
+        found.append(event)
+    return tuple(sorted(found, key=lambda one: one.step))
+
+
+def change(environment: Environment, event: Event) -> None:
+    """Let walls of a rectangle appear or vanish."""
+    assert event.cells is not None
+    left, top, right, bottom = event.cells
+    environment.walls[top : bottom + 1, left : right + 1] = event.kind == "close"
+
+
+class Fate:
+    """Lets the events of a run happen."""
+
+    def __init__(self, events: tuple[Event, ...]) -> None:
+        """In order of steps."""
+        self._events = events
+        self._next = 0
+        self._batteries: dict[int, float] = {}
+
+    def strike(self, cycle: Cycle) -> list[str]:
+        """Let happen what is due before the next step; what that was, in words."""
+        told = []
+        while self._next < len(self._events) and self._events[self._next].step <= cycle.step + 1:
+            event = self._events[self._next]
+            self._next += 1
+            told.append(event.text)
+            if event.kind == "loss":
+                cycle.bodies[event.number].works = False
+            elif event.kind == "battery":
+                left = cycle.bodies[event.number].distance + event.distance
+                self._batteries[event.number] = left
+            else:
+                self._move_walls(cycle, event)
+        for number, last in sorted(self._batteries.items()):
+            body = cycle.bodies[number]
+            if body.works and body.distance >= last:
+                body.works = False
+                told.append(f"empty {body.member.name}")
+        return told
+
+    @staticmethod
+    def _move_walls(cycle: Cycle, event: Event) -> None:
+        """Cells under robots stay free: doors do not crush anybody."""
+        change(cycle.environment, event)
+        for body in cycle.bodies:
+            column, row = body.view.cell
+            cycle.environment.walls[row, column] = 0
+            if body.scanner is not None:
+                body.scanner.look_again(cycle.environment)

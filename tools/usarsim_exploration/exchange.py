@@ -1,0 +1,136 @@
+"""What robots tell each other in a step, and how many bytes that takes.
+
+Over links that carry everything at once, everybody who is linked over any chain knows the same
+afterwards: they fold the cells that are news to anybody, in the order of numbers (exploration
+reference 6.4). Links with a bandwidth, latency or loss are those of `post`.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_exploration.environment import Environment
+from usarsim_exploration.known_map import AT_BASE, KNOWN, MERGED, RELAYED
+from usarsim_exploration.messages import ENTRY, HEAD, letter_size, map_size
+from usarsim_exploration.post import Post
+from usarsim_exploration.radio import Links, Radio
+from usarsim_exploration.strategy import BASE, Letter, Teammate
+
+if TYPE_CHECKING:
+    from usarsim_exploration.cycle import Body
+
+
+class Exchange:
+    """Trades maps and news, and counts.
+
+    Attributes:
+        cells_sent: entries of maps in all messages so far. bytes_sent: size of these messages.
+        sent: (n,) bytes of each radio in the last step, where links have a shape.
+    """
+
+    def __init__(self, radio: Radio, count: int, random: np.random.Generator) -> None:
+        """count: robots, the base among them. random: of frames that get lost."""
+        self._radio = radio
+        self._synced = np.full((count, count), -1, np.int64)
+        self._post = None
+        if radio.shaped:
+            self._post = Post(radio.bandwidth, radio.latency, random)
+        self.cells_sent = self.bytes_sent = 0
+        self.sent = np.zeros(count, np.int64)
+
+    def trade(
+        self, step: int, bodies: Sequence[Body], links: Links, environment: Environment
+    ) -> None:
+        """One step's messages: all are written before any is read."""
+        groups = links.groups()
+        letters: dict[int, Letter] = {}
+        for group in groups:
+            for number in group:
+                strategy = bodies[number].strategy
+                if strategy is not None and bodies[number].works:
+                    letters[number] = strategy.letter(bodies[number].view)
+        bodies[BASE].base_step = step
+        for body in bodies:
+            body.view.linked = frozenset()
+        for group in groups:
+            for number in group:
+                bodies[number].view.linked = frozenset(group) - {number}
+        if self._post is not None:
+            cells = [body.view.cell for body in bodies]
+            ranges = [body.member.radio_range for body in bodies]
+            losses = self._radio.losses(environment, cells, ranges, links.direct)
+            self._post.trade(step, bodies, links.direct, losses, letters)
+            self.cells_sent = self._post.cells_sent
+            self.sent = self._post.sent
+            self.bytes_sent += int(self.sent.sum())
+        else:
+            for group in groups:
+                self._trade_maps(step, [bodies[number] for number in group])
+                self._trade_news(step, [bodies[number] for number in group], letters)
+        for number in letters:
+            strategy = bodies[number].strategy
+            if strategy is not None:
+                strategy.hear(bodies[number].view)
+
+    def _trade_maps(self, step: int, group: list[Body]) -> None:
+        """Fold the cells that are news to anybody, in the order of numbers (reference 6.4)."""
+        maps = [body.view.known for body in group]
+        numbers = [body.view.number for body in group]
+        told: dict[tuple[int, int], tuple[NDArray[np.int64], int]] = {}
+        for giver, known in zip(numbers, maps, strict=True):
+            for taker in numbers:
+                since = int(self._synced[taker, giver])
+                if taker != giver:
+                    if (giver, since) not in told:
+                        cells = known.changed_since(since)
+                        told[giver, since] = cells, map_size(cells, known.news(cells))
+                    self.cells_sent += len(told[giver, since][0])
+                    self.bytes_sent += told[giver, since][1]
+        for giver in numbers:
+            self._synced[numbers, giver] = step
+        cells = np.unique(np.concatenate([one for one, _ in told.values()]))
+        if not len(cells):
+            return
+        bits = [known.news(cells) for known in maps]
+        shared = bits[0]
+        relayed = bits[0] & RELAYED
+        for one in bits[1:]:
+            shared = MERGED[shared, one]
+            relayed = relayed | one & RELAYED
+        shared = shared & ~np.uint8(RELAYED)
+        if BASE in numbers:
+            shared = np.where(shared & KNOWN != 0, shared | AT_BASE, shared).astype(np.uint8)
+        for known, own in zip(maps, bits, strict=True):
+            mark = np.where(own & KNOWN != 0, own & RELAYED, relayed).astype(np.uint8)
+            known.write(step, cells, shared | mark)
+
+    def _trade_news(self, step: int, group: list[Body], letters: Mapping[int, Letter]) -> None:
+        """Where everybody is and what they do; of absent ones what was heard last."""
+        newest = max(body.base_step for body in group)
+        present: dict[int, Teammate] = {}
+        for body in group:
+            letter = letters.get(body.view.number, {})
+            present[body.view.number] = body.entry(step, letter)
+            self.bytes_sent += (len(group) - 1) * (HEAD + letter_size(letter))
+        absent: dict[int, Teammate] = {}
+        for body in group:
+            for other, known in body.view.teammates.items():
+                newest_of = absent[other].heard if other in absent else -1
+                if other not in present and known.heard > newest_of:
+                    absent[other] = known
+        sizes = {other: ENTRY + letter_size(one.letter) for other, one in absent.items()}
+        for body in group:
+            body.base_step = newest
+            mates = body.view.teammates
+            for other, one in present.items():
+                if other != body.view.number:
+                    mates[other] = copy.copy(one)
+            for other, one in absent.items():
+                if mates[other].heard < one.heard:
+                    mates[other] = copy.copy(one)
+                    self.bytes_sent += sizes[other]

@@ -1,0 +1,20 @@
+"""The few loops that cost most: compiled by numba where it is installed, else numpy.
+
+Both forms compute with whole numbers or with the same operations on the same floats, so results are
+equal bit by bit (a test compares them). `USARSIM_EXPLORATION_PLAIN=1` chooses numpy.
+"""
+
+import os
+
+try:
+    if os.environ.get("USARSIM_EXPLORATION_PLAIN"):
+        raise ImportError
+    from usarsim_exploration.kernels.compiled import crossings, flood, march, mark_walls, sense
+
+    COMPILED = True
+except ImportError:
+    from usarsim_exploration.kernels.plain import crossings, flood, march, mark_walls, sense
+
+    COMPILED = False
+
+__all__ = ["COMPILED", "crossings", "flood", "march", "mark_walls", "sense"]

@@ -1,0 +1,1 @@
+"""Files of MRESim: teams, settings and batches, read as scenarios (exploration reference 3)."""

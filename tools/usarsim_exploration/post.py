@@ -1,0 +1,189 @@
+"""Messages over links that are slow, late or lossy: what is sent in a step, and when it arrives.
+
+Each radio sends so many bytes a step at most, to all whom it hears directly together. A message
+holds the news of its sender and of absent robots, then cells of its map that the taker cannot know
+yet, in a round over the map, as many as fit. Frames get lost; the sender learns of it and sends
+again. News that pass several robots take a step for each.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_exploration.known_map import AT_BASE, KNOWN, RELAYED, Cells, KnownMap
+from usarsim_exploration.messages import ENTRY, FRAME, HEAD, RUN, letter_size
+from usarsim_exploration.strategy import Letter, Teammate
+
+if TYPE_CHECKING:
+    from usarsim_exploration.cycle import Body
+
+_UNLIMITED = 10**12
+_RUNS = FRAME // RUN
+"""Of a frame."""
+_NONE = np.empty(0, np.int64)
+
+
+@dataclass(frozen=True, slots=True)
+class _Message:
+    due: int
+    taker: int
+    giver: int
+    base_step: int
+    entries: list[Teammate]
+    cells: Cells
+    bits: NDArray[np.uint8]
+
+
+@dataclass(slots=True)
+class _Line:
+    """What one robot knows of what another one was told.
+
+    Attributes:
+        told: bits of each cell as last told by either. waiting: cells that may be news.
+        since: step up to which changes of the map were looked at. place: where the round is.
+        heard: by robot, how new the entry of it was that was told.
+    """
+
+    told: NDArray[np.uint8]
+    waiting: Cells = field(default_factory=lambda: _NONE)
+    since: int = -1
+    place: int = 0
+    heard: dict[int, int] = field(default_factory=dict)
+
+
+class Post:
+    """Carries the messages of a team."""
+
+    def __init__(self, bandwidth: int, latency: int, random: np.random.Generator) -> None:
+        """bandwidth: bytes a step of each radio; 0: no limit. latency: steps."""
+        self._bandwidth, self._latency, self._random = bandwidth or _UNLIMITED, latency, random
+        self._lines: dict[tuple[int, int], _Line] = {}
+        self._under_way: list[_Message] = []
+        self.cells_sent = 0
+        self.sent: NDArray[np.int64] = np.empty(0, np.int64)
+        """Bytes that each radio sent in the last step."""
+
+    def trade(
+        self,
+        step: int,
+        bodies: Sequence[Body],
+        direct: NDArray[np.bool_],
+        losses: NDArray[np.float64],
+        letters: Mapping[int, Letter],
+    ) -> None:
+        """Send, then hand over what arrives now.
+
+        Args:
+            step: now. bodies: of all. direct: (n, n) who hears whom.
+            losses: (n, n) probability that a frame gets lost. letters: of those who hear anybody.
+        """
+        self.sent = np.zeros(len(bodies), np.int64)
+        for giver in range(len(bodies)):
+            takers = np.flatnonzero(direct[giver]).tolist()
+            first = step % len(takers) if takers else 0  # nobody is always the last one served
+            for index, taker in enumerate(takers[first:] + takers[:first]):
+                share = (self._bandwidth - int(self.sent[giver])) // (len(takers) - index)
+                loss = float(losses[giver, taker])
+                self.sent[giver] += self._send(step, bodies, giver, taker, share, loss, letters)
+        arrived = [one for one in self._under_way if one.due <= step]
+        self._under_way = [one for one in self._under_way if one.due > step]
+        for message in arrived:
+            if bodies[message.taker].works:
+                self._take(step, bodies[message.taker], message)
+
+    def _line(self, giver: int, taker: int, known: KnownMap) -> _Line:
+        if (giver, taker) not in self._lines:
+            self._lines[giver, taker] = _Line(np.zeros(known.bits.size, np.uint8))
+        return self._lines[giver, taker]
+
+    def _send(
+        self,
+        step: int,
+        bodies: Sequence[Body],
+        giver: int,
+        taker: int,
+        share: int,
+        loss: float,
+        letters: Mapping[int, Letter],
+    ) -> int:
+        """Write a message; bytes of it."""
+        body = bodies[giver]
+        if share < HEAD:
+            return 0
+        line = self._line(giver, taker, body.view.known)
+        own = body.entry(step, letters.get(giver, {}))
+        used = HEAD + letter_size(own.letter)
+        if used > share:  # the head alone
+            own.letter, used = {}, HEAD
+        entries = [own]
+        for other, one in sorted(body.view.teammates.items()):
+            size = ENTRY + letter_size(one.letter)
+            news = one.heard > line.heard.get(other, -1)
+            if news and other != taker and used + size <= share:
+                entries.append(one)
+                used += size
+        cells, bits, size = self._pick(step, line, body.view.known, share - used, loss)
+        used += size
+        if self._random.random() < loss:
+            entries = []
+        else:
+            line.heard.update((one.number, one.heard) for one in entries)
+        self.cells_sent += len(cells)
+        self._under_way.append(
+            _Message(step + self._latency, taker, giver, body.base_step,
+                     [copy.copy(one) for one in entries], cells, bits)
+        )  # fmt: skip
+        return used
+
+    def _pick(
+        self, step: int, line: _Line, known: KnownMap, room: int, loss: float
+    ) -> tuple[Cells, NDArray[np.uint8], int]:
+        """Cells and bits that get through, and bytes of all that were sent."""
+        cells = np.union1d(line.waiting, known.changed_since(line.since))
+        line.since = step - 1  # what is heard later in this step counts as well
+        bits = known.news(cells)
+        news = (bits ^ line.told[cells]) & ~np.uint8(RELAYED) != 0
+        cells, bits = cells[news], bits[news]
+        line.waiting = cells
+        if not len(cells) or room < RUN:
+            return _NONE, np.empty(0, np.uint8), 0
+        starts = np.flatnonzero(np.r_[True, (np.diff(cells) != 1) | (bits[1:] != bits[:-1])])
+        ends = np.append(starts[1:], len(cells))
+        order = np.roll(np.arange(len(starts)), -int(np.searchsorted(cells[starts], line.place)))
+        order = order[: room // RUN]
+        line.place = int(cells[ends[order[-1]] - 1]) + 1
+        through = np.ones(len(order), np.bool_)
+        if loss:
+            frames = self._random.random(-(-len(order) // _RUNS)) >= loss
+            through = np.repeat(frames, _RUNS)[: len(order)]
+        chosen = np.zeros(len(starts), np.bool_)
+        chosen[order[through]] = True
+        mask = np.repeat(chosen, ends - starts)
+        line.told[cells[mask]] = bits[mask]
+        line.waiting = cells[~mask]
+        return cells[mask], bits[mask], RUN * len(order)
+
+    def _take(self, step: int, body: Body, message: _Message) -> None:
+        """Learn what a message says."""
+        view, known = body.view, body.view.known
+        back = self._line(view.number, message.giver, known)
+        if len(message.cells):
+            known.merge(step, message.cells, message.bits)
+            back.told[message.cells] = message.bits
+            if view.role == "base":
+                there = message.cells[known.news(message.cells) & KNOWN != 0]
+                known.mark(step, there, AT_BASE)
+        if not message.entries:
+            return
+        body.base_step = max(body.base_step, message.base_step)
+        for one in message.entries:
+            old = view.teammates.get(one.number)
+            if one.number != view.number and (old is None or old.heard < one.heard):
+                view.teammates[one.number] = one
+                back.heard[one.number] = one.heard

@@ -1,0 +1,1 @@
+"""Families of radio models, one file each; all files here are found by themselves."""

@@ -1,0 +1,155 @@
+"""The folder of a run: results, logs, picture, and all that is needed to run it again."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+from usarsim_exploration.errors import ExplorationError
+from usarsim_exploration.log_files import AGENTS, STEPS, agents_csv, steps_csv
+from usarsim_exploration.map_picture import draw, png
+from usarsim_exploration.measures import measure
+from usarsim_exploration.running import Result
+from usarsim_exploration.scenario import Scenario
+from usarsim_exploration.strategy_file import split
+from usarsim_exploration.worlds import World
+from usarsim_exploration.worlds.pictures import save_map
+from usarsim_server.errors import at
+from usarsim_server.files import read_regular, reason, write_bytes, write_text
+from usarsim_server.toml import toml_text
+
+FORMAT = "usarsim-explore-run/1"
+RUN, TIMING, MAP, SCENARIO = "run.json", "timing.json", "map.png", "scenario.toml"
+_DIGITS = 9
+"""Of numbers behind the point in results: what differs beyond is no result."""
+
+
+def facts(result: Result) -> dict[str, object]:
+    """What `run.json` says; the same for the same scenario, wherever and whenever it runs."""
+    world, scenario = result.scenario.world, result.scenario
+    rows, columns = world.environment.shape
+    found: dict[str, object] = {
+        "format": FORMAT,
+        "version": version("usarsim-server"),
+        "scenario": portable(scenario),
+        "environment": {
+            "name": world.environment.name,
+            "columns": columns,
+            "rows": rows,
+            "cell": world.environment.cell,
+            "free": result.history.free,
+            "reachable": result.history.reachable,
+            "digest": _digest(world),
+        },
+        "seed": scenario.basics.seed,
+        "ended": {"reason": result.ended, "step": result.history.steps},
+        "events": [{"step": step, "event": what} for step, what in result.events],
+        "measures": measure(result.history),
+    }
+    rounded = _rounded(found)
+    assert isinstance(rounded, dict)
+    return rounded
+
+
+def portable(scenario: Scenario) -> dict[str, object]:
+    """The whole scenario; files are named as they lie in the folder of the run."""
+    found = scenario.resolved
+    strategy = found["strategy"]
+    assert isinstance(strategy, dict)
+    if scenario.mapped:
+        world = scenario.world.environment
+        found["environment"] = {"name": f"{world.name}.png", "cell": world.cell}
+    parts = split(scenario.strategy_name)
+    if parts is not None:
+        strategy["name"] = f"{parts[0].name}:{type(scenario.strategy).__name__}"
+    return found
+
+
+def write(result: Result, folder: Path, timing: Mapping[str, object]) -> None:
+    """Write all files; `run.json` last, so where it is, the others are, too.
+
+    Raises:
+        ExplorationError: one cannot be written.
+    """
+    try:
+        write_scenario(result.scenario, folder)
+        write_text(folder / STEPS, steps_csv(result.history))
+        write_text(folder / AGENTS, agents_csv(result.history))
+        write_bytes(folder / MAP, png(draw(result)))
+        write_text(folder / TIMING, json.dumps(timing, indent=1) + "\n")
+        write_text(folder / RUN, json.dumps(facts(result), indent=1) + "\n")
+    except OSError as error:
+        place = error.filename or folder
+        cure = "give a folder that can be written to"
+        raise ExplorationError(at(place, f"cannot be written: {reason(error)}", cure)) from error
+
+
+def prepare(folder: Path) -> None:
+    """Make the folder before a long run, so that nobody waits in vain.
+
+    Raises:
+        ExplorationError: it cannot be.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        cure = "give another folder"
+        raise ExplorationError(at(folder, f"cannot be made: {reason(error)}", cure)) from error
+
+
+def line(result: Result, timing: Mapping[str, object]) -> str:
+    """A run in one line."""
+    scenario, history = result.scenario, result.history
+    team, base = (
+        100 * int(cells[-1]) / history.reachable for cells in (history.free_team, history.free_base)
+    )
+    return (
+        f"{scenario.world.environment.name}, {history.robots} robots, {scenario.strategy_name}, "
+        f"seed {scenario.basics.seed}: {result.ended} after {history.steps} steps; "
+        f"team knows {team:.1f} %, base {base:.1f} %; "
+        f"{timing['processor_ms_per_step']:.1f} ms of processor per step"
+    )
+
+
+def write_scenario(scenario: Scenario, folder: Path) -> None:
+    """Write what is needed to run a scenario; results of another run are no longer valid.
+
+    Raises:
+        ExplorationError: it cannot be written.
+    """
+    prepare(folder)
+    try:
+        (folder / RUN).unlink(missing_ok=True)
+        for name, path in scenario.files.items():
+            write_bytes(folder / Path(name).name, read_regular(path))
+        if scenario.mapped:
+            world = scenario.world.environment
+            save_map(world, folder / f"{world.name}.png")
+        write_text(folder / SCENARIO, toml_text(portable(scenario)))
+    except OSError as error:
+        cure = "give a folder that can be written to"
+        problem = f"cannot be written: {reason(error)}"
+        raise ExplorationError(at(error.filename or folder, problem, cure)) from error
+
+
+def _digest(world: World) -> str:
+    """SHA-256 of the cells."""
+    found = hashlib.sha256(repr(world.environment.shape).encode())
+    found.update(np.packbits(world.environment.walls != 0).tobytes())
+    return found.hexdigest()
+
+
+def _rounded(value: object) -> object:
+    if isinstance(value, float):
+        return round(value, _DIGITS) if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {key: _rounded(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_rounded(one) for one in value]
+    return value

@@ -1,0 +1,127 @@
+"""Leader and followers: a chain from the base to the robot with the highest number, which explores.
+
+Each follower drives towards the next one of the chain. Nobody makes a move after which a neighbour
+could be out of reach, wherever that one moves in the same step, so under a circle no link ever
+breaks (exploration reference 12.6, where robots step back only when one is broken).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from usarsim_exploration.bidding import Bidding
+from usarsim_exploration.environment import Cell
+from usarsim_exploration.frontiers import find_frontiers
+from usarsim_exploration.planning import Path
+from usarsim_exploration.strategy import (
+    BASE,
+    Letter,
+    Plan,
+    Strategy,
+    Teammate,
+    View,
+    register,
+    straight,
+)
+from usarsim_exploration.tether import leading, links
+from usarsim_server.fields import field
+
+
+@register("leader-follower")
+@dataclass
+class LeaderFollower(Strategy):
+    """The chain is in the order of numbers."""
+
+    replan: int = field(default=10, low=1, high=10_000, unit="steps", help="between two ways")
+    memory: int = field(
+        default=100, low=1, high=10**6, unit="steps", help="after which a silent robot is given up"
+    )
+    patience: int = field(
+        default=20, low=1, high=10_000, unit="steps",
+        help="for which the leader waits for its followers before it tries another frontier",
+    )  # fmt: skip
+    spacing: float = field(
+        default=10.0, low=0.0, high=1000.0, unit="cells",
+        help="frontiers nearer to one that was out of reach are, too",
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        self._bidding = Bidding()
+        self._way: Path = []
+        self._planned = -(10**9)
+        self._waited = 0
+        self._given_up: set[Cell] = set()
+        self._goal: Cell | None = None
+        self._home = False
+
+    def decide(self, view: View) -> Plan | None:
+        """As much of the way as keeps both neighbours."""
+        parent, child = self._neighbours(view)
+        if parent not in view.linked:  # back to where it was
+            self._planned = -(10**9)
+            there = view.teammates[parent].cell
+            return Plan(view.planner.path(view.cell, there) or [], "return", there)
+        if view.cell in self._way:
+            self._way = self._way[self._way.index(view.cell) + 1 :]
+        old = view.step - self._planned >= self.replan
+        if old or view.blocked or (not self._way and not self._home):
+            self._planned = view.step
+            if child is None:
+                self._lead(view)
+            else:
+                self._follow(view, child)
+        near = [view.teammates[parent]] + ([child] if child and child.number in view.linked else [])
+        part = self._way[: math.ceil(view.speed) + 1]
+        for mate in near:
+            slack = mate.speed if mate.number != BASE else 0.0
+            part = leading(part, links(view, part, [mate.cell], slack)[:, 0]) if part else part
+        self._waited = self._waited + 1 if self._way and not part else 0
+        if child is None and self._waited > self.patience and self._goal is not None:
+            self._given_up.add(self._goal)
+            self._waited, self._planned = 0, -(10**9)
+        state = "return" if self._home else "lead" if child is None else "follow"
+        return Plan(part, state, self._goal, home=self._home)
+
+    def _neighbours(self, view: View) -> tuple[int, Teammate | None]:
+        """Number of the next one towards the base, and the next one away from it, if there is."""
+        there = [
+            mate
+            for _, mate in sorted(view.teammates.items())
+            if mate.number != BASE and view.step - max(mate.heard, 0) <= self.memory
+        ]
+        parent = max((mate.number for mate in there if mate.number < view.number), default=BASE)
+        return parent, next((mate for mate in there if mate.number > view.number), None)
+
+    def _lead(self, view: View) -> None:
+        """To the nearest frontier that is not out of reach of the chain; home if there is none."""
+        while True:
+            aims = [
+                aim
+                for aim in self._bidding.aims(view, find_frontiers(view.known), 64)
+                if all(straight(aim.cell, one) >= self.spacing for one in self._given_up)
+            ]
+            if not aims:
+                self._go(view, view.base, home=True)
+                return
+            aim = min(aims, key=lambda one: one.distance)
+            self._go(view, aim.cell)
+            if not self._way:
+                self._way = self._bidding.look(view, aim) or []
+            if self._way:
+                return
+
+    def _follow(self, view: View, child: Teammate) -> None:
+        """To the next one of the chain; home if that goes home."""
+        self._go(view, view.base if child.letter.get("home") else child.cell)
+        self._home = bool(child.letter.get("home"))
+        if not self._home:
+            self._way = self._way[:-1]
+
+    def _go(self, view: View, goal: Cell, home: bool = False) -> None:
+        self._goal, self._home = goal, home
+        self._way = view.planner.path(view.cell, goal) or []
+
+    def letter(self, view: View) -> Letter:
+        """Whether nothing is left to find."""
+        return {"home": self._home}

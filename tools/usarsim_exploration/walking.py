@@ -1,0 +1,71 @@
+"""Walking without a plan: straight lines of cells, and how far walls are from where a robot is."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from usarsim_exploration.environment import Cell
+from usarsim_exploration.known_map import FREE, WALL, KnownMap
+from usarsim_exploration.planning import Path
+
+
+def line(start: Cell, goal: Cell) -> Path:
+    """Neighbouring cells from one cell straight to another, without the first."""
+    right, down = goal[0] - start[0], goal[1] - start[1]
+    parts = max(abs(right), abs(down))
+    return [
+        (start[0] + round(right * part / parts), start[1] + round(down * part / parts))
+        for part in range(1, parts + 1)
+    ]
+
+
+class Surroundings:
+    """The known map around a robot.
+
+    Attributes:
+        clearance: distance of each cell to the nearest known wall, as far as `reach`; cells.
+    """
+
+    def __init__(self, known: KnownMap, cell: Cell, reach: int) -> None:
+        """reach: cells to each side that will be asked for."""
+        rows, columns = known.bits.shape
+        self._left, self._top = max(cell[0] - reach, 0), max(cell[1] - reach, 0)
+        right, bottom = min(cell[0] + reach + 1, columns), min(cell[1] + reach + 1, rows)
+        bits = known.bits[self._top : bottom, self._left : right]
+        self._free = bits & (FREE | WALL) == FREE
+        self._open = bits & WALL == 0
+        padded = np.pad(self._open.astype(np.uint8), 1, constant_values=1)
+        # beyond the edge of the world there is nothing to drive on
+        padded[0] = self._top > 0
+        padded[-1] = bottom < rows
+        padded[:, 0] &= self._left > 0
+        padded[:, -1] &= right < columns
+        away = cv2.distanceTransform(padded, cv2.DIST_L2, 5)[1:-1, 1:-1]
+        self.clearance: NDArray[np.float32] = away.astype(np.float32, copy=False)
+
+    def _at(self, cell: Cell) -> tuple[int, int] | None:
+        row, column = cell[1] - self._top, cell[0] - self._left
+        inside = 0 <= row < self._open.shape[0] and 0 <= column < self._open.shape[1]
+        return (row, column) if inside else None
+
+    def room(self, cell: Cell) -> float:
+        """Distance to the nearest known wall, cells; 0 on one, and out of reach."""
+        at = self._at(cell)
+        return 0.0 if at is None else float(self.clearance[at])
+
+    def is_free(self, cell: Cell) -> bool:
+        """Whether a cell is known to be free."""
+        at = self._at(cell)
+        return at is not None and bool(self._free[at])
+
+    def passable(self, start: Cell, path: Path) -> bool:
+        """Whether a path of neighbours meets no known wall and cuts no corner."""
+        for cell in path:
+            for one in (cell, (cell[0], start[1]), (start[0], cell[1])):
+                at = self._at(one)
+                if at is None or not self._open[at]:
+                    return False
+            start = cell
+        return True
