@@ -93,6 +93,7 @@ def test_one_screen(page: Path) -> None:
 
 
 def test_every_kind_of_thing_has_a_page() -> None:
-    """Sensor, effector, robot, family, world, importer, radio model."""
-    kinds = {"sensor", "effector", "robot", "family", "world", "importer", "radio-model"}
+    """Sensor, effector, robot, family, world, mission, importer, radio model, strategy."""
+    kinds = {"mission", "sensor", "effector", "robot", "family", "world", "importer"}
+    kinds |= {"radio-model", "strategy"}
     assert kinds <= {page.stem for page in PAGES}

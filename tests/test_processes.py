@@ -10,22 +10,22 @@ import threading
 
 import pytest
 
-from usarsim_server import processes as interrupts
+from usarsim_server import processes
 
 PROGRAM = """
 import sys, threading, time
-from usarsim_server import processes as interrupts
+from usarsim_server import processes
 
 def raised_inside():
     try:
-        interrupts.begin()
+        processes.begin()
         say()
         time.sleep(60)
     finally:
         print("tidied", flush=True)
 
 def never_ends():
-    interrupts.begin()
+    processes.begin()
     try:
         say()
         time.sleep(60)
@@ -33,7 +33,7 @@ def never_ends():
         threading.Event().wait()
 
 def swallowed():
-    interrupts.begin()
+    processes.begin()
     class Odd:
         def __del__(self):
             say()
@@ -43,7 +43,7 @@ def swallowed():
     time.sleep(60)
 
 def called():
-    with interrupts.calling(lambda: print("called", flush=True)):
+    with processes.calling(lambda: print("called", flush=True)):
         say()
         time.sleep(0.5)
         time.sleep(0.5)
@@ -56,14 +56,14 @@ def early():
 def say():
     print("now", flush=True)
 
-interrupts.arm(ordinary=False)
+processes.arm(ordinary=False)
 code = 1
 try:
     code = globals()[sys.argv[1]]()
 except BaseException:
-    if not interrupts.interrupted():
+    if not processes.interrupted():
         raise
-sys.exit(interrupts.finish(code))
+sys.exit(processes.finish(code))
 """
 
 
@@ -102,12 +102,12 @@ def test_handlers_are_given_back() -> None:
     came: list[int] = []
     before = signal.signal(signal.SIGTERM, lambda number, frame: came.append(number))
     try:
-        with interrupts.calling(lambda: came.append(0)):
+        with processes.calling(lambda: came.append(0)):
             os.kill(os.getpid(), signal.SIGTERM)
         os.kill(os.getpid(), signal.SIGTERM)
     finally:
         signal.signal(signal.SIGTERM, before)
-        interrupts._state.first = None
+        processes._state.first = None
     assert came == [0, signal.SIGTERM]
 
 
@@ -116,7 +116,7 @@ def test_other_threads_get_no_signals() -> None:
     found: list[object] = []
 
     def look() -> None:
-        with interrupts.calling(lambda: None):
+        with processes.calling(lambda: None):
             found.append(signal.getsignal(signal.SIGINT))
 
     before = signal.getsignal(signal.SIGINT)

@@ -86,6 +86,7 @@ def test_absent_keys_come_from_the_base() -> None:
         ({"name": 3}, "name: 3 is not text (write text in quotes)"),
         ({"name": "a\nb"}, "name: has control characters"),
         ({"kind": "flor"}, "'flor' is not known (did you mean floor? write one of ceiling, floor)"),
+        ({"shape": 1}, "shape: 1 is not text (write one of spot, point)"),
         ({"shape": "x"}, "shape: 'x' is not known (write one of spot, point)"),
         (
             {"reach": 0},

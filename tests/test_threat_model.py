@@ -21,6 +21,7 @@ from usarsim_server.services.control import ControlLimits
 from usarsim_server.services.dialogue import TRUTH_LIMITS, DialogueLimits
 from usarsim_server.services.images import ImageLimits
 from usarsim_server.services.relay import LinkOptions
+from usarsim_server.services.scene_port import SceneLimits
 from usarsim_server.services.wireless import WirelessLimits
 from usarsim_server.settings import Settings
 
@@ -53,7 +54,7 @@ def names_in(tree: ast.Module) -> set[str]:
     """`test_x` and `TestX::test_x` of a test file."""
     found = set()
     for node in tree.body:
-        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
             found.add(node.name)
         if isinstance(node, ast.ClassDef):
             found |= {f"{node.name}::{one.name}" for one in node.body if hasattr(one, "name")}
@@ -140,8 +141,9 @@ def test_bytes_that_a_connection_can_hold() -> None:
         "50000": (WirelessLimits().held_bytes, WirelessLimits().kernel_bytes),
         "5874": (ComServerLimits().held_bytes, ComServerLimits().kernel_bytes),
         "5003": (ImageLimits().held_bytes(frame), ImageLimits().kernel_bytes),
+        "scene": (SceneLimits().held_bytes, SceneLimits().kernel_bytes),
     }
-    found = re.findall(r"^\| (\d+) \| (\d+) KiB \| (\d+) KiB \|", TEXTS["limits.md"], re.MULTILINE)
+    found = re.findall(r"^\| (\w+) \| (\d+) KiB \| (\d+) KiB \|", TEXTS["limits.md"], re.MULTILINE)
     told = {port: (int(held), int(kernel)) for port, held, kernel in found}
     assert told == {
         port: (math.ceil(held / 1024), math.ceil(kernel / 1024))

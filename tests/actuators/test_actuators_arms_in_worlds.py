@@ -57,8 +57,7 @@ def test_arm_platforms_report_their_links(stage: Rehearsal, client: RehearsedCli
     settle(stage, client, 2.0)
     found = values(client, "ASTA", "KR60Arm")
     assert found == {i: pytest.approx(value, abs=1e-3) for i, value in enumerate(targets, start=1)}
-    foot = stage.assembly.robots.vehicles[-1].body.look()
-    assert foot is not None
+    foot = stage.robot_state(-1)
     assert foot.pose.position == pytest.approx((0.0, 0.0, 0.25), abs=1e-4)
     client.send("GETGEO {Type Robot}", "GETCONF {Type Robot}")
     assert client.lines[-2:] == [
@@ -139,9 +138,7 @@ def test_an_arm_takes_a_parcel_and_puts_it_down(bench: Rehearsal) -> None:
     assert parcel() == pytest.approx(start, abs=0.015), "it was not touched"
     client.send("SET {Type Gripper} {Opcode CLOSE}")
     bench.run(1.5)
-    vehicle = bench.assembly.robots.vehicles[-1]
-    state = vehicle.body.look()
-    assert state is not None
+    state = bench.robot_state(-1)
     assert state.hand("P3ATGripper").holding == "parcel"
     news = "NFO {Status ItemAttached} {Time "
     (told,) = [line for line in client.lines if line.startswith(news)]
@@ -176,11 +173,9 @@ def test_a_vacuum_gripper_on_a_tool_changer(bench: Rehearsal) -> None:
         "GEO {Type Gripper} {Name KR60gripper} {Location 0.06,0.00,0.00} "
         "{Orientation 0.00,1.57,0.00} {Mount KR60Arm} {MountLink 6} {Tip "
     )
-    vehicle = bench.assembly.robots.vehicles[-1]
 
     def holding(hand: str) -> str | None:
-        state = vehicle.body.look()
-        assert state is not None
+        state = bench.robot_state(-1)
         return state.hand(hand).holding
 
     # The cup looks down at the case, 0.1 m above it.
@@ -195,8 +190,7 @@ def test_a_vacuum_gripper_on_a_tool_changer(bench: Rehearsal) -> None:
     client.send("MISPKG {Name KR60Arm} {Link 2} {Value 0} {Order 1}")
     bench.run(0.5)
     assert holding("KR60gripper") == "case"
-    state = vehicle.body.look()
-    assert state is not None
+    state = bench.robot_state(-1)
     assert state.pose.position == pytest.approx((20.0, 0.0, 0.0), abs=1e-3)
     client.take()
     client.send("SET {Type Gripper} {Name KR60gripper} {Opcode OPEN}")

@@ -12,7 +12,7 @@ from actuator_fakes import ARM, PAN_TILT, UDK, UT2004, WRIST, Machine, link, rob
 from hypothesis import given
 from hypothesis import strategies as st
 
-from usarsim_server.actuators.base import Actuator, announced_link, joint_frame
+from usarsim_server.actuators.articulation import Actuator, announced_link, joint_frame
 from usarsim_server.protocol.messages import (
     actuator_configuration,
     actuator_geometry,

@@ -16,18 +16,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from usarsim_server import plugins
-from usarsim_server.actuators import effector as registry
+from usarsim_server.actuators import effectors as registry
 from usarsim_server.actuators.articulation import Articulation
-from usarsim_server.actuators.effector import (
+from usarsim_server.actuators.effectors import (
     GROUP,
     Change,
     Effector,
+    ToolChanger,
     create_effector,
     create_effectors,
     effector_types,
     register_effector,
 )
-from usarsim_server.actuators.hands import ToolChanger
 from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.protocol.messages import configuration, effector_geometry
 from usarsim_server.protocol.values import Item

@@ -219,8 +219,7 @@ def test_pan_goes_left_and_tilt_goes_up(stage: Rehearsal, client: RehearsedClien
     spawn(stage, client, "P2AT")
     client.send("MISPKG {Name CameraPanTilt} {Link 1} {Value 0.3} {Link 2} {Value 0.2}")
     stage.run(3.0)
-    vehicle = stage.assembly.robots.vehicles[-1].body.look()
-    assert vehicle is not None
+    vehicle = stage.robot_state(-1)
     x, y, z = vehicle.link_pose("CameraPanTilt_Link2").rotate((1.0, 0.0, 0.0))
     assert x > 0.9
     assert y == pytest.approx(0.29, abs=0.01)
@@ -233,11 +232,10 @@ def test_turning_the_camera_does_not_turn_the_robot(
     """A P2AT at rest stays where it is while its pan-tilt moves."""
     spawn(stage, client, "P2AT")
     stage.run(1.0)
-    before = stage.assembly.robots.vehicles[-1].body.look()
+    before = stage.robot_state(-1)
     client.send("MISPKG {Name CameraPanTilt} {Link 1} {Value 3} {Link 2} {Value 0.7}")
     stage.run(5.0)
     after = stage.assembly.robots.vehicles[-1].body.look()
-    assert before is not None
     assert after is not None
     assert after.pose.position == pytest.approx(before.pose.position, abs=1e-3)
     assert after.pose.quaternion == pytest.approx(before.pose.quaternion, abs=1e-3)
@@ -250,8 +248,7 @@ def test_wheel_commands_with_a_robot_name_still_drive(
     spawn(stage, client, "P2AT")
     client.send("DRIVE {Name robot_0} {Left 1} {Right 1}")
     stage.run(1.0)
-    vehicle = stage.assembly.robots.vehicles[-1].body.look()
-    assert vehicle is not None
+    vehicle = stage.robot_state(-1)
     assert vehicle.wheel_speeds == pytest.approx([1.0] * 4, abs=0.05)
 
 
@@ -263,6 +260,5 @@ def test_without_power_nothing_moves(stage: Rehearsal, client: RehearsedClient) 
     client.send("MISPKG {Name CameraPanTilt} {Link 1} {Value 1}", "GETCONF {Type MisPkg}")
     stage.run(2.0)
     assert not any(line.startswith(("MISSTA", "CONF")) for line in client.lines)
-    vehicle = stage.assembly.robots.vehicles[-1].body.look()
-    assert vehicle is not None
+    vehicle = stage.robot_state(-1)
     assert vehicle.joint_position("CameraPanTilt_Joint1") == pytest.approx(0.0, abs=1e-3)

@@ -1,4 +1,4 @@
-"""A server that only pretends, for tests of the clients."""
+"""Servers that only pretend, for tests of the clients, and figures that are made up."""
 
 from __future__ import annotations
 
@@ -7,10 +7,13 @@ import socket
 import threading
 import time
 from collections.abc import Callable
-from types import TracebackType
-from typing import Self
+from types import ModuleType
 
-from usarsim_bench.server import Usage
+from usarsim_bench.camera_client import Picture
+from usarsim_bench.figures import Figure, Section
+from usarsim_bench.server import Load, Usage
+from usarsim_bench.team import TeamTrial
+from usarsim_client import Closing
 from usarsim_server.testing import eventually
 
 STATUS = b"STA {Type GroundVehicle} {Time %.4f} {Battery 1}\r\n"
@@ -18,7 +21,7 @@ SCAN = b"SEN {Time %.4f} {Type RangeScanner} {Name lms200} {Range 1.0}\r\n"
 POSES = b"NFO {StartPoses 2} {Here 0,0,0 0,0,0 There 1,1,1 0,0,0}\r\n"
 
 
-class FakeServer:
+class FakeServer(Closing):
     """Greets, answers GETSTARTPOSES, and after INIT sends STA and SEN at 20 Hz.
 
     Attributes:
@@ -87,15 +90,8 @@ class FakeServer:
                 client.sendall(STATUS % now)
                 client.sendall(SCAN % now)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
+        """End all connections and hear nobody any more."""
         self._stop.set()
         # A listening socket that is only closed would leave `accept` waiting.
         with contextlib.suppress(OSError):
@@ -114,3 +110,36 @@ class StandIn:
         """A look."""
         self.looks += 1
         return Usage(float(self.looks), 0.0, 1000 * self.looks, 5, 9, 0.0, 0.0)
+
+
+Tried = list[tuple[int, float]]
+"""Sizes of teams that were tried, and for how long."""
+Pretend = Callable[[ModuleType, str, dict[int, float]], Tried]
+"""See the fixture `pretend`."""
+
+
+def a_trial(robots: int, factor: float, worst: float = 0.9, cores: float = 0.5) -> TeamTrial:
+    """A trial of 2 s, from 10 to 12, with a factor and no matter what else."""
+    return TeamTrial(robots, factor, worst, Load(cores, 0.1, 0.2), 100.0, 1e4, 2**20, 10.0, 12.0)
+
+
+def by_name(figures: Section | list[Figure]) -> dict[str, Figure]:
+    """Figures by name."""
+    return {one.name: one for one in (figures.figures if isinstance(figures, Section) else figures)}
+
+
+class Nobody(StandIn, Closing):
+    """Stands for a server, for its crowd and for a viewer of its pictures."""
+
+    port = 0
+    pictures = tuple(Picture(0.1 * n, 0.1 * n + 0.01, 100, n) for n in range(100, 130))
+
+    def __init__(self, *given: object) -> None:
+        super().__init__()
+
+    def port_of(self, service: str) -> int:
+        """No port."""
+        return 0
+
+    def close(self) -> None:
+        """Nothing to end."""

@@ -7,16 +7,16 @@ import itertools
 import socket
 import threading
 import time
-from collections.abc import Iterator
 
 import pytest
 
 from usarsim_bench.camera_client import Picture, Viewer, summed_up
 from usarsim_bench.server import BenchError
+from usarsim_client import Closing
 from usarsim_server.testing import eventually
 
 
-class FakeImages:
+class FakeImages(Closing):
     """Answers each request after a while with 1000 bytes that change with every second answer."""
 
     def __init__(self, request_length: int = 2, pause: float = 0.0, limit: int = 10**9) -> None:
@@ -44,30 +44,14 @@ class FakeImages:
         self._listening.close()
 
 
-@pytest.fixture
-def serve() -> Iterator[type[FakeImages]]:
-    """Starts fake servers that end with the test."""
-    started: list[FakeImages] = []
-
-    class Started(FakeImages):
-        def __init__(self, *arguments, **options) -> None:  # type: ignore[no-untyped-def]
-            super().__init__(*arguments, **options)
-            started.append(self)
-
-    yield Started
-    for one in started:
-        one.close()
-
-
 def wait_for(viewer: Viewer, count: int) -> None:
     """Until a viewer has so many pictures."""
     assert eventually(lambda: len(viewer.pictures) >= count)
 
 
-def test_viewer_asks_for_the_full_frame_and_knows_repeats(serve: type[FakeImages]) -> None:
+def test_viewer_asks_for_the_full_frame_and_knows_repeats() -> None:
     """Each answer is one picture of its true size; every second one is news."""
-    server = serve()
-    with Viewer(server.port) as viewer:
+    with FakeImages() as server, Viewer(server.port) as viewer:
         wait_for(viewer, 20)
     assert set(server.requests) == {b"OK"}
     assert len(server.requests) == len(viewer.pictures) >= 20
@@ -76,18 +60,17 @@ def test_viewer_asks_for_the_full_frame_and_knows_repeats(serve: type[FakeImages
     assert changes[:6] == [False, True, False, True, False, True]
 
 
-def test_viewer_asks_for_a_rectangle(serve: type[FakeImages]) -> None:
+def test_viewer_asks_for_a_rectangle() -> None:
     """`U` and four big-endian integers."""
-    server = serve(request_length=17)
-    with Viewer(server.port, (320, 0, 320, 240)) as viewer:
+    tile = (320, 0, 320, 240)
+    with FakeImages(request_length=17) as server, Viewer(server.port, tile) as viewer:
         wait_for(viewer, 1)
     assert server.requests[0] == bytes.fromhex("55 00000140 00000000 00000140 000000F0")
 
 
-def test_viewer_keeps_its_rate(serve: type[FakeImages]) -> None:
+def test_viewer_keeps_its_rate() -> None:
     """It asks no more often than told, and not in bursts after it was held up."""
-    server = serve(pause=0.05)
-    with Viewer(server.port, rate=10.0) as viewer:
+    with FakeImages(pause=0.05) as server, Viewer(server.port, rate=10.0) as viewer:
         wait_for(viewer, 5)
     gaps = [b.asked - a.asked for a, b in itertools.pairwise(viewer.pictures)]
     assert min(gaps) > 0.05 - 0.001
@@ -95,14 +78,14 @@ def test_viewer_keeps_its_rate(serve: type[FakeImages]) -> None:
     assert all(one.come - one.asked >= 0.05 for one in viewer.pictures)
 
 
-def test_server_that_hangs_up_is_an_error(serve: type[FakeImages]) -> None:
+def test_server_that_hangs_up_is_an_error() -> None:
     """A measurement without pictures is none."""
-    server = serve(limit=3)
-    viewer = Viewer(server.port)
-    wait_for(viewer, 3)
-    assert eventually(lambda: not viewer._thread.is_alive())
-    with pytest.raises(BenchError, match="hung up"):
-        viewer.close()
+    with FakeImages(limit=3) as server:
+        viewer = Viewer(server.port)
+        assert eventually(lambda: not viewer._thread.is_alive())
+        assert len(viewer.pictures) == 3
+        with pytest.raises(BenchError, match="hung up"):
+            viewer.close()
 
 
 def test_nobody_there_is_an_error() -> None:

@@ -65,6 +65,7 @@ class TestArguments:
         assert taken.names == ALL
         assert not taken.plan.brief
         assert (taken.plan.robots, taken.plan.seconds, taken.plan.world) == (None, None, "arena")
+        assert taken.calls[-1][2] == __version__
 
     def test_quick_is_short(self, taken: Taken) -> None:
         """Everything but the search for the largest team, one size and some seconds each."""
@@ -121,11 +122,6 @@ class TestArguments:
             main(["bench", "--help"])
         told = " ".join(capsys.readouterr().out.split())
         assert all(f"{name} {text}" in told for name, (_, text) in MEASUREMENTS.items())
-
-    def test_the_version_goes_along(self, taken: Taken) -> None:
-        """The report names the server that was measured."""
-        main(["bench"])
-        assert taken.calls[-1][2] == __version__
 
     def test_progress_goes_to_standard_error(
         self, taken: Taken, capsys: pytest.CaptureFixture[str]
@@ -228,18 +224,11 @@ class TestAim:
         assert not Aim(relation, 1.0).met_by(math.nan)  # type: ignore[arg-type]
 
 
-class TestFigure:
-    def test_verdicts(self) -> None:
-        """A figure meets its aim, misses it, or has none."""
-        assert (GOOD.met, BAD.met, PLAIN.met) == (True, False, None)
-
-    def test_text_has_the_digits_asked_for(self) -> None:
-        """Values are rounded for people, thousands set apart."""
-        assert [figure.text for figure in (GOOD, BAD, PLAIN)] == ["0.9994", "12,345.7", "10"]
-
-    def test_missed_aims_are_counted(self) -> None:
-        """Figures without an aim cannot miss it."""
-        assert report(GOOD, BAD, PLAIN, BAD).missed == 2
+def test_figures_have_verdicts_and_digits() -> None:
+    """A figure meets its aim, misses it, or has none; thousands are set apart."""
+    assert (GOOD.met, BAD.met, PLAIN.met) == (True, False, None)
+    assert [figure.text for figure in (GOOD, BAD, PLAIN)] == ["0.9994", "12,345.7", "10"]
+    assert report(GOOD, BAD, PLAIN, BAD).missed == 2
 
 
 class TestText:
@@ -250,26 +239,14 @@ class TestText:
         assert ends[0] == ends[1]
         assert rows[0].index(">=") == rows[1].index("<")
 
-    def test_says_what_was_missed(self) -> None:
-        """A missed aim stands out, and the end counts them."""
+    def test_tells_machine_time_and_what_was_missed(self) -> None:
+        """A missed aim stands out, the end counts them, and long explanations are wrapped."""
         text = as_text(report(GOOD, BAD, PLAIN))
-        assert "MISSED" in text
+        assert max(map(len, text.splitlines())) <= 100
+        for words in ("2026-01-02 03:04 UTC", "Abacus", "2 of 4", "MISSED"):
+            assert words in text
         assert text.endswith("1 of 2 aims met.")
-
-    def test_without_aims(self) -> None:
-        """A report of mere information does not claim success."""
         assert as_text(report(PLAIN)).endswith("No aims are set for these figures.")
-
-    def test_fits_the_terminal(self) -> None:
-        """Long explanations are wrapped."""
-        assert max(map(len, as_text(report(GOOD)).splitlines())) <= 100
-
-    def test_names_machine_and_time(self) -> None:
-        """The reader sees where and when."""
-        text = as_text(report(GOOD))
-        assert "2026-01-02 03:04 UTC" in text
-        assert "Abacus" in text
-        assert "2 of 4" in text
 
 
 class TestFailure:
@@ -304,14 +281,11 @@ class TestMarkdown:
                 tables.append([])
         found = [table for table in tables if table]
         assert len(found) == 2
+        assert "| Use | 12,345.7 | cores | < 1.2 | MISSED |" in found[1]
         for table in found:
             counts = {line.replace("\\|", "").count("|") for line in table}
             assert len(counts) == 1
             assert set(table[1]) <= set("| -")
-
-    def test_holds_the_figures(self) -> None:
-        """Each figure is a row with value, unit, aim and verdict."""
-        assert "| Use | 12,345.7 | cores | < 1.2 | MISSED |" in as_markdown(report(BAD))
 
 
 class TestAllAims:

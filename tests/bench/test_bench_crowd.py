@@ -36,19 +36,14 @@ class TestJoining:
         self, server: FakeServer, crowd: Crowd
     ) -> None:
         """Robots get names of their own and the world's start poses one after the other."""
-        for _ in range(3):
-            crowd.join()
+        for robot_class in ("P3AT", "P3AT", "P2DX"):
+            crowd.join(robot_class)
         crowd.wait_until_speaking()
         assert sorted(server.commands("INIT")) == [
+            "INIT {ClassName USARBot.P2DX} {Name R3} {Start Here}",
             "INIT {ClassName USARBot.P3AT} {Name R1} {Start Here}",
             "INIT {ClassName USARBot.P3AT} {Name R2} {Start There}",
-            "INIT {ClassName USARBot.P3AT} {Name R3} {Start Here}",
         ]
-
-    def test_other_classes(self, server: FakeServer, crowd: Crowd) -> None:
-        """A class can be asked for."""
-        crowd.wait_until_speaking([crowd.join("P2DX")])
-        assert "USARBot.P2DX" in server.commands("INIT")[0]
 
     def test_waits_for_the_first_status(self, server: FakeServer, crowd: Crowd) -> None:
         """A robot speaks once its first STA line is there, not on the greeting."""
@@ -69,10 +64,12 @@ class TestJoining:
         with pytest.raises(BenchError, match=r"no STA line after INIT for R2$"):
             crowd.wait_until_speaking()
 
-    @pytest.mark.parametrize("poses", [b"NFO {StartPoses 0}\r\n"])
-    def test_a_world_without_start_poses(self, poses: bytes) -> None:
+    def test_a_world_without_start_poses(self) -> None:
         """Without start poses there is nowhere to put a team."""
-        with FakeServer(poses) as empty, pytest.raises(BenchError, match="no start poses"):
+        with (
+            FakeServer(b"NFO {StartPoses 0}\r\n") as empty,
+            pytest.raises(BenchError, match="no start poses"),
+        ):
             Crowd(empty.port, seed=0)
 
 

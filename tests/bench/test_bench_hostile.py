@@ -19,6 +19,7 @@ from usarsim_bench.hostile.control_attacks import CONTROL_ATTACKS
 from usarsim_bench.hostile.links import Damage, Link, Site, work
 from usarsim_bench.hostile.measuring import HEADS, Outcome, Span, outcome_row, verdict
 from usarsim_bench.hostile.newcomers import QUESTIONS, Newcomers
+from usarsim_bench.hostile.scene_attacks import SCENE_ATTACKS
 from usarsim_bench.hostile.side_attacks import SIDE_ATTACKS
 from usarsim_bench.hostile.tally import Tally, intervals
 from usarsim_bench.server import BenchError
@@ -210,7 +211,8 @@ class TestLinks:
 class TestAttacks:
     def test_names_are_unique(self) -> None:
         """No attack hides another."""
-        assert len(ATTACKS) == len(CONTROL_ATTACKS) + len(SIDE_ATTACKS)
+        groups = (CONTROL_ATTACKS, SIDE_ATTACKS, SCENE_ATTACKS)
+        assert len(ATTACKS) == sum(map(len, groups))
 
     @pytest.mark.parametrize("attack", ATTACKS.values(), ids=lambda one: one.name)
     def test_ask_newcomers_where_they_attack(self, attack: Attack) -> None:
@@ -218,7 +220,7 @@ class TestAttacks:
         assert set(attack.ports) <= set(QUESTIONS)
         assert attack.what
 
-    @pytest.mark.parametrize("attack", CONTROL_ATTACKS, ids=lambda one: one.name)
+    @pytest.mark.parametrize("attack", [*CONTROL_ATTACKS, *SCENE_ATTACKS], ids=lambda one: one.name)
     def test_links_can_be_made(self, attack: Attack) -> None:
         """Without anybody to attack: nothing is sent before they are worked."""
         ports = dict.fromkeys(QUESTIONS, 1)

@@ -2,35 +2,21 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import pytest
+from bench_fakes import Nobody, a_trial, by_name
 
 from usarsim_bench import importing
-from usarsim_bench.camera_client import Picture
 from usarsim_bench.figures import Plan
-from usarsim_bench.importing import measure_import
+from usarsim_bench.importing import Importing, measure, measure_import
 from usarsim_bench.map_sources import BRUSHES, MESHES, write_hall, write_yard
-from usarsim_bench.server import BenchError, Load
-from usarsim_bench.team import TeamTrial
+from usarsim_bench.server import BenchError
 from usarsim_maps.convert import Request, import_map
 from usarsim_maps.reader import ImportOptions
 
-RESULT = {
-    "first": 4.0,
-    "again": 0.002,
-    "compiling": 1.0,
-    "scan": 6e-5,
-    "hits": 0.9,
-    "peak": 2**29,
-    "model": 2**25,
-    "pieces": 900,
-    "triangles": 52000,
-    "starts": 4,
-}
+RESULT = Importing(4.0, 0.002, 1.0, 6e-5, 0.9, 2**29, 2**25, 900, 52000, 4)
 
 
 def test_the_hall_is_a_competition_map(tmp_path: Path) -> None:
@@ -60,36 +46,32 @@ def test_the_yard_has_as_many_triangles_as_asked_for(tmp_path: Path) -> None:
     assert [round(height or 9.0, 3) for _, height, _ in result.report.starts] == [0.3] * 4
 
 
-def test_the_instrument_measures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_import_is_measured(tmp_path: Path) -> None:
     """Every figure of a real import is there, and the world is where it was asked for."""
     source, assets = write_hall(tmp_path)
-    arguments = [str(source), "--out", str(tmp_path), "--assets", str(assets)]
-    assert importing.main(arguments) == 0
-    result = json.loads(capsys.readouterr().out)
-    assert set(result) == set(RESULT)
+    result = measure(source, tmp_path, [assets])
     assert (tmp_path / "hall" / "world.toml").is_file()
-    assert all(result[key] > 0 for key in RESULT)
-    assert result["again"] < result["first"]
-    assert 0.5 < result["hits"] <= 1.0
-    assert 5_000 < result["triangles"] < 15_000
-    assert result["starts"] == 4
-
-
-def test_a_map_that_cannot_be_imported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The instrument says what was wrong, on standard error, and measures nothing."""
-    assert importing.main([str(tmp_path / "no.t3d"), "--out", str(tmp_path)]) == 2
-    said = capsys.readouterr()
-    assert "no such file" in said.err
-    assert said.out == ""
+    assert all(value > 0 for value in asdict(result).values())
+    assert result.again < result.first
+    assert 0.5 < result.hits <= 1.0
+    assert 5_000 < result.triangles < 15_000
+    assert result.starts == 4
 
 
 def test_figures_of_the_section(monkeypatch: pytest.MonkeyPatch) -> None:
     """Both maps have figures with aims; the team's are those of the worlds that were made."""
-    answer(monkeypatch, json.dumps(RESULT))
     worlds: list[str] = []
-    stand_ins(monkeypatch, worlds)
-    section = measure_import(Plan(robots=2, seconds=3.0))
-    figures = {figure.name: figure for figure in section.figures}
+    monkeypatch.setattr(importing, "run_apart", lambda *_, patience: RESULT)
+
+    def server(world: str, robots: int) -> Nobody:
+        worlds.append(world)
+        return Nobody()
+
+    monkeypatch.setattr(importing, "Server", server)
+    monkeypatch.setattr(importing, "Crowd", Nobody)
+    monkeypatch.setattr(importing, "Viewer", Nobody)
+    monkeypatch.setattr(importing, "try_team", lambda *_: a_trial(2, 0.99))
+    figures = by_name(measure_import(Plan(robots=2, seconds=3.0)))
     assert figures["Hall: import"].met is True
     assert figures["Hall: first import / second, from the cache"].value == pytest.approx(2000.0)
     assert figures["Hall: one scan, median"].aim is None
@@ -101,43 +83,7 @@ def test_figures_of_the_section(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_failure_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    """If the instrument fails the report says why."""
-    answer(monkeypatch, "", 2, "hall.t3d: broken")
-    with pytest.raises(BenchError, match=r"hall\.t3d: broken"):
+    """If a map cannot be imported the report says why."""
+    monkeypatch.setattr(importing, "write_hall", lambda folder: (folder / "no.t3d", folder))
+    with pytest.raises(BenchError, match=r"no\.t3d: no such file"):
         measure_import(Plan())
-
-
-def answer(monkeypatch: pytest.MonkeyPatch, output: str, code: int = 0, error: str = "") -> None:
-    """Let something stand for the importing."""
-
-    def run(command: list[str], **_: object) -> subprocess.CompletedProcess[str]:
-        return subprocess.CompletedProcess(command, code, output, error)
-
-    monkeypatch.setattr(subprocess, "run", run)
-
-
-def stand_ins(monkeypatch: pytest.MonkeyPatch, worlds: list[str]) -> None:
-    """Let nobody stand for server, crowd and viewer."""
-
-    class Nobody:
-        port = 0
-        ports: dict[str, int] = {"images": 1}  # noqa: RUF012
-        pictures = [Picture(0.1 * n, 0.1 * n + 0.01, 100, n) for n in range(20)]  # noqa: RUF012
-
-        def __init__(self, *given: Any) -> None:
-            if isinstance(given[0], str):
-                worlds.append(given[0])
-
-        def __enter__(self) -> Nobody:
-            return self
-
-        def __exit__(self, *_: object) -> None:
-            pass
-
-    def fake(server: object, crowd: object, robots: int, seconds: float) -> TeamTrial:
-        load = Load(process=0.5, own=0.1, others=0.0)
-        return TeamTrial(robots, 0.99, 0.9, load, 10.0, 1e3, 2**20, 0.0, 1.0)
-
-    for name in ("Server", "Crowd", "Viewer"):
-        monkeypatch.setattr(importing, name, Nobody)
-    monkeypatch.setattr(importing, "try_team", fake)

@@ -20,25 +20,28 @@ def late(times: list[float], number: int, by: float) -> list[float]:
 
 
 class TestDisturbance:
-    def test_of_even_streams_is_nothing(self) -> None:
-        """Streams that keep their periods are not disturbed, whatever their periods are."""
-        recorded = [{"STA": EVEN, "Sonar F1": EVEN[::2]}, {"STA": EVEN[::5]}]
-        assert disturbance(recorded, 3.0, 5.0) == pytest.approx(0.0, abs=1e-9)
-
-    def test_is_that_of_the_most_disturbed_stream(self) -> None:
-        """One late line of one sensor of one robot is enough."""
-        recorded = [{"STA": EVEN, "Sonar F1": late(EVEN, 40, 0.07)}, {"STA": late(EVEN, 41, 0.02)}]
-        assert disturbance(recorded, 3.0, 5.0) == pytest.approx(0.07)
-
-    def test_counts_only_its_own_span(self) -> None:
-        """What happened at another newcomer's arrival is not counted twice."""
-        recorded = [{"STA": late(EVEN, 40, 0.07)}]
-        assert disturbance(recorded, 5.0, 7.0) == pytest.approx(0.0, abs=1e-9)
-
-    def test_slow_streams_do_not_hide_behind_their_period(self) -> None:
-        """A stream of one line a second that misses a line is a second late."""
-        recorded = [{"STA": [0.0, 1.0, 2.0, 3.0, 5.0, 6.0, 7.0]}]
-        assert disturbance(recorded, 3.5, 5.5) == pytest.approx(1.0)
+    @pytest.mark.parametrize(
+        ("recorded", "span", "gap"),
+        [
+            # Streams that keep their periods are not disturbed, whatever their periods are.
+            ([{"STA": EVEN, "Sonar F1": EVEN[::2]}, {"STA": EVEN[::5]}], (3.0, 5.0), 0.0),
+            # One late line of one sensor of one robot is enough.
+            (
+                [{"STA": EVEN, "Sonar F1": late(EVEN, 40, 0.07)}, {"STA": late(EVEN, 41, 0.02)}],
+                (3.0, 5.0),
+                0.07,
+            ),
+            # What happened at another newcomer's arrival is not counted twice.
+            ([{"STA": late(EVEN, 40, 0.07)}], (5.0, 7.0), 0.0),
+            # A stream of one line a second that misses a line is a second late.
+            ([{"STA": [0.0, 1.0, 2.0, 3.0, 5.0, 6.0, 7.0]}], (3.5, 5.5), 1.0),
+        ],
+    )
+    def test_is_that_of_the_most_disturbed_stream(
+        self, recorded: list[dict[str, list[float]]], span: tuple[float, float], gap: float
+    ) -> None:
+        """The longest silence of any stream beyond its own period, within the span."""
+        assert disturbance(recorded, *span) == pytest.approx(gap, abs=1e-9)
 
     def test_needs_lines(self) -> None:
         """A stream with one line has no period, and nobody there cannot be disturbed."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -14,7 +14,7 @@ import pytest
 
 from usarsim_bench.figures import Plan, Report, Section, describe_machine
 from usarsim_bench.peers import comparing
-from usarsim_bench.peers.comparing import Measured, Tools, compare, own_section, peer_section
+from usarsim_bench.peers.comparing import Measured, compare, own_section, peer_section
 from usarsim_bench.peers.own import HUMANOID, OwnSide
 from usarsim_bench.peers.simulators import PEERS, Environments, NotInstalledError, Peer
 from usarsim_bench.peers.work import ROVER, Outcome, Work, plan_work
@@ -84,15 +84,20 @@ def theirs(command: Sequence[str], work: str, timeout: float) -> Outcome:
     return THEIRS
 
 
-def compared(*peers: Peer, robots: int | None = 4, **tools: object) -> Report:
+def compared(
+    *peers: Peer,
+    robots: int | None = 4,
+    own: Callable[[], OwnSide] = FakeOwnSide,
+    run: Callable[[Sequence[str], str, float], Outcome] = theirs,
+    only: Sequence[str] = (),
+) -> Report:
     """A comparison in which nothing is installed or run."""
-    made = {"environments": FakeEnvironments, "own": FakeOwnSide, "run": theirs, **tools}
-    return compare(
-        Plan(robots=robots, seconds=10.0),
-        "0.1",
-        peers={peer.name: peer for peer in peers},
-        tools=Tools(**made),  # type: ignore[arg-type]
-    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(comparing, "PEERS", {peer.name: peer for peer in peers})
+        patch.setattr(comparing, "Environments", FakeEnvironments)
+        patch.setattr(comparing, "OwnSide", own)
+        patch.setattr(comparing, "run_workload", run)
+        return compare(Plan(robots=robots, seconds=10.0), "0.1", only)
 
 
 class TestRegistry:
@@ -111,14 +116,10 @@ class TestRegistry:
     @pytest.mark.parametrize("peer", PEERS.values(), ids=lambda peer: peer.name)
     def test_programs_know_nothing_of_ours(self, peer: Peer) -> None:
         """A workload runs where nothing of ours is installed, so it may not import it."""
-        text = peer.script.read_text(encoding="utf-8")
-        imports = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Import)]
+        tree = list(ast.walk(ast.parse(peer.script.read_text(encoding="utf-8"))))
+        imports = [node for node in tree if isinstance(node, ast.Import)]
         names = [alias.name for node in imports for alias in node.names]
-        names += [
-            str(node.module)
-            for node in ast.walk(ast.parse(text))
-            if isinstance(node, ast.ImportFrom)
-        ]
+        names += [str(node.module) for node in tree if isinstance(node, ast.ImportFrom)]
         assert names
         assert not [name for name in names if name.startswith("usarsim")]
 
@@ -250,7 +251,7 @@ class TestReport:
     def test_unknown_names_are_refused(self) -> None:
         """The error lists those that are known."""
         with pytest.raises(BenchError, match=r"'gazebo' \(known: wheels\)"):
-            compare(Plan(), "0.1", only=("gazebo",), peers={"wheels": ROVERS})
+            compared(ROVERS, only=("gazebo",))
 
     def test_more_than_the_hall_holds(self) -> None:
         """There is one free cell for each robot and no more."""

@@ -26,7 +26,6 @@ from usarsim_server.protocol import messages
 from usarsim_server.protocol.values import Dialect
 
 Samples = list[tuple[float, float]]
-VALUES = st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=60)
 
 
 def paced(factor: float, count: int = 101, gap: float = 0.1) -> Samples:
@@ -114,28 +113,26 @@ class TestGaps:
         with pytest.raises(ValueError, match="two moments"):
             period([1.0])
 
-    def test_undisturbed_stream(self) -> None:
-        """Nothing is missed: the longest silence is the period."""
-        assert longest_extra_gap(self.TIMES, 4.0, 6.0) == pytest.approx(0.0, abs=1e-9)
-
-    def test_disturbance_within_the_span(self) -> None:
-        """A line that is 0.15 s late shows as just that."""
-        times = [*self.TIMES[:25], 5.15, *self.TIMES[26:]]
-        assert longest_extra_gap(times, 4.0, 6.0) == pytest.approx(0.15)
-
-    def test_disturbance_outside_the_span(self) -> None:
-        """What happened before or after the span is not counted."""
-        times = [*self.TIMES[:10], *self.TIMES[14:]]
-        assert longest_extra_gap(times, 4.0, 6.0) == pytest.approx(0.0, abs=1e-9)
-
-    def test_gap_that_begins_before_the_span(self) -> None:
-        """A silence that ends within the span counts in full."""
-        times = [*self.TIMES[:19], *self.TIMES[22:]]
-        assert longest_extra_gap(times, 4.0, 6.0) == pytest.approx(0.6)
-
-    def test_stream_that_dies(self) -> None:
-        """A stream without further lines is silent until the end of the span."""
-        assert longest_extra_gap(self.TIMES[:21], 3.0, 7.0) == pytest.approx(3.0 - 0.2)
+    @pytest.mark.parametrize(
+        ("times", "span", "gap"),
+        [
+            # Nothing is missed: the longest silence is the period.
+            (TIMES, (4.0, 6.0), 0.0),
+            # A line that is late shows as just that.
+            ((*TIMES[:25], 5.15, *TIMES[26:]), (4.0, 6.0), 0.15),
+            # What happened before the span is not counted.
+            ((*TIMES[:10], *TIMES[14:]), (4.0, 6.0), 0.0),
+            # A silence that ends within the span counts in full.
+            ((*TIMES[:19], *TIMES[22:]), (4.0, 6.0), 0.6),
+            # A stream without further lines is silent until the end of the span.
+            (TIMES[:21], (3.0, 7.0), 3.0 - 0.2),
+        ],
+    )
+    def test_the_longest_silence_beyond_the_period(
+        self, times: tuple[float, ...], span: tuple[float, float], gap: float
+    ) -> None:
+        """A silence counts if it ends within the span or lasts until its end."""
+        assert longest_extra_gap(times, *span) == pytest.approx(gap, abs=1e-9)
 
     def test_stream_that_had_not_begun(self) -> None:
         """A stream that begins after the span says nothing about it."""

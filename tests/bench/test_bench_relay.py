@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import json
-import math
 import socket
 import threading
 import time
-from pathlib import Path
 
 import pytest
 
-from usarsim_bench import groundtruth, relay
+from usarsim_bench import groundtruth
 from usarsim_bench.groundtruth import Asker
 from usarsim_bench.relay import Radio, Traffic, round_trips, throughput
 from usarsim_bench.server import BenchError
-from usarsim_server.cli import main
 from usarsim_server.testing import PATIENCE, eventually
 
 
@@ -68,7 +64,6 @@ def test_traffic_is_even_and_counted() -> None:
     links = [pair() for _ in range(3)]
     with Traffic(links, 20_000) as traffic:
         assert eventually(lambda: traffic.sent >= 6000)
-        traffic.finish()
     assert traffic.sent == traffic.received
     assert traffic.sent % 3000 == 0
     assert len(traffic.delays) == traffic.sent // 1000
@@ -85,7 +80,7 @@ def test_a_lost_link_is_told() -> None:
     traffic = Traffic([(mine, theirs)], 1000)
     traffic._thread.join(PATIENCE)
     with pytest.raises(BenchError, match="was lost"):
-        traffic.finish()
+        traffic.close()
     mine.close()
     theirs.close()
 
@@ -103,21 +98,6 @@ def test_a_refused_registration_is_told() -> None:
         threading.Thread(target=refuse, daemon=True).start()
         with pytest.raises(BenchError, match=r"Robot\.Alread\.Exists"):
             Radio(listening.getsockname()[1], "A")
-
-
-def test_the_whole_measurement(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two robots and a base: all figures are there and finite, and the data arrived."""
-    monkeypatch.setattr(relay, "SETTLE", 0.3)
-    monkeypatch.setattr(relay, "PINGS", 5)
-    file = tmp_path / "relay.json"
-    words = ["--robots", "2", "--seconds", "3", "--world", "empty", "--json", str(file)]
-    assert main(["bench", "relay", *words]) == 0
-    (section,) = json.loads(file.read_text())["sections"]
-    figures = {figure["name"]: figure["value"] for figure in section["figures"]}
-    assert all(math.isfinite(value) for value in figures.values())
-    assert figures["Part that arrived"] == 1.0
-    assert figures["Throughput of one link"] > 0.0
-    assert figures["Data carried"] > 0.0
 
 
 def oracle(count: str = "1.0000") -> int:
@@ -156,27 +136,4 @@ def test_an_unknown_robot_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     asker = Asker(oracle("-1.0000"), ["A", "B"])
     asker._thread.join(60.0)
     with pytest.raises(BenchError, match=r"GETOBS .* was answered"):
-        asker.finish()
-
-
-def test_nobody_listens() -> None:
-    """A port that is closed is said so."""
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    with pytest.raises(BenchError, match="cannot be reached"):
-        Asker(port, ["A"])
-
-
-def test_the_measurement_runs_through(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two robots of a real server: answers are there and have aims; none is judged here."""
-    monkeypatch.setattr(groundtruth, "SETTLE", 0.3)
-    file = tmp_path / "report.json"
-    words = ["--robots", "2", "--seconds", "1.5", "--world", "empty", "--json", str(file)]
-    assert main(["bench", "groundtruth", *words]) == 0
-    (section,) = json.loads(file.read_text())["sections"]
-    figures = {figure["name"]: figure for figure in section["figures"]}
-    assert all(math.isfinite(figure["value"]) for figure in figures.values())
-    assert figures["GETPOS to its answer, median"]["aim"] == "< 10"
-    assert figures["GETOBS to its answer, median"]["value"] > 0.0
-    assert figures["GETOBS answered"]["value"] > 0.5
-    assert figures["Cost of all answers"]["aim"] == "< 0.2"
+        asker.close()

@@ -2,78 +2,43 @@
 
 from __future__ import annotations
 
-import json
 import math
-import subprocess
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 import pytest
+from bench_fakes import a_trial, by_name
 
-from usarsim_bench import delivery, rendering
+from usarsim_bench import rendering
 from usarsim_bench.camera_client import ViewerTrial
 from usarsim_bench.delivery import Frames, delivery_figures, measure_frames, rate_for
 from usarsim_bench.figures import Plan
-from usarsim_bench.rendering import BareRenderer, measure_rendering
+from usarsim_bench.rendering import BareRenderer, Costs, Watched, measure_rendering
 from usarsim_bench.robot_files import SURVEYOR, SURVEYOR_CAMERAS, write_scouts
-from usarsim_bench.server import BenchError, Load
-from usarsim_bench.team import TeamTrial
 from usarsim_server.cameras.painter import Painter, PainterOptions
 from usarsim_server.errors import UsarsimError
 from usarsim_server.simulation.frames import Pose
 
-COSTS: dict[str, float | str] = {
-    "renderer": "egl",
-    "robots": 4,
-    "bare": 6.0,
-    "tile": 6.5,
-    "smoky": 8.0,
-    "lit": 14.0,
-    "rays": 25.0,
-    "jpeg": 0.5,
-    "depth_rendered": 6.0,
-    "depth_rays": 15.0,
-    "to_bare": 0.92,
-}
-WATCHED = {"cameras": 4, "pictures": 60.0, "age": 0.02, "oldest": 0.04, "factor": 0.9995}
-
-
-def answer_with(
-    monkeypatch: pytest.MonkeyPatch, output: str, code: int = 0, error: str = ""
-) -> list[list[str]]:
-    """Let something stand for the instrument; returns the commands that it is given."""
-    commands: list[list[str]] = []
-
-    def run(command: list[str], **_: object) -> subprocess.CompletedProcess[str]:
-        commands.append(command)
-        return subprocess.CompletedProcess(command, code, output, error)
-
-    monkeypatch.setattr(subprocess, "run", run)
-    return commands
+COSTS = Costs("egl", 4, 6.0, 6.5, 8.0, 14.0, 25.0, 0.5, 6.0, 15.0, 0.92)
 
 
 def test_figures_of_the_section(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each cost and each number of watched cameras has its figures; seconds become ms."""
-    commands = answer_with(monkeypatch, f"{json.dumps(COSTS)}\n{json.dumps(WATCHED)}\n")
+    asked: list[tuple[object, ...]] = []
+
+    def apart(measure: object, *given: object) -> Costs | Watched:
+        asked.append(given)
+        return COSTS if measure is rendering.measure_costs else Watched(4, 60.0, 0.02, 0.04, 0.9995)
+
+    monkeypatch.setattr(rendering, "run_apart", apart)
     section = measure_rendering(Plan(robots=2, seconds=3.0, world="office"))
-    figures = {figure.name: figure for figure in section.figures}
+    figures = by_name(section)
     assert figures["bare mujoco.Renderer / tile"].met is True
     assert figures["tile by rays"].value == 25.0
     assert figures["4 watched: age when handed out, median"].value == pytest.approx(20.0)
     assert figures["4 watched: real-time factor"].met is True
     assert "egl" in section.setting
-    (command,) = commands
-    assert command[command.index("--world") + 1] == "office"
-    assert command[command.index("--robots") + 1] == "2"
-    assert command[command.index("--seconds") + 1] == "3.0"
-
-
-def test_a_failure_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    """If the instrument fails the report says why."""
-    answer_with(monkeypatch, "", 1, "no such world")
-    with pytest.raises(BenchError, match="no such world"):
-        measure_rendering(Plan())
+    assert asked == [("office", 2), *(("office", 2, cameras, 3.0) for cameras in (1, 4, 16))]
 
 
 def test_bare_and_server_draw_the_same() -> None:
@@ -119,7 +84,7 @@ def test_extra_cameras_stand_on_robots() -> None:
         assembly.stop()
 
 
-TRIAL = TeamTrial(4, 1.0, 0.99, Load(1.5, 0.2, 0.0), 1.0, 1.0, 2**20, 0.0, 1.0)
+TRIAL = a_trial(4, 1.0)
 
 
 def seen(pictures: float, news: float) -> ViewerTrial:
@@ -142,10 +107,7 @@ class TestFigures:
     def test_new_pictures_against_the_mean_of_the_loops(self) -> None:
         """Copies of a picture are no delivery."""
         loops = [Frames("egl", 16, 90.0, 1.0, 5e3), Frames("egl", 16, 110.0, 1.1, 5e3)]
-        figures = {
-            one.name: one
-            for one in delivery_figures(TRIAL, [seen(60.0, 40.0), seen(50.0, 46.0)], loops)
-        }
+        figures = by_name(delivery_figures(TRIAL, [seen(60.0, 40.0), seen(50.0, 46.0)], loops))
         ratio = figures["Delivered / rendered by the loop"]
         assert ratio.value == pytest.approx(0.86)
         assert ratio.met is True
@@ -159,40 +121,6 @@ class TestFigures:
         assert all(math.isfinite(one.value) for one in figures)
         assert figures[0].name == "Server: new pictures of all cameras"
         assert all(one.aim is None for one in figures)
-
-
-class TestLoop:
-    def test_is_told_what_to_draw(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        """The instrument gets the class, its folder and the time; its answer is read."""
-        told: list[list[str]] = []
-
-        def run(command: list[str], **_: object) -> subprocess.CompletedProcess[str]:
-            told.append(command)
-            answer = asdict(Frames("rays", 8, math.nan, math.nan, math.nan))
-            return subprocess.CompletedProcess(command, 0, json.dumps(answer), "")
-
-        monkeypatch.setattr(subprocess, "run", run)
-        loop = delivery._loop("office", "/there", 2, 1.5)
-        assert (loop.renderer, math.isnan(loop.pictures)) == ("rays", True)
-        words = told[0]
-        for flag, value in (
-            ("--world", "office"),
-            ("--class", SURVEYOR),
-            ("--folder", "/there"),
-            ("--robots", "2"),
-            ("--seconds", "1.5"),
-        ):
-            assert words[words.index(flag) + 1] == value
-
-    def test_that_fails_says_why(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        """The last words of the instrument are the reason."""
-
-        def run(command: list[str], **_: object) -> subprocess.CompletedProcess[str]:
-            return subprocess.CompletedProcess(command, 1, "", "no such world")
-
-        monkeypatch.setattr(subprocess, "run", run)
-        with pytest.raises(BenchError, match="no such world"):
-            delivery._loop("office", "/there", 2, 1.5)
 
 
 class TestInstrument:
@@ -212,12 +140,3 @@ class TestInstrument:
             measure_frames("empty", "ComStation", [], 1, 0.1)
         with pytest.raises(UsarsimError, match="no robot class 'Unicorn'"):
             measure_frames("empty", "Unicorn", [], 1, 0.1)
-
-    def test_prints_one_object(
-        self, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-    ) -> None:
-        """What the measurement reads is what the instrument found."""
-        found = Frames("egl", 4, 100.0, 1.0, 5000.0)
-        monkeypatch.setattr(delivery, "measure_frames", lambda *_: found)
-        assert delivery.main(["--robots", "1"]) == 0
-        assert json.loads(capsys.readouterr().out)["pictures"] == 100.0

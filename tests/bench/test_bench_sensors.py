@@ -7,15 +7,16 @@ from __future__ import annotations
 import random
 from collections import Counter
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bench_fakes import FakeServer, StandIn
+from bench_fakes import FakeServer, Nobody, StandIn, a_trial, by_name
 
 from usarsim_bench import sensors, team
 from usarsim_bench import team as garage
 from usarsim_bench.crowd import Behaviour, Crowd, wander
-from usarsim_bench.figures import Figure, Plan
+from usarsim_bench.figures import Plan
 from usarsim_bench.recording import Chunk
 from usarsim_bench.robot_files import (
     CAMERA_RATE,
@@ -39,7 +40,7 @@ from usarsim_bench.sensors import (
     whole_scans,
     write_classes,
 )
-from usarsim_bench.server import BenchError, Load, Server
+from usarsim_bench.server import BenchError, Server
 from usarsim_bench.team import MIXED, TeamTrial, measure_garage, roam
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.catalog import load_catalog
@@ -47,6 +48,7 @@ from usarsim_server.robots.description import RobotDescription
 from usarsim_server.sensors.base import Sensor, SensorContext, create_sensor, sensor_types
 from usarsim_server.sensors.scanners import RangeScanner
 from usarsim_server.testing import Rehearsal
+from usarsim_server.testing.sharing import shipped_robots
 from usarsim_server.worlds.loader import find_world, load_world
 
 KINDS = {"skid_steer", "differential", "tracked", "ackerman", "omni", "aerial", "legged", "static"}
@@ -54,7 +56,7 @@ KINDS = {"skid_steer", "differential", "tracked", "ackerman", "omni", "aerial", 
 
 def test_the_team_is_mixed() -> None:
     """Sixteen shipped classes of all kinds that a land world has room for, some with arms."""
-    catalog = load_catalog()
+    catalog = shipped_robots()
     robots = [catalog.find(name) for name in MIXED]
     assert len(robots) == team.ROBOTS
     assert {robot.kind for robot in robots if robot is not None} == KINDS
@@ -104,33 +106,10 @@ def test_it_is_a_measurement_with_aims(monkeypatch: pytest.MonkeyPatch) -> None:
         server: object, crowd: Crowd, robots: int, seconds: float, classes: tuple[str, ...]
     ) -> team.TeamTrial:
         asked.append((robots, seconds, classes))
-        load = Load(process=0.5, own=0.1, others=0.0)
-        return team.TeamTrial(robots, 0.9995, 0.99, load, 10.0, 1e3, 2**20, 0.0, 1.0)
-
-    class Server(StandIn):
-        port = 0
-
-        def __init__(self, world: str, robots: int) -> None:
-            super().__init__()
-
-        def __enter__(self) -> Server:
-            return self
-
-        def __exit__(self, *_: object) -> None:
-            pass
-
-    class Nobody:
-        def __init__(self, *_: object) -> None:
-            pass
-
-        def __enter__(self) -> Nobody:
-            return self
-
-        def __exit__(self, *_: object) -> None:
-            pass
+        return a_trial(robots, 0.9995)
 
     monkeypatch.setattr(garage, "try_team", fake)
-    monkeypatch.setattr(garage, "Server", Server)
+    monkeypatch.setattr(garage, "Server", Nobody)
     monkeypatch.setattr(garage, "Crowd", Nobody)
     section = measure_garage(Plan(seconds=5.0))
     assert asked == [(16, 5.0, tuple(MIXED))]
@@ -142,6 +121,7 @@ def test_it_is_a_measurement_with_aims(monkeypatch: pytest.MonkeyPatch) -> None:
 def described(folder: Path, name: str) -> RobotDescription:
     """A class of the bench, as the server reads it."""
     write_classes(folder)
+    write_scouts(folder)
     found = load_catalog([folder]).find(name)
     assert found is not None
     return found
@@ -162,7 +142,7 @@ class TestClasses:
     def test_every_type_is_on_board(self, tmp_path: Path) -> None:
         """The robot has what P3AT has and one sensor of each type, and all of them can be made."""
         robot = described(tmp_path, EVERYTHING)
-        inherited = load_catalog().find("P3AT")
+        inherited = shipped_robots().find("P3AT")
         assert inherited is not None
         own = [(item.type, item.name) for item in inherited.items]
         added = [(item.type, item.name) for item in robot.items[len(own) :]]
@@ -180,27 +160,16 @@ class TestClasses:
         assert all(laser.interval(dialect) == pytest.approx(1 / 20) for dialect in Dialect)
 
 
-class Listener:
-    """Stands for a controller; keeps what is sent."""
-
-    def __init__(self) -> None:
-        self.sent: list[str] = []
-
-    def send(self, text: str) -> float:
-        """Keep a command."""
-        self.sent.append(text)
-        return 0.0
-
-
 def test_looking_around_is_driving_with_an_image_now_and_then() -> None:
     """Every call drives; one of five also has a depth image taken."""
-    listener, dice = Listener(), random.Random(3)
+    sent: list[str] = []
+    listener, dice = SimpleNamespace(send=sent.append), random.Random(3)
     for _ in range(1000):
         look_around(listener, dice)  # type: ignore[arg-type]
-    drives = [line for line in listener.sent if line.startswith("DRIVE ")]
-    images = [line for line in listener.sent if line == "SET {Type RangeImager} {Opcode SCAN}"]
+    drives = [line for line in sent if line.startswith("DRIVE ")]
+    images = [line for line in sent if line == "SET {Type RangeImager} {Opcode SCAN}"]
     assert len(drives) == 1000
-    assert len(drives) + len(images) == len(listener.sent)
+    assert len(drives) + len(images) == len(sent)
     assert 150 < len(images) < 250
 
 
@@ -255,12 +224,6 @@ class TestArrivals:
         assert whole_images(chunks) == [3.0, 6.0]
 
 
-def trial(robots: int, factor: float) -> TeamTrial:
-    """A trial of 2 s, from 10 to 12."""
-    load = Load(0.5, 0.1, 0.0)
-    return TeamTrial(robots, factor, factor - 0.01, load, 100.0, 1e4, 2**20, 10.0, 12.0)
-
-
 @pytest.fixture
 def watched(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, Behaviour, int, float]]:
     """Scans come every 0.1 s, to the second robot every 0.05 s; images every second, to both."""
@@ -279,18 +242,13 @@ def watched(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, Behaviour, int, 
         if robot_class == LASER:
             moments = [[10.05 + 0.1 * n / pace for n in range(60)] for pace in (1, 2)]
             chunks = [[(moment, scan(LASER, BEAMS)) for moment in one] for one in moments]
-            return trial(robots, 0.9985), chunks
+            return a_trial(robots, 0.9985), chunks
         status = (9.0, b"STA {Time 1.0}\r\n")
         images = [(9.5 + n, frame(19)) for n in range(4)]
-        return trial(robots, 0.9995), [[status, *images], images]
+        return a_trial(robots, 0.9995), [[status, *images], images]
 
     monkeypatch.setattr(sensors, "_watch", fake)
     return seen
-
-
-def by_name(plan: Plan) -> dict[str, Figure]:
-    """The figures of the section by name."""
-    return {figure.name: figure for figure in measure_sensors(plan).figures}
 
 
 class TestMeasurement:
@@ -308,7 +266,7 @@ class TestMeasurement:
     @pytest.mark.usefixtures("watched")
     def test_figures_and_aims(self) -> None:
         """Time kept is judged for each team, and the scans of the robot that got the fewest."""
-        figures = by_name(Plan(robots=2))
+        figures = by_name(measure_sensors(Plan(robots=2)))
         assert figures["All types: real-time factor, lowest of all robots"].met is True
         assert figures["Lasers: real-time factor, lowest of all robots"].met is False
         scans = figures["Lasers: whole scans of a robot, fewest"]
@@ -338,38 +296,26 @@ class TestMeasurement:
         assert not folders[0].exists()
 
 
-def files_described(folder: Path, name: str) -> RobotDescription:
-    """A class of the bench, as the server reads it."""
-    write_scouts(folder)
-    found = load_catalog([folder]).find(name)
-    assert found is not None
-    return found
-
-
 @pytest.mark.parametrize("name", [SCOUT, CAMERA_SCOUT])
 def test_scouts_carry_what_they_are_said_to(tmp_path: Path, name: str) -> None:
     """A laser, eight sonars, odometry, INS and ground truth, and no other sensor."""
-    types = Counter(item.type for item in files_described(tmp_path, name).items)
+    types = Counter(item.type for item in described(tmp_path, name).items)
     assert types == {"SICK": 1, "Sonar": 8, "Odometry": 1, "INS": 1, "GroundTruth": 1}
 
 
 def test_the_laser_has_its_beams_and_its_period(tmp_path: Path) -> None:
     """The scanner is the one that the section names, also to the server."""
-    robot = files_described(tmp_path, SCOUT)
-    world = load_world(find_world("empty"))
-    context = SensorContext(robot, world, np.random.default_rng(0))
-    (laser,) = (create_sensor(item, context) for item in robot.items if item.type == "SICK")
-    assert isinstance(laser, RangeScanner)
+    (laser,) = (one for one in mounted(described(tmp_path, SCOUT)) if isinstance(one, RangeScanner))
     assert (laser.name, laser.beams) == (LASER_NAME, 181)
     assert {laser.interval(dialect) for dialect in Dialect} == {LASER_PERIOD}
 
 
 def test_cameras(tmp_path: Path) -> None:
     """A scout has none, a camera scout one of the rate told, a surveyor looks all around."""
-    assert files_described(tmp_path, SCOUT).cameras == ()
-    (camera,) = files_described(tmp_path, CAMERA_SCOUT).cameras
+    assert described(tmp_path, SCOUT).cameras == ()
+    (camera,) = described(tmp_path, CAMERA_SCOUT).cameras
     assert camera.rate == CAMERA_RATE
-    surveyor = files_described(tmp_path, SURVEYOR)
+    surveyor = described(tmp_path, SURVEYOR)
     assert surveyor.items == ()
     assert len(surveyor.cameras) == SURVEYOR_CAMERAS
     ahead = [np.array(one.pose.rotate((1.0, 0.0, 0.0))) for one in surveyor.cameras]

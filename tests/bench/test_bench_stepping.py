@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import time
 from types import SimpleNamespace
@@ -15,7 +14,7 @@ from usarsim_bench import physics, stepping
 from usarsim_bench.figures import Plan
 from usarsim_bench.physics import BareSteps, Bystander, compared, physics_figures, within
 from usarsim_bench.server import BenchError
-from usarsim_bench.stepping import HALVES, ROBOT_CLASS, Stopwatch, main, measure
+from usarsim_bench.stepping import HALVES, ROBOT_CLASS, Stepping, Stopwatch, measure
 from usarsim_server.robots.catalog import load_catalog
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.worlds.loader import find_world, load_world
@@ -28,8 +27,8 @@ def scene() -> stepping._Scene:
 
 
 class TestStopwatch:
-    def test_adds_up_the_time_of_its_functions(self) -> None:
-        """Computing counts, and so does every call."""
+    def test_adds_up_the_processor_time_of_its_functions(self) -> None:
+        """Computing counts, waiting does not; a timed function does what it did."""
         watch = Stopwatch()
 
         def work() -> None:
@@ -42,15 +41,9 @@ class TestStopwatch:
         timed()
         assert watch.calls == 2
         assert watch.seconds >= 0.019
-
-    def test_waiting_does_not_count(self) -> None:
-        """Time in which other programs run is not the function's."""
-        watch = Stopwatch()
-        watch.timed(lambda: time.sleep(0.1))()
-        assert watch.seconds < 0.05
-
-    def test_passes_arguments_and_results(self) -> None:
-        """A timed function does what it did."""
+        idle = Stopwatch()
+        idle.timed(lambda: time.sleep(0.1))()
+        assert idle.seconds < 0.05
         assert Stopwatch().timed(divmod)(17, 5) == (3, 2)
 
     def test_reset(self) -> None:
@@ -160,33 +153,24 @@ class TestMeasure:
         repetition = stepping.REPETITION_CHUNKS * stepping.CHUNK_STEPS
         assert measure("empty", 1, seconds=1.0).steps == 2 * repetition
 
-    def test_prints_a_line_for_each_size(self, capsys: pytest.CaptureFixture[str]) -> None:
-        """The program's output is one JSON object per number of robots."""
-        assert main(["--world", "empty", "--robots", "1", "2", "--seconds", "0.1"]) == 0
-        lines = capsys.readouterr().out.splitlines()
-        assert [json.loads(line)["robots"] for line in lines] == [1, 2]
-
 
 class TestTool:
     def test_worlds_are_measured_once_each(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """The bare floor comes along unless it is the world asked for."""
-        asked: list[tuple[str, tuple[int, ...], float]] = []
+        asked: list[tuple[str, int, float]] = []
 
-        def scenes(world: str, sizes: tuple[int, ...], seconds: float, seed: int) -> list[object]:
-            asked.append((world, sizes, seconds))
-            return []
+        def apart(_: object, world: str, robots: int, seconds: float, seed: int) -> Stepping:
+            asked.append((world, robots, seconds))
+            return Stepping(world, robots, 1, 1.0, 1.0, 1.0, 8.0, 8.0, 1.0, 1.0)
 
-        monkeypatch.setattr(stepping, "_scenes", scenes)
+        monkeypatch.setattr(stepping, "run_apart", apart)
         stepping.measure_stepping(Plan(world="arena"))
         stepping.measure_stepping(Plan(world="empty", robots=2, seconds=3.0))
-        assert asked == [
-            ("empty", (1, 4, 16), 10.0),
-            ("arena", (1, 4, 16), 10.0),
-            ("empty", (2,), 3.0),
-        ]
+        usual = [(world, robots, 10.0) for world in ("empty", "arena") for robots in (1, 4, 16)]
+        assert asked == [*usual, ("empty", 2, 3.0)]
 
-    def test_an_instrument_that_fails_says_why(self) -> None:
-        """The error ends with what the instrument said."""
+    def test_a_process_that_fails_says_why(self) -> None:
+        """The error ends with what it said."""
         with pytest.raises(BenchError, match="no such world"):
             stepping.measure_stepping(Plan(world="nowhere-at-all", robots=1, seconds=0.1))
 

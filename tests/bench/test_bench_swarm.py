@@ -4,10 +4,8 @@ does.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import pytest
-from bench_fakes import FakeServer
+from bench_fakes import FakeServer, Pretend, a_trial, by_name
 
 from usarsim_bench import admission, swarm
 from usarsim_bench.admission import Visits, admission_figures, waits
@@ -17,39 +15,9 @@ from usarsim_bench.crowd import Controller, Crowd
 from usarsim_bench.figures import Plan
 from usarsim_bench.recording import Sample, first_reading, period_errors, sensor_samples
 from usarsim_bench.robot_files import LASER_NAME, SCOUT
-from usarsim_bench.server import BenchError, Load
+from usarsim_bench.server import BenchError
 from usarsim_bench.swarm import jitter_figures, measure_swarm, slowest, swarm_figures
-from usarsim_bench.team import TeamTrial, gather
-
-
-def trial(robots: int, factor: float) -> TeamTrial:
-    """A trial with a factor and a processor use of 1.3 cores."""
-    return TeamTrial(robots, factor, factor, Load(1.3, 0.1, 0.2), 100.0, 3e6, 2**30, 5.0, 7.0)
-
-
-Asked = list[tuple[int, float]]
-
-
-@pytest.fixture
-def pretend(monkeypatch: pytest.MonkeyPatch) -> Callable[[dict[int, float]], Asked]:
-    """Makes teams of given sizes have given factors; others fail. Returns what was tried."""
-
-    def install(factors: dict[int, float]) -> Asked:
-        tried: Asked = []
-
-        def fake(plan: Plan, robots: int, seconds: float) -> TeamTrial:
-            tried.append((robots, seconds))
-            if robots not in factors:
-                raise BenchError("the server died: Traceback\n  nobody cares\nMemoryError")
-            return trial(robots, factors[robots])
-
-        monkeypatch.setattr(swarm, "_trial", fake)
-        return tried
-
-    return install
-
-
-Pretend = Callable[[dict[int, float]], Asked]
+from usarsim_bench.team import gather
 
 
 class TestGathering:
@@ -78,29 +46,29 @@ class TestGathering:
 class TestFigures:
     def test_aims_of_the_usual_size(self) -> None:
         """Time kept and processor use are judged."""
-        figures = {one.name: one for one in swarm_figures(trial(64, 0.9995))}
+        figures = by_name(swarm_figures(a_trial(64, 0.9995, cores=1.3)))
         assert figures["64 robots: real-time factor, lowest of all robots"].met is True
         assert figures["64 robots: processor use of the server"].met is False
-        assert figures["64 robots: data sent"].value == 3000.0
-        assert figures["64 robots: memory of the server"].value == 1024.0
+        assert figures["64 robots: data sent"].value == 10.0
+        assert figures["64 robots: memory of the server"].value == 1.0
         assert figures["64 robots: processor use of other programs"].value == 0.2
 
     def test_the_stretch_has_none(self) -> None:
         """A larger team informs, it cannot miss anything."""
-        assert all(one.aim is None for one in swarm_figures(trial(128, 0.5)))
+        assert all(one.aim is None for one in swarm_figures(a_trial(128, 0.5)))
 
 
 class TestMeasuring:
     def test_both_sizes(self, pretend: Pretend) -> None:
         """The usual size and the stretch, a minute each."""
-        tried = pretend({64: 1.0, 128: 0.9})
+        tried = pretend(swarm, "_trial", {64: 1.0, 128: 0.9})
         section = measure_swarm(Plan())
         assert tried == [(64, 60.0), (128, 60.0)]
         assert len({one.name for one in section.figures}) == len(section.figures)
 
     def test_a_stretch_that_fails_does_not_keep_the_rest_back(self, pretend: Pretend) -> None:
         """The reason is told in one line, the figures of the usual size are there."""
-        pretend({64: 1.0})
+        pretend(swarm, "_trial", {64: 1.0})
         section = measure_swarm(Plan())
         assert "128 robots could not be measured: MemoryError." in section.setting
         assert "nobody cares" not in section.setting
@@ -108,13 +76,13 @@ class TestMeasuring:
 
     def test_the_usual_size_must_not_fail(self, pretend: Pretend) -> None:
         """Without it there is nothing to tell."""
-        pretend({128: 1.0})
+        pretend(swarm, "_trial", {128: 1.0})
         with pytest.raises(BenchError, match="the server died"):
             measure_swarm(Plan())
 
     def test_given_size_and_brevity(self, pretend: Pretend) -> None:
         """A size asked for is the only one; a brief look leaves the stretch out."""
-        tried = pretend({5: 1.0, 64: 1.0})
+        tried = pretend(swarm, "_trial", {5: 1.0, 64: 1.0})
         measure_swarm(Plan(robots=5, seconds=3.0))
         measure_swarm(Plan(seconds=3.0, brief=True))
         assert tried == [(5, 3.0), (64, 3.0)]
@@ -159,7 +127,7 @@ class TestSamples:
 class TestFiguresOfJitter:
     def test_an_even_stream_has_no_error(self) -> None:
         """A constant delay is no jitter."""
-        figures = {one.name: one for one in jitter_figures([stream(50), stream(30)])}
+        figures = by_name(jitter_figures([stream(50), stream(30)]))
         tail = figures["Error of a period, 99th percentile"]
         assert tail.value == pytest.approx(0.0, abs=1e-6)
         assert tail.met is True
@@ -169,7 +137,7 @@ class TestFiguresOfJitter:
     def test_late_lines_are_found(self) -> None:
         """Enough of them move the percentile; a single robot's are not hidden by the others."""
         shaken = stream(100, dict.fromkeys(range(10, 60, 10), 0.02))
-        figures = {one.name: one for one in jitter_figures([stream(400), shaken])}
+        figures = by_name(jitter_figures([stream(400), shaken]))
         worst = figures["Error of a period, 99th percentile of the worst robot"]
         assert worst.value == pytest.approx(20.0)
         assert figures["Error of a period, longest"].value == pytest.approx(20.0)
@@ -181,7 +149,7 @@ class TestFiguresOfJitter:
         """A gap of two periods is one whole period wrong."""
         samples = stream(20)
         del samples[7]
-        figures = {one.name: one for one in jitter_figures([samples])}
+        figures = by_name(jitter_figures([samples]))
         assert figures["Error of a period, longest"].value == pytest.approx(100.0)
         simulated = figures["Error of a period in simulated time, longest"]
         assert simulated.value == pytest.approx(100.0)
@@ -230,9 +198,8 @@ def seen(pictures: float, news: float, wait: float) -> ViewerTrial:
 
 def test_the_worst_viewer_counts() -> None:
     """One client that is kept waiting is not hidden by the others."""
-    trial = TeamTrial(3, 0.9995, 0.98, Load(1.0, 0.1, 0.0), 1.0, 1.0, 2**20, 0.0, 1.0)
     viewers = [seen(5.0, 4.9, 0.01), seen(4.0, 3.0, 0.05), seen(5.0, 4.8, 0.02)]
-    figures = {one.name: one for one in watched_figures(trial, viewers)}
+    figures = by_name(watched_figures(a_trial(3, 0.9995), viewers))
     assert figures["Real-time factor, lowest of all robots"].met is True
     fewest = figures["Pictures of a camera, fewest"]
     assert (fewest.value, fewest.met) == (4.0, False)
@@ -298,10 +265,8 @@ class TestFiguresOfAdmission:
         """Waits are judged by the longest; a late line by the newcomer that it belongs to."""
         late = [moment + 0.05 if number == 50 else moment for number, moment in enumerate(EVEN)]
         visits = Visits([0.28, 0.31, 0.29], [(4.5, 5.5), (7.5, 8.5)], [(1.5, 2.5), (10.5, 11.5)])
-        figures = {
-            one.name: one
-            for one in admission_figures(24, [0.5, 0.6, 2.0], 2.1, visits, [{"STA": late}])
-        }
+        storm = [0.5, 0.6, 2.0]
+        figures = by_name(admission_figures(24, storm, 2.1, visits, [{"STA": late}]))
         assert figures["24 INITs at once: all served after"].met is True
         assert figures["24 INITs at once: INIT to first SEN, median"].value == 0.6
         longest = figures["INIT to first SEN, 24 robots running, longest"]

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import pytest
-from bench_fakes import FakeServer, StandIn
+from bench_fakes import FakeServer, Pretend, StandIn, by_name
 
 from usarsim_bench import memory, team
 from usarsim_bench.crowd import Crowd
 from usarsim_bench.figures import Figure, Plan, Section
 from usarsim_bench.server import BenchError, Load, Usage
-from usarsim_bench.suite import MEASUREMENTS, take
+from usarsim_bench.suite import take
 from usarsim_bench.team import TeamTrial, load_figures, measure_largest, measure_team
 
 
@@ -81,82 +80,30 @@ class TestTryTeam:
                 team.try_team(Silencing(), crowd, 1, 0.6)  # type: ignore[arg-type]
 
 
-def trial(robots: int, factor: float) -> TeamTrial:
-    """A trial with a factor and no matter what else."""
-    return TeamTrial(
-        robots, factor, factor - 0.01, Load(0.5, 0.1, 0.0), 100.0, 1e4, 2**20, 5.0, 7.0
-    )
-
-
-class NoServer:
-    """Stands for the server and for its crowd."""
-
-    port = 0
-
-    def __init__(self, *arguments: object) -> None:
-        pass
-
-    def __enter__(self) -> NoServer:
-        return self
-
-    def __exit__(self, *arguments: object) -> None:
-        pass
-
-
-Tried = list[tuple[int, float]]
-
-
-@pytest.fixture
-def pretend(monkeypatch: pytest.MonkeyPatch) -> Callable[[dict[int, float]], Tried]:
-    """Makes teams of given sizes have given factors; returns what was tried."""
-
-    def install(factors: dict[int, float]) -> Tried:
-        tried: Tried = []
-
-        def fake(server: object, crowd: object, robots: int, seconds: float) -> TeamTrial:
-            tried.append((robots, seconds))
-            return trial(robots, factors[robots])
-
-        monkeypatch.setattr(team, "Server", NoServer)
-        monkeypatch.setattr(team, "Crowd", NoServer)
-        monkeypatch.setattr(team, "try_team", fake)
-        return tried
-
-    return install
-
-
-Pretend = Callable[[dict[int, float]], Tried]
-
-
-def by_name(section: Section) -> dict[str, Figure]:
-    """The figures of a section by name."""
-    return {figure.name: figure for figure in section.figures}
-
-
 class TestLargest:
     def test_is_the_last_that_kept_time(self, pretend: Pretend) -> None:
         """Sizes grow until one is too large; larger ones are not tried."""
-        tried = pretend({16: 1.0, 24: 0.999, 32: 0.991, 48: 0.98, 64: 1.0})
+        tried = pretend(team, "try_team", {16: 1.0, 24: 0.999, 32: 0.991, 48: 0.98, 64: 1.0})
         figures = by_name(measure_largest(Plan()))
         assert tried == [(16, 15.0), (24, 15.0), (32, 15.0), (48, 15.0)]
         assert figures["Largest team in real time"].value == 32
         assert figures["Largest team in real time"].met
         assert figures["48 robots: real-time factor"].value == 0.98
 
-    def test_none(self, pretend: Pretend) -> None:
-        """If the smallest size is too large, the figure is 0 and the aim is missed."""
-        pretend({16: 0.9})
+    @pytest.mark.parametrize(
+        ("factors", "size", "met"), [({16: 0.9}, 0, False), ({16: 0.99, 24: 0.9899}, 16, True)]
+    )
+    def test_at_the_limit(
+        self, pretend: Pretend, factors: dict[int, float], size: int, met: bool
+    ) -> None:
+        """A factor of 0.99 is real time; where the smallest size is too large it is 0."""
+        pretend(team, "try_team", factors)
         figure = by_name(measure_largest(Plan()))["Largest team in real time"]
-        assert (figure.value, figure.met) == (0, False)
-
-    def test_exactly_the_limit_is_enough(self, pretend: Pretend) -> None:
-        """A factor of 0.99 counts as real time."""
-        pretend({16: 0.99, 24: 0.9899})
-        assert by_name(measure_largest(Plan()))["Largest team in real time"].value == 16
+        assert (figure.value, figure.met) == (size, met)
 
     def test_given_size_and_time(self, pretend: Pretend) -> None:
         """A size asked for is the only one tried, and judged by no aim."""
-        tried = pretend({5: 1.0})
+        tried = pretend(team, "try_team", {5: 1.0})
         figure = by_name(measure_largest(Plan(robots=5, seconds=3.0)))["Largest team in real time"]
         assert tried == [(5, 3.0)]
         assert (figure.value, figure.met) == (5, None)
@@ -165,7 +112,7 @@ class TestLargest:
 class TestTeam:
     def test_figures_and_aims(self, pretend: Pretend) -> None:
         """The lowest factor and the processor use are judged."""
-        tried = pretend({16: 0.9985})
+        tried = pretend(team, "try_team", {16: 0.9985})
         figures = by_name(measure_team(Plan()))
         assert tried == [(16, 60.0)]
         assert figures["Real-time factor, lowest of all robots"].met is False
@@ -175,16 +122,15 @@ class TestTeam:
 
     def test_says_what_goes_on(self, pretend: Pretend) -> None:
         """A long measurement announces itself."""
-        pretend({3: 1.0})
+        pretend(team, "try_team", {3: 1.0})
         said: list[str] = []
         measure_team(Plan(robots=3, seconds=7.0, say=said.append))
         assert said == ["team: 3 robots for 7 s"]
 
 
-class TestLoadFigures:
-    def test_clients_and_others_are_told(self) -> None:
-        """What else kept the machine busy stands beside the figures."""
-        assert [figure.value for figure in load_figures(Load(1.0, 0.25, 0.5))] == [0.25, 0.5]
+def test_clients_and_others_are_told() -> None:
+    """What else kept the machine busy stands beside the figures."""
+    assert [figure.value for figure in load_figures(Load(1.0, 0.25, 0.5))] == [0.25, 0.5]
 
 
 class TestSuite:
@@ -223,7 +169,3 @@ class TestSuite:
         assert [section.failure for section in report.sections] == ["no luck", None]
         assert report.sections[0].title.startswith("Memory of 64 robots")
         assert report.failed == ["memory"]
-
-    def test_every_measurement_has_a_line_of_help(self) -> None:
-        """The command line can explain all of them."""
-        assert all(help_text for _, help_text in MEASUREMENTS.values())

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from usarsim_server.cameras.painter import Painter, PainterOptions
 from usarsim_server.cameras.render_loop import RenderLoop, RenderOptions
-from usarsim_server.cameras.view import CameraView, Eye, Frame, Grid
+from usarsim_server.cameras.view import CameraView, Eye, Frame, Grid, Region, Watch
 from usarsim_server.cameras.watching import EMPTY
 from usarsim_server.errors import UsarsimError
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
@@ -76,6 +76,13 @@ def scenery() -> mujoco.MjSpec:
     return spec
 
 
+def darken(spec: mujoco.MjSpec) -> None:
+    """Put out all light of a scenery."""
+    spec.visual.headlight.ambient = spec.visual.headlight.diffuse = (0.0, 0.0, 0.0)
+    for light in spec.lights:
+        light.active = False
+
+
 def build_cart(color: tuple[float, float, float] = (0.1, 0.1, 0.8)) -> mujoco.MjSpec:
     """A box with a mast; its reference point is 0.1 m above the ground."""
     spec = mujoco.MjSpec()
@@ -102,11 +109,15 @@ def cart(key: str = "cart", color: tuple[float, float, float] = (0.1, 0.1, 0.8))
 
 
 class Yard:
-    """The scenery with carts in it, not moving."""
+    """The scenery, changed or not, with carts in it, not moving."""
 
-    def __init__(self) -> None:
-        options = SimulationOptions(max_robots=16)
-        self.simulation = Simulation(scenery, options)
+    def __init__(self, change: Callable[[mujoco.MjSpec], object] = lambda spec: None) -> None:
+        def changed() -> mujoco.MjSpec:
+            spec = scenery()
+            change(spec)
+            return spec
+
+        self.simulation = Simulation(changed, SimulationOptions())
 
     def park(self, x: float, y: float, yaw: float = 0.0, model: RobotModel | None = None) -> int:
         """Put a cart there; returns its number."""
@@ -218,6 +229,12 @@ class Set:
         )
         self.render_loop = self.make()
 
+    def watch(self, region: Region) -> Watcher:
+        """Somebody who watches a region from now on."""
+        watcher = Watcher()
+        watcher.watch = self.render_loop.watch(region, watcher)
+        return watcher
+
     def make(self, **options: object) -> RenderLoop:
         """A studio over the same yard."""
         painter = PainterOptions(renderer="rays")
@@ -233,6 +250,7 @@ class Watcher:
 
     def __init__(self) -> None:
         self.frames: list[Frame] = []
+        self.watch: Watch | None = None
         self._news = threading.Condition()
 
     def __call__(self, frame: Frame) -> None:
@@ -245,6 +263,15 @@ class Watcher:
         with self._news:
             assert self._news.wait_for(lambda: len(self.frames) >= count, PATIENCE), "no frame came"
             return self.frames[-1]
+
+
+def at_once(work: Callable[[], object], count: int = 4) -> None:
+    """Have some threads do the same, and wait for them."""
+    threads = [threading.Thread(target=work) for _ in range(count)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(PATIENCE)
 
 
 def until(condition: Callable[[], bool]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import threading
 from collections.abc import Callable
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -152,20 +153,9 @@ def test_grey_picture_has_the_size_of_the_region(
     assert np.all(found == 128)
 
 
-class CountingCodec:
-    """Counts and delays calls of the real one."""
-
-    def __init__(self) -> None:
-        self.calls = 0
-
-    def __call__(self, pixels: NDArray[np.uint8], quality: int, head: bytes) -> memoryview:
-        self.calls += 1
-        return encode_jpeg(pixels, quality, head)
-
-
 def test_each_region_of_a_frame_is_encoded_once() -> None:
     """Several clients that ask for the same picture pay once; it is the same memory."""
-    codec = CountingCodec()
+    codec = Mock(side_effect=encode_jpeg)
     encoder = Encoder(NORMAL, codec)
     source = frame()
     assert encoder.found(source, TILE) is None
@@ -173,7 +163,7 @@ def test_each_region_of_a_frame_is_encoded_once() -> None:
     assert encoder.encode(source, TILE) is first
     assert encoder.found(source, TILE) is first
     encoder.encode(source, GRID.frame)
-    assert codec.calls == 2
+    assert codec.call_count == 2
 
 
 def test_newer_frame_replaces_what_is_kept() -> None:
@@ -191,7 +181,7 @@ def test_newer_frame_replaces_what_is_kept() -> None:
 
 def test_regions_are_kept_by_themselves() -> None:
     """A region in which nothing is new keeps its older frame beside newer ones of others."""
-    codec = CountingCodec()
+    codec = Mock(side_effect=encode_jpeg)
     encoder = Encoder(NORMAL, codec)
     old, new = frame(1), frame(2)
     still = encoder.encode(old, TILE)
@@ -199,7 +189,7 @@ def test_regions_are_kept_by_themselves() -> None:
     assert encoder.encode(old, TILE) is still
     assert encoder.encode(new, GRID.frame) is whole
     assert encoder.kept_bytes == len(still) + len(whole)
-    assert codec.calls == 2
+    assert codec.call_count == 2
 
 
 def test_cache_stays_within_its_budget() -> None:

@@ -7,12 +7,11 @@ import math
 import mujoco
 import numpy as np
 import pytest
-from camera_fakes import scenery
+from camera_fakes import darken, scenery
 from hypothesis import given
 from hypothesis import strategies as st
 
 from usarsim_server.cameras.looks import BEAM_REACH, Air, brightness, reaching, shine
-from usarsim_server.cameras.posed_model import Lamp
 from usarsim_server.cameras.view import Eye, looking
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
 from usarsim_server.worlds.description import Smoke, SmokePuff, SmokeVolume
@@ -131,7 +130,7 @@ class TestShine:
 
     def light(self, lamp: Pose) -> np.ndarray[tuple[int, ...], np.dtype[np.int_]]:
         """Brightness of a white wall 4 m ahead."""
-        lit = shine(self.DARK, self.WHITE, self.WALL, self.AHEAD, (Lamp(lamp),))
+        lit = shine(self.DARK, self.WHITE, self.WALL, self.AHEAD, (lamp,))
         return lit[..., 0].astype(int)
 
     def test_brightest_ahead_and_dark_outside(self) -> None:
@@ -159,14 +158,14 @@ class TestShine:
 
     def test_black_stays_black_and_the_sky_too(self) -> None:
         """Light shows surfaces by their own colour, and nothing where there is nothing."""
-        lamps = (Lamp(self.AHEAD.pose),)
+        lamps = (self.AHEAD.pose,)
         assert not shine(self.DARK, self.DARK, self.WALL, self.AHEAD, lamps).any()
         nothing = np.full_like(self.WALL, np.inf)
         assert not shine(self.DARK, self.WHITE, nothing, self.AHEAD, lamps).any()
 
     def test_lamps_far_behind_are_left_out(self) -> None:
         """What cannot be seen costs nothing."""
-        lamps = [Lamp(Pose((x, 0.0, 1.0))) for x in (-BEAM_REACH - 1.0, -1.0, 10.0)]
+        lamps = [Pose((x, 0.0, 1.0)) for x in (-BEAM_REACH - 1.0, -1.0, 10.0)]
         assert reaching(lamps, self.AHEAD) == tuple(lamps[1:])
 
 
@@ -174,9 +173,7 @@ def test_brightness_follows_the_lights() -> None:
     """Smoke is dark in a dark world, bright in a bright one, never more than white."""
     spec = scenery()
     day = brightness(spec.compile())
-    spec.visual.headlight.ambient = (0.0, 0.0, 0.0)
-    for light in spec.lights:
-        light.active = False
+    darken(spec)
     assert brightness(spec.compile()) == 0.0
     assert 0.4 < day < 0.8
     for _ in range(5):

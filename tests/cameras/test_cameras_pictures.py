@@ -18,8 +18,8 @@ from camera_fakes import (
     Yard,
     camera,
     cart,
+    darken,
     is_red,
-    scenery,
     seen,
 )
 from numpy.typing import NDArray
@@ -30,7 +30,6 @@ from usarsim_server.cameras.view import View, looking
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.model import RobotModel
 from usarsim_server.simulation.rays.query import RayFan
-from usarsim_server.simulation.simulation import Simulation, SimulationOptions
 from usarsim_server.worlds.description import Smoke, SmokeVolume
 
 
@@ -175,12 +174,20 @@ def test_growth_loads_nothing_twice(yard: Yard, gl: str) -> None:
 
 def test_glass_can_be_looked_through(make_painter: MakePainter) -> None:
     """Behind a pane of glass the box is seen."""
-    house = _Glazed()
+    house = Yard(_glaze)
     robot = house.park(0.0, 0.0)
     picture = seen(make_painter(of=house), house, robot).astype(int)
     rows, columns = np.nonzero(picture[..., 0] > 1.5 * picture[..., 1])
     assert rows.size > 200
     assert columns.mean() == pytest.approx(WIDTH / 2, abs=3)
+
+
+def _glaze(spec: mujoco.MjSpec) -> None:
+    """A pane of glass before the box."""
+    spec.add_material(name="glass", rgba=[0.7, 0.8, 0.9, 0.3])
+    spec.worldbody.add_geom(
+        type=Geom.mjGEOM_BOX, size=[0.01, 2.0, 1.0], pos=[2.5, 0.0, 1.0], material="glass"
+    )
 
 
 def test_a_class_with_a_mesh_of_its_own_appears(yard: Yard, make_painter: MakePainter) -> None:
@@ -358,38 +365,9 @@ class TestHeadlights:
 
     def test_it_lights_in_the_dark(self, make_painter: MakePainter) -> None:
         """In a world without light a lamp shows what a lit world would show."""
-        night = _Night()
+        night = Yard(darken)
         robot = night.park(1.0, 0.0)
         dark = seen(make_painter(of=night), night, robot)
         lit = seen(make_painter(lit=lambda one: True, of=night), night, robot)
         assert not is_red(dark).any()
         assert is_red(lit).sum() > 200
-
-
-class _Glazed(Yard):
-    """The yard with a pane of glass before the box."""
-
-    def __init__(self) -> None:
-        def glazed() -> mujoco.MjSpec:
-            spec = scenery()
-            spec.add_material(name="glass", rgba=[0.7, 0.8, 0.9, 0.3])
-            spec.worldbody.add_geom(
-                type=Geom.mjGEOM_BOX, size=[0.01, 2.0, 1.0], pos=[2.5, 0.0, 1.0], material="glass"
-            )
-            return spec
-
-        self.simulation = Simulation(glazed, SimulationOptions())
-
-
-class _Night(Yard):
-    """The yard without light."""
-
-    def __init__(self) -> None:
-        def dark() -> mujoco.MjSpec:
-            spec = scenery()
-            spec.visual.headlight.ambient = spec.visual.headlight.diffuse = (0.0, 0.0, 0.0)
-            for light in spec.lights:
-                light.active = False
-            return spec
-
-        self.simulation = Simulation(dark, SimulationOptions())

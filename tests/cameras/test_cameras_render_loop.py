@@ -35,8 +35,7 @@ class TestWatching:
 
     def test_a_watched_tile_is_rendered_and_no_other(self, stage: Set) -> None:
         """One tile of a watched region is painted; the others stay black."""
-        watcher = Watcher()
-        stage.render_loop.watch(GRID.region(0), watcher)
+        watcher = stage.watch(GRID.region(0))
         frame = watcher.wait()
         assert is_red(part(frame, 0)).any()
         assert all(empty(frame, tile) for tile in (1, 2, 3))
@@ -47,23 +46,16 @@ class TestWatching:
 
     def test_every_camera_is_in_its_own_tile(self, stage: Set) -> None:
         """What a robot sees is in its tile and nowhere else (check 21)."""
-        watcher = Watcher()
-        stage.render_loop.watch(GRID.frame, watcher)
+        watcher = stage.watch(GRID.frame)
         frame = watcher.wait()
-        assert [bool(is_red(part(frame, tile)).any()) for tile in range(4)] == [
-            True,
-            False,
-            True,
-            False,
-        ]
-        assert [empty(frame, tile) for tile in range(4)] == [False, False, False, True]
+        assert [tile for tile in range(4) if is_red(part(frame, tile)).any()] == [0, 2]
+        assert [tile for tile in range(4) if empty(frame, tile)] == [3]
 
     def test_two_watchers_of_different_tiles(self, stage: Set) -> None:
         """Each is told of frames with its own tile; a region over both is up to date, too."""
-        one, other = Watcher(), Watcher()
-        stage.render_loop.watch(GRID.region(0), one)
+        one = stage.watch(GRID.region(0))
         one.wait()
-        stage.render_loop.watch(GRID.region(1), other)
+        other = stage.watch(GRID.region(1))
         frame = other.wait()
         assert not empty(frame, 0)
         assert not empty(frame, 1)
@@ -73,13 +65,12 @@ class TestWatching:
 
     def test_who_looks_away_leaves_nothing_behind(self, stage: Set) -> None:
         """After the last watcher has gone a tile is out of date and is not rendered any more."""
-        watcher, second = Watcher(), Watcher()
-        watches = [stage.render_loop.watch(GRID.region(0), one) for one in (watcher, second)]
-        second.wait()
-        watches[0].close()
+        watchers = [stage.watch(GRID.region(0)) for _ in range(2)]
+        watchers[1].wait()
+        watchers[0].watch.close()
         assert stage.render_loop.newest(GRID.region(0)) is not None
-        watches[1].close()
-        watches[1].close()
+        watchers[1].watch.close()
+        watchers[1].watch.close()
         assert stage.render_loop.newest(GRID.region(0)) is None
         done = stage.render_loop.pictures
         stage.world.set_time(5.0)
@@ -88,19 +79,17 @@ class TestWatching:
 
     def test_a_watch_can_turn_elsewhere(self, stage: Set) -> None:
         """`look_at` renders the new region and forgets the old one."""
-        watcher = Watcher()
-        watch = stage.render_loop.watch(GRID.region(0), watcher)
+        watcher = stage.watch(GRID.region(0))
         watcher.wait()
-        watch.look_at(GRID.region(2))
+        watcher.watch.look_at(GRID.region(2))
         until(lambda: stage.render_loop.newest(GRID.region(2)) is not None)
         assert stage.render_loop.newest(GRID.region(0)) is None
 
     def test_a_late_watcher_is_told_at_once(self, stage: Set) -> None:
         """Who begins to watch what is up to date need not wait for the next turn of the clock."""
-        first, second = Watcher(), Watcher()
-        stage.render_loop.watch(GRID.region(0), first)
+        first = stage.watch(GRID.region(0))
         first.wait()
-        stage.render_loop.watch(GRID.region(0), second)
+        second = stage.watch(GRID.region(0))
         assert second.wait() is first.frames[-1]
 
     def test_regions_without_cameras_need_no_rendering(self, stage: Set) -> None:
@@ -114,8 +103,7 @@ class TestWatching:
 
     def test_a_watcher_of_plain_tiles_is_told_too(self, stage: Set) -> None:
         """Watching a region without cameras gives a frame as well."""
-        watcher = Watcher()
-        stage.render_loop.watch(GRID.region(3), watcher)
+        watcher = stage.watch(GRID.region(3))
         assert empty(watcher.wait(), 3)
 
     def test_always_render(self, stage: Set) -> None:
@@ -133,9 +121,8 @@ class TestWatching:
         def bad(frame: Frame) -> None:
             raise RuntimeError("oops")
 
-        good = Watcher()
         stage.render_loop.watch(GRID.region(0), bad)
-        stage.render_loop.watch(GRID.region(0), good)
+        good = stage.watch(GRID.region(0))
         good.wait()
         stage.world.set_time(1.0)
         good.wait(2)
@@ -146,8 +133,7 @@ class TestFrames:
 
     def test_a_frame_never_changes(self, stage: Set) -> None:
         """A frame that somebody keeps stays as it was, and cannot be written to."""
-        watcher = Watcher()
-        stage.render_loop.watch(GRID.region(0), watcher)
+        watcher = stage.watch(GRID.region(0))
         frame = watcher.wait()
         before = frame.pixels.copy()
         stage.yard.turn(stage.robots[0], 0.0, 0.0, 2.0)
@@ -160,8 +146,7 @@ class TestFrames:
 
     def test_numbers_and_times_grow(self, stage: Set) -> None:
         """Every new frame has a higher number and the simulated time of its newest tile."""
-        watcher = Watcher()
-        stage.render_loop.watch(GRID.frame, watcher)
+        watcher = stage.watch(GRID.frame)
         watcher.wait()
         for step in range(1, 4):
             stage.world.set_time(float(step))
@@ -171,10 +156,9 @@ class TestFrames:
 
     def test_no_news_no_new_frame(self, stage: Set) -> None:
         """A region in which nothing was painted keeps its frame while others get new ones."""
-        one, other = Watcher(), Watcher()
         stage.board.views = stage.board.views[:2]
-        stage.render_loop.watch(GRID.region(2), one)
-        stage.render_loop.watch(GRID.region(0), other)
+        stage.watch(GRID.region(2))
+        other = stage.watch(GRID.region(0))
         other.wait()
         kept = stage.render_loop.newest(GRID.region(2))
         stage.world.set_time(1.0)
@@ -204,8 +188,7 @@ class TestTurns:
 
     def test_standing_time_renders_nothing_new(self, stage: Set) -> None:
         """While simulated time stands still there is nothing to be seen; looks become rare."""
-        watcher = Watcher()
-        stage.render_loop.watch(GRID.frame, watcher)
+        watcher = stage.watch(GRID.frame)
         watcher.wait()
         done, looks = stage.render_loop.pictures, stage.world.looks
         began = time.monotonic()
@@ -216,8 +199,7 @@ class TestTurns:
 
     def test_a_changed_camera_is_rendered_at_once(self, stage: Set) -> None:
         """A zoom shows without waiting for the camera's turn."""
-        watcher = Watcher()
-        stage.render_loop.watch(GRID.region(0), watcher)
+        watcher = stage.watch(GRID.region(0))
         wide = is_red(part(watcher.wait(), 0)).sum()
         first, *others = stage.board.views
         stage.board.views = (camera(first.robot, 0, key=first.key, fov=0.5), *others)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import threading
-
 import numpy as np
 import pytest
 from camera_fakes import (
@@ -11,6 +9,7 @@ from camera_fakes import (
     Set,
     Watcher,
     Yard,
+    at_once,
     camera,
     cart,
     empty,
@@ -37,8 +36,7 @@ class TestComingsAndGoings:
 
     def test_the_tile_of_a_camera_that_left_is_plain(self, stage: Set) -> None:
         """Nobody is shown a robot's picture after it has gone; the geometry stays (check 35)."""
-        watcher = Watcher()
-        stage.render_loop.watch(GRID.frame, watcher)
+        watcher = stage.watch(GRID.frame)
         watcher.wait()
         stage.board.views = stage.board.views[1:]
         assert stage.render_loop.newest(GRID.frame) is None
@@ -51,10 +49,9 @@ class TestComingsAndGoings:
 
     def test_a_stale_tile_is_never_handed_out(self, stage: Set) -> None:
         """A camera's old picture is not mistaken for that of the camera that follows it."""
-        watcher = Watcher()
-        watch = stage.render_loop.watch(GRID.region(0), watcher)
+        watcher = stage.watch(GRID.region(0))
         watcher.wait()
-        watch.close()
+        watcher.watch.close()
         stage.board.views = ()
         assert stage.render_loop.newest(GRID.region(0)) is None  # it still shows who was there
         stage.render_loop.watch(GRID.region(0), watcher)
@@ -66,8 +63,7 @@ class TestComingsAndGoings:
     def test_a_new_camera_appears_for_those_who_watch(self, stage: Set) -> None:
         """Who watches the full frame sees a robot that comes while time stands still (check 36)."""
         later, stage.board.views = stage.board.views, ()
-        watcher = Watcher()
-        stage.render_loop.watch(GRID.frame, watcher)
+        watcher = stage.watch(GRID.frame)
         watcher.wait()
         stage.board.views = later
         until(lambda: stage.render_loop.newest(GRID.frame) is not None)
@@ -77,8 +73,7 @@ class TestComingsAndGoings:
         """A camera without a tile is left out; the others keep their pictures (check 43)."""
         surplus = tuple(camera(stage.robots[0], None, key=key) for key in (90, 91))
         stage.board.views = (*stage.board.views, *surplus)
-        watcher = Watcher()
-        stage.render_loop.watch(GRID.frame, watcher)
+        watcher = stage.watch(GRID.frame)
         assert is_red(part(watcher.wait(), 0)).any()
         assert stage.render_loop.pictures == 3
 
@@ -87,14 +82,12 @@ class TestComingsAndGoings:
         stage.yard.simulation.remove(stage.robots[0])
         stage.yard.simulation.settle()
         stage.world.set_time(0.0)
-        watcher = Watcher()
-        stage.render_loop.watch(GRID.region(0), watcher)
+        watcher = stage.watch(GRID.region(0))
         assert empty(watcher.wait(), 0)
 
     def test_a_class_that_is_new_to_the_world(self, stage: Set) -> None:
         """The model grows under a running studio; pictures go on and show the newcomer."""
-        watcher = Watcher()
-        stage.render_loop.watch(GRID.region(1), watcher)
+        watcher = stage.watch(GRID.region(1))
         before = part(watcher.wait(), 1).copy()
         stage.yard.park(-5.0, -4.0, model=cart("pink", (0.9, 0.2, 0.9)))
         stage.world.set_time(1.0)
@@ -109,20 +102,11 @@ class TestSinglePictures:
 
     def test_from_any_thread(self, stage: Set) -> None:
         """Several threads get the same picture of the same moment."""
-        pictures: list[object] = []
-
-        def shoot() -> None:
-            pictures.append(stage.render_loop.picture(self.VIEW))
-
-        threads = [threading.Thread(target=shoot) for _ in range(4)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join(PATIENCE)
+        pictures: list[np.ndarray] = []
+        at_once(lambda: pictures.append(stage.render_loop.picture(self.VIEW)))
         assert len(pictures) == 4
-        first = np.asarray(pictures[0])
-        assert is_red(first).any()
-        assert all(np.array_equal(first, picture) for picture in pictures)  # type: ignore[arg-type]
+        assert is_red(pictures[0]).any()
+        assert all(np.array_equal(pictures[0], picture) for picture in pictures)
 
     def test_its_array_is_the_callers_own(self, stage: Set) -> None:
         """Later pictures do not change earlier ones."""
@@ -175,8 +159,7 @@ class TestTrouble:
 
     def test_the_end_of_the_physics_ends_rendering(self, stage: Set) -> None:
         """When the simulation has ended the thread ends too, and closing does not wait."""
-        watcher = Watcher()
-        stage.render_loop.watch(GRID.region(0), watcher)
+        watcher = stage.watch(GRID.region(0))
         watcher.wait()
         stage.world.ended = True
         thread = stage.render_loop._thread
@@ -202,8 +185,7 @@ class TestTrouble:
                 Broken.closed = True
 
         monkeypatch.setattr(painting, "_open", lambda options: Broken())
-        watcher = Watcher()
-        stage.render_loop.watch(GRID.region(0), watcher)
+        watcher = stage.watch(GRID.region(0))
         assert is_red(part(watcher.wait(), 0)).any()
         assert Broken.closed
 
@@ -220,8 +202,7 @@ class TestTrouble:
             return render(self, one, eye, wanted)
 
         monkeypatch.setattr(RayBackend, "render", sometimes)
-        watcher = Watcher()
-        stage.render_loop.watch(GRID.frame, watcher)
+        watcher = stage.watch(GRID.frame)
         frame = watcher.wait()
         assert empty(frame, 0)
         assert not empty(frame, 1)
@@ -235,14 +216,9 @@ class TestTrouble:
                 stage.render_loop.newest(GRID.region(number % 4))
                 watch.close()
 
-        threads = [threading.Thread(target=visit) for _ in range(4)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join(PATIENCE)
+        at_once(visit)
         assert not stage.render_loop._watches.tiles
-        watcher = Watcher()
-        stage.render_loop.watch(GRID.frame, watcher)
+        watcher = stage.watch(GRID.frame)
         watcher.wait()
 
 

@@ -17,7 +17,6 @@ from camera_fakes import (
     camera,
     eye_at,
     is_red,
-    scenery,
     seen,
 )
 
@@ -25,42 +24,30 @@ from usarsim_server.cameras.backend import NEAR, Quality
 from usarsim_server.cameras.painter import Painter, PainterOptions
 from usarsim_server.cameras.view import View, looking
 from usarsim_server.simulation.frames import IDENTITY
-from usarsim_server.simulation.simulation import Simulation, SimulationOptions
 
 CORNERS = [(x, y, z) for x in (-3.0, 3.0) for y in (-3.0, 3.0) for z in (-0.5, 3.0)]
 QUADS = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
 
 
-class _Indoors(Yard):
-    """The yard with a closed magenta room around its middle, which is one mesh."""
-
-    def __init__(self) -> None:
-        def room() -> mujoco.MjSpec:
-            spec = scenery()
-            faces = [face for a, b, c, d in QUADS for face in ((a, b, c), (a, c, d))]
-            spec.add_mesh(
-                name="room",
-                uservert=np.ravel(CORNERS).tolist(),
-                userface=np.ravel([face[::-1] for face in faces]).tolist(),
-                inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
-            )
-            spec.worldbody.add_geom(
-                type=Geom.mjGEOM_MESH,
-                meshname="room",
-                rgba=[0.8, 0.1, 0.8, 1.0],
-                group=2,
-                contype=0,
-                conaffinity=0,
-            )
-            return spec
-
-        self.simulation = Simulation(room, SimulationOptions())
+def indoors(spec: mujoco.MjSpec) -> None:
+    """A closed magenta room around the middle, which is one mesh."""
+    faces = [face for a, b, c, d in QUADS for face in ((a, b, c), (a, c, d))]
+    spec.add_mesh(
+        name="room",
+        uservert=np.ravel(CORNERS).tolist(),
+        userface=np.ravel([face[::-1] for face in faces]).tolist(),
+        inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
+    )
+    color = [0.8, 0.1, 0.8, 1.0]
+    spec.worldbody.add_geom(
+        type=Geom.mjGEOM_MESH, meshname="room", rgba=color, group=2, contype=0, conaffinity=0
+    )
 
 
 @pytest.mark.parametrize("bearing", [0.0, 1.0, 2.5, 4.0])
 def test_a_room_is_seen_from_within(make_painter: MakePainter, bearing: float) -> None:
     """Who stands in a room sees its walls all around, and no sky through them."""
-    yard = _Indoors()
+    yard = Yard(indoors)
     ahead = (2.0 * math.cos(bearing), 2.0 * math.sin(bearing), 1.2)
     painter = make_painter(of=yard)
     picture = painter.picture(
@@ -121,17 +108,10 @@ def test_two_painters_in_turns(yard: Yard, make_painter: MakePainter) -> None:
     assert np.array_equal(seen(one, yard, robot), first)
 
 
-class _Sunny(Yard):
-    """The yard with a sun that casts shadows."""
-
-    def __init__(self) -> None:
-        def sunny() -> mujoco.MjSpec:
-            spec = scenery()
-            for light in spec.lights:
-                light.castshadow = True
-            return spec
-
-        self.simulation = Simulation(sunny, SimulationOptions())
+def sunny(spec: mujoco.MjSpec) -> None:
+    """A sun that casts shadows."""
+    for light in spec.lights:
+        light.castshadow = True
 
 
 class TestQuality:
@@ -139,7 +119,7 @@ class TestQuality:
 
     def test_shadows_are_cast(self, gl: str) -> None:
         """With a shadow map the floor behind the box is darker than without."""
-        yard = _Sunny()
+        yard = Yard(sunny)
         view = View(looking((4.0, 0.3, 6.0), (4.5, 0.3, 0.0)), 0.6, 120, 90)
         pictures = []
         for shadows in (0, 1024):

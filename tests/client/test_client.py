@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from fake_server import FakeServer
 
 from usarsim_client import (
     FULL_FRAME,
@@ -18,13 +20,16 @@ from usarsim_client import (
     Line,
     Picture,
     ProtocolError,
+    Radio,
+    RadioError,
     actor,
     command,
     rectangle,
     road,
 )
+from usarsim_client.link import Address
 from usarsim_client.pictures import picture
-from usarsim_server.testing import running_server
+from usarsim_server.testing import PATIENCE, running_server
 
 
 def test_lines_are_taken_when_they_are_whole() -> None:
@@ -123,3 +128,32 @@ def test_both_kinds_of_connections() -> None:
         assert width > 16
         assert found is not None
         assert found.class_name == "P3AT"
+
+
+async def test_radio_registers_again_after_a_request_that_failed() -> None:
+    """The connection is the registration: lost with a late answer, it is made anew; not after
+    `close`, and not when it is refused."""
+    replies = ["", "SS {Robot B} {Strength -61.0}", "SS {Robot B} {Strength -62.0}"]
+    refusals: list[str] = []
+
+    def answer(line: str) -> list[str]:
+        if line.startswith("INIT"):
+            return [refusals.pop() if refusals else "INITREPLY {Status OK}"]
+        return [reply] if (reply := replies.pop(0)) else []
+
+    async with FakeServer(answer, greeting="") as fake:
+        address = Address("127.0.0.1", fake.port, PATIENCE)
+        radio = Radio(address, "A")
+        await radio.register((3333,))
+        radio.address = replace(address, timeout=0.05)
+        with pytest.raises(TimeoutError):
+            await radio.strength("B")
+        radio.address = address
+        refusals.append("ERROR {Reason Robot.Alread.Exists}")
+        with pytest.raises(RadioError, match="Alread"):
+            await radio.strength("B")
+        assert await radio.strength("B") == -61.0
+        assert fake.heard.count("INIT {Robot A} {Port 3333}") == 3
+        await radio.close()
+        assert await radio.strength("B") == -62.0
+        assert fake.heard.count("INIT {Robot A} {Port 3333}") == 3

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import replace
 
 import pytest
 
 from usarsim_conformance import planted
+from usarsim_conformance.clock import STANDS_STILL
 from usarsim_conformance.mutants.fault_proxy import Link
 from usarsim_conformance.mutants.wire_faults import WireFault, all_wire_faults
 from usarsim_conformance.mutants.wire_trial import try_wire_faults
@@ -17,46 +17,52 @@ from usarsim_conformance.own_server import OwnServer
 from usarsim_conformance.registry import Result, Severity, Verdict, all_checks
 
 _FAULTS = all_wire_faults()
-_OPTIONS = {"own": (), "raw": ("--image-type", "RAW")}
-_SERVERS = 2
-"""Servers among which the faults of our own server are shared out: one for each processor."""
+_OPTIONS = {"own": (), "images": (), "raw": ("--image-type", "RAW")}
+"""Of the servers that get the faults, by the name of the server that a fault asks for."""
+_FINE = (Verdict.PASS, Verdict.NOT_APPLICABLE)
 
 
-def _try(*shares: Sequence[WireFault]) -> dict[str, Result]:
-    """Every share at a server of its own, all at the same time."""
-
-    async def attempt(servers: Sequence[OwnServer]) -> list[dict[str, Result]]:
-        return await asyncio.gather(
-            *(try_wire_faults(one.ports, share) for one, share in zip(servers, shares, strict=True))
-        )
-
-    with ExitStack() as stack:
-        servers = [
-            stack.enter_context(OwnServer("--speed", "max", *_OPTIONS[share[0].server]))
-            for share in shares
-        ]
-        found = asyncio.run(attempt(servers))
-    return {name: result for results in found for name, result in results.items()}
+def _healthy() -> dict[str, WireFault]:
+    """Proxies that change nothing, by check: for every twelfth one that has a fault."""
+    checks = {check.id: check for check in all_checks()}
+    all_of_them = {
+        fault.check: replace(fault, name=f"healthy {fault.check}", kind=Link)
+        for fault in _FAULTS.values()
+        if not checks[fault.check].exclusive and fault.dialect != "gazebo"
+    }
+    # `usarsim conformance --self` judges all, without proxies.
+    return dict(list(all_of_them.items())[::12])
 
 
-def _judged(faults: Sequence[WireFault], *wanted: Verdict) -> dict[str, Result]:
-    """Each judged once, and once more if another verdict was wanted: the machine may be busy."""
-    results = _shared_out(faults)
-    again = [fault for fault in faults if results[fault.name].verdict not in wanted]
-    return {**results, **_shared_out(again)}
+def _judge_on(name: str, faults: Sequence[WireFault]) -> dict[str, Result]:
+    """Verdicts of a server's faults, judged once more if wrong: the machine may be busy."""
+    results: dict[str, Result] = {}
+    with OwnServer("--speed", "max", *_OPTIONS[name]) as server:
+        for _ in range(2):
+            results |= asyncio.run(try_wire_faults(server.ports, faults))
+            stalled = [one for one in results.values() if STANDS_STILL in one.reason]
+            if stalled:
+                print(server.last_words())
+                pytest.fail(f"{stalled[0].check}: {stalled[0].reason}", pytrace=False)
+            faults = [one for one in faults if results[one.name].verdict not in _wanted(one)]
+            if not faults:
+                break
+    return results
 
 
-def _shared_out(faults: Sequence[WireFault]) -> dict[str, Result]:
-    own = [fault for fault in faults if fault.server == "own"]
-    raw = [fault for fault in faults if fault.server == "raw"]
-    shares = (*(own[number::_SERVERS] for number in range(_SERVERS)), raw)
-    return _try(*filter(None, shares))
+def _wanted(fault: WireFault) -> Sequence[Verdict]:
+    return _FINE if fault.kind is Link else (Verdict.FAIL,)
 
 
 @pytest.fixture(scope="module")
 def verdicts() -> Mapping[str, Result]:
-    """Every fault judged once."""
-    return _judged(list(_FAULTS.values()), Verdict.FAIL)
+    """Everything judged, one server after the other: each works as hard as it can."""
+    faults = [*_FAULTS.values(), *_healthy().values()]
+    return {
+        fault: result
+        for name in _OPTIONS
+        for fault, result in _judge_on(name, [one for one in faults if one.server == name]).items()
+    }
 
 
 @pytest.mark.parametrize("name", list(_FAULTS))
@@ -67,26 +73,17 @@ def test_faults_are_noticed(name: str, verdicts: Mapping[str, Result]) -> None:
     assert "could not be had" not in result.reason
 
 
-def test_without_faults_the_same_checks_pass() -> None:
+def test_without_faults_the_same_checks_pass(verdicts: Mapping[str, Result]) -> None:
     """Behind proxies that change nothing: the checks demand nothing that is not a rule."""
-    checks = {check.id: check for check in all_checks()}
-    healthy = {
-        fault.check: replace(fault, name=fault.check, kind=Link)
-        for fault in _FAULTS.values()
-        if not checks[fault.check].exclusive and fault.dialect != "gazebo"
-    }
-    fine = (Verdict.PASS, Verdict.NOT_APPLICABLE)
-    # Every fourth one; `usarsim conformance --self` judges all.
-    tried = list(healthy.values())[::4]
-    results = _judged(tried, *fine)
-    assert len(results) == len(tried)
+    severities = {check.id: check.severity for check in all_checks()}
+    results = {check: verdicts[fault.name] for check, fault in _healthy().items()}
     wrong = {
-        name: (result.verdict, result.reason)
-        for name, result in results.items()
-        if result.verdict not in fine and checks[name].severity is not Severity.INFORMATIVE
+        check: (result.verdict, result.reason)
+        for check, result in results.items()
+        if result.verdict not in _FINE and severities[check] is not Severity.INFORMATIVE
     }
     assert not wrong
-    assert sum(result.verdict is Verdict.PASS for result in results.values()) > 100
+    assert sum(result.verdict is Verdict.PASS for result in results.values()) > 25
 
 
 def test_no_check_is_without_a_fault() -> None:

@@ -14,6 +14,7 @@ import pytest
 
 from usarsim_conformance.mutants.fault_proxy import proxied
 from usarsim_conformance.mutants.wire_faults import all_wire_faults
+from usarsim_conformance.own_server import OwnServer
 from usarsim_conformance.registry import Verdict, all_checks, select
 from usarsim_conformance.runner import judge_all
 from usarsim_conformance.side_lines import split_reply
@@ -150,6 +151,16 @@ def test_our_own_server(capsys: pytest.CaptureFixture[str]) -> None:
     assert "dialects judged       ut2004, udk" in out
     assert "\nFAIL" not in out
     assert " 0 inconclusive" in out
+
+
+def test_last_words() -> None:
+    """A server that hangs is ended and tells where each of its threads stands."""
+    with OwnServer() as server:
+        words = server.last_words()
+    assert server.died
+    assert "Fatal Python error: Aborted" in words
+    assert words.count("(most recent call first)") > 2
+    assert "usarsim_server/simulation/" in words
 
 
 def test_our_own_server_with_several_classes(

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from usarsim_conformance.planted import Fault, all_faults
+from usarsim_conformance.planted import Fault, all_faults, read_faults
 from usarsim_conformance.planted.faults import Edit
 from usarsim_conformance.planted.trial import PlantError, as_table, edited, edited_copy, try_faults
 from usarsim_conformance.registry import all_checks
 
 _FAULTS = {fault.name: fault for fault in all_faults()}
-_SAMPLE = ("sensors.odometry.x-sign",)
+_SAMPLE = "sensors.odometry.x-sign"
 """Tried for real here; `usarsim conformance --planted` tries all."""
 
 
@@ -41,6 +41,21 @@ def test_faults_that_change_nothing_are_errors() -> None:
         edited([Edit("tools/usarsim_client.blocking.py", "", "")])
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "--- robots/P2AT.toml\n\n@@ name @@\n a.check: Field\n-old\n+new\n",
+        "--- robots/P2AT.toml\n\n@@ area.name @@\n-old\n+new\n",
+        "--- robots/P2AT.toml\n\n@@ area.name @@\n a.check: Field\n-old\n",
+        "@@ area.name @@\n a.check: Field\n-old\n+new\n",
+    ],
+)
+def test_malformed_faults_are_errors(text: str) -> None:
+    """No area, no check, nothing in the place, no file."""
+    with pytest.raises(ValueError, match="no fault of a file"):
+        list(read_faults(text))
+
+
 def test_copies_are_links_but_for_the_edit(tmp_path: Path) -> None:
     """Robot files can be edited, too; what is not edited is the original."""
     edited_copy([Edit("robots/P2AT.toml", "life = 1200", "life = 600")], tmp_path)
@@ -51,17 +66,16 @@ def test_copies_are_links_but_for_the_edit(tmp_path: Path) -> None:
 
 
 def test_a_sample_is_noticed() -> None:
-    """Servers with a fault are told from the healthy one by the check that is meant for it."""
-    outcomes = try_faults([_FAULTS[name] for name in _SAMPLE])
-    assert all(outcome.good for outcome in outcomes), as_table(outcomes)
-
-
-def test_what_is_not_noticed_is_told() -> None:
-    """A check that passes in spite of the fault, or does not name the field, is no success."""
-    fault = _FAULTS[_SAMPLE[0]]
-    unheard = replace(fault, name="test.unheard", notices=("control.sensors.odometry-start",))
-    unnamed = replace(fault, name="test.unnamed", field="Loudness")
-    outcomes = try_faults([unheard, unnamed])
-    words = [outcome.lines[0][1] for outcome in outcomes]
-    assert words == ["passes", "MISSED", "UNNAMED"]
-    assert "0 of 2 faults noticed; wrong: test.unheard, test.unnamed" in as_table(outcomes)
+    """Servers with a fault are told from the healthy one by the check that is meant for it; a
+    check that passes in spite of the fault, or does not name the field, is no success."""
+    fault = _FAULTS[_SAMPLE]
+    others = ("control.sensors.odometry-start", *fault.notices)
+    unnoticed = replace(fault, name="test.unnoticed", notices=others, field="Loudness")
+    healthy, noticed, missed = try_faults([fault, unnoticed])
+    table = as_table([healthy, noticed, missed])
+    assert healthy.good, table
+    assert noticed.good, table
+    assert [line[1] for line in missed.lines] == ["MISSED", *["UNNAMED"] * len(fault.notices)], (
+        table
+    )
+    assert "1 of 2 faults noticed; wrong: test.unnoticed" in table

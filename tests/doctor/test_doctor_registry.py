@@ -15,10 +15,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from usarsim_server.doctor import checks, registry
-from usarsim_server.doctor import worker as trials
-from usarsim_server.doctor.isolation import Outcome, attempt
+from usarsim_server.doctor import checks, isolation, registry
+from usarsim_server.doctor.isolation import Outcome, attempt, try_out
 from usarsim_server.doctor.registry import (
+    Audience,
     Check,
     Checked,
     Context,
@@ -29,11 +29,9 @@ from usarsim_server.doctor.registry import (
     as_json,
     check,
     examine,
-    problem_and_advice,
     verdict,
 )
-from usarsim_server.doctor.worker import try_out
-from usarsim_server.errors import UsarsimError, at
+from usarsim_server.errors import UsarsimError, at, problem_and_advice
 from usarsim_server.settings import Settings
 
 HERE = Context(Settings())
@@ -50,7 +48,7 @@ def fails_half_way(context: Context) -> Iterator[Finding]:
     raise ZeroDivisionError("two\nlines")
 
 
-class Listener:
+class Listener(Audience):
     """An audience that remembers."""
 
     def __init__(self) -> None:
@@ -322,7 +320,7 @@ def test_errors_become_outcomes(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(settings: Settings, argument: str) -> dict[str, object]:
         raise error
 
-    monkeypatch.setattr(trials, "server", fail)
+    monkeypatch.setattr(isolation, "server", fail)
     error: Exception = UsarsimError("world: no floor (add one)")
     told = {"failure": "world: no floor", "told": True, "advice": "add one"}
     assert try_out("server:", Settings()) == told

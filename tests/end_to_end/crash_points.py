@@ -32,9 +32,9 @@ def run_import(folder: Path) -> int:
 
 def run_report(folder: Path) -> int:
     """Replace a report."""
-    from usarsim_server import files as atomic
+    from usarsim_server.files import write_text
 
-    atomic.write_text(folder / "report.json", "new " * 1000)
+    write_text(folder / "report.json", "new " * 1000)
     return 0
 
 

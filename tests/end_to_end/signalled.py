@@ -20,6 +20,12 @@ HANG = 30.0
 """s of wall time after which a program that does not end is killed."""
 
 
+def finished(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run `usarsim` to its end, and take down what it says."""
+    command = [sys.executable, "-m", "usarsim_server", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=HANG, check=False)
+
+
 @dataclass(frozen=True)
 class Ending:
     """How a program ended.

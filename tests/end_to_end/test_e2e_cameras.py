@@ -6,7 +6,6 @@ What image clients see of what robots do: over sockets only, by the content of t
 from __future__ import annotations
 
 import re
-import socket
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from usarsim_client import BlockingConnection, rectangle
 from usarsim_server.app import Assembly
 from usarsim_server.testing import (
     PATIENCE,
@@ -258,45 +258,29 @@ GREY = 128
 """What all pixels of the picture are that a client gets while the renderer is late."""
 
 
-class Viewer:
+class Viewer(BlockingConnection):
     """An image client, which asks again while the renderer is late."""
-
-    def __init__(self, port: int) -> None:
-        self.socket = socket.create_connection(("127.0.0.1", port), timeout=PATIENCE)
-        self._stream = self.socket.makefile("rb")
 
     def full(self) -> Picture:
         """The full frame."""
-        return self._ask(b"OK\r\n")
+        return self._look(b"OK\r\n")
 
     def tile(self, number: int) -> Picture:
         """One tile of a grid of four columns."""
         x, y = number % 4 * WIDTH, number // 4 * HEIGHT
-        request = b"U" + b"".join(part.to_bytes(4) for part in (x, y, WIDTH, HEIGHT))
-        return self._ask(request)
+        return self._look(rectangle(x, y, WIDTH, HEIGHT))
 
-    def _ask(self, request: bytes) -> Picture:
-        self.socket.sendall(request)
-        while ((picture := self._read()) == GREY).all():
-            self.socket.sendall(request)
-        return picture
-
-    def _read(self) -> Picture:
-        header = self._stream.read(5)
-        data = self._stream.read(int.from_bytes(header[1:]))
-        width, height = int.from_bytes(data[:2]), int.from_bytes(data[2:4])
-        blue_first = np.frombuffer(data, np.uint8, offset=4).reshape(height, width, 3)
-        return blue_first[..., ::-1].astype(int)
-
-    def close(self) -> None:
-        """Hang up."""
-        self.socket.close()
+    def _look(self, request: bytes) -> Picture:
+        self.send(request)
+        while ((seen := self.picture().pixels) == GREY).all():
+            self.send(request)
+        return seen.astype(int)
 
 
 @pytest.fixture
 def viewer(pictures_server: ServerProcess) -> Iterator[Viewer]:
     """An image client that hangs up after the test."""
-    one = Viewer(pictures_server.ports["images"])
+    one = Viewer(pictures_server.ports["images"], patience=PATIENCE)
     yield one
     one.close()
 
@@ -318,7 +302,7 @@ def placing(pictures_server: ServerProcess) -> Iterator[Callable[..., ScriptedCl
     for client in clients:
         client.close()
     # The next test's robots are to have the same tiles.
-    probe = Viewer(pictures_server.ports["images"])
+    probe = Viewer(pictures_server.ports["images"], patience=PATIENCE)
     until(lambda: all(plain(probe.tile(number)) for number in (1, 2, 3)))
     probe.close()
 
@@ -427,7 +411,7 @@ def test_two_viewers_of_different_tiles(
     """Each gets what it asks for, whatever the other one looks at."""
     placing("A")
     placing("B")
-    other = Viewer(pictures_server.ports["images"])
+    other = Viewer(pictures_server.ports["images"], patience=PATIENCE)
     try:
         for _ in range(5):
             assert not red(viewer.tile(1)).any()

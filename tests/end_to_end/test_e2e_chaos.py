@@ -20,6 +20,7 @@ from datetime import datetime, timedelta
 from pathlib import Path
 
 import pytest
+from signalled import finished
 from test_e2e_import import level
 
 from usarsim_maps.cache import KEPT, RECORD, ImportCache
@@ -29,7 +30,7 @@ from usarsim_server.radio.event_log import Event, EventLog
 from usarsim_server.worlds.loader import load_world
 
 HERE = Path(__file__).parent
-PACKAGES = (HERE.parents[1] / "usarsim_server", HERE.parents[1] / "tools" / "usarsim_tools")
+PACKAGES = (HERE.parents[1] / "usarsim_server", HERE.parents[1] / "tools")
 HANG = 60.0
 
 
@@ -40,15 +41,26 @@ def usarsim(*arguments: str) -> list[str]:
 
 def points(how: str, given: Path, program: str, first: int = 1, step: int = 1) -> dict[int, int]:
     """Exit codes by point; see crash_points.py."""
-    done = subprocess.run(
-        [sys.executable, HERE / "crash_points.py", how, given, str(first), str(step), program],
+    done = _gone_through(how, given, program, first, step)
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr, done.stderr
+    return _codes(done)
+
+
+def _gone_through(
+    how: str, given: Path, program: str, first: int = 1, step: int = 1
+) -> subprocess.CompletedProcess[str]:
+    command = [HERE / "crash_points.py", how, str(given), str(first), str(step), program]
+    return subprocess.run(
+        [sys.executable, *map(str, command)],
         capture_output=True,
         text=True,
         timeout=2 * HANG,
         check=False,
     )
-    assert done.returncode == 0, done.stderr
-    assert "Traceback" not in done.stderr, done.stderr
+
+
+def _codes(done: subprocess.CompletedProcess[str]) -> dict[int, int]:
     rows = [line.split() for line in done.stdout.splitlines() if line.startswith("POINT ")]
     return {int(point): int(code) for _, point, code in rows}
 
@@ -122,18 +134,17 @@ class TestImport:
 
 
 def test_commands_write_in_one_way() -> None:
-    """All that commands write goes through `atomic`, but for the stream of a recording."""
+    """All that commands write goes through `files`, but for the stream of a recording."""
     found = {
         f"{path.name}: {ast.unparse(node)}"
-        for path in (PACKAGES[0] / "cli").glob("*.py")
+        for path in (*(PACKAGES[0] / "cli").glob("*.py"), *PACKAGES[1].glob("*/*command.py"))
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         if isinstance(node, ast.Call)
         and isinstance(node.func, ast.Attribute)
         and node.func.attr in {"write_text", "write_bytes", "open"}
-        and ast.unparse(node.func.value) != "atomic"
         and (node.func.attr != "open" or "w" in ast.unparse(node) or "x" in ast.unparse(node))
     }
-    assert {one.partition(":")[0] for one in found} <= {"record.py"}, found
+    assert {one.partition(":")[0] for one in found} <= {"record_command.py"}, found
 
 
 @pytest.mark.parametrize("how", ["kill", "full"])
@@ -142,25 +153,15 @@ def test_reports_are_old_or_new(how: str, tmp_path: Path) -> None:
     given = tmp_path / "given"
     given.mkdir()
     (given / "report.json").write_text("old")
-    codes = points(how, given, "report") if how == "kill" else _failing_points(given)
+    if how == "kill":
+        codes = points(how, given, "report")
+    else:  # the program ends with an error, which is wanted
+        codes = _codes(_gone_through(how, given, "report"))
     assert len(codes) >= 2
     for point, code in codes.items():
         text = (given.with_name(f"{how}-{point}") / "report.json").read_text()
         assert text in ("old", "new " * 1000)
         assert code != 0 or text != "old"
-
-
-def _failing_points(given: Path) -> dict[int, int]:
-    """As `points`; the error that the program ends with there is what is wanted."""
-    done = subprocess.run(
-        [sys.executable, HERE / "crash_points.py", "full", given, "1", "1", "report"],
-        capture_output=True,
-        text=True,
-        timeout=HANG,
-        check=False,
-    )
-    rows = [line.split() for line in done.stdout.splitlines() if line.startswith("POINT ")]
-    return {int(point): int(code) for _, point, code in rows}
 
 
 class TestRecord:
@@ -252,13 +253,7 @@ class TestRecord:
         file.write_text("old")
         with socket.create_server(("127.0.0.1", 0)) as taken:
             port = taken.getsockname()[1]
-            done = subprocess.run(
-                usarsim("record", f"--listen={port}", "--to=h:9", "--overwrite", str(file)),
-                capture_output=True,
-                text=True,
-                timeout=HANG,
-                check=False,
-            )
+            done = finished("record", f"--listen={port}", "--to=h:9", "--overwrite", str(file))
         assert done.returncode == 2
         assert [one.name for one in tmp_path.iterdir()] == ["session.rec"]
         assert file.read_text() == "old"
@@ -301,7 +296,10 @@ class TestEvents:
         assert [line.split(",")[2] for line in lines] == list("0123456")
 
 
-STAMPS = {"event_log.py", "recording.py", "runner.py", "comparing.py", "suite.py", "doctor.py"}
+STAMPS = {
+    *("event_log.py", "recording.py", "runner.py", "comparing.py", "suite.py", "doctor.py"),
+    "opening.py",  # the day of a participant's session
+}
 """Files that write down when something happened."""
 
 

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from side_clients import WirelessModel, split_reply
 
+from usarsim_client import BlockingConnection, rectangle
 from usarsim_server.logs import ROOT
 from usarsim_server.options import load_settings
 from usarsim_server.services.listener import Endpoint
@@ -272,25 +273,6 @@ def test_zoom_on_the_wire_and_in_the_picture(render_loop: ServerProcess) -> None
     client.close()
 
 
-class Looker:
-    """An image client that reads exactly what a header announces."""
-
-    def __init__(self, port: int) -> None:
-        self.socket = socket.create_connection(("127.0.0.1", port), timeout=PATIENCE)
-        self._stream = self.socket.makefile("rb")
-
-    def ask(self, request: bytes = b"OK") -> tuple[int, bytes]:
-        """Type and payload of the reply to a request."""
-        self.socket.sendall(request)
-        kind, length = struct.unpack(">BI", self._stream.read(5))
-        return kind, self._stream.read(length)
-
-    def close(self) -> None:
-        """Hang up."""
-        self._stream.close()
-        self.socket.close()
-
-
 def ports(endpoints: dict[str, Endpoint]) -> dict[str, int]:
     """Port numbers by service."""
     return {name: endpoint.port for name, endpoint in endpoints.items()}
@@ -312,13 +294,15 @@ def test_every_tag_of_a_type_is_on_the_wire(tag: str, kind: int) -> None:
         _,
         endpoints,
     ):
-        looker = Looker(ports(endpoints)["images"])
+        looker = BlockingConnection(ports(endpoints)["images"], patience=PATIENCE)
         for request, size in (
             (b"OK", (128, 96)),
-            (b"U" + struct.pack(">4I", 64, 0, 64, 48), (64, 48)),
+            (rectangle(64, 0, 64, 48), (64, 48)),
         ):
-            found, payload = looker.ask(request)
-            assert found == kind
+            looker.send(request)
+            found = looker.picture()
+            payload = found.payload
+            assert found.kind == kind
             if kind:
                 assert payload[:2] + payload[-2:] == b"\xff\xd8\xff\xd9"
                 assert Image.open(io.BytesIO(payload)).size == size

@@ -20,11 +20,11 @@ import numpy as np
 import pytest
 from side_clients import WirelessModel
 
-from usarsim_server.actuators.effector import create_effectors
-from usarsim_server.robots.catalog import load_catalog
+from usarsim_server.actuators.effectors import create_effectors
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.sensors.base import SensorContext, create_sensor
 from usarsim_server.testing import ScriptedClient, eventually, running_server
+from usarsim_server.testing.sharing import shipped_robots
 from usarsim_server.worlds.description import WorldDescription
 
 ROSTER = {
@@ -57,7 +57,7 @@ ROSTER = {
 }
 """Kinds by the DRIVE family of the reference, and the names under which clients ask for them."""
 
-SHIPPED = load_catalog()
+SHIPPED = shipped_robots()
 CASES = [(name, kind) for kind, names in ROSTER.items() for name in names]
 CASES += [
     (robot.name, robot.kind)
@@ -227,6 +227,7 @@ def introduces_itself(robot: RobotDescription, track: Track) -> None:
 
 def shows_what_it_carries(robot: RobotDescription, track: Track) -> None:
     """CONF and GEO of every type of item name all of its items."""
+    track.status()  # before it comes what `udk` tells of cameras unasked, in a CONF for each
     for kind, names in item_types(robot, track.dialect).items():
         for head in ("CONF", "GEO"):
             line = track.ask(head, kind)

@@ -8,18 +8,16 @@ Numbers in docstrings are those of the side channels reference, section 11.
 from __future__ import annotations
 
 import socket
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from side_clients import MetricTool, RoboCupScore, TruthConsole, WirelessModel, split_reply
+from signalled import finished
 
 from usarsim_server.errors import SettingsError
 from usarsim_server.options import load_settings
 from usarsim_server.testing import (
-    PATIENCE,
     ScriptedClient,
     ServerProcess,
     eventually,
@@ -288,32 +286,13 @@ def test_queries_by_class_and_name(
 # -- ports ---------------------------------------------------------------------------------------
 
 
-def serve(*words: str) -> subprocess.CompletedProcess[str]:
-    """Run a server that is expected not to start."""
-    return subprocess.run(
-        [
-            sys.executable,
-            "-m",
-            "usarsim_server.cli",
-            "serve",
-            "--world",
-            "empty",
-            "--port=0",
-            *words,
-        ],
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-        check=False,
-    )
-
-
 @pytest.mark.parametrize("option", ["--groundtruth-port", "--truth-port"])
 def test_a_busy_port_that_was_asked_for_is_an_error(option: str) -> None:
     """99: one line that names port and option, exit code 2."""
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        result = serve(f"{option}={port}", "--image-port=off", "--wireless-port=off")
+        off = ("--image-port=off", "--wireless-port=off")
+        result = finished("serve", "--world", "empty", "--port=0", f"{option}={port}", *off)
     assert (result.returncode, result.stdout) == (2, "")
     (error,) = [line for line in result.stderr.splitlines() if line.startswith("error:")]
     assert str(port) in error

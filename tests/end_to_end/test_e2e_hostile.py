@@ -24,8 +24,8 @@ import psutil
 import pytest
 
 from usarsim_bench.hostile.attackers import Attackers
-from usarsim_server.robots.catalog import load_catalog
 from usarsim_server.testing import ScriptedClient, ServerProcess
+from usarsim_server.testing.sharing import shipped_robots
 
 MEGABYTE = 1 << 20
 PATIENCE = 90.0
@@ -202,7 +202,7 @@ def test_absurd_robots_of_every_class(server: ServerProcess, witness: ScriptedCl
     watcher = threading.Thread(target=watch)
     watcher.start()
     chance = random.Random(3)
-    names = [robot.name for robot in load_catalog().descriptions()]
+    names = [robot.name for robot in shipped_robots().descriptions()]
     nonsense = "{Left 1e308} {Right nan} {Speed inf} {FrontSteer -1e9} {AltitudeVelocity 1e300}"
     for number, name in enumerate(names):
         # Compiling each of them takes long; most are refused before that, as they should be.

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import re
 import socket
-import struct
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -25,41 +24,42 @@ from legacy_image_clients import (
     decoded,
 )
 
+from usarsim_client import BlockingConnection, rectangle
 from usarsim_server.testing import PATIENCE, ScriptedClient, ServerProcess, eventually
 
 WORLD = "arena"
 STARTS = ("RobotStart1", "RobotStart2")
 
 
-class Asker:
+class Asker(BlockingConnection):
     """A client without narrow habits, for what the narrow ones cannot see."""
 
     def __init__(self, server: ServerProcess) -> None:
-        self.socket = socket.create_connection(("127.0.0.1", server.ports["images"]), PATIENCE)
+        super().__init__(server.ports["images"], patience=PATIENCE)
 
     def ask(self, request: bytes = b"OK") -> tuple[int, bytes]:
         """Type and payload of the answer."""
-        self.socket.sendall(request)
+        self.send(request)
         return self.reply()
 
     def reply(self) -> tuple[int, bytes]:
         """Type and payload of what comes next."""
-        header = self._exactly(5)
-        return header[0], self._exactly(int.from_bytes(header[1:5]))
+        found = self.picture()
+        return found.kind, found.payload
 
     def tile(self, number: int) -> Pixels:
         """One tile of the default grid."""
         row, column = divmod(number, 4)
-        kind, payload = self.ask(b"U" + struct.pack(">4I", column * 320, row * 240, 320, 240))
+        kind, payload = self.ask(rectangle(column * 320, row * 240, 320, 240))
         assert kind == 3
         return decoded(payload)
 
     def raw(self, request: bytes = b"OK") -> Pixels:
         """A picture of a server that sends no JPEG."""
-        kind, payload = self.ask(request)
-        assert kind == 0
-        width, height = struct.unpack(">2H", payload[:4])
-        return np.frombuffer(payload, np.uint8, offset=4).reshape(height, width, 3)[:, :, ::-1]
+        self.send(request)
+        found = self.picture()
+        assert found.raw
+        return found.pixels
 
     def silent_for(self, seconds: float) -> bool:
         """Whether nothing comes."""
@@ -70,18 +70,6 @@ class Asker:
             return True
         finally:
             self.socket.settimeout(PATIENCE)
-
-    def close(self) -> None:
-        """Hang up."""
-        self.socket.close()
-
-    def _exactly(self, count: int) -> bytes:
-        data = bytearray()
-        while len(data) < count:
-            chunk = self.socket.recv(count - len(data))
-            assert chunk, "the server closed the connection"
-            data += chunk
-        return bytes(data)
 
 
 def robot(server: ServerProcess, start: str) -> ScriptedClient:
@@ -202,12 +190,12 @@ class TestWorld:
 
     def test_rectangle_of_the_frame_is_the_frame(self, asker: Asker) -> None:
         """Check 20."""
-        kind, payload = asker.ask(b"U" + struct.pack(">4I", 0, 0, 1280, 960))
+        kind, payload = asker.ask(rectangle(0, 0, 1280, 960))
         assert (kind, decoded(payload).shape) == (3, (960, 1280, 3))
 
     def test_rectangle_outside_is_empty(self, asker: Asker) -> None:
         """Check 25: one reply without payload, and the connection lives on."""
-        assert asker.ask(b"U" + struct.pack(">4I", 1280, 0, 320, 240)) == (3, b"")
+        assert asker.ask(rectangle(1280, 0, 320, 240)) == (3, b"")
         assert asker.ask()[0] == 3
 
     def test_conf_names_the_rectangle(self, team: list[ScriptedClient], asker: Asker) -> None:
@@ -219,7 +207,7 @@ class TestWorld:
             for name in ("OffsetX", "OffsetY", "ResolutionX", "ResolutionY")
         ]
         assert found == [320, 0, 320, 240]
-        _, payload = asker.ask(b"U" + struct.pack(">4I", *found))
+        _, payload = asker.ask(rectangle(*found))
         assert decoded(payload).shape == (240, 320, 3)
         assert not empty(decoded(payload))
 
@@ -298,7 +286,7 @@ class TestOldClients:
 
             def drawn() -> bool:
                 # All grey until the first picture is there.
-                tile = asker.raw(b"U" + struct.pack(">4I", 0, 0, 320, 240))
+                tile = asker.raw(rectangle(0, 0, 320, 240))
                 rest = bool(tile[144:].any() or tile[:, 176:].any())
                 return not rest and not empty(tile[:144, :176])
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from signalled import finished
 
-from usarsim_server.testing import PATIENCE, ServerProcess
+from usarsim_server.testing import ServerProcess
 
 LOW, HIGH = (-500.0, -500.0, 0.0), (500.0, 500.0, 600.0)
 """A room of 4 x 4 x 2.4 m, in Unreal units."""
@@ -73,23 +71,7 @@ def test_a_map_is_served(source: Path) -> None:
 def test_a_broken_map_is_refused(source: Path) -> None:
     """One line on standard error with file and line, exit code 2, no traceback (item 73)."""
     source.write_text(level()[:900])
-    done = subprocess.run(
-        [
-            sys.executable,
-            "-m",
-            "usarsim_server.cli",
-            "serve",
-            "--world",
-            str(source),
-            "--port",
-            "0",
-        ],
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-        check=False,
-        env=dict(os.environ),
-    )
+    done = finished("serve", "--world", str(source), "--port", "0")
     assert done.returncode == 2
     assert re.search(r"error: .*Room\.t3d: line \d+: ", done.stderr)
     assert "Traceback" not in done.stderr

@@ -2,7 +2,7 @@
 
 Robots come and go, many times; the server stays the same.
 
-Ten simulated minutes with eight robots are the same in two processes (robots 113, 115; V26).
+Two simulated minutes with eight robots are the same in two processes (robots 113, 115; V26).
 """
 
 from __future__ import annotations
@@ -191,13 +191,13 @@ def test_robots_come_and_go_for_a_while(tmp_path: Path) -> None:
 
 
 PROGRAM = Path(__file__).with_name("long_run.py")
-SECONDS = 600.0
-LINES = 8 * 600 * 15
+SECONDS = 60.0
+"""Simulated, as robots 115 asks for. Longer ones by hand: the program prints what is compared."""
+LINES = round(8 * SECONDS * 15)
 """Lines of eight robots in that time, at the least."""
 
 
-@pytest.mark.timeout(600)
-def test_ten_minutes_are_the_same_to_the_letter_and_to_the_bit() -> None:
+def test_a_minute_is_the_same_to_the_letter_and_to_the_bit() -> None:
     """Text of all robots and state of the world agree between processes; another seed differs."""
     runs = [(5, SECONDS), (5, SECONDS), (6, 5.0)]
     processes = [

@@ -15,20 +15,10 @@ import time
 from pathlib import Path
 
 import pytest
-from signalled import HANG, Ending, signalled
+from signalled import HANG, Ending, finished, signalled
 from test_e2e_import import level
 
 from usarsim_server.testing import PATIENCE, SIDE_PORTS, ServerProcess
-
-
-def _serve(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "usarsim_server.cli", "serve", "--world", "empty", *arguments],
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-        check=False,
-    )
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -53,7 +43,7 @@ def test_a_busy_control_port_is_one_clear_error() -> None:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        result = _serve("--port", str(port))
+        result = finished("serve", "--world", "empty", "--port", str(port))
     assert result.returncode == 2
     assert result.stdout == ""
     errors = [line for line in result.stderr.splitlines() if line.startswith("error:")]
@@ -75,7 +65,7 @@ def test_a_busy_control_port_is_one_clear_error() -> None:
 )
 def test_bad_options_are_one_clear_error(arguments: list[str], named: str) -> None:
     """A wrong option ends it with code 2 and a line that names it, without a traceback."""
-    result = _serve(*arguments)
+    result = finished("serve", "--world", "empty", *arguments)
     assert result.returncode == 2
     assert named in result.stderr
     assert "Traceback" not in result.stderr
@@ -86,7 +76,7 @@ def test_a_bad_robot_file_is_one_clear_error(tmp_path: Path) -> None:
     (tmp_path / "Broken.toml").write_text(
         'name = "Broken"\nextends = "P2AT"\nkind = "hovercraft"\n'
     )
-    result = _serve("--robots", str(tmp_path), "--port", "0")
+    result = finished("serve", "--world", "empty", "--robots", str(tmp_path), "--port", "0")
     assert result.returncode == 2
     assert "Broken.toml" in result.stderr
     assert "kind" in result.stderr
@@ -114,7 +104,7 @@ def test_robots_of_a_user(tmp_path: Path) -> None:
 
 def test_it_ends_cleanly_with_busy_robots() -> None:
     """A server full of sensing robots ends with code 0: no thread is left inside native code."""
-    for _ in range(3):
+    for _ in range(2):
         with ServerProcess("--world", "arena", "--max-robots", "32") as server:
             clients = [server.client() for _ in range(16)]
             for index, client in enumerate(clients):
@@ -136,10 +126,12 @@ def check(ending: Ending, code: int) -> None:
     assert ending.early or ending.code == code, ending
 
 
-@pytest.mark.parametrize("delay", MOMENTS)
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    ("delay", "number"),
+    [(delay, (signal.SIGINT, signal.SIGTERM)[n % 2]) for n, delay in enumerate(MOMENTS)],
+)
 def test_serve_ends_with_code_0(delay: float, number: signal.Signals) -> None:
-    """Whenever it is told to."""
+    """Whenever it is told to, by one signal or the other."""
     ending = signalled(["serve", "--world", "arena", *PORTS], delay, number)
     assert not ending.early, ending
     check(ending, 0)
@@ -185,8 +177,7 @@ def test_others_end_with_code_130(
     (tmp_path / "Room.t3d").write_text(level())
     ending = signalled(arguments, delay)
     if ending.code != 130 and not ending.early:  # the signal came behind the last line
-        command = [sys.executable, "-m", "usarsim_server", *arguments]
-        whole = subprocess.run(command, capture_output=True, text=True, timeout=HANG, check=False)
+        whole = finished(*arguments)
         told = whole.returncode, whole.stdout, whole.stderr
         assert (ending.code, ending.output, ending.errors) == told
     else:
@@ -209,15 +200,8 @@ def test_a_second_server_says_so_before_it_loads(flag: str, tmp_path: Path) -> N
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        done = subprocess.run(
-            [sys.executable, "-m", "usarsim_server", "serve", "--world", "no-such-world"]
-            + [one for one in PORTS if not one.startswith(flag)]
-            + [flag, str(port)],
-            capture_output=True,
-            text=True,
-            timeout=HANG,
-            check=False,
-        )
+        others = [one for one in PORTS if not one.startswith(flag)]
+        done = finished("serve", "--world", "no-such-world", *others, flag, str(port))
     assert done.returncode == 2
     assert done.stdout == ""
     [line] = done.stderr.splitlines()

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots.catalog import load_catalog
 from usarsim_server.robots.description import RobotDescription
+from usarsim_server.testing.sharing import shipped_robots
 from usarsim_server.testing.test_drive import Rest, TestDrive, full_speed
 
-ROSTER = load_catalog()
+ROSTER = shipped_robots()
 
 
 def robot(name: str) -> RobotDescription:

@@ -16,17 +16,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from usarsim_server.robots.catalog import load_catalog
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.mjcf import build_spec
 from usarsim_server.sessions.robots import robot_model
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
 from usarsim_server.simulation.model import PhysicsOptions
+from usarsim_server.testing.sharing import shipped_robots
 
 ROBOTS = {
     robot.name: robot
-    for robot in load_catalog().descriptions()
+    for robot in shipped_robots().descriptions()
     if robot.kind in {"skid_steer", "differential", "ackerman", "omni"}
     and robot.name == robot.model
 }

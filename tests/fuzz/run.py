@@ -32,7 +32,8 @@ def fuzz(name: str, flags: list[str]) -> None:
     """Fuzz one target in this process, for ever or as long as the flags of libFuzzer say."""
     import atheris
 
-    with atheris.instrument_imports(include=["usarsim_server", "usarsim_tools", "tomllib"]):
+    packages = ["usarsim_server", "usarsim_maps", "usarsim_record", "tomllib"]
+    with atheris.instrument_imports(include=packages):
         import targets
 
     run = targets.TARGETS[name].run

@@ -240,71 +240,44 @@ def told(error: Exception) -> None:
     assert "\n" not in str(error)
 
 
-@target(seeds.robot)
-def robot_toml(data: bytes) -> None:
-    """Robot files."""
-    try:
-        load_robot(written(data, "Fuzzed.toml"))
-    except UsarsimError as error:
-        told(error)
+def add_file(
+    name: str,
+    file: str,
+    begin: Callable[[], list[bytes]],
+    load: Callable[[Path], object],
+    error: type[Exception] = UsarsimError,
+    **facts: Any,
+) -> None:
+    """A target that loads files of one kind; only the declared error may come of it."""
 
-
-@target(seeds.world)
-def world_toml(data: bytes) -> None:
-    """World files."""
-    written(seeds.SCENE, "world/scene.xml")
-    try:
-        load_world(written(data, "world/world.toml").parent)
-    except WorldError as error:
-        told(error)
-
-
-@target(seeds.objects)
-def objects_toml(data: bytes) -> None:
-    """Classes of objects, and of avatars."""
-    path = written(data, "objects.toml")
-    for load in (load_objects, load_avatars):
+    def run(data: bytes) -> None:
         try:
-            load([path])
-        except UsarsimError as error:
-            told(error)
+            load(written(data, file))
+        except error as problem:
+            told(problem)
+
+    TARGETS[name] = Target(run, begin, **facts)
 
 
-@target(seeds.radio)
-def radio_toml(data: bytes) -> None:
-    """Settings of the wireless simulation."""
-    path = written(data, "radio.toml")
-    try:
-        read_radio(read_radio_file(path), str(path), None, 0)
-    except UsarsimError as error:
-        told(error)
+def in_a_world(path: Path) -> object:
+    """The folder of a world file, with a scene beside it."""
+    written(seeds.SCENE, "world/scene.xml")
+    return load_world(path.parent)
 
 
-@target(seeds.settings)
-def settings_toml(data: bytes) -> None:
-    """Settings of the server."""
-    try:
-        load_settings({}, written(data, "settings.toml"))
-    except UsarsimError as error:
-        told(error)
-
-
-@target(seeds.sidecar)
-def sidecar_toml(data: bytes) -> None:
-    """What is said about a map beside it."""
-    try:
-        load_sidecar(written(data, "map.usarsim.toml"))
-    except UsarsimError as error:
-        told(error)
-
-
-@target(seeds.recording)
-def recording(data: bytes) -> None:
-    """Recorded sessions."""
-    try:
-        read(written(data, "session.rec"))
-    except RecordError as error:
-        told(error)
+add_file("robot_toml", "Fuzzed.toml", seeds.robot, load_robot)
+add_file("world_toml", "world/world.toml", seeds.world, in_a_world, WorldError)
+add_file("objects_toml", "objects.toml", seeds.objects, lambda path: load_objects([path]))
+add_file("avatars_toml", "objects.toml", seeds.objects, lambda path: load_avatars([path]))
+add_file(
+    "radio_toml",
+    "radio.toml",
+    seeds.radio,
+    lambda path: read_radio(read_radio_file(path), str(path), None, 0),
+)
+add_file("settings_toml", "settings.toml", seeds.settings, lambda path: load_settings({}, path))
+add_file("sidecar_toml", "map.usarsim.toml", seeds.sidecar, load_sidecar)
+add_file("recording", "session.rec", seeds.recording, read, RecordError)
 
 
 # Maps
@@ -323,23 +296,15 @@ def map_numbers(data: bytes) -> None:
         assert all(isinstance(value, float) for value in values)
 
 
-def reads(data: bytes, name: str) -> None:
-    """Read a map of this name; only the error that readers declare may come of it."""
-    path = written(data, f"maps/{name}")
-    try:
-        find_reader(path)
-        read_map(path, Context(ImportOptions(assets=(path.parent,))))
-    except MapImportError as error:
-        told(error)
+def read_any(path: Path) -> None:
+    """Read a map as its name says."""
+    find_reader(path)
+    read_map(path, Context(ImportOptions(assets=(path.parent,))))
 
 
 def add_reader(name: str, file: str, begin: Callable[[], list[bytes]], **facts: Any) -> None:
-    """A target that reads files of one kind."""
-
-    def run(data: bytes) -> None:
-        reads(data, file)
-
-    TARGETS[name] = Target(run, begin, **facts)
+    """A target that reads maps of one kind."""
+    add_file(name, f"maps/{file}", begin, read_any, MapImportError, **facts)
 
 
 add_reader("t3d", "map.t3d", seeds.t3d)

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+from mesh_samples import read, write
 from numpy.typing import NDArray
 
 from usarsim_maps.build.builder import Built, build
 from usarsim_maps.findings import Findings
-from usarsim_maps.reader import Context, ImportOptions, read_scene
 from usarsim_maps.scene import Mesh, Part, Scene, SceneObject, Source
 from usarsim_server.simulation.frames import IDENTITY, Pose, Vector
 from usarsim_server.simulation.model import PhysicsOptions
@@ -24,6 +24,12 @@ from usarsim_server.worlds.scene import build_scene
 Array = NDArray[np.float64]
 
 AXES = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=float)
+
+
+WEDGE_FACES = [
+    (0, 2, 1), (3, 4, 5), (0, 1, 4), (0, 4, 3), (1, 2, 5), (1, 5, 4), (2, 0, 3), (2, 3, 5)
+]  # fmt: skip
+"""Of a wedge: three corners below, three above."""
 
 
 class World:
@@ -54,7 +60,6 @@ class World:
         """Name of what a ray meets."""
         fan = RayFan(np.array(origin), np.array([direction], dtype=float), 1000.0, identify=True)
         names = self.simulation.cast([fan], self.simulation.look(), None)[0].names
-        assert names is not None
         return names[0]
 
     def solid_rays(self, origin: Vector, directions: Array = AXES) -> Array:
@@ -76,11 +81,8 @@ class World:
 
 def import_text(folder: Path, text: str, name: str = "map.t3d", **options: object) -> World:
     """Write a map file, read and build it."""
-    source = folder / name
-    source.write_text(text, encoding="utf-8")
     findings = Findings()
-    chosen = ImportOptions(**options)  # type: ignore[arg-type]
-    return build_world(folder, read_scene(source, Context(chosen, findings)), findings)
+    return build_world(folder, read(write(folder, text, name), findings, **options), findings)
 
 
 def build_world(folder: Path, scene: Scene, findings: Findings | None = None) -> World:
@@ -106,6 +108,26 @@ def mesh_of(
     """A mesh from lists."""
     corners = np.array(vertices, dtype=float).reshape(-1, 3)
     return Mesh("mesh", corners, np.array(triangles, dtype=np.int32).reshape(-1, 3), **more)  # type: ignore[arg-type]
+
+
+def joined(*meshes: Mesh) -> Mesh:
+    """One mesh of several."""
+    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    triangles = [mesh.triangles + start for mesh, start in zip(meshes, starts, strict=False)]
+    return mesh_of(np.concatenate([m.vertices for m in meshes]), np.concatenate(triangles))
+
+
+def polygon_area(points: Array) -> float:
+    """Of a flat polygon in space, m^2."""
+    crosses = np.cross(points - points[0], np.roll(points, -1, axis=0) - points[0])
+    return float(np.linalg.norm(crosses.sum(axis=0)) / 2.0)
+
+
+def is_convex(points: Array) -> bool:
+    """Whether no corner of a flat polygon turns the other way."""
+    edges = np.roll(points, -1, axis=0) - points
+    turns = np.cross(edges, np.roll(edges, -1, axis=0))
+    return bool((turns @ turns.sum(axis=0) > -1e-9).all())
 
 
 def thing(mesh: Mesh, name: str = "thing", pose: Pose = IDENTITY, **more: object) -> SceneObject:

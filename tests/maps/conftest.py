@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
+
+from usarsim_maps.findings import Findings
 
 
 @pytest.fixture(autouse=True)
@@ -13,3 +16,15 @@ def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder = tmp_path / "cache"
     monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
     return folder
+
+
+@pytest.fixture
+def findings() -> Findings:
+    """What an import has to tell."""
+    return Findings()
+
+
+@pytest.fixture
+def stage(tmp_path: Path) -> Any:
+    """A new stage of USD, `a.usda`; without the library the test skips."""
+    return pytest.importorskip("usd_stages").stage_at(tmp_path / "a.usda")

@@ -73,6 +73,13 @@ def told(findings: Findings) -> str:
     return "\n".join(f"{note.subject}: {note.text}" for note in findings.warnings())
 
 
+def faces_out(mesh: Mesh) -> bool:
+    """Whether all faces look away from the middle."""
+    a, b, c = (mesh.vertices[mesh.triangles[:, k]] for k in range(3))
+    away = (a + b + c) / 3.0 - mesh.vertices.mean(axis=0)
+    return bool((np.einsum("ij,ij->i", np.cross(b - a, c - a), away) > -1e-9).all())
+
+
 def upright(points: Array) -> Array:
     """Points of the simulation frame in a file whose y is up: x, z, -y."""
     answer: Array = points[:, [0, 2, 1]] * np.array([1.0, 1.0, -1.0])
@@ -103,10 +110,8 @@ def damages(content: bytes) -> st.SearchStrategy[bytes]:
 
 def survives(folder: Path, name: str, content: bytes) -> None:
     """A damaged file is read, or refused with one line that names it; nothing else happens."""
-    source = folder / name
-    source.write_bytes(content)
     try:
-        scene = read(source)
+        scene = read(write(folder, content, name))
     except MapImportError as error:
         text = str(error)
         assert name.partition(".")[0] in text
@@ -121,8 +126,11 @@ def survives(folder: Path, name: str, content: bytes) -> None:
 
 
 def refused(source: Path) -> str:
-    """The message with which a file is refused."""
-    return refusal(lambda: read(source))
+    """The message with which a file is refused: one line that begins with its name (item 73)."""
+    message = refusal(lambda: read(source))
+    assert message.startswith(str(source))
+    assert "\n" not in message
+    return message
 
 
 def refusal(run: Callable[[], object]) -> str:

@@ -3,6 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
+
+from mesh_samples import read, write
+
+from usarsim_maps.findings import Findings
+from usarsim_maps.scene import Scene
 
 Triple = tuple[float, float, float]
 
@@ -69,6 +75,13 @@ def level(*actors: str) -> str:
     """A whole file."""
     inside = "\n".join(actors)
     return f"Begin Map\nBegin Level Name=PersistentLevel\n{inside}\nEnd Level\nEnd Map\n"
+
+
+def read_level(
+    folder: Path, text: str, findings: Findings | None = None, **options: object
+) -> Scene:
+    """The scene in a text."""
+    return read(write(folder, text, "map.t3d"), findings, **options)
 
 
 def room(width: float = 1000.0, height: float = 750.0) -> str:

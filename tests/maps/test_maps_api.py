@@ -19,7 +19,6 @@ def test_the_example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     readers()  # all are known before one more is, for the time of this test
     monkeypatch.setattr(TYPES, "_types", dict(TYPES._types))
     begin, end = "    @register", "\n\nLengths are metres"
-    assert api.__doc__ is not None
     text = api.__doc__[api.__doc__.index(begin) : api.__doc__.index(end)]
     exec(textwrap.dedent(text), {**vars(api), "Path": Path})
     map_ = tmp_path / "map.blocks"

@@ -5,36 +5,20 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from mesh_samples import ASE, read, writer
+from mesh_samples import ASE, faces_out, read, whole, writer
 
-from usarsim_maps.scene import Collision, Mesh, Scene
+from usarsim_maps.scene import Collision
 
 write = writer("map.ase")
-
-
-def mesh_of(scene: Scene, index: int = 0) -> Mesh:
-    """The mesh of an object."""
-    shape = scene.objects[index].parts[0].shape
-    assert isinstance(shape, Mesh)
-    return shape
-
-
-def outward(mesh: Mesh) -> bool:
-    """Whether all faces look away from the middle."""
-    corners = mesh.vertices[mesh.triangles]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    away = corners.mean(axis=1) - mesh.vertices.mean(axis=0)
-    return bool((np.einsum("ij,ij->i", normals, away) > 0).all())
 
 
 def test_a_mesh_is_read(tmp_path: Path) -> None:
     """Vertices in metres, faces outwards, texture coordinates per corner, picture by name."""
     (tmp_path / "stone.TGA").write_bytes(b"x")
     scene = read(write(tmp_path, ASE))
-    mesh = mesh_of(scene)
+    mesh = whole(scene)
     np.testing.assert_allclose(mesh.vertices.max(axis=0), (1, 2, 1))
-    assert outward(mesh)
-    assert mesh.uvs is not None
+    assert faces_out(mesh)
     assert mesh.uvs[0].tolist() == [[0, 0], [0, 0], [1, 0.5]]
     assert mesh.materials == ("Stone",)
     assert scene.materials["Stone"].texture == tmp_path / "stone.TGA"
@@ -42,12 +26,12 @@ def test_a_mesh_is_read(tmp_path: Path) -> None:
 
 def test_scale_axis_and_mirror_are_obeyed(tmp_path: Path) -> None:
     """Options win; a mirrored mesh still looks outwards."""
-    mesh = mesh_of(read(write(tmp_path, ASE), scale=125.0, mirror=True))
+    mesh = whole(read(write(tmp_path, ASE), scale=125.0, mirror=True))
     np.testing.assert_allclose(mesh.vertices.min(axis=0), (0, -4, 0))
-    assert outward(mesh)
-    upright = mesh_of(read(write(tmp_path, ASE), up="Y"))
+    assert faces_out(mesh)
+    upright = whole(read(write(tmp_path, ASE), up="Y"))
     np.testing.assert_allclose(upright.vertices.max(axis=0), (1, 0, 2))
-    assert outward(upright)
+    assert faces_out(upright)
 
 
 def test_collision_pieces_are_recognised(tmp_path: Path) -> None:

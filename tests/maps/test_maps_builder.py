@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from built_worlds import (
     AXES,
+    WEDGE_FACES,
     build_world,
     cuboid_mesh,
     grid_mesh,
@@ -44,6 +45,7 @@ from usarsim_server.worlds.victims import PELVIS_HEIGHT
 
 FLOOR = thing(cuboid_mesh((-5, -5, -0.2), (5, 5, 0.0)), "floor")
 HERE = StartPose("Here", Pose((0.0, 0.0, 0.3)))
+TWO_FACES = [(0, 1, 2), (0, 2, 3)]
 
 
 def turned(degrees: float) -> tuple[float, float, float, float]:
@@ -90,7 +92,7 @@ class TestSeeing:
 
     def test_single_sided_faces_are_seen_from_both_sides(self, tmp_path: Path) -> None:
         """A quad of two triangles stops rays from the front and from behind (item 58)."""
-        quad = mesh_of([(1, -1, 0), (1, 1, 0), (1, 1, 2), (1, -1, 2)], [(0, 1, 2), (0, 2, 3)])
+        quad = mesh_of([(1, -1, 0), (1, 1, 0), (1, 1, 2), (1, -1, 2)], TWO_FACES)
         world = build_world(tmp_path, scene_of(FLOOR, thing(quad, "sheet"), starts=[HERE]))
         assert world.rays((0, 0, 1), AXES[:1])[0] == pytest.approx(1.0)
         assert world.rays((3, 0, 1), AXES[1:2])[0] == pytest.approx(2.0)
@@ -99,16 +101,7 @@ class TestSeeing:
         """Copies of one mesh, turned, scaled and mirrored, share files and are each in place."""
         wedge = mesh_of(
             [(0, 0, 0), (1, 0, 0), (0, 0.5, 0), (0, 0, 1), (1, 0, 1), (0, 0.5, 1)],
-            [
-                (0, 2, 1),
-                (3, 4, 5),
-                (0, 1, 4),
-                (0, 4, 3),
-                (1, 2, 5),
-                (1, 5, 4),
-                (2, 0, 3),
-                (2, 3, 5),
-            ],
+            WEDGE_FACES,
         )
         mirror = np.diag([-1.0, 1.0, 1.0, 1.0])
         copies = [
@@ -117,15 +110,11 @@ class TestSeeing:
             SceneObject("c", (Part(wedge, mirror),), Pose((0, 3, 0))),
         ]
         world = build_world(tmp_path, scene_of(FLOOR, *copies, starts=[HERE]))
-        for x, y, inside in [
-            (-2.9, 0.1, 1),
-            (2.9, 0.1, 1),
-            (-0.1, 3.1, 1),
-            (0.1, 3.1, 0),
-            (3.1, 0.1, 0),
-        ]:
-            for cast in (world.rays, world.solid_rays):
-                assert cast((x, y, 3.0), AXES[5:])[0] == pytest.approx(3.0 - inside, abs=1e-5)
+        covered, free = [(-2.9, 0.1), (2.9, 0.1), (-0.1, 3.1)], [(0.1, 3.1), (3.1, 0.1)]
+        for cast in (world.rays, world.solid_rays):
+            for places, depth in ((covered, 2.0), (free, 3.0)):
+                for place in places:
+                    assert cast((*place, 3.0), AXES[5:])[0] == pytest.approx(depth, abs=1e-5)
         assert len(list((world.built.folder / "meshes").iterdir())) == 3
 
     def test_pictures_keep_their_orientation(self, tmp_path: Path) -> None:
@@ -134,16 +123,10 @@ class TestSeeing:
         image.paste((0, 0, 255), (0, 32, 64, 64))  # red above, blue below
         image.save(tmp_path / "flag.jpg", quality=100)
         uvs = np.array([[(0, 0), (1, 0), (1, 1)], [(0, 0), (1, 1), (0, 1)]], dtype=float)
-        quad = mesh_of(
-            [(0, 0, 0), (1, 0, 0), (1, 0, 1), (0, 0, 1)],
-            [(0, 1, 2), (0, 2, 3)],
-            uvs=uvs,
-            materials=("flag",),
-        )
-        material = Material("flag", (1, 1, 1, 1), tmp_path / "flag.jpg")
-        world = build_world(
-            tmp_path, scene_of(FLOOR, thing(quad), starts=[HERE], materials={"flag": material})
-        )
+        corners = [(0, 0, 0), (1, 0, 0), (1, 0, 1), (0, 0, 1)]
+        quad = mesh_of(corners, TWO_FACES, uvs=uvs, materials=("flag",))
+        looks = {"flag": Material("flag", (1, 1, 1, 1), tmp_path / "flag.jpg")}
+        world = build_world(tmp_path, scene_of(FLOOR, thing(quad), starts=[HERE], materials=looks))
         model = world.model
         mesh = int(model.geom_dataid[model.geom("thing").id])
         texture = model.mesh_texcoord[model.mesh_texcoordadr[mesh] :][
@@ -160,21 +143,17 @@ class TestSeeing:
         assert pixels[5, 32, 0] > 200
         assert pixels[58, 32, 2] > 200
 
-    def test_missing_pictures_are_listed_once(self, tmp_path: Path) -> None:
-        """A picture that is not there is a finding; the world loads (item 70)."""
-        material = Material("wall", texture=tmp_path / "nowhere.tga")
-        mesh = mesh_of([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)], materials=("wall", "other"))
-        scene = scene_of(FLOOR, thing(mesh), starts=[HERE], materials={"wall": material})
-        world = build_world(tmp_path, scene)
+    def test_missing_and_broken_pictures(self, tmp_path: Path) -> None:
+        """A picture that is not there is listed once, one that is none is told of; the world loads
+        with plain materials (item 70)."""
+        looks = {
+            "wall": Material("wall", texture=tmp_path / "nowhere.tga"),
+            "door": Material("door", image=b"\x89PNG\r\n\x1a\nnonsense"),
+        }
+        mesh = mesh_of([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)], materials=(*looks, "other"))
+        world = build_world(tmp_path, scene_of(FLOOR, thing(mesh), starts=[HERE], materials=looks))
         assert world.findings.missing_list() == [("texture", "nowhere.tga", 1)]
-
-    def test_broken_pictures_are_told(self, tmp_path: Path) -> None:
-        """A file that is no picture leaves its material plain."""
-        (tmp_path / "bad.png").write_bytes(b"\x89PNG\r\n\x1a\nnonsense")
-        mesh = mesh_of([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)], materials=("wall",))
-        material = Material("wall", image=(tmp_path / "bad.png").read_bytes())
-        scene = scene_of(FLOOR, thing(mesh), starts=[HERE], materials={"wall": material})
-        assert "cannot be read" in build_world(tmp_path, scene).texts()
+        assert "door: the picture cannot be read" in world.texts()
 
 
 class TestFeeling:
@@ -212,7 +191,7 @@ class TestFeeling:
 
     def test_a_fast_ball_does_not_tunnel(self, tmp_path: Path) -> None:
         """At 5 m/s and 2 ms a ball stays above a floor of one quad (items 54, 59)."""
-        quad = mesh_of([(-3, -3, 0), (3, -3, 0), (3, 3, 0), (-3, 3, 0)], [(0, 1, 2), (0, 2, 3)])
+        quad = mesh_of([(-3, -3, 0), (3, -3, 0), (3, 3, 0), (-3, 3, 0)], TWO_FACES)
         world = build_world(tmp_path, scene_of(thing(quad, "floor"), starts=[HERE]))
         for height in (1.28, 1.5, 1.7):
             data = self.drop(self.ball(world.built.folder, (0.3, 0.1, height)), "ball", 4.0)
@@ -255,23 +234,21 @@ class TestFeeling:
             "can": (Cylinder(0.3, 1.2), 0.6),
             "pill": (Capsule(0.3, 0.6), 0.6),
         }
-        fixed = [
-            SceneObject(name, (Part(shape),), Pose((3.0 * n - 4.5, 2.0, 1.0)))
-            for n, (name, (shape, _)) in enumerate(shapes.items())
-        ]
-        loose = [
-            SceneObject(
-                f"loose_{name}", (Part(shape),), Pose((3.0 * n - 4.5, -2.0, 1.0)), movable=True
-            )
-            for n, (name, (shape, _)) in enumerate(shapes.items())
+        things = {
+            f"{how}_{name}": (shape, Pose((3.0 * n - 4.5, y, 1.0)), 8.0 - top)
+            for n, (name, (shape, top)) in enumerate(shapes.items())
+            for how, y in (("fixed", 2.0), ("loose", -2.0))
+        }
+        objects = [
+            SceneObject(name, (Part(shape),), pose, movable="loose" in name)
+            for name, (shape, pose, _) in things.items()
         ]
         ground = SceneObject("ground", (Part(Plane()),))
-        world = build_world(tmp_path, scene_of(ground, *fixed, *loose, starts=[HERE]))
-        for n, (name, (_, top)) in enumerate(shapes.items()):
-            for y, label in ((2.0, name), (-2.0, f"loose_{name}")):
-                place = (3.0 * n - 4.5, y, 9.0)
-                assert world.names(place, (0, 0, -1)) == label
-                assert world.rays(place, AXES[5:])[0] == pytest.approx(8.0 - top, abs=0.02)
+        world = build_world(tmp_path, scene_of(ground, *objects, starts=[HERE]))
+        for name, (_, pose, depth) in things.items():
+            above = (*pose.position[:2], 9.0)
+            assert world.names(above, (0, 0, -1)) == name
+            assert world.rays(above, AXES[5:])[0] == pytest.approx(depth, abs=0.02)
         assert world.rays((0, 20, 2), AXES[5:])[0] == pytest.approx(2.0)
 
     def test_terrain(self, tmp_path: Path) -> None:
@@ -331,13 +308,13 @@ class TestTelling:
         assert "Lost: no floor" in text
         assert "Far: a start pose far outside" in text
         assert "Here" not in text
-        assert [place.name for place in world.built.places] == ["Here", "Buried", "Lost"]
+        assert [place.name for place in world.built.checks] == ["Here", "Buried", "Lost"]
 
     def test_a_map_without_start_gets_one(self, tmp_path: Path) -> None:
         """It is free and has a floor below."""
         pillar = thing(cuboid_mesh((-1, -1, 0), (1, 1, 2)), "pillar")
         world = build_world(tmp_path, scene_of(FLOOR, pillar))
-        (place,) = world.built.places
+        (place,) = world.built.checks
         assert place.height == pytest.approx(0.25, abs=0.01)
         assert place.overlap == 0.0
         assert "no start pose" in world.texts()
@@ -413,11 +390,11 @@ class TestTelling:
         clear = build_world(tmp_path, scene_of(FLOOR, sky, starts=[HERE]))
         assert clear.rays((0, 0, 1))[4] == np.inf
 
-    @pytest.mark.parametrize(("size", "word"), [(0.001, "absurd"), (5000.0, "absurd")])
-    def test_absurd_sizes_are_refused(self, tmp_path: Path, size: float, word: str) -> None:
+    @pytest.mark.parametrize("size", [0.001, 5000.0])
+    def test_absurd_sizes_are_refused(self, tmp_path: Path, size: float) -> None:
         """A map of a millimetre or of 10 km has the wrong scale; the cure names one (6)."""
         mesh = cuboid_mesh((-size, -size, -size), (size, size, size))
-        with pytest.raises(MapImportError, match=f"{word}.*--scale"):
+        with pytest.raises(MapImportError, match=r"absurd.*--scale"):
             build_world(tmp_path, scene_of(thing(mesh), starts=[HERE]))
 
     def test_empty_maps_are_refused(self, tmp_path: Path) -> None:

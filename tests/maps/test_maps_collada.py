@@ -66,9 +66,8 @@ class TestAsset:
             assert places(mesh) == WEDGE_PLACES, asset
             assert volume(mesh) == pytest.approx(1.0)
 
-    def test_a_unit_without_meaning(self, tmp_path: Path) -> None:
+    def test_a_unit_without_meaning(self, tmp_path: Path, findings: Findings) -> None:
         """It is taken for a metre, with a warning."""
-        findings = Findings()
         asset = '<unit meter="centimetre"/><up_axis>Z_UP</up_axis>'
         assert volume(whole(read(write(tmp_path, dae(dae_wedge(), asset=asset)), findings))) == 1
         assert "1 m was taken" in findings.warnings()[0].text
@@ -161,7 +160,6 @@ class TestPrimitives:
             f'<triangles count="2">{inputs}<p>0 0 0 0 1 1 0 2 2 0 0 0 0 2 2 0 3 3</p></triangles>'
         )
         mesh = whole(read(write(tmp_path, dae(dae_geometry(faces, more=more)))))
-        assert mesh.uvs is not None
         assert np.allclose(mesh.uvs, mesh.vertices[mesh.triangles][:, :, :2])
         assert area(mesh) == pytest.approx(1.0)
 

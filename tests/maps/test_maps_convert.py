@@ -53,15 +53,10 @@ class TestCache:
 
         Counted in processor time of this process, which other programs do not disturb.
         """
+        corners = [(800 * x, 800 * y) for x in range(14) for y in range(14)]
         rooms = [
-            brush(
-                f"R{x}_{y}",
-                (x * 800, y * 800, 0),
-                (x * 800 + 750, y * 800 + 750, 700),
-                "CSG_Subtract",
-            )
-            for x in range(14)
-            for y in range(14)
+            brush(f"R{x}_{y}", (x, y, 0), (x + 750, y + 750, 700), "CSG_Subtract")
+            for x, y in corners
         ]
         path = tmp_path / "many.t3d"
         path.write_text(level(*rooms, start("S", (300, 300, 60))))

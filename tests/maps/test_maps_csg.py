@@ -88,9 +88,8 @@ def hollow_with_t_junctions() -> Brush:
     return Brush("hollow", (*outer, *halves, *inner))
 
 
-def test_a_hollow_brush() -> None:
+def test_a_hollow_brush(findings: Findings) -> None:
     """A concave brush with T-junctions has its volume to 0.1 % (item 21)."""
-    findings = Findings()
     solid = evaluate([hollow_with_t_junctions()], disjoint=True, findings=findings)
     assert volume(solid) == pytest.approx(48.0 - 3.6 * 3.6 * 2.6, rel=1e-3)
     assert not contains(solid, (2.0, 2.0, 1.5))
@@ -190,18 +189,16 @@ def test_semisolid_brushes_are_not_cut() -> None:
     assert len(solid.sheets) == 6
 
 
-def test_open_brushes_are_closed_and_told() -> None:
+def test_open_brushes_are_closed_and_told(findings: Findings) -> None:
     """A brush without its lid becomes solid up to its box, and the report says so."""
-    findings = Findings()
     faces = [f for f in box_faces((0, 0, 0), (1, 1, 1)) if f.vertices[:, 2].min() < 1.0]
     solid = evaluate([Brush("open", tuple(faces))], findings=findings)
     assert volume(solid) == pytest.approx(1.0)
     assert "not closed" in findings.warnings()[0].text
 
 
-def test_flat_and_broken_brushes_are_dropped() -> None:
+def test_flat_and_broken_brushes_are_dropped(findings: Findings) -> None:
     """A brush of too few or of flat faces encloses nothing; the rest of the level stays."""
-    findings = Findings()
     line = Polygon(np.array([(0, 0, 0), (1, 0, 0), (2, 0, 0)], dtype=float))
     sheet = Polygon(np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0)], dtype=float))
     solid = evaluate(
@@ -216,10 +213,9 @@ def test_flat_and_broken_brushes_are_dropped() -> None:
     assert {w.subject for w in findings.warnings()} == {"flat", "few"}
 
 
-def test_levels_have_a_budget(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_levels_have_a_budget(monkeypatch: pytest.MonkeyPatch, findings: Findings) -> None:
     """A level of too many cells is cut off with a warning, never endless."""
     monkeypatch.setattr(csg, "MAX_CELLS", 5)
-    findings = Findings()
     boxes = [box((2 * n, 0, 0), (2 * n + 1, 1, 1)) for n in range(20)]
     assert len(evaluate(boxes, findings=findings).cells) == 6
     assert "left out" in findings.warnings()[0].text

@@ -8,7 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from built_worlds import build_world, cuboid_mesh, grid_mesh, mesh_of, scene_of, thing
+from built_worlds import build_world, cuboid_mesh, grid_mesh, joined, mesh_of, scene_of, thing
 from numpy.typing import NDArray
 
 from usarsim_maps.build.mesh_error import model_error
@@ -20,13 +20,6 @@ Change = Callable[[Mesh], Mesh]
 
 POST = 0.1
 """m: side of the posts of a step field."""
-
-
-def joined(*meshes: Mesh) -> Mesh:
-    """One mesh of several."""
-    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
-    triangles = [mesh.triangles + start for mesh, start in zip(meshes, starts, strict=False)]
-    return mesh_of(np.concatenate([m.vertices for m in meshes]), np.concatenate(triangles))
 
 
 def posts(heights: Array) -> Mesh:

@@ -34,10 +34,9 @@ MESHES = {
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_meshes(name: str) -> None:
+def test_meshes(name: str, findings: Findings) -> None:
     """Triangles and extents of the three COLLADA files; every picture is found (items 43, 46)."""
     count, extents = MESHES[name]
-    findings = Findings()
     scene = read(MAPS / name, findings)
     mesh = whole(scene)
     assert len(mesh.triangles) == count

@@ -8,7 +8,16 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from built_worlds import World, build_world, cuboid_mesh, import_text, scene_of, thing
+from built_worlds import (
+    World,
+    build_world,
+    cuboid_mesh,
+    import_text,
+    is_convex,
+    polygon_area,
+    scene_of,
+    thing,
+)
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -22,6 +31,7 @@ from usarsim_maps.unreal.names import likely_color
 from usarsim_server.cameras import backend as probe
 from usarsim_server.cameras.painter import Painter, PainterOptions
 from usarsim_server.cameras.view import View, looking
+from usarsim_server.simulation.frames import rotation_matrix
 
 Array = NDArray[np.float64]
 
@@ -89,7 +99,7 @@ def test_suns_are_not_dimmed_by_lamps() -> None:
     assert lamps(lights)[0]["diffuse"] == pytest.approx((0.4, 0.4, 0.4))
 
 
-def test_parallel_suns_are_one_where_there_are_too_many() -> None:
+def test_parallel_suns_are_one_where_there_are_too_many(findings: Findings) -> None:
     """Suns that shine the same way are added up before any light is left out (76)."""
     below = [
         Light(f"S{n}", LightKind.DIRECTIONAL, (n, 0, 9), (0, 0, -1 - n), brightness=0.1)
@@ -99,7 +109,6 @@ def test_parallel_suns_are_one_where_there_are_too_many() -> None:
         Light(f"R{n}", LightKind.DIRECTIONAL, direction=(math.cos(n), math.sin(n), 0))
         for n in range(4)
     ]
-    findings = Findings()
     chosen = chosen_lights([*below, *round_about], findings)
     assert [light.name for light in chosen] == ["S0", "R0", "R1", "R2", "R3"]
     assert chosen[0].brightness == pytest.approx(0.5)
@@ -135,19 +144,6 @@ def test_lights_have_no_direction(tmp_path: Path) -> None:
 # ---- cutting ---------------------------------------------------------------------------------
 
 
-def area(points: Array) -> float:
-    """Of a flat polygon, m^2."""
-    fan = np.cross(points[1:-1] - points[0], points[2:] - points[0])
-    return float(np.linalg.norm(fan.sum(axis=0))) / 2.0
-
-
-def is_convex(points: Array) -> bool:
-    """Whether no corner turns the other way."""
-    edges = np.roll(points, -1, axis=0) - points
-    turns = np.cross(np.roll(edges, 1, axis=0), edges)
-    return bool((turns @ turns.sum(axis=0) > -1e-9).all())
-
-
 NUMBER = st.floats(-8.0, 8.0)
 
 
@@ -168,15 +164,13 @@ def test_pieces_make_up_the_face(
     """Whatever the face and the lamp: convex pieces in its plane, with its area."""
     angles = np.linspace(0.0, 2.0 * np.pi, corners, endpoint=False)
     points = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(corners)]) * size
-    turn = np.zeros(9)
     quaternion = np.array([1.0, *tilt])
-    mujoco.mju_quat2Mat(turn, quaternion / np.linalg.norm(quaternion))
-    points = points @ turn.reshape(3, 3).T
+    turn = rotation_matrix(quaternion / np.linalg.norm(quaternion))
+    points = points @ turn.T
     pieces = cut_for_light(points, [Glow(lamp, reach)])
-    assert sum(area(piece) for piece in pieces) == pytest.approx(area(points), rel=1e-6)
-    assert all(is_convex(piece) for piece in pieces)
-    normal = turn.reshape(3, 3)[:, 2]
-    assert all(np.abs(piece @ normal).max() < 1e-9 for piece in pieces)
+    assert sum(map(polygon_area, pieces)) == pytest.approx(polygon_area(points), rel=1e-6)
+    assert all(map(is_convex, pieces))
+    assert all(np.abs(piece @ turn[:, 2]).max() < 1e-9 for piece in pieces)
 
 
 FLOOR = np.array([[-10.0, -10, 0], [10, -10, 0], [10, 10, 0], [-10, 10, 0]])

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from built_worlds import World, build_world
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
-from mesh_samples import damages, read, refusal, survives
+from mesh_samples import FUZZ, damages, read, refusal, survives
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -126,9 +126,8 @@ class TestYaml:
                 assert 0.8 < y - corner[1] < 2.0
             (tmp_path / "map.yaml").unlink(missing_ok=True)
 
-    def test_a_picture_with_its_yaml(self, tmp_path: Path) -> None:
+    def test_a_picture_with_its_yaml(self, tmp_path: Path, findings: Findings) -> None:
         """Given the picture alone, the YAML file beside it counts all the same."""
-        findings = Findings()
         write(tmp_path, room(), yaml=YAML.format("map.pgm"))
         scene = read(tmp_path / "map.pgm", findings)
         assert not scene.source.assumed
@@ -368,8 +367,7 @@ class TestBadFiles:
         cut.write_bytes(cut.read_bytes()[:60])
         assert "cannot be read" in refusal(lambda: read(cut))
 
-    @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture],
-              deadline=None)  # fmt: skip
+    @settings(FUZZ, max_examples=60)
     @given(st.data())
     def test_damaged_files(self, tmp_path: Path, data: st.DataObject) -> None:
         """Whatever is wrong with a file, it is read or refused in one line."""

@@ -13,9 +13,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
-from mesh_samples import dae_textured
+from mesh_samples import FUZZ, dae_textured
 from PIL import Image
 from sdf_samples import model, shape, world
 
@@ -47,6 +47,17 @@ def gazebo_picture(uri: str) -> str:
     return world(model("m", shape(BOX, more=look)))
 
 
+def gazebo_script(uri: str) -> str:
+    """A world with a box that has a material of a script."""
+    look = f"<material><script><uri>{uri}</uri><name>A</name></script></material>"
+    return world(model("m", shape(BOX, more=look)))
+
+
+def beside_a_box(geometry: str) -> str:
+    """A world with a box and another shape."""
+    return world(model("b", shape(BOX)) + model("m", shape(geometry)))
+
+
 MAPS: dict[str, Callable[[Path], dict[str, str]]] = {
     "gazebo picture ..": lambda out: {"map.world": gazebo_picture("../out/secret.png")},
     "gazebo picture file:": lambda out: {"map.world": gazebo_picture(f"file://{out}/secret.png")},
@@ -54,28 +65,15 @@ MAPS: dict[str, Callable[[Path], dict[str, str]]] = {
     "gazebo picture backslash": lambda out: {"map.world": gazebo_picture("..\\out\\secret.png")},
     "gazebo picture link": lambda out: {"map.world": gazebo_picture("link/secret.png")},
     "gazebo height map": lambda out: {
-        "map.world": world(
-            model("b", shape(BOX))
-            + model(
-                "m", shape("<heightmap><uri>../out/secret.png</uri><size>9 9 1</size></heightmap>")
-            )
+        "map.world": beside_a_box(
+            "<heightmap><uri>../out/secret.png</uri><size>9 9 1</size></heightmap>"
         )
     },
     "gazebo mesh": lambda out: {
-        "map.world": world(
-            model("m", shape(f"<mesh><uri>file://{out}/secret.obj</uri></mesh>") + shape(BOX))
-        )
+        "map.world": beside_a_box(f"<mesh><uri>file://{out}/secret.obj</uri></mesh>")
     },
     "gazebo script": lambda out: {
-        "map.world": world(
-            model(
-                "m",
-                shape(
-                    BOX,
-                    more="<material><script><uri>a.material</uri><name>A</name></script></material>",
-                ),
-            )
-        ),
+        "map.world": gazebo_script("a.material"),
         "a.material": "material A { technique { pass { texture_unit { texture "
         "../out/secret.png } } } }",
     },
@@ -182,37 +180,13 @@ SCHEMES = st.sampled_from(
     ["", "file://", "file:///", "model://", "package://", "FILE://", "http://"]
 )
 SIGNS = st.sampled_from(
-    [
-        "..",
-        "%2e%2e",
-        "%252e",
-        ".",
-        "/",
-        "\\",
-        "%2f",
-        "%5C",
-        "C:",
-        "C:\\",
-        "\\\\host\\c",
-        "\0",
-        "%00",
-        "~",
-        "out",
-        "OUT",
-        "in",
-        "link",
-        "secret.png",
-        "SECRET.png",
-        "a" * 300,
-        "\u2024\u2024",
-        " ",
-        '"',
-        "é",
-    ]
-)
+    ["..", "%2e%2e", "%252e", ".", "/", "\\", "%2f", "%5C", "C:", "C:\\", "\\\\host\\c", "\0",
+     "%00", "~", "out", "OUT", "in", "link", "secret.png", "SECRET.png", "a" * 300,
+     "\u2024\u2024", " ", '"', "é"]
+)  # fmt: skip
 
 
-@settings(max_examples=400, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(FUZZ, max_examples=400)
 @given(scheme=SCHEMES, parts=st.lists(SIGNS, max_size=9), glue=st.sampled_from(["/", "\\", ""]))
 def test_no_address_leads_out(place: Path, scheme: str, parts: list[str], glue: str) -> None:
     """Whatever is written, finders answer with files in the folder or with nothing."""
@@ -233,12 +207,7 @@ HANGS = {
     "map.gltf": GLTF.replace("IMAGE", "pipe.png").replace("BUFFER", BYTES),
     "map.dae": dae_textured("pipe.png"),
     "map.yaml": "image: pipe.png\nresolution: 0.1\norigin: [0, 0, 0]\n",
-    "script.world": world(
-        model(
-            "m",
-            shape(BOX, more="<material><script><uri>.</uri><name>A</name></script></material>"),
-        )
-    ),
+    "script.world": gazebo_script("."),
 }
 
 

@@ -13,14 +13,14 @@ from sdf_samples import PLUGIN, load, model, shape
 from t3d_maps import brush, level, room, start, two_rooms
 
 from usarsim_maps.build.preview import CUT, SKY, Preview, covered, write_previews
-from usarsim_server.worlds.loader import load_world
+from usarsim_server.worlds.description import WorldDescription
 
 Pixels = NDArray[np.uint8]
 
 
 def preview_of(folder: Path, *actors: str) -> Preview:
     """Pictures of a map."""
-    return Preview(load_world(import_text(folder, level(*actors)).built.folder))
+    return Preview(import_text(folder, level(*actors)).description)
 
 
 def like(image: Pixels, color: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -87,7 +87,7 @@ def test_points_in_sections() -> None:
 def test_cuts_leave_sight_alone(tmp_path: Path) -> None:
     """Pictures are only pictures: rays in the world meet its walls where they were."""
     world = import_text(tmp_path, level(room(), start("S", (0, 0, 60))))
-    Preview(load_world(world.built.folder)).view(1)
+    Preview(world.description).view(1)
     assert world.rays((0.0, 0.0, 1.0), AXES) == pytest.approx([2, 2, 2, 2, 2, 1], abs=1e-5)
 
 
@@ -107,7 +107,7 @@ def test_low_ceilings_hide_nothing(tmp_path: Path, height: float) -> None:
     """However low the ceiling over a floor, plan and views show the floor and not the ceiling."""
     text = slab("floor", "10 8 0.2", -0.2, FLOOR) + slab("ceiling", "10 8 0.2", height, CEILING)
     world = build_world(tmp_path, load(tmp_path, text + PLUGIN.replace("1.5,-2", "1,1")))
-    preview = Preview(load_world(world.built.folder))
+    preview = Preview(world.description)
     for image in (preview.top(), *(preview.view(corner) for corner in range(4))):
         red, _, blue = (image[:, :, k].astype(int) for k in range(3))
         assert (red > blue + 60).mean() > 0.1
@@ -117,30 +117,31 @@ def test_low_ceilings_hide_nothing(tmp_path: Path, height: float) -> None:
 def test_tables_are_no_ceilings(tmp_path: Path) -> None:
     """What lies above less than half of the floor is seen from above, as it was."""
     table = slab("table", "4 4 0.1", 0.8, CEILING)
-    world = build_world(
-        tmp_path, load(tmp_path, slab("floor", "10 8 0.2", -0.2, FLOOR) + table + PLUGIN)
-    )
-    image = Preview(load_world(world.built.folder)).top().astype(int)
+    text = slab("floor", "10 8 0.2", -0.2, FLOOR) + table + PLUGIN
+    image = Preview(build_world(tmp_path, load(tmp_path, text)).description).top().astype(int)
     assert (image[:, :, 2] > image[:, :, 0] + 60).mean() > 0.05
 
 
 class TestPictures:
-    """Previews, checked by content."""
+    """Previews of two rooms, checked by content."""
 
-    def test_six_pictures_are_written(self, tmp_path: Path) -> None:
+    @pytest.fixture
+    def world(self, tmp_path: Path) -> WorldDescription:
+        """The rooms."""
+        return import_text(tmp_path, two_rooms()).description
+
+    def test_six_pictures_are_written(self, tmp_path: Path, world: WorldDescription) -> None:
         """Plan, slice and four views are PNG files."""
-        paths = write_previews(
-            load_world(import_text(tmp_path, two_rooms()).built.folder), tmp_path / "p"
-        )
+        paths = write_previews(world, tmp_path / "p")
         assert [p.stem for p in paths] == ["top", "slice", "view1", "view2", "view3", "view4"]
         for path in paths:
             with Image.open(path) as image:
                 assert image.size == (800, 600)
                 assert len(np.unique(np.asarray(image))) > 1
 
-    def test_the_slice_shows_walls_and_the_doorway(self, tmp_path: Path) -> None:
+    def test_the_slice_shows_walls_and_the_doorway(self, world: WorldDescription) -> None:
         """At the height of a laser the wall between the rooms is drawn, its doorway is not."""
-        preview = Preview(load_world(import_text(tmp_path, two_rooms()).built.folder))
+        preview = Preview(world)
         image = preview.slice()[:, :, 0]
         x, y, _ = preview._grid(800, 600)
 
@@ -153,9 +154,9 @@ class TestPictures:
         assert dark(2.0, 0.6, 1.8) > 0.95
         assert dark(2.0, -0.4, 0.4) < 0.05
 
-    def test_the_plan_marks_starts(self, tmp_path: Path) -> None:
+    def test_the_plan_marks_starts(self, world: WorldDescription) -> None:
         """Green dots stand where robots start; +y is up."""
-        preview = Preview(load_world(import_text(tmp_path, two_rooms()).built.folder))
+        preview = Preview(world)
         image = preview.top().astype(int)
         x, y, _ = preview._grid(800, 600)
         green = (image[:, :, 1] > 120) & (image[:, :, 0] < 60)

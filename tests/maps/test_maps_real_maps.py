@@ -9,11 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from built_worlds import AXES, World
+from built_worlds import AXES, build_world
+from mesh_samples import read
 
-from usarsim_maps.build.builder import build
 from usarsim_maps.findings import Findings
-from usarsim_maps.reader import Context, read_scene
 from usarsim_server.cameras.painter import Painter, PainterOptions
 from usarsim_server.cameras.view import View, looking
 
@@ -28,13 +27,10 @@ def modules() -> list[Path]:
 @pytest.mark.skipif(not modules(), reason="USARSIM_MAPS names no folder with T3D modules in t3d/")
 def test_rooms_of_the_world_generator(tmp_path: Path) -> None:
     """Every module is a closed room on the grid of 782 UU (reference 4.2)."""
-    for number, path in enumerate(modules()):
+    for path in modules():
         findings = Findings()
-        scene = read_scene(path, Context(findings=findings))
-        folder = tmp_path / f"m{number}"
-        folder.mkdir()
-        world = World(build(scene, folder, findings), findings, scene)
-        (x, y, _), (start,) = world.built.upper - world.built.lower, world.built.places
+        world = build_world(tmp_path, read(path, findings), findings)
+        (x, y, _), (start,) = world.built.upper - world.built.lower, world.built.checks
         for extent in (x, y):
             cells = (extent + 16 / 250) / (782 / 250)
             assert abs(cells - round(cells)) < 0.15, (path.name, extent)
@@ -50,11 +46,7 @@ def test_rooms_of_the_world_generator(tmp_path: Path) -> None:
 @pytest.mark.parametrize("path", modules(), ids=lambda path: path.stem)
 def test_cameras_in_rooms_of_the_world_generator(tmp_path: Path, path: Path) -> None:
     """Who looks around sees walls, floor and ceiling, not the sky; lit, and of several colours."""
-    findings = Findings()
-    scene = read_scene(path, Context(findings=findings))
-    folder = tmp_path / "world"
-    folder.mkdir()
-    world = World(build(scene, folder, findings), findings, scene)
+    world = build_world(tmp_path, read(path))
     assert len({tuple(rgba) for rgba in world.model.mat_rgba}) >= 3
     x, y, z = world.description.starts[0].pose.position
     options = PainterOptions(renderer="rays")
@@ -77,11 +69,7 @@ SOCCER = Path(MAPS) / "RoboSoccer.udk" if MAPS else Path("/nowhere")
 @pytest.mark.skipif(not SOCCER.is_file(), reason="USARSIM_MAPS names no folder with RoboSoccer.udk")
 def test_the_soccer_hall_is_lit(tmp_path: Path) -> None:
     """Its lamps reach the floor: the middle is brighter than without them, and not white."""
-    findings = Findings()
-    scene = read_scene(SOCCER, Context(findings=findings))
-    folder = tmp_path / "world"
-    folder.mkdir()
-    world = World(build(scene, folder, findings), findings, scene)
+    world = build_world(tmp_path, read(SOCCER))
     assert world.model.nlight == 7
     place = (1.5, 0.5, -2.048)
     light = 0.0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import json
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -12,13 +11,13 @@ import numpy as np
 import pytest
 from built_worlds import World, build_world, cuboid_mesh
 from gltf_samples import gltf as gltf_document
-from mesh_samples import dae, dae_geometry
+from mesh_samples import dae, dae_geometry, read, write
 from numpy.typing import NDArray
 from PIL import Image
+from sdf_samples import model, shape, world
 from t3d_maps import brush, level, start
 
 from usarsim_maps.findings import Findings
-from usarsim_maps.reader import Context, ImportOptions, read_scene
 from usarsim_maps.scene import Mesh
 from usarsim_server.simulation.frames import Vector
 
@@ -49,7 +48,7 @@ def t3d(folder: Path) -> Path:
         brush("Pillar", *corners(*PILLAR)),
         start("Here", (0, 0, 60)),
     )
-    return write(folder / "room.t3d", text)
+    return write(folder, text, "room.t3d")
 
 
 def obj(folder: Path) -> Path:
@@ -59,7 +58,7 @@ def obj(folder: Path) -> Path:
         lines += [f"v {x} {z} {-y}" for x, y, z in mesh.vertices.tolist()]
         lines += [f"f {a} {b} {c}" for a, b, c in (mesh.triangles + count + 1).tolist()]
         count += len(mesh.vertices)
-    return write(folder / "room.obj", "\n".join(lines) + "\n")
+    return write(folder, "\n".join(lines) + "\n", "room.obj")
 
 
 def gltf(folder: Path) -> Path:
@@ -81,7 +80,7 @@ def gltf(folder: Path) -> Path:
         ],
         buffers=[{"byteLength": len(points) + len(indices), "uri": uri}],
     )
-    return write(folder / "room.gltf", json.dumps(document))
+    return write(folder, document, "room.gltf")
 
 
 def collada(folder: Path) -> Path:
@@ -96,24 +95,17 @@ def collada(folder: Path) -> Path:
         geometries += dae_geometry(triangles, points, name=name)
         nodes += f'<node><instance_geometry url="#{name}"/></node>'
     asset = '<unit name="inch" meter="0.0254"/><up_axis>Z_UP</up_axis>'
-    return write(folder / "room.dae", dae(geometries, nodes, asset))
+    return write(folder, dae(geometries, nodes, asset), "room.dae")
 
 
 def sdf(folder: Path) -> Path:
     """A Gazebo world: six walls and the pillar as boxes of a static model."""
     parts = []
-    for number, (low, high) in enumerate([*shell(), PILLAR]):
+    for low, high in (*shell(), PILLAR):
         middle = " ".join(f"{(a + b) / 2:g}" for a, b in zip(low, high, strict=True))
         size = " ".join(f"{b - a:g}" for a, b in zip(low, high, strict=True))
-        box = f"<pose>{middle} 0 0 0</pose><geometry><box><size>{size}</size></box></geometry>"
-        parts.append(
-            f'<collision name="c{number}">{box}</collision><visual name="v{number}">{box}</visual>'
-        )
-    text = (
-        '<?xml version="1.0"?><sdf version="1.6"><world name="w"><model name="room">'
-        f'<static>true</static><link name="l">{"".join(parts)}</link></model></world></sdf>'
-    )
-    return write(folder / "room.world", text)
+        parts.append(shape(f"<box><size>{size}</size></box>", f"{middle} 0 0 0"))
+    return write(folder, world(model("room", "".join(parts))), "room.world")
 
 
 def occupancy(folder: Path) -> Path:
@@ -129,10 +121,9 @@ def occupancy(folder: Path) -> Path:
     paint(LOW, HIGH, 254)
     paint(*PILLAR, 0)
     Image.fromarray(pixels[::-1]).save(folder / "room.pgm")
+    text = f"image: room.pgm\nresolution: {edge}\norigin: [{origin[0]}, {origin[1]}, 0.0]\n"
     return write(
-        folder / "room.yaml",
-        f"image: room.pgm\nresolution: {edge}\norigin: [{origin[0]}, {origin[1]}, 0.0]\n"
-        "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n",
+        folder, text + "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n", "room.yaml"
     )
 
 
@@ -147,17 +138,14 @@ FORMATS: dict[str, Writer] = {
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_the_same_room_in_every_format(tmp_path: Path, name: str) -> None:
+def test_the_same_room_in_every_format(tmp_path: Path, name: str, findings: Findings) -> None:
     """Rays meet walls, floor and pillar where they are, to 1 mm; so do collisions (item 9)."""
-    findings = Findings()
-    source = FORMATS[name](tmp_path)
-    scene = read_scene(source, Context(ImportOptions(), findings))
-    world: World = build_world(tmp_path, scene, findings)
+    built = build_world(tmp_path, read(FORMATS[name](tmp_path), findings), findings)
     ways = fan()
     for eye in EYES:
         expected = distances(eye, ways)
-        np.testing.assert_allclose(world.rays(eye, ways), expected, atol=1e-3, err_msg=f"{eye}")
-        np.testing.assert_allclose(felt(world, eye, ways), expected, atol=1e-3, err_msg=f"{eye}")
+        np.testing.assert_allclose(built.rays(eye, ways), expected, atol=1e-3, err_msg=f"{eye}")
+        np.testing.assert_allclose(felt(built, eye, ways), expected, atol=1e-3, err_msg=f"{eye}")
 
 
 def test_the_truth_is_asymmetric() -> None:
@@ -225,9 +213,3 @@ def shell(thick: float = 0.2) -> list[tuple[Vector, Vector]]:
         ((a - t, b - t, c - t), (d + t, e + t, c)),
         ((a - t, b - t, f), (d + t, e + t, f + t)),
     ]
-
-
-def write(path: Path, text: str) -> Path:
-    """Write a file and say where it is."""
-    path.write_text(text, encoding="utf-8")
-    return path

@@ -95,7 +95,7 @@ class TestShapes:
         assert part.shape == Plane((5.0, 5.0))
         assert part.collision is Collision.AUTO
 
-    def test_height_map(self, tmp_path: Path) -> None:
+    def test_height_map(self, tmp_path: Path, findings: Findings) -> None:
         """A picture becomes terrain: its top edge is at the highest y, white at full height."""
         Image.fromarray(np.array([[255, 0, 0], [0, 0, 0], [0, 0, 51]], np.uint8)).save(
             tmp_path / "hill.png"
@@ -103,7 +103,6 @@ class TestShapes:
         text = (
             "<heightmap><uri>file://hill.png</uri><size>4 4 10</size><pos>0 0 1</pos></heightmap>"
         )
-        findings = Findings()
         scene = load(tmp_path, model("hill", shape(text)), findings)
         (field,) = scene.heightfields
         assert field.heights[2].tolist() == [10.0, 0.0, 0.0]
@@ -158,19 +157,17 @@ class TestMeshes:
         assert mesh.vertices.max(axis=0) == pytest.approx(WEDGE.max(axis=0) / 2.0)
 
     @pytest.mark.parametrize("uri", ["model://gone/w.dae", "model://thing/meshes/w.blend"])
-    def test_missing_and_unknown(self, tmp_path: Path, uri: str) -> None:
+    def test_missing_and_unknown(self, tmp_path: Path, uri: str, findings: Findings) -> None:
         """A mesh that cannot be had is a finding; placeholders stand in on request (item 70)."""
         write(tmp_path, "nothing", "thing/meshes/w.blend")
-        findings = Findings()
         text = self.inner(uri=uri) + model("other", BOX)
         assert only(load(tmp_path, text, findings)).name == "other"
         assert findings.missing_list() or findings.warnings()
         assert len(load(tmp_path, text, placeholders=True).objects) == 2
 
-    def test_a_broken_mesh_is_a_warning(self, tmp_path: Path) -> None:
+    def test_a_broken_mesh_is_a_warning(self, tmp_path: Path, findings: Findings) -> None:
         """One bad mesh does not stop a world; the warning names file and line."""
         write(tmp_path, MESH[:500], "thing/meshes/w.dae")
-        findings = Findings()
         assert len(load(tmp_path, self.inner() + model("b", BOX), findings).objects) == 1
         assert any("w.dae: line" in warning.text for warning in findings.warnings())
 
@@ -179,9 +176,8 @@ class TestMeshes:
         text = self.inner(uri="model://THING/Meshes/W.DAE")
         assert volume(whole(load(self.folder(tmp_path), text))) == pytest.approx(1.0)
 
-    def test_no_way_out_of_a_model(self, tmp_path: Path) -> None:
+    def test_no_way_out_of_a_model(self, tmp_path: Path, findings: Findings) -> None:
         """`..` in a model URI leads nowhere."""
-        findings = Findings()
         load(self.folder(tmp_path), self.inner(uri="model://thing/../thing/meshes/w.dae")
              + model("b", BOX), findings)  # fmt: skip
         assert findings.missing_list()

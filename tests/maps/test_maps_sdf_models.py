@@ -15,15 +15,14 @@ from sdf_samples import BOX, load, model, only, sdf, shape, world, write, write_
 from usarsim_maps.findings import Findings
 from usarsim_maps.gazebo.files import model_name
 from usarsim_maps.gazebo.looks import named_color, read_script
-from usarsim_maps.scene import LightKind, Material, Mesh, Plane
+from usarsim_maps.scene import LightKind, Material, Plane
 
 
 class TestModels:
     """Finding and moving them."""
 
-    def test_built_in_models(self, tmp_path: Path) -> None:
+    def test_built_in_models(self, tmp_path: Path, findings: Findings) -> None:
         """sun and ground_plane are there without files; other missing ones are named (item 49)."""
-        findings = Findings()
         uris = ("sun", "ground_plane", "fountain", "fountain")
         scene = load(
             tmp_path, "".join(f"<include><uri>model://{u}</uri></include>" for u in uris), findings
@@ -89,7 +88,7 @@ class TestModels:
         assert not only(load(tmp_path, text.format(1))).movable
         assert only(load(tmp_path, text.format(0))).movable
 
-    def test_joints(self, tmp_path: Path) -> None:
+    def test_joints(self, tmp_path: Path, findings: Findings) -> None:
         """Joined links are one body, loose ones are their own, those joined to the world stay."""
         links = "".join(
             f'<link name="l{k}"><pose>{k} 0 0 0 0 0</pose>{BOX}<inertial><mass>1</mass></inertial>'
@@ -100,7 +99,6 @@ class TestModels:
             '<joint name="a" type="revolute"><parent>l0</parent><child>l1</child></joint>'
             '<joint name="b" type="fixed"><parent>world</parent><child>l3</child></joint>'
         )
-        findings = Findings()
         scene = load(tmp_path, f'<model name="m">{links}{joints}</model>', findings)
         found = {t.name: (t.movable, t.mass, len(t.parts)) for t in scene.objects}
         assert found == {
@@ -207,7 +205,6 @@ class TestLooks:
         names = []
         for thing in scene.objects:
             mesh = thing.parts[0].shape
-            assert isinstance(mesh, Mesh)
             names.append(thing.parts[0].materials.get(0, mesh.materials[0]))
         assert [scene.materials[name].color[0] for name in names] == [1.0, 0.5]
 

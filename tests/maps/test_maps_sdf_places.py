@@ -33,16 +33,14 @@ class TestPlaces:
         assert start.tag == "Gate"
         assert start.pose.position == pytest.approx((1.5, -2.0, 0.3))
 
-    def test_starts_in_a_comment(self, tmp_path: Path) -> None:
+    def test_starts_in_a_comment(self, tmp_path: Path, findings: Findings) -> None:
         """A plug-in that was switched off still tells the starts, with a warning."""
-        findings = Findings()
         scene = load(tmp_path, f"<!-- {PLUGIN} -->" + model("m", BOX), findings)
         assert [start.tag for start in scene.starts] == ["Gate", "Roof"]
         assert "comment" in findings.warnings()[0].text
 
-    def test_a_start_without_sense(self, tmp_path: Path) -> None:
+    def test_a_start_without_sense(self, tmp_path: Path, findings: Findings) -> None:
         """What is no start pose is a warning."""
-        findings = Findings()
         text = "<plugin name='p'><StartPose_1>Gate here</StartPose_1></plugin>"
         assert not load(tmp_path, text + model("m", BOX), findings).starts
         assert "no start pose" in findings.warnings()[0].text
@@ -108,11 +106,8 @@ class TestPlaces:
         )
         scene = load(tmp_path, text)
         (victim,) = scene.victims
-        assert (victim.name, victim.properties["figure"], victim.posture) == (
-            "V1",
-            "female",
-            posture,
-        )
+        found = victim.name, victim.properties["figure"], victim.posture
+        assert found == ("V1", "female", posture)
         assert not [t for t in scene.objects if t.name == "V1"]
         if posture == "lying":
             # Rolled by a quarter turn the head is at -y, the feet at +y.
@@ -124,6 +119,6 @@ class TestPlaces:
         """Who imports the model of a person alone gets its shape, which a world would replace."""
         figure = shape("<box><size>0.5 0.3 1.7</size></box>", "0 0 0.85 0 0 0")
         path = write_model(tmp_path, "victim", sdf(model("victimWoman", figure)))
-        scene = read(path if path.suffix == ".sdf" else path / "model.sdf")
+        scene = read(path)
         assert not scene.victims
         assert [thing.name for thing in scene.objects] == ["victimWoman"]

@@ -58,9 +58,8 @@ def test_poses(tmp_path: Path, text: str, place: tuple[float, ...], yaw: float, 
         shape("<cylinder><radius>1</radius><length>1.#IND</length></cylinder>"),
     ],
 )
-def test_sizes(tmp_path: Path, text: str) -> None:
+def test_sizes(tmp_path: Path, text: str, findings: Findings) -> None:
     """A shape whose size makes no sense is left out, the others of its model are there."""
-    findings = Findings()
     other = shape("<sphere><radius>1</radius></sphere>").replace('"v"', '"w"')
     thing = only(load(tmp_path, model("m", text + other), findings))
     assert [part.shape for part in thing.parts] == [Sphere(1.0)]
@@ -74,10 +73,9 @@ def test_sizes_that_can_be_read(tmp_path: Path) -> None:
         assert only(load(tmp_path, inner)).parts[0].shape == Box((1.0, 2.0, 3.0))
 
 
-def test_scales_and_outlines(tmp_path: Path) -> None:
+def test_scales_and_outlines(tmp_path: Path, findings: Findings) -> None:
     """A bad scale of a mesh is 1; a bad corner of an outline is left out."""
     write(tmp_path, dae(dae_wedge()), "w.dae")
-    findings = Findings()
     mesh = "<mesh><uri>w.dae</uri><scale>2 x 2</scale></mesh>"
     high = whole(load(tmp_path, model("m", shape(mesh)), findings)).vertices.max(axis=0)
     assert high == pytest.approx(WEDGE.max(axis=0))
@@ -95,14 +93,13 @@ def test_masses(tmp_path: Path, value: str) -> None:
     assert only(load(tmp_path, model("m", inertial + BOX, static=False))).mass is None
 
 
-def test_friction_colour_and_transparency(tmp_path: Path) -> None:
+def test_friction_colour_and_transparency(tmp_path: Path, findings: Findings) -> None:
     """So do friction, colour and transparency."""
     more = "<material><diffuse>red</diffuse></material><transparency>yes</transparency>"
     text = shape(UNIT_BOX, more=more).replace(
         "</collision>",
         "<surface><friction><ode><mu>high</mu></ode></friction></surface></collision>",
     )
-    findings = Findings()
     thing = only(load(tmp_path, model("m", text), findings))
     assert thing.friction is None
     assert not thing.parts[0].materials
@@ -110,14 +107,13 @@ def test_friction_colour_and_transparency(tmp_path: Path) -> None:
         assert f"this <{tag}> was left out" in told(findings)
 
 
-def test_lights(tmp_path: Path) -> None:
+def test_lights(tmp_path: Path, findings: Findings) -> None:
     """A light is what is left of it."""
     text = (
         '<light name="L" type="spot"><pose>1 2 3 0 0 0</pose><diffuse>nan 1 1 1</diffuse>'
         "<direction>0 0 nan</direction><attenuation><range>far</range></attenuation>"
         "<spot><outer_angle>x</outer_angle></spot><intensity>inf</intensity></light>"
     )
-    findings = Findings()
     (light,) = load(tmp_path, text + model("m", BOX), findings).lights
     assert (light.position, light.direction) == ((1.0, 2.0, 3.0), (0.0, 0.0, -1.0))
     assert (light.color, light.brightness, light.reach) == ((1.0, 1.0, 1.0), 1.0, 0.0)
@@ -125,26 +121,24 @@ def test_lights(tmp_path: Path) -> None:
     assert len(findings.warnings()) == 5
 
 
-def test_start_poses(tmp_path: Path) -> None:
+def test_start_poses(tmp_path: Path, findings: Findings) -> None:
     """So do those of start poses: sums are done, the first six of seven numbers count."""
     plugin = (
         '<plugin name="p" filename="x"><StartPose_1>A 1,2,0.3 0,0,-3.14/2 9</StartPose_1>'
         "<StartPose_2>B 1,2,x</StartPose_2></plugin>"
     )
-    findings = Findings()
     (start_pose,) = load(tmp_path, plugin + model("m", BOX), findings).starts
     assert start_pose.pose.position == (1.0, 2.0, 0.3)
     assert rpy_from_quaternion(start_pose.pose.quaternion)[2] == pytest.approx(-1.57)
     assert "'B 1,2,x' is no start pose" in told(findings)
 
 
-def test_gravity_and_saved_poses(tmp_path: Path) -> None:
+def test_gravity_and_saved_poses(tmp_path: Path, findings: Findings) -> None:
     """A saved pose that makes no sense leaves the model where it was."""
     state = (
         '<state world_name="d"><model name="m"><pose>1 2 x 0 0 0</pose></model></state>'
         "<gravity>down</gravity>"
     )
-    findings = Findings()
     thing = only(load(tmp_path, placed("4 5 6 0 0 0") + state, findings))
     assert thing.pose.position == (4.0, 5.0, 6.0)
     assert len(findings.warnings()) == 2

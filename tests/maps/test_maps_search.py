@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
-from mesh_samples import WEDGE, dae, dae_wedge, read
+from mesh_samples import FUZZ, WEDGE, dae, dae_wedge, read
 from sdf_samples import BOX, model, sdf, shape, world, write, write_model
 from t3d_maps import actor, level, start
 
@@ -54,11 +54,10 @@ def collection(assets: Path, folder: str, uri: str) -> None:
         ("file:///home/bob/models/thing/model.sdf", "x/models"),
     ],
 )
-def test_models(tmp_path: Path, uri: str, folder: str) -> None:
+def test_models(tmp_path: Path, uri: str, folder: str, findings: Findings) -> None:
     """By any kind of URI, however deep in an asset folder."""
     assets = tmp_path / "assets"
     collection(assets, folder, "model://thing/meshes/w.dae")
-    findings = Findings()
     source = write(tmp_path, world(GROUND + include(uri)), "map/map.world")
     scene = read(source, findings, assets=(assets,))
     assert [thing.name for thing in scene.objects] == ["thing", "ground_plane"]
@@ -81,12 +80,11 @@ def test_models(tmp_path: Path, uri: str, folder: str) -> None:
         "C:\\maps\\thing\\meshes\\W.DAE",
     ],
 )
-def test_meshes(tmp_path: Path, uri: str) -> None:
+def test_meshes(tmp_path: Path, uri: str, findings: Findings) -> None:
     """Meshes likewise, and that of the own model where others have one of the same name."""
     assets = tmp_path / "assets"
     collection(assets, "x/pkg", uri)
     write(assets, dae(dae_wedge()), "x/other/meshes/w.dae")
-    findings = Findings()
     source = write(tmp_path, world(include("model://thing")), "map/map.world")
     read(source, findings, assets=(assets,))
     assert not findings.missing_list()
@@ -144,12 +142,11 @@ def test_below_the_worlds_own_folder(tmp_path: Path) -> None:
     assert [thing.name for thing in found.objects] == ["there"]
 
 
-def test_a_folder_of_the_name_that_is_no_model(tmp_path: Path) -> None:
+def test_a_folder_of_the_name_that_is_no_model(tmp_path: Path, findings: Findings) -> None:
     """An empty folder of the right name in the first place does not hide the model elsewhere."""
     (tmp_path / "map" / "thing").mkdir(parents=True)
     collection(tmp_path / "assets", "x", "model://thing/meshes/w.dae")
     source = write(tmp_path, world(include("model://thing")), "map/map.world")
-    findings = Findings()
     assert read(source, findings, assets=(tmp_path / "assets",)).objects
     assert not findings.missing_list()
 
@@ -204,9 +201,7 @@ class TestNothingFound:
 NAMES = st.sampled_from(["a", "b", "meshes", "1", "w.dae", "model.sdf"])
 
 
-@settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(FUZZ, max_examples=60)
 @given(st.lists(st.lists(NAMES, min_size=1, max_size=4), max_size=6), st.lists(NAMES, min_size=1))
 def test_any_tree(tmp_path: Path, paths: list[list[str]], wanted: list[str]) -> None:
     """What is found ends as it should, and what lies exactly there is found."""

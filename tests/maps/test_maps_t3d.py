@@ -8,21 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from built_worlds import AXES, import_text
+from mesh_samples import faces_out
 from t3d_maps import actor, brush, corner, cuboid, level, polygon, room, start
+from t3d_maps import read_level as read
 
 from usarsim_maps.build.csg import evaluate
 from usarsim_maps.findings import Findings
-from usarsim_maps.reader import Context, ImportOptions, read_scene
-from usarsim_maps.scene import Collision, LightKind, Mesh, Scene, Solidity
+from usarsim_maps.scene import Collision, LightKind, Scene, Solidity
 from usarsim_server.simulation.frames import wire_from_pose
-
-
-def read(folder: Path, text: str, findings: Findings | None = None, **options: object) -> Scene:
-    """The scene in a text."""
-    source = folder / "map.t3d"
-    source.write_bytes(text.encode())
-    chosen = ImportOptions(**options)  # type: ignore[arg-type]
-    return read_scene(source, Context(chosen, findings or Findings()))
 
 
 def volume(scene: Scene) -> float:
@@ -91,9 +84,8 @@ class TestBrushes:
         )
         assert [one.name for one in read(tmp_path, text).brushes] == ["B"]
 
-    def test_volumes_are_neither_felt_nor_seen(self, tmp_path: Path) -> None:
+    def test_volumes_are_neither_felt_nor_seen(self, tmp_path: Path, findings: Findings) -> None:
         """A volume, even one with a CsgOper, is no solid (item 18)."""
-        findings = Findings()
         text = level(
             brush("Floor", (-500, -500, -50), (500, 500, 0)),
             brush("V", (100, -100, 0), (200, 100, 200), kind="TriggerVolume"),
@@ -127,7 +119,7 @@ class TestBrushes:
         points = np.concatenate([p.vertices for p in scene.brushes[0].polygons])
         np.testing.assert_allclose(np.ptp(points, axis=0), (2.0, 1.0, 3.0))
 
-    def test_broken_polygons_are_left_out(self, tmp_path: Path) -> None:
+    def test_broken_polygons_are_left_out(self, tmp_path: Path, findings: Findings) -> None:
         """Too few corners or senseless numbers cost a polygon and a line in the report."""
         faces = "\n".join(polygon(face) for face in cuboid((0, 0, 0), (250, 250, 250)))
         bad = "Begin Polygon\nVertex 1,2\nEnd Polygon\n" + polygon(
@@ -137,7 +129,6 @@ class TestBrushes:
             "Begin Actor Class=Brush Name=B\nBegin Brush\nBegin PolyList\n"
             f"{bad}\n{faces}\nEnd PolyList\nEnd Brush\nCsgOper=CSG_Add\nEnd Actor"
         )
-        findings = Findings()
         assert volume(read(tmp_path, text, findings)) == pytest.approx(1.0)
         assert findings.warnings()[0].times == 2
 
@@ -237,9 +228,8 @@ class TestPlaces:
         assert sun.direction == pytest.approx((0, 0, -1))
         assert sky.kind is LightKind.AMBIENT
 
-    def test_unknown_things_are_counted(self, tmp_path: Path) -> None:
+    def test_unknown_things_are_counted(self, tmp_path: Path, findings: Findings) -> None:
         """Unknown classes, blocks and properties never stop an import (item 16)."""
-        findings = Findings()
         text = level(
             actor("UTWeaponLocker", "W", properties="Frobnication=(A=(B=(C=1)))"),
             actor("UTWeaponLocker", "W2"),
@@ -312,20 +302,15 @@ class TestMeshes:
         scene = read(tmp_path, level(room(), mesh_actor()), assets=(self.library(tmp_path),))
         (thing,) = scene.objects
         (part,) = thing.parts
-        assert isinstance(part.shape, Mesh)
         assert (thing.name, thing.tag, thing.movable) == ("Cube_0", "Box", False)
-        corners = part.shape.vertices[part.shape.triangles]
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        middle = part.shape.vertices.mean(axis=0)
-        assert (np.einsum("ij,ij->i", normals, corners.mean(axis=1) - middle) > 0).all()
+        assert faces_out(part.shape)
         world = import_text(tmp_path, level(room(), mesh_actor()), assets=(tmp_path / "assets",))
         assert world.rays((1.25, -1.25, 2.0), AXES[5:])[0] == pytest.approx(1.5, abs=1e-5)
         assert world.solid_rays((1.25, -1.25, 2.0), AXES[5:])[0] == pytest.approx(1.5, abs=1e-5)
         assert world.rays((1.25, -0.75, 2.0), AXES[5:])[0] == pytest.approx(2.0, abs=1e-5)
 
-    def test_missing_meshes_are_listed_once(self, tmp_path: Path) -> None:
+    def test_missing_meshes_are_listed_once(self, tmp_path: Path, findings: Findings) -> None:
         """A mesh that is not there is listed with its uses; the rest loads (item 70)."""
-        findings = Findings()
         scene = read(tmp_path, level(room(), mesh_actor(), mesh_actor()), findings)
         assert scene.objects == ()
         assert findings.missing_list()[0] == ("mesh", "Pkg.Props.Cube", 2)
@@ -368,7 +353,6 @@ class TestMeshes:
         )
         scene = read(tmp_path, text, assets=(self.library(tmp_path),))
         (part,) = scene.objects[0].parts
-        assert isinstance(part.shape, Mesh)
         points = part.shape.vertices @ part.matrix[:3, :3].T + part.matrix[:3, 3]
         np.testing.assert_allclose(np.ptp(points, axis=0), (1, 1, 2), atol=1e-9)
         assert points[:, 2].min() == pytest.approx(1.0)
@@ -389,5 +373,4 @@ class TestMeshes:
         scene = read(tmp_path, text)
         assert len(scene.brushes) == 1
         (part,) = scene.objects[0].parts
-        assert isinstance(part.shape, Mesh)
         assert np.ptp(part.shape.vertices, axis=0) == pytest.approx((1.0, 0.1, 2.0))

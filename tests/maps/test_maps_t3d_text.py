@@ -8,21 +8,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mesh_samples import read as read_file
+from mesh_samples import write
 from t3d_maps import level, room, start
+from t3d_maps import read_level as read
 
-from usarsim_maps.findings import Findings
-from usarsim_maps.reader import Context, ImportOptions, read_scene
-from usarsim_maps.scene import Scene
 from usarsim_maps.unreal.grammar import Block, T3dError, parse, reference, value_of
 from usarsim_server.errors import MapImportError
-
-
-def read(folder: Path, text: str, findings: Findings | None = None, **options: object) -> Scene:
-    """The scene in a text."""
-    source = folder / "map.t3d"
-    source.write_bytes(text.encode())
-    chosen = ImportOptions(**options)  # type: ignore[arg-type]
-    return read_scene(source, Context(chosen, findings or Findings()))
 
 
 def outcome(text: str) -> Block | int:
@@ -73,8 +65,8 @@ class TestGrammar:
 
     def test_utf16_is_read(self, tmp_path: Path) -> None:
         """Newer editors write UTF-16."""
-        (tmp_path / "map.t3d").write_bytes(level(room()).encode("utf-16"))
-        assert len(read_scene(tmp_path / "map.t3d").brushes) == 1
+        path = write(tmp_path, level(room()).encode("utf-16"), "map.t3d")
+        assert len(read_file(path).brushes) == 1
 
     @pytest.mark.parametrize(
         ("text", "value"),

@@ -14,6 +14,7 @@ from gltf_samples import gltf
 from mesh_samples import (
     FACES,
     TRIANGLES,
+    VERTEX,
     WEDGE,
     dae,
     dae_geometry,
@@ -49,10 +50,9 @@ class TestCollada:
         "step", ["<matrix>nan 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1</matrix>", "<matrix>1 2 3</matrix>",
                  "<translate>1 x 0</translate>", "<rotate>0 0 1 inf</rotate>"]
     )  # fmt: skip
-    def test_nodes_of_exporters(self, tmp_path: Path, step: str) -> None:
+    def test_nodes_of_exporters(self, tmp_path: Path, step: str, findings: Findings) -> None:
         """A node whose place makes no sense is left out, with all in it."""
         camera = f'<node name="Cam">{step}<node name="PlayerStart_1"/></node>'
-        findings = Findings()
         text = dae(dae_wedge(), SHOWN + camera)
         scene = read(write(tmp_path, text, "map.dae"), findings)
         assert [thing.name for thing in scene.objects] == ["n"]
@@ -67,37 +67,29 @@ class TestCollada:
         (light,) = read(write(tmp_path, text, "map.dae")).lights
         assert (light.color, light.cone) == ((1.0, 1.0, 1.0), 45.0)
 
+    def textured(self, uvs: str, corners: str) -> str:
+        """The wedge with texture coordinates, if they can be had."""
+        inputs = VERTEX + '<input semantic="TEXCOORD" source="#g-t" offset="1"/>'
+        triangles = f'<triangles count="4">{inputs}<p>{corners}</p></triangles>'
+        points = " ".join(f"{value:g}" for value in WEDGE.ravel())
+        return dae(dae_geometry(triangles, points, uvs))
+
     def test_texture_coordinates_that_are_not_there(self, tmp_path: Path) -> None:
         """Indices out of range take the first ones; the mesh is whole."""
         uvs = dae_source("g-t", "0.5 0.5 1 0 1 1", 2)
         corners = " ".join(f"{v} {9 if k == 5 else -1 if k == 7 else k % 3}"
                            for k, v in enumerate(FACES.ravel()))  # fmt: skip
-        inputs = (
-            '<input semantic="VERTEX" source="#g-v" offset="0"/>'
-            '<input semantic="TEXCOORD" source="#g-t" offset="1"/>'
-        )
-        triangles = f'<triangles count="4">{inputs}<p>{corners}</p></triangles>'
-        points = " ".join(f"{value:g}" for value in WEDGE.ravel())
         findings = Findings()
-        text = dae(dae_geometry(triangles, points, uvs))
-        mesh = whole(read(write(tmp_path, text, "map.dae"), findings))
+        mesh = whole(read(write(tmp_path, self.textured(uvs, corners), "map.dae"), findings))
         assert len(mesh.triangles) == 4
-        assert mesh.uvs is not None
         assert mesh.uvs.reshape(-1, 2)[[5, 7]].tolist() == [[0.5, 0.5]] * 2
         assert "2 corners have texture coordinates that are not there" in told(findings)
 
     @pytest.mark.parametrize("uvs", ["", dae_source("g-t", "0 x 1 0 1 1", 2)])
     def test_texture_coordinates_that_cannot_be_had(self, tmp_path: Path, uvs: str) -> None:
         """Without their source, or with one of words, the mesh has none."""
-        inputs = (
-            '<input semantic="VERTEX" source="#g-v" offset="0"/>'
-            '<input semantic="TEXCOORD" source="#g-t" offset="1"/>'
-        )
-        corners = " ".join(f"{v} 0" for v in FACES.ravel())
-        triangles = f'<triangles count="4">{inputs}<p>{corners}</p></triangles>'
-        points = " ".join(f"{value:g}" for value in WEDGE.ravel())
         findings = Findings()
-        text = dae(dae_geometry(triangles, points, uvs))
+        text = self.textured(uvs, " ".join(f"{v} 0" for v in FACES.ravel()))
         assert len(whole(read(write(tmp_path, text, "map.dae"), findings)).triangles) == 4
         assert "its pictures are left out" in told(findings)
 
@@ -153,7 +145,7 @@ class TestGltf:
         text = changed(lambda value: value["nodes"][0].update(change))
         assert not read(write(tmp_path, text, "map.gltf")).objects
 
-    def test_colours_and_lights(self, tmp_path: Path) -> None:
+    def test_colours_and_lights(self, tmp_path: Path, findings: Findings) -> None:
         """Colours have defaults."""
 
         def change(value: dict[str, Any]) -> None:
@@ -162,7 +154,6 @@ class TestGltf:
             value["extensions"] = {"KHR_lights_punctual": {"lights": lights}}
             value["nodes"][1]["extensions"] = {"KHR_lights_punctual": {"light": 0}}
 
-        findings = Findings()
         scene = read(write(tmp_path, changed(change), "map.gltf"), findings)
         assert scene.materials["red"].color == pytest.approx((1.0, 1.0, 1.0, 1.0))
         assert scene.lights[0].color == (1.0, 1.0, 1.0)
@@ -288,13 +279,9 @@ class TestUnreal:
     def test_a_lamp_of_bad_numbers(self, tmp_path: Path) -> None:
         """What makes no sense is as if it were not there."""
         bad = "Radius=-1.#IND\nBrightness=nan\nDrawScale=1.#QNAN\nLightColor=(B=x,G=1.#INF,R=255)"
-        found = self.scene(
-            tmp_path, actor("PointLight", "L", (0, 0, 100), bad), start("S", (0, 0, 60))
-        )
-        plain = self.scene(
-            tmp_path,
-            actor("PointLight", "L", (0, 0, 100), "LightColor=(R=255)"),
-            start("S", (0, 0, 60)),
+        found, plain = (
+            self.scene(tmp_path, actor("PointLight", "L", (0, 0, 100), text))
+            for text in (bad, "LightColor=(R=255)")
         )
         assert found.lights == plain.lights
         assert isinstance(found.lights[0], Light)
@@ -319,9 +306,8 @@ class TestUnreal:
         assert report.extents == pytest.approx((2.0, 2.0, 0.0))
         assert report.totals["triangles dropped"] == 1
 
-    def test_a_corner_that_is_none(self, tmp_path: Path) -> None:
+    def test_a_corner_that_is_none(self, tmp_path: Path, findings: Findings) -> None:
         """A polygon with such a corner is left out, its brush is there."""
-        findings = Findings()
         text = room().replace("+00500.000000", "1.#QNAN", 1)
         scene = read(write(tmp_path, level(text, start("S", (0, 0, 60))), "map.t3d"), findings)
         assert len(scene.brushes[0].polygons) == 5

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from lzo_fixture import lzo_pack
+from mesh_samples import faces_out, read, write
 from t3d_maps import cuboid
 from udk_maps import TABLE, Map, box_triangles, convex, room, scene_of, static_mesh, world_of
 from unreal_fixture import Enumeration, Name, Object, Ref, Structs, Writer, matrix, rotator, vector
 
 from usarsim_maps.convert import Request, import_map
 from usarsim_maps.findings import Findings
-from usarsim_maps.reader import Context, ImportOptions, read_scene
-from usarsim_maps.scene import Collision, Mesh
+from usarsim_maps.scene import Collision
 from usarsim_server.errors import MapImportError
 
 # ---- meshes --------------------------------------------------------------------------------
@@ -45,7 +45,6 @@ def test_meshes_from_packages(tmp_path: Path) -> None:
     (table,) = scene.objects
     assert (table.name, table.kind) == ("Table_0", "StaticMeshActor")
     (part,) = table.parts
-    assert isinstance(part.shape, Mesh)
     local = part.shape.vertices @ part.matrix[:3, :3].T + part.matrix[:3, 3]
     world = local @ table.pose.matrix().T + np.array(table.pose.position)
     # Local x from 0.5 m, 1 m long, points to -y; local y (right) is half a metre towards -x.
@@ -66,11 +65,8 @@ def test_faces_of_meshes_look_outwards(tmp_path: Path, version: int) -> None:
     made.placed("StaticMeshActor", "Box_0", Ref(mesh))
     (thing,) = scene_of(tmp_path, made).objects
     box = thing.parts[0].shape
-    assert isinstance(box, Mesh)
     assert len(box.vertices) == 8
-    for a, b, c in box.vertices[box.triangles]:
-        assert np.cross(b - a, c - a) @ (a + b + c) > 0.0
-    assert box.uvs is not None
+    assert faces_out(box)
     # u is x / 100 and v upwards is 1 - y / 100, y the engine's.
     corners = box.vertices[box.triangles]
     np.testing.assert_allclose(box.uvs[..., 0], corners[..., 0] * 2.5, atol=1e-6)
@@ -94,9 +90,7 @@ def test_slots_and_overrides(tmp_path: Path) -> None:
     )
     (thing,) = scene_of(tmp_path, made).objects
     (part,) = thing.parts
-    assert isinstance(part.shape, Mesh)
     assert part.shape.materials == ("P.First_Mat", "P.Second_Mat")
-    assert part.shape.slots is not None
     assert part.shape.slots.tolist() == [number % 2 for number in range(12)]
     assert dict(part.materials) == {1: "P.Third_Mat"}
 
@@ -117,7 +111,6 @@ def test_hulls(tmp_path: Path) -> None:
     made.placed("StaticMeshActor", "Box_0", Ref(mesh))
     (thing,) = scene_of(tmp_path, made).objects
     shape = thing.parts[0].shape
-    assert isinstance(shape, Mesh)
     hull, box, ball, capsule = shape.hulls
     np.testing.assert_allclose(hull, [[0, 0, 0], [1, 0, 0], [0, -1, 0], [0, 0, 1]])
     np.testing.assert_allclose(
@@ -163,12 +156,11 @@ def test_movable_and_not_solid(tmp_path: Path) -> None:
     assert ball.parts[0].shape is door.parts[0].shape
 
 
-def test_missing_meshes(tmp_path: Path) -> None:
+def test_missing_meshes(tmp_path: Path, findings: Findings) -> None:
     """Meshes in packages that are not there are listed with their number; the rest loads (70)."""
     made = room()
     for number in range(3):
         made.placed("StaticMeshActor", f"Table_{number}", TABLE)
-    findings = Findings()
     scene = scene_of(tmp_path, made, findings)
     assert ("mesh", "Furniture.Kitchen.Table", 3) in findings.missing_list()
     assert not scene.objects
@@ -204,11 +196,8 @@ def test_packages_serve_text_maps(tmp_path: Path) -> None:
         "StaticMesh=StaticMesh'Furniture.Kitchen.Table'\nEnd Object\n"
         "End Actor\nEnd Level\nEnd Map\n"
     )
-    (tmp_path / "map.t3d").write_text(text)
-    options = ImportOptions(assets=(folder,))
-    (thing,) = read_scene(tmp_path / "map.t3d", Context(options)).objects
+    (thing,) = read(write(tmp_path, text, "map.t3d"), assets=(folder,)).objects
     shape = thing.parts[0].shape
-    assert isinstance(shape, Mesh)
     np.testing.assert_allclose(np.ptp(shape.vertices, axis=0), [2.0, 1.0, 0.8])
 
 
@@ -223,7 +212,7 @@ def test_a_package_of_meshes(tmp_path: Path) -> None:
     np.testing.assert_allclose(world.built.upper, [2, 3.5, 2], atol=1e-6)
     (tmp_path / "empty.upk").write_bytes(Writer(flags=1).content())
     with pytest.raises(MapImportError, match="without a level"):
-        read_scene(tmp_path / "empty.upk")
+        read(tmp_path / "empty.upk")
 
 
 # ---- sublevels, options --------------------------------------------------------------------

@@ -8,7 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from built_worlds import AXES, World, build_world, import_text, mesh_of, scene_of, thing
+from built_worlds import (
+    AXES,
+    WEDGE_FACES,
+    World,
+    build_world,
+    import_text,
+    mesh_of,
+    scene_of,
+    thing,
+)
 from hypothesis import given
 from hypothesis import strategies as st
 from t3d_maps import corner
@@ -30,6 +39,7 @@ from usarsim_maps.units import (
 from usarsim_server.simulation.frames import (
     Pose,
     flip_point,
+    pose_from_wire,
     quaternion_from_rpy,
     rpy_from_quaternion,
     wire_from_pose,
@@ -52,34 +62,30 @@ def unreal_axes(pitch: float, yaw: float, roll: float) -> np.ndarray:
 
 def test_a_point_in_all_frames() -> None:
     """(250, 500, 750) UU is (1, -2, 3) in the simulation and (1, 2, -3) on the wire (item 1)."""
-    point = unreal_points((250.0, 500.0, 750.0))
-    assert point.tolist() == [1.0, -2.0, 3.0]
+    assert unreal_points((250.0, 500.0, 750.0)).tolist() == [1.0, -2.0, 3.0]
     assert flip_point((1.0, -2.0, 3.0)) == (1.0, 2.0, -3.0)
 
 
-def test_yaw_turns_clockwise() -> None:
-    """Yaw 16384 is -90 degrees in the simulation and +90 on the wire (item 2)."""
-    pose = unreal_pose((0, 0, 0), (0, 16384, 0))
-    assert rpy_from_quaternion(pose.quaternion)[2] == pytest.approx(-math.pi / 2)
-    assert wire_from_pose(pose)[1][2] == pytest.approx(math.pi / 2)
+@pytest.mark.parametrize(
+    ("rotator", "ours", "wire"),
+    [
+        ((0, 16384, 0), (0.0, 0.0, -math.pi / 2), (0.0, 0.0, math.pi / 2)),  # item 2
+        ((-5264, 8776, 0), (0.0, 0.50468, -0.84139), (0.0, -0.50468, 0.84139)),  # item 5
+    ],
+)
+def test_angles_in_both_frames(
+    rotator: tuple[int, ...], ours: tuple[float, ...], wire: tuple[float, ...]
+) -> None:
+    """Yaw turns clockwise; a rotator has the angles of the reference."""
+    pose = unreal_pose((0, 0, 0), rotator)
+    assert rpy_from_quaternion(pose.quaternion) == pytest.approx(ours, abs=1e-5)
+    assert wire_from_pose(pose)[1] == pytest.approx(wire, abs=1e-5)
 
 
-def test_pitch_lifts_the_nose() -> None:
-    """Pitch 8192 lifts the forward axis to z = 0.7071 (item 3)."""
+def test_pitch_and_roll() -> None:
+    """Pitch 8192 lifts the forward axis to z = 0.7071, roll 8192 the left axis (items 3, 4)."""
     assert unreal_rotation(8192, 0, 0)[2, 0] == pytest.approx(math.sqrt(0.5))
-
-
-def test_roll_lowers_the_right_side() -> None:
-    """Roll 8192 lifts the left axis to z = 0.7071 (item 4)."""
     assert unreal_rotation(0, 0, 8192)[2, 1] == pytest.approx(math.sqrt(0.5))
-
-
-def test_a_rotator_on_the_wire() -> None:
-    """The rotator (-5264, 8776, 0) has the angles of the reference in both frames (item 5)."""
-    pose = unreal_pose((0, 0, 0), (-5264, 8776, 0))
-    assert wire_from_pose(pose)[1] == pytest.approx((0.0, -0.50468, 0.84139), abs=1e-5)
-    _, pitch, yaw = rpy_from_quaternion(pose.quaternion)
-    assert (pitch, yaw) == pytest.approx((0.50468, -0.84139), abs=1e-5)
 
 
 @given(URU, URU, URU)
@@ -92,8 +98,6 @@ def test_rotations_agree_with_the_axes(pitch: int, yaw: int, roll: int) -> None:
 @given(st.tuples(URU, URU, URU), st.tuples(URU, URU, URU))
 def test_wire_and_back(location: tuple[int, ...], rotator: tuple[int, ...]) -> None:
     """To the wire and back gives the pose again (item 7)."""
-    from usarsim_server.simulation.frames import pose_from_wire
-
     pose = unreal_pose(location, rotator)
     again = pose_from_wire(*wire_from_pose(pose))
     np.testing.assert_allclose(again.matrix(), pose.matrix(), atol=1e-9)
@@ -183,12 +187,8 @@ def test_a_level_is_mirrored(tmp_path: Path) -> None:
     plain = import_text(tmp_path, corner())
     other = import_text(tmp_path, corner(), mirror=True)
     np.testing.assert_allclose(heights(other, True), heights(plain, False), atol=1e-5)
-    assert (
-        np.abs(heights(other, False) - heights(plain, False))[
-            np.isfinite(heights(plain, False))
-        ].max()
-        > 1.0
-    )
+    apart = np.abs(heights(other, False) - heights(plain, False))
+    assert apart[np.isfinite(apart)].max() > 1.0
     assert not other.scene.source.mirrored
 
 
@@ -196,7 +196,7 @@ def test_objects_and_terrain_are_mirrored(tmp_path: Path) -> None:
     """A turned object without symmetry and a hill end where their images are."""
     wedge = mesh_of(
         [(0, 0, 0), (1, 0, 0), (0, 2, 0), (0, 0, 1), (1, 0, 1), (0, 2, 1)],
-        [(0, 2, 1), (3, 4, 5), (0, 1, 4), (0, 4, 3), (1, 2, 5), (1, 5, 4), (2, 0, 3), (2, 3, 5)],
+        WEDGE_FACES,
     )
     # A sum of a function of x and one of y: every square is flat, however it is cut in two.
     hills = (0.3 * np.arange(9) % 0.7)[None, :] + (0.2 * np.arange(7) % 0.5)[:, None]

@@ -197,12 +197,11 @@ def test_markers(tmp_path: Path) -> None:
     assert scene.victims[0].pose.position == pytest.approx((3.0, 0.0, 0.0))
 
 
-def test_inline_files(tmp_path: Path) -> None:
+def test_inline_files(tmp_path: Path, findings: Findings) -> None:
     """Another file is shown where it is named; names inside are its own; missing ones are told."""
     (tmp_path / "meshes").mkdir()
     write(tmp_path / "meshes", VRML_WEDGE, "part.wrl")
     body = '<Transform translation="0 7 0"><Inline url=\'"meshes/part.wrl"\'/></Transform>'
-    findings = Findings()
     scene = read(write(tmp_path, x3d(body + '<Inline url="gone.wrl"/>')), findings)
     assert scene.objects[0].pose.position == pytest.approx((0.0, 0.0, 7.0))
     assert ("file", "gone.wrl", 1) in findings.missing_list()

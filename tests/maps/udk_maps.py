@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from built_worlds import World, build_world
+from mesh_samples import read, write
 from t3d_maps import cuboid
 from unreal_fixture import (
     VERSION,
@@ -26,7 +27,6 @@ from unreal_fixture import (
 )
 
 from usarsim_maps.findings import Findings
-from usarsim_maps.reader import Context, ImportOptions, read_scene
 from usarsim_maps.scene import Scene
 
 TABLE = Ref("Furniture.Kitchen.Table", "StaticMesh")
@@ -37,10 +37,7 @@ def scene_of(
     folder: Path, made: Writer, findings: Findings | None = None, **options: object
 ) -> Scene:
     """Write a package and read it."""
-    source = folder / "map.udk"
-    source.write_bytes(made.content())
-    chosen = ImportOptions(**options)  # type: ignore[arg-type]
-    return read_scene(source, Context(chosen, findings or Findings()))
+    return read(write(folder, made.content(), "map.udk"), findings, **options)
 
 
 def world_of(folder: Path, made: Writer, **options: object) -> World:

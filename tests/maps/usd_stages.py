@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 from built_worlds import World, build_world
+from mesh_samples import read
 
 from usarsim_maps.findings import Findings
 from usarsim_maps.geometry import points_of
-from usarsim_maps.reader import Context, ImportOptions, read_scene
 from usarsim_maps.scene import Scene, SceneObject
 
 pytest.importorskip("pxr.Usd", reason="usd-core is not installed: pip install usd-core")
@@ -108,12 +108,6 @@ def coordinates(mesh: Any, values: Sequence[tuple[float, float]], how: str = "fa
     )
     primvar.Set([Gf.Vec2f(*value) for value in values])
     return primvar
-
-
-def read(path: Path, findings: Findings | None = None, **options: object) -> Scene:
-    """Read a file."""
-    chosen = ImportOptions(**options)  # type: ignore[arg-type]
-    return read_scene(path, Context(chosen, findings or Findings()))
 
 
 def saved(stage: Any, findings: Findings | None = None, **options: object) -> Scene:

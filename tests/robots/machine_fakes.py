@@ -14,11 +14,14 @@ from usarsim_server.protocol.requests import Drive, WheelTarget
 from usarsim_server.protocol.values import Dialect
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.families.base import DriveController, StatusFacts
+from usarsim_server.robots.families.steered import SteeredFamily
+from usarsim_server.robots.families.tracked import Tracked
 from usarsim_server.sessions.robots import robot_model
 from usarsim_server.simulation.articulation import JointOrder, Order
 from usarsim_server.simulation.model import CompiledWorld, PhysicsOptions, compile_world
 from usarsim_server.simulation.simulation import BodyHandle
 from usarsim_server.simulation.snapshot import RobotBody
+from usarsim_server.testing.sharing import shipped_robots
 
 UT, UDK = Dialect.UT2004, Dialect.UDK
 
@@ -142,3 +145,39 @@ def floor() -> mujoco.MjSpec:
 
 def compiled(robot: RobotDescription, copies: int = 1) -> CompiledWorld:
     return compile_world(floor, (robot_model(robot),) * copies, PhysicsOptions(), 0)
+
+
+CATALOG = shipped_robots()
+ROBOTS = {robot.name: robot for robot in CATALOG.descriptions()}
+TRACKED = ["Kenaf", "Tarantula", "TeleMax", "Rugbot", "Talon", "Matilda", "crawler_robot", "Soryu"]
+
+
+def shipped(name: str) -> RobotDescription:
+    """A shipped class by any of its names."""
+    robot = CATALOG.find(name)
+    assert robot is not None, name
+    return robot
+
+
+def tracked(robot: RobotDescription) -> Tracked:
+    """What a robot has that runs on belts."""
+    assert isinstance(robot.family, Tracked)
+    return robot.family
+
+
+def steering(name: str) -> SteeredFamily:
+    """The steering of a shipped car."""
+    family = ROBOTS[name].family
+    assert isinstance(family, SteeredFamily)
+    return family
+
+
+def angles_of(driver: Driver) -> dict[str, float]:
+    """SteeredFamily angles that a machine was told, rad, positive to the right."""
+    family = driver.machine.description.family
+    assert isinstance(family, SteeredFamily)
+    return {
+        wheel.joint: -wheel.sense * driver.machine.positions[wheel.joint]
+        for wheel in family.wheels
+        if wheel.joint is not None
+    }

@@ -93,3 +93,10 @@ def kind(line: str) -> str:
 def values(line: str, key: str) -> list[str]:
     """Values of a key, of segments of their own or inside a multi-pair segment."""
     return re.findall(rf"[{{ ]{key} ([^{{}} ]*)", line)
+
+
+def number(line: str, key: str) -> float:
+    """A number of a line."""
+    found = re.search(rf"\{{{key} ([^}}]*)\}}", line)
+    assert found is not None, (key, line)
+    return float(found[1])

@@ -8,14 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from machine_fakes import UDK, Driver, wild_drives
+from machine_fakes import ROBOTS, UDK, Driver, angles_of, steering, wild_drives
 
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots.catalog import load_catalog
-from usarsim_server.robots.families.ackerman import (
+from usarsim_server.robots.families.steered import (
     Ackerman,
-    SteeredFamily,
     SteeredWheel,
     joint_ranges,
     turn,
@@ -23,31 +21,8 @@ from usarsim_server.robots.families.ackerman import (
 )
 from usarsim_server.robots.mjcf import build_spec
 
-ROBOTS = {robot.name: robot for robot in load_catalog().descriptions()}
-
-
 CARS = sorted(name for name, robot in ROBOTS.items() if robot.kind == "ackerman")
-
-
 SEDAN, FRONT, BASIC = ROBOTS["Sedan"], ROBOTS["FrontAckerman"], ROBOTS["BasicAckermanRobot"]
-
-
-def steering(name: str) -> SteeredFamily:
-    """The steering of a shipped car."""
-    family = ROBOTS[name].family
-    assert isinstance(family, SteeredFamily)
-    return family
-
-
-def angles_of(driver: Driver) -> dict[str, float]:
-    """SteeredFamily angles that a machine was told, rad, positive to the right."""
-    family = driver.machine.description.family
-    assert isinstance(family, SteeredFamily)
-    return {
-        wheel.joint: -wheel.sense * driver.machine.positions[wheel.joint]
-        for wheel in family.wheels
-        if wheel.joint is not None
-    }
 
 
 SIZES = st.tuples(

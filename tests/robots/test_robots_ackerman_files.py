@@ -6,36 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from machine_fakes import Driver
+from machine_fakes import Driver, angles_of
 from robot_files import write
 
 from usarsim_server.errors import RobotDescriptionError
-from usarsim_server.robots.catalog import load_catalog, load_robot
+from usarsim_server.robots.catalog import load_robot
 from usarsim_server.robots.description import RobotDescription
-from usarsim_server.robots.families.ackerman import (
-    SteeredFamily,
-)
-
-ROBOTS = {robot.name: robot for robot in load_catalog().descriptions()}
-
-
-def steering(name: str) -> SteeredFamily:
-    """The steering of a shipped car."""
-    family = ROBOTS[name].family
-    assert isinstance(family, SteeredFamily)
-    return family
-
-
-def angles_of(driver: Driver) -> dict[str, float]:
-    """SteeredFamily angles that a machine was told, rad, positive to the right."""
-    family = driver.machine.description.family
-    assert isinstance(family, SteeredFamily)
-    return {
-        wheel.joint: -wheel.sense * driver.machine.positions[wheel.joint]
-        for wheel in family.wheels
-        if wheel.joint is not None
-    }
-
+from usarsim_server.robots.families.steered import SteeredFamily
 
 KNUCKLE: dict[str, Any] = {
     "parent": 0,

@@ -11,20 +11,19 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from machine_fakes import UDK, UT, Driver, wild_drives
+from machine_fakes import ROBOTS, UDK, UT, Driver, wild_drives
 from robot_files import write
 
 from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots.catalog import load_catalog, load_robot
-from usarsim_server.robots.families.aerial import FASTEST, Aerial
+from usarsim_server.robots.catalog import load_robot
+from usarsim_server.robots.families.machines import FASTEST, Aerial
 from usarsim_server.robots.mjcf import build_spec
 from usarsim_server.simulation.frames import rpy_from_quaternion
 from usarsim_server.simulation.snapshot import RobotBody
 from usarsim_server.testing import Rehearsal, RehearsedClient
 
-ROBOTS = {robot.name: robot for robot in load_catalog().descriptions()}
 AIR, BLIMP = ROBOTS["AirRobot"], ROBOTS["Passarola"]
 TILT = math.radians(25.0)
 
@@ -365,14 +364,11 @@ def test_it_leaves_a_wall_when_told_to(tmp_path: Path) -> None:
         client.send("INIT {ClassName AirRobot} {Location 0,0,-0.6}")
         client.send("DRIVE {LinearVelocity 1.5}")
         own.run(4.0)
-        vehicle = own.assembly.robots.vehicles[0]
-        held = vehicle.body.look()
-        assert held is not None
+        held = own.robot_state()
         assert held.pose.position[0] < worlds.FIELD_START - 0.3
         client.send("DRIVE {LinearVelocity -1}")
         own.run(1.5)
-        free = vehicle.body.look()
-        assert free is not None
+        free = own.robot_state()
         assert free.pose.position[0] < held.pose.position[0] - 0.8
         assert free.linear_velocity[0] == pytest.approx(-1.0, abs=0.05)
 

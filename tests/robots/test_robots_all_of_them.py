@@ -18,13 +18,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import pytest
+from robot_files import number
 
 from usarsim_server.files import data_directory
-from usarsim_server.robots.catalog import load_catalog, load_robot
+from usarsim_server.robots.catalog import load_robot
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.sessions.robots import Vehicle
 from usarsim_server.simulation.snapshot import RobotBody
 from usarsim_server.testing import Rehearsal, RehearsedClient
+from usarsim_server.testing.sharing import shipped_robots
 
 CLASSES = (
     *("KRobot", "Rugbot", "P2AT", "StereoP2AT", "OmniP2AT", "P2DX", "OmniP2DX", "ATRVJr", "ATRV"),
@@ -35,7 +37,7 @@ CLASSES = (
 LISTED = {name.lower() for name in CLASSES}
 OTHERS = tuple(
     robot.name
-    for robot in load_catalog().descriptions()
+    for robot in shipped_robots().descriptions()
     if robot.kind != "static" and robot.name.lower() not in LISTED
 )
 """Shipped classes that the demo did not know."""
@@ -126,7 +128,7 @@ def settles(yard: Rehearsal, client: RehearsedClient, name: str, height: float) 
     assert max(heights[landed:]) < robot.rest_height + 0.05, "bounces"
 
 
-DRIVEN = {robot.name: robot for robot in load_catalog().descriptions() if robot.wheels}
+DRIVEN = {robot.name: robot for robot in shipped_robots().descriptions() if robot.wheels}
 STRAIGHT, TURNING = sorted(DRIVEN), sorted(n for n, r in DRIVEN.items() if r.kind == "differential")
 FASTEST = 3.0
 """m/s; beyond it only a part of the limit is tried."""
@@ -136,13 +138,6 @@ GATHERING, WINDOW = 3.5, 2.0
 """Simulated s to get up to speed, and to measure."""
 TURN = 0.5
 """rad/s in the turn."""
-
-
-def number(line: str, key: str) -> float:
-    """A number of a line."""
-    found = re.search(rf"\{{{key} ([^}}]*)\}}", line)
-    assert found is not None, (key, line)
-    return float(found[1])
 
 
 def vector(line: str, key: str) -> list[float]:

@@ -15,9 +15,10 @@ from test_robots_files_fuzz import QUICK, check, values
 from test_robots_limbs import ARM
 
 from usarsim_server.errors import RobotDescriptionError
-from usarsim_server.robots.catalog import load_catalog, load_robot
+from usarsim_server.robots.catalog import load_robot
 from usarsim_server.robots.description import CameraDescription, RobotDescription
 from usarsim_server.simulation.frames import Pose
+from usarsim_server.testing.sharing import shipped_robots
 
 CAMERA: dict[str, Any] = {"name": "Camera", "position": [0.1, 0.05, -0.4]}
 PAGE = Path(__file__).parents[2] / "docs" / "robot-files.md"
@@ -138,7 +139,7 @@ def test_carrier_of_an_inherited_camera_must_stay(tmp_path: Path) -> None:
 
 def test_shipped_cameras() -> None:
     """Pioneers carry one camera, the stereo pair two, the omnidirectional ones a wide one too."""
-    catalog = load_catalog()
+    catalog = shipped_robots()
     found = {robot.name: robot for robot in catalog.descriptions()}
     for name in ("P2AT", "P2AT_ATLANTA", "RescueP2AT", "P2DX", "P3DX", "P3AT", "P3AT_arm"):
         assert names(found[name]) == ["Camera"]

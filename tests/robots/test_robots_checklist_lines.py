@@ -13,10 +13,10 @@ import pytest
 from robot_files import DIALECTS, values
 from robot_files import kind as kind_of
 
-from usarsim_server.robots.catalog import load_catalog
 from usarsim_server.testing import Rehearsal
+from usarsim_server.testing.sharing import shipped_robots
 
-CLASSES = load_catalog().names()
+CLASSES = shipped_robots().names()
 ITEM_TYPES = ("Actuator", "MisPkg", "Gripper", "ToolChanger", "VacuumGripper", "Camera")
 SPACING = 9.0
 """m between robots, so that none stands in another's way; they see each other all the same."""

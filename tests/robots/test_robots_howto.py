@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from robot_files import SENSOR, table, write
 
-from usarsim_server.actuators.effector import effector_types
+from usarsim_server.actuators.effectors import effector_types
 from usarsim_server.cli.robots import check
 from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.protocol.requests import Drive
@@ -193,8 +193,7 @@ def test_car_example_drives_a_circle(tmp_path: Path) -> None:
         client.send("INIT {ClassName Cart} {Location 0,0,-0.1}")
         client.send("DRIVE {Speed 5} {FrontSteer 0.3}")
         stage.run(3.0)
-        state = stage.assembly.robots.vehicles[0].body.look()
-        assert state is not None
+        state = stage.robot_state()
         x, y, _ = state.pose.inverse().rotate(state.linear_velocity)
         turning = state.angular_velocity[2]
         # Speed of the middle of the rear axle over the turning rate.
@@ -213,8 +212,7 @@ def test_aircraft_example_flies(tmp_path: Path) -> None:
         stage.run(2.0)
         client.send("DRIVE {AltitudeVelocity 0} {LinearVelocity 100} {Normalized true}")
         stage.run(2.0)
-        state = stage.assembly.robots.vehicles[0].body.look()
-        assert state is not None
+        state = stage.robot_state()
         assert state.pose.position[2] > 1.5
         assert state.linear_velocity[0] == pytest.approx(4.0, abs=0.1)
         assert state.linear_velocity[2] == pytest.approx(0.0, abs=0.2)
@@ -228,16 +226,13 @@ def test_model_file_example_stands_and_moves(tmp_path: Path) -> None:
         client = stage.connect()
         client.send("INIT {ClassName Hopper} {Location 0,0,-0.24}")
         stage.run(1.0)
-        vehicle = stage.assembly.robots.vehicles[0]
-        state = vehicle.body.look()
-        assert state is not None
+        state = stage.robot_state()
         assert state.pose.position[2] == pytest.approx(0.23, abs=0.01)
         assert state.pose.rotate((0.0, 0.0, 1.0))[2] > 0.99
         client.send("SET {Type Joint} {Name Hip} {Opcode Angle} {Params 0.1}")
         client.send("DRIVE {Name Ankle} {Value -0.1}", "ACT {Name Neck} {Link 0} {Value 0.7}")
         stage.run(2.0)
-        state = vehicle.body.look()
-        assert state is not None
+        state = stage.robot_state()
         places = [state.joint_position(name) for name in ("Hip", "Ankle", "Pan")]
         assert places == pytest.approx([0.1, -0.1, 0.7], abs=0.01)
         (status,) = client.take("STA")[-1:]

@@ -6,19 +6,18 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from machine_fakes import UDK, UT, Driver
+from machine_fakes import ROBOTS, UDK, UT, Driver
 from robot_files import write
 
 from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots.catalog import load_catalog, load_robot
-from usarsim_server.robots.families.legged import Legged
+from usarsim_server.robots.catalog import load_robot
+from usarsim_server.robots.families.machines import Legged
 from usarsim_server.robots.mjcf import build_spec
 from usarsim_server.sessions.robots import Vehicle
 from usarsim_server.simulation.snapshot import RobotBody
 from usarsim_server.testing import Rehearsal, RehearsedClient
 
-ROBOTS = {robot.name: robot for robot in load_catalog().descriptions()}
 NAO = ROBOTS["Nao"]
 LEGGED = sorted(name for name, robot in ROBOTS.items() if robot.kind == "legged")
 

@@ -21,10 +21,10 @@ from usarsim_server.sessions.robots import robot_model
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose, wire_from_pose
 from usarsim_server.simulation.model import PhysicsOptions
-from usarsim_server.simulation.snapshot import RobotBody
 from usarsim_server.testing import Rehearsal, RehearsedClient
+from usarsim_server.testing.sharing import shipped_robots
 
-ROSTER = load_catalog()
+ROSTER = shipped_robots()
 ROBOTS = {robot.name: robot for robot in ROSTER.descriptions()}
 FLOATS = ("aerial", "underwater")
 STATIC = sorted(name for name, robot in ROBOTS.items() if robot.kind == "static")
@@ -324,20 +324,11 @@ def platforms() -> Iterator[tuple[Rehearsal, dict[str, RehearsedClient]]]:
         yield stage, clients
 
 
-def look(stage: Rehearsal, name: str) -> RobotBody:
-    """Present state of a robot by its name."""
-    vehicle = stage.assembly.robots.find(name)
-    assert vehicle is not None
-    state = vehicle.body.look()
-    assert state is not None
-    return state
-
-
 def test_platforms_stand(platforms: tuple[Rehearsal, dict[str, RehearsedClient]]) -> None:
     """Neither DRIVE nor gravity nor a truck that drives into it moves a platform (5.1 #13)."""
     stage, clients = platforms
     stage.run(0.5)
-    before = {name: look(stage, name).pose.position for name in STATIC}
+    before = {name: stage.robot_state(name).pose.position for name in STATIC}
     for client in clients.values():
         client.send("DRIVE {Left 5} {Right 5}", "DRIVE {Speed 5} {FrontSteer 0} {RearSteer 0}")
         client.send("DRIVE {LinearVelocity 1} {AltitudeVelocity 1}")
@@ -346,11 +337,11 @@ def test_platforms_stand(platforms: tuple[Rehearsal, dict[str, RehearsedClient]]
     truck.send(f"INIT {{ClassName Zerg}} {{Name Ram}} {{Location {x - 2},0,-0.1}}")
     truck.send("DRIVE {Left 100} {Right 100} {Normalized true}")
     stage.run(4.0)
-    ram = look(stage, "Ram")
+    ram = stage.robot_state("Ram")
     assert x - 1.8 < ram.pose.position[0] < x
     assert abs(ram.linear_velocity[0]) < 0.05
     for name in STATIC:
-        assert look(stage, name).pose.position == pytest.approx(before[name], abs=1e-3), name
+        assert stage.robot_state(name).pose.position == pytest.approx(before[name], abs=1e-3), name
     truck.close()
 
 
@@ -398,12 +389,12 @@ def test_an_overturned_robot_rights_itself_in_ut2004_only(name: str) -> None:
                 f" {{Location 0,{y},{-height}}} {{Rotation 3.1416,0,0.5}}"
             )
             stage.run(2.0)
-            assert look(stage, dialect).pose.rotate((0.0, 0.0, 1.0))[2] < 0.5
-            before = look(stage, dialect).pose.position
+            assert stage.robot_state(dialect).pose.rotate((0.0, 0.0, 1.0))[2] < 0.5
+            before = stage.robot_state(dialect).pose.position
             for _ in range(2):  # the second one finds it standing
                 client.send("DRIVE {Flip True}")
                 stage.run(1.5)
-            state = look(stage, dialect)
+            state = stage.robot_state(dialect)
             assert (state.pose.rotate((0.0, 0.0, 1.0))[2] > 0.99) == (dialect == "ut2004")
             assert math.dist(state.pose.position[:2], before[:2]) < 0.1
             if dialect == "ut2004":

@@ -9,14 +9,14 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from machine_fakes import ROBOTS
 from robot_files import CASTER, LEFT, RIGHT, SHAPE, table, write
 
-from usarsim_server.robots.catalog import load_catalog, load_robot
+from usarsim_server.robots.catalog import load_robot
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.families.wheeled import SkidSteer
 from usarsim_server.robots.mjcf import build_spec
 
-ROBOTS = {robot.name: robot for robot in load_catalog().descriptions()}
 WHEELED = {name: robot for name, robot in ROBOTS.items() if robot.family == SkidSteer()}
 PIONEERS = re.compile(r"P[23](AT|DX)(_real)?|pioneer[23](at|dx)_with_sensors")
 MODELS = sorted({one.model for one in WHEELED.values() if PIONEERS.fullmatch(one.model)})

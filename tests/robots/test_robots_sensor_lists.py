@@ -11,12 +11,11 @@ import re
 from pathlib import Path
 
 import pytest
+from machine_fakes import ROBOTS
 
 from usarsim_server.errors import RobotDescriptionError
-from usarsim_server.robots.catalog import load_catalog, load_robot
+from usarsim_server.robots.catalog import load_robot
 from usarsim_server.testing import Rehearsal, RehearsedClient
-
-ROBOTS = {robot.name: robot for robot in load_catalog().descriptions()}
 
 F = " ".join(f"F{n}" for n in range(1, 9))
 R = " ".join(f"R{n}" for n in range(1, 9))

@@ -7,17 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from machine_fakes import ROBOTS
 
 from usarsim_server.protocol.messages import ground_configuration, ground_geometry
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots.catalog import load_catalog
 from usarsim_server.robots.description import RobotDescription
 from usarsim_server.sensors.base import SensorContext, create_sensor
 from usarsim_server.simulation.frames import wire_from_pose
 from usarsim_server.worlds.description import WorldDescription
-
-ROBOTS = {robot.name: robot for robot in load_catalog().descriptions()}
-
 
 WORLD = WorldDescription("test", "Test", "", "", Path(), Path("scene.xml"), ())
 

@@ -9,14 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from machine_fakes import ROBOTS
 
 from usarsim_server.files import data_directory
-from usarsim_server.robots.catalog import load_catalog
 from usarsim_server.simulation.frames import wire_from_pose
 from usarsim_server.testing import Rehearsal
-
-ROBOTS = {robot.name: robot for robot in load_catalog().descriptions()}
-
 
 SHIPPED = sorted(data_directory("robots").glob("*.toml"), key=lambda path: path.name.lower())
 

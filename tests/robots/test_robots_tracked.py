@@ -9,44 +9,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from machine_fakes import compiled
+from machine_fakes import TRACKED, compiled, shipped, tracked
+from robot_files import number
 
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots.catalog import load_catalog
-from usarsim_server.robots.description import RobotDescription
-from usarsim_server.robots.families.tracked import Tracked
 from usarsim_server.sensors.base import SensorContext, create_sensor
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.testing import Rehearsal
 from usarsim_server.worlds.description import WorldDescription
 
-ROSTER = load_catalog()
-
-
 FLIPPERS = ("FRFlipper", "FLFlipper", "RRFlipper", "RLFlipper")
-
-
-CLASSES = (
-    "Kenaf",
-    "Tarantula",
-    "TeleMax",
-    "Rugbot",
-    "Talon",
-    "Matilda",
-    "crawler_robot",
-    "Soryu",
-)
-
-
-def shipped(name: str) -> RobotDescription:
-    robot = ROSTER.find(name)
-    assert robot is not None, name
-    return robot
-
-
-def tracked(robot: RobotDescription) -> Tracked:
-    assert isinstance(robot.family, Tracked)
-    return robot.family
 
 
 def test_aliases() -> None:
@@ -107,7 +79,7 @@ def test_figures_of_the_others(
     assert 2 * reach == pytest.approx(width, abs=0.012)
 
 
-@pytest.mark.parametrize("name", CLASSES)
+@pytest.mark.parametrize("name", TRACKED)
 def test_items_can_be_made(name: str) -> None:
     """Every class has a laser, INS, ground truth and a camera, and all can be made; odometry it has
     but for the crawler of the bridge, which had none."""
@@ -151,9 +123,9 @@ def test_telemax_arm_is_the_captured_one() -> None:
 @pytest.fixture(scope="module")
 def crowd() -> Iterator[Rehearsal]:
     """All classes, each spawned from 1.4 m and from 2.1 m in one world, three seconds later."""
-    with Rehearsal(world="empty", max_robots=2 * len(CLASSES)) as stage:
+    with Rehearsal(world="empty", max_robots=2 * len(TRACKED)) as stage:
         for row, height in enumerate((1.4, 2.1)):
-            for column, name in enumerate(CLASSES):
+            for column, name in enumerate(TRACKED):
                 client = stage.connect()
                 client.send(
                     f"INIT {{ClassName USARBot.{name}}} {{Name {name}{row}}}"
@@ -164,17 +136,14 @@ def crowd() -> Iterator[Rehearsal]:
 
 
 @pytest.mark.parametrize("row", [0, 1])
-@pytest.mark.parametrize("name", CLASSES)
+@pytest.mark.parametrize("name", TRACKED)
 def test_settles_from_high_up(crowd: Rehearsal, name: str, row: int) -> None:
     """#17: dropped from 1.4 or 2.1 m every class stands upright at its rest height after 3 s."""
-    vehicle = crowd.assembly.robots.find(f"{name}{row}")
-    assert vehicle is not None
-    state = vehicle.body.look()
-    assert state is not None
+    state = crowd.robot_state(f"{name}{row}")
     x, y, z = state.pose.position
     assert z == pytest.approx(shipped(name).rest_height, abs=0.002)
     assert state.pose.rotate((0.0, 0.0, 1.0))[2] > 0.99999
-    assert (x, y) == pytest.approx((3 * CLASSES.index(name), -3 * row), abs=0.02)
+    assert (x, y) == pytest.approx((3 * TRACKED.index(name), -3 * row), abs=0.02)
     assert max(map(abs, state.linear_velocity)) < 1e-3
 
 
@@ -187,12 +156,6 @@ def test_nobody_drifts(crowd: Rehearsal) -> None:
         assert now is not None
         assert then is not None
         assert math.dist(now.pose.position, then.pose.position) < 1e-4
-
-
-def number(line: str, key: str) -> float:
-    found = re.search(rf"\{{{key} (-?[\d.]+)\}}", line)
-    assert found is not None, line
-    return float(found[1])
 
 
 def test_flippers_of_ut2004() -> None:
@@ -224,8 +187,7 @@ def test_flippers_of_udk() -> None:
         client.send("SET {Type Joint} {Name FRFlipper} {Opcode Angle} {Params -0.6}")
         client.send("DRIVE {Name RLFlipper} {Value 0.4}")
         stage.run(2.0)
-        state = stage.assembly.robots.vehicles[0].body.look()
-        assert state is not None
+        state = stage.robot_state()
         angles = [state.joint_position(joint) for joint in FLIPPERS]
         assert angles == pytest.approx([-0.6, 0.0, 0.0, 0.4], abs=0.01)
 
@@ -306,8 +268,7 @@ def test_belts_run_on_when_the_world_grows() -> None:
         for n in range(9):
             stage.connect().send(f"INIT {{ClassName Kenaf}} {{Location {n},5,-0.09}}")
         stage.run(0.5)
-        state = stage.assembly.robots.vehicles[0].body.look()
-        assert state is not None
+        state = stage.robot_state()
         assert state.linear_velocity[0] == pytest.approx(0.27, abs=0.005)
         for vehicle in stage.assembly.robots.vehicles[1:]:
             resting = vehicle.body.look()
@@ -322,8 +283,7 @@ def test_soryu_bends() -> None:
         client.send("INIT {ClassName Soryu} {Location 0,0,-0.08}")
         client.send("MULTIDRIVE {FrontPitch 0.5} {FrontYaw 0.3}")
         stage.run(2.0)
-        state = stage.assembly.robots.vehicles[0].body.look()
-        assert state is not None
+        state = stage.robot_state()
         assert state.joint_position("FrontPitch") == pytest.approx(0.5, abs=0.01)
         head = state.link_pose("FrontBody")
         nose = head.rotate((1.0, 0.0, 0.0))
@@ -345,8 +305,7 @@ def test_example_of_the_page_climbs(tmp_path: Path) -> None:
         client.send("INIT {ClassName Crawler} {Location 0,0,-0.1}")
         client.send("MULTIDRIVE {FRFlipper -0.5} {FLFlipper -0.5}", "DRIVE {Left 3} {Right 3}")
         stage.run(3.0)
-        state = stage.assembly.robots.vehicles[0].body.look()
-        assert state is not None
+        state = stage.robot_state()
         assert state.pose.position[0] > 0.5
         tip = state.link_pose("FRFlipper") @ Pose((0.2, 0.0, 0.0))
         assert tip.position[2] == pytest.approx(0.08 + 0.2 * math.sin(0.5), abs=0.01)

@@ -13,45 +13,18 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from machine_fakes import compiled
+from machine_fakes import TRACKED, compiled, shipped, tracked
 from robot_files import SHAPE, table, write
 
 from usarsim_server.errors import RobotDescriptionError
-from usarsim_server.robots.catalog import load_catalog, load_robot
-from usarsim_server.robots.description import RobotDescription
-from usarsim_server.robots.families.tracked import Tracked, Treads
+from usarsim_server.robots.catalog import load_robot
+from usarsim_server.robots.families.tracked import Treads
 from usarsim_server.robots.tracks import Roller, Run, runs, touching
 from usarsim_server.sessions.robots import robot_model
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.ground import Belts
 from usarsim_server.simulation.model import PhysicsOptions
-
-ROSTER = load_catalog()
-
-
-CLASSES = (
-    "Kenaf",
-    "Tarantula",
-    "TeleMax",
-    "Rugbot",
-    "Talon",
-    "Matilda",
-    "crawler_robot",
-    "Soryu",
-)
-
-
-def shipped(name: str) -> RobotDescription:
-    robot = ROSTER.find(name)
-    assert robot is not None, name
-    return robot
-
-
-def tracked(robot: RobotDescription) -> Tracked:
-    assert isinstance(robot.family, Tracked)
-    return robot.family
-
 
 ROLLERS = st.lists(
     st.builds(
@@ -230,7 +203,7 @@ def surface_speed(
     return tuple(np.cross(frame @ angular, below))
 
 
-@pytest.mark.parametrize("name", CLASSES)
+@pytest.mark.parametrize("name", TRACKED)
 def test_surfaces_follow_the_sprocket_of_their_side(name: str) -> None:
     """What lies on the ground moves back at radius times spin, on chassis and flippers, each side
     for itself, and rollers turn no faster than their belt."""
@@ -396,12 +369,6 @@ def test_parked_belts_hold_with_all_their_grip() -> None:
     engine.world.model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
     engine.advance(100)
     assert engine.data.contact.friction[:, 0].min() == 1.0
-
-
-def number(line: str, key: str) -> float:
-    found = re.search(rf"\{{{key} (-?[\d.]+)\}}", line)
-    assert found is not None, line
-    return float(found[1])
 
 
 PAGE = (Path(__file__).parents[2] / "docs" / "robot-files.md").read_text(encoding="utf-8")

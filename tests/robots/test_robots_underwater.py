@@ -11,21 +11,20 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from machine_fakes import UDK, UT, Driver, wild_drives
+from machine_fakes import ROBOTS, UDK, UT, Driver, wild_drives
 from robot_files import write
 
 from usarsim_server.errors import RobotDescriptionError
 from usarsim_server.protocol.requests import Drive
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots.catalog import load_catalog, load_robot
+from usarsim_server.robots.catalog import load_robot
 from usarsim_server.robots.description import RobotDescription
-from usarsim_server.robots.families.underwater import Underwater
+from usarsim_server.robots.families.machines import Underwater
 from usarsim_server.robots.mjcf import build_spec
 from usarsim_server.simulation.frames import rpy_from_quaternion
-from usarsim_server.simulation.snapshot import RobotBody
 from usarsim_server.testing import Rehearsal
 
-SUBMARINE = next(robot for robot in load_catalog().descriptions() if robot.name == "Submarine")
+SUBMARINE = ROBOTS["Submarine"]
 SHAPE = {"kind": "capsule", "size": [0.2, 1.0], "mass": 200.0, "rotation": [0, 1.5708, 0]}
 
 
@@ -170,26 +169,20 @@ def test_it_holds_depth_and_steers(stage: Rehearsal) -> None:
     """It holds depth at zero input (5.2 #49), drives, turns right and dives as it is told."""
     client = stage.connect()
     client.send("INIT {ClassName USARBot.Submarine} {Location 0,0,-20}")
-    vehicle = stage.assembly.robots.vehicles[0]
-
-    def look() -> RobotBody:
-        state = vehicle.body.look()
-        assert state is not None
-        return state
 
     client.send("DRIVE {Left 5} {Right 5}", "DRIVE {AltitudeVelocity 1}")
     stage.run(3.0)
-    assert look().pose.position == pytest.approx((0.0, 0.0, 20.0), abs=1e-3)
+    assert stage.robot_state().pose.position == pytest.approx((0.0, 0.0, 20.0), abs=1e-3)
     client.send("DRIVE {Propeller 100} {Normalized true}")
     stage.run(8.0)
-    assert look().linear_velocity[0] > 0.8
-    assert look().pose.position[2] == pytest.approx(20.0, abs=0.01)
+    assert stage.robot_state().linear_velocity[0] > 0.8
+    assert stage.robot_state().pose.position[2] == pytest.approx(20.0, abs=0.01)
     client.send("DRIVE {Rudder 0.3} {SternPlane 0.2}")
     stage.run(4.0)
-    _, pitch, yaw = rpy_from_quaternion(look().pose.quaternion)
+    _, pitch, yaw = rpy_from_quaternion(stage.robot_state().pose.quaternion)
     assert yaw < -0.1  # to the right
     assert pitch > 0.05  # nose down
-    assert look().pose.position[2] < 20.0
+    assert stage.robot_state().pose.position[2] < 20.0
     (line,) = client.take("STA {Type NauticVehicle}")[-1:]
     assert "{RudderAngle 0.3000} {SternPlaneAngle 0.2000}" in line
     client.close()

@@ -10,15 +10,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from machine_fakes import UDK, UT, Driver, wild_drives
+from machine_fakes import ROBOTS, UDK, UT, Driver, wild_drives
 
 from usarsim_server.protocol.requests import Drive, WheelTarget
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots.catalog import load_catalog
 from usarsim_server.robots.families.wheeled import WheelDrive
 from usarsim_server.testing import Rehearsal
 
-ROBOTS = {robot.name: robot for robot in load_catalog().descriptions()}
 P2AT, P3AT, P2DX = ROBOTS["P2AT"], ROBOTS["P3AT"], ROBOTS["P2DX"]
 LIMIT = 5.385
 
@@ -242,7 +240,7 @@ def test_no_sequence_of_commands_leaves_the_limits(
         before = law.targets
 
 
-LISA = next(robot for robot in load_catalog().descriptions() if robot.name == "Lisa")
+LISA = ROBOTS["Lisa"]
 OMNI_LIMIT = 8.33
 ROLLS = math.nan
 """Speed of a wheel that has not been named yet."""
@@ -357,16 +355,13 @@ def test_some_wheels_are_enough(driven: tuple[int, ...]) -> None:
         client = stage.connect()
         client.send("INIT {ClassName USARBot.Lisa} {Location 0,0,-0.1}")
         client.send("DRIVE " + "".join(f"{{WheelNumber {n}}} {{WheelSpeed 4}} " for n in driven))
-        vehicle = stage.assembly.robots.vehicles[0]
         stage.run(2.0)
-        state = vehicle.body.look()
-        assert state is not None
+        state = stage.robot_state()
         assert state.linear_velocity[0] == pytest.approx(4.0 * 0.06, rel=0.01)
         assert state.wheel_speeds == pytest.approx([4.0] * 4, rel=0.01)
         client.send("DRIVE " + "".join(f"{{WheelNumber {n}}} {{WheelSpeed 0}} " for n in range(4)))
         stage.run(1.0)
-        state = vehicle.body.look()
-        assert state is not None
+        state = stage.robot_state()
         assert abs(state.linear_velocity[0]) < 1e-3
 
 
@@ -380,13 +375,10 @@ def test_it_goes_sideways() -> None:
         stage.run(2.0)
         rolling = "".join(f"{{WheelNumber {n}}} {{WheelSpeed 4}} " for n in range(4))
         client.send(f"DRIVE {rolling}")
-        vehicle = stage.assembly.robots.vehicles[0]
         stage.run(1.0)
-        before = vehicle.body.look()
+        before = stage.robot_state()
         stage.run(1.0)
-        after = vehicle.body.look()
-        assert before is not None
-        assert after is not None
+        after = stage.robot_state()
         (x0, y0, _), (x1, y1, _) = before.pose.position, after.pose.position
         assert y1 - y0 == pytest.approx(-4.0 * 0.06, rel=0.03)
         assert abs(x1 - x0) < 0.005

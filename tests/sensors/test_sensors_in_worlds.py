@@ -18,60 +18,19 @@ extends = "P3AT"
 description = "a P3AT with everything that measures geometry"
 without = ["lms200"]
 
-[[sensor]]
-type = "KinectDepth"
-name = "KinectDepth"
-position = [0.2, 0, -0.3]
-
-[[sensor]]
-type = "RangeScanner"
-name = "Fine"
-position = [0.2, 0, -0.2]
-fov = 4.7124
-resolution = 0.0043633
-max_range = 30.0
-interval = 0.05
-
-[[sensor]]
-type = "RangeScanner"
-name = "OnDemand"
-position = [0.2, 0, -0.2]
-interval = 0
-
-[[sensor]]
-type = "RangeScanner3D"
-name = "Cloud3D"
-position = [0.2, 0, -0.3]
-
-[[sensor]]
-type = "LineLaser"
-name = "Line1"
-position = [0.2, 0, -0.3]
-
-[[sensor]]
-type = "RotatingPointCloudScanner"
-name = "Spin1"
-position = [0.2, 0, -0.3]
-
-[[sensor]]
-type = "ExampleSonarArray"
-name = "Array1"
-position = [0.2, 0, -0.85]
-
-[[sensor]]
-type = "BumperArray"
-name = "Bumper"
-position = [0.13, 0, 0]
-
-[[sensor]]
-type = "ObjectSensor"
-name = "Vision1"
-position = [0.2, 0, -0.1]
-fov = 0.6
-
-[[sensor]]
-type = "INU"
-name = "INU"
+sensor = [
+  { type = "KinectDepth", name = "KinectDepth", position = [0.2, 0, -0.3] },
+  { type = "RangeScanner", name = "Fine", position = [0.2, 0, -0.2], fov = 4.7124, \
+    resolution = 0.0043633, max_range = 30.0, interval = 0.05 },
+  { type = "RangeScanner", name = "OnDemand", position = [0.2, 0, -0.2], interval = 0 },
+  { type = "RangeScanner3D", name = "Cloud3D", position = [0.2, 0, -0.3] },
+  { type = "LineLaser", name = "Line1", position = [0.2, 0, -0.3] },
+  { type = "RotatingPointCloudScanner", name = "Spin1", position = [0.2, 0, -0.3] },
+  { type = "ExampleSonarArray", name = "Array1", position = [0.2, 0, -0.85] },
+  { type = "BumperArray", name = "Bumper", position = [0.13, 0, 0] },
+  { type = "ObjectSensor", name = "Vision1", position = [0.2, 0, -0.1], fov = 0.6 },
+  { type = "INU", name = "INU" },
+]
 """
 
 WALL = 1.04

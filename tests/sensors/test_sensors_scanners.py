@@ -102,6 +102,7 @@ def test_beam_angles_follow_the_announced_resolution() -> None:
     ("kind", "udk", "ut2004"),
     [
         ("SICK", "20.00", "20.0000"),
+        ("RangeScanner3D", "20.00", "20.00"),
         ("Hokuyo", "4.00", "4.0000"),
         ("RangeScanner", "4.00", "4.0000"),
     ],
@@ -203,9 +204,10 @@ def test_a_nodding_scanner_sweeps_from_up_to_down() -> None:
     assert text_of(sensor.configuration(UDK)[-2:]) == "{Panning False} {Tilting True}"
 
 
-def test_scan_asks_for_an_immediate_report() -> None:
+@pytest.mark.parametrize("kind", ["SICK", "RangeScanner3D"])
+def test_scan_asks_for_an_immediate_report(kind: str) -> None:
     """SET SCAN measures now; other opcodes are unknown."""
-    sensor = make("SICK")
+    sensor = make(kind)
     assert sensor.set("SCAN", "", FakeRobot()) is SetResult.SCAN
     assert sensor.set("RESET", "", FakeRobot()) is SetResult.UNKNOWN
 
@@ -250,19 +252,22 @@ def test_the_infrared_scanner_sees_through_glass_and_keeps_both_limits() -> None
 
 
 @pytest.mark.parametrize(
-    ("options", "key"),
+    ("kind", "options", "key"),
     [
-        ({"resolution": 0.0}, "resolution"),
-        ({"resolution": 1e-320}, "resolution"),
-        ({"fov": 1.0, "resolution": 1.5}, "resolution"),
-        ({"fov": 180}, "fov"),
-        ({"sweep": "roll"}, "sweep"),
+        ("SICK", {"resolution": 0.0}, "resolution"),
+        ("SICK", {"resolution": 1e-320}, "resolution"),
+        ("SICK", {"fov": 1.0, "resolution": 1.5}, "resolution"),
+        ("SICK", {"fov": 180}, "fov"),
+        ("SICK", {"sweep": "roll"}, "sweep"),
+        ("RangeScanner3D", {"resolution": 1e-4, "vertical_resolution": 1e-4}, "resolution"),
+        ("RangeScanner3D", {"vertical_fov": 25}, "vertical_fov"),
+        ("RangeScanner3D", {"vertical_resolution": 1.0}, "vertical_resolution"),
     ],
 )
-def test_impossible_scans_are_refused(options: dict[str, object], key: str) -> None:
-    """Degrees instead of radians and zero steps are caught with the key's name."""
+def test_impossible_scans_are_refused(kind: str, options: dict[str, object], key: str) -> None:
+    """Degrees instead of radians, steps of none or wider than the field, scans too large."""
     with pytest.raises(RobotDescriptionError, match=f"{key}: "):
-        make("SICK", **options)
+        make(kind, **options)
 
 
 @settings(max_examples=40)
@@ -382,40 +387,12 @@ def test_requests_may_spell_either_name(kind: str) -> None:
     assert find_sensors([sensor], "RangeScanner", "S") == []
 
 
-def test_a_miss_prints_the_maximum_range_3d() -> None:
-    """As every range sensor does (protocol checklist 105)."""
-    sensor = make("RangeScanner3D", **SMALL, max_range=8.0)
-    read(sensor)
-    assert set(values(sensor, UT2004)["Range"].split(",")) == {"8.0000"}
-
-
-def test_scan_asks_for_an_immediate_report_3d() -> None:
-    """SET SCAN measures now."""
-    sensor = make("RangeScanner3D")
-    assert sensor.set("SCAN", "", FakeRobot()) is SetResult.SCAN
-    assert sensor.set("RESET", "", FakeRobot()) is SetResult.UNKNOWN
-
-
 def test_large_scans_print_two_digits() -> None:
     """Protocol reference 5.2 number 14: more than 240 beams."""
     sensor = make("RangeScanner3D")
     read(sensor, scene=Scene(wall_ahead(3.0)))
     assert values(sensor, UT2004)["Range"].startswith("3.5")
     assert len(values(sensor, UT2004)["Range"].split(",")[0]) == 4
-
-
-@pytest.mark.parametrize(
-    ("options", "key"),
-    [
-        ({"resolution": 0.0001, "vertical_resolution": 0.0001}, "resolution"),
-        ({"vertical_fov": 25}, "vertical_fov"),
-        ({"vertical_resolution": 1.0}, "vertical_resolution"),
-    ],
-)
-def test_impossible_scans_are_refused_3d(options: dict[str, object], key: str) -> None:
-    """Degrees, steps wider than the field, and scans that nobody can take."""
-    with pytest.raises(RobotDescriptionError, match=f"{key}: "):
-        make("RangeScanner3D", **options)
 
 
 def test_the_text_has_no_more_beams_than_the_printed_numbers_say() -> None:

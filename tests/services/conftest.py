@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterator
 import pytest
 from images_harness import FakeSource, RunningImages
 from services_harness import Running
+from wireless_harness import Line
+from wireless_harness import Running as Radio
 
 from usarsim_server.services.control import ControlLimits
 
@@ -18,9 +20,7 @@ def control() -> Iterator[Callable[..., Running]]:
     with contextlib.ExitStack() as stack:
 
         def start(limits: ControlLimits | None = None, *, hold: bool = False) -> Running:
-            running = Running(limits or ControlLimits(), hold)
-            stack.callback(running.stop)
-            return running
+            return stack.enter_context(Running(limits or ControlLimits(), hold))
 
         yield start
 
@@ -38,3 +38,10 @@ def images() -> Iterator[type[RunningImages]]:
     yield Started
     for running in started:
         running.stop()
+
+
+@pytest.fixture
+def running() -> Iterator[Radio]:
+    """The wireless services, and two stations that hear each other."""
+    with Radio(Line(A=0, B=1)) as radio:
+        yield radio

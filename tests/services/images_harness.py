@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import asyncio
 import struct
-import threading
-from collections.abc import Callable, Coroutine
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
-from services_harness import Client, LoopClock
+from services_harness import Client, LoopClock, OnLoop
 
 from usarsim_server.cameras.encoding import Encoder, JpegCodec
 from usarsim_server.cameras.view import Frame, Grid, Region
 from usarsim_server.protocol.images import RAW, ImageType
 from usarsim_server.services.images import ImageLimits, ImageService
-from usarsim_server.testing import PATIENCE
 
 GRID = Grid(columns=2, rows=2, tile_width=64, tile_height=48)
 BIG = Grid()
@@ -124,8 +120,8 @@ class ImageClient(Client):
         return bytes(data)
 
 
-class RunningImages:
-    """An image service on an event loop of its own thread."""
+class RunningImages(OnLoop):
+    """An image service."""
 
     def __init__(
         self,
@@ -140,9 +136,6 @@ class RunningImages:
     ) -> None:
         self.source = source
         self.encoder = Encoder(image_type, codec)
-        self.clients: list[ImageClient] = []
-        self.loop = asyncio.new_event_loop()
-        self.clock = LoopClock(self.loop) if stopped_clock else None
         self.service = ImageService(
             "127.0.0.1",
             0,
@@ -153,17 +146,9 @@ class RunningImages:
             bound=bound,
             limits=limits,
         )
-        self._thread = threading.Thread(target=self._serve, daemon=True)
-        self._thread.start()
-        self.endpoint = self.call(self.service.start())
-
-    def _serve(self) -> None:
-        asyncio.set_event_loop(self.loop)
-        self.loop.run_forever()
-
-    def call(self, coroutine: Coroutine[Any, Any, Any]) -> Any:
-        """Run a coroutine on the service's loop and wait for it."""
-        return asyncio.run_coroutine_threadsafe(coroutine, self.loop).result(PATIENCE)
+        super().__init__(self.service)
+        self.clock = LoopClock(self.loop) if stopped_clock else None
+        [self.endpoint] = self.begin()
 
     def turn(self, seconds: float) -> None:
         """Let the time of a service with a stopped clock pass."""
@@ -175,14 +160,3 @@ class RunningImages:
         client = ImageClient((self.endpoint.host, self.endpoint.port), **buffers)
         self.clients.append(client)
         return client
-
-    def stop(self) -> None:
-        """Stop everything."""
-        if self.loop.is_closed():
-            return
-        self.call(self.service.stop())
-        self.loop.call_soon_threadsafe(self.loop.stop)
-        self._thread.join(PATIENCE)
-        self.loop.close()
-        for client in self.clients:
-            client.close()

@@ -6,13 +6,17 @@ import asyncio
 import socket
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
+from typing import Any, Self, TypeVar
 
 from usarsim_server.protocol.grammar import Command
 from usarsim_server.services.control import ControlLimits, ControlService
 from usarsim_server.services.listener import Endpoint
+from usarsim_server.services.port import PortService
 from usarsim_server.sessions.outbox import Outbox
 from usarsim_server.testing import PATIENCE, eventually
+
+T = TypeVar("T")
 
 GREETING = b"NFO {Gametype BotDeathMatch} {Level arena} {TimeLimit 20}\r\n"
 
@@ -173,19 +177,58 @@ class Client:
         self.socket.close()
 
 
-class Running:
-    """A control service on an event loop of its own thread."""
+class OnLoop:
+    """Services on an event loop of a thread of its own, until `stop`."""
+
+    def __init__(self, *services: PortService[Any]) -> None:
+        self.clients: list[Any] = []
+        """What is to be closed at the end."""
+        self.services = services
+        self.loop = asyncio.new_event_loop()
+        self.thread = threading.Thread(target=self.loop.run_forever, daemon=True)
+        self.thread.start()
+
+    def begin(self) -> list[Endpoint]:
+        """Start the services."""
+        return [self.call(one.start()) for one in self.services]
+
+    def call(self, coroutine: Coroutine[Any, Any, T]) -> T:
+        """Have something done on the loop, and wait for it."""
+        return asyncio.run_coroutine_threadsafe(coroutine, self.loop).result(PATIENCE)
+
+    def stop_service(self) -> None:
+        """Stop the services only."""
+        for one in self.services:
+            self.call(one.stop())
+
+    def stop(self) -> None:
+        """Stop everything; a second call does nothing."""
+        if self.loop.is_closed():
+            return
+        self.stop_service()
+        self.loop.call_soon_threadsafe(self.loop.stop)
+        self.thread.join(PATIENCE)
+        self.loop.close()
+        for client in self.clients:
+            client.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.stop()
+
+
+class Running(OnLoop):
+    """A control service."""
 
     def __init__(self, limits: ControlLimits, hold: bool = False) -> None:
         self.sessions: list[FakeAgent] = []
         self.hold = hold
         self.refuse: Exception | None = None
-        self.loop = asyncio.new_event_loop()
-        self.clients: list[Client] = []
         self.service = ControlService("127.0.0.1", 0, GREETING, self._session, limits)
-        self._thread = threading.Thread(target=self._serve, daemon=True)
-        self._thread.start()
-        self.endpoint: Endpoint = self._call(self.service.start())
+        super().__init__(self.service)
+        [self.endpoint] = self.begin()
 
     def _session(self, peer: str, outbox: Outbox, on_backlog_low: Callable[[], None]) -> FakeAgent:
         if self.refuse is not None:
@@ -193,13 +236,6 @@ class Running:
         session = FakeAgent(peer, outbox, on_backlog_low, self.hold)
         self.sessions.append(session)
         return session
-
-    def _serve(self) -> None:
-        asyncio.set_event_loop(self.loop)
-        self.loop.run_forever()
-
-    def _call(self, coroutine):  # type: ignore[no-untyped-def]
-        return asyncio.run_coroutine_threadsafe(coroutine, self.loop).result(PATIENCE)
 
     def connect(self, *, greet: bool = True, **buffers: int) -> Client:
         """A new client that has read its greeting; buffers as for `Client`."""
@@ -218,18 +254,3 @@ class Running:
         """A new client and its session."""
         client = self.connect(**buffers)
         return client, self.session_of(client)
-
-    def stop_service(self) -> None:
-        """Stop the service only."""
-        self._call(self.service.stop())
-
-    def stop(self) -> None:
-        """Stop everything."""
-        if self.loop.is_closed():
-            return
-        self._call(self.service.stop())
-        self.loop.call_soon_threadsafe(self.loop.stop)
-        self._thread.join(PATIENCE)
-        self.loop.close()
-        for client in self.clients:
-            client.close()

@@ -9,7 +9,7 @@ import contextlib
 import heapq
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 
 import pytest
 from services_harness import LoopClock, words
@@ -17,7 +17,6 @@ from test_services_dialogue import Running, ground
 from wireless_harness import Line
 from wireless_harness import Running as Radio
 
-from usarsim_server.services import port as guests
 from usarsim_server.services import port as guests_module
 from usarsim_server.services.budget import (
     BURST,
@@ -45,6 +44,11 @@ class Clock:
         self.now = 0.0
         self._timers: list[tuple[float, int, Callable[[], None]]] = []
         self._number = 0
+        self._tasks: list[asyncio.Task[None]] = []
+
+    def start(self, work: Coroutine[None, None, None]) -> None:
+        """Have something done until the end of the test."""
+        self._tasks.append(asyncio.create_task(work))
 
     def __call__(self) -> float:
         return self.now
@@ -77,101 +81,83 @@ async def insist(budget: WorkBudget, cost: float, turns: list[float], clock: Clo
         turns.append(clock.now)
 
 
-def test_thirty_who_insist_get_the_share_and_no_more() -> None:
+def crowd(budget: WorkBudget, clock: Clock) -> list[float]:
+    """Thirty who insist until the end of the test; when they had their turns."""
+    turns = list[float]()
+    for _ in range(30):
+        clock.start(insist(budget, 0.001, turns, clock))
+    return turns
+
+
+async def test_thirty_who_insist_get_the_share_and_no_more() -> None:
     """In ten seconds all together use what is theirs, what was saved up, and one turn."""
-
-    async def play() -> float:
-        clock = Clock()
-        budget, turns = clock.budget(), list[float]()
-        greedy = [asyncio.create_task(insist(budget, 0.001, turns, clock)) for _ in range(30)]
-        await asyncio.sleep(0)
-        await clock.run_until(10.0)
-        for one in greedy:
-            one.cancel()
-        return len(turns) * (0.001 + TURN_COST)
-
-    used = asyncio.run(play())
+    clock = Clock()
+    budget = clock.budget()
+    turns = crowd(budget, clock)
+    await asyncio.sleep(0)
+    await clock.run_until(10.0)
+    used = len(turns) * (0.001 + TURN_COST)
     assert 0.9 * 10 * SHARE < used <= 10 * SHARE + BURST + 0.002
 
 
-def test_who_asks_little_waits_for_one_turn_of_the_others_and_not_for_all() -> None:
+async def test_who_asks_little_waits_for_one_turn_of_the_others_and_not_for_all() -> None:
     """Ten requests a second beside thirty clients that insist: each is served within the time that
     pays for two turns, where a queue would take that of thirty."""
+    clock = Clock()
+    budget = clock.budget()
+    crowd(budget, clock)
+    modest, waits = budget.newcomer(), list[float]()
 
-    async def play() -> list[float]:
-        clock = Clock()
-        budget, turns = clock.budget(), list[float]()
-        greedy = [asyncio.create_task(insist(budget, 0.001, turns, clock)) for _ in range(30)]
-        modest, waits = budget.newcomer(), list[float]()
+    async def ask() -> None:
+        asked = clock.now
+        await budget.turn(modest)
+        budget.charge(modest, 0.0001)
+        waits.append(clock.now - asked)
 
-        async def ask() -> None:
-            asked = clock.now
-            await budget.turn(modest)
-            budget.charge(modest, 0.0001)
-            waits.append(clock.now - asked)
-
-        for number in range(100):
-            await clock.run_until(2.0 + 0.1 * number)
-            greedy.append(asyncio.create_task(ask()))
-            await asyncio.sleep(0)
-        await clock.run_until(13.0)
-        for one in greedy:
-            one.cancel()
-        return waits
-
-    waits = asyncio.run(play())
+    for number in range(100):
+        await clock.run_until(2.0 + 0.1 * number)
+        clock.start(ask())
+        await asyncio.sleep(0)
+    await clock.run_until(13.0)
     assert len(waits) == 100
     assert max(waits) <= 2.5 * (0.001 + TURN_COST) / SHARE
 
 
-def test_nobody_waits_while_there_is_time() -> None:
+async def test_nobody_waits_while_there_is_time() -> None:
     """What was saved up is there at once, and silence saves no more than that."""
-
-    async def play() -> int:
-        clock = Clock()
-        budget, turns = clock.budget(), list[float]()
-        await clock.run_until(1000.0)
-        eager = asyncio.create_task(insist(budget, 0.001 - TURN_COST, turns, clock))
-        await asyncio.sleep(0)
-        eager.cancel()
-        return len(turns)
-
-    assert asyncio.run(play()) == pytest.approx(BURST / 0.001, abs=1.5)
+    clock = Clock()
+    budget, turns = clock.budget(), list[float]()
+    await clock.run_until(1000.0)
+    clock.start(insist(budget, 0.001 - TURN_COST, turns, clock))
+    await asyncio.sleep(0)
+    assert len(turns) == pytest.approx(BURST / 0.001, abs=1.5)
 
 
-def test_who_has_gone_keeps_nobody_waiting() -> None:
+async def test_who_has_gone_keeps_nobody_waiting() -> None:
     """A client that leaves the queue takes no turn."""
-
-    async def play() -> int:
-        clock = Clock()
-        budget = clock.budget()
-        budget.charge(budget.newcomer(), 1.0)
-        waiting = [asyncio.create_task(budget.turn(Account())) for _ in range(3)]
-        await asyncio.sleep(0)
-        assert budget.waiting == 3
-        for one in waiting[:2]:
-            one.cancel()
-        await asyncio.sleep(0)
-        assert budget.waiting == 1
-        await clock.run_until(100.0)
-        return sum(one.done() and not one.cancelled() for one in waiting)
-
-    assert asyncio.run(play()) == 1
+    clock = Clock()
+    budget = clock.budget()
+    budget.charge(budget.newcomer(), 1.0)
+    waiting = [asyncio.create_task(budget.turn(Account())) for _ in range(3)]
+    await asyncio.sleep(0)
+    assert budget.waiting == 3
+    for one in waiting[:2]:
+        one.cancel()
+    await asyncio.sleep(0)
+    assert budget.waiting == 1
+    await clock.run_until(100.0)
+    assert sum(one.done() and not one.cancelled() for one in waiting) == 1
 
 
-def test_work_is_charged_by_its_processor_time() -> None:
+async def test_work_is_charged_by_its_processor_time() -> None:
     """What happens inside, as the clock of the thread says."""
-
-    async def play() -> float:
-        clock = Clock()
-        budget = clock.budget()
-        account = budget.newcomer()
-        before = account.used
-        with budget.work(account):
-            clock.now += 0.25
-        return account.used - before
-
-    assert asyncio.run(play()) == pytest.approx(0.25)
+    clock = Clock()
+    budget = clock.budget()
+    account = budget.newcomer()
+    before = account.used
+    with budget.work(account):
+        clock.now += 0.25
+    assert account.used - before == pytest.approx(0.25)
 
 
 def test_a_world_that_falls_behind_comes_first() -> None:
@@ -184,7 +170,7 @@ def test_a_world_that_falls_behind_comes_first() -> None:
         simulated += 2.0 * factor * WINDOW
         return pace()
 
-    pace = Pace(lambda: simulated, 2.0, clock)
+    pace = Pace(lambda: simulated, lambda: 2.0, clock)
     assert pace() == 1.0
     assert play(1.0) == play(ON_PACE + 0.001) == 1.0
     assert play(ON_PACE - 0.05) == pytest.approx(0.5)
@@ -192,51 +178,38 @@ def test_a_world_that_falls_behind_comes_first() -> None:
     assert play(1.0) == 1.0
 
 
-def test_a_port_waits_while_the_world_is_behind() -> None:
+async def test_a_port_waits_while_the_world_is_behind() -> None:
     """What thirty who insist get is the part of the share that the pace allows."""
-
-    async def play() -> float:
-        clock = Clock()
-        budget = WorkBudget(
-            SHARE, clock=clock, work_clock=clock, call_later=clock.call_later, pace=lambda: LEAST
-        )
-        turns = list[float]()
-        greedy = [asyncio.create_task(insist(budget, 0.001, turns, clock)) for _ in range(30)]
-        await asyncio.sleep(0)
-        await clock.run_until(10.0)
-        for one in greedy:
-            one.cancel()
-        return len(turns) * (0.001 + TURN_COST)
-
-    assert asyncio.run(play()) <= 10 * SHARE * LEAST + BURST + 0.002
+    clock = Clock()
+    budget = WorkBudget(
+        SHARE, clock=clock, work_clock=clock, call_later=clock.call_later, pace=lambda: LEAST
+    )
+    turns = crowd(budget, clock)
+    await asyncio.sleep(0)
+    await clock.run_until(10.0)
+    assert len(turns) * (0.001 + TURN_COST) <= 10 * SHARE * LEAST + BURST + 0.002
 
 
-def test_a_newcomer_does_not_wait_for_a_crowd() -> None:
+async def test_a_newcomer_does_not_wait_for_a_crowd() -> None:
     """Who comes while thirty insist has his first answer after one turn of theirs or two."""
-
-    async def play() -> float:
-        clock = Clock()
-        budget, turns, begun = clock.budget(), list[float](), 5.0
-        greedy = [asyncio.create_task(insist(budget, 0.001, turns, clock)) for _ in range(30)]
-        await asyncio.sleep(0)
-        await clock.run_until(begun)
-        greedy.append(asyncio.create_task(insist(budget, 0.0001, came := list[float](), clock)))
-        await asyncio.sleep(0)
-        await clock.run_until(10.0)
-        for one in greedy:
-            one.cancel()
-        return came[0] - begun
-
-    assert asyncio.run(play()) <= 2.5 * (0.001 + TURN_COST) / SHARE
+    clock = Clock()
+    budget, begun = clock.budget(), 5.0
+    crowd(budget, clock)
+    await asyncio.sleep(0)
+    await clock.run_until(begun)
+    clock.start(insist(budget, 0.0001, came := list[float](), clock))
+    await asyncio.sleep(0)
+    await clock.run_until(10.0)
+    assert came[0] - begun <= 2.5 * (0.001 + TURN_COST) / SHARE
 
 
 class Party:
     """Guests with names, in a time that a test sets."""
 
-    def __init__(self, idle: float = 300.0) -> None:
+    def __init__(self) -> None:
         self.now = 0.0
         self.left: list[str] = []
-        self.guests = Guests("test", idle, lambda: self.now)
+        self.guests = Guests("test", 300.0, lambda: self.now)
 
     def come(self, name: str) -> Guest:
         """Somebody comes."""
@@ -245,64 +218,50 @@ class Party:
         return guest
 
 
-def party(idle: float = 300.0) -> Party:
-    """A party on a loop, which only sweeping needs."""
-    return Party(idle)
-
-
-def test_who_asks_for_nothing_is_closed_and_who_asks_stays() -> None:
+async def test_who_asks_for_nothing_is_closed_and_who_asks_stays() -> None:
     """After the idle time, once; those with standing or patience stay."""
-
-    async def play() -> list[str]:
-        one = party()
-        one.come("silent")
-        busy, listener, button = (one.come(name) for name in ("busy", "listener", "button"))
-        listener.standing = lambda: True
-        button.patient = True
-        one.now = 299.0
-        one.guests.heard(busy)
-        one.guests.sweep()
-        assert one.left == []
-        one.now = 301.0
-        one.guests.sweep()
-        one.guests.sweep()
-        assert len(one.guests) == 3
-        return one.left
-
-    assert asyncio.run(play()) == ["silent"]
+    one = Party()
+    one.come("silent")
+    busy, listener, button = (one.come(name) for name in ("busy", "listener", "button"))
+    listener.standing = lambda: True
+    button.patient = True
+    one.now = 299.0
+    one.guests.heard(busy)
+    one.guests.sweep()
+    assert one.left == []
+    one.now = 301.0
+    one.guests.sweep()
+    one.guests.sweep()
+    assert len(one.guests) == 3
+    assert one.left == ["silent"]
 
 
-def test_room_is_made_by_the_one_who_was_silent_longest() -> None:
+async def test_room_is_made_by_the_one_who_was_silent_longest() -> None:
     """Not by those who work, nor by those with standing; patience does not help."""
-
-    async def play() -> list[str]:
-        one = party()
-        robot = one.come("robot")
-        robot.standing = lambda: True
-        for name in ("first", "second", "button"):
-            one.now += 1.0
-            one.come(name).patient = name == "button"
-        assert not one.guests.make_room()
-        one.now = GRACE + 10.0
-        one.come("new")
-        for _ in range(3):
-            assert one.guests.make_room()
-        assert not one.guests.make_room()
-        return one.left
-
-    assert asyncio.run(play()) == ["first", "second", "button"]
+    one = Party()
+    robot = one.come("robot")
+    robot.standing = lambda: True
+    for name in ("first", "second", "button"):
+        one.now += 1.0
+        one.come(name).patient = name == "button"
+    assert not one.guests.make_room()
+    one.now = GRACE + 10.0
+    one.come("new")
+    for _ in range(3):
+        assert one.guests.make_room()
+    assert not one.guests.make_room()
+    assert one.left == ["first", "second", "button"]
 
 
 @pytest.fixture
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whoever is silent makes room at once."""
-    monkeypatch.setattr(guests, "GRACE", 0.0)
+    monkeypatch.setattr(guests_module, "GRACE", 0.0)
 
 
 def test_idle_connections_hold_no_port(impatient: None) -> None:
     """Sixteen that say nothing fill a port of sixteen; the next one is served all the same."""
-    running = Running(ground(limits=DialogueLimits(max_connections=16)))
-    try:
+    with Running(ground(limits=DialogueLimits(max_connections=16))) as running:
         idle = [running.connect() for _ in range(16)]
         assert eventually(lambda: running.service.connections == 16)
         for _ in range(20):
@@ -311,8 +270,6 @@ def test_idle_connections_hold_no_port(impatient: None) -> None:
             assert newcomer.line() == b"GOT GET it\r\n"
         assert idle[0].ended()
         assert eventually(lambda: running.service.connections <= 16)
-    finally:
-        running.stop()
 
 
 def test_a_robot_that_listens_keeps_its_place(impatient: None) -> None:
@@ -331,8 +288,7 @@ def test_a_robot_that_listens_keeps_its_place(impatient: None) -> None:
 
 def test_an_idle_connection_of_a_port_is_closed() -> None:
     """The sweeper of a running service finds it, and junk is no request."""
-    running = Running(ground(limits=DialogueLimits(idle=0.4)))
-    try:
+    with Running(ground(limits=DialogueLimits(idle=0.4))) as running:
         silent, noisy = running.connect(), running.connect()
         with contextlib.suppress(OSError, TimeoutError):
             for _ in range(100):
@@ -343,22 +299,17 @@ def test_an_idle_connection_of_a_port_is_closed() -> None:
                         break
         assert silent.ended()
         assert eventually(lambda: running.service.connections == 0)
-    finally:
-        running.stop()
 
 
 def test_twenty_half_requests_are_closed_too(impatient: None) -> None:
     """Bytes that never make a request do not keep a place."""
-    running = Running(ground(limits=DialogueLimits(max_connections=4)))
-    try:
+    with Running(ground(limits=DialogueLimits(max_connections=4))) as running:
         for _ in range(20):
             half = socket.create_connection((running.endpoint.host, running.endpoint.port))
             half.sendall(b"GETPOS")
         newcomer = running.connect()
         newcomer.send(b"GET it\n")
         assert newcomer.line() == b"GOT GET it\r\n"
-    finally:
-        running.stop()
 
 
 def test_client_that_wants_nothing_is_closed(control, caplog) -> None:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import random
 import socket
+from collections.abc import Iterator
 
 import pytest
-from wireless_harness import FAR, NEAR, Line, Running, Talker
+from wireless_harness import FAR, NEAR, Line, Running, Talker, closed, received
 
 from usarsim_server.services.comserver import ComServerLimits
 from usarsim_server.testing import PATIENCE, eventually
@@ -20,7 +20,7 @@ class Team:
         self.running = running
         self.talker: Talker = running.com_talker()
         self.listeners = [socket.create_server(("127.0.0.1", 0)) for _ in range(2)]
-        running.sockets += self.listeners
+        running.clients += self.listeners
         self.a, self.b = (one.getsockname()[1] for one in self.listeners)
 
     def say(self, message: str) -> str:
@@ -42,23 +42,17 @@ class Team:
         self.listeners[number].settimeout(PATIENCE)
         made, _ = self.listeners[number].accept()
         made.settimeout(PATIENCE)
-        self.running.sockets.append(made)
+        self.running.clients.append(made)
         return made
 
 
-def ended(end: socket.socket) -> bool:
-    """Whether nothing but the end of the connection comes."""
-    with contextlib.suppress(ConnectionError):
-        return end.recv(100) == b""
-    return True
-
-
-def received(end: socket.socket, size: int) -> bytes:
-    """So many bytes, or what there is until the end."""
-    data = b""
-    while len(data) < size and (chunk := end.recv(65536)):
-        data += chunk
-    return data
+@pytest.fixture
+def team() -> Iterator[Team]:
+    """Two robots side by side, registered; B listens."""
+    with Running(Line(A=0, B=1)) as running:
+        team = Team(running)
+        team.introduce()
+        yield team
 
 
 class TestControl:
@@ -134,57 +128,45 @@ class TestControl:
 
 
 class TestLinks:
-    def test_payload_only(self) -> None:
+    def test_payload_only(self, team: Team) -> None:
         """SEND 5 hello; delivers hello to the other, which hears nothing else (checks 81, 82)."""
-        with Running(Line(A=0, B=1)) as running:
-            team = Team(running)
-            team.introduce()
-            a, b = team.open()
-            a.sendall(b"SEND 5 hello;")
-            assert received(b, 5) == b"hello"
-            b.sendall(b"SEND 2 hiSEND")  # the byte behind the payload may be any
-            assert received(a, 2) == b"hi"
+        a, b = team.open()
+        a.sendall(b"SEND 5 hello;")
+        assert received(b, 5) == b"hello"
+        b.sendall(b"SEND 2 hiSEND")  # the byte behind the payload may be any
+        assert received(a, 2) == b"hi"
 
-    def test_binary_payload(self) -> None:
+    def test_binary_payload(self, team: Team) -> None:
         """1000 bytes with semicolons and zeros arrive intact, in small pieces, too (check 83)."""
-        with Running(Line(A=0, B=1)) as running:
-            team = Team(running)
-            team.introduce()
-            a, b = team.open()
-            payload = (b";\0" + random.Random(1).randbytes(998))[:1000]
-            message = b"SEND 1000 " + payload + b";"
-            a.sendall(message)
-            assert received(b, 1000) == payload
-            for at in range(0, len(message), 7):
-                a.sendall(message[at : at + 7])
-            assert received(b, 1000) == payload
+        a, b = team.open()
+        payload = (b";\0" + random.Random(1).randbytes(998))[:1000]
+        message = b"SEND 1000 " + payload + b";"
+        a.sendall(message)
+        assert received(b, 1000) == payload
+        for at in range(0, len(message), 7):
+            a.sendall(message[at : at + 7])
+        assert received(b, 1000) == payload
 
     @pytest.mark.parametrize("how", ["close", "hang up"])
-    def test_close(self, how: str) -> None:
+    def test_close(self, how: str, team: Team) -> None:
         """CLOSE; or the end of one side close both (check 84)."""
-        with Running(Line(A=0, B=1)) as running:
-            team = Team(running)
-            team.introduce()
-            a, b = team.open()
-            a.sendall(b"SEND 3 bye;")
-            if how == "close":
-                a.sendall(b"CLOSE;")
-                assert ended(a)
-            else:
-                a.close()
-            assert received(b, 4) == b"bye"
-            assert ended(b)
+        a, b = team.open()
+        a.sendall(b"SEND 3 bye;")
+        if how == "close":
+            a.sendall(b"CLOSE;")
+            assert closed(a)
+        else:
+            a.close()
+        assert received(b, 4) == b"bye"
+        assert closed(b)
 
-    def test_a_port_is_used_up(self) -> None:
+    def test_a_port_is_used_up(self, team: Team) -> None:
         """OPEN on a consumed LISTEN entry fails (check 85)."""
-        with Running(Line(A=0, B=1)) as running:
-            team = Team(running)
-            team.introduce()
-            team.open()
-            assert team.say(f"OPEN A {team.a} B {team.b};") == (
-                f"Fail: B not listening on port {team.b};"
-            )
-            assert team.say("OPEN A 1 Nobody 2;") == "Fail: Nobody not listening on port 2;"
+        team.open()
+        assert team.say(f"OPEN A {team.a} B {team.b};") == (
+            f"Fail: B not listening on port {team.b};"
+        )
+        assert team.say("OPEN A 1 Nobody 2;") == "Fail: Nobody not listening on port 2;"
 
     def test_out_of_reach(self) -> None:
         """OPEN fails and uses nothing up; an open link ends at its next SEND (5.4)."""
@@ -201,27 +183,21 @@ class TestLinks:
             running.line.places["B"] = FAR
             assert eventually(lambda: team.say("GETSS A B;").startswith("OK:-116"))
             a.sendall(b"SEND 1 y;")
-            assert ended(a)
-            assert ended(b)
+            assert closed(a)
+            assert closed(b)
 
-    def test_one_side_refuses(self) -> None:
+    def test_one_side_refuses(self, team: Team) -> None:
         """If one robot cannot be reached the other is hung up on; OPEN says OK all the same."""
-        with Running(Line(A=0, B=1)) as running:
-            team = Team(running)
-            team.introduce()
-            team.listeners[1].close()
-            assert team.say(f"OPEN A {team.a} B {team.b};") == "OK;"
-            assert ended(team.accept(0))
+        team.listeners[1].close()
+        assert team.say(f"OPEN A {team.a} B {team.b};") == "OK;"
+        assert closed(team.accept(0))
 
     @pytest.mark.parametrize("port", ["0", "65536", "x", "-1", "9" * 60])
-    def test_ports_that_are_none(self, port: str) -> None:
+    def test_ports_that_are_none(self, port: str, team: Team) -> None:
         """They can be listened on as words, but not be dialled."""
-        with Running(Line(A=0, B=1)) as running:
-            team = Team(running)
-            team.introduce()
-            assert team.say(f"LISTEN B {port};") == "OK;"
-            assert team.say(f"OPEN A {team.a} B {port};") == "Fail: Could not establish connection;"
-            assert team.say("GETSS A B;").startswith("OK:")
+        assert team.say(f"LISTEN B {port};") == "OK;"
+        assert team.say(f"OPEN A {team.a} B {port};") == "Fail: Could not establish connection;"
+        assert team.say("GETSS A B;").startswith("OK:")
 
     def test_an_address_that_is_none(self) -> None:
         """A link to it fails, and nothing else."""
@@ -230,7 +206,7 @@ class TestLinks:
             for message in ("REGISTER A 127.0.0.1;", "REGISTER B ::nonsense;", "LISTEN B 7;"):
                 assert team.say(message) == "OK;"
             assert team.say(f"OPEN A {team.a} B 7;") == "OK;"
-            assert ended(team.accept(0))
+            assert closed(team.accept(0))
             assert team.say("GETSS A B;").startswith("OK:")
 
 

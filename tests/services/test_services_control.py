@@ -128,7 +128,7 @@ def test_agent_is_called_on_the_event_loop(control):
     server = control()
     client, session = server.pair()
     client.send(b"DRIVE {Left 1}\r\n")
-    assert eventually(lambda: session.submit_thread == server._thread.ident)
+    assert eventually(lambda: session.submit_thread == server.thread.ident)
 
 
 # Output
@@ -180,13 +180,13 @@ def test_no_send_call_holds_parts_of_two_lines_when_the_client_is_slow(control, 
 def test_accepted_sockets_send_at_once_and_have_small_buffers(control, monkeypatch):
     """Checklist 11: TCP_NODELAY is set; dead machines are noticed; kernel buffers are bounded."""
     accepted = []
-    prepare = listener._prepare
+    tune = listener.tune
 
     def spy(client):
-        prepare(client)
+        tune(client)
         accepted.append(client)
 
-    monkeypatch.setattr(listener, "_prepare", spy)
+    monkeypatch.setattr(listener, "tune", spy)
     server = control(ControlLimits(receive_buffer=16 * 1024, send_buffer=16 * 1024))
     server.connect()
     [client] = accepted

@@ -7,11 +7,10 @@ import contextlib
 import socket
 import threading
 import time
-from collections.abc import Callable, Coroutine, Iterator
-from typing import TypeVar
+from collections.abc import Callable, Iterator
 
 import pytest
-from services_harness import Client, eventually
+from services_harness import Client, OnLoop, eventually
 
 from usarsim_server.errors import ServiceError, UsarsimError
 from usarsim_server.protocol.grammar import LineFramer
@@ -24,37 +23,21 @@ from usarsim_server.services.dialogue import (
     responder,
     truth_service,
 )
-from usarsim_server.services.listener import Endpoint
 from usarsim_server.services.replies import ReplyBuffer
 from usarsim_server.testing import PATIENCE
 
-T = TypeVar("T")
 
-
-class Running:
-    """A service on a loop of its own."""
+class Running(OnLoop):
+    """A service that answers."""
 
     def __init__(self, service: DialogueService) -> None:
+        super().__init__(service)
         self.service = service
-        self.loop = asyncio.new_event_loop()
-        self.thread = threading.Thread(target=self.loop.run_forever, daemon=True)
-        self.thread.start()
-        self.endpoint: Endpoint = self.call(service.start())
-
-    def call(self, coroutine: Coroutine[None, None, T]) -> T:
-        """Run a coroutine on the loop."""
-        return asyncio.run_coroutine_threadsafe(coroutine, self.loop).result(PATIENCE)
+        [self.endpoint] = self.begin()
 
     def connect(self, **sizes: int) -> Client:
         """A client."""
         return Client((self.endpoint.host, self.endpoint.port), **sizes)
-
-    def stop(self) -> None:
-        """End it."""
-        self.call(self.service.stop())
-        self.loop.call_soon_threadsafe(self.loop.stop)
-        self.thread.join(PATIENCE)
-        self.loop.close()
 
 
 Start = Callable[[DialogueService], Running]
@@ -64,13 +47,7 @@ Start = Callable[[DialogueService], Running]
 def start() -> Iterator[Start]:
     """Starts services; they end with the test."""
     with contextlib.ExitStack() as stack:
-
-        def begin(service: DialogueService) -> Running:
-            running = Running(service)
-            stack.callback(running.stop)
-            return running
-
-        yield begin
+        yield lambda service: stack.enter_context(Running(service))
 
 
 def echo(lines: object) -> list[str | None]:

@@ -3,9 +3,12 @@ that Python has taken is counted, and the figure that the code states bounds it.
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import gc
 import socket
+import struct
+import threading
 import time
 import tracemalloc
 from collections.abc import Callable, Iterator
@@ -19,13 +22,16 @@ from wireless_harness import Running as Radio
 
 from usarsim_server.protocol import wireless
 from usarsim_server.protocol.grammar import MAX_LINE, MOST_SEGMENTS
+from usarsim_server.protocol.scene import LONGEST
 from usarsim_server.services.comserver import ComServerLimits
 from usarsim_server.services.control import ControlLimits
 from usarsim_server.services.dialogue import MAX_REQUEST, DialogueLimits
 from usarsim_server.services.images import ImageLimits
 from usarsim_server.services.relay import LinkOptions
+from usarsim_server.services.scene_port import SceneLimits, ScenePort
 from usarsim_server.services.wireless import WirelessLimits
 from usarsim_server.sessions.outbox import OutboxLimits
+from usarsim_server.testing import PATIENCE
 
 CLIENTS = 8
 OURS = 300 * 1024
@@ -78,23 +84,19 @@ def test_replies_that_nobody_reads(memory: Counting) -> None:
     """7435 and 3989: replies of the longest kind, a thousand asked for at once, none read."""
     limits = DialogueLimits(share=10.0)
     reply = "x" * (limits.reply_bytes - 2)
-    running = Running(ground(lambda lines: [f"{reply[: -len(one)]}{one}" for one in lines]))
-    try:
+    with Running(ground(lambda lines: [f"{reply[: -len(one)]}{one}" for one in lines])) as running:
         clients = many(lambda: running.connect(receive_buffer=4096).socket)
         requests = b"".join(b"Q%d\n" % number for number in range(400))
         memory.begin()
         flood(clients, requests)
         assert memory.peak() < CLIENTS * limits.held_bytes + OURS
         assert limits.held_bytes < 1024 * 1024
-    finally:
-        running.stop()
 
 
 def test_commands_that_wait_and_answers_that_nobody_reads(memory: Counting) -> None:
     """3000: the mailbox full of the heaviest commands, half a line behind it, a full outbox."""
     limits = ControlLimits()
-    running = control.Running(limits, hold=True)
-    try:
+    with control.Running(limits, hold=True) as running:
         pairs = [running.pair(receive_buffer=4096) for _ in range(CLIENTS)]
         clients = [client.socket for client, _ in pairs]
         heavy = b"SET " + b"{\xe9\xe9 \xe9}" * MOST_SEGMENTS
@@ -106,8 +108,6 @@ def test_commands_that_wait_and_answers_that_nobody_reads(memory: Counting) -> N
         assert memory.peak() < CLIENTS * limits.held_bytes + OURS
         assert memory.peak() > CLIENTS * limits.held_bytes // 2, "the figure is far too large"
         assert all(session.closes == 0 for _, session in pairs)
-    finally:
-        running.stop()
 
 
 def _fill(session: control.FakeAgent) -> None:
@@ -124,14 +124,11 @@ def _fill(session: control.FakeAgent) -> None:
 
 def test_half_requests(memory: Counting) -> None:
     """7435 and 3989: lines that never end."""
-    running = Running(ground())
-    try:
+    with Running(ground()) as running:
         clients = many(lambda: running.connect().socket)
         memory.begin()
         flood(clients, b"x" * (MAX_REQUEST - 1))
         assert memory.peak() < CLIENTS * DialogueLimits().held_bytes + OURS
-    finally:
-        running.stop()
 
 
 def test_wireless_dialogue(memory: Counting) -> None:
@@ -177,8 +174,7 @@ def test_older_wireless(memory: Counting) -> None:
 
 def test_pictures_that_nobody_reads(memory: Counting) -> None:
     """5003: every client wants a picture of its own, again and again, and reads none."""
-    running = RunningImages(FakeSource(BIG))
-    try:
+    with RunningImages(FakeSource(BIG)) as running:
         clients = many(lambda: running.connect(receive_buffer=4096).socket)
         memory.begin()
         for number, one in enumerate(clients):
@@ -186,5 +182,38 @@ def test_pictures_that_nobody_reads(memory: Counting) -> None:
         time.sleep(1.0)
         kept = 32 * 1024 * 1024  # pictures that all clients share
         assert memory.peak() < CLIENTS * ImageLimits().held_bytes(BIG.frame) + kept + OURS
+
+
+def test_half_a_message_on_the_scene_port(memory: Counting) -> None:
+    """The scene port: a hello of the greatest length but for its last byte, and the next behind."""
+    limits = SceneLimits(max_connections=CLIENTS)
+    port = ScenePort("127.0.0.1", 0, Blind(), "yard", limits=limits)
+    loop = asyncio.new_event_loop()
+    thread = threading.Thread(target=loop.run_forever)
+    thread.start()
+    endpoint = asyncio.run_coroutine_threadsafe(port.start(), loop).result(PATIENCE)
+    clients = many(lambda: socket.create_connection((endpoint.host, endpoint.port)))
+    try:
+        memory.begin()
+        flood(clients, struct.pack(">IB", LONGEST, ord("J")) + b" " * (LONGEST - 2))
+        assert memory.peak() < CLIENTS * limits.held_bytes + OURS
     finally:
-        running.stop()
+        asyncio.run_coroutine_threadsafe(port.stop(), loop).result(PATIENCE)
+        loop.call_soon_threadsafe(loop.stop)
+        thread.join(PATIENCE)
+        loop.close()
+        for one in clients:
+            one.close()
+
+
+class Blind:
+    """A feed that shows nothing."""
+
+    def start(self, on_news: object, on_end: object) -> None:
+        """Nothing happens."""
+
+    def stop(self) -> None:
+        """Nothing happens."""
+
+    def set_rate(self, rate: float) -> None:
+        """Nothing happens."""

@@ -85,29 +85,25 @@ def test_slow_renderer_gives_what_it_has(images) -> None:
     assert client.value() == 77
 
 
-def test_word_of_many_frames_reaches_the_loop_once() -> None:
+async def test_word_of_many_frames_reaches_the_loop_once() -> None:
     """A renderer that is faster than the loop does not fill it with calls; the last frame wins."""
+    signal, source = FrameSignal(), FakeSource()
+    watch = source.watch(GRID.frame, signal.ring)
+    news = signal.next()
+    calls = 0
+    soon = asyncio.get_running_loop().call_soon_threadsafe
 
-    async def scenario() -> None:
-        signal, source = FrameSignal(), FakeSource()
-        watch = source.watch(GRID.frame, signal.ring)
-        news = signal.next()
-        calls = 0
-        soon = asyncio.get_running_loop().call_soon_threadsafe
+    def counted(*arguments):  # type: ignore[no-untyped-def]
+        nonlocal calls
+        calls += 1
+        return soon(*arguments)
 
-        def counted(*arguments):  # type: ignore[no-untyped-def]
-            nonlocal calls
-            calls += 1
-            return soon(*arguments)
-
-        signal._loop.call_soon_threadsafe = counted  # type: ignore[method-assign]
-        for value in range(50):
-            source.show(value)
-        assert int((await news).pixels[0, 0, 0]) == 49
-        assert calls == 1
-        watch.close()
-
-    asyncio.run(scenario())
+    signal._loop.call_soon_threadsafe = counted  # type: ignore[method-assign]
+    for value in range(50):
+        source.show(value)
+    assert int((await news).pixels[0, 0, 0]) == 49
+    assert calls == 1
+    watch.close()
 
 
 # Attention

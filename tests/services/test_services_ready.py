@@ -14,7 +14,7 @@ import pytest
 from usarsim_server.errors import ServiceError
 from usarsim_server.services.control import ControlService
 from usarsim_server.services.listener import Endpoint
-from usarsim_server.services.port import ready_line, run_services
+from usarsim_server.services.port import print_ready, run_services
 from usarsim_server.testing import PATIENCE, eventually
 
 
@@ -56,34 +56,31 @@ def run_until_ready(*services):
     return announced
 
 
-def test_ready_line_names_every_endpoint_in_order() -> None:
+def test_ready_line_names_every_endpoint_in_order(capsys) -> None:
     """READY, then `name=HOST:PORT` of each service, separated by single blanks."""
-    endpoints = [Endpoint("control", "127.0.0.1", 3000), Endpoint("images", "::1", 5003)]
-    assert ready_line(endpoints) == "READY control=127.0.0.1:3000 images=[::1]:5003"
+    print_ready([Endpoint("control", "127.0.0.1", 3000), Endpoint("images", "::1", 5003)])
+    assert capsys.readouterr().out == "READY control=127.0.0.1:3000 images=[::1]:5003\n"
 
 
-def test_exactly_one_line_on_standard_output_when_all_listen(capsys) -> None:
+async def test_exactly_one_line_on_standard_output_when_all_listen(capsys) -> None:
     """The READY line appears when the ports accept, is flushed, and is all of standard output."""
     lines = []
 
-    async def scenario() -> None:
-        stop = asyncio.Event()
-        service = ControlService("127.0.0.1", 0, lambda: b"NFO\r\n", lambda *_: None)
-        running = asyncio.create_task(run_services([service], stop=stop))
-        while not lines:
-            await asyncio.sleep(0.005)
-            lines.extend(capsys.readouterr().out.splitlines(keepends=True))
-        [line] = lines
-        found = re.fullmatch(r"READY control=(127\.0\.0\.1):(\d+)\n", line)
-        socket.create_connection((found[1], int(found[2]))).close()
-        stop.set()
-        await running
-
-    asyncio.run(scenario())
+    stop = asyncio.Event()
+    service = ControlService("127.0.0.1", 0, lambda: b"NFO\r\n", lambda *_: None)
+    running = asyncio.create_task(run_services([service], stop=stop))
+    while not lines:
+        await asyncio.sleep(0.005)
+        lines.extend(capsys.readouterr().out.splitlines(keepends=True))
+    [line] = lines
+    found = re.fullmatch(r"READY control=(127\.0\.0\.1):(\d+)\n", line)
+    socket.create_connection((found[1], int(found[2]))).close()
+    stop.set()
+    await running
     assert capsys.readouterr().out == ""
 
 
-def test_ready_line_is_flushed_at_once(monkeypatch) -> None:
+async def test_ready_line_is_flushed_at_once(monkeypatch) -> None:
     """A script that waits for the line through a pipe sees it without delay."""
     events = []
 
@@ -97,13 +94,10 @@ def test_ready_line_is_flushed_at_once(monkeypatch) -> None:
     monkeypatch.setattr("sys.stdout", Pipe())
     stop = asyncio.Event()
 
-    async def scenario() -> None:
-        running = asyncio.create_task(run_services([FakeService("control")], stop=stop))
-        assert await asyncio.to_thread(eventually, lambda: "flush" in events)
-        stop.set()
-        await running
-
-    asyncio.run(scenario())
+    running = asyncio.create_task(run_services([FakeService("control")], stop=stop))
+    assert await asyncio.to_thread(eventually, lambda: "flush" in events)
+    stop.set()
+    await running
     assert "".join(events) == "READY control=127.0.0.1:1007\nflush"
 
 

@@ -26,32 +26,30 @@ from usarsim_server.testing import PATIENCE, eventually
 
 
 class TestRelay:
-    def test_bytes_arrive_unchanged_both_ways(self) -> None:
+    def test_bytes_arrive_unchanged_both_ways(self, running: Running) -> None:
         """A megabyte of everything each way at the same time (check 73)."""
-        with Running(Line(A=0, B=1)) as running:
-            mine, theirs = running.robot("A").link(running.robot("B"))
-            there, back = (random.Random(n).randbytes(1_000_003) for n in (1, 2))
-            got: list[bytes] = []
-            threads = [
-                threading.Thread(target=mine.sendall, args=(there,)),
-                threading.Thread(target=theirs.sendall, args=(back,)),
-                threading.Thread(target=lambda: got.append(received(mine, len(back)))),
-            ]
-            for thread in threads:
-                thread.start()
-            assert received(theirs, len(there)) == there
-            for thread in threads:
-                thread.join(PATIENCE)
-            assert got == [back]
+        mine, theirs = running.robot("A").link(running.robot("B"))
+        there, back = (random.Random(n).randbytes(1_000_003) for n in (1, 2))
+        got: list[bytes] = []
+        threads = [
+            threading.Thread(target=mine.sendall, args=(there,)),
+            threading.Thread(target=theirs.sendall, args=(back,)),
+            threading.Thread(target=lambda: got.append(received(mine, len(back)))),
+        ]
+        for thread in threads:
+            thread.start()
+        assert received(theirs, len(there)) == there
+        for thread in threads:
+            thread.join(PATIENCE)
+        assert got == [back]
 
-    def test_ports_lead_to_their_listeners(self) -> None:
+    def test_ports_lead_to_their_listeners(self, running: Running) -> None:
         """Each relay port ends at the target port it was asked for."""
-        with Running(Line(A=0, B=1)) as running:
-            a, b = running.robot("A"), running.robot("B", 2)
-            for number in (1, 0):
-                mine = a.call(a.road_to("B", b.ports[number]))
-                mine.sendall(b"%d" % number)
-                assert received(b.accept(number), 1) == b"%d" % number
+        a, b = running.robot("A"), running.robot("B", 2)
+        for number in (1, 0):
+            mine = a.call(a.road_to("B", b.ports[number]))
+            mine.sendall(b"%d" % number)
+            assert received(b.accept(number), 1) == b"%d" % number
 
     def test_reverse_lookup(self) -> None:
         """The target learns who is behind a connection; others learn nothing (check 74)."""
@@ -67,59 +65,54 @@ class TestRelay:
                     f"REVERSEDNSREPLY {{Port {port}}} {{Error UnknownOrIllegalPort}}"
                 )
 
-    def test_links_of_a_pair_are_separate(self) -> None:
+    def test_links_of_a_pair_are_separate(self, running: Running) -> None:
         """Several connections through one port are links of their own."""
-        with Running(Line(A=0, B=1)) as running:
-            a, b = running.robot("A"), running.robot("B")
-            links = [a.link(b) for _ in range(3)]
-            for number, (mine, _) in enumerate(links):
-                mine.sendall(b"%d" % number)
-            assert [received(theirs, 1) for _, theirs in links] == [b"0", b"1", b"2"]
-            links[1][0].close()
-            assert closed(links[1][1])
-            links[2][1].sendall(b"on")
-            assert received(links[2][0], 2) == b"on"
+        a, b = running.robot("A"), running.robot("B")
+        links = [a.link(b) for _ in range(3)]
+        for number, (mine, _) in enumerate(links):
+            mine.sendall(b"%d" % number)
+        assert [received(theirs, 1) for _, theirs in links] == [b"0", b"1", b"2"]
+        links[1][0].close()
+        assert closed(links[1][1])
+        links[2][1].sendall(b"on")
+        assert received(links[2][0], 2) == b"on"
 
-    def test_half_closed_links(self) -> None:
+    def test_half_closed_links(self, running: Running) -> None:
         """One side says no more and still hears the other."""
-        with Running(Line(A=0, B=1)) as running:
-            mine, theirs = running.robot("A").link(running.robot("B"))
-            mine.sendall(b"question")
-            mine.shutdown(socket.SHUT_WR)
-            assert received(theirs, 100) == b"question"
-            theirs.sendall(b"answer")
-            theirs.close()
-            assert received(mine, 100) == b"answer"
+        mine, theirs = running.robot("A").link(running.robot("B"))
+        mine.sendall(b"question")
+        mine.shutdown(socket.SHUT_WR)
+        assert received(theirs, 100) == b"question"
+        theirs.sendall(b"answer")
+        theirs.close()
+        assert received(mine, 100) == b"answer"
 
-    def test_a_target_that_refuses(self) -> None:
+    def test_a_target_that_refuses(self, running: Running) -> None:
         """The caller is connected, then hears the end (4.3)."""
-        with Running(Line(A=0, B=1)) as running:
-            a, b = running.robot("A"), running.robot("B")
-            link_options = a.road_to("B")
-            b.listeners[0].close()
-            assert closed(a.call(link_options))
-            assert not refuses(link_options)
+        a, b = running.robot("A"), running.robot("B")
+        road = a.road_to("B")
+        b.listeners[0].close()
+        assert closed(a.call(road))
+        assert not refuses(road)
 
-    def test_a_reset_ends_the_other_side(self) -> None:
+    def test_a_reset_ends_the_other_side(self, running: Running) -> None:
         """A lost peer ends the link on both sides."""
-        with Running(Line(A=0, B=1)) as running:
-            mine, theirs = running.robot("A").link(running.robot("B"))
-            mine.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-            mine.close()
-            assert closed(theirs)
+        mine, theirs = running.robot("A").link(running.robot("B"))
+        mine.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        mine.close()
+        assert closed(theirs)
 
-    def test_a_receiver_that_does_not_read(self) -> None:
+    def test_a_receiver_that_does_not_read(self, running: Running) -> None:
         """Its sender is stopped by TCP after a bounded amount; other links and GETSS go on."""
-        with Running(Line(A=0, B=1)) as running:
-            a, b = running.robot("A"), running.robot("B")
-            mine, theirs = a.link(b)
-            other, there = a.link(b)
-            sent = stuff(mine)
-            assert sent < ENOUGH
-            other.sendall(b"still")
-            assert received(there, 5) == b"still"
-            assert a.control.ask("GETSS {Robot B}").startswith("SS {Robot B} {Strength -")
-            assert len(received(theirs, sent)) == sent
+        a, b = running.robot("A"), running.robot("B")
+        mine, theirs = a.link(b)
+        other, there = a.link(b)
+        sent = stuff(mine)
+        assert sent < ENOUGH
+        other.sendall(b"still")
+        assert received(there, 5) == b"still"
+        assert a.control.ask("GETSS {Robot B}").startswith("SS {Robot B} {Strength -")
+        assert len(received(theirs, sent)) == sent
 
 
 class TestReach:
@@ -127,18 +120,18 @@ class TestReach:
         """Both sockets close and the port refuses; back again the same port accepts (check 75)."""
         with Running(Line(A=0, B=NEAR)) as running:
             a, b = running.robot("A"), running.robot("B")
-            link_options = a.road_to("B")
-            mine, theirs = a.call(link_options), b.accept()
+            road = a.road_to("B")
+            mine, theirs = a.call(road), b.accept()
             for _ in range(2):
                 running.line.places["B"] = FAR
                 assert closed(mine)
                 assert closed(theirs)
-                assert eventually(lambda: refuses(link_options))
-                assert a.road_to("B") == link_options
+                assert eventually(lambda: refuses(road))
+                assert a.road_to("B") == road
                 running.line.places["B"] = NEAR
-                assert eventually(lambda: not refuses(link_options))
+                assert eventually(lambda: not refuses(road))
                 b.accept().close()
-                mine, theirs = a.call(link_options), b.accept()
+                mine, theirs = a.call(road), b.accept()
                 mine.sendall(b"again")
                 assert received(theirs, 5) == b"again"
 
@@ -146,10 +139,10 @@ class TestReach:
         """DNS answers, the port refuses until the radio reaches."""
         with Running(Line(A=0, B=FAR)) as running:
             a, b = running.robot("A"), running.robot("B")
-            link_options = a.road_to("B")
-            assert refuses(link_options)
+            road = a.road_to("B")
+            assert refuses(road)
             running.line.places["B"] = NEAR
-            assert eventually(lambda: not refuses(link_options))
+            assert eventually(lambda: not refuses(road))
             b.accept().close()
 
     def test_only_the_pair_out_of_range_is_cut(self) -> None:
@@ -164,35 +157,33 @@ class TestReach:
                 assert received(theirs, 1) == b"x"
 
     @pytest.mark.parametrize("why", ["gone", "battery"])
-    def test_dismissed_robots(self, why: str) -> None:
+    def test_dismissed_robots(self, why: str, running: Running) -> None:
         """Gone from the simulator or without power: control, links and ports close (check 76)."""
-        with Running(Line(A=0, B=1)) as running:
-            a, b = running.robot("A"), running.robot("B")
-            link_options = a.road_to("B")
-            mine, theirs = a.call(link_options), b.accept()
-            if why == "gone":
-                del running.line.places["B"]
-            else:
-                running.line.empty.add("B")
-            assert b.control.ended()
-            assert closed(mine)
-            assert closed(theirs)
-            assert eventually(lambda: refuses(link_options))
-            assert a.control.ask("GETSS {Robot B}").endswith("{Error Robot.Does.Not.Exist}")
-            assert a.control.ask("DNS {Robot B}").endswith("{Error NoSuchRobot}")
+        a, b = running.robot("A"), running.robot("B")
+        road = a.road_to("B")
+        mine, theirs = a.call(road), b.accept()
+        if why == "gone":
+            del running.line.places["B"]
+        else:
+            running.line.empty.add("B")
+        assert b.control.ended()
+        assert closed(mine)
+        assert closed(theirs)
+        assert eventually(lambda: refuses(road))
+        assert a.control.ask("GETSS {Robot B}").endswith("{Error Robot.Does.Not.Exist}")
+        assert a.control.ask("DNS {Robot B}").endswith("{Error NoSuchRobot}")
 
-    def test_hanging_up_unregisters(self) -> None:
+    def test_hanging_up_unregisters(self, running: Running) -> None:
         """The name is free again and everything of it is closed (4.2)."""
-        with Running(Line(A=0, B=1)) as running:
-            a, b = running.robot("A"), running.robot("B")
-            mine, _ = a.link(b)
-            b.control.socket.close()
-            assert closed(mine)
-            assert eventually(lambda: tuple(running.wireless._members) == ("A",))
-            again = Robot(running, "B")
-            mine, theirs = a.link(again)
-            mine.sendall(b"x")
-            assert received(theirs, 1) == b"x"
+        a, b = running.robot("A"), running.robot("B")
+        mine, _ = a.link(b)
+        b.control.socket.close()
+        assert closed(mine)
+        assert eventually(lambda: tuple(running.wireless._members) == ("A",))
+        again = Robot(running, "B")
+        mine, theirs = a.link(again)
+        mine.sendall(b"x")
+        assert received(theirs, 1) == b"x"
 
     def test_without_propagation_all_is_open(self) -> None:
         """The model `none` links robots that no simulator knows."""

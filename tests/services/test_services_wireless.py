@@ -34,17 +34,16 @@ class TestDialogue:
             answer = running.talker().ask(verb)
             assert answer == "ERROR {Reason Must.Use.INIT.Method.First}"
 
-    def test_init_may_be_tried_again(self) -> None:
+    def test_init_may_be_tried_again(self, running: Running) -> None:
         """After each refused INIT another one on the same connection succeeds (check 70)."""
-        with Running(Line(A=0, B=1)) as running:
-            running.robot("A")
-            talker = running.talker()
-            assert talker.ask("INIT {Robot A} {Port 1}") == "ERROR {Reason Robot.Alread.Exists}"
-            assert talker.ask("INIT {Robot B} {Port x}") == (
-                "ERROR {Reason Ports.List.Must.Be.Integer}"
-            )
-            assert talker.ask("INIT {Port 1}") == "ERROR {Reason Robot.Name.Must.Not.Be.Empty}"
-            assert talker.ask("INIT {Robot B} {Port 1}") == "INITREPLY {Status OK}"
+        running.robot("A")
+        talker = running.talker()
+        assert talker.ask("INIT {Robot A} {Port 1}") == "ERROR {Reason Robot.Alread.Exists}"
+        assert talker.ask("INIT {Robot B} {Port x}") == (
+            "ERROR {Reason Ports.List.Must.Be.Integer}"
+        )
+        assert talker.ask("INIT {Port 1}") == "ERROR {Reason Robot.Name.Must.Not.Be.Empty}"
+        assert talker.ask("INIT {Robot B} {Port 1}") == "INITREPLY {Status OK}"
 
     def test_strengths(self) -> None:
         """Oneself, an unknown robot, one at 10 m, one without place, one at no distance (71)."""
@@ -73,41 +72,49 @@ class TestDialogue:
             running.line.places["B"] = 9.0
             assert eventually(lambda: a.ask("GETSS {Robot B}").endswith("{Strength -56.2021}"))
 
-    def test_ports_of_pairs(self) -> None:
-        """Repeated DNS gives the same port, the way back another one (check 72)."""
-        with Running(Line(A=0, B=1)) as running:
-            a, b = running.robot("A", 2), running.robot("B", 2)
-            first = a.road_to("B")
-            assert a.road_to("B") == first
-            assert a.road_to("B", b.ports[0]) == first
-            assert a.road_to("B", b.ports[1]) != first
-            assert b.road_to("A") != first
-
-    def test_lookups_that_fail(self) -> None:
-        """DNS of oneself, of nobody, of a wrong port, of no number (4.2)."""
-        with Running(Line(A=0, B=1)) as running:
-            a, b = running.robot("A").control, running.robot("B")
-            for name in ("A", "X", "b"):
-                assert a.ask(f"DNS {{Robot {name}}}") == (
-                    f"DNSREPLY {{Robot {name}}} {{Port -1}} {{Error NoSuchRobot}}"
-                )
-            wrong = b.ports[0] % 60000 + 1
-            assert a.ask(f"DNS {{Robot B}} {{Port {wrong}}}") == (
-                "DNSREPLY {Robot B} {Port -1} {Error RobotDoesNotListenOnThisPort}"
-            )
-            assert a.ask("DNS {Robot B} {Port x}") == "ERROR {Reason Port.Must.Be.Integer}"
-            assert a.ask("REVERSEDNS") == "ERROR {Reason Port.Must.Be.Integer}"
-
-    def test_what_crashed_the_original(self) -> None:
-        """Empty lines, bare verbs, and DNS towards a robot without ports do no harm (check 77)."""
-        with Running(Line(A=0, B=1)) as running:
+    def test_a_signal_of_lockstep_is_that_of_the_instant(self) -> None:
+        """HRI-09: whenever the watch looked; between two instants nothing has changed."""
+        limits = WirelessLimits(poll=1000.0)
+        with Running(Line(A=0, B=2), limits=limits, looks_again=True) as running:
             a = running.robot("A").control
-            assert running.talker().ask("INIT {Robot B}") == "INITREPLY {Status OK}"
-            assert a.ask("\r\n\r\nGETSS").startswith("SS {Robot } {Strength NaN}")
-            assert a.ask("X") == "ERROR {Reason Method.Unknown.Or.Can.INIT.only.once}"
-            assert a.ask("DNS {Robot B}") == (
-                "DNSREPLY {Robot B} {Port -1} {Error RobotDoesNotListenOnThisPort}"
+            running.robot("B")
+            running.line.places["B"] = 9.0
+            assert a.ask("GETSS {Robot B}").endswith("{Strength -49.67}")
+            running.time = 0.1
+            assert a.ask("GETSS {Robot B}").endswith("{Strength -56.2021}")
+
+    def test_ports_of_pairs(self, running: Running) -> None:
+        """Repeated DNS gives the same port, the way back another one (check 72)."""
+        a, b = running.robot("A", 2), running.robot("B", 2)
+        first = a.road_to("B")
+        assert a.road_to("B") == first
+        assert a.road_to("B", b.ports[0]) == first
+        assert a.road_to("B", b.ports[1]) != first
+        assert b.road_to("A") != first
+
+    def test_lookups_that_fail(self, running: Running) -> None:
+        """DNS of oneself, of nobody, of a wrong port, of no number (4.2)."""
+        a, b = running.robot("A").control, running.robot("B")
+        for name in ("A", "X", "b"):
+            assert a.ask(f"DNS {{Robot {name}}}") == (
+                f"DNSREPLY {{Robot {name}}} {{Port -1}} {{Error NoSuchRobot}}"
             )
+        wrong = b.ports[0] % 60000 + 1
+        assert a.ask(f"DNS {{Robot B}} {{Port {wrong}}}") == (
+            "DNSREPLY {Robot B} {Port -1} {Error RobotDoesNotListenOnThisPort}"
+        )
+        assert a.ask("DNS {Robot B} {Port x}") == "ERROR {Reason Port.Must.Be.Integer}"
+        assert a.ask("REVERSEDNS") == "ERROR {Reason Port.Must.Be.Integer}"
+
+    def test_what_crashed_the_original(self, running: Running) -> None:
+        """Empty lines, bare verbs, and DNS towards a robot without ports do no harm (check 77)."""
+        a = running.robot("A").control
+        assert running.talker().ask("INIT {Robot B}") == "INITREPLY {Status OK}"
+        assert a.ask("\r\n\r\nGETSS").startswith("SS {Robot } {Strength NaN}")
+        assert a.ask("X") == "ERROR {Reason Method.Unknown.Or.Can.INIT.only.once}"
+        assert a.ask("DNS {Robot B}") == (
+            "DNSREPLY {Robot B} {Port -1} {Error RobotDoesNotListenOnThisPort}"
+        )
 
     def test_requests_in_any_chunking(self) -> None:
         """Several requests in one segment and one in several are answered in order."""
@@ -200,41 +207,40 @@ def test_a_team_of_sixteen_and_a_base_in_full_mesh() -> None:
             assert received(mine, len(one) + len(other) + 1).decode() == f"{other}>{one}"
 
 
-def test_comings_and_goings_leave_nothing_behind() -> None:
+def test_comings_and_goings_leave_nothing_behind(running: Running) -> None:
     """After many registrations, links and outages all sockets but the server's own are closed."""
-    with Running(Line(A=0, B=1)) as running:
 
-        def visit() -> None:
-            a, b = running.robot("A"), running.robot("B")
-            ends = [*a.link(b), *b.link(a)]
-            running.line.places["B"] = FAR
-            assert all(map(closed, ends))
-            running.line.places["B"] = NEAR
-            for end in (*ends, *a.listeners, *b.listeners, a.control.socket, b.control.socket):
-                end.close()
-            assert eventually(lambda: tuple(running.wireless._members) == ())
+    def visit() -> None:
+        a, b = running.robot("A"), running.robot("B")
+        ends = [*a.link(b), *b.link(a)]
+        running.line.places["B"] = FAR
+        assert all(map(closed, ends))
+        running.line.places["B"] = NEAR
+        for end in (*ends, *a.listeners, *b.listeners, a.control.socket, b.control.socket):
+            end.close()
+        assert eventually(lambda: tuple(running.wireless._members) == ())
 
-        def descriptors() -> int:
-            return len(os.listdir("/proc/self/fd"))
+    def descriptors() -> int:
+        return len(os.listdir("/proc/self/fd"))
 
+    visit()
+    before = descriptors()
+    for _ in range(10):
         visit()
-        before = descriptors()
-        for _ in range(10):
-            visit()
-        assert eventually(lambda: descriptors() <= before)
+    assert eventually(lambda: descriptors() <= before)
 
 
 def test_stopping_ends_everything() -> None:
     """Links, ports and control connections are gone when the service has stopped."""
     running = Running(Line(A=0, B=1))
     a, b = running.robot("A"), running.robot("B")
-    link_options = a.road_to("B")
-    mine, theirs = a.call(link_options), b.accept()
+    road = a.road_to("B")
+    mine, theirs = a.call(road), b.accept()
     running.call(running.wireless.stop())
     assert closed(mine)
     assert closed(theirs)
     assert a.control.ended()
-    assert refuses(link_options)
+    assert refuses(road)
     assert refuses(running.port)
     running.stop()
 
@@ -304,15 +310,15 @@ class TestQuotas:
         limits = WirelessLimits(links_per_robot=2, poll=0.02)
         with Running(Line(A=0, B=1), limits=limits) as running:
             a, b = running.robot("A"), running.robot("B")
-            link_options = a.road_to("B")
+            road = a.road_to("B")
             links = [a.link(b) for _ in range(2)]
-            assert closed(a.call(link_options))
+            assert closed(a.call(road))
             b.link(a)
             for end in links[0]:
                 end.close()
 
             def passes() -> bool:
-                mine = a.call(link_options)
+                mine = a.call(road)
                 mine.settimeout(0.1)
                 try:
                     return mine.recv(1) != b""
@@ -342,16 +348,15 @@ def test_ground_truth_can_be_kept_secret() -> None:
         assert talker.ask("INIT {Robot A} {Port 1}") == "INITREPLY {Status OK}"
 
 
-def test_a_flood_of_requests_is_answered_and_others_are_too() -> None:
+def test_a_flood_of_requests_is_answered_and_others_are_too(running: Running) -> None:
     """Thirty that ask without reading: somebody who asks now and then has his answer."""
-    with Running(Line(A=0, B=1)) as running:
-        running.robot("A")
-        for number in range(30):
-            one = running.talker()
-            one.socket.setblocking(False)
-            with contextlib.suppress(BlockingIOError):
-                for _ in range(20):
-                    one.socket.send((b"GETPOS %d\r\n" % number) * 200)
-        b = running.robot("B")
-        for _ in range(10):
-            assert b.control.ask("GETSS {Robot A}").startswith("SS {Robot A} {Strength -")
+    running.robot("A")
+    for number in range(30):
+        one = running.talker()
+        one.socket.setblocking(False)
+        with contextlib.suppress(BlockingIOError):
+            for _ in range(20):
+                one.socket.send((b"GETPOS %d\r\n" % number) * 200)
+    b = running.robot("B")
+    for _ in range(10):
+        assert b.control.ask("GETSS {Robot A}").startswith("SS {Robot A} {Strength -")

@@ -6,14 +6,14 @@ from there on it is down (-95.3 dBm at 50 m).
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import socket
-import threading
-from collections.abc import Coroutine
+from functools import partial
 from pathlib import Path
-from typing import Any, Self, TypeVar
 
+from services_harness import OnLoop
+
+from usarsim_client import BlockingConnection, Inbox, command
 from usarsim_server.protocol.values import Vector
 from usarsim_server.radio.configuration import read_radio
 from usarsim_server.radio.event_log import EventLog
@@ -23,8 +23,6 @@ from usarsim_server.services.dialogue import Desk
 from usarsim_server.services.relay import LinkOptions
 from usarsim_server.services.wireless import WirelessLimits, WirelessService
 from usarsim_server.testing import PATIENCE
-
-T = TypeVar("T")
 
 NEAR, FAR = 10.0, 80.0
 """m: places where a station at 0 is heard and is not."""
@@ -50,17 +48,15 @@ class Line:
         return int(abs(end[0] - start[0]) // 10)
 
 
-class Talker:
+class Talker(BlockingConnection):
     """A robot's control connection."""
 
     def __init__(self, port: int) -> None:
-        self.socket = socket.create_connection(("127.0.0.1", port), timeout=PATIENCE)
-        self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._rest = b""
+        super().__init__(port, patience=PATIENCE)
 
     def ask(self, line: str) -> str:
         """Send a line, read the answer."""
-        self.socket.sendall(line.encode("latin-1") + b"\r\n")
+        self.send(command(line))
         return self.line()
 
     def line(self) -> str:
@@ -69,17 +65,11 @@ class Talker:
 
     def until(self, end: bytes) -> bytes:
         """What comes up to an end mark, without it."""
-        while end not in self._rest:
-            data = self.socket.recv(65536)
-            if not data:
-                raise ConnectionError("the server closed the connection")
-            self._rest += data
-        text, _, self._rest = self._rest.partition(end)
-        return text
+        return self.take(partial(Inbox.until, mark=end)).removesuffix(end)
 
     def message(self, text: bytes) -> bytes:
         """Send a message of the ComServer, read the answer, both with semicolon."""
-        self.socket.sendall(text)
+        self.send(text)
         return self.until(b";") + b";"
 
     def ended(self) -> bool:
@@ -102,7 +92,7 @@ class Robot:
         ports = ",".join(map(str, self.ports))
         answer = self.control.ask(f"INIT {{Robot {name}}} {{Port {ports}}}")
         assert answer == "INITREPLY {Status OK}", answer
-        running.sockets += self.listeners
+        running.clients += self.listeners
 
     def road_to(self, other: str, port: int | None = None) -> int:
         """The relay port that leads to another robot."""
@@ -112,10 +102,10 @@ class Robot:
         assert answer.startswith(prefix), answer
         return int(answer.removeprefix(prefix).rstrip("}"))
 
-    def call(self, link_options: int) -> socket.socket:
+    def call(self, road: int) -> socket.socket:
         """Connect to a relay port."""
-        made = socket.create_connection(("127.0.0.1", link_options), timeout=PATIENCE)
-        self._running.sockets.append(made)
+        made = socket.create_connection(("127.0.0.1", road), timeout=PATIENCE)
+        self._running.clients.append(made)
         return made
 
     def accept(self, listener: int = 0) -> socket.socket:
@@ -123,7 +113,7 @@ class Robot:
         self.listeners[listener].settimeout(PATIENCE)
         made, _ = self.listeners[listener].accept()
         made.settimeout(PATIENCE)
-        self._running.sockets.append(made)
+        self._running.clients.append(made)
         return made
 
     def link(self, other: Robot) -> tuple[socket.socket, socket.socket]:
@@ -132,8 +122,8 @@ class Robot:
         return mine, other.accept()
 
 
-class Running:
-    """Both services on an event loop of its own thread."""
+class Running(OnLoop):
+    """Both services."""
 
     def __init__(
         self,
@@ -146,13 +136,13 @@ class Running:
         strict: bool = False,
         owners: dict[str, str] | None = None,
         com_limits: ComServerLimits | None = None,
+        looks_again: bool = False,
         **radio: object,
     ) -> None:
-        self.line = line
+        self.line, self.time = line, 0.0
         self.owners = owners or {}
-        self.sockets: list[socket.socket] = []
         options = read_radio({"patience": 0.1, "cache_distance": 0, **radio}, "test")
-        world = RadioWorld(line.stations, line, lambda: 0.0, speed)
+        world = RadioWorld(line.stations, line, lambda: self.time, speed)
         record = EventLog(log, world.clock)
 
         def network() -> Network:
@@ -162,7 +152,6 @@ class Running:
             return [b"TRUTH " + text + b"\r\n" for text in lines]
 
         limits = limits or WirelessLimits(poll=POLL)
-
         self.wireless = WirelessService(
             "127.0.0.1",
             0,
@@ -172,6 +161,7 @@ class Running:
             limits=limits,
             owners=lambda: self.owners,
             strict=strict,
+            looks_again=looks_again,
         )
         self.comserver = ComServerService(
             "127.0.0.1",
@@ -180,53 +170,24 @@ class Running:
             limits=com_limits or ComServerLimits(poll=POLL),
             owners=lambda: self.owners,
         )
-        self.loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(target=self._serve, daemon=True)
-        self._thread.start()
-        self.port = self.call(self.wireless.start()).port
-        self.com_port = self.call(self.comserver.start()).port
-
-    def _serve(self) -> None:
-        asyncio.set_event_loop(self.loop)
-        self.loop.run_forever()
-
-    def call(self, coroutine: Coroutine[Any, Any, T]) -> T:
-        """Have something done on the event loop."""
-        return asyncio.run_coroutine_threadsafe(coroutine, self.loop).result(PATIENCE)
+        super().__init__(self.wireless, self.comserver)
+        self.port, self.com_port = (endpoint.port for endpoint in self.begin())
 
     def talker(self) -> Talker:
         """A new control connection of the wireless simulation."""
         made = Talker(self.port)
-        self.sockets.append(made.socket)
+        self.clients.append(made.socket)
         return made
 
     def com_talker(self) -> Talker:
         """A new control connection of the ComServer."""
         made = Talker(self.com_port)
-        self.sockets.append(made.socket)
+        self.clients.append(made.socket)
         return made
 
     def robot(self, name: str, listeners: int = 1) -> Robot:
         """A registered robot."""
         return Robot(self, name, listeners)
-
-    def stop(self) -> None:
-        """Stop everything."""
-        if self.loop.is_closed():
-            return
-        self.call(self.wireless.stop())
-        self.call(self.comserver.stop())
-        self.loop.call_soon_threadsafe(self.loop.stop)
-        self._thread.join(PATIENCE)
-        self.loop.close()
-        for one in self.sockets:
-            one.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.stop()
 
 
 def received(end: socket.socket, size: int) -> bytes:

@@ -5,35 +5,36 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from control_harness import controller
+from control_harness import controller, leave
 
 from usarsim_server.testing import Rehearsal, RehearsedClient
 
 
 @pytest.fixture(scope="module")
-def stage() -> Iterator[Rehearsal]:
-    """One empty world for all tests of this file."""
-    with Rehearsal(world="empty", max_robots=32) as rehearsal:
+def empty() -> Iterator[Rehearsal]:
+    """One empty world for all tests of a file."""
+    with Rehearsal(world="empty", max_robots=64) as rehearsal:
         yield rehearsal
 
 
 @pytest.fixture
-def connection(stage: Rehearsal) -> Iterator[RehearsedClient]:
-    """A connection that is nothing yet; it is closed after the test."""
-    made = stage.connect()
-    yield made
-    made.close()
-    stage.run(0.05)
+def stage(empty: Rehearsal) -> Iterator[Rehearsal]:
+    """That world; everybody who came during the test has left after it."""
+    before = len(empty._clients)
+    yield empty
+    leave(empty, *empty._clients[before:])
 
 
 @pytest.fixture
-def client(stage: Rehearsal) -> Iterator[RehearsedClient]:
+def connection(stage: Rehearsal) -> RehearsedClient:
+    """A connection that is nothing yet."""
+    return stage.connect()
+
+
+@pytest.fixture
+def client(stage: Rehearsal) -> RehearsedClient:
     """A world controller; whatever it created is gone after the test."""
-    connection = controller(stage)
-    yield connection
-    connection.send("CONTROL {Type GetSTA}")
-    connection.close()
-    stage.settle()
+    return controller(stage)
 
 
 @pytest.fixture

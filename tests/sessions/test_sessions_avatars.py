@@ -22,13 +22,6 @@ BONES = re.compile(
 
 
 @pytest.fixture(scope="module")
-def stage() -> Iterator[Rehearsal]:
-    """One empty world for most tests of this file."""
-    with Rehearsal(world="empty", max_robots=16) as rehearsal:
-        yield rehearsal
-
-
-@pytest.fixture(scope="module")
 def office() -> Iterator[Rehearsal]:
     """A world with walls and path nodes."""
     with Rehearsal(world="office") as rehearsal:
@@ -63,7 +56,6 @@ def test_init_and_reports(stage: Rehearsal) -> None:
     assert (one.kind, one.name, one.walking) == ("USARAvatarNewMale", "Worker1", False)
     assert one.place == near(3, 4, -0.96, within=0.01)
     assert one.turn == near(0, 0, 1.57, within=0.01)
-    leave(stage, client)
 
 
 @pytest.mark.parametrize(
@@ -73,7 +65,6 @@ def test_classes(stage: Rehearsal, kind: str) -> None:
     """By name or alias, with the package; without it only by the full name."""
     client = avatar(stage, ClassName=kind)
     assert now_or_never(stage, client)
-    leave(stage, client)
 
 
 @pytest.mark.parametrize("kind", ["USARAvatar.Nobody", "Worker", "USARBot.Worker"])
@@ -83,7 +74,6 @@ def test_unknown_classes(stage: Rehearsal, kind: str) -> None:
     assert not now_or_never(stage, client)
     client.send("INIT {ClassName USARAvatar.Worker}")
     assert now_or_never(stage, client)
-    leave(stage, client)
 
 
 def now_or_never(stage: Rehearsal, client: RehearsedClient) -> bool:
@@ -98,7 +88,6 @@ def test_names_are_unique(stage: Rehearsal) -> None:
     stage.run(0.4)
     names = [statuses(client)[-1].name for client in clients]
     assert names == ["W", "W_2", "USARAvatarNewMale"]
-    leave(stage, *clients)
 
 
 @pytest.mark.parametrize("height", ["-30", "0", "1.8", "-0.2"])
@@ -107,7 +96,6 @@ def test_people_stand_on_the_ground(stage: Rehearsal, height: str) -> None:
     client = avatar(stage, f"1,1,{height}")
     stage.run(0.4)
     assert statuses(client)[-1].place == near(1, 1, -0.96, within=0.01)
-    leave(stage, client)
 
 
 def test_people_make_room(stage: Rehearsal) -> None:
@@ -118,12 +106,10 @@ def test_people_make_room(stage: Rehearsal) -> None:
     clients = [avatar(stage, "8,0,-1") for _ in range(2)]
     stage.run(0.4)
     places = [statuses(client)[-1].place[:2] for client in clients]
-    state = stage.assembly.robots.vehicles[-1].body.look()
-    assert state is not None
+    state = stage.robot_state(-1)
     assert state.pose.position[:2] == pytest.approx((8, 0), abs=0.02)
     assert 0.3 < math.dist(places[0], (8, 0)) < 1.5
     assert 0.3 < math.dist(*places) < 3.0
-    leave(stage, robot, *clients)
 
 
 def test_an_avatar_leaves_with_its_connection(stage: Rehearsal) -> None:
@@ -156,7 +142,6 @@ def test_other_requests_are_ignored(stage: Rehearsal) -> None:
     )
     assert client.take() == []
     assert not now(stage, client).walking
-    leave(stage, client)
 
 
 # -- walking ---------------------------------------------------------------------------------------
@@ -178,7 +163,6 @@ def test_walking_forward(stage: Rehearsal) -> None:
     there = now(stage, client)
     assert (there.place[:2], there.walking) == (near(0, 4, within=0.02), False)
     assert now(stage, client).place == there.place
-    leave(stage, client)
 
 
 def test_running_is_faster_and_backward_is_slower(stage: Rehearsal) -> None:
@@ -223,7 +207,6 @@ def test_new_append_pause_resume(stage: Rehearsal) -> None:
     )
     stage.run(4.0)
     assert now(stage, client).place[:2] == near(2, 1, within=0.02)
-    leave(stage, client)
 
 
 def test_places_that_wait_are_not_looked_at_again(
@@ -250,7 +233,6 @@ def test_places_that_wait_are_not_looked_at_again(
     client.send(*["MOVE {Action Append} {Location 0,9}", "MOVE {Action Append} {Location 9,0}"] * 5)
     stage.run(0.05)
     assert len(asked) - before <= 2 * 10
-    leave(stage, client)
 
 
 def test_changing_ones_mind_is_no_jump(stage: Rehearsal) -> None:
@@ -265,7 +247,6 @@ def test_changing_ones_mind_is_no_jump(stage: Rehearsal) -> None:
     steps = [math.dist(a, b) for a, b in itertools.pairwise(places)]
     assert max(steps) < 1.3 * 0.05 + 0.021
     assert sum(steps) > 2.0
-    leave(stage, client)
 
 
 def test_walls_are_respected(office: Rehearsal) -> None:
@@ -334,7 +315,6 @@ def test_lasers_see_people(stage: Rehearsal) -> None:
             nearest.append(min(float(part) for part in found.group(1).split(",")))
     assert min(nearest) == pytest.approx(2.75, abs=0.2)
     assert len({round(one, 2) for one in nearest}) > 10
-    leave(stage, robot, client)
 
 
 def test_a_person_pushes_a_robot_aside_softly(stage: Rehearsal) -> None:
@@ -356,12 +336,11 @@ def test_a_person_pushes_a_robot_aside_softly(stage: Rehearsal) -> None:
     assert math.dist((x, y), (42, 0)) > 0.2, "it was moved"
     assert math.dist((x, y), (42, 0)) < 4.0
     assert highest < 0.5
-    leave(stage, robot, client)
 
 
 def test_facts_bear_the_name(stage: Rehearsal) -> None:
     """Sensors that recognise what they see are told who it is, whichever limb they hit."""
-    client = avatar(stage, "60,0,-1", Name="Anna")
+    avatar(stage, "60,0,-1", Name="Anna")
     stage.run(0.1)
     (found,) = (one for one, _ in stage.assembly.roles.avatars.present())
     snapshot = stage.assembly.simulation.look()
@@ -370,7 +349,6 @@ def test_facts_bear_the_name(stage: Rehearsal) -> None:
         facts = stage.assembly.robots.object_facts(f"robot{slot}:{body}", snapshot)
         assert facts is not None
         assert facts.name == "Anna"
-    leave(stage, client)
 
 
 def walk_about() -> list[str]:

@@ -14,14 +14,14 @@ from usarsim_server.protocol.commands import interpret
 from usarsim_server.protocol.grammar import parse_line
 from usarsim_server.protocol.requests import Set
 from usarsim_server.protocol.values import Dialect
-from usarsim_server.robots.catalog import load_catalog
 from usarsim_server.robots.description import CameraDescription, RobotDescription
 from usarsim_server.sessions.cameras import CameraMount, bind_view
 from usarsim_server.simulation.frames import Pose
 from usarsim_server.simulation.snapshot import RobotBody
+from usarsim_server.testing.sharing import shipped_robots
 
 UDK, UT2004 = Dialect.UDK, Dialect.UT2004
-ROSTER = load_catalog()
+ROSTER = shipped_robots()
 LENS = "{CameraDefFov 80.0000}{CameraMinFov 20.0000}{CameraMaxFov 120.0000}"
 
 

@@ -9,7 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from usarsim_server.sessions.outbox import GRACE, LEAST_READ, Outbox, OutboxLimits
+from usarsim_server.sessions.outbox import (
+    GRACE,
+    LEAST_READ,
+    TOGETHER,
+    Outbox,
+    OutboxLimits,
+)
 from usarsim_server.testing import PATIENCE
 
 STREAM_BYTES = 100
@@ -39,6 +45,28 @@ def test_replies_and_streams_keep_their_common_order() -> None:
     outbox.put_stream(b"SEN 3\r\n")
     outbox.put_reply(b"GEO 4\r\n")
     assert drain(outbox) == [b"STA 1\r\n", b"CONF 2\r\n", b"SEN 3\r\n", b"GEO 4\r\n"]
+
+
+def test_a_report_wakes_its_taker_once_and_may_leave_in_one_piece() -> None:
+    """Clients of lockstep get what waits together, up to 16 KiB; all others line by line."""
+    wakes: list[int] = []
+    outbox = Outbox(lambda: wakes.append(len(outbox)))
+    outbox.put_report([b"STA 1\r\n", b"", b"SEN 2\r\n"], b"NFO 3\r\n")
+    assert wakes == [3]
+    assert drain(outbox) == [b"STA 1\r\n", b"SEN 2\r\n", b"NFO 3\r\n"]
+    outbox.together = True
+    outbox.put_report([b"STA 1\r\n"], b"NFO 3\r\n")
+    outbox.put_reply(b"CONF 4\r\n")
+    assert drain(outbox) == [b"STA 1\r\nNFO 3\r\nCONF 4\r\n"]
+    outbox.put_report([], b"NFO 5\r\n")
+    assert drain(outbox) == [b"NFO 5\r\n"]
+    assert wakes == [3, 2, 1]
+    for _ in range(3):
+        outbox.put_reply(b"x" * (TOGETHER - 2) + b"\r\n")
+    assert [len(one) for one in drain(outbox)] == [TOGETHER] * 3
+    outbox.close()
+    outbox.put_report([b"STA\r\n"], b"NFO\r\n")
+    assert drain(outbox) == []
 
 
 def test_full_stream_budget_drops_the_oldest_streamed_lines_whole() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
 
 import pytest
 from control_harness import last, numbers, truth
@@ -12,20 +11,10 @@ from control_harness import last, numbers, truth
 from usarsim_server.testing import Rehearsal, RehearsedClient
 
 
-@pytest.fixture(scope="module")
-def stage() -> Iterator[Rehearsal]:
-    """One empty world for all tests of this file; robots keep out of each other's way."""
-    with Rehearsal(world="empty", max_robots=64) as rehearsal:
-        yield rehearsal
-
-
 @pytest.fixture
-def client(stage: Rehearsal) -> Iterator[RehearsedClient]:
-    """A connection that is closed after the test."""
-    connection = stage.connect()
-    yield connection
-    connection.close()
-    stage.run(0.05)
+def client(connection: RehearsedClient) -> RehearsedClient:
+    """A connection that is nothing yet."""
+    return connection
 
 
 # -- INIT ------------------------------------------------------------------------------------------
@@ -176,9 +165,7 @@ def test_frames_on_the_wire(stage: Rehearsal, client: RehearsedClient) -> None:
 def test_height_grows_downwards(stage: Rehearsal, client: RehearsedClient) -> None:
     """A robot spawned higher has the smaller z (check 56)."""
     client.send("INIT {ClassName P2AT} {Location 20,10,-1.3} {Dialect udk}")
-    stage.run(0.27)
-    first = client.lines or [""]
-    stage.run(0.05)
+    stage.run(0.36)
     first = [line for line in client.lines if "GroundTruth" in line]
     high = numbers(first[0], "Location")[2]
     stage.run(1.5)
@@ -199,8 +186,6 @@ def test_tilt_signs(stage: Rehearsal, client: RehearsedClient, rotation: str, in
     angles = numbers(falling[0], "Orientation")
     assert angles[index] == pytest.approx(0.15, abs=0.01)
     assert abs(angles[1 - index]) < 0.01
-    state = stage.assembly.robots.vehicles[-1].body.look()
-    assert state is not None
 
 
 # -- driving ---------------------------------------------------------------------------------------
@@ -208,8 +193,7 @@ def test_tilt_signs(stage: Rehearsal, client: RehearsedClient, rotation: str, in
 
 def _wheels(stage: Rehearsal, seconds: float = 1.5) -> list[float]:
     stage.run(seconds)
-    state = stage.assembly.robots.vehicles[-1].body.look()
-    assert state is not None
+    state = stage.robot_state(-1)
     speeds: list[float] = state.wheel_speeds.tolist()
     return speeds
 
@@ -265,18 +249,15 @@ def test_flip(stage: Rehearsal, client: RehearsedClient) -> None:
     """Flip rights an overturned robot in ut2004 and leaves an upright one alone (check 153)."""
     client.send("INIT {ClassName P2AT} {Location 60,16,-0.6} {Rotation 3.14159,0,0.7}")
     stage.run(1.0)
-    state = stage.assembly.robots.vehicles[-1].body.look()
-    assert state is not None
+    state = stage.robot_state(-1)
     assert state.pose.rotate((0, 0, 1))[2] < -0.8
     client.send("DRIVE {Flip True}")
     stage.run(1.0)
-    state = stage.assembly.robots.vehicles[-1].body.look()
-    assert state is not None
+    state = stage.robot_state(-1)
     assert state.pose.rotate((0, 0, 1))[2] > 0.99
     client.send("DRIVE {Flip True}")
     stage.run(0.2)
-    still = stage.assembly.robots.vehicles[-1].body.look()
-    assert still is not None
+    still = stage.robot_state(-1)
     assert still.pose.position == pytest.approx(state.pose.position, abs=0.01)
 
 

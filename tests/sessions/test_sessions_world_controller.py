@@ -12,7 +12,6 @@ from control_harness import (
     control,
     controller,
     create,
-    leave,
     near,
     status,
     statuses,
@@ -34,7 +33,6 @@ def test_only_world_controllers_control(stage: Rehearsal, client: RehearsedClien
         assert one.take("STA {Name") == []
         assert "STA" not in one.take()
     assert status(client) == {}
-    robot.close()
 
 
 @pytest.mark.parametrize(
@@ -443,4 +441,3 @@ def test_controllers_and_avatars_together(stage: Rehearsal) -> None:
     control(wc, "KillAll")
     assert statuses(client)
     assert [one.name for one, _ in stage.assembly.roles.avatars.present()] == ["Walker"]
-    leave(stage, wc, client)

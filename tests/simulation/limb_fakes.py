@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import mujoco
 import numpy as np
-from sim_fakes import Scenery, add_box, add_crate, floor
+from sim_fakes import Scenery, add_box, add_crate, floor, run
 
 from usarsim_server.simulation.articulation import (
     Grip,
@@ -51,6 +51,22 @@ def link(
     return body
 
 
+def slider(
+    body: mujoco.MjsBody, name: str, axis: tuple[float, ...], force: float, reach: float
+) -> None:
+    """A sliding joint with a servo, from 0 to its reach (m)."""
+    body.add_joint(
+        name=f"{name}_joint",
+        type=mujoco.mjtJoint.mjJNT_SLIDE,
+        axis=axis,
+        armature=0.01,
+        frictionloss=force,
+        limited=mujoco.mjtLimited.mjLIMITED_TRUE,
+        range=(0.0, reach),
+        **SERVO,
+    )
+
+
 def foot(spec: mujoco.MjSpec, mass: float = 50.0) -> mujoco.MjsBody:
     """A heavy box that stands on the floor; its origin is the foot of it."""
     base = spec.worldbody.add_body(name="base")
@@ -82,16 +98,7 @@ def build_arm(torque: float = 30.0, damping: float = 0.0) -> mujoco.MjSpec:
         range=(-1.0, 1.0),
     )
     slide = lift.add_body(name="slide", pos=(LENGTH, 0.0, 0.0))
-    slide.add_joint(
-        name="slide_joint",
-        type=mujoco.mjtJoint.mjJNT_SLIDE,
-        axis=(1.0, 0.0, 0.0),
-        armature=0.01,
-        frictionloss=40.0,
-        limited=mujoco.mjtLimited.mjLIMITED_TRUE,
-        range=(0.0, 0.3),
-        **SERVO,
-    )
+    slider(slide, "slide", (1.0, 0.0, 0.0), 40.0, 0.3)
     slide.add_geom(name="slide", size=[0.03, 0.0, 0.0], mass=0.1)
     return spec
 
@@ -122,24 +129,27 @@ def arm_engine(
     return engine
 
 
-def order(engine: Engine, robot: int = 0, **values: float) -> None:
-    """Order positions: `lift=0.5` for `lift_joint`."""
-    _command(engine, robot, Order.POSITION, values)
+def order(engine: Engine, robot: int = 0, *, seconds: float = 0.0, **values: float) -> None:
+    """Order positions, `lift=0.5` for `lift_joint`, and let some time pass."""
+    _command(engine, robot, Order.POSITION, values, seconds)
 
 
-def spin(engine: Engine, robot: int = 0, **values: float) -> None:
+def spin(engine: Engine, robot: int = 0, *, seconds: float = 0.0, **values: float) -> None:
     """Order speeds."""
-    _command(engine, robot, Order.VELOCITY, values)
+    _command(engine, robot, Order.VELOCITY, values, seconds)
 
 
-def push(engine: Engine, robot: int = 0, **values: float) -> None:
+def push(engine: Engine, robot: int = 0, *, seconds: float = 0.0, **values: float) -> None:
     """Order torques."""
-    _command(engine, robot, Order.TORQUE, values)
+    _command(engine, robot, Order.TORQUE, values, seconds)
 
 
-def _command(engine: Engine, robot: int, kind: Order, values: dict[str, float]) -> None:
+def _command(
+    engine: Engine, robot: int, kind: Order, values: dict[str, float], seconds: float
+) -> None:
     orders = {f"{name}_joint": JointOrder(kind, value) for name, value in values.items()}
     engine.command_joints(robot, orders)
+    run(engine, seconds)
 
 
 def position(engine: Engine, joint: str, robot: int = 0) -> float:
@@ -173,29 +183,11 @@ def build_crane() -> mujoco.MjSpec:
     spec.compiler.degree = False
     base = foot(spec)
     hoist = base.add_body(name="hoist", pos=(0.5, 0.0, 0.2))
-    hoist.add_joint(
-        name="hoist_joint",
-        type=mujoco.mjtJoint.mjJNT_SLIDE,
-        axis=(0.0, 0.0, 1.0),
-        armature=0.01,
-        frictionloss=300.0,
-        limited=mujoco.mjtLimited.mjLIMITED_TRUE,
-        range=(0.0, 0.5),
-        **SERVO,
-    )
+    slider(hoist, "hoist", (0.0, 0.0, 1.0), 300.0, 0.5)
     hoist.add_geom(size=[0.02, 0.0, 0.0], pos=[0.0, 0.0, 0.3], mass=1.0)
     for name, side in (("left", 1.0), ("right", -1.0)):
         finger = hoist.add_body(name=name, pos=(0.0, 0.12 * side, 0.0))
-        finger.add_joint(
-            name=f"{name}_joint",
-            type=mujoco.mjtJoint.mjJNT_SLIDE,
-            axis=(0.0, -side, 0.0),
-            armature=0.01,
-            frictionloss=30.0,
-            limited=mujoco.mjtLimited.mjLIMITED_TRUE,
-            range=(0.0, 0.11),
-            **SERVO,
-        )
+        slider(finger, name, (0.0, -side, 0.0), 30.0, 0.11)
         finger.add_geom(type=Geom.mjGEOM_BOX, size=[0.04, 0.01, 0.04], mass=0.1)
     hoist.add_body(name="cup", pos=(0.0, 0.5, 0.0))
     hoist.add_body(name="changer", pos=(0.0, -0.5, 0.0))
@@ -246,16 +238,18 @@ def storehouse(mass: float = 1.0, cup_mass: float = 1.0) -> mujoco.MjSpec:
     return spec
 
 
-def close(engine: Engine, robot: int = 0) -> None:
-    """Close the fingers and the grip."""
-    order(engine, robot, left=0.11, right=0.11)
-    engine.operate_hand(robot, "grip", True)
+def close(engine: Engine, *, seconds: float = 0.0) -> None:
+    """Close the fingers and the grip of the first robot."""
+    order(engine, left=0.11, right=0.11)
+    engine.operate_hand(0, "grip", True)
+    run(engine, seconds)
 
 
-def open_hand(engine: Engine, robot: int = 0) -> None:
-    """Open the fingers and the grip."""
-    order(engine, robot, left=0.0, right=0.0)
-    engine.operate_hand(robot, "grip", False)
+def open_hand(engine: Engine, *, seconds: float = 0.0) -> None:
+    """Open the fingers and the grip of the first robot."""
+    order(engine, left=0.0, right=0.0)
+    engine.operate_hand(0, "grip", False)
+    run(engine, seconds)
 
 
 def holding(engine: Engine, hand: str, robot: int = 0) -> str | None:

@@ -7,9 +7,7 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from sim_fakes import (
-    Geom,
-)
+from sim_fakes import Geom
 
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.model import SHELF_NAME, CompiledWorld
@@ -60,16 +58,7 @@ def add_shape(
     size = scale * dice.uniform(0.1, 0.8, 3)
     place = dice.uniform(-spread, spread, 3) + np.array([0.0, 0.0, spread + 1.0])
     attitude = dice.normal(size=4)
-    kinds = {
-        "box": Geom.mjGEOM_BOX,
-        "sphere": Geom.mjGEOM_SPHERE,
-        "ellipsoid": Geom.mjGEOM_ELLIPSOID,
-        "capsule": Geom.mjGEOM_CAPSULE,
-        "cylinder": Geom.mjGEOM_CYLINDER,
-        "mesh": Geom.mjGEOM_MESH,
-        "hfield": Geom.mjGEOM_HFIELD,
-    }
-    geom = body.add_geom(name=name, type=kinds[shape], pos=place)
+    geom = body.add_geom(name=name, type=getattr(Geom, f"mjGEOM_{shape.upper()}"), pos=place)
     geom.quat = attitude / np.linalg.norm(attitude)
     if shape == "mesh":
         geom.meshname = "tray"
@@ -134,20 +123,9 @@ class Reference:
         count = len(directions)
         distances, normals = np.empty(count), np.zeros((count, 3))
         geoms = np.empty(count, dtype=np.int32)
-        mujoco.mj_multiRay(
-            self.model,
-            self.data,
-            np.ascontiguousarray(origin),
-            np.ascontiguousarray(directions).reshape(-1),
-            None,
-            1,
-            -1,
-            geoms,
-            distances,
-            normals.reshape(-1),
-            count,
-            1e6,
-        )
+        start, ways = np.ascontiguousarray(origin), np.ascontiguousarray(directions).reshape(-1)
+        answers = geoms, distances, normals.reshape(-1)
+        mujoco.mj_multiRay(self.model, self.data, start, ways, None, 1, -1, *answers, count, 1e6)
         return np.where(geoms < 0, np.inf, distances), normals, geoms
 
 

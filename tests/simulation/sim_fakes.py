@@ -212,6 +212,12 @@ def run(engine: Engine, seconds: float) -> list[int]:
     return lost
 
 
+def drive(engine: Engine, targets: NDArray[np.float64], seconds: float, robot: int = 0) -> None:
+    """Drive a robot with wheel speeds (rad/s) for some time."""
+    engine.drive(robot, targets)
+    run(engine, seconds)
+
+
 def base_qpos(engine: Engine, robot: int) -> NDArray[np.float64]:
     """Free-joint coordinates (7,) of a robot."""
     start = engine.world.layouts[engine.active[robot]].qpos
@@ -295,6 +301,13 @@ class Watcher:
         """Keep the reason."""
         self.reasons.append(reason)
         self.due = float("inf")
+
+
+def watched(world: Simulation, robot: int, period: float, first: float = 0.0) -> Watcher:
+    """A listener of a robot."""
+    watcher = Watcher(period, first)
+    world.body(robot).attach(watcher)
+    return watcher
 
 
 class SlowWatcher(Watcher):

@@ -18,6 +18,7 @@ from sim_fakes import (
     pose_at,
     simulation,
     wait_until,
+    watched,
 )
 
 from usarsim_server.simulation.clock import (
@@ -173,8 +174,7 @@ class TestListeners:
     def test_wakes_at_the_asked_times(self) -> None:
         """Snapshots come at the first step that is not before their time, without drift."""
         world, robot = populated()
-        watcher = Watcher(0.1)
-        world.body(robot).attach(watcher)
+        watcher = watched(world, robot, 0.1)
         world.run_until(10.0)
         times = [snapshot.time for snapshot in watcher.snapshots]
         assert times[0] == pytest.approx(world.timestep)
@@ -183,8 +183,7 @@ class TestListeners:
     def test_odd_periods_do_not_drift(self) -> None:
         """Robots checklist 114: a period that is no multiple of the step is kept on average."""
         world, robot = populated()
-        watcher = Watcher(0.033)
-        world.body(robot).attach(watcher)
+        watcher = watched(world, robot, 0.033)
         world.run_until(20.0)
         times = np.array([snapshot.time for snapshot in watcher.snapshots])
         late = times - 0.033 * np.arange(len(times))
@@ -240,8 +239,7 @@ class TestListeners:
         robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
         time.sleep(0.02)
         assert world.look().time == 0.0
-        watcher = Watcher(0.1)
-        world.body(robot).attach(watcher)
+        watcher = watched(world, robot, 0.1)
         wait_until(lambda: len(watcher.snapshots) > 3)
         assert watcher.snapshots[0].time == pytest.approx(world.timestep)
         world.remove(robot)
@@ -271,16 +269,14 @@ class TestListeners:
     def test_attach_to_a_lost_robot(self) -> None:
         """A listener of a robot that is gone is told so at once."""
         world = simulation()
-        watcher = Watcher(0.1)
-        world.body(5).attach(watcher)
+        watcher = watched(world, 5, 0.1)
         world.settle()
         assert len(watcher.reasons) == 1
 
     def test_removal_ends_the_snapshots(self) -> None:
         """A removed robot's listener is neither woken nor told that it was lost."""
         world, robot = populated()
-        watcher = Watcher(0.1)
-        world.body(robot).attach(watcher)
+        watcher = watched(world, robot, 0.1)
         world.run_until(0.5)
         count = len(watcher.snapshots)
         world.remove(robot)

@@ -15,6 +15,7 @@ from sim_fakes import (
     Scenery,
     add_crate,
     base_qvel,
+    drive,
     engine_with,
     floor,
     robot_model,
@@ -68,8 +69,7 @@ def turn_in_place(
     model, data = engine.world.model, engine.data
     wheels = [geom for geom in range(model.ngeom) if _is_wheel(model, geom)]
     model.geom_friction[wheels, 0] = friction
-    engine.drive(0, turn(speed))
-    run(engine, 1.0)
+    drive(engine, turn(speed), 1.0)
     yaw, height, touching, torque = [], [], [], []
     for _ in range(round(1.5 / timestep)):
         engine.advance(1)
@@ -151,8 +151,7 @@ class TestTurnInPlace:
 def test_straight_running_is_not_disturbed() -> None:
     """V1, V2: straight ahead the robot keeps its line and 0.99 to 1.005 of r w."""
     engine = engine_with((0.0, 0.0))
-    engine.drive(0, straight(3.0))
-    run(engine, 2.0)
+    drive(engine, straight(3.0), 2.0)
     start = engine.data.qpos[:2].copy()
     run(engine, 3.0)
     way = engine.data.qpos[:2] - start

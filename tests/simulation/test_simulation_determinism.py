@@ -6,11 +6,22 @@ import hashlib
 import os
 import subprocess
 import sys
-import threading
 from pathlib import Path
 
 import numpy as np
-from sim_fakes import ROBOT, ROGUE, Watcher, populated, pose_at, simulation, straight, turn, yard
+from sim_fakes import (
+    ROBOT,
+    ROGUE,
+    Watcher,
+    in_parallel,
+    populated,
+    pose_at,
+    simulation,
+    straight,
+    turn,
+    watched,
+    yard,
+)
 
 from usarsim_server.simulation.rays.query import RayFan
 from usarsim_server.simulation.simulation import Simulation
@@ -75,11 +86,7 @@ class TestSameBits:
         """Two worlds that run side by side do not disturb each other."""
         alone = play()
         found: list[str] = []
-        threads = [threading.Thread(target=lambda: found.append(play())) for _ in range(2)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
+        in_parallel(lambda number: found.append(play()), 0, 1)
         assert found == [alone, alone]
 
     def test_in_another_process(self) -> None:
@@ -130,8 +137,7 @@ class TestSameBits:
             world = simulation()
             rogue, _ = world.spawn(ROGUE, pose_at(0.0, 0.0))
             robot, _ = world.spawn(ROBOT, pose_at(0.0, 1.5))
-            watcher = Watcher(0.1)
-            world.body(rogue).attach(watcher)
+            watcher = watched(world, rogue, 0.1)
             world.body(rogue).drive(straight(5.0))
             world.body(robot).drive(straight(2.0))
             world.run_until(1.0)

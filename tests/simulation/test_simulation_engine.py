@@ -13,6 +13,7 @@ from sim_fakes import (
     base_qpos,
     base_qvel,
     crate,
+    drive,
     engine_with,
     floor,
     furnished,
@@ -36,8 +37,7 @@ def driving_engine(spare: int = 2) -> Engine:
     """Two robots on their way, far from each other, and spare slots."""
     engine = engine_with((0.0, 0.0), (0.0, 3.0), scenery=yard, spare=spare)
     engine.drive(0, straight(2.0))
-    engine.drive(1, turn(2.0))
-    run(engine, 0.5)
+    drive(engine, turn(2.0), 0.5, robot=1)
     return engine
 
 
@@ -60,8 +60,7 @@ class TestSlots:
     def test_occupy_puts_the_robot_at_its_pose_at_rest(self) -> None:
         """An occupied slot stands where it was told, with every velocity and wheel angle zero."""
         engine = engine_with((0.0, 0.0))
-        engine.drive(0, straight(3.0))
-        run(engine, 0.5)
+        drive(engine, straight(3.0), 0.5)
         engine.vacate(0)
         engine.occupy(1, 0, pose_at(1.0, -2.0, 0.3, yaw=0.5))
         expected = [1.0, -2.0, 0.3, np.cos(0.25), 0.0, 0.0, np.sin(0.25)]
@@ -72,8 +71,7 @@ class TestSlots:
     def test_a_used_slot_forgets_its_commands(self) -> None:
         """A robot in a slot that was driven before stands still."""
         engine = engine_with((0.0, 0.0))
-        engine.drive(0, straight(3.0))
-        run(engine, 0.5)
+        drive(engine, straight(3.0), 0.5)
         engine.vacate(0)
         engine.occupy(1, 0, pose_at(0.0, 0.0))
         run(engine, 0.5)
@@ -218,8 +216,7 @@ class TestSleep:
     def test_only_the_driven_robot_is_awake(self) -> None:
         """Seven parked robots beside one that drives are not simulated."""
         engine = engine_with((0.0, 0.0), spare=7)
-        engine.drive(0, straight(2.0))
-        run(engine, 0.5)
+        drive(engine, straight(2.0), 0.5)
         assert engine.data.ntree_awake == 1
 
     def test_idle_robots_fall_asleep(self) -> None:
@@ -264,8 +261,7 @@ class TestSleep:
         start = base_qpos(engine, 0)[0]
         run(engine, 20.0)
         assert base_qpos(engine, 0)[0] - start == pytest.approx(20.0 * 0.0008 * RADIUS, rel=0.01)
-        engine.drive(0, straight(0.0))
-        run(engine, 2.0)
+        drive(engine, straight(0.0), 2.0)
         assert engine.data.ntree_awake == 0
 
     def test_a_stalled_robot_goes_on(self) -> None:
@@ -275,8 +271,7 @@ class TestSleep:
         engine.occupy(0, 0, pose_at(0.0, 0.0))
         engine.occupy(1, 1, pose_at(0.52, 0.0))
         engine.drive(1, straight(0.0))  # parks with its brake on
-        engine.drive(0, straight(2.0))
-        run(engine, 4.0)
+        drive(engine, straight(2.0), 4.0)
         stalled = base_qpos(engine, 0)[0]
         assert np.abs(base_qvel(engine, 0)[:3]).max() < 0.005
         engine.vacate(1)

@@ -24,6 +24,7 @@ from sim_fakes import (
     simulation,
     straight,
     wait_until,
+    watched,
 )
 
 from usarsim_server.errors import SpawnError, UsarsimError
@@ -284,8 +285,7 @@ class TestSnapshots:
     def test_published_snapshots_are_of_wakes(self) -> None:
         """The published snapshot is the one that the last listener was woken with."""
         world, robot = populated()
-        watcher = Watcher(0.1)
-        world.body(robot).attach(watcher)
+        watcher = watched(world, robot, 0.1)
         world.run_until(0.55)
         assert world.snapshot is watcher.snapshots[-1]
         assert world.look().time == pytest.approx(0.552)
@@ -306,8 +306,7 @@ class TestRunning:
         """In lockstep time passes although nobody looks at a clock."""
         world = start()
         robot, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
-        watcher = Watcher(0.5)
-        world.body(robot).attach(watcher)
+        watched(world, robot, 0.5)
         wait_until(lambda: world.look().time > 5.0)
 
     def test_run_until_stops_at_the_step(self) -> None:

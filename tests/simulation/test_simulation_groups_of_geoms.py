@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import mujoco
 import numpy as np
 import pytest
@@ -33,7 +35,7 @@ AXLE = '<joint name="axle" type="hinge" axis="0 1 0" {more}/>'
 
 
 def rigid_groups_(part: str) -> dict[str, set[str]]:
-    """Names of the geoms of each lump, by the name of its body."""
+    """Names of the geoms of each group, by the name of its body."""
     model, found = compiled(part)
     return {
         model.body(one.body).name: {model.geom(geom).name for geom in one.geoms} for one in found
@@ -41,7 +43,7 @@ def rigid_groups_(part: str) -> dict[str, set[str]]:
 
 
 def compiled(part: str) -> tuple[mujoco.MjModel, list[RigidGroup]]:
-    """The model with some part, and its lumps."""
+    """The model with some part, and its groups."""
     model = mujoco.MjModel.from_xml_string(BODY.format(part=part))
     return model, rigid_groups(model, lambda geom: True)
 
@@ -103,25 +105,22 @@ def test_what_sits_on_a_wheel_turns_with_it() -> None:
 
 
 def test_places_are_those_of_the_physics() -> None:
-    """However a wheel has turned, the geoms are where the lump has them."""
-    model, (rigid_group,) = compiled(AXLE.format(more="") + ROUND["cylinder"])
+    """However a wheel has turned, the geoms are where the group has them."""
+    model, (group,) = compiled(AXLE.format(more="") + ROUND["cylinder"])
     data = mujoco.MjData(model)
     data.qpos[:7] = (0.3, -1.0, 0.2, *np.array([0.5, 0.5, -0.1, 0.7]) / 1.0)
     data.qpos[7] = 1.234
     mujoco.mj_kinematics(model, data)
-    body = data.xmat[rigid_group.body].reshape(3, 3)
-    for geom, place, turn in zip(
-        rigid_group.geoms, rigid_group.places, rigid_group.turns, strict=True
-    ):
-        np.testing.assert_allclose(
-            data.xpos[rigid_group.body] + body @ place, data.geom_xpos[geom], atol=1e-9
-        )
+    body = data.xmat[group.body].reshape(3, 3)
+    for geom, place, turn in zip(group.geoms, group.places, group.turns, strict=True):
+        found = data.xpos[group.body] + body @ place
+        np.testing.assert_allclose(found, data.geom_xpos[geom], atol=1e-9)
         main = (body @ turn)[:, 2]
         np.testing.assert_allclose(main, data.geom_xmat[geom].reshape(3, 3)[:, 2], atol=1e-9)
 
 
 def test_only_what_is_visible_counts() -> None:
-    """A body without visible geoms is no lump; the fixed world is none either."""
+    """A body without visible geoms is no group; the fixed world is none either."""
     model = mujoco.MjModel.from_xml_string(BODY.format(part=AXLE + ROUND["sphere"]).format(more=""))
     seen = rigid_groups(model, lambda geom: model.geom(geom).name == "wheel")
     assert [(one.body, one.geoms) for one in seen] == [
@@ -139,19 +138,10 @@ def stage(movable: bool) -> mujoco.MjSpec:
     body = spec.worldbody.add_body(name="thing", pos=[3.0, 0.0, 0.0])
     if movable:
         body.add_freejoint()
-    body.add_geom(
-        name="seen",
-        type=Geom.mjGEOM_BOX,
-        size=[0.5, 0.5, 0.5],
-        pos=[0.0, 0.0, 0.5],
-        contype=0,
-        conaffinity=0,
-        group=2,
-        mass=0.0,
-    )
-    body.add_geom(
-        name="felt", type=Geom.mjGEOM_BOX, size=[0.5, 0.5, 0.2], pos=[0.0, 0.0, 0.2], group=3
-    )
+    add = partial(body.add_geom, type=Geom.mjGEOM_BOX)
+    hollow = {"contype": 0, "conaffinity": 0, "mass": 0.0}
+    add(name="seen", size=[0.5, 0.5, 0.5], pos=[0.0, 0.0, 0.5], group=2, **hollow)
+    add(name="felt", size=[0.5, 0.5, 0.2], pos=[0.0, 0.0, 0.2], group=3)
     return spec
 
 
@@ -193,13 +183,8 @@ def pane(material: str, rigid: bool) -> RobotModel:
 
 def ahead(world: Simulation, through_glass: bool) -> RayHits:
     """What one ray along +x sees."""
-    fan = RayFan(
-        np.array([0.0, 0.0, 0.5]),
-        np.array([[1.0, 0.0, 0.0]]),
-        20.0,
-        through_glass=through_glass,
-        identify=True,
-    )
+    way = np.array([0.0, 0.0, 0.5]), np.array([[1.0, 0.0, 0.0]])
+    fan = RayFan(*way, 20.0, through_glass=through_glass, identify=True)
     return world.cast([fan], world.look(), None)[0]
 
 

@@ -69,24 +69,19 @@ class TestFingers:
         engine = crane()
         run(engine, 0.3)
         assert holding(engine, "grip") is None
-        close(engine)
-        run(engine, 1.0)
+        close(engine, seconds=1.0)
         assert holding(engine, "grip") == "parcel"
         before = height(engine, "parcel")
-        order(engine, hoist=0.4)
-        run(engine, 1.5)
+        order(engine, hoist=0.4, seconds=1.5)
         assert height(engine, "parcel") == pytest.approx(before + 0.4, abs=2e-3)
         assert engine.snapshot().hands[0]["grip"] == HandState(True, "parcel")
 
     def test_opens(self) -> None:
         """Opened, it lets the parcel fall back onto the table."""
         engine = crane()
-        close(engine)
-        run(engine, 1.0)
-        order(engine, hoist=0.3)
-        run(engine, 1.2)
-        open_hand(engine)
-        run(engine, 1.5)
+        close(engine, seconds=1.0)
+        order(engine, hoist=0.3, seconds=1.2)
+        open_hand(engine, seconds=1.5)
         assert holding(engine, "grip") is None
         assert height(engine, "parcel") == pytest.approx(0.15, abs=0.01)
         assert position(engine, "left") == pytest.approx(0.0, abs=1e-3)
@@ -94,8 +89,7 @@ class TestFingers:
     def test_an_empty_hand_closes_on_nothing(self) -> None:
         """Without anything between them the fingers close all the way, and nothing is held."""
         engine = arm_engine(floor(), CRANE)
-        close(engine)
-        run(engine, 1.5)
+        close(engine, seconds=1.5)
         assert position(engine, "left") == pytest.approx(0.11, abs=1e-3)
         assert engine.snapshot().hands[0]["grip"] == HandState(True, None)
 
@@ -110,10 +104,8 @@ class TestFingers:
     def test_a_strong_pull_takes_the_thing_away(self) -> None:
         """Friction and strength bear 100 N together; a harder pull takes the parcel for good."""
         engine = crane()
-        close(engine)
-        run(engine, 1.0)
-        order(engine, hoist=0.4)
-        run(engine, 1.2)
+        close(engine, seconds=1.0)
+        order(engine, hoist=0.4, seconds=1.2)
         pull(engine, "parcel", 25.0)
         run(engine, 0.5)
         assert holding(engine, "grip") == "parcel"
@@ -126,8 +118,7 @@ class TestFingers:
         """A post between the fingers is squeezed, not held."""
         scenery = furnished(box("post", (0.5, 0.0, 0.2), (0.02, 0.05, 0.2)))
         engine = arm_engine(scenery, CRANE)
-        close(engine)
-        run(engine, 1.0)
+        close(engine, seconds=1.0)
         assert engine.snapshot().hands[0]["grip"] == HandState(True, None)
 
     def test_it_does_not_hold_robots(self) -> None:
@@ -135,20 +126,16 @@ class TestFingers:
         engine = Engine(floor(), PhysicsOptions(), [CRANE, ROBOT])
         engine.occupy(0, 0, Pose((0.0, 0.0, 0.0)))
         engine.occupy(1, 1, Pose((0.5, 0.0, 0.11), (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))))
-        close(engine)
-        run(engine, 1.5)
+        close(engine, seconds=1.5)
         assert engine.snapshot().hands[0]["grip"] == HandState(True, None)
 
     def test_a_held_thing_sleeps_and_wakes_with_its_robot(self) -> None:
         """Holding costs nothing at rest, and an order wakes both."""
         engine = crane()
-        close(engine)
-        run(engine, 1.0)
-        order(engine, hoist=0.2)
-        run(engine, 5.0)
+        close(engine, seconds=1.0)
+        order(engine, hoist=0.2, seconds=5.0)
         assert engine.data.ntree_awake == 0
-        order(engine, hoist=0.4)
-        run(engine, 1.5)
+        order(engine, hoist=0.4, seconds=1.5)
         assert height(engine, "parcel") == pytest.approx(0.15 + 0.4, abs=5e-3)
 
 
@@ -162,8 +149,7 @@ class TestSuction:
         assert engine.operate_hand(0, "cup", True)
         run(engine, 0.1)
         assert holding(engine, "cup") == "box"
-        order(engine, hoist=0.3)
-        run(engine, 1.2)
+        order(engine, hoist=0.3, seconds=1.2)
         assert height(engine, "box") == pytest.approx(0.38, abs=3e-3)
         assert engine.operate_hand(0, "cup", False)
         run(engine, 1.0)
@@ -172,8 +158,7 @@ class TestSuction:
     def test_goes_on_looking_while_it_is_closed(self) -> None:
         """Closed too high up it holds nothing; it catches what is thrown before it."""
         engine = crane()
-        order(engine, hoist=0.4)
-        run(engine, 1.2)
+        order(engine, hoist=0.4, seconds=1.2)
         engine.operate_hand(0, "cup", True)
         run(engine, 0.2)
         assert holding(engine, "cup") is None
@@ -191,8 +176,7 @@ class TestSuction:
         run(engine, 0.2)
         engine.operate_hand(0, "cup", True)
         run(engine, 0.1)
-        order(engine, hoist=0.2)
-        run(engine, 1.0)
+        order(engine, hoist=0.2, seconds=1.0)
         pull(engine, "box", -100.0)
         run(engine, 0.5)
         assert holding(engine, "cup") == "box"
@@ -207,8 +191,7 @@ class TestSuction:
         engine.operate_hand(0, "cup", True)
         run(engine, 0.1)
         assert holding(engine, "cup") == "box"
-        order(engine, hoist=0.3)
-        run(engine, 0.5)
+        order(engine, hoist=0.3, seconds=0.5)
         assert engine.snapshot().hands[0]["cup"] == HandState(False, None)
         run(engine, 1.0)
         assert height(engine, "box") == pytest.approx(0.08, abs=0.01)
@@ -238,15 +221,13 @@ class TestCoupling:
         run(engine, 0.1)
         assert holding(engine, "changer") == "tool"
         assert height(engine, "robot0:tool") == pytest.approx(0.2, abs=2e-3)
-        order(engine, hoist=0.3)
-        run(engine, 1.2)
+        order(engine, hoist=0.3, seconds=1.2)
         assert height(engine, "robot0:tool") == pytest.approx(0.5, abs=2e-3)
 
     def test_refuses_what_is_too_far(self) -> None:
         """30 cm above it nothing is taken, and the hand stays open."""
         engine = crane()
-        order(engine, hoist=0.2)
-        run(engine, 1.0)
+        order(engine, hoist=0.2, seconds=1.0)
         assert not engine.operate_hand(0, "changer", True)
         assert engine.snapshot().hands[0]["changer"] == HandState(False, None)
 
@@ -318,10 +299,8 @@ class TestComingAndGoing:
     def test_a_robot_that_leaves_lets_go(self) -> None:
         """The parcel stays in the world and falls."""
         engine = crane()
-        close(engine)
-        run(engine, 1.0)
-        order(engine, hoist=0.4)
-        run(engine, 1.0)
+        close(engine, seconds=1.0)
+        order(engine, hoist=0.4, seconds=1.0)
         engine.vacate(0)
         run(engine, 1.5)
         assert height(engine, "parcel") == pytest.approx(0.15, abs=0.01)
@@ -329,8 +308,7 @@ class TestComingAndGoing:
     def test_a_robot_that_is_put_elsewhere_lets_go(self) -> None:
         """A teleport does not drag things across the world."""
         engine = crane()
-        close(engine)
-        run(engine, 1.0)
+        close(engine, seconds=1.0)
         engine.teleport(0, Pose((-3.0, 0.0, 0.0)))
         run(engine, 0.5)
         assert holding(engine, "grip") is None
@@ -346,8 +324,7 @@ class TestComingAndGoing:
         engine.operate_hand(0, "cup", True)
         run(engine, 0.1)
         assert holding(engine, "cup") == "robot1:base"
-        order(engine, hoist=0.3)
-        run(engine, 1.0)
+        order(engine, hoist=0.3, seconds=1.0)
         engine.vacate(1)
         run(engine, 0.5)
         assert holding(engine, "cup") is None
@@ -362,8 +339,7 @@ class TestComingAndGoing:
         run(engine, 1.0)
         engine.adopt(engine.grow([CRANE, ANCHORED]))
         engine.occupy(1, 1, Pose((0.0, 5.0, 0.0)))
-        order(engine, hoist=0.4)
-        run(engine, 1.5)
+        order(engine, hoist=0.4, seconds=1.5)
         assert height(engine, "parcel") == pytest.approx(0.55, abs=3e-3)
         assert height(engine, "robot0:tool") == pytest.approx(0.6, abs=3e-3)
         assert engine.snapshot().hands[0]["grip"] == HandState(True, "parcel")
@@ -372,10 +348,8 @@ class TestComingAndGoing:
     def test_a_thing_that_diverges_is_let_go(self) -> None:
         """A held thing in a hopeless state returns to its place; the hand stays, empty."""
         engine = crane()
-        close(engine)
-        run(engine, 1.0)
-        order(engine, hoist=0.4)
-        run(engine, 1.2)
+        close(engine, seconds=1.0)
+        order(engine, hoist=0.4, seconds=1.2)
         engine.data.qvel[engine.world.model.body("parcel").dofadr[0]] = 1e7
         engine.advance(2)
         assert 0 in engine.active

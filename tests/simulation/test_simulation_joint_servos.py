@@ -39,8 +39,7 @@ class TestPosition:
     def test_reaches_its_target(self) -> None:
         """Turning, raised and sliding joints stand within 0.2 mrad or mm of their targets."""
         engine = arm_engine()
-        order(engine, pan=2.0, lift=0.5, slide=0.2)
-        run(engine, 3.0)
+        order(engine, pan=2.0, lift=0.5, slide=0.2, seconds=3.0)
         assert position(engine, "pan") == pytest.approx(2.0, abs=2e-4)
         assert position(engine, "lift") == pytest.approx(0.5, abs=2e-4)
         assert position(engine, "slide") == pytest.approx(0.2, abs=2e-4)
@@ -63,11 +62,9 @@ class TestPosition:
     def test_a_new_target_on_the_way_counts_from_there(self) -> None:
         """A joint turns back at once when it is told to."""
         engine = arm_engine()
-        order(engine, pan=3.0)
-        run(engine, 0.6)
+        order(engine, pan=3.0, seconds=0.6)
         far = position(engine, "pan")
-        order(engine, pan=0.0)
-        run(engine, 0.2)
+        order(engine, pan=0.0, seconds=0.2)
         assert position(engine, "pan") < far + 0.1
         run(engine, 1.5)
         assert position(engine, "pan") == pytest.approx(0.0, abs=3e-4)
@@ -87,8 +84,7 @@ class TestPosition:
     def test_a_joint_without_stops_turns_all_the_way_round(self) -> None:
         """Positions of an endless joint are not wrapped."""
         engine = arm_engine()
-        order(engine, pan=7.0)
-        run(engine, 5.5)
+        order(engine, pan=7.0, seconds=5.5)
         assert position(engine, "pan") == pytest.approx(7.0, abs=3e-4)
 
 
@@ -106,8 +102,7 @@ class TestHolding:
     def test_a_load_is_felt_as_torque(self) -> None:
         """Drawing the telescope out raises the torque of the shoulder by its weight's arm."""
         engine = arm_engine()
-        order(engine, slide=0.3)
-        run(engine, 2.0)
+        order(engine, slide=0.3, seconds=2.0)
         assert torque(engine, "lift") == pytest.approx(LIFT_LOAD + 9.81 * 0.1 * 0.3, rel=0.02)
 
     def test_returns_after_a_knock(self) -> None:
@@ -131,8 +126,7 @@ class TestHolding:
         asleep = torque(engine, "lift")
         run(engine, 0.5)
         assert torque(engine, "lift") == asleep == pytest.approx(LIFT_LOAD, rel=0.02)
-        order(engine, lift=0.4)
-        run(engine, 0.1)
+        order(engine, lift=0.4, seconds=0.1)
         assert engine.data.ntree_awake == 1
         run(engine, 3.0)
         assert engine.data.ntree_awake == 0
@@ -163,13 +157,11 @@ class TestVelocity:
     def test_turns_on_and_on(self) -> None:
         """A speed is kept until another order comes."""
         engine = arm_engine()
-        spin(engine, pan=0.8)
-        run(engine, 0.5)
+        spin(engine, pan=0.8, seconds=0.5)
         start = position(engine, "pan")
         run(engine, 4.0)
         assert position(engine, "pan") - start == pytest.approx(3.2, rel=0.01)
-        spin(engine, pan=0.0)
-        run(engine, 0.5)
+        spin(engine, pan=0.0, seconds=0.5)
         still = position(engine, "pan")
         run(engine, 0.5)
         assert position(engine, "pan") == pytest.approx(still, abs=1e-4)
@@ -177,15 +169,13 @@ class TestVelocity:
     def test_is_limited(self) -> None:
         """No joint turns faster than it can."""
         engine = arm_engine()
-        spin(engine, pan=-100.0)
-        run(engine, 1.0)
+        spin(engine, pan=-100.0, seconds=1.0)
         assert rate(engine, "pan") == pytest.approx(-1.5, rel=0.02)
 
     def test_lands_softly_on_a_stop(self) -> None:
         """At a stop the joint slows down and stays there (check 160)."""
         engine = arm_engine()
-        spin(engine, lift=0.9)
-        run(engine, 2.5)
+        spin(engine, lift=0.9, seconds=2.5)
         assert position(engine, "lift") == pytest.approx(1.0, abs=3e-3)
         assert rate(engine, "lift") == pytest.approx(0.0, abs=1e-3)
 
@@ -197,16 +187,14 @@ class TestTorque:
         """The arm goes up with twice its load and down with half of it."""
         for share, sign in ((2.0, 1.0), (0.5, -1.0)):
             engine = arm_engine()
-            push(engine, lift=share * LIFT_LOAD)
-            run(engine, 0.3)
+            push(engine, lift=share * LIFT_LOAD, seconds=0.3)
             assert sign * position(engine, "lift") > 0.05
 
     def test_accelerates_by_the_torque(self) -> None:
         """A free turntable gains speed by torque over inertia, up to its largest speed."""
         engine = arm_engine()
         inertia = 0.01 + 0.2 * 0.4 * 0.03**2 + 0.5 * LENGTH**2 / 3 + 0.1 * LENGTH**2
-        push(engine, pan=0.05)
-        run(engine, 0.4)
+        push(engine, pan=0.05, seconds=0.4)
         assert rate(engine, "pan") == pytest.approx(0.4 * 0.05 / inertia, rel=0.1)
         run(engine, 10.0)
         assert rate(engine, "pan") == pytest.approx(1.5, rel=0.02)
@@ -214,19 +202,16 @@ class TestTorque:
     def test_no_torque_lets_swing(self) -> None:
         """A joint that is told a torque of zero is free: the arm falls onto its stop."""
         engine = arm_engine()
-        push(engine, lift=0.0)
-        run(engine, 0.3)
+        push(engine, lift=0.0, seconds=0.3)
         fallen = position(engine, "lift")
         assert fallen < -0.5
-        order(engine, lift=0.0)
-        run(engine, 2.5)
+        order(engine, lift=0.0, seconds=2.5)
         assert position(engine, "lift") == pytest.approx(0.0, abs=3e-4)
 
     def test_never_exceeds_the_drive(self) -> None:
         """A torque beyond what the drive can exert is what it can exert."""
         engine = arm_engine(wall)
-        push(engine, pan=-1e9)
-        run(engine, 2.0)
+        push(engine, pan=-1e9, seconds=2.0)
         assert torque(engine, "pan") == pytest.approx(-30.0)
 
 
@@ -236,13 +221,11 @@ class TestForceLimit:
     def test_a_blocked_joint_pushes_with_all_it_has(self) -> None:
         """Against a wall the drive exerts its limit; freed, the joint goes on at its own speed."""
         engine = arm_engine(wall)
-        order(engine, pan=-3.0)
-        run(engine, 2.0)
+        order(engine, pan=-3.0, seconds=2.0)
         blocked = position(engine, "pan")
         assert blocked > -1.5
         assert torque(engine, "pan") == pytest.approx(-30.0)
-        order(engine, pan=0.0)
-        run(engine, 0.5)
+        order(engine, pan=0.0, seconds=0.5)
         assert rate(engine, "pan") < 1.55
         run(engine, 1.5)
         assert position(engine, "pan") == pytest.approx(0.0, abs=3e-4)
@@ -278,8 +261,7 @@ class TestOrders:
         """Two robots of one class move on their own."""
         engine = arm_engine(count=2)
         order(engine, 0, pan=0.5)
-        order(engine, 1, pan=-0.5)
-        run(engine, 1.0)
+        order(engine, 1, pan=-0.5, seconds=1.0)
         assert position(engine, "pan", 0) == pytest.approx(0.5, abs=3e-4)
         assert position(engine, "pan", 1) == pytest.approx(-0.5, abs=3e-4)
 
@@ -287,8 +269,7 @@ class TestOrders:
         """The next robot in a slot appears at home, strong and still."""
         engine = arm_engine()
         order(engine, pan=1.0, lift=0.5)
-        push(engine, slide=0.0)
-        run(engine, 0.5)
+        push(engine, slide=0.0, seconds=0.5)
         engine.vacate(0)
         run(engine, 0.1)
         engine.occupy(1, 0, Pose((0.0, 0.0, 0.0)))
@@ -337,8 +318,7 @@ class TestState:
         """A joint on its way goes on when the model grows, and the new slot is at home."""
         engine = arm_engine()
         order(engine, pan=1.5)
-        push(engine, slide=15.0)
-        run(engine, 0.5)
+        push(engine, slide=15.0, seconds=0.5)
         before = position(engine, "pan")
         engine.adopt(engine.grow([ARM]))
         engine.occupy(1, 1, Pose((0.0, 5.0, 0.0)))
@@ -351,8 +331,7 @@ class TestState:
     def test_round_trip(self) -> None:
         """After `restore` the set points go on as they would have gone on from `state`."""
         engine = arm_engine()
-        order(engine, pan=1.0)
-        run(engine, 0.2)
+        order(engine, pan=1.0, seconds=0.2)
         joints = engine.parts.joints
         data = engine.data
         kept = joints.state(data)

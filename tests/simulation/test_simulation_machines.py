@@ -11,7 +11,7 @@ from sim_fakes import ROBOT, Geom, add_crate, engine_with, floor, pose_at, run
 
 from usarsim_server.simulation.engine import Engine
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
-from usarsim_server.simulation.machines import DECISION_INTERVAL, Presence, Zone
+from usarsim_server.simulation.machines import DECISION_INTERVAL, Machine, Presence, Zone
 from usarsim_server.simulation.movers import Mover
 
 
@@ -28,29 +28,25 @@ def hall() -> mujoco.MjSpec:
     return spec
 
 
-class Watcher:
+class Watcher(Machine):
     """Stands still and asks something at each decision."""
 
     def __init__(self, body: str, ask: Callable[[Presence], object], building: bool = True) -> None:
         self.movers = (Mover(body, lambda time: Pose((9.0 if body == "a" else 12.0, 0.0, 0.5))),)
         self.building = building
         self.ask = ask
-        self.times: tuple[float, ...] = ()
+        self._decision: tuple[float, ...] = ()
         self.answers: list[object] = []
 
     def decide(self, time: float, presence: Presence) -> None:
         """Note when, and what was seen."""
-        self.times = (*self.times, time)
+        self._decision = (*self._decision, time)
         self.answers.append(self.ask(presence))
 
-    def state(self) -> object:
-        """The times of decisions."""
-        return self.times
-
-    def restore(self, state: object) -> None:
-        """Back to earlier ones."""
-        assert isinstance(state, tuple)
-        self.times = state
+    @property
+    def times(self) -> tuple[float, ...]:
+        """Of its decisions."""
+        return self._decision
 
 
 def seen(zone: Zone, *robots: tuple[float, float]) -> tuple[bool, bool, bool]:

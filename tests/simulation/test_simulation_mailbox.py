@@ -7,6 +7,7 @@ import threading
 import time
 
 import pytest
+from sim_fakes import in_parallel
 
 from usarsim_server.errors import UsarsimError
 from usarsim_server.simulation.mailbox import Mailbox
@@ -76,11 +77,7 @@ def test_many_threads_ask_at_once() -> None:
         def ask(start: int) -> None:
             answers[start] = [owner.mail.ask(lambda n=n: n) for n in range(start, start + 50)]  # type: ignore[misc]
 
-        threads = [threading.Thread(target=ask, args=(1000 * k,)) for k in range(8)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
+        in_parallel(ask, *range(0, 8000, 1000))
     assert answers == {1000 * k: list(range(1000 * k, 1000 * k + 50)) for k in range(8)}
 
 

@@ -11,6 +11,7 @@ from sim_fakes import (
     ROBOT,
     WHEELS,
     build_robot,
+    drive,
     engine_with,
     floor,
     robot_model,
@@ -195,8 +196,7 @@ class TestServos:
     def test_actuators_do_nothing_any_more(self) -> None:
         """The actuators of the wheels stay in the model but exert no force."""
         engine = engine_with((0.0, 0.0))
-        engine.drive(0, straight(3.0))
-        run(engine, 0.3)
+        drive(engine, straight(3.0), 0.3)
         assert engine.data.qvel[0] > 0.2
         assert not engine.data.actuator_force.any()
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 
 import mujoco
 import numpy as np
@@ -119,13 +120,8 @@ class TestIdentity:
 
     def test_what_has_no_name_at_all_is_none(self) -> None:
         """A nameless geom of the world is hit, but nobody knows what it is."""
-
-        def build() -> mujoco.MjSpec:
-            spec = floor()()
-            spec.worldbody.add_geom(type=Geom.mjGEOM_BOX, size=[0.1, 1.0, 1.0], pos=[2.0, 0, 0])
-            return spec
-
-        engine = Engine(build, PhysicsOptions())
+        scene = furnished(box("", (2.0, 0.0, 0.0), (0.1, 1.0, 1.0)))
+        engine = Engine(scene, PhysicsOptions())
         (answer,) = look(engine, [ray((0.0, 0.0, 0.5), (1.0, 0.0, 0.0))])
         assert answer.distances[0] == pytest.approx(1.9)
         assert answer.names == (None,)
@@ -236,20 +232,10 @@ class TestFacts:
             spec = floor()()
             spec.add_material(name="oak")
             table = spec.worldbody.add_body(name="table", pos=(2.0, 1.0, 0.0))
-            table.add_geom(
-                name="table:top",
-                type=Geom.mjGEOM_BOX,
-                size=[0.6, 0.4, 0.02],
-                pos=[0.0, 0.0, 0.7],
-                material="oak",
-            )
+            add = partial(table.add_geom, type=Geom.mjGEOM_BOX)
+            add(name="table:top", size=[0.6, 0.4, 0.02], pos=[0.0, 0.0, 0.7], material="oak")
             for number, (x, y) in enumerate([(-0.5, -0.3), (0.5, 0.3)]):
-                table.add_geom(
-                    name=f"table:leg{number}",
-                    type=Geom.mjGEOM_BOX,
-                    size=[0.02, 0.02, 0.34],
-                    pos=[x, y, 0.34],
-                )
+                add(name=f"table:leg{number}", size=[0.02, 0.02, 0.34], pos=[x, y, 0.34])
             return spec
 
         engine = Engine(build, PhysicsOptions())

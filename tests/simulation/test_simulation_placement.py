@@ -19,6 +19,7 @@ from sim_fakes import (
     box,
     build_robot,
     crate,
+    drive,
     engine_with,
     floor,
     furnished,
@@ -346,8 +347,7 @@ class TestDrop:
         run(engine, 1.0)
         before = base_qpos(engine, 0)
         engine.occupy(1, 1, find(engine, 1, pose_at(0.05, 0.05)))
-        engine.drive(1, straight(0.0))
-        run(engine, 1.0)
+        drive(engine, straight(0.0), 1.0, robot=1)
         assert np.linalg.norm(base_qpos(engine, 0)[:3] - before[:3]) < 0.03
 
     def test_a_crate_on_the_spot_stays(self) -> None:

@@ -12,6 +12,7 @@ from sim_fakes import (
     ROBOT,
     base_qpos,
     base_qvel,
+    drive,
     engine_with,
     floor,
     pose_at,
@@ -174,8 +175,7 @@ class TestBrake:
         engine = engine_with(
             (0.0, 0.0, HOVER), scenery=floor(slope=SLOPE), model=robot_model(gain=gain)
         )
-        engine.drive(0, straight(0.0))
-        run(engine, 1.0)
+        drive(engine, straight(0.0), 1.0)
         before = base_qpos(engine, 0)[:3]
         run(engine, 10.0)
         assert np.linalg.norm(base_qpos(engine, 0)[:3] - before) / 10.0 < 0.006
@@ -184,8 +184,7 @@ class TestBrake:
         """With weak servos and no brake the same robot rolls: the test before can fail."""
         model = robot_model(gain=5.0, brake_delay=1e9)
         engine = engine_with((0.0, 0.0, HOVER), scenery=floor(slope=SLOPE), model=model)
-        engine.drive(0, straight(0.0))
-        run(engine, 1.0)
+        drive(engine, straight(0.0), 1.0)
         before = base_qpos(engine, 0)[:3]
         run(engine, 2.0)
         assert np.linalg.norm(base_qpos(engine, 0)[:3] - before) / 2.0 > 0.006
@@ -193,10 +192,8 @@ class TestBrake:
     def test_drives_off_from_the_brake(self) -> None:
         """A parked robot climbs on when it is told to."""
         engine = engine_with((0.0, 0.0, HOVER), scenery=floor(slope=SLOPE))
-        engine.drive(0, straight(0.0))
-        run(engine, 2.0)
-        engine.drive(0, straight(3.0))
-        run(engine, 2.0)
+        drive(engine, straight(0.0), 2.0)
+        drive(engine, straight(3.0), 2.0)
         assert base_qpos(engine, 0)[0] > 0.4
 
 
@@ -219,10 +216,8 @@ class TestShortcut:
             monkeypatch.setattr(growth, "WheelServos", kind)
             engine = engine_with((0.0, 0.0), (0.0, 2.0), spare=1)
             engine.drive(0, straight(2.0))
-            engine.drive(1, turn(1.0))
-            run(engine, 0.5)
-            engine.drive(1, straight(0.0))
-            run(engine, 1.0)
+            drive(engine, turn(1.0), 0.5, robot=1)
+            drive(engine, straight(0.0), 1.0, robot=1)
             engine.drive(1, straight(-1.0))
             engine.occupy(2, 2, pose_at(0.0, 4.0))
             run(engine, 0.5)
@@ -234,8 +229,7 @@ class TestShortcut:
     def test_is_taken(self) -> None:
         """A steadily driving robot needs no work in the servos."""
         engine = engine_with((0.0, 0.0), (2.0, 0.0))
-        engine.drive(0, straight(2.0))
-        run(engine, 0.5)
+        drive(engine, straight(2.0), 0.5)
         assert engine.parts.wheels._steady
 
 
@@ -245,17 +239,14 @@ class TestFree:
     def test_the_other_wheels_move_the_robot(self) -> None:
         """Driven in front only, the robot runs as fast as those wheels, and none drags."""
         engine = engine_with((0.0, 0.0))
-        engine.drive(0, np.array([2.0, 2.0, np.nan, np.nan]))
-        run(engine, 1.5)
+        drive(engine, np.array([2.0, 2.0, np.nan, np.nan]), 1.5)
         assert base_qvel(engine, 0)[0] == pytest.approx(2.0 * RADIUS, rel=0.005)
 
     def test_braked_where_it_is(self) -> None:
         """A free wheel that is told to stop stays where it then is; so does the whole robot."""
         engine = engine_with((0.0, 0.0))
-        engine.drive(0, np.array([2.0, 2.0, np.nan, np.nan]))
-        run(engine, 1.5)
-        engine.drive(0, straight(0.0))
-        run(engine, 0.5)
+        drive(engine, np.array([2.0, 2.0, np.nan, np.nan]), 1.5)
+        drive(engine, straight(0.0), 0.5)
         there = base_qpos(engine, 0)[0]
         run(engine, 1.0)
         assert base_qpos(engine, 0)[0] == pytest.approx(there, abs=1e-3)
@@ -328,11 +319,9 @@ class TestRolling:
         for timestep in (0.001, 0.002, 0.004, 0.005):
             model = replace(ROBOT, wheel_deceleration=40.0)
             engine = engine_with((0.0, 0.0), model=model, timestep=timestep)
-            engine.drive(0, straight(3.0))
-            run(engine, 1.0)
+            drive(engine, straight(3.0), 1.0)
             start = base_qpos(engine, 0)[0]
-            engine.drive(0, straight(0.0))
-            run(engine, 1.0)
+            drive(engine, straight(0.0), 1.0)
             ways.append(base_qpos(engine, 0)[0] - start)
         assert max(ways) < 0.02
         assert np.ptp(ways) < 0.002
@@ -341,8 +330,7 @@ class TestRolling:
         """The wheels follow the set point within 0.04 s (robots reference 4.4)."""
         model = replace(ROBOT, wheel_acceleration=1e6)
         engine = engine_with((0.0, 0.0), model=model)
-        engine.drive(0, straight(1.0))
-        run(engine, 0.04)
+        drive(engine, straight(1.0), 0.04)
         assert engine.data.qvel[engine.world.layouts[0].wheel_dof].min() > 0.9
 
     def test_other_friction_losses_are_left_alone(self) -> None:
@@ -351,8 +339,7 @@ class TestRolling:
         for speed in (0.0, 3.0):
             engine = Engine(rusty_things, PhysicsOptions(), [ROBOT])
             engine.occupy(0, 0, pose_at(0.0, 0.0))
-            engine.drive(0, straight(speed))
-            run(engine, 0.5)
+            drive(engine, straight(speed), 0.5)
             ends.append([engine.data.joint(name).qpos[0] for name in ("rusty", "hanging")])
         assert base_qpos(engine, 0)[0] > 0.05
         np.testing.assert_allclose(ends[0], ends[1], atol=1e-9)

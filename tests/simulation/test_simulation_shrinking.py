@@ -23,6 +23,7 @@ from sim_fakes import (
     simulation,
     straight,
     turn,
+    watched,
     whole_state,
     yard,
 )
@@ -185,8 +186,7 @@ class TestWhen:
         stays, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
         leaves, _ = world.spawn(OTHER, pose_at(2.0, 0.0))
         world.remove(leaves)
-        watcher = Watcher(0.1)
-        world.body(stays).attach(watcher)
+        watcher = watched(world, stays, 0.1)
         world.run_until(1.9)
         assert kinds(world) == [ROBOT.key, OTHER.key]
         world.run_until(3.0)
@@ -225,8 +225,7 @@ class TestWhen:
         def play() -> list[tuple[float, int, bytes]]:
             world = simulation(yard)
             stays, _ = world.spawn(ROBOT, pose_at(0.0, 0.0))
-            watcher = Watcher(0.05)
-            world.body(stays).attach(watcher)
+            watcher = watched(world, stays, 0.05)
             world.body(stays).drive(turn(4.0))
             for number in range(4):
                 other, _ = world.spawn(robot_model(f"kind {number}"), pose_at(-1.0, 2.0))
@@ -248,8 +247,7 @@ class TestWhen:
         old = world.look()
         model = weakref.ref(world.compiled(old))
         world.remove(leaves)
-        watcher = Watcher(0.5)
-        world.body(stays).attach(watcher)
+        watcher = watched(world, stays, 0.5)
         world.run_until(4.0)
         watcher.snapshots.clear()
         gc.collect()

@@ -375,8 +375,7 @@ class TestHeld:
         engine = Engine(scene, PhysicsOptions(), [CRANE, parcel, thing(half=0.07, key="parcel")])
         engine.occupy(0, 0, Pose((0.0, 0.0, 0.0)))
         engine.occupy(1, 1, at(0.5, z=0.15))
-        close(engine)
-        run(engine, 1.0)
+        close(engine, seconds=1.0)
         assert holding(engine, "grip") == "robot1:base"
         return engine
 

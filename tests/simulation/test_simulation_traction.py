@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import mujoco
@@ -16,6 +17,7 @@ from sim_fakes import (
     Scenery,
     base_qpos,
     base_qvel,
+    drive,
     engine_with,
     floor,
     pose_at,
@@ -36,15 +38,8 @@ SPOT = pose_at(3.0, 1.0)
 
 def patch(**changes: Any) -> Surface:
     """A patch from x = 1 to 5 m that grips like the floor and does nothing else."""
-    values: dict[str, Any] = {
-        "name": "patch",
-        "kind": "custom",
-        "x": (1.0, 5.0),
-        "y": (-2.0, 2.0),
-        "z": (-0.1, 0.1),
-        "friction": 1.0,
-    }
-    return Surface(**{**values, **changes})
+    plain = Surface("patch", "custom", (1.0, 5.0), (-2.0, 2.0), (-0.1, 0.1), friction=1.0)
+    return replace(plain, **changes)
 
 
 def thing(kind: Any, size: list[float], height: float, **geom: Any) -> Scenery:
@@ -76,13 +71,26 @@ def sliding(
     return engine
 
 
-def turn_until(engine: Engine, x: float, limit: float = 10.0) -> bool:
-    """Advance until the first free body is past x; False if it takes longer than `limit` s."""
-    for _ in range(round(limit / engine.timestep)):
-        engine.advance(1)
-        if engine.data.qpos[0] > x:
-            return True
-    return False
+def braking(engine: Engine) -> float:
+    """Deceleration (m/s^2) of the first free body along x over 0.16 s."""
+    run(engine, 0.04)
+    before = engine.data.qvel[0]
+    run(engine, 0.16)
+    return float(before - engine.data.qvel[0]) / 0.16
+
+
+def driven(speed: float, seconds: float, **ground: Any) -> Engine:
+    """An engine with a robot that has driven on a wide patch, its wheels at a speed (rad/s)."""
+    engine = engine_with((2.0, 0.0), surfaces=(patch(**{"x": (-9, 9), **ground}),))
+    run(engine, 0.4)
+    engine.drive(0, straight(speed))
+    run(engine, seconds)
+    return engine
+
+
+def wheel_speeds(engine: Engine) -> np.ndarray:
+    """Of the first robot, rad/s."""
+    return engine.data.qvel[engine.world.layouts[0].wheel_dof]
 
 
 # -- grip ------------------------------------------------------------------------------------
@@ -92,10 +100,7 @@ def turn_until(engine: Engine, x: float, limit: float = 10.0) -> bool:
 def test_a_block_slides_with_the_friction_of_the_patch(friction: float) -> None:
     """Deceleration is mu g within 2.5 %, whatever block (0.5) and floor (1.0) have."""
     engine = sliding(block(), patch(x=(-9.0, 9.0), friction=friction), x=0.0, speed=2.0)
-    run(engine, 0.04)
-    before = engine.data.qvel[0]
-    run(engine, 0.16)
-    assert (before - engine.data.qvel[0]) / 0.16 == pytest.approx(friction * G, rel=0.025)
+    assert braking(engine) == pytest.approx(friction * G, rel=0.025)
 
 
 def test_a_patch_is_like_a_floor_of_that_friction() -> None:
@@ -112,8 +117,7 @@ def test_a_patch_is_like_a_floor_of_that_friction() -> None:
     for scenery, surfaces in ((slippery, ()), (floor(), (patch(x=(-9, 9), friction=0.3),))):
         engine = engine_with((0.0, 0.0), scenery=scenery, surfaces=surfaces)
         run(engine, 0.4)
-        engine.drive(0, np.array([-3.0, -3.0, 4.0, 4.0]))
-        run(engine, 2.0)
+        drive(engine, np.array([-3.0, -3.0, 4.0, 4.0]), 2.0)
         states.append(whole_state(engine, 0))
     assert states[1] == pytest.approx(states[0], abs=1e-6)
     assert abs(base_qpos(engine, 0)[6]) > 0.2
@@ -126,15 +130,9 @@ def test_ice_on_a_slope_of_ten_degrees(friction: float, climbs: bool) -> None:
     ice = patch(x=(-20.0, 20.0), z=(-5.0, 5.0), friction=friction)
     engine = engine_with((0.0, 0.0), scenery=floor(slope=slope), surfaces=(ice,))
     half = slope / 2
-    engine.data.qpos[engine.world.layouts[0].qpos + 2 :][:5] = (
-        RADIUS / math.cos(slope),
-        math.cos(half),
-        0.0,
-        -math.sin(half),
-        0.0,
-    )
-    engine.drive(0, straight(4.0))
-    run(engine, 3.0)
+    turn = (math.cos(half), 0.0, -math.sin(half), 0.0)
+    engine.data.qpos[engine.world.layouts[0].qpos + 2 :][:5] = (RADIUS / math.cos(slope), *turn)
+    drive(engine, straight(4.0), 3.0)
     way = base_qpos(engine, 0)[0]
     assert way > 0.3 if climbs else way < 0.0
 
@@ -166,10 +164,7 @@ def test_the_later_of_overlapping_patches_counts() -> None:
     ice, dry = patch(x=(-9.0, 9.0), friction=0.05), patch(x=(-9.0, 9.0), friction=0.5)
     for surfaces, friction in (((ice, dry), 0.5), ((dry, ice), 0.05)):
         engine = sliding(block(), *surfaces, x=0.0, speed=2.0)
-        run(engine, 0.04)
-        before = engine.data.qvel[0]
-        run(engine, 0.16)
-        assert (before - engine.data.qvel[0]) / 0.16 == pytest.approx(friction * G, rel=0.02)
+        assert braking(engine) == pytest.approx(friction * G, rel=0.02)
 
 
 def test_heights_and_walls_are_told_apart() -> None:
@@ -184,10 +179,7 @@ def test_heights_and_walls_are_told_apart() -> None:
         return spec
 
     engine = sliding(platform, patch(x=(-9.0, 9.0), friction=0.05), x=0.0, speed=2.0)
-    run(engine, 0.04)
-    before = engine.data.qvel[0]
-    run(engine, 0.16)
-    assert (before - engine.data.qvel[0]) / 0.16 == pytest.approx(0.5 * G, rel=0.02)
+    assert braking(engine) == pytest.approx(0.5 * G, rel=0.02)
 
 
 def test_a_wall_inside_a_patch_keeps_its_friction() -> None:
@@ -229,21 +221,14 @@ def test_water_slows_a_gliding_block_exponentially(drag: float, timestep: float)
 
 def test_a_robot_in_mud_is_as_fast_as_its_grip_allows() -> None:
     """Wheels spin at the commanded speed, the robot goes mu m g / (4 c), within 2 %."""
-    engine = engine_with((2.0, 0.0), surfaces=(patch(x=(-9, 9), friction=0.3, drag=100.0),))
-    run(engine, 0.4)
-    engine.drive(0, straight(5.0))
-    run(engine, 2.0)
+    engine = driven(5.0, 2.0, friction=0.3, drag=100.0)
     assert base_qvel(engine, 0)[0] == pytest.approx(0.3 * MASS * G / 400.0, rel=0.02)
-    wheels = engine.data.qvel[engine.world.layouts[0].wheel_dof]
-    assert wheels == pytest.approx([5.0] * 4, rel=0.02)
+    assert wheel_speeds(engine) == pytest.approx([5.0] * 4, rel=0.02)
 
 
 def test_a_robot_that_does_not_slip_keeps_its_speed() -> None:
     """Drag below the limit of the grip costs torque, not speed: 0.55 m/s within 3 %."""
-    engine = engine_with((2.0, 0.0), surfaces=(patch(x=(-9, 9), friction=0.8, drag=20.0),))
-    run(engine, 0.4)
-    engine.drive(0, straight(5.0))
-    run(engine, 2.0)
+    engine = driven(5.0, 2.0, friction=0.8, drag=20.0)
     assert base_qvel(engine, 0)[0] == pytest.approx(5.0 * RADIUS, rel=0.03)
 
 
@@ -251,8 +236,7 @@ def test_mud_on_one_side_turns_the_robot_that_way() -> None:
     """The left wheels in mud: yaw to the left."""
     left = patch(x=(-9.0, 9.0), y=(HALF_TRACK / 2, 3.0), friction=0.3, drag=100.0)
     engine = engine_with((2.0, 0.0), surfaces=(left,))
-    engine.drive(0, straight(4.0))
-    run(engine, 1.5)
+    drive(engine, straight(4.0), 1.5)
     assert base_qpos(engine, 0)[6] > 0.1
 
 
@@ -307,15 +291,8 @@ def test_a_robot_goes_in_and_out_without_a_hop() -> None:
 
 def smooth_ball(radius: float, dimension: int = 1) -> Scenery:
     """A ball without friction on the floor."""
-    return thing(
-        Geom.mjGEOM_SPHERE,
-        [radius, 0, 0],
-        radius,
-        mass=3.0,
-        condim=dimension,
-        priority=1,
-        friction=[0, 0, 0],
-    )
+    smooth = {"mass": 3.0, "condim": dimension, "priority": 1, "friction": [0, 0, 0]}
+    return thing(Geom.mjGEOM_SPHERE, [radius, 0, 0], radius, **smooth)
 
 
 def rolling_loss(sinkage: float, diameter: float, length: float) -> float:
@@ -334,7 +311,8 @@ def test_crossing_costs_what_pushing_the_ground_costs(timestep: float) -> None:
     ball = smooth_ball(5.0)
     sand = patch(x=(1.0, 2.0), sinkage=0.02)
     engine = sliding(ball, sand, x=0.9, speed=1.2, timestep=timestep)
-    assert turn_until(engine, 2.1)
+    while engine.data.qpos[0] < 2.1 and engine.time < 10.0:
+        engine.advance(1)
     lost = 1.44 - float(engine.data.qvel[0]) ** 2
     assert lost == pytest.approx(2 * G * rolling_loss(0.02, 10.0, 1.0), rel=0.08)
 
@@ -358,12 +336,8 @@ def test_deep_mud_holds_a_robot() -> None:
     assert math.sqrt(0.05 / (2 * RADIUS)) > 0.4
     ways = []
     for friction in (0.4, 0.7):
-        engine = engine_with((2.0, 0.0), surfaces=(patch(friction=friction, sinkage=0.05),))
-        run(engine, 0.4)
-        engine.drive(0, straight(4.0))
-        run(engine, 3.0)
-        wheels = engine.data.qvel[engine.world.layouts[0].wheel_dof]
-        assert (wheels > 3.5).all()
+        engine = driven(4.0, 3.0, x=(1.0, 5.0), friction=friction, sinkage=0.05)
+        assert (wheel_speeds(engine) > 3.5).all()
         ways.append(base_qpos(engine, 0)[0] - 2.0)
     assert ways[0] < 0.11
     assert ways[1] > 0.8
@@ -372,8 +346,7 @@ def test_deep_mud_holds_a_robot() -> None:
 def test_a_robot_parked_at_the_edge_stays() -> None:
     """With brakes set on the slope at the edge it creeps less than 1 mm in 3 s."""
     engine = engine_with((1.0, 0.0), surfaces=(patch(friction=0.5, sinkage=0.03),))
-    engine.drive(0, straight(0.0))
-    run(engine, 1.5)
+    drive(engine, straight(0.0), 1.5)
     before = base_qpos(engine, 0)
     run(engine, 3.0)
     assert base_qpos(engine, 0)[:3] == pytest.approx(before[:3], abs=1e-3)
@@ -391,8 +364,7 @@ def test_a_robot_falls_asleep_in_mud() -> None:
     engine = engine_with((3.0, 0.0), surfaces=(patch(friction=0.4, drag=20.0, sinkage=0.02),))
     run(engine, 3.0)
     assert engine.data.ntree_awake == 0
-    engine.drive(0, straight(4.0))
-    run(engine, 1.0)
+    drive(engine, straight(4.0), 1.0)
     assert base_qpos(engine, 0)[0] > 3.1
 
 
@@ -404,8 +376,7 @@ def test_far_from_all_patches_nothing_changes() -> None:
     states = []
     for surfaces in ((), (patch(x=(20.0, 30.0), friction=0.1, drag=50.0, sinkage=0.05),)):
         engine = engine_with((0.0, 0.0), surfaces=surfaces)
-        engine.drive(0, np.array([3.0, 3.0, 4.0, 4.0]))
-        run(engine, 1.0)
+        drive(engine, np.array([3.0, 3.0, 4.0, 4.0]), 1.0)
         states.append(whole_state(engine, 0))
     assert (states[0] == states[1]).all()
 

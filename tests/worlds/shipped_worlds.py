@@ -10,7 +10,7 @@ import numpy as np
 
 from usarsim_server.worlds.description import WorldDescription
 from usarsim_server.worlds.loader import find_world, load_world
-from usarsim_server.worlds.scene import build_scene, movable_bodies
+from usarsim_server.worlds.scene import build_scene
 
 NAMES = ("arena", "empty", "office", "plant", "proving_ground", "smoke_corridor")
 
@@ -54,6 +54,12 @@ class Built:
         """Ids of the geoms whose name is the prefix and a number."""
         names = ((geom, self.model.geom(geom).name) for geom in range(self.model.ngeom))
         return [geom for geom, name in names if name.rpartition("_")[0] == prefix]
+
+
+def movable_bodies(spec: mujoco.MjSpec) -> tuple[str, ...]:
+    """Names of the bodies that can be pushed: those with a free joint, in file order."""
+    free = mujoco.mjtJoint.mjJNT_FREE
+    return tuple(b.name for b in spec.bodies if any(joint.type == free for joint in b.joints))
 
 
 @cache

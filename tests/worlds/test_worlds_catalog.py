@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import io
 import os
 import shutil
 import subprocess
@@ -15,6 +17,7 @@ from world_files import write_world
 from usarsim_server import files as data
 from usarsim_server.errors import WorldError
 from usarsim_server.files import data_directory
+from usarsim_server.worlds import loader
 from usarsim_server.worlds.loader import DEFAULT_WORLD, find_world, list_worlds, load_world
 from usarsim_server.worlds.scene import build_scene
 
@@ -51,30 +54,13 @@ def test_a_folder_is_found_by_its_path(tmp_path: Path, monkeypatch: pytest.Monke
     assert find_world("./yard") == Path("./yard")
 
 
-def test_extra_folders_come_before_the_shipped_ones(tmp_path: Path) -> None:
-    """A user's world hides a shipped one of the same name, for finding and for listing."""
-    mine = write_world(tmp_path, name="office")
-    assert find_world("office", [tmp_path]) == mine
-    listed = {world.name: world for world in list_worlds([tmp_path])}
-    assert listed["office"].folder == mine
-    assert set(listed) >= SHIPPED
-
-
-def test_the_first_extra_folder_wins(tmp_path: Path) -> None:
-    """Extra folders are searched in their order."""
-    first = write_world(tmp_path / "one")
-    write_world(tmp_path / "two")
-    assert find_world("yard", [tmp_path / "one", tmp_path / "two"]) == first
-
-
-def test_an_unknown_name_lists_the_known_ones(tmp_path: Path) -> None:
-    """The error suggests the nearest name and lists all, the extra ones too."""
-    write_world(tmp_path)
+def test_an_unknown_name_lists_the_known_ones() -> None:
+    """The error suggests the nearest name and lists all."""
     with pytest.raises(WorldError) as caught:
-        find_world("ofice", [tmp_path])
+        find_world("ofice")
     text = str(caught.value)
     assert text.startswith("ofice: no such world (cure: did you mean office?")
-    assert all(name in text for name in (*SHIPPED, "yard"))
+    assert all(name in text for name in SHIPPED)
 
 
 def test_a_path_without_world_says_what_is_missing(tmp_path: Path) -> None:
@@ -83,13 +69,15 @@ def test_a_path_without_world_says_what_is_missing(tmp_path: Path) -> None:
         find_world(str(tmp_path / "arena"))
 
 
-def test_folders_without_a_sheet_are_no_worlds(tmp_path: Path) -> None:
+def test_folders_without_a_sheet_are_no_worlds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Stray files and folders beside the worlds are ignored."""
+    yard = write_world(tmp_path)
     (tmp_path / "notes").mkdir()
     (tmp_path / "readme.txt").write_text("x", encoding="utf-8")
-    assert [world.name for world in list_worlds([tmp_path, tmp_path / "nowhere"])] == sorted(
-        world.name for world in list_worlds()
-    )
+    monkeypatch.setattr(loader, "data_directory", lambda kind: tmp_path)
+    assert [world.folder for world in list_worlds()] == [yard]
 
 
 def test_an_installed_package_carries_its_data(
@@ -139,6 +127,14 @@ BOMBS = {
 }
 
 
+@functools.cache
+def bomb() -> bytes:
+    """A small file of a picture that takes a gigabyte."""
+    file = io.BytesIO()
+    Image.new("1", (30_000, 30_000)).save(file, "PNG")
+    return file.getvalue()
+
+
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """A world that works."""
@@ -146,8 +142,7 @@ def folder(tmp_path: Path) -> Path:
     shutil.copytree(data_directory("worlds") / "empty", world)
     (tmp_path / "secret.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\n")
     (tmp_path / "secret.xml").write_text("<mujoco><visual/></mujoco>")
-    with (world / "bomb.png").open("wb") as file:
-        Image.new("1", (30_000, 30_000)).save(file)
+    (world / "bomb.png").write_bytes(bomb())
     (world / "bomb.bin").write_bytes(b"\xff\xff\xff\x7f" * 4)
     return world
 

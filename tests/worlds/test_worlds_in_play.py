@@ -13,6 +13,7 @@ from shipped_worlds import build
 from world_files import HEAD, START, write_world
 
 from usarsim_server.simulation.frames import Pose, quaternion_from_rpy
+from usarsim_server.simulation.snapshot import RobotBody
 from usarsim_server.testing import Rehearsal, RehearsedClient
 from usarsim_server.worlds.smoke import SmokeField
 
@@ -66,6 +67,13 @@ def scan(stage: Rehearsal, client: RehearsedClient, name: str) -> list[float]:
     return [float(part) for part in found.group(1).split(",")]
 
 
+def body_of(stage: Rehearsal) -> RobotBody:
+    """State of the first robot."""
+    body = stage.assembly.robots.vehicles[0].body.look()
+    assert body is not None
+    return body
+
+
 def speed_at(stage: Rehearsal, client: RehearsedClient, *places: float) -> list[float]:
     """Speed along x (m/s) over the 0.4 m that follow each place."""
     speeds = []
@@ -73,8 +81,7 @@ def speed_at(stage: Rehearsal, client: RehearsedClient, *places: float) -> list[
         times = []
         for goal in (place, place + 0.4):
             for _ in range(4000):
-                body = stage.assembly.robots.vehicles[0].body.look()
-                assert body is not None
+                body = body_of(stage)
                 if body.pose.position[0] >= goal:
                     break
                 stage.run(0.02)
@@ -159,11 +166,9 @@ def test_a_robot_with_a_caster_passes_sand_but_not_mud(stage: Rehearsal) -> None
     client = enter(stage, "P2DX", 2.0, 0.2)
     client.send("DRIVE {Left 3.0} {Right 3.0}")
     assert speed_at(stage, client, 5.3)[0] > 0.2
-    (vehicle,) = stage.assembly.robots.vehicles
-    vehicle.body.teleport(Pose((13.4, 0.2, 0.2)))
+    stage.assembly.robots.vehicles[0].body.teleport(Pose((13.4, 0.2, 0.2)))
     stage.run(8.0)
-    body = vehicle.body.look()
-    assert body is not None
+    body = body_of(stage)
     assert 13.9 < body.pose.position[0] < 15.0
     assert body.wheel_speeds.min() > 2.5
 
@@ -191,8 +196,7 @@ def test_a_p2at_cannot_climb_ten_degrees_of_ice(tmp_path: Path, ice: str, climbs
         client = enter(stage, "P2AT", 0.8, 0.0)
         client.send("DRIVE {Left 3.85} {Right 3.85}")
         stage.run(6.0)
-        body = stage.assembly.robots.vehicles[0].body.look()
-        assert body is not None
+        body = body_of(stage)
         assert body.wheel_speeds.min() > 2.0
         if climbs:
             assert body.pose.position[2] > 0.45
@@ -221,9 +225,7 @@ def test_a_robot_that_asks_for_a_place_outside_starts_inside() -> None:
         client = stage.connect()
         client.send("INIT {ClassName USARBot.P2AT} {Location 1e6,120,-2.5}")
         stage.run(3.0)
-        state = stage.assembly.robots.vehicles[0].body.look()
-        assert state is not None
-        x, y, z = state.pose.position
+        x, y, z = body_of(stage).pose.position
         corner = stage.assembly.world.upper[0], stage.assembly.world.lower[1]
         assert (x, y) == pytest.approx(corner, abs=0.01)
         assert 0.0 < z < 1.0
@@ -238,8 +240,6 @@ def test_aircraft_stay_in_the_world(robot: str) -> None:
         client.send(f"INIT {{ClassName USARBot.{robot}}} {{Location 0,0,-6}}")
         client.send("DRIVE {AltitudeVelocity 2} {LinearVelocity -2} {LateralVelocity 0}")
         stage.run(30.0)
-        state = stage.assembly.robots.vehicles[0].body.look()
-        assert state is not None
-        x, _, z = state.pose.position
+        x, _, z = body_of(stage).pose.position
         assert x == pytest.approx(stage.assembly.world.lower[0], abs=0.1)
         assert z == pytest.approx(stage.assembly.world.upper[2], abs=0.3)

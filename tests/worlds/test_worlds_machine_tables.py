@@ -59,14 +59,8 @@ def test_defaults_of_the_others(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("sheet", "complaint"),
     [
-        (
-            DOOR + 'opens = "push"\n',
-            r"\]\] 1 \(\w+\): opens: a sliding door cannot be pushed",
-        ),
-        (
-            DOOR + 'kinds = "x"\n',
-            r"\]\] 1 \(\w+\): kinds: unknown key .*did you mean kind\?",
-        ),
+        (DOOR + 'opens = "push"\n', r"\]\] 1 \(\w+\): opens: a sliding door cannot be pushed"),
+        (DOOR + 'kinds = "x"\n', r"\]\] 1 \(\w+\): kinds: unknown key .*did you mean kind\?"),
         (DOOR + 'side = "left"\nleaves = 2\n', r"side: a door with two leaves"),
         (DOOR + "angle_degrees = 90.0\n", r"angle_degrees: unknown key"),
         (DOOR + 'opens = "timetable"\n', r"duration: is missing"),
@@ -103,14 +97,8 @@ def test_slips_are_told_with_place_and_cure(tmp_path: Path, sheet: str, complain
 @pytest.mark.parametrize(
     ("sheet", "complaint"),
     [
-        (
-            CART.replace('"O"', '"crate0"'),
-            r"\[\[obstacle\]\] 1: name: 'crate0' is already",
-        ),
-        (
-            BELT.replace('"B"', '"floor"'),
-            r"\[\[belt\]\] 1: name: 'floor' is already the name",
-        ),
+        (CART.replace('"O"', '"crate0"'), r"\[\[obstacle\]\] 1: name: 'crate0' is already"),
+        (BELT.replace('"B"', '"floor"'), r"\[\[belt\]\] 1: name: 'floor' is already the name"),
         (DOOR + 'material = "cheese"\n', r"material: nobody knows what 'cheese' looks like"),
     ],
 )

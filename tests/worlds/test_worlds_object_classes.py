@@ -177,7 +177,8 @@ def floor() -> mujoco.MjSpec:
 
 def single(shape: str, size: Vector = ONE, pose: Pose | None = None) -> ObjectClass:
     """A class of one piece."""
-    return ObjectClass("Thing", (Part(shape, size, pose or Pose()),), size, 10.0, (0.5, 0.5, 0.5))
+    parts = (Part(shape, size, pose or Pose()),)
+    return ObjectClass(parts, size, 10.0, "Thing", (0.5, 0.5, 0.5))
 
 
 def compiled(kind: ObjectClass, scale: Vector, rigid: bool = True) -> mujoco.MjModel:

@@ -5,11 +5,37 @@ from __future__ import annotations
 import itertools
 import math
 from collections import Counter
+from collections.abc import Iterable
 
 import mujoco
 import numpy as np
 import pytest
 from shipped_worlds import Built, build
+
+from usarsim_server.simulation.frames import Vector
+from usarsim_server.worlds.description import Zone
+
+
+def lane(built: Built, tag: str) -> Vector:
+    """Where a start is."""
+    start = built.world.start(tag)
+    assert start is not None
+    return start.pose.position
+
+
+def apart(zones: Iterable[Zone]) -> bool:
+    """Whether no two zones overlap."""
+    return all(
+        a.x[1] <= b.x[0] or b.x[1] <= a.x[0] or a.y[1] <= b.y[0] or b.y[1] <= a.y[0]
+        for a, b in itertools.combinations(zones, 2)
+    )
+
+
+def posts(built: Built, x: float, y: float) -> np.ndarray:
+    """Heights (12, 12) of the posts of a step field, m, by one of its corners."""
+    places = 0.1 * np.arange(12) + 0.05
+    return np.array([[built.height(x + i, y + j) for j in places] for i in places])
+
 
 # ---- arena --------------------------------------------------------------------------------
 
@@ -20,10 +46,7 @@ def test_the_arena_has_coloured_zones_side_by_side(arena: Built) -> None:
     assert {"yellow", "orange", "red"} <= set(zones)
     areas = [(z.x[1] - z.x[0]) * (z.y[1] - z.y[0]) for z in zones.values()]
     assert sum(areas) == pytest.approx(24.0 * 20.0)
-    for a, b in itertools.combinations(zones.values(), 2):
-        apart_x = a.x[1] <= b.x[0] or b.x[1] <= a.x[0]
-        apart_y = a.y[1] <= b.y[0] or b.y[1] <= a.y[0]
-        assert apart_x or apart_y
+    assert apart(zones.values())
 
 
 def test_zones_are_painted_and_paint_is_not_touched(arena: Built) -> None:
@@ -100,15 +123,7 @@ def test_the_roll_ramps_form_a_valley_that_can_be_entered(arena: Built) -> None:
 def test_the_orange_step_field_is_0_to_6_cm_and_the_red_0_5_10(arena: Built) -> None:
     """Robots reference 3.3 V19 and V20: posts of 10 cm in a square of 12 x 12, symmetric."""
     for corner, levels in (((-5.4, -6.6), range(7)), ((5.3, 3.0), (0, 5, 10))):
-        tops = np.array(
-            [
-                [
-                    arena.height(corner[0] + 0.1 * i + 0.05, corner[1] + 0.1 * j + 0.05)
-                    for j in range(12)
-                ]
-                for i in range(12)
-            ]
-        )
+        tops = posts(arena, *corner)
         centimetres = np.round(100 * tops).astype(int)
         assert tops == pytest.approx(centimetres / 100, abs=1e-6)
         assert set(centimetres.ravel()) == set(levels)
@@ -178,19 +193,15 @@ def test_a_ray_across_the_corridor_meets_two_brick_walls(office: Built) -> None:
     """Every wall is one geom thick, so obstacles can be counted along a line."""
     model, data = office.model, office.data
     geom = np.zeros(1, np.int32)
-    start, goal = np.array([3.0, 5.9, 1.5]), np.array([3.0, -5.9, 1.5])
+    at, direction = np.array([3.0, 5.9, 1.5]), np.array([0.0, -1.0, 0.0])
     hit: list[str] = []
-    at = start.copy()
-    direction = (goal - start) / np.linalg.norm(goal - start)
     while True:
         way = mujoco.mj_ray(model, data, at, direction, None, 1, -1, geom, None)
         at = at + (way + 1e-4) * direction
-        if way < 0 or at[1] < goal[1]:
+        if way < 0 or at[1] < -5.9:
             break
         hit.append(model.geom(int(geom[0])).name.rpartition("_")[0])
-    walls = [name for name, _ in itertools.groupby(hit) if name == "corridor"]
     assert hit.count("corridor") == 4, hit  # two faces each
-    assert walls
 
 
 def test_the_office_has_victims_and_things_to_push(office: Built) -> None:
@@ -216,9 +227,7 @@ def test_the_empty_world_is_one_plane() -> None:
 def test_inclines_have_the_angles_of_their_names(proving_ground: Built) -> None:
     """Robots reference 3.3 V14 to V16: 15, 19.3 (35 %), 25, 30 and 35 degrees from level ground."""
     for tag, angle in (("15", 15.0), ("19", 19.29), ("25", 25.0), ("30", 30.0), ("35", 35.0)):
-        start = proving_ground.world.start(f"Incline{tag}")
-        assert start is not None
-        x, y, _ = start.pose.position
+        x, y, _ = lane(proving_ground, f"Incline{tag}")
         assert slope(proving_ground, x + 4.0, y, 1.0, 0.0) == pytest.approx(angle, abs=0.01)
         assert proving_ground.height(x + 1.99, y) == pytest.approx(0.0, abs=1e-6)
         rise = 0.05 * math.tan(math.radians(angle))
@@ -231,9 +240,7 @@ def test_steps_have_the_heights_of_their_names(
     proving_ground: Built, tag: str, height: float
 ) -> None:
     """V17: one square step 2 m ahead of the start."""
-    start = proving_ground.world.start(tag)
-    assert start is not None
-    x, y, _ = start.pose.position
+    x, y, _ = lane(proving_ground, tag)
     assert proving_ground.height(x + 1.999, y) == pytest.approx(0.0, abs=1e-6)
     assert proving_ground.height(x + 2.001, y) == pytest.approx(height, abs=1e-6)
 
@@ -241,9 +248,7 @@ def test_steps_have_the_heights_of_their_names(
 @pytest.mark.parametrize(("tag", "width"), [("Gap15cm", 0.15), ("Gap20cm", 0.20)])
 def test_gaps_have_the_widths_of_their_names(proving_ground: Built, tag: str, width: float) -> None:
     """V18: platforms of equal height with the gap between them; the start is on the first."""
-    start = proving_ground.world.start(tag)
-    assert start is not None
-    x, y, z = start.pose.position
+    x, y, z = lane(proving_ground, tag)
     assert z == pytest.approx(0.65)
     heights = [
         proving_ground.height(x + 2.0 + shift, y)
@@ -256,16 +261,8 @@ def test_step_fields_differ_by_seed(proving_ground: Built) -> None:
     """V19 and V20: four different fields of 0 to 6 cm and a cubic one, each 12 x 12 posts."""
     fields = []
     for tag in ("StepField1", "StepField2", "StepField3", "StepField4", "CubicField"):
-        start = proving_ground.world.start(tag)
-        assert start is not None
-        x, y, _ = start.pose.position
-        tops = np.array(
-            [
-                [proving_ground.height(x + 2.05 + 0.1 * i, y - 0.55 + 0.1 * j) for j in range(12)]
-                for i in range(12)
-            ]
-        )
-        fields.append(np.round(100 * tops).astype(int))
+        x, y, _ = lane(proving_ground, tag)
+        fields.append(np.round(100 * posts(proving_ground, x + 2.0, y - 0.6)).astype(int))
     assert len({field.tobytes() for field in fields}) == 5
     assert all(set(field.ravel()) == set(range(7)) for field in fields[:4])
     assert set(fields[4].ravel()) == {0, 5, 10}
@@ -273,21 +270,15 @@ def test_step_fields_differ_by_seed(proving_ground: Built) -> None:
 
 def test_the_wall_stands_across_its_lane(proving_ground: Built) -> None:
     """Robots reference 5.3 item 59: a wall 1 m high, 2 m ahead, wider than any robot."""
-    start = proving_ground.world.start("Wall")
-    assert start is not None
-    x, y, _ = start.pose.position
-    assert all(
-        proving_ground.height(x + 2.001, y + side) == pytest.approx(1.0) for side in (-1.1, 1.1)
-    )
+    x, y, _ = lane(proving_ground, "Wall")
+    heights = [proving_ground.height(x + 2.001, y + side) for side in (-1.1, 1.1)]
+    assert heights == pytest.approx([1.0, 1.0])
 
 
 def test_lanes_do_not_touch_each_other(proving_ground: Built) -> None:
     """Zones carry the starts' tags and do not overlap, so one test cannot disturb another."""
     zones = proving_ground.world.zones
     assert {zone.name for zone in zones} == {start.tag for start in proving_ground.world.starts}
-    for a, b in itertools.combinations(zones, 2):
-        assert a.x[1] <= b.x[0] or b.x[1] <= a.x[0] or a.y[1] <= b.y[0] or b.y[1] <= a.y[0]
+    assert apart(zones)
     for zone in zones:
-        start = proving_ground.world.start(zone.name)
-        assert start is not None
-        assert zone.x[0] < start.pose.position[0] < zone.x[1]
+        assert zone.x[0] < lane(proving_ground, zone.name)[0] < zone.x[1]

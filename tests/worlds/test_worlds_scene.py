@@ -10,7 +10,7 @@ from world_files import HEAD, SCENE, START, VICTIM, write_world
 
 from usarsim_server.errors import WorldError
 from usarsim_server.worlds.loader import load_world
-from usarsim_server.worlds.scene import build_scene, movable_bodies
+from usarsim_server.worlds.scene import build_scene
 
 
 def scene_of(directory: Path, scene: str = SCENE, sheet: str = HEAD + START) -> mujoco.MjSpec:
@@ -24,18 +24,6 @@ def test_scenery_and_victims_come_together(tmp_path: Path) -> None:
     bodies = [model.body(body).name for body in range(model.nbody)]
     assert bodies == ["world", "crate", "victim:V"]
     assert model.body("victim:V").pos == pytest.approx([1.0, 2.0, 0.12])
-
-
-def test_movable_bodies_are_those_with_a_free_joint(tmp_path: Path) -> None:
-    """Scenery, victims and hinged bodies are not movable."""
-    scene = SCENE.replace(
-        "</worldbody>",
-        '<body name="door"><joint type="hinge"/><geom size="0.1" mass="1"/></body>'
-        '<body name="ball" pos="5 0 1"><joint type="free"/><geom size="0.1" mass="1"/></body>'
-        '<body name="pillar"><geom size="0.1"/></body></worldbody>',
-    )
-    spec = scene_of(tmp_path, scene, HEAD + START + VICTIM)
-    assert movable_bodies(spec) == ("crate", "ball")
 
 
 def test_every_call_gives_a_fresh_specification(tmp_path: Path) -> None:

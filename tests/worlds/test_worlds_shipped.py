@@ -10,7 +10,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from shipped_worlds import NAMES, Built, build
+from shipped_worlds import NAMES, Built, build, movable_bodies
 
 from usarsim_server.app import Assembly, assemble
 from usarsim_server.settings import Settings
@@ -20,7 +20,7 @@ from usarsim_server.worlds.description import PARTS
 from usarsim_server.worlds.life import Walk, Wave, traits_of
 from usarsim_server.worlds.loader import load_world
 from usarsim_server.worlds.machinery.machinery import Spring
-from usarsim_server.worlds.scene import build_scene, movable_bodies
+from usarsim_server.worlds.scene import build_scene
 from usarsim_server.worlds.surroundings import Surroundings
 from usarsim_server.worlds.victims import part_of
 

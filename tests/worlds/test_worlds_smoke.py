@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -37,15 +38,7 @@ def volume(
 
 def puff(**changes: Any) -> SmokePuff:
     """A cloud of 40 particles around (5, 0, 0)."""
-    values: dict[str, Any] = {
-        "name": "puff",
-        "position": (5.0, 0.0, 0.0),
-        "size": (1.0, 2.0, 3.0),
-        "particles": 40,
-        "radius": 0.1,
-        "seed": 3,
-    }
-    return SmokePuff(**{**values, **changes})
+    return replace(SmokePuff("puff", (5.0, 0.0, 0.0), (1.0, 2.0, 3.0), 40, 0.1, 3), **changes)
 
 
 def depth(smoke: Smoke, direction: Array = AHEAD, length: float = 100.0) -> float:

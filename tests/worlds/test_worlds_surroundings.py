@@ -166,6 +166,21 @@ def test_sounding_is_what_has_begun_and_not_ended() -> None:
     assert all(len(endless.sounding(0.37 * n)) == 1 for n in range(50))
 
 
+def test_somebody_who_is_made_to_call() -> None:
+    """From then on, as often as by itself or as people do, until then; again, and anew."""
+    around = surroundings(person("A", sound={"period": 4.0, "delay": 90.0}), person("B"))
+    assert not around.call("C", 1.0)
+    assert around.call("A", 2.5, 10.5)
+    assert around.call("B", 3.0)
+    found = [(sound.start, sound.victim) for sound in around.sounds(0.0, 16.0)]
+    assert found == [(2.5, "A"), (3.0, "B"), (6.5, "A"), (9.0, "B"), (15.0, "B")]
+    assert [sound.victim for sound in around.sounding(3.9)] == ["A", "B"]
+    assert around.call("B", 16.0)
+    assert [sound.start for sound in around.sounds(14.0, 23.0)] == [16.0, 22.0]
+    around.restart(50.0)
+    assert around.sounds(50.0, 100.0) == []
+
+
 def test_calls_come_from_the_head() -> None:
     """Also of somebody who walks: from where it is now."""
     around = surroundings(person("B", motion=WALK, sound={"delay": 0.0, "duration": 3}))

@@ -1,0 +1,145 @@
+"""Measures of hand-made logs, against values by hand."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from usarsim_exploration.history import NOWHERE, History
+from usarsim_exploration.measures import MEASURES, measure
+from usarsim_exploration.measures.base import DECLARED, declare, jain, lasting
+
+ROWS, BODIES = 6, 3
+
+
+def by_hand(**changed: Any) -> History:
+    """A base and two robots, five steps, 100 reachable cells of 125; nobody does anything."""
+    rows, bodies = (ROWS,), (ROWS, BODIES)
+    numbers = {
+        **dict.fromkeys(("free_team", "free_base", "cells_sent", "bytes_sent"), rows),
+        **dict.fromkeys(("distance", "found", "first", "area", "believed", "at_base"), bodies),
+        **dict.fromkeys(("heading", "own", "latency"), bodies),
+        "cell": (*bodies, 2),
+    }
+    found: dict[str, Any] = {name: np.zeros(shape, int) for name, shape in numbers.items()}
+    found |= {
+        "names": ("Base", "R1", "R2"),
+        "free": 125,
+        "reachable": 100,
+        "role": np.tile(["base", "explorer", "relay"], (ROWS, 1)),
+        "state": np.full(bodies, "explore"),
+        "moves": np.full(bodies, "", dtype="<U4"),
+        "goal": np.full((*bodies, 2), NOWHERE),
+        "works": np.ones(bodies, bool),
+        "linked_base": np.ones(bodies, bool),
+        "links": tuple(np.zeros((0, 2), int) for _ in range(ROWS)),
+    }
+    return History(**found | {name: np.array(value) for name, value in changed.items()})
+
+
+def told(**changed: Any) -> dict[str, Any]:
+    """The measures of such a history."""
+    return measure(by_hand(**changed))
+
+
+def test_curves() -> None:
+    """E-75, EXP-11: times, areas, shares and waits of two curves."""
+    found = told(
+        free_team=[10, 50, 90, 94, 95, 98],
+        free_base=[10, 10, 50, 50, 90, 95],
+        area=[[10, 5, 5]] * 2 + [[50, 45, 45]] * 4,
+        believed=[[20, 0, 0]] * 5 + [[100, 0, 0]],
+    )
+    times = {name: value for name, value in found.items() if name[-3:] in ("t50", "t90", "t95")}
+    assert list(times.values()) == [1, 2, 4, 2, 4, 5]
+    assert found["team_t99"] is None
+    assert found["base_t99"] is None
+    assert found["team_percent_reachable"] == 98
+    assert found["base_percent_all"] == pytest.approx(100 * 95 / 125)
+    assert found["team_area"] == pytest.approx((10 + 50 + 90 + 94 + 95 + 98) / 600)
+    assert found["base_area"] == pytest.approx((10 + 10 + 50 + 50 + 90 + 95) / 600)
+    parts = [1, 10 / 50, 50 / 90, 50 / 94, 90 / 95, 95 / 98]
+    assert found["base_share"] == pytest.approx(100 * sum(parts) / 6)
+    parts = [5 / 10, 5 / 50, 45 / 90, 45 / 94, 45 / 95, 45 / 98]
+    assert found["robot_share"] == pytest.approx(100 * sum(parts) / 6)
+    assert found["mean_wait"] == pytest.approx((0 + 40 + 40 + 44 + 5 + 3) / 98)
+    assert found["base_map_iou"] == pytest.approx(95 / (125 + 100 - 95))
+    assert found["steps"] == 5
+
+
+def test_work() -> None:
+    """EXP-11: path, overlap, deviation, Jain's index, steps by what robots did, collisions."""
+    found = told(
+        free_team=[10, 20, 20, 20, 40, 40],
+        distance=[[0, 0, 0]] * 5 + [[0, 30.0, 10.0]],
+        found=[[0, 8, 8], [0, 0, 10], [0, 4, 0], [0, 0, 0], [0, 20, 0], [0, 0, 0]],
+        first=[[0, 8, 2], [0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 20, 0], [0, 0, 0]],
+        state=[["base", "explore", "return home"]] * 2 + [["base", "wait", "explore"]] * 4,
+        cell=[[[0, 0], [x, 0], [9, 9]] for x in (0, 1, 1, 1, 2, 2)],
+        moves=[["", "", ""]] * 4 + [["", "00x0", "x2"], ["", "x1", ""]],
+        role=[["base", "explorer", "relay"]] * 3 + [["base", "relay", "explorer"]] * 3,
+        works=[[True, True, True]] * 4 + [[True, True, False]] * 2,
+    )
+    assert (found["distance"], found["longest_distance"]) == (40, 30)
+    assert found["efficiency"] == 1
+    assert found["overlap"] == pytest.approx(100 * 20 / 50)
+    assert found["coverage_deviation"] == pytest.approx(100 * (28 / 30 - 0.5))
+    assert found["jain_found"] == pytest.approx(30**2 / (2 * (28**2 + 2**2)))
+    assert found["jain_distance"] == pytest.approx(40**2 / (2 * 1000))
+    assert (found["sensing"], found["double_sensing"]) == (3, 3)
+    assert found["not_sensing"] == 1 + 1 + 2 + 1  # rows 1, 2, 3, 5, the lost one left out
+    assert found["returning"] == 2 + 4
+    assert found["longest_stand"] == 3  # R2 until it failed
+    assert found["collisions"] == 3
+    assert found["role_swaps"] == 1
+    assert found["lost"] == ["R2"]
+
+
+def test_talk() -> None:
+    """EXP-11: latency, disconnected share, silence, links and bytes."""
+    links = [[[0, 1], [1, 2]], [[0, 1]], [], [], [], [[0, 1]]]
+    history = by_hand(
+        linked_base=[[1, 1, 1], [1, 1, 0], [1, 0, 0], [1, 0, 0], [1, 0, 0], [1, 1, 0]],
+        works=[[True] * 3] * 5 + [[True, True, False]],
+        latency=[[0, 0, 0], [0, 0, 1], [0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 0, 5]],
+        cells_sent=[0, 3, 3, 3, 3, 7],
+        bytes_sent=[9, 40, 40, 40, 40, 90],
+    )
+    vars(history)["linked_base"] = history.linked_base != 0
+    vars(history)["links"] = tuple(np.array(one, int).reshape(-1, 2) for one in links)
+    found: dict[str, Any] = measure(history)
+    assert found["disconnected"] == pytest.approx(100 * (3 + 4) / 11)
+    assert found["mean_silence"] == pytest.approx((1 + 2 + 3 + 1 + 2 + 3 + 4) / 11)
+    assert found["longest_silence"] == 4
+    assert found["mean_links"] == pytest.approx(4 / 6)
+    assert (found["cells_sent"], found["bytes_sent"]) == (7, 90)
+    # R1 heard of steps 2 to 5 at step 5, after 3, 2, 1 and 0; R2 of step 0 alone
+    assert found["max_latency"] == 3
+    assert found["mean_latency"] == pytest.approx((6 / 6 + 0) / 2)
+
+
+def test_nothing_to_tell() -> None:
+    """Missing is None, never 0."""
+    found = told()
+    missing = ("efficiency", "overlap", "coverage_deviation", "jain_found", "jain_distance")
+    assert {name for name in missing if found[name] is not None} == set()
+    assert found["team_t50"] is None
+    assert jain(np.array([3, 3, 3, 0])) == pytest.approx(0.75)
+
+
+def test_how_long_something_has_held() -> None:
+    """Counts begin again after each gap."""
+    holds = np.array([[1, 0], [1, 1], [0, 1], [1, 1]], bool)
+    assert lasting(holds).tolist() == [[1, 0], [2, 1], [0, 2], [1, 3]]
+
+
+def test_names_are_given_once() -> None:
+    """EXP-11: each measure says what it is; two cannot share a name."""
+    assert list(measure(by_hand())) == ["steps", *MEASURES, "lost"]
+    assert set(MEASURES) == set(DECLARED)
+    for one in MEASURES.values():
+        assert one.definition.endswith("."), one.name
+        assert one.unit
+        assert one.source
+    with pytest.raises(ValueError, match="two measures are called distance"):
+        declare("distance", "", "", "")(lambda history: None)

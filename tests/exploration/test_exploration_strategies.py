@@ -1,0 +1,218 @@
+"""The simple strategies: what each promises, on small worlds, and that all of them finish."""
+
+import math
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from usarsim_exploration.cycle import Cycle, Member, set_up
+from usarsim_exploration.environment import Cell, Environment
+from usarsim_exploration.known_map import AT_BASE, FREE, RELAYED
+from usarsim_exploration.radio import Circle, PathLoss, Radio, Sight
+from usarsim_exploration.strategies.hungarian import assign
+from usarsim_exploration.strategies.periodic import Periodic
+from usarsim_exploration.strategies.random_walk import draw_turn
+from usarsim_exploration.strategies.ratio import Ratio
+from usarsim_exploration.strategies.wall_follow import WallFollow
+from usarsim_exploration.strategy import TYPES, Strategy
+
+SIMPLE = ("frontier", "greedy", "hungarian", "minpos", "nearest", "periodic", "ratio")
+
+
+def rooms(columns: int = 72, rows: int = 46) -> Environment:
+    """Four rooms around two crossing walls, each with doors."""
+    walls = np.zeros((rows, columns), np.uint8)
+    walls[[0, -1]] = walls[:, [0, -1]] = 1
+    walls[rows // 2, :] = walls[:, columns // 2] = 1
+    walls[rows // 2, [8, 9, 10, 11, 12, 55, 56, 57, 58, 59]] = 0
+    walls[[8, 9, 10, 11, 12, 35, 36, 37, 38, 39], columns // 2] = 0
+    return Environment("rooms", walls)
+
+
+def begin(
+    strategy: Strategy,
+    world: Environment,
+    starts: list[Cell],
+    radio: Radio | None = None,
+    reach: float = 40.0,
+    speed: float = 3.0,
+    seed: int = 1,
+) -> Cycle:
+    """A team, the base at its first start."""
+    team = [Member("base", "base", starts[0], reach=0, radio_range=reach)]
+    team += [
+        Member(f"r{number}", "explorer", cell, speed=speed, reach=30, radio_range=reach)
+        for number, cell in enumerate(starts[1:], 1)
+    ]
+    return set_up(world, team, strategy, radio or PathLoss(), seed)
+
+
+def finish(cycle: Cycle, limit: int = 800) -> float:
+    """Run until all are home; what part of the free cells the base knows then."""
+    for _ in range(limit):
+        cycle.advance()
+        if all(body.home and not body.view.path for body in cycle.bodies[1:]):
+            break
+    else:
+        pytest.fail(f"not home after {limit} steps")
+    return cycle.bodies[0].view.known.free / cycle.environment.free
+
+
+@pytest.mark.parametrize("name", SIMPLE)
+def test_a_team_maps_four_rooms_and_comes_home(name: str) -> None:
+    """EXP-01: each by its own way, and the base knows it then."""
+    strategy = TYPES.find(name, "here")()
+    assert finish(begin(strategy, rooms(), [(20, 15), (22, 15), (20, 17)])) > 0.93
+
+
+def test_turns_are_drawn_as_documented() -> None:
+    """E-56: 1:2:20:2:1 of 26,000 draws, within 5 % of all."""
+    random = np.random.default_rng(3)
+    drawn = Counter(round(math.degrees(draw_turn(random)), 1) for _ in range(26_000))
+    for turn, share in ((-45.0, 1), (-22.5, 2), (0.0, 20), (22.5, 2), (45.0, 1)):
+        assert drawn.pop(turn) == pytest.approx(1000 * share, abs=0.05 * 1000 * max(share, 2))
+    assert not drawn
+
+
+def test_a_random_walk_keeps_away_from_walls_and_moves_on() -> None:
+    """E-56: two walkers leave their room, and never stand for long."""
+    cycle = begin(TYPES.find("random-walk", "here")(), rooms(), [(20, 15), (22, 15), (20, 17)])
+    stood = 0
+    for _ in range(200):
+        before = cycle.bodies[1].view.cell
+        cycle.advance()
+        stood = stood + 1 if cycle.bodies[1].view.cell == before else 0
+        assert stood < 10
+    assert cycle.bodies[1].distance > 400
+    assert cycle.team_free > 0.3 * cycle.environment.free
+
+
+def test_the_wall_stays_at_the_right_hand() -> None:
+    """E-71: within its band for a full lap of a rectangular room."""
+    walls = np.zeros((50, 70), np.uint8)
+    walls[[0, -1]] = walls[:, [0, -1]] = 1
+    strategy = WallFollow()
+    cycle = begin(strategy, Environment("room", walls), [(30, 10), (32, 10)])
+    body, places, sides = cycle.bodies[1], list[Cell](), set[str]()
+    for _ in range(200):
+        cycle.advance()
+        column, row = body.view.cell
+        away = {"top": row, "left": column, "bottom": 49 - row, "right": 69 - column}
+        side = min(away, key=lambda one: away[one])
+        if body.state == "follow" and (sides or away[side] < 5):
+            assert 2.5 <= away[side] <= 4.5
+            sides.add(side)
+            places.append(body.view.cell)
+        if len(sides) == 4 and math.dist(places[0], places[-1]) < 4:
+            break
+    assert sides == {"top", "left", "bottom", "right"}
+    x, y = np.array(places, float).T - np.array([[34.5], [24.5]])
+    turned = np.diff(np.unwrap(np.arctan2(y, x)))
+    assert abs(turned.sum()) > 2 * math.pi * 0.95
+    assert (turned <= 1e-9).all()  # against the clock, y down: the wall is at the right
+
+
+def test_shares_are_those_with_the_least_sum() -> None:
+    """Hungarian: not each for itself; a second robot only where all have one."""
+    assert assign(np.array([[1.0, 2.0], [1.5, 9.0]])).tolist() == [1, 0]
+    assert sorted(assign(np.array([[1.0, 5.0], [1.0, 5.0], [1.0, 5.0]])).tolist()) == [0, 0, 1]
+    assert assign(np.array([[np.inf, 4.0]])).tolist() == [1]
+
+
+def test_periodic_returns_after_ever_longer_times() -> None:
+    """E-60: explores for 10 steps, then 20, then 30."""
+    walls = np.zeros((20, 400), np.uint8)
+    walls[[0, -1]] = walls[:, [0, -1]] = 1
+    cycle = begin(Periodic(), Environment("hall", walls), [(10, 10), (12, 10)], Circle(), 6.0)
+    states = []
+    for _ in range(130):
+        cycle.advance()
+        states.append(cycle.bodies[1].state)
+    runs = [len(part) for part in "".join(one[0] for one in states).split("r") if part]
+    assert runs[:3] == [10, 20, 30]
+
+
+def visits(target: float, seed: int) -> tuple[int, float]:
+    """How often robots came back into the range of the base, and the mean share of the base."""
+    starts: list[Cell] = [(20, 15), (22, 15), (20, 17)]
+    cycle = begin(Ratio(target=target), rooms(), starts, Sight(), 12.0, seed=seed)
+    count, shares, near = 0, [], {1: True, 2: True}
+    for _ in range(100):
+        cycle.advance()
+        shares.append(cycle.bodies[0].view.known.free / cycle.team_free)
+        for number in near:
+            now = bool(cycle.links.direct[0, number])
+            count += now and not near[number]
+            near[number] = now
+    return count, float(np.mean(shares))
+
+
+def test_a_low_ratio_returns_less() -> None:
+    """E-58: fewer visits, and a lower mean share of the base."""
+    often, well = visits(0.9, 1)
+    seldom, badly = visits(0.5, 1)
+    assert seldom < often
+    assert badly < well
+
+
+def test_one_of_those_who_meet_owns_each_cell() -> None:
+    """E-59: also when what one carries had been given to a third one before."""
+    walls = np.zeros((30, 300), np.uint8)
+    starts: list[Cell] = [(5, 15), (150, 15), (210, 15), (270, 15)]
+    cycle = begin(Ratio(), Environment("hall", walls), starts, Circle(), 20.0)
+    one, other, third = (body.view for body in cycle.bodies[1:])
+    cells = np.flatnonzero(third.known.bits & FREE)
+    one.known.merge(0, cells, third.known.news(cells))
+    one.known.mark(0, cells, RELAYED)
+    meeting = (180, 15)
+    for view in (one, other):
+        view.cell = meeting
+        view.path.clear()
+    cycle.advance()
+    free = one.known.bits & FREE != 0
+    assert (free == (other.known.bits & FREE != 0)).all()
+    owned = [view.known.bits & (AT_BASE | RELAYED) == 0 for view in (one, other, third)]
+    both = (owned[0] & free).astype(int) + (owned[1] & free)
+    kept = np.zeros(walls.size, bool)
+    kept[cells] = True
+    assert (both[free & ~kept.reshape(walls.shape)] == 1).all()
+    assert both.max() == 1
+
+
+@pytest.mark.parametrize(("radio", "reach"), [(Circle(), 30.0), (PathLoss(), 45.0)])
+def test_range_constrained_never_leaves_the_base(radio: Radio, reach: float) -> None:
+    """E-61: the base knows all that anybody knows, in every step, and more than one reaches."""
+    starts: list[Cell] = [(10, 8), (12, 8), (12, 10)]
+    cycle = begin(TYPES.find("range-constrained", "here")(), rooms(), starts, radio, reach)
+    base, farthest = cycle.bodies[0].view, 0.0
+    for _ in range(400):
+        cycle.advance()
+        assert cycle.links.closed.all()
+        for body in cycle.bodies[1:]:
+            assert (body.view.known.bits == base.known.bits).all()
+            farthest = max(farthest, math.dist(body.view.cell, base.cell))
+        if all(body.home and not body.view.path for body in cycle.bodies[1:]):
+            break
+    else:
+        pytest.fail("not home")
+    assert farthest > 30.0
+    assert base.known.free > 0.7 * cycle.environment.free
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_chain_keeps_its_links(seed: int) -> None:
+    """E-62: over several hops to the base, in at least 99 % of steps under a circle."""
+    starts: list[Cell] = [(10, 8), (12, 8), (12, 10), (14, 8)]
+    strategy = TYPES.find("leader-follower", "here")()
+    cycle = begin(strategy, rooms(), starts, Circle(), 24.0, speed=float(seed + 2), seed=seed)
+    held, steps, hops = 0, 0, 0
+    while not all(body.home and not body.view.path for body in cycle.bodies[1:]):
+        cycle.advance()
+        steps += 1
+        assert steps < 500
+        held += bool(cycle.links.closed[0].all())
+        hops += bool(cycle.links.closed[0, 3] and not cycle.links.direct[0, 3])
+    assert held >= 0.99 * steps
+    assert hops > 20
+    assert cycle.bodies[0].view.known.free > 0.7 * cycle.environment.free

@@ -1,0 +1,232 @@
+"""Unattended robots, on a floor plan: no server, no clock."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+import pytest
+from toy_world import Plan, Toy
+from virtual_station import VirtualPage, VirtualStation
+
+from usarsim_operator import policies
+from usarsim_operator.navigation import FAR, FREE, WALL, Grid, distances, way
+from usarsim_operator.occupancy import CELL, OccupancyMap
+from usarsim_operator.policies import View
+from usarsim_operator.roles import Role
+
+ROOMS = Plan("""
+####################
+#........#.........#
+#........#.........#
+#........#.........#
+#..................#
+#..................#
+#........#.........#
+#........#.........#
+#........####..#####
+#........#.........#
+#........#.........#
+#........#.........#
+####################
+""")
+"""Three rooms of 4.5 x 5.5 m, 4.5 x 3.5 m and 4.5 x 1.5 m."""
+
+
+def _floor(grid: Grid, plan: Plan) -> float:
+    """Share of the plan's floor that is known to be free."""
+    rows, columns = np.nonzero(~plan.walls)
+    places = [
+        grid.cell(((c + 0.5) * CELL, (r + 0.5) * CELL)) for r, c in zip(rows, columns, strict=True)
+    ]
+    return float(np.mean([grid.cells[one] == FREE for one in places]))
+
+
+def _view(toy: Toy, map: OccupancyMap) -> View:
+    return View(toy.time, (toy.x, toy.y, toy.yaw), toy.scan(), map, {})
+
+
+def _go(policy: policies.Policy, toy: Toy, map: OccupancyMap, seconds: float) -> list[Toy]:
+    """Let a policy drive; where the robot was at each tenth of a second."""
+    places = []
+    for count in range(round(seconds / 0.1)):
+        view = _view(toy, map)
+        assert view.scan is not None
+        if count % 5 == 0:
+            map.add(view.pose, view.scan.bearings, view.scan.ranges, 8.0)
+        toy.left, toy.right = policy.powers(view)
+        toy.step()
+        places.append(Toy(toy.plan, toy.x, toy.y, toy.yaw, toy.time))
+    return places
+
+
+def test_explore_sees_all_rooms() -> None:
+    """O-56: a frontier strategy ends when everything that can be reached is known."""
+    map, toy = OccupancyMap(), Toy(ROOMS, 1.0, 1.0, 0.7, speed=1.0)
+    policy = policies.make("explore", ())
+    _go(policy, toy, map, 90.0)
+    assert _floor(Grid(map.cells(), map.corner), ROOMS) > 0.95
+    assert policy.goal is None
+    assert policy.powers(_view(toy, map)) == (0.0, 0.0)
+
+
+def test_explore_leaves_from_what_its_scanner_never_saw() -> None:
+    """O-56: a scanner at the front sees neither the floor under the robot nor what is behind."""
+    map, toy = OccupancyMap(), Toy(ROOMS, 1.05, 1.05, ahead=0.2)
+    scan = toy.scan()
+    map.add((toy.x + toy.ahead, toy.y, toy.yaw), scan.bearings, scan.ranges, 8.0)
+    grid = Grid(map.cells(), map.corner)
+    assert grid.cells[grid.cell((1.05, 1.05))] == grid.cells[grid.cell((1.15, 1.05))] == 0
+    explore = policies.make("explore", ())
+    assert explore.powers(_view(toy, map)) != (0.0, 0.0)
+    assert explore.goal is not None
+    assert math.dist(explore.goal, (toy.x, toy.y)) > 0.7
+
+
+def test_explorers_do_not_go_to_the_same_place() -> None:
+    """O-56: what another robot goes to is worth less."""
+    map, toy = OccupancyMap(), Toy(ROOMS, 2.5, 2.4, 0.0)
+    view = _view(toy, map)
+    assert view.scan is not None
+    map.add(view.pose, view.scan.bearings, view.scan.ranges, 8.0)
+    first, second = policies.make("explore", ()), policies.make("explore", ())
+    first.powers(view)
+    assert first.goal is not None
+    second.powers(View(view.time, view.pose, view.scan, map, {"other": first.goal}))
+    assert second.goal is not None
+    assert math.dist(first.goal, second.goal) > 2.0
+
+
+def test_patrol_goes_to_and_fro() -> None:
+    """O-56: both ends of a route through a door are reached again and again."""
+    map, toy = OccupancyMap(), Toy(ROOMS, 1.0, 1.0, speed=1.2)
+    ends = (1.0, 1.0), (8.5, 2.4)
+    places = _go(policies.make("patrol", ends), toy, map, 50.0)
+    visits = []
+    for one in places:
+        for number, end in enumerate(ends):
+            if math.dist((one.x, one.y), end) < 0.5 and visits[-1:] != [number]:
+                visits.append(number)
+    assert visits[:4] == [0, 1, 0, 1]
+    with pytest.raises(ValueError, match="two places or more"):
+        policies.make("patrol", ends[:1])
+
+
+def test_a_robot_that_hangs_tries_something_else() -> None:
+    """O-56: wheels that hang over something low turn freely; it backs off in both curves, goes
+    straight back, and straight on."""
+    map, toy = OccupancyMap(), Toy(ROOMS, 2.0, 2.0)
+    policy, tried = policies.make("patrol", ((2.0, 2.0), (4.0, 2.0))), set()
+    for _ in range(250):
+        tried.add(policy.powers(_view(toy, map)))
+        toy.time += 0.1
+    assert {(-1.0, -1.0), (1.0, 1.0)} <= tried
+    assert any(left < right < 0.0 for left, right in tried)
+    assert any(right < left < 0.0 for left, right in tried)
+
+
+def test_hold_stops_before_the_wall() -> None:
+    """O-56: the heading stays within 2 degrees; nothing is touched."""
+    map, toy = OccupancyMap(), Toy(ROOMS, 1.0, 2.3, 0.05)
+    policy = policies.make("hold", ())
+    places = _go(policy, toy, map, 30.0)
+    assert max(abs(one.yaw - 0.05) for one in places) < math.radians(2.0)
+    assert toy.x > 8.0  # through the door
+    assert 0.5 < 9.5 - toy.x < 1.2
+    assert policy.powers(_view(toy, map)) == (0.0, 0.0)
+
+
+def test_names() -> None:
+    assert policies.names()[:4] == ["stop", "hold", "patrol", "explore"]
+    with pytest.raises(ValueError, match="no policy expolre"):
+        policies.make("expolre", ())
+
+
+def test_ways_lead_around_walls() -> None:
+    """Distances by sides and corners in turn are within a tenth of the true ones."""
+    cells = np.full((60, 80), FREE, np.uint8)
+    cells[:50, 40] = WALL
+    grid = Grid(cells, (0.0, 0.0))
+    steps = distances(grid.passable((0.5, 0.5), 0.2, unknown=False), grid.cell((0.5, 0.5)))
+    assert 0.9 < steps[grid.cell((3.05, 4.05))] * CELL / math.dist((0.5, 0.5), (3.05, 4.05)) < 1.1
+    found = way(steps, grid.cell((7.5, 0.5)))
+    assert found[0] == grid.cell((0.5, 0.5))
+    assert max(row for row, _ in found) >= 52  # around the end, with room
+    assert all(cells[one] == FREE for one in found)
+    shut = cells.copy()
+    shut[:, 40] = WALL
+    closed = Grid(shut, (0.0, 0.0))
+    steps = distances(closed.passable((0.5, 0.5), 0.2, unknown=False), closed.cell((0.5, 0.5)))
+    assert way(steps, closed.cell((7.5, 0.5))) == []
+
+
+def test_a_wave_ends_where_all_else_is_dearer() -> None:
+    """What it has reached until then is as far as ever, and the cheapest goal is among it."""
+    chance = np.random.default_rng(1)
+    for _ in range(20):
+        passable = chance.random((40, 50)) < 0.75
+        start = 20, 25
+        more = np.where(chance.random((40, 50)) < 0.02, 3.0 * chance.random((40, 50)), np.inf)
+        whole, part = distances(passable, start), distances(passable, start, more)
+        assert ((part == whole) | (part == FAR)).all()
+        costs = [np.where(one < FAR, CELL * one + more, np.inf) for one in (whole, part)]
+        assert costs[1].min() == costs[0].min()
+    assert (part < FAR).sum() < (whole < FAR).sum()
+
+
+async def test_switching() -> None:
+    """O-56: taken and driven, the robot obeys; handed back, it goes on to explore."""
+    station = VirtualStation()
+    page = VirtualPage(station, "Ada", Role.OPERATOR)
+    station.spawned("R")
+    toy = Toy(ROOMS, 1.0, 1.0, 0.7)
+
+    def report() -> None:
+        found = re.findall(
+            rb"Left (\S+)\} \{Right (\S+)\}", b"".join(d for _, d in station.told("R"))
+        )
+        if found:
+            toy.left, toy.right = (float(one) / 100.0 for one in found[-1])
+        toy.step()
+        if round(toy.time * 10) % 5 == 0:
+            station.hear("R", toy.scan_line())
+        station.hear("R", toy.pose_line())
+
+    async def drive(seconds: float) -> float:
+        """How far it comes."""
+        way, last = 0.0, (toy.x, toy.y)
+        for _ in range(round(seconds / 0.1)):
+            report()
+            station.clock += 0.1
+            page.say("ping", clock=0.0)
+            await station.settle()
+            way += math.dist(last, (toy.x, toy.y))
+            last = toy.x, toy.y
+        return way
+
+    try:
+        assert await drive(1.0) == 0.0
+        assert (await page.ask("policy", robot="R", policy="explore"))["ok"]
+        assert await drive(10.0) > 1.0
+        assert station.autonomy.mode(station.robots["R"]) == "autonomous"
+        assert (await page.ask("take", robot="R"))["ok"]
+        await drive(0.3)  # it stops
+        assert await drive(2.0) == 0.0
+        assert station.autonomy.mode(station.robots["R"]) == "operator"
+        assert (await page.ask("hand_back", robot="R"))["ok"]
+        assert await drive(10.0) > 1.0
+        modes = [one["value"]["mode"] for one in page.texts if one.get("kind") == "mode"]
+        assert modes == ["autonomous", "operator", "autonomous"]
+        page.say("estop")
+        await drive(0.3)
+        assert await drive(1.0) == 0.0
+        page.say("estop_reset")
+        assert await drive(5.0) > 0.5
+        assert (await page.ask("policy", robot="R", policy="stop"))["ok"]
+        await drive(0.3)
+        assert await drive(1.0) == 0.0
+        answer = await page.ask("policy", robot="R", policy="expolre")
+        assert "known: stop, hold, patrol, explore" in answer["why"]
+    finally:
+        await station.end(page)

@@ -1,0 +1,97 @@
+"""`usarsim console --record`: what a station keeps, and that a disk hurts nobody."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("aiohttp")
+
+from console_harness import gateway
+
+from usarsim_operator import packets
+from usarsim_operator.recorder import ID
+from usarsim_operator.recording import Packet, Recording, Text
+from usarsim_operator.roles import Role
+from usarsim_server.testing import running_server
+
+
+def marked(path: Path) -> bool:
+    """Whether a recorded state has marks."""
+    return any(isinstance(one, Text) and one.fields.get("marks") for one in Recording(path))
+
+
+def test_a_session_is_kept_and_a_full_disk_harms_nobody(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """HRI-08: texts of pages with their clocks, locks, marks, interventions, poses; then the disk
+    is full, and the robot drives on."""
+
+    async def play(port: int, scene: int) -> None:
+        async with gateway(port, scene=scene) as one:
+            station = one.station
+            station.record(tmp_path / "a.rec")
+            await station.spawn("P3AT", "R1")
+            async with one.page(role=Role.INSTRUCTOR) as page:
+                assert (await page.ask("take", robot="R1"))["ok"]
+                assert (await page.ask("mark", robot="R1", place=[1, 2, 0]))["ok"]
+                assert (await page.ask("pace", action="speed", factor=1.0))["ok"]
+                await page.ws.send_str('{"type": "mark", "robot": "' + "x" * 5000 + '"}')
+                await page.until(lambda: any(one[0] == packets.POSES for one in page.binary))
+                assert station.recorder is not None
+                writer = station.recorder._writer
+                await page.until(lambda: marked(writer.path))
+
+                def full(kind: bytes, clock: float, data: bytes) -> None:
+                    raise OSError(28, "No space left on device")
+
+                writer._write = full  # type: ignore[method-assign]
+                await page.until(lambda: ID not in station.pages)
+                for _ in range(3):
+                    assert (await page.ask("drive", robot="R1", left=0.5, right=0.5))["ok"]
+
+    with running_server(world="empty", scene_port=0, supervise="on") as (_, endpoints):
+        asyncio.run(play(endpoints["control"].port, endpoints["scene"].port))
+    assert "No space left on device; what was recorded before can be used" in caplog.text
+    found = list(Recording(tmp_path / "a.rec"))
+    texts = [one.fields for one in found if isinstance(one, Text)]
+    inputs = [one for one in texts if one["type"] == "input"]
+    said = {one["text"]["type"] for one in inputs if isinstance(one["text"], dict)}
+    assert {"take", "mark", "pace", "ping"} <= said
+    assert [len(one["text"]) for one in inputs if isinstance(one["text"], str)] == [2000]
+    clocks = [one["gateway_clock"] for one in inputs]
+    assert clocks == sorted(clocks)
+    assert {"page", "role", "time"} <= inputs[0].keys()
+    whats = {one["what"] for one in texts if one["type"] == "note"}
+    assert any("take" in what or "took" in what or "holds" in what for what in whats), whats
+    assert any(one["type"] == "state" and one["marks"] for one in texts)
+    order = [one.fields["type"] if isinstance(one, Text) else one.kind for one in found]
+    assert order.index("scene") < order.index("present") < order.index(packets.POSES)
+    generations = {one["generation"] for one in texts if one["type"] == "present"}
+    poses = [one for one in found if isinstance(one, Packet) and one.kind == packets.POSES]
+    assert {int.from_bytes(one.contents[:4], "little") for one in poses} <= generations
+    assert sum(one == "scene" for one in order) == 1
+
+
+def test_hostile_pages_do_not_end_a_recording(tmp_path: Path) -> None:
+    """CON-29: more texts than the disk takes are counted and left out; memory is bounded."""
+
+    async def play(port: int) -> None:
+        async with gateway(port) as one:
+            station = one.station
+            station.record(tmp_path / "a.rec")
+            assert station.recorder is not None
+            async with one.page() as page:
+                other = station.pages[int(page.welcome["page"])]
+                for _ in range(5000):  # nothing is written meanwhile
+                    station.recorder.input(other, '{"note": "' + "x" * 300 + '"}', 0.0)
+                assert station.recorder.lost > 4000
+                assert station.recorder.waiting < 300_000
+                await asyncio.sleep(0.1)
+                assert ID in station.pages
+            assert not station.recorder.overrun
+
+    with running_server(world="empty") as (_, endpoints):
+        asyncio.run(play(endpoints["control"].port))
