@@ -56,7 +56,7 @@ export function isStale(age: number): boolean {
 /** An age for people: `0.1 s`, `12 s`, `3 min`. */
 export function ageText(age: number): string {
   if (!Number.isFinite(age)) return "–";
-  if (age < 9.95) return `${age.toFixed(1)} s`;
+  if (age < 9.95) return `${Math.max(0, age).toFixed(1)} s`;
   return age < 120 ? `${Math.round(age)} s` : `${Math.round(age / 60)} min`;
 }
 

@@ -136,6 +136,7 @@ test("CON-20: the clock follows simulated time at any pace, and stands while pau
   assert.equal(ages.simulated(3), 104);
   assert.equal(clockText(3725), "1:02:05");
   assert.equal(clockText(65.9), "01:05");
+  assert.equal(ageText(-0.04), "0.0 s", "never a sign");
   assert.equal(ageText(0.14), "0.1 s");
 });
 
