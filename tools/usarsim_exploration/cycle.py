@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from usarsim_exploration.environment import Cell, Environment
 from usarsim_exploration.exchange import Exchange
 from usarsim_exploration.known_map import FREE, KNOWN, KnownMap
+from usarsim_exploration.noise import disturb
 from usarsim_exploration.planning import Planner
 from usarsim_exploration.radio import Links, Radio, RadioEstimate, find_links
 from usarsim_exploration.sensing import Scanner
@@ -31,8 +32,8 @@ class Member:
     Attributes:
         name, role: who. cell, heading: start, rad clockwise from the right.
         speed: cells per step. reach: of the scanner, cells; 0: it has none.
-        view: angle of the scanner, rad. radio_range: cells.
-        parent, child: numbers, or None.
+        view: angle of the scanner, rad. noise: standard deviation of its readings, cells.
+        radio_range: cells. parent, child: numbers, or None.
     """
 
     name: str
@@ -45,6 +46,7 @@ class Member:
     radio_range: float = 200.0
     parent: int | None = BASE
     child: int | None = None
+    noise: float = 0.0
 
 
 @dataclass(slots=True)
@@ -52,7 +54,8 @@ class Body:
     """A robot in the world, and what is counted of it.
 
     Attributes:
-        distance: driven, cells. found: cells that this step's scans found.
+        random: of the noise of its scanner. distance: driven, cells.
+        found: cells that this step's scans found.
         first: how many of these nobody knew. base_step: newest step of the base that it has heard
             of. works: it has not failed. state, goal, home: of its plan. moves: cells that it drove
             to in this step, and the one that it tried in vain.
@@ -62,6 +65,7 @@ class Body:
     view: View
     strategy: Strategy | None
     scanner: Scanner | None
+    random: np.random.Generator
     distance: float = 0.0
     found: int = 0
     first: int = 0
@@ -207,7 +211,11 @@ class Cycle:
     ) -> None:
         if body.scanner is None:
             return
-        new = body.view.known.integrate(self.step, body.scanner.scan(cells, headings), driven)
+        scans = body.scanner.scan(cells, headings)
+        if body.member.noise:
+            member, shape = body.member, self.environment.shape
+            scans = disturb(scans, member.noise, member.reach, shape, body.random)
+        new = body.view.known.integrate(self.step, scans, driven)
         body.found = len(new)
         body.first = int(np.count_nonzero(self._team[new] == 0))
         free = body.view.known.news(new) & FREE != 0
@@ -237,7 +245,8 @@ def set_up(
     links_before: bool = False,
 ) -> Cycle:
     """A run at its start. strategy: a pattern, which each robot gets a copy of."""
-    seeds = np.random.SeedSequence(seed).spawn(len(team) + 1)
+    seeds = np.random.SeedSequence(seed).spawn(2 * len(team) + 1)
+    thinking, losing, noise = seeds[: len(team)], seeds[len(team)], seeds[len(team) + 1 :]
     scanners: dict[tuple[int, float], Scanner] = {}
     bodies = []
     for number, member in enumerate(team):
@@ -246,7 +255,7 @@ def set_up(
         view = View(
             number, member.name, member.role, member.parent, member.child, member.speed,
             member.reach, team[BASE].cell, member.cell, member.heading, known, Planner(known),
-            estimate, np.random.Generator(np.random.PCG64(seeds[number])),
+            estimate, np.random.Generator(np.random.PCG64(thinking[number])),
         )  # fmt: skip
         for other, one in enumerate(team):
             if other != number:
@@ -256,7 +265,8 @@ def set_up(
             key = member.reach, member.view
             scanner = scanners.setdefault(key, Scanner(environment, member.reach, view=member.view))
         mind = copy.deepcopy(strategy) if number != BASE else None
-        bodies.append(Body(member, view, mind, scanner))
-    lost = np.random.Generator(np.random.PCG64(seeds[-1]))
+        random = np.random.Generator(np.random.PCG64(noise[number]))
+        bodies.append(Body(member, view, mind, scanner, random))
+    lost = np.random.Generator(np.random.PCG64(losing))
     messages = Exchange(radio, len(team), lost)
     return Cycle(environment, bodies, radio, messages, links_before)

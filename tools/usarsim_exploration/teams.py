@@ -34,6 +34,10 @@ class Kit:
     view: float = field(
         default=180.0, low=1.0, high=360.0, unit="degrees", help="its field of view, 181 rays"
     )
+    noise: float = field(
+        default=0.0, low=0.0, high=100.0, unit="cells",
+        help="standard deviation of readings of walls",
+    )  # fmt: skip
     radio: float = field(
         default=200.0, low=0.0, high=10_000.0, unit="cells", help="range of the radio"
     )
@@ -93,7 +97,9 @@ def read_team(table: Table, world: World, formation: Formation) -> tuple[Member,
     base = team.base or world.base
     if not world.environment.is_free(base):
         raise inner.error("base", f"{list(base)} is a wall or outside", _CURE)
-    kit = Robot(speed=team.speed, reach=team.reach, view=team.view, radio=team.radio)
+    kit = Robot(
+        speed=team.speed, reach=team.reach, view=team.view, noise=team.noise, radio=team.radio
+    )
     rows = table.tables("robot")
     if rows and inner.has("robots") and team.robots != len(rows):
         problem = f"{team.robots} are announced, {len(rows)} are described"
@@ -123,7 +129,7 @@ def read_team(table: Table, world: World, formation: Formation) -> tuple[Member,
                 names[number], role, start, math.radians(robot.heading),
                 robot.speed, robot.reach, math.radians(robot.view), robot.radio,
                 _number(row, "parent", robot.parent, names, parent),
-                _number(row, "child", robot.child, names, child),
+                _number(row, "child", robot.child, names, child), robot.noise,
             )
         )  # fmt: skip
         if rows:
@@ -147,6 +153,7 @@ def written(team: tuple[Member, ...]) -> dict[str, object]:
                 "speed": one.speed,
                 "reach": one.reach,
                 "view": round(math.degrees(one.view), 9),
+                "noise": one.noise,
                 "radio": one.radio_range,
             }
             for one in robots
