@@ -275,6 +275,14 @@ def canvas(page: Any, selector: str) -> NDArray[np.float64]:
     return np.asarray(Image.open(io.BytesIO(data)).convert("RGBA"), float)
 
 
+def escaped_twice(page: Any, stopped: Callable[[], bool]) -> bool:
+    """Press Esc twice; whether that has stopped everything: both count within 0.6 s only."""
+    page.keyboard.press("Escape")
+    page.keyboard.press("Escape")
+    page.wait_for_timeout(300)
+    return stopped()
+
+
 def until(condition: Callable[[], Any]) -> Any:
     """Wait until something is so; what it was."""
     deadline = time.monotonic() + PATIENCE

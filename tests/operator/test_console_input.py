@@ -112,7 +112,7 @@ async def test_twenty_drives_a_second_and_none_while_neutral(stage: Stage) -> No
     """O-36: by the page's own clock, put forward by hand: 20 Hz, then a minute of silence on the
     wire in which the heartbeat between page and gateway goes on."""
     async with stage.page(clock=True) as page:
-        await page.clock.pause_at(await page.evaluate("Date.now() + 100"))
+        await page.clock.pause_at(await page.evaluate("Date.now() / 1000 + 600"))
         begun = len(stage.wire.drives("R1"))
         await page.keyboard.down("w")
         await page.clock.run_for(2000)
@@ -184,8 +184,8 @@ async def test_pad_drives_while_its_button_is_held(stage: Stage) -> None:
         await page.evaluate("new Promise((done) => setTimeout(done, 200))")
         assert stage.wire.drives("R2")[before:] == []
         await page.evaluate("tilt(0, -0.16, 0, 0)")
-        await until(lambda: stage.wire.drives("R2")[before:])
-        left, right = stage.wire.drives("R2")[-1]
+        await until(lambda: any(one != ZERO for one in stage.wire.drives("R2")[before:]))
+        left, right = next(one for one in stage.wire.drives("R2")[before:] if one != ZERO)
         assert 0.0 < left == right < 0.01
         await page.evaluate("tilt(1, -1, 0, 0)")
         await stage.driven("R2", (1.0, 0.0))
@@ -305,7 +305,7 @@ async def test_inputs_are_kept_with_both_clocks(stage: Stage, tmp_path: Path) ->
                 await page.wait_for_selector(f'header [data-score="{score!r}"]', state="attached")
     notes = [one.fields for one in Recording(file) if isinstance(one, Text)]
     offsets = [one["offset"] for one in notes if one["type"] == "page_clock"]
-    assert offsets[-1] == pytest.approx(expected, abs=0.005)
+    assert offsets[-1] == pytest.approx(expected, abs=0.006)  # told from 1 ms on
     inputs = [one for one in notes if one["type"] == "input"]
     assert {"ping", "select", "take", "drive", "estop"} <= {one["text"]["type"] for one in inputs}
     said = [one["text"]["clock"] + expected for one in inputs]

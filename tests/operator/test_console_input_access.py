@@ -93,7 +93,7 @@ async def test_a_mission_by_keyboard_alone(stage: Stage) -> None:
         await page.wait_for_selector("dialog[open]")
         await page.keyboard.press("Escape")
         await page.wait_for_selector("dialog", state="detached")
-        assert await page.evaluate("document.activeElement.dataset.do") == "keys"
+        await becomes(page, "document.activeElement.dataset.do === 'keys'")
 
 
 @pytest.mark.parametrize("role", list(Role), ids=lambda role: role.value)
@@ -222,8 +222,8 @@ async def test_keys_go_out_and_come_in_as_a_file(stage: Stage, tmp_path: Path) -
 
         await page.click("[data-do=key-back-0]")
         await page.keyboard.press("w")
-        told = await page.text_content("dialog [data-error]")
-        assert told == 'KeyW is both "drive forward" and "drive back"'
+        conflict = 'KeyW is both "drive forward" and "drive back"'
+        await page.wait_for_selector(f"dialog [data-error]:text-is({json.dumps(conflict)})")
         file.write_text(text.replace('back = ["KeyS"', 'back = ["KeyD"'))
         await page.set_input_files("[data-do=import-file]", file)
         conflict = 'KeyD is both "drive back" and "turn right"'

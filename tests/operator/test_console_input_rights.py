@@ -15,7 +15,7 @@ import pytest
 pytest.importorskip("aiohttp")
 
 from aiohttp import web
-from console_browser import Stage, becomes, shown, staged, until
+from console_browser import Stage, becomes, escape_twice, shown, staged, until
 from console_harness import gateway
 
 from usarsim_operator.roles import Role
@@ -91,7 +91,7 @@ async def test_a_robot_is_asked_for_kept_handed_over_and_forced(stage: Stage) ->
         await ada.keyboard.down("w")
         await notice(ada, "Bob drives R1: ask for it")
         await ada.keyboard.up("w")
-        assert stage.wire.drives("R1")[lines:] == []
+        assert set(stage.wire.drives("R1")[lines:]) <= {ZERO}  # one of the stop may come late
 
         assert await bob.locator("[data-do=force]").is_hidden()
         await ina.click("[data-do=force]")
@@ -113,8 +113,7 @@ async def test_one_action_stops_every_robot(stage: Stage, way: str) -> None:
             await page.wait_for_selector("dialog[open]")
         match way:
             case "escape":
-                await page.keyboard.press("Escape")
-                await page.keyboard.press("Escape")
+                await escape_twice(page, lambda: arbiter.stop is not None)
             case "button":
                 await page.click("[data-do=estop]")
             case "pad":
@@ -229,8 +228,8 @@ async def test_an_operator_says_who_it_is(stage: Stage) -> None:
         await holder(bob, "Eve")
         await page.reload()
         await page.wait_for_selector("[data-do=name]:text-is('Eve · operator')")
-        names = [one.name for one in stage.gateway.station.pages.values()]
-        assert sorted(names) == ["Bob", "Eve"]
+        pages = stage.gateway.station.pages  # that before the reload leaves when it is noticed
+        await until(lambda: sorted(one.name for one in pages.values()) == ["Bob", "Eve"])
 
 
 async def test_a_viewer_is_offered_nothing_that_it_may_not_do(stage: Stage) -> None:
@@ -264,7 +263,7 @@ async def test_coming_and_going_leaves_nothing(stage: Stage) -> None:
     which would be loaded and closed in between, are not known here.)"""
     most: list[int] = []
     async with shown(stage.browser, "about:blank") as page:
-        for _ in range(CYCLES):
+        for cycle in range(CYCLES):
             async with gateway(stage.tap) as one:
                 driven = await one.station.spawn("P3AT", "Guest", "RobotStart11")
                 assert driven.name == "Guest"
@@ -272,9 +271,9 @@ async def test_coming_and_going_leaves_nothing(stage: Stage) -> None:
                 await page.wait_for_selector("[data-tile=Guest]", state="attached")
                 await page.goto("about:blank")
                 await until(lambda one=one: not one.station.pages)
-            if not most:
-                await asyncio.sleep(0.5)  # what the first one lets go of late is not kept
-                most = kept()
+            if cycle < 3:  # a browser keeps a connection or two, and not from the first one on
+                await asyncio.sleep(0.3)  # what is let go of late is not kept
+                most = list(map(max, kept(), most or kept()))
             await until(lambda most=most: all(map(operator.le, kept(), most)))
 
 

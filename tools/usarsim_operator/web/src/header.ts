@@ -4,7 +4,7 @@ import { dialog } from "./alarms";
 import { button, h, mark, say } from "./dom";
 import type { Link } from "./link";
 import type { State } from "./protocol";
-import { clockText, isStale } from "./staleness";
+import { clockText, isStale, LOOK_MS } from "./staleness";
 import { pageTime, type Store } from "./store";
 import { switchTheme } from "./theme";
 
@@ -83,7 +83,7 @@ export function header(store: Store, link: Link, openKeys: () => void): HTMLElem
   store.on("state", draw);
   store.on("link", draw);
   store.on("welcome", draw);
-  setInterval(draw, 200);
+  setInterval(draw, LOOK_MS);
   return element;
 }
 

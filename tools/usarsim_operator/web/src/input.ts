@@ -111,7 +111,8 @@ export class Input {
       this.choose(place);
       return;
     }
-    const action = this.keyboard.down(event.code, pageTime(), event.repeat);
+    // When it was pressed, not when a busy page heard of it: Esc twice must stop all the same.
+    const action = this.keyboard.down(event.code, event.timeStamp / 1000, event.repeat);
     // Space would press the focused button, the arrows would scroll.
     if (this.keyboard.action(event.code) !== null) event.preventDefault();
     if (action !== null) this.acts[action]?.();

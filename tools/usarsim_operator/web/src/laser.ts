@@ -4,7 +4,7 @@
 import { button, choice, colour, h, mark, panel, Surface, say } from "./dom";
 import type { Link } from "./link";
 import { beamAngle, type Scan, scanPoints, type Vector } from "./protocol";
-import { ageText, isStale } from "./staleness";
+import { ageText, isStale, LOOK_MS } from "./staleness";
 import { pageTime, type Store } from "./store";
 
 type View = "flat" | "strips" | "points";
@@ -113,7 +113,7 @@ export function laser(store: Store, link: Link, first: View = "flat"): HTMLEleme
     });
   store.on("select", draw);
   store.on("theme", draw);
-  setInterval(draw, 250);
+  setInterval(draw, LOOK_MS);
   return element;
 }
 

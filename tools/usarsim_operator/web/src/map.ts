@@ -3,6 +3,7 @@
 
 import { button, colour, h, mark, panel, robotColour, Surface } from "./dom";
 import type { Grid, Robot, Vector, Zone } from "./protocol";
+import { LOOK_MS } from "./staleness";
 import type { Store } from "./store";
 import { ZONE_LETTERS } from "./tiles";
 
@@ -80,7 +81,7 @@ export class MapView {
     for (const topic of ["state", "path", "select", "theme"] as const)
       store.on(topic, () => this.later());
     // By a timer: what is frozen tells nobody.
-    setInterval(() => mark(this.element, "data-stale", store.frozen), 200);
+    setInterval(() => mark(this.element, "data-stale", store.frozen), LOOK_MS);
     store.on("map", (index) => this.grid(index as number));
     store.on("theme", () => {
       for (const index of this.grids.keys()) this.grid(index);

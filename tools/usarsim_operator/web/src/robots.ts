@@ -5,7 +5,7 @@ import { isOthers } from "./input";
 import type { Link } from "./link";
 import { more } from "./more";
 import type { Robot } from "./protocol";
-import { ageText, isStale } from "./staleness";
+import { ageText, isStale, LOOK_MS } from "./staleness";
 import { pageTime, type Store } from "./store";
 import { ring, ZONE_LETTERS } from "./tiles";
 
@@ -77,7 +77,7 @@ export function robotList(store: Store): HTMLElement {
     update();
     rows.get(store.selected)?.scrollIntoView({ block: "nearest" });
   });
-  setInterval(update, 250);
+  setInterval(update, LOOK_MS);
   return element;
 }
 
@@ -239,7 +239,7 @@ export function robotCard(store: Store, link: Link): HTMLElement {
   };
   store.on("state", update);
   store.on("select", update);
-  setInterval(update, 500);
+  setInterval(update, LOOK_MS);
   return element;
 }
 

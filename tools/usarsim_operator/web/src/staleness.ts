@@ -2,6 +2,8 @@
 // clock, so that frozen input grows stale by itself. Pure: page time comes in as a number (s).
 
 export const STALE_S = 1;
+/** Between two looks at ages: what is older than that shows so within 1.2 s. */
+export const LOOK_MS = 190;
 
 export class Ages {
   private arrived = Number.NEGATIVE_INFINITY;

@@ -5,7 +5,7 @@ import { button, flat, h, mark, robotColour, say } from "./dom";
 import { layout } from "./grid";
 import type { Link } from "./link";
 import type { Robot } from "./protocol";
-import { ageText, isStale } from "./staleness";
+import { ageText, isStale, LOOK_MS } from "./staleness";
 import { pageTime, type Store } from "./store";
 
 export const ZONE_LETTERS: Record<string, string> = {
@@ -202,7 +202,7 @@ export function tiles(store: Store, link: Link, markAt: (column: number) => void
   store.on("select", update);
   setInterval(() => {
     if (store.ages.silence(pageTime()) > 0.25) update();
-  }, 250);
+  }, LOOK_MS);
   const fresh = new Set<number>();
   const draw = (): void => {
     for (const robot of store.robots) {

@@ -9,7 +9,7 @@ import { FramePace } from "./pace";
 import { type Message, SPECTATOR } from "./protocol";
 import { Labels, matrixOf, Reports } from "./reports";
 import { type SceneData, type SceneFile, World } from "./scene";
-import { isStale } from "./staleness";
+import { isStale, LOOK_MS } from "./staleness";
 import { pageTime, type Store } from "./store";
 
 type Mode = "orbit" | "follow" | "first";
@@ -85,7 +85,7 @@ export class View3D {
       if (this.mode === "follow") this.lookAtRobot();
     });
     store.on("theme", () => this.draw());
-    setInterval(() => mark(this.element, "data-stale", this.old), 200);
+    setInterval(() => mark(this.element, "data-stale", this.old), LOOK_MS);
   }
 
   /** Whether what it shows is older than 1 s while the world goes on. */
