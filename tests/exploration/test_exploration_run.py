@@ -207,7 +207,7 @@ def test_files_of_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> N
         sum(one["processor_s"] for one in timing["phases"].values()), timing["processor_s"]
     )
     picture = cv2.imread(str(tmp_path / "one" / "map.png"))
-    assert picture.shape == (24, 60, 3)
+    assert picture.shape == (12 * 16 + 18, 30 * 16, 3)
 
 
 def test_logs_hold_the_whole_history(tmp_path: Path) -> None:

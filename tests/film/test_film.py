@@ -16,6 +16,7 @@ import pytest
 from numpy.typing import NDArray
 
 from usarsim_film import command
+from usarsim_film.writing import write_film
 from usarsim_operator import packets
 from usarsim_operator.recording import Recording, RecordingError, Text, Writer
 from usarsim_server.cli import build_parser
@@ -232,7 +233,7 @@ def test_interrupted_film_can_be_played(tmp_path: Path) -> None:
             yield np.full((120, 160, 3), 200, np.uint8)
 
     out = tmp_path / "f.mp4"
-    assert command._write(out, some(), 100, 30.0, SIZE, stopped) == 21
+    assert write_film(out, some(), 100, 30.0, SIZE, stopped) == 21
     assert len(frames(out)) == 21
     assert list(tmp_path.iterdir()) == [out]
 

@@ -193,6 +193,11 @@ class Recorder:
         """Truly free cells that the base knows."""
         return self._rows[-1][1]
 
+    @property
+    def areas(self) -> tuple[int, ...]:
+        """Truly free cells that each knows, the base first."""
+        return tuple(self._area)
+
     def note(self) -> None:
         """Note the state after a step."""
         cycle = self._cycle

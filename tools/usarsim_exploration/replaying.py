@@ -97,6 +97,19 @@ def replay(scenario: Scenario, log: Log) -> Result:
     Raises:
         ExplorationError: team and log do not fit.
     """
+    one = again(scenario, log)
+    for _ in log.entries:
+        one.step()
+    one.ended = one.ended or "steps"
+    return replace(one.result(), scenario=scenario)
+
+
+def again(scenario: Scenario, log: Log) -> Run:
+    """A run whose robots do what a log says, as many steps as it has.
+
+    Raises:
+        ExplorationError: team and log do not fit.
+    """
     if len(log.starts) != len(scenario.team):
         problem = f"the log has {len(log.starts) - 1} robots, the team {len(scenario.team) - 1}"
         raise ExplorationError(f"{scenario.world.environment.name}: {problem} ({_CURE})")
@@ -105,11 +118,7 @@ def replay(scenario: Scenario, log: Log) -> Result:
         for member, cell in zip(scenario.team, log.starts, strict=True)
     )
     end = replace(scenario.end, steps=max(len(log.entries), 1), base=None, home=False)
-    one = Run(replace(scenario, team=team, strategy=_Again(log), end=end))
-    for _ in log.entries:
-        one.step()
-    one.ended = one.ended or "steps"
-    return replace(one.result(), scenario=scenario)
+    return Run(replace(scenario, team=team, strategy=_Again(log), end=end))
 
 
 def read_mresim_log(path: Path, environment: Environment) -> Log:

@@ -13,10 +13,11 @@ import numpy as np
 
 from usarsim_exploration.errors import ExplorationError
 from usarsim_exploration.log_files import AGENTS, STEPS, agents_csv, steps_csv
-from usarsim_exploration.map_picture import draw, png
 from usarsim_exploration.measures import measure
 from usarsim_exploration.running import Result
 from usarsim_exploration.scenario import Scenario
+from usarsim_exploration.showing.picture import draw, png
+from usarsim_exploration.showing.scene import scene_of
 from usarsim_exploration.strategy_file import split
 from usarsim_exploration.worlds import World
 from usarsim_exploration.worlds.pictures import save_map
@@ -26,6 +27,7 @@ from usarsim_server.toml import toml_text
 
 FORMAT = "usarsim-explore-run/1"
 RUN, TIMING, MAP, SCENARIO = "run.json", "timing.json", "map.png", "scenario.toml"
+_MAP_SHOWS = "free", "obstacles", "trail", "agents"
 _DIGITS = 9
 """Of numbers behind the point in results: what differs beyond is no result."""
 
@@ -81,7 +83,7 @@ def write(result: Result, folder: Path, timing: Mapping[str, object]) -> None:
         write_scenario(result.scenario, folder)
         write_text(folder / STEPS, steps_csv(result.history))
         write_text(folder / AGENTS, agents_csv(result.history))
-        write_bytes(folder / MAP, png(draw(result)))
+        write_bytes(folder / MAP, png(draw(scene_of(result), _MAP_SHOWS)))
         write_text(folder / TIMING, json.dumps(timing, indent=1) + "\n")
         write_text(folder / RUN, json.dumps(facts(result), indent=1) + "\n")
     except OSError as error:

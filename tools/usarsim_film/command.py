@@ -4,23 +4,19 @@ from __future__ import annotations
 
 import argparse
 import math
-import os
 import re
-import secrets
-import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from usarsim_server.cli.common import Subparsers, add_command
-from usarsim_server.errors import UsarsimError, at
+from usarsim_server.errors import UsarsimError
 from usarsim_server.processes import calling
 
 if TYPE_CHECKING:
-    from usarsim_film.drawing import Frame
     from usarsim_film.story import Survey
     from usarsim_film.views import View
+    from usarsim_film.writing import Frame
     from usarsim_operator.recording import Recording
 
 _EPILOG = (
@@ -29,7 +25,6 @@ _EPILOG = (
     "as INIT takes them: x forward, y right, z down, in m; join what begins with a minus sign: "
     "--eye=-3,0,-2. Ctrl-C ends the film with what was drawn so far."
 )
-_TOLD = 5.0  # s of wall time between two lines of progress
 _LONGEST = 24 * 3600.0  # s of film
 _ABSENT = ("orbit", "top", "follow:ROBOT", "first:ROBOT", "camera:ROBOT")
 
@@ -76,6 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
         UsarsimError: for a recording, an option or a file that cannot be used.
     """
     from usarsim_film.story import survey
+    from usarsim_film.writing import write_film
     from usarsim_operator.recording import Recording
 
     out: Path = arguments.out
@@ -93,7 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
             raise UsarsimError("the film would be longer than a day (choose --from, --to, --speed)")
         times = ((number / arguments.fps, first + number * step) for number in range(count))
         frames = _frames(recording, found, view, robot, arguments.size, times)
-        drawn = _write(out, frames, count, arguments.fps, arguments.size, stopped)
+        drawn = write_film(out, frames, count, arguments.fps, arguments.size, stopped)
     print(f"{out}: {drawn} frames, {drawn / arguments.fps:.1f} s")
     return 130 if stopped else 0
 
@@ -170,51 +166,6 @@ def _span(
             f"{there[1]:.1f} s)"
         )
     return first, last
-
-
-def _write(
-    out: Path,
-    frames: Iterator[Frame],
-    count: int,
-    fps: float,
-    size: tuple[int, int],
-    stopped: list[bool],
-) -> int:
-    """Write frames until they end or somebody stops; how many."""
-    import cv2
-
-    fresh = out.with_name(f".new-{secrets.token_hex(8)}.mp4")
-    try:
-        fresh.touch()
-    except OSError as error:
-        cure = "name a file in a folder that exists"
-        raise UsarsimError(at(out, f"cannot be written: {error.strerror}", cure)) from None
-    try:
-        writer = cv2.VideoWriter(str(fresh), cv2.VideoWriter.fourcc(*"mp4v"), fps, size)
-        if not writer.isOpened():
-            raise UsarsimError(f"{out}: OpenCV cannot write MP4 of {size[0]}x{size[1]} here")
-        drawn, told = 0, time.monotonic()
-        try:
-            for frame in frames:
-                writer.write(frame)
-                drawn += 1
-                now = time.monotonic()
-                if now - told >= _TOLD:
-                    told = now
-                    print(f"{drawn} of {count} frames ({100 * drawn // count} %)", file=sys.stderr)
-                if stopped:
-                    break
-        finally:
-            writer.release()
-        if not drawn or not fresh.stat().st_size:
-            raise UsarsimError(at(out, "cannot be written: no space is left", "make room"))
-        os.replace(fresh, out)
-    except OSError as error:
-        cure = "name a file in a folder that can be written"
-        raise UsarsimError(at(out, f"cannot be written: {error.strerror}", cure)) from None
-    finally:
-        fresh.unlink(missing_ok=True)
-    return drawn
 
 
 def _place(text: str) -> tuple[float, float, float]:

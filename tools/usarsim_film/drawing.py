@@ -7,13 +7,13 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from usarsim_film import story
 from usarsim_film.model import Posed
 from usarsim_film.smoke import air_of
 from usarsim_film.story import Moment, Survey
 from usarsim_film.views import View, lamp_of
+from usarsim_film.writing import Frame
 from usarsim_operator.recording import Recording
 from usarsim_server.cameras.backend import (
     Backend,
@@ -27,8 +27,6 @@ from usarsim_server.cameras.painter import finished
 from usarsim_server.cameras.raytraced import RayBackend
 from usarsim_server.simulation.frames import Pose, pose_of
 
-Frame = NDArray[np.uint8]
-"""(height, width, 3), blue green red, as OpenCV has it."""
 _SAMPLES = 4
 
 

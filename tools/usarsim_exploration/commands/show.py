@@ -1,0 +1,133 @@
+"""`usarsim explore show`: pictures, films and a live page of a run."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from usarsim_server.cli.common import Subparsers, add_command
+from usarsim_server.errors import UsarsimError
+
+if TYPE_CHECKING:
+    from usarsim_exploration.showing.tape import Tape
+
+_EPILOG = (
+    "DIR is the folder of a run, which is run again for this; it has to go as its log says. "
+    "--from-log lets robots do what the log says, and nobody decides: plans and meeting points are "
+    "not shown then. --out FILE.png is one step, FILE.mp4 or FILE.gif a film, any other name a "
+    "folder of pictures. Ctrl-C ends a film with what was drawn so far. docs/exploration.md "
+    "tells of the overlays; --overlays help names them."
+)
+_FPS = 20.0
+
+
+def add_parser(subparsers: Subparsers) -> None:
+    """Add `show`."""
+    parser = add_command(subparsers, "show", "pictures and films of a run", run, epilog=_EPILOG)
+    parser.add_argument("folder", metavar="DIR", type=Path, help="folder with scenario.toml")
+    parser.add_argument("--out", metavar="FILE|DIR", type=Path, help="what to write")
+    parser.add_argument(
+        "--step", metavar="N", type=_count(0), help="the step of a picture (default the last one)"
+    )
+    parser.add_argument(
+        "--every",
+        metavar="N",
+        type=_count(1),
+        default=1,
+        help="steps between two pictures of a film or folder (default 1)",
+    )
+    parser.add_argument(
+        "--fps",
+        metavar="N",
+        type=_fps,
+        default=_FPS,
+        help=f"pictures a second of a film (default {_FPS:g})",
+    )
+    parser.add_argument(
+        "--overlays",
+        metavar="A,B,-C",
+        default="",
+        help="drawn beside the usual ones, or not; begin with none or all, write --overlays=-C",
+    )
+    parser.add_argument("--robot", metavar="NAME", help="show the map and plans of one alone")
+    parser.add_argument(
+        "--from-log", action="store_true", help="do what agents.csv says, do not decide again"
+    )
+
+
+def _count(least: int):  # type: ignore[no-untyped-def]
+    def read(text: str) -> int:
+        number = int(text)
+        if number < least:
+            raise argparse.ArgumentTypeError(f"must be at least {least}, not {number}")
+        return number
+
+    return read
+
+
+def _fps(text: str) -> float:
+    number = float(text)
+    if not 1.0 <= number <= 120.0:
+        raise argparse.ArgumentTypeError("must be from 1 to 120")
+    return number
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write what is wanted.
+
+    Returns:
+        The exit code: 130 if it was interrupted.
+
+    Raises:
+        UsarsimError: the run cannot be shown, or the file not be written.
+    """
+    from usarsim_exploration.showing import films
+    from usarsim_exploration.showing.picture import overlays_of
+    from usarsim_exploration.showing.tape import tape_of
+
+    if arguments.out is None:
+        raise UsarsimError("--out: say what to write, FILE.png, FILE.mp4, FILE.gif or a folder")
+    films.prepare(arguments.out)
+    overlays = overlays_of(arguments.overlays)
+    tape = tape_of(arguments.folder, from_log=arguments.from_log)
+    looks = films.Looks(overlays, robot_of(tape, arguments.robot))
+    if arguments.out.suffix.lower() == ".png":
+        forward(tape, arguments.step)
+        films.write_picture(tape, looks, arguments.step, arguments.out)
+        return 0
+    if arguments.step is not None:
+        raise UsarsimError("--step: belongs to a picture (name it FILE.png)")
+    forward(tape, None)
+    return films.write_many(tape, looks, arguments.out, arguments.every, arguments.fps)
+
+
+def robot_of(tape: Tape, name: str | None) -> int | None:
+    """The number of a robot, or of the base.
+
+    Raises:
+        UsarsimError: there is none of that name.
+    """
+    if name is None:
+        return None
+    known = {one.lower(): number for number, one in enumerate(tape.names)}
+    if name.lower() not in known:
+        raise UsarsimError(f"--robot: {name} is not there (choose among {', '.join(tape.names)})")
+    return known[name.lower()]
+
+
+def forward(tape: Tape, step: int | None) -> None:
+    """Run to a step, or to the end; tells on a terminal how far it is.
+
+    Raises:
+        UsarsimError: the run ends before.
+    """
+    told = sys.stderr.isatty()
+    while (step is None or len(tape) <= step) and tape.advance():
+        if told and len(tape) % 25 == 0:
+            print(f"\rstep {len(tape) - 1}", end="", file=sys.stderr)
+    if told:
+        print("\r\033[K", end="", file=sys.stderr)
+    if step is not None and len(tape) <= step:
+        raise UsarsimError(f"--step: {step} does not come (the run ends after {len(tape) - 1})")

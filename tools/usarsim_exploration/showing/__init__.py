@@ -1,0 +1,1 @@
+"""Pictures, films and a live page of a run, all drawn from the same scenes."""
