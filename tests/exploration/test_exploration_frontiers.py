@@ -14,6 +14,7 @@ from usarsim_exploration.planning import Planner
 from usarsim_exploration.radio import RadioEstimate
 from usarsim_exploration.radio.families.ranges import Circle
 from usarsim_exploration.strategies.frontier import FrontierStrategy
+from usarsim_exploration.strategies.nearest import Nearest
 from usarsim_exploration.strategy import Teammate, View
 
 
@@ -44,7 +45,7 @@ def view(known: KnownMap, cell: Cell, number: int = 1, **mates: Cell) -> View:
 
 def chosen(bidding: Bidding, one: View) -> Cell | None:
     """Where a robot goes."""
-    aim = bidding.choose(one, find_frontiers(one.known))
+    aim = bidding.choose(one, bidding.aims(one, find_frontiers(one.known)))
     return aim and aim.cell
 
 
@@ -82,6 +83,25 @@ def test_two_robots_two_doors() -> None:
         assert (first, second) == tuple((2, 10) if at == left else (38, 10) for at in (one, other))
     assert chosen(Bidding(), view(known, (12, 10), 2, r1=left)) == (38, 10)
     assert chosen(Bidding(), view(known, (12, 10))) == (2, 10)
+
+
+def test_two_in_one_place_part() -> None:
+    """E-52: by ways, not by distances, so that each expects of the other what that one does."""
+    known = room(slice(8, 13), slice(8, 13), rows=60)
+    known.bits[2:50, 10] = WALL | SAFE  # a long way round to the left door
+    cell = (20, 10)
+    assert chosen(Bidding(), view(known, cell, 1, r2=cell)) == (38, 10)
+    assert chosen(Bidding(), view(known, cell, 2, r1=cell)) == (2, 10)
+
+
+def test_a_robot_keeps_to_its_frontier() -> None:
+    """EXP-18: until another one is nearer than half of what is left of the way."""
+    one, strategy = view(room(slice(8, 13), slice(8, 13)), (18, 10)), Nearest()
+    for cell, goal in (((18, 10), (2, 10)), ((22, 10), (2, 10)), ((30, 10), (38, 10))):
+        one.cell, one.step = cell, one.step + strategy.replan
+        plan = strategy.decide(one)
+        assert plan is not None
+        assert plan.goal == goal
 
 
 def test_three_robots_one_door() -> None:
@@ -130,7 +150,7 @@ def test_a_frontier_that_stays_is_left() -> None:
     """EXP-18: who stands there turns to it once, and then tells others that it is for nothing."""
     known = room(slice(8, 13))
     bidding, seen = Bidding(), view(known, (2, 10))
-    aim = bidding.choose(seen, find_frontiers(known))
+    aim = bidding.choose(seen, bidding.aims(seen, find_frontiers(known)))
     assert aim is not None
     assert bidding.look(seen, aim) == [(3, 10), (2, 10)]  # so that it faces the left
     assert bidding.look(seen, aim) is None

@@ -211,6 +211,6 @@ def test_switches_leave_everybody_with_whom_they_belong_to() -> None:
 
 def test_a_team_that_switches_comes_home() -> None:
     """E-69 over a run: roles did change, and the base has it all."""
-    cycle = start(ROLES[0], 4, switch=True)
+    cycle = start(ROLES[0], 4, reach=20.0, switch=True)
     assert run(cycle, 900) <= 60
     assert max(mind(cycle, number).switched for number in range(1, 5)) > 0

@@ -49,6 +49,16 @@ def test_ends_when_all_are_home(tmp_path: Path) -> None:
     assert result.history.linked_base[-1].all()
 
 
+def test_who_meets_a_wall_is_not_home_yet(tmp_path: Path) -> None:
+    """E-17: on the way home the path is gone for a step, and the run goes on."""
+    one = Run(small(tmp_path, "end.base=off"))
+    for body in one.cycle.bodies:
+        body.home, body.view.blocked = True, True
+    assert one.scenario.end.reason(one.cycle, one.recorder) is None
+    one.cycle.bodies[1].view.blocked = one.cycle.bodies[2].view.blocked = False
+    assert one.scenario.end.reason(one.cycle, one.recorder) == "all home"
+
+
 def test_reachable_cells_and_all(tmp_path: Path) -> None:
     """E-18: with a sealed room the share of reachable cells ends the run, that of all does not."""
     options = "end.base=90", "end.home=false", "end.steps=60", "team.base=[20, 3]"

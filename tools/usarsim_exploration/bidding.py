@@ -6,7 +6,7 @@ result without a word (exploration reference 8).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -58,13 +58,12 @@ class Bidding:
     fruitless: set[Cell] = field(default_factory=set)
     _looked: set[Cell] = field(default_factory=set)
 
-    def choose(self, view: View, frontiers: list[Frontier]) -> Aim | None:
-        """The robot's frontier; None: there is none for it.
+    def choose(self, view: View, aims: Sequence[Aim]) -> Aim | None:
+        """Which of some frontiers is the robot's; None: there is none for it.
 
-        A bid is size x 1e8 / d^4, d the length of the robot's own way, and for others the straight
-        distance (reference 8).
+        A bid is size x 1e8 / d^4, d the length of the robot's own way. For others it is the
+        straight distance, and the way when they would win by that (reference 8).
         """
-        aims = self.aims(view, frontiers)
         if not aims:
             return None
         places = {mate.number: mate.cell for mate in view.explorers(self.memory)}
@@ -72,26 +71,41 @@ class Bidding:
         places[view.number] = view.cell
         cells = np.array([places[number] for number in numbers])
         goals = np.array([aim.cell for aim in aims])
+        sizes = np.array([aim.frontier.size for aim in aims]) * 1e8
         away = np.hypot(*(cells[:, None] - goals[None]).transpose(2, 0, 1))
         own = numbers.index(view.number)
         away[own] = [aim.distance for aim in aims]
-        bids = np.array([aim.frontier.size for aim in aims]) * 1e8 / np.maximum(away, 1.0) ** 4
-        index = self._auction(bids, own)
+
+        def measured(row: int) -> NDArray[np.float64]:
+            ways = view.planner.field(places[numbers[row]]).distances(goals)
+            found: NDArray[np.float64] = sizes / np.maximum(ways, 1.0) ** 4
+            return found
+
+        bids = sizes / np.maximum(away, 1.0) ** 4
+        index = self._auction(bids, own, measured)
         return aims[int(bids[own].argmax()) if index is None else index]
 
-    def _auction(self, bids: NDArray[np.float64], own: int) -> int | None:
+    def _auction(
+        self, bids: NDArray[np.float64], own: int, measured: Callable[[int], NDArray[np.float64]]
+    ) -> int | None:
         """The best bid of all wins, and leaves with its frontier; equal ones by number.
 
         Args:
-            bids: (robots, frontiers), positive. own: row of whom we ask for.
+            bids: (robots, frontiers), at least as high as the true ones. own: row of whom we ask
+                for. measured: the true bids of a row.
         """
-        waiting = np.ones(len(bids), np.bool_)
+        waiting, exact = np.ones(len(bids), np.bool_), {own}
         while True:
             left = bids * waiting[:, None]
             while left.any():
                 winner, index = divmod(int(left.argmax()), len(bids[0]))
                 if winner == own:
                     return index
+                if winner not in exact:
+                    exact.add(winner)
+                    bids[winner] = measured(winner)
+                    left[winner] = np.where(left[winner] > 0.0, bids[winner], 0.0)
+                    continue
                 left[winner], left[:, index], waiting[winner] = 0.0, 0.0, False
             if not self.keep_assigning:
                 return None

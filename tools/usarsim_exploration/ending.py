@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from usarsim_exploration.cycle import BASE, Cycle
+from usarsim_exploration.cycle import BASE, Body, Cycle
 from usarsim_exploration.history import Recorder
 from usarsim_server.fields import field
 
@@ -41,6 +41,11 @@ class End:
         working = [one for one in cycle.bodies if one.works and one is not cycle.bodies[BASE]]
         if not working:
             return "all lost"
-        if self.home and all(one.home and not one.view.path for one in working):
+        if self.home and all(_is_home(one) for one in working):
             return "all home"
         return "steps" if cycle.step >= self.steps else None
+
+
+def _is_home(body: Body) -> bool:
+    """At the base, or as near as any way leads; who has just met a wall looks for another way."""
+    return body.home and not body.view.path and not body.view.blocked

@@ -1,4 +1,9 @@
-"""What strategies that go from frontier to frontier share: when to plan, a frontier, going home."""
+"""What strategies that go from frontier to frontier share: when to plan, a frontier, going home.
+
+A robot keeps to a frontier while that is there, unless another one is nearer than half of what is
+left of the way. So each change halves the way, and no two frontiers can call it back and forth
+for ever: it always gets to one (exploration reference, EXP-18).
+"""
 
 from __future__ import annotations
 
@@ -10,10 +15,9 @@ import numpy as np
 
 from usarsim_exploration.bidding import Aim, Bidding
 from usarsim_exploration.environment import Cell
-from usarsim_exploration.frontiers import find_frontiers
+from usarsim_exploration.frontiers import Frontier, find_frontiers
 from usarsim_exploration.known_map import KNOWN, SAFE, WALL
 from usarsim_exploration.planning import Field, Path
-from usarsim_exploration.strategies.frontier import FrontierStrategy
 from usarsim_exploration.strategy import Letter, Plan, Strategy, View
 from usarsim_server.fields import field
 
@@ -23,7 +27,11 @@ NEAR = 4
 
 @dataclass
 class Seeker(Strategy):
-    """Drives to the frontier that `choose` names, and home when there is none."""
+    """Drives to the frontier that `choose` names, and home when there is none.
+
+    Attributes:
+        aim: where it drives to; None: nowhere, or home.
+    """
 
     replan: int = field(default=15, low=1, high=10_000, unit="steps", help="between two plans")
     memory: int = field(
@@ -35,6 +43,7 @@ class Seeker(Strategy):
     def __post_init__(self) -> None:
         self._bidding = Bidding(self.memory)
         self._planned = self._version = -1
+        self.aim: Cell | None = None
 
     @abstractmethod
     def choose(self, view: View, aims: Sequence[Aim]) -> Aim | None:
@@ -45,9 +54,13 @@ class Seeker(Strategy):
             aims: at least one, the best by size over distance first.
         """
 
+    def frontiers(self, view: View) -> list[Frontier]:
+        """All that the robot knows of."""
+        return find_frontiers(view.known)
+
     def aims(self, view: View) -> list[Aim]:
-        """The frontiers that can be reached."""
-        return self._bidding.aims(view, find_frontiers(view.known), self.considered)
+        """The best of the frontiers that can be reached."""
+        return self._bidding.aims(view, self.frontiers(view), self.considered)
 
     def due(self, view: View) -> bool:
         """Whether to plan though a path is left."""
@@ -60,15 +73,27 @@ class Seeker(Strategy):
         if not view.path and not view.blocked and self._version == view.known.version:
             return None
         self._planned, self._version = view.step, view.known.version
-        while aims := self.aims(view):
-            aim = self.choose(view, aims)
-            if aim is None:
-                break
+        frontiers = self.frontiers(view)
+        while (aim := self.pick(view, frontiers)) is not None:
             path = view.planner.path(view.cell, aim.cell) or self._bidding.look(view, aim)
             if path:
-                self._version = -1
-                return Plan(path, goal=aim.cell)
+                self._version, self.aim = -1, aim.cell
+                return Plan(path, goal=self.aim)
+        self.aim = None
         return go_home(view)
+
+    def pick(self, view: View, frontiers: list[Frontier]) -> Aim | None:
+        """The frontier that was aimed at, if it holds against the one to choose now; else that."""
+        aims = self._bidding.aims(view, frontiers, self.considered)
+        other = self.choose(view, aims) if aims else None
+        if other is None or self.aim is None or self.aim in self._bidding.fruitless:
+            return other
+        left = view.planner.field(view.cell).distance(self.aim)
+        if 0.0 < left <= 2.0 * other.distance:
+            for one in frontiers:
+                if np.abs(one.outline - self.aim).max(axis=1).min() <= NEAR:
+                    return Aim(one, self.aim, left)
+        return other
 
     def letter(self, view: View) -> Letter:
         """Frontiers that lead nowhere."""
@@ -77,42 +102,6 @@ class Seeker(Strategy):
     def hear(self, view: View) -> None:
         """Frontiers that others know to lead nowhere."""
         self._bidding.hear(view.teammates[number].letter for number in sorted(view.linked))
-
-
-@dataclass
-class Committed(FrontierStrategy):
-    """Frontier-based, and keeps to a frontier while that is there.
-
-    Robots whose bids change as they drive would turn round again and again; that costs those most
-    who have to be elsewhere at a time.
-
-    Attributes:
-        aim: where this robot drives to.
-    """
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self.aim: Cell | None = None
-
-    def decide(self, view: View) -> Plan | None:
-        """The way to the same frontier, or another one when it has gone."""
-        due = not view.path or view.blocked or view.step - self._planned >= self.replan
-        if due and self.aim is not None and self._is_open(view, self.aim):
-            path = view.planner.path(view.cell, self.aim)
-            if path:
-                self._planned, self._version = view.step, -1
-                return Plan(path, goal=self.aim)
-        plan = super().decide(view)
-        if plan is not None:
-            self.aim = None if plan.home else plan.goal
-        return plan
-
-    def _is_open(self, view: View, cell: Cell) -> bool:
-        """Whether there is still a frontier about a cell."""
-        return any(
-            np.abs(one.outline - cell).max(axis=1).min() <= NEAR
-            for one in find_frontiers(view.known, uncertain=self.uncertain)
-        )
 
 
 def go_home(view: View) -> Plan:

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from usarsim_exploration.exploring import Committed
+from usarsim_exploration.strategies.frontier import FrontierStrategy
 from usarsim_exploration.strategy import Letter, View
 from usarsim_server.fields import field
 
@@ -26,7 +26,7 @@ BUSY = ("initial", "give-parent-info", "get-info-from-child", "wait-for-parent",
 
 
 @dataclass
-class Switching(Committed):
+class Switching(FrontierStrategy):
     """Frontier-based, with a part that two robots may swap.
 
     Attributes:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from usarsim_exploration.exploring import way_to
 from usarsim_exploration.strategies.frontier import FrontierStrategy
 from usarsim_exploration.strategy import BASE, Plan, View, register
 from usarsim_server.fields import field
@@ -38,12 +39,11 @@ class Returning(FrontierStrategy):
             self.resume()
         if not self.returning and (self._called or self.turns_back(view)):
             self.returning, self._called = True, False
-            return Plan(view.planner.path(view.cell, view.base) or [], "return", view.base)
-        if not self.returning:
+        elif not self.returning:
             return super().decide(view)
-        if view.path and not view.blocked:
+        elif view.path and not view.blocked:
             return None
-        return Plan(view.planner.path(view.cell, view.base) or [], "return", view.base)
+        return Plan(way_to(view, view.base), "return", view.base)
 
     def turn_back(self) -> None:
         """Return from the next step on."""

@@ -151,12 +151,12 @@ class RangeConstrained(Strategy):
         frontiers = find_frontiers(view.known)
         aims = self._bidding.aims(view, frontiers, self.considered)
         ways = {aim.cell: view.planner.path(view.cell, aim.cell) or [] for aim in aims}
-        near = [aim.frontier for aim in aims if self._leash(view, ways[aim.cell]) == ways[aim.cell]]
+        near = [aim for aim in aims if self._leash(view, ways[aim.cell]) == ways[aim.cell]]
         while (aim := self._bidding.choose(view, near)) is not None:
             path = ways.get(aim.cell) or self._bidding.look(view, aim)
             if path and len(self._leash(view, path)) == len(path):
                 return Plan(path, goal=aim.cell)
-            near = [one for one in near if one is not aim.frontier]
+            near.remove(aim)
         self._idle = self._stuck = True
         plan = self._relay(view, aims)
         if plan is not None:

@@ -14,7 +14,6 @@ from typing import Any, ClassVar, Literal
 
 from usarsim_exploration.environment import Cell
 from usarsim_exploration.exploring import way_to
-from usarsim_exploration.frontiers import find_frontiers
 from usarsim_exploration.rendezvous import PATIENCE, Meeting, multi_point, single_point
 from usarsim_exploration.strategy import (
     BASE,
@@ -213,8 +212,7 @@ class RoleBased(Switching):
         """Whether there is still nothing to find; asked when the map has changed."""
         if self.complete and view.known.version != self._judged:
             self._judged = view.known.version
-            frontiers = find_frontiers(view.known, uncertain=self.uncertain)
-            self.complete = not self._bidding.aims(view, frontiers)
+            self.complete = not self.aims(view)
         return self.complete
 
     # -- what states do -----------------------------------------------------------------------
@@ -223,8 +221,7 @@ class RoleBased(Switching):
         """Fix the next meeting, unless one was fixed just now that the relay has not heard yet."""
         if view.step - self._agreed_at <= LEAST_TIME or self.complete:
             return
-        frontiers = find_frontiers(view.known, uncertain=self.uncertain)
-        aim = self._bidding.choose(view, frontiers)
+        aim = self.pick(view, self.frontiers(view))
         if aim is None:
             return
         relay = view.teammates[view.parent or BASE]

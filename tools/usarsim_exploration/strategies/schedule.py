@@ -13,9 +13,9 @@ from dataclasses import asdict, dataclass
 from typing import Literal
 
 from usarsim_exploration.environment import Cell
-from usarsim_exploration.exploring import Committed, way_to
-from usarsim_exploration.frontiers import find_frontiers
+from usarsim_exploration.exploring import way_to
 from usarsim_exploration.rendezvous import ranked
+from usarsim_exploration.strategies.frontier import FrontierStrategy
 from usarsim_exploration.strategy import BASE, Letter, Plan, View, register, straight
 from usarsim_server.fields import field
 
@@ -46,7 +46,7 @@ class Appointment:
 
 @register("schedule")
 @dataclass
-class Schedule(Committed):
+class Schedule(FrontierStrategy):
     """Meets the whole team now and then."""
 
     interval: int = field(
@@ -111,7 +111,7 @@ class Schedule(Committed):
         """Near the next frontier if all are here, else at the base."""
         mates = view.explorers(10**9)
         here = sorted({view.number, *(one.number for one in mates if one.number in view.linked)})
-        aim = self._bidding.choose(view, find_frontiers(view.known))
+        aim = self.choose(view, self.aims(view))
         courier = None if BASE in view.linked else here[view.step % len(here)]
         if aim is None:
             return Appointment(view.step, view.number, view.base, view.step, None, over=True)
