@@ -54,9 +54,9 @@ def facts(result: Result) -> dict[str, object]:
         "events": [{"step": step, "event": what} for step, what in result.events],
         "measures": measure(result.history),
     }
-    rounded = _rounded(found)
-    assert isinstance(rounded, dict)
-    return rounded
+    told = rounded(found)
+    assert isinstance(told, dict)
+    return told
 
 
 def portable(scenario: Scenario) -> dict[str, object]:
@@ -147,11 +147,12 @@ def _digest(world: World) -> str:
     return found.hexdigest()
 
 
-def _rounded(value: object) -> object:
+def rounded(value: object) -> object:
+    """Values of results: what differs beyond `_DIGITS` is no result, and infinity is none."""
     if isinstance(value, float):
         return round(value, _DIGITS) if math.isfinite(value) else None
     if isinstance(value, Mapping):
-        return {key: _rounded(one) for key, one in value.items()}
+        return {key: rounded(one) for key, one in value.items()}
     if isinstance(value, list | tuple):
-        return [_rounded(one) for one in value]
+        return [rounded(one) for one in value]
     return value

@@ -140,7 +140,7 @@ def read(content: Mapping[str, object], path: Path | str = OPTIONS) -> Scenario:
     radio_table = table.table("radio")
     radio = create_radio(radio_table)
     radio_table.finish()
-    team = teams.read_team(table, world, strategy.formation)
+    team = teams.read_team(table, world, strategy.formation, basics.seed)
     end = table.one("end", End)
     events = read_events(table, [one.name for one in team], world.environment)
     table.finish({"robots": "write it in [team]", "world": "write [environment] name"})

@@ -13,7 +13,7 @@ from typing import Literal
 from usarsim_exploration.cycle import BASE, Member
 from usarsim_exploration.environment import Cell
 from usarsim_exploration.strategy import Formation, Role
-from usarsim_exploration.worlds import World, settle
+from usarsim_exploration.worlds import DRAWS, Draw, World, draw_places, settle
 from usarsim_server.fields import field
 from usarsim_server.tables import Table
 
@@ -53,9 +53,11 @@ class Team(Kit):
         help="who reports to whom, where `[[robot]]` does not say it: all to the base; relay and "
         "explorer in turn; or one behind the other, the last one explores",
     )
-    base: tuple[int, int] | None = field(
-        default=None, low=0, unit="cells", help="column and row of the base; the world's"
-    )
+    base: tuple[int, int] | Draw | None = field(
+        default=None, low=0, unit="cells", words={one: one for one in DRAWS},
+        help="column and row of the base; the world's; or drawn by the seed: away from walls, "
+        "beside one, or where most room is, and so are the robots' starts",
+    )  # fmt: skip
     base_radio: float | None = field(
         default=None, low=0.0, high=10_000.0, unit="cells", help="range of its radio; the team's"
     )
@@ -81,11 +83,12 @@ class Robot(Kit):
     )
 
 
-def read_team(table: Table, world: World, formation: Formation) -> tuple[Member, ...]:
+def read_team(table: Table, world: World, formation: Formation, seed: int) -> tuple[Member, ...]:
     """The members, the base first.
 
     Args:
         table: of the whole scenario. world: for places. formation: if the file names none.
+        seed: of places that are drawn.
 
     Raises:
         ExplorationError: naming the robot, what is wrong with it, and the cure.
@@ -94,7 +97,9 @@ def read_team(table: Table, world: World, formation: Formation) -> tuple[Member,
     team = inner.read(Team)
     if team.formation != "of the strategy":
         formation = team.formation
-    base = team.base or world.base
+    if isinstance(team.base, str):
+        world = draw_places(world.environment, world.title, team.base, seed)
+    base = world.base if team.base is None or isinstance(team.base, str) else team.base
     if not world.environment.is_free(base):
         raise inner.error("base", f"{list(base)} is a wall or outside", _CURE)
     kit = Robot(

@@ -1,6 +1,6 @@
 """Worlds to explore: those that come with the benchmark, maps of users, and world folders."""
 
 from usarsim_exploration.worlds.finding import find, names
-from usarsim_exploration.worlds.world import STARTS, World, settle
+from usarsim_exploration.worlds.world import DRAWS, STARTS, Draw, World, draw_places, settle
 
-__all__ = ["STARTS", "World", "find", "names", "settle"]
+__all__ = ["DRAWS", "STARTS", "Draw", "World", "draw_places", "find", "names", "settle"]

@@ -63,6 +63,6 @@ def _shipped_folder(path: Path) -> Path:
         raise WorldError(at(path, "no such environment", cure)) from None
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=16)
 def _shipped(name: str) -> World:
     return SHIPPED[name].make(name)

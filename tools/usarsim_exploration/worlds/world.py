@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal, get_args
 
 import cv2
 import numpy as np
@@ -14,6 +15,9 @@ from usarsim_exploration.environment import Cell, Environment
 from usarsim_exploration.kernels import flood
 from usarsim_server.errors import WorldError, at
 
+Draw = Literal["drawn", "drawn at a wall", "drawn in the open"]
+DRAWS: tuple[Draw, ...] = get_args(Draw)
+"""How the seed may draw places."""
 STARTS = 16
 _ROOMS = ((8, 4), (4, 2), (2, 1), (1, 1))
 """Cells between two starts, and from a start to a wall: as much as there is room for."""
@@ -51,12 +55,7 @@ def settle(environment: Environment, title: str, wanted: Cell | None = None) -> 
     Raises:
         WorldError: there is no free cell.
     """
-    free = (environment.walls == 0).astype(np.uint8)
-    count, labels, facts, _ = cv2.connectedComponentsWithStats(free, connectivity=4)
-    if count < 2:
-        cure = "walls are black and 1, free cells white and 0"
-        raise WorldError(at(environment.name, "there is no free cell", cure))
-    part = labels == 1 + int(np.argmax(facts[1:, cv2.CC_STAT_AREA]))
+    part = _largest_part(environment)
     clear = clearance(environment.walls)
     room = min(_ROOMS[0][1], int(clear[part].max()))
     if wanted is None:
@@ -65,7 +64,46 @@ def settle(environment: Environment, title: str, wanted: Cell | None = None) -> 
         rows, columns = np.indices(part.shape)
         away = (rows - wanted[1]) ** 2 + (columns - wanted[0]) ** 2
         base = _cell(np.where(part & (clear >= room), away, away.max() + 1))
-    return World(environment, title, base, _starts(free, clear, base))
+    return World(environment, title, base, _starts(environment, clear, base))
+
+
+def draw_places(environment: Environment, title: str, where: Draw, seed: int) -> World:
+    """The same for the same seed, whoever explores; places are in the largest connected part.
+
+    Args:
+        environment: to explore. title: of the world.
+        where: with room around; on cells beside walls; or among the tenth of the cells that have
+            the longest way to a wall. seed: of the base's place; robots start near it.
+
+    Raises:
+        WorldError: there is no free cell.
+    """
+    part = _largest_part(environment)
+    clear = clearance(environment.walls)
+    if where == "drawn at a wall":
+        allowed = part & (clear == 1)
+    elif where == "drawn in the open":
+        allowed = part & (clear >= np.quantile(clear[part], 0.9))
+    else:
+        allowed = part & (clear >= min(_ROOMS[0][1], int(clear[part].max())))
+    cells = np.argwhere(allowed)
+    random = np.random.Generator(np.random.PCG64([seed, len(cells)]))
+    row, column = cells[random.integers(len(cells))].tolist()
+    if where == "drawn at a wall":  # robots, too
+        clear = np.where(allowed, _ROOMS[0][1], 0)
+    base = column, row
+    return World(environment, title, base, _starts(environment, clear, base))
+
+
+def _largest_part(environment: Environment) -> NDArray[np.bool_]:
+    """Where the largest connected part of the free space is."""
+    free = (environment.walls == 0).astype(np.uint8)
+    count, labels, facts, _ = cv2.connectedComponentsWithStats(free, connectivity=4)
+    if count < 2:
+        cure = "walls are black and 1, free cells white and 0"
+        raise WorldError(at(environment.name, "there is no free cell", cure))
+    found: NDArray[np.bool_] = labels == 1 + int(np.argmax(facts[1:, cv2.CC_STAT_AREA]))
+    return found
 
 
 def clearance(walls: NDArray[np.uint8]) -> NDArray[np.int64]:
@@ -81,7 +119,8 @@ def _cell(costs: NDArray[np.int64]) -> Cell:
     return column, row
 
 
-def _starts(free: NDArray[np.uint8], clear: NDArray[np.int64], base: Cell) -> tuple[Cell, ...]:
+def _starts(environment: Environment, clear: NDArray[np.int64], base: Cell) -> tuple[Cell, ...]:
+    free = (environment.walls == 0).astype(np.uint8)
     costs, _ = flood(free, np.array([base], np.int64), free.size)
     order = np.argsort(costs, axis=None, kind="stable")[1:]
     order = order[costs.reshape(-1)[order] < np.iinfo(costs.dtype).max]
