@@ -18,7 +18,7 @@ def by_hand(**changed: Any) -> History:
     numbers = {
         **dict.fromkeys(("free_team", "free_base", "cells_sent", "bytes_sent"), rows),
         **dict.fromkeys(("distance", "found", "first", "area", "believed", "at_base"), bodies),
-        **dict.fromkeys(("heading", "own", "latency"), bodies),
+        **dict.fromkeys(("heading", "own", "latency", "idle"), bodies),
         "cell": (*bodies, 2),
     }
     found: dict[str, Any] = {name: np.zeros(shape, int) for name, shape in numbers.items()}

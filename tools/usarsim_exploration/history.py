@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from usarsim_exploration.cycle import BASE, Body, Cycle
 from usarsim_exploration.environment import Cell
+from usarsim_exploration.idleness import Idleness
 from usarsim_exploration.known_map import FREE
 
 Counts = NDArray[np.int64]
@@ -49,6 +50,7 @@ class History:
             between; an `x` before the one that met a wall.
         works: it has not failed. linked_base: over any chain.
         latency: steps since the newest that is known of the base.
+        idle: steps for which it has stood though it could have found something (`Idleness`).
         links: for each row the (n, 2) pairs that hear each other directly, the smaller one first.
     """
 
@@ -75,6 +77,7 @@ class History:
     works: NDArray[np.bool_]
     linked_base: NDArray[np.bool_]
     latency: Counts
+    idle: Counts
     links: tuple[Counts, ...]
 
     @property
@@ -167,6 +170,7 @@ class Recorder:
         self._versions = [-1] * len(cycle.bodies)
         self._area = [0] * len(cycle.bodies)
         self._cells = [body.view.cell for body in cycle.bodies]
+        self._idleness = Idleness(len(cycle.bodies))
         self._reachable = int(np.count_nonzero(world.reachable(cycle.bodies[BASE].view.base)))
         self._rows: list[tuple[int, ...]] = []
         self._bodies: list[list[tuple[object, ...]]] = []
@@ -223,11 +227,14 @@ class Recorder:
         view, known = body.view, body.view.known
         seen = (body.found, body.first) if body.works else (0, 0)
         moves = digits(self._cells[number], body.moves, view.cell) if body.works else ""
+        moved = view.cell != self._cells[number]
+        idle = self._idleness.count(number, body, self._cycle.environment, moved=moved)
         self._cells[number] = view.cell
         return (
             view.cell, view.heading, body.distance, *seen, self._area[number], known.free,
             known.at_base + known.relayed, known.undelivered, view.role, body.state,
             body.goal or NOWHERE, moves, body.works, linked, self._cycle.step - body.base_step,
+            idle,
         )  # fmt: skip
 
     def history(self) -> History:

@@ -37,7 +37,7 @@ ROBOT_COLUMNS = (
 AGENT_COLUMNS = (
     "step", "number", "name", "x", "y", "heading", "goal_x", "goal_y", "role", "state", "moves",
     "works", "linked_base", "latency", "distance", "found", "first", "area", "own", "believed",
-    "at_base", "links",
+    "at_base", "idle", "links",
 )  # fmt: skip
 _CURE = "write the run again with `usarsim explore run`"
 
@@ -91,7 +91,7 @@ def agents_csv(history: History) -> str:
             history.goal[..., 1], history.role, history.state, history.moves,
             history.works.astype(int), history.linked_base.astype(int), history.latency,
             history.distance, history.found, history.first, history.area, history.own,
-            history.believed, history.at_base,
+            history.believed, history.at_base, history.idle,
         )
     ]  # fmt: skip
     values = zip(*by_body, strict=True)
@@ -157,6 +157,7 @@ def read_history(folder: Path, reachable: int) -> History:
         bodies("works") != 0,
         bodies("linked_base") != 0,
         bodies("latency"),
+        bodies("idle"),
         tuple(heard),
     )
 

@@ -205,7 +205,8 @@ class Batch:
                 digest = self._digest(name, entry, job)
                 rows.append({"label": entry.label, **entry.keys} | digest)
             found[name] = rows
-        return found | {"seeds": list(self.lists.seeds), **self.common}
+        end = self._first().scenario().resolved["end"]
+        return found | {"seeds": list(self.lists.seeds), **self.common, "end": end}
 
     def only(self, strategies: Sequence[str]) -> Batch:
         """The same with other strategies: labels of its own ones, or names."""

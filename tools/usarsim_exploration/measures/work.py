@@ -112,6 +112,17 @@ def _longest_stand(history: History) -> int:
 
 
 @declare(
+    "longest_idle", "Longest idle stand", "steps",
+    "Longest time that a working robot stood though its map had a frontier that it could drive to, "
+    "with free cells behind it; looked at every 10 steps of a stand. Robots that wait for others "
+    "do not count: those whose role is relay, parked relays, and whoever is at a meeting.",
+    better="less",
+)  # fmt: skip
+def _longest_idle(history: History) -> int:
+    return int(history.idle[:, ROBOTS].max(initial=0))
+
+
+@declare(
     "collisions", "Collisions", "1", "Moves that met a wall nobody had told of.", better="less"
 )
 def _collisions(history: History) -> int:
