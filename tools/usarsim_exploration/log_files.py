@@ -162,6 +162,21 @@ def read_history(folder: Path, reachable: int) -> History:
     )
 
 
+def read_areas(folder: Path) -> tuple[Counts, Counts]:
+    """Cells that the team has known and that the base knows, by step, out of the data log.
+
+    Raises:
+        ExplorationError: it cannot be read, or says what none of ours says.
+    """
+    steps = _read(folder / STEPS)
+    if not steps.rows:
+        raise ExplorationError(at(steps.path, "there is no step", _CURE))
+    team, base = (
+        np.array(steps.column(name, int), np.int64) for name in ("team_area", "base_area")
+    )
+    return team, base
+
+
 def first_difference(one: History, other: History) -> str | None:
     """Where the agent logs of two runs differ for the first time; None: they are equal."""
     lines = agents_csv(one).splitlines(), agents_csv(other).splitlines()

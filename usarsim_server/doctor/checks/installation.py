@@ -75,11 +75,13 @@ PACKAGES = (
         optional=True,
     ),
     Package(
-        "scipy", "scipy", "scipy>=1.15", "studies of operators cannot be analysed", optional=True
+        *("scipy", "scipy", "scipy>=1.15"),
+        "studies of operators and runs of exploration cannot be analysed",
+        optional=True,
     ),
     Package(
         *("matplotlib", "matplotlib", "matplotlib>=3.8"),
-        "reports of studies cannot be drawn",
+        "reports of studies and of exploration cannot be drawn",
         optional=True,
     ),
     Package("numba", "numba", "numba>=0.61", "exploration takes longer", optional=True),
