@@ -35,12 +35,13 @@ def run(
     measures["base_share"] = float(100 * (base / np.maximum(team, 0.01))[: last + 1].mean())
     measures |= {"distance": 10.0 * last * robots, "mean_wait": float(late), "lost": []}
     measures |= {"disconnected": late / 2 + seed, "overlap": None, "bytes_sent": 1000 * last}
-    told = np.unique([*range(0, last, 5), last])
+    steps = np.arange(0, last + 5, 5)
+    told = np.minimum(steps, last)
     return {
         "environment": environment, "robots": robots, "strategy": strategy, "radio": radio,
         "seed": seed, "ended": {"reason": "base knows" if len(there) else "steps", "step": last},
         "measures": measures,
-        "curves": {"steps": told.tolist()} | {
+        "curves": {"steps": steps.tolist()} | {
             who: curve[told].round(6).tolist() for who, curve in found.items()
         },
         "digest": "",

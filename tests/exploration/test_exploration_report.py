@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 from batch_example import LIMIT, batch, example, failed, run, write
-from small_world import small
+from small_world import ROOMS, small, text_map
 
 from usarsim_exploration.reporting import pictures
 from usarsim_exploration.reporting.comparison import GOALS, Comparison, compare
 from usarsim_exploration.reporting.runs import read
+from usarsim_exploration.reporting.tables import runs_csv
 from usarsim_server import cli
+from usarsim_server.toml import toml_text
 
 FILES = ("report.html", "report.md", "table.csv", "runs.csv", "table.tex")
 NAMES = ("frontier", "ratio", "$_<&")
@@ -82,7 +84,7 @@ def test_curves_are_means_with_bands(tmp_path: Path) -> None:
     assert len(re.findall(r'id="a-(?:FillBetween)?Poly[^"]*"', svg)) == 2 * len(NAMES)
     one = next(run for run in group.runs["frontier"] if run.curves)
     assert one.curves is not None
-    assert one.curves.steps[-1] == one.step < LIMIT
+    assert one.curves.steps[-1] // 5 == -(-one.step // 5) < LIMIT // 5
 
 
 def test_mean_deviation_and_rows(told: Path) -> None:
@@ -153,9 +155,13 @@ def test_single_runs_beside_a_batch(tmp_path: Path) -> None:
         arguments = ["explore", "run", str(tmp_path / "small.toml"), "--strategy", name]
         assert cli.main([*arguments, "--out", str(tmp_path / name)]) == 0
     folders = tmp_path / "frontier", tmp_path / "nearest", write(tmp_path / "batch", few(1))
-    assert report(*folders, out=tmp_path / "out") == 0
-    each = rows(tmp_path / "out" / "runs.csv")
-    assert [one["source"] for one in each][:2] == ["frontier", "nearest"]
+    together = compare(read(folders))
+    assert [str(one.setting) for one in together.groups] == [
+        "office, 4 robots, circle", "rooms, 2 robots, circle",
+    ]  # fmt: skip
+    assert [one.partition(",")[0] for one in runs_csv(together).splitlines()[1:3]] == [
+        "frontier", "nearest",
+    ]  # fmt: skip
     facts = json.loads((tmp_path / "frontier" / "run.json").read_text())
     found = compare(read([tmp_path / "frontier"]))
     one = found.groups[0].runs["frontier"][0]
@@ -176,6 +182,47 @@ def test_other_scenarios_are_no_setting(tmp_path: Path, capsys: pytest.CaptureFi
     capsys.readouterr()
     assert report(tmp_path / "frontier", tmp_path / "nearest", out=tmp_path / "out") == 2
     assert "is not the same scenario as in" in capsys.readouterr().err
+
+
+def bench(folder: Path, strategy: str, **team: object) -> Path:
+    """Results of `explore bench` in the small world."""
+    (folder / "rooms.txt").write_text(text_map(ROOMS))
+    content: dict[str, object] = {
+        "environments": ["rooms.txt"],
+        "teams": [{"label": "slow", "robots": 2, "speed": 1.0}],
+        "radios": ["circle"],
+        "seeds": 3,
+        "team": {"base": "drawn", "reach": 8} | team,
+        "end": {"steps": 6},
+    }
+    (folder / "batch.toml").write_text(toml_text(content))
+    arguments = ["explore", "bench", str(folder / "batch.toml"), "--strategy", strategy]
+    assert cli.main([*arguments, "--jobs", "1", "--out", str(folder / strategy)]) == 0
+    return folder / strategy
+
+
+def test_batches_of_bench(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """E-76, EXP-20: real results of two batches together, unless their scenarios differ."""
+    folders = bench(tmp_path, "frontier"), bench(tmp_path, "ratio")
+    found = compare(read(folders))
+    assert [str(one.setting) for one in found.groups] == ["rooms.txt, slow (2 robots), circle"]
+    assert {name: len(runs) for name, runs in found.groups[0].runs.items()} == {
+        "frontier": 3,
+        "ratio": 3,
+    }
+    assert found.groups[0].horizon == 6
+    assert found.by_seed["base_t90"].blocks == 3
+    for run_ in found.groups[0].runs["ratio"]:
+        assert run_.curves is not None
+        assert 100 * run_.curves.team[-1] == pytest.approx(
+            run_.measures["team_percent_reachable"], abs=1e-3
+        )
+        assert run_.spent
+        assert run_.spent > 0
+    other = bench(tmp_path, "greedy", radio=5.0)
+    capsys.readouterr()
+    assert report(folders[0], other, out=tmp_path / "out") == 2
+    assert "circle is not the same scenario as in" in capsys.readouterr().err
 
 
 def changed(**keys: object) -> dict[str, Any]:
@@ -203,7 +250,7 @@ def changed(**keys: object) -> dict[str, Any]:
             changed(curves={"steps": [5, 0], "team": [0, 1], "base": [0, 1]}),
             "curves: steps: is no list of rising steps",
         ),
-        (batch() | {"batch": {}}, "steps: is missing"),
+        (batch() | {"batch": {"end": {"steps": "x"}}}, "steps: 'x' is not a whole number"),
     ],
 )
 def test_bad_input_is_one_line(

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from itertools import groupby
 from pathlib import Path
+from statistics import median
 
 from usarsim_exploration.measures import MEASURES
 from usarsim_exploration.reporting import pictures, tables
@@ -263,6 +264,14 @@ def _runs(page: Page, found: Comparison) -> None:
             for run in good
         ]
         page.table(heads, rows, "numbers")
+    spent = [
+        [strategy, str(len(mine)), number(median(mine)), span(min(mine), max(mine))]
+        for strategy in found.strategies
+        if (mine := [run.spent for run in good if run.strategy == strategy and run.spent])
+    ]
+    if spent:
+        heads = ["Processor time (ms by step)", "Runs", "Median", "From, to"]
+        page.table(heads, spent, "numbers")
     page.table(
         ("Folder", "Runs", "Format", "Version", "SHA-256"),
         [

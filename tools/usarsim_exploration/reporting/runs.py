@@ -7,18 +7,22 @@ scenario says must be the same for all runs that are compared.
 
 from __future__ import annotations
 
+import csv
 import hashlib
+import io
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_exploration.ending import Reason
+from usarsim_exploration.batches.batch_folder import FORMAT as BATCH_FORMAT
+from usarsim_exploration.batches.batch_folder import RESULT, TIMING
+from usarsim_exploration.ending import End, Reason
 from usarsim_exploration.errors import ExplorationError
 from usarsim_exploration.log_files import read_areas
 from usarsim_exploration.reporting.survival import Time
@@ -27,9 +31,8 @@ from usarsim_exploration.run_folder import RUN
 from usarsim_server.errors import at
 from usarsim_server.files import is_folder, is_regular, read_regular, reason
 from usarsim_server.tables import Table, finite
+from usarsim_server.toml import read_text
 
-BATCH = "result.json"
-BATCH_FORMAT = "usarsim-explore-batch/1"
 _LARGEST = 1 << 30
 """Bytes of a file of results; those of 3,840 runs have some 50 million."""
 _LATEST = 10**9
@@ -38,21 +41,27 @@ _STOPPED = ("steps", "base knows")
 """Ends of runs that could have gone on."""
 _OF_ROBOTS = ("name", "speed", "reach", "view", "radio", "start", "heading")
 """What robots have whatever the strategy; roles are the strategy's."""
+_LISTS = ("environments", "teams", "radios", "strategies")
+"""What a batch runs each with each."""
+_NO_SCENARIO = (*_LISTS, "title", "seeds")
+"""Of a batch, what is in no scenario of its runs."""
 _AGAIN = "write it again with `usarsim explore run` or `usarsim explore bench`"
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, order=True, slots=True)
 class Setting:
-    """What strategies are compared in."""
+    """What strategies are compared in. team: its label, if that is more than the number."""
 
     environment: str
     robots: int
+    team: str
     radio: str
 
     def __str__(self) -> str:
         robots = "1 robot" if self.robots == 1 else f"{self.robots} robots"
-        return f"{self.environment}, {robots}, {self.radio}"
+        team = f"{self.team} ({robots})" if self.team else robots
+        return f"{self.environment}, {team}, {self.radio}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,6 +84,7 @@ class Run:
         measures: by name; None: there is no such value.
         curves: None: they are not told.
         same: what must be equal in all runs of its setting, and of its strategy.
+        spent: ms of processor by step; None: not told.
     """
 
     source: str
@@ -88,6 +98,7 @@ class Run:
     measures: Mapping[str, float | None]
     curves: Curves | None
     same: tuple[str, str] = ("", "")
+    spent: float | None = None
 
     def time(self, goal: str) -> Time | None:
         """When it reached a goal, or until when it did not; None: nobody knows."""
@@ -144,13 +155,13 @@ def _new(seen: dict[object, tuple[str, Source]], key: object, place: str, source
 def _read(folder: Path) -> Source:
     if not is_folder(folder):
         raise ExplorationError(at(folder, "is no folder", "name a folder of results"))
-    found = [name for name in (RUN, BATCH) if is_regular(folder / name)]
+    found = [name for name in (RUN, RESULT) if is_regular(folder / name)]
     if not found:
         cure = "name a folder that `usarsim explore run --out` or `usarsim explore bench` wrote"
-        raise ExplorationError(at(folder, f"holds neither {RUN} nor {BATCH}", cure))
+        raise ExplorationError(at(folder, f"holds neither {RUN} nor {RESULT}", cure))
     if len(found) > 1:
         cure = "keep runs and batches in folders of their own"
-        raise ExplorationError(at(folder, f"holds both {RUN} and {BATCH}", cure))
+        raise ExplorationError(at(folder, f"holds both {RUN} and {RESULT}", cure))
     path = folder / found[0]
     try:
         data = read_regular(path, _LARGEST)
@@ -167,7 +178,7 @@ def _read(folder: Path) -> Source:
     if (told := table.text("format")) != wanted:
         raise table.error("format", f"{told!r} is not {wanted!r}", _AGAIN)
     name = folder.resolve().name or str(folder)
-    runs = [_single(table, folder, name)] if found[0] == RUN else _batch(table, name)
+    runs = [_single(table, folder, name)] if found[0] == RUN else _batch(table, folder, name)
     digest = hashlib.sha256(data).hexdigest()
     return Source(folder, name, wanted, table.text("version", "?"), digest, tuple(runs))
 
@@ -177,6 +188,7 @@ def _single(table: Table, folder: Path, name: str) -> Run:
     setting = Setting(
         environment.text("name"),
         len(scenario.tables("robot")) or _count(scenario.table("team"), "robots"),
+        "",
         scenario.table("radio").text("model"),
     )
     team, base = read_areas(folder)
@@ -211,16 +223,37 @@ def _same(scenario: Mapping[str, Any], digest: str) -> tuple[str, str]:
     return one, other
 
 
-def _batch(table: Table, name: str) -> list[Run]:
-    limit = _count(table.table("batch").table("end"), "steps")
-    runs = [_of_batch(one, name, limit) for one in table.tables("runs")]
+def _batch(table: Table, folder: Path, name: str) -> list[Run]:
+    """All runs; where the batch does not say how long they last, the scenario's default holds."""
+    batch = table.table("batch")
+    limit = batch.table("end").count("steps", End.steps, low=0, high=_LATEST)
+    entries = {
+        key: {one.text("label"): one.rest("label") for one in batch.tables(key)} for key in _LISTS
+    }
+    shared = batch.rest(*_LISTS, "end")
+    timing = _timing(folder / TIMING)
+    runs = []
+    for row in table.tables("runs"):
+        run = _of_batch(row, name, limit)
+        team = run.setting.team or str(run.setting.robots)
+        labels = run.setting.environment, team, run.setting.radio, run.strategy
+        named = [entries[key].get(label) for key, label in zip(_LISTS, labels, strict=True)]
+        common = {key: value for key, value in shared.items() if key not in _NO_SCENARIO}
+        texts = (json.dumps(one, sort_keys=True) for one in ((common, named[:3]), named[3]))
+        key = "/".join((labels[0], team, run.strategy, run.setting.radio, str(run.seed)))
+        runs.append(replace(run, same=(next(texts), next(texts)), spent=timing.get(key)))
     if not runs:
         raise table.error("runs", "there is none", _AGAIN)
     return runs
 
 
 def _of_batch(table: Table, name: str, limit: int) -> Run:
-    setting = Setting(table.text("environment"), _count(table, "robots"), table.text("radio"))
+    setting = Setting(
+        table.text("environment"),
+        _count(table, "robots"),
+        table.text("team", ""),
+        table.text("radio"),
+    )
     who = name, setting, table.text("strategy"), table.count("seed", low=0, high=2**63 - 1), limit
     if table.has("error"):
         return Run(*who, "", 0, table.text("error", lines=True), {}, None)
@@ -233,6 +266,18 @@ def _of_batch(table: Table, name: str, limit: int) -> Run:
         _measures(table),
         _curves(table),
     )
+
+
+def _timing(path: Path) -> dict[str, float]:
+    """Processor ms by step of runs, by their keys; empty if the file is not there."""
+    if not is_regular(path):
+        return {}
+    rows = csv.DictReader(io.StringIO(read_text(path, ExplorationError)))
+    try:
+        return {row["run"]: float(row["ms_per_step"]) for row in rows}
+    except (KeyError, TypeError, ValueError, csv.Error):
+        problem = "is no table of run and ms_per_step"
+        raise ExplorationError(at(path, problem, "remove it, or run the batch again")) from None
 
 
 def _count(table: Table, key: str) -> int:

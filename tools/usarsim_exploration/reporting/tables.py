@@ -6,12 +6,14 @@ from collections.abc import Iterator
 
 from usarsim_exploration.measures import MEASURES
 from usarsim_exploration.reporting.comparison import GOALS, Cell, Comparison, title
+from usarsim_exploration.reporting.runs import Setting
 from usarsim_study.tables import Cellular, csv_text
 from usarsim_study.wording import number
 
 _HEADS = (
-    "environment", "robots", "radio", "strategy", "measure", "unit", "runs", "with_value", "mean",
-    "interval_low", "interval_high", "sd", "median", "quartile_low", "quartile_high", "horizon",
+    "environment", "robots", "team", "radio", "strategy", "measure", "unit", "runs",
+    "with_value", "mean", "interval_low", "interval_high", "sd", "median",
+    "quartile_low", "quartile_high", "horizon",
 )  # fmt: skip
 _TEX = (*GOALS, "base_area")
 """Columns of the table of a paper."""
@@ -26,7 +28,7 @@ def table_csv(found: Comparison) -> str:
 
     def rows() -> Iterator[list[Cellular]]:
         for group in found.groups:
-            place = group.setting.environment, group.setting.robots, group.setting.radio
+            place = _place(group.setting)
             for cell in group.cells.values():
                 one = cell.interval
                 ends = (None, None) if one is None else (one.low, one.high)
@@ -44,16 +46,31 @@ def runs_csv(found: Comparison) -> str:
     runs = [run for source in found.sources for run in source.runs]
     told = {name for run in runs for name in run.measures}
     names = [name for name in MEASURES if name in told] + sorted(told - set(MEASURES))
-    heads = ("source", "environment", "robots", "radio", "strategy", "seed", "ended", "step")
+    heads = (
+        "source",
+        "environment",
+        "robots",
+        "team",
+        "radio",
+        "strategy",
+        "seed",
+        "ended",
+        "step",
+    )
     rows = (
         [
-            run.source, run.setting.environment, run.setting.robots, run.setting.radio,
-            run.strategy, run.seed, run.ended, None if run.error else run.step,
-            " ".join(run.error.split()), *(run.measures.get(name) for name in names),
+            run.source, *_place(run.setting), run.strategy, run.seed, run.ended,
+            None if run.error else run.step, " ".join(run.error.split()),
+            *(run.measures.get(name) for name in names),
         ]
         for run in runs
     )  # fmt: skip
     return csv_text((*heads, "error", *names), rows)
+
+
+def _place(setting: Setting) -> tuple[Cellular, ...]:
+    team = setting.team or str(setting.robots)
+    return setting.environment, setting.robots, team, setting.radio
 
 
 def table_tex(found: Comparison) -> str:
