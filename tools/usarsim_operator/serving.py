@@ -197,7 +197,7 @@ async def served(
         for who, url in urls.items() if serving.told is None else ():
             print(f"CONSOLE {url} {who}", flush=True)
         if serving.browser is not None:
-            station.background(_browse(base + pages.tokens[serving.browser]))
+            station.background(open_browser(base + pages.tokens[serving.browser]))
         yield
     finally:
         await runner.cleanup()
@@ -214,7 +214,7 @@ async def _known(station: Station) -> None:
                 await asyncio.sleep(0.01)
 
 
-async def _browse(url: str) -> None:
+async def open_browser(url: str) -> None:
     """Open a browser, unless it would take over a terminal."""
     shown = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))
     opened = False

@@ -4,9 +4,17 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from usarsim_exploration.commands.show import can_serve, serve
 from usarsim_server.cli.common import Subparsers, add_command
+from usarsim_server.errors import UsarsimError
+
+if TYPE_CHECKING:
+    from usarsim_exploration.running import Run
+    from usarsim_exploration.timing import Watch
 
 _EPILOG = (
     "SCENARIO is a TOML file, see docs/exploration.md; options say what it does not say, or say it "
@@ -41,6 +49,12 @@ def add_parser(subparsers: Subparsers) -> None:
         help="any key of a scenario, such as strategy.replan=20; may be repeated",
     )
     parser.add_argument("--out", metavar="DIR", type=Path, help="folder of the results")
+    parser.add_argument(
+        "--show",
+        action="store_true",
+        help="show it in a browser while it runs and until Ctrl-C (extra console; without that: "
+        "film.mp4 and pictures in DIR)",
+    )
 
 
 def options_of(arguments: argparse.Namespace) -> list[str]:
@@ -62,6 +76,9 @@ def _quoted(text: str) -> str:
 def run(arguments: argparse.Namespace) -> int:
     """Run, write the folder, print one line.
 
+    Returns:
+        The exit code: 130 if somebody who watched did not let it end.
+
     Raises:
         UsarsimError: the scenario cannot be used, or the folder not be written.
     """
@@ -70,22 +87,63 @@ def run(arguments: argparse.Namespace) -> int:
     from usarsim_exploration.scenario import load, merge, read
     from usarsim_exploration.timing import Watch
 
-    watch = Watch()
+    taken = Watch()
     options = options_of(arguments)
     scenario = load(arguments.scenario, options) if arguments.scenario else read(merge({}, options))
+    if arguments.show and arguments.out is None and not can_serve():
+        raise UsarsimError(
+            "--show: there is no page here (install the extra console), so give --out"
+        )
     if arguments.out is not None:
         run_folder.prepare(arguments.out)
-    one = Run(scenario, watch.begin)
+    one = Run(scenario, taken.begin)
+    if arguments.show:
+        return _show(one, arguments.out, taken)
+    _go(one, one.step)
+    _finish(one, arguments.out, taken)
+    return 0
+
+
+def _go(one: Run, step: Callable[[], bool], goes_on: Callable[[], bool] = lambda: True) -> None:
+    """Run to the end, or as long as somebody wants it; tells on a terminal how far it is."""
     told = sys.stderr.isatty()
-    while one.step():
+    while goes_on() and step():
         if told and one.cycle.step % _TOLD == 0:
             share = 100 * one.recorder.free_team / one.recorder.reachable
             print(f"\rstep {one.cycle.step}, {share:.0f} % known", end="", file=sys.stderr)
     if told:
         print("\r\033[K", end="", file=sys.stderr)
+
+
+def _finish(one: Run, out: Path | None, taken: Watch) -> None:
+    """Write the folder, print the line."""
+    from usarsim_exploration import run_folder
+
     result = one.result()
-    timing = watch.facts(result.history.steps)
-    if arguments.out is not None:
-        run_folder.write(result, arguments.out, timing)
-    print(run_folder.line(result, timing))
-    return 0
+    timing = taken.facts(result.history.steps)
+    if out is not None:
+        run_folder.write(result, out, timing)
+    print(run_folder.line(result, timing), flush=True)
+
+
+def _show(one: Run, out: Path | None, taken: Watch) -> int:
+    """Run while a page shows it; without pages, write pictures and a film of it."""
+    from usarsim_exploration.showing import films
+    from usarsim_exploration.showing.tape import Tape
+
+    tape = Tape(one)
+
+    def work(goes_on: Callable[[], bool]) -> None:
+        _go(one, tape.advance, goes_on)
+        if one.ended is not None:
+            _finish(one, out, taken)
+
+    if can_serve():
+        serve(tape, work)
+        return 0 if one.ended is not None else 130
+    assert out is not None
+    work(lambda: True)
+    looks = films.Looks()
+    return films.write_many(tape, looks, out / "pictures") or films.write_many(
+        tape, looks, out / "film.mp4"
+    )

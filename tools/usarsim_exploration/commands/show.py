@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import asyncio
+import importlib.util
 import sys
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,6 +25,7 @@ _EPILOG = (
     "tells of the overlays; --overlays help names them."
 )
 _FPS = 20.0
+GoesOn = Callable[[], bool]
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -28,6 +33,12 @@ def add_parser(subparsers: Subparsers) -> None:
     parser = add_command(subparsers, "show", "pictures and films of a run", run, epilog=_EPILOG)
     parser.add_argument("folder", metavar="DIR", type=Path, help="folder with scenario.toml")
     parser.add_argument("--out", metavar="FILE|DIR", type=Path, help="what to write")
+    parser.add_argument(
+        "--browser", action="store_true", help="show any step in a browser instead (extra console)"
+    )
+    parser.add_argument(
+        "--port", metavar="N", type=_count(0), default=0, help="of --browser (default any free one)"
+    )
     parser.add_argument(
         "--step", metavar="N", type=_count(0), help="the step of a picture (default the last one)"
     )
@@ -87,8 +98,15 @@ def run(arguments: argparse.Namespace) -> int:
     from usarsim_exploration.showing.picture import overlays_of
     from usarsim_exploration.showing.tape import tape_of
 
-    if arguments.out is None:
-        raise UsarsimError("--out: say what to write, FILE.png, FILE.mp4, FILE.gif or a folder")
+    if arguments.browser == (arguments.out is not None):
+        cure = "FILE.png, FILE.mp4, FILE.gif or a folder"
+        raise UsarsimError(f"--out: say what to write, {cure}; or give --browser instead")
+    if arguments.browser:
+        if not can_serve():
+            raise UsarsimError('--browser needs aiohttp (pip install "usarsim-server[console]")')
+        tape = tape_of(arguments.folder, from_log=arguments.from_log)
+        serve(tape, partial(forward, tape, None), arguments.port)
+        return 0
     films.prepare(arguments.out)
     overlays = overlays_of(arguments.overlays)
     tape = tape_of(arguments.folder, from_log=arguments.from_log)
@@ -117,14 +135,37 @@ def robot_of(tape: Tape, name: str | None) -> int | None:
     return known[name.lower()]
 
 
-def forward(tape: Tape, step: int | None) -> None:
+def can_serve() -> bool:
+    """Whether there can be a page."""
+    return importlib.util.find_spec("aiohttp") is not None
+
+
+def serve(tape: Tape, work: Callable[[GoesOn], object], port: int = 0) -> None:
+    """Serve the page of a tape until interrupted, while something drives the tape.
+
+    Args:
+        work: is given what says whether to go on. port: 0 is any free one.
+
+    Raises:
+        UsarsimError: of the work, or the port cannot be had.
+    """
+    from usarsim_exploration.showing.page import show
+    from usarsim_operator.serving import until_interrupted
+
+    asyncio.run(until_interrupted(show(tape, work, port)))
+
+
+def forward(tape: Tape, step: int | None, goes_on: GoesOn = lambda: True) -> None:
     """Run to a step, or to the end; tells on a terminal how far it is.
+
+    Args:
+        goes_on: whether somebody still wants it.
 
     Raises:
         UsarsimError: the run ends before.
     """
     told = sys.stderr.isatty()
-    while (step is None or len(tape) <= step) and tape.advance():
+    while goes_on() and (step is None or len(tape) <= step) and tape.advance():
         if told and len(tape) % 25 == 0:
             print(f"\rstep {len(tape) - 1}", end="", file=sys.stderr)
     if told:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from usarsim_exploration.showing.canvas import Picture
+from usarsim_exploration.showing.overlays import DEFAULT
 from usarsim_exploration.showing.picture import draw, png
 from usarsim_exploration.showing.tape import Tape
 from usarsim_film.writing import KINDS, Frame, write_film
@@ -17,13 +18,15 @@ from usarsim_server.files import reason, write_bytes
 from usarsim_server.processes import calling
 
 PICTURE = ".png"
+FPS = 20.0
+"""Of films, usually."""
 
 
 @dataclass(frozen=True, slots=True)
 class Looks:
     """How scenes are drawn: names of overlays, and the number of a robot or None for the team."""
 
-    overlays: frozenset[str]
+    overlays: frozenset[str] = DEFAULT
     robot: int | None = None
 
     def picture(self, tape: Tape, step: int) -> Picture:
@@ -56,7 +59,7 @@ def write_picture(tape: Tape, looks: Looks, step: int | None, out: Path) -> None
     print(f"{out}: step {step}")
 
 
-def write_many(tape: Tape, looks: Looks, out: Path, every: int, fps: float) -> int:
+def write_many(tape: Tape, looks: Looks, out: Path, every: int = 1, fps: float = FPS) -> int:
     """Write a film, or a folder of pictures, and say so.
 
     Args:

@@ -30,6 +30,8 @@ if (process.argv.includes("--tests")) {
       { in: "style.css", out: "style" },
       { in: "src/study/main.ts", out: "study" },
       { in: "study.css", out: "study" },
+      { in: "src/explore/main.ts", out: "explore" },
+      { in: "explore.css", out: "explore" },
     ],
     outdir: target,
     bundle: true,
@@ -53,6 +55,6 @@ if (process.argv.includes("--tests")) {
     legalComments: "eof",
     logLevel: "warning",
   });
-  for (const name of ["index.html", "study.html", "share.html", "icon.svg"])
+  for (const name of ["index.html", "study.html", "explore.html", "share.html", "icon.svg"])
     cpSync(name, join(target, name));
 }
