@@ -1,16 +1,21 @@
 """The loops that cost most: compiled and plain form give the same, bit by bit (EXP-05)."""
 
 import math
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from usarsim_exploration.kernels import plain
+from usarsim_exploration import sensing
+from usarsim_exploration.environment import Environment
+from usarsim_exploration.kernels import plain, plain_looking
 from usarsim_exploration.kernels.steps import DIAGONAL, FAR, STRAIGHT
+from usarsim_exploration.sensing import Scanner
 
 compiled = pytest.importorskip("usarsim_exploration.kernels.compiled")
+compiled_looking = pytest.importorskip("usarsim_exploration.kernels.looking")
 
 
 @settings(max_examples=40, deadline=None)
@@ -54,33 +59,62 @@ def test_rays_agree(seed: int, dense: float) -> None:
     starts = random.integers(reach, rows + reach, 5) * stride + reach + 3
     arguments = blocked.reshape(-1), stride, starts, fan, down
     assert (compiled.march(*arguments) == plain.march(*arguments)).all()
-    cells = np.stack([starts % stride, starts // stride], axis=1) - reach
-    away = np.hypot(fan, down)
-    found = [
-        form.sense(*arguments[:3], cells, *arguments[3:], away, 4) for form in (compiled, plain)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2**32), st.integers(3, 30))
+def test_polygons_agree(seed: int, corners: int) -> None:
+    """Any, with edges that cross, are filled as OpenCV does."""
+    random = np.random.default_rng(seed)
+    cells = random.integers(0, 40, (corners, 2))
+    masks = np.zeros((2, 40, 40), np.uint8)
+    shifted = cells + np.array([7, 3])
+    compiled_looking.fill(masks[0], shifted[0], shifted[1:], 7, 3)
+    plain_looking.fill(masks[1], cells[0], cells[1:])
+    assert (masks[0] == masks[1]).all()
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.integers(0, 2**32),
+    st.sampled_from([1, 5, 30, 100]),
+    st.sampled_from([0.0, 0.005, 0.02, 0.1]),
+    st.floats(0.1, 6.28),
+)
+def test_looks_agree(seed: int, reach: int, dense: float, view: float) -> None:
+    """Maps, what changed and what is counted, after scans from several cells."""
+    random = np.random.default_rng(seed)
+    rows, columns = random.integers(20, 120, 2)
+    world = Environment("rubble", (random.random((rows, columns)) < dense).astype(np.uint8))
+    scanner = Scanner(world, reach, view=view)
+    cells = [(int(random.integers(columns)), int(random.integers(rows))) for _ in range(3)]
+    headings = [0.0, *(random.random(2) * 6.3).tolist()]
+    before = random.choice([0, 0, 0, 1, 3, 4, 6, 9, 17, 38], world.shape).astype(np.uint8)
+    maps, told = [before.copy(), before.copy()], []
+    for form, bits in zip((compiled_looking, plain_looking), maps, strict=True):
+        with patch.object(sensing, "look", form.look):
+            told.append(scanner.look(bits, cells, headings, bool(seed % 2)))
+    assert (maps[0] == maps[1]).all()
+    for one, other in zip(*told, strict=True):
+        assert one.tolist() == other.tolist()
+    assert told[0][0].tolist() == np.flatnonzero(maps[0] != before).tolist()
+    flat, found = maps[0].reshape(-1), told[0][1]
+    teams = [random.choice([0, 6, 7], flat.size).astype(np.uint8)] * 2
+    teams[1] = teams[0].copy()
+    walls = world.walls.reshape(-1)
+    counts = [
+        form.count_first(team, walls, flat, found)
+        for form, team in zip((compiled_looking, plain_looking), teams, strict=True)
     ]
-    for one, other in zip(*found, strict=True):
-        assert (one == other).all()
-    lengths, ends, _, _, walls = found[0]
-    marked = [random.choice([0, 1, 3, 4, 6, 9, 17], (rows + 5, columns + 5)).astype(np.uint8)] * 2
-    marked[1] = marked[0].copy()
-    turns = np.broadcast_to(np.stack([np.cos(angles), np.sin(angles)]), (5, 2, 37)).copy()
-    for form, bits in zip((compiled, plain), marked, strict=True):
-        form.mark_walls(bits, ends, walls & (lengths < 10), turns, -1, -2)
-    assert (marked[0] == marked[1]).all()
-    assert np.count_nonzero(marked[0] & 6 == 6) > 5
+    assert counts[0] == counts[1]
+    assert (teams[0] == teams[1]).all()
 
 
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**32))
-def test_walls_and_lines_agree(seed: int) -> None:
-    """The wall behind ends of rays, and what lies on lines."""
+def test_lines_agree(seed: int) -> None:
+    """What lies on lines."""
     random = np.random.default_rng(seed)
-    ends = np.cumsum(random.integers(-3, 4, (50, 2)), axis=0) + 100
-    hit = random.random(50) < 0.8
-    angles = random.random(50) * 6.3
-    found = [f.wall_cells(ends, hit, np.cos(angles), np.sin(angles)) for f in (compiled, plain)]
-    assert sorted(map(tuple, found[0].tolist())) == sorted(map(tuple, found[1].tolist()))
     values = random.integers(0, 3, (20, 30)).astype(np.uint8)
     pairs = np.stack([random.integers(0, 30 if i % 2 == 0 else 20, 25) for i in range(4)], axis=1)
     assert (compiled.crossings(values, pairs) == plain.crossings(values, pairs)).all()

@@ -54,7 +54,7 @@ def test_the_edge_of_the_world() -> None:
 def test_one_scan_is_a_half_disc() -> None:
     """E-26: its area within 2 % of pi R^2 / 2."""
     known = KnownMap((500, 500))
-    found = known.integrate(1, Scanner(hall(), 100).scan([(250, 250)], [0.0]), [(250, 250)])
+    found = known.look(1, Scanner(hall(), 100), [(250, 250)], [0.0], True)
     assert known.free == pytest.approx(math.pi * 100**2 / 2, rel=0.02)
     assert len(found) == known.free
     assert known.free == np.count_nonzero(known.bits & FREE)
@@ -66,7 +66,7 @@ def test_walls_get_thick_away_from_the_robot() -> None:
     world.walls[:, 300] = 1
     known = KnownMap(world.shape)
     known.bits[250, 301] = FREE | SAFE
-    known.integrate(1, Scanner(world, 200).scan([(250, 250)], [0.0]), [(250, 250)])
+    known.look(1, Scanner(world, 200), [(250, 250)], [0.0], True)
     row = known.bits[251]
     assert row[299] & FREE
     assert row[300] & (WALL | SAFE) == WALL | SAFE
@@ -80,7 +80,7 @@ def test_walls_get_thick_away_from_the_robot() -> None:
 def test_what_is_certain() -> None:
     """E-28: within a tenth of the range, where all around is known, and where it drove."""
     known = KnownMap((500, 500))
-    known.integrate(1, Scanner(hall(), 100).scan([(250, 250)], [0.0]), [(250, 250)])
+    known.look(1, Scanner(hall(), 100), [(250, 250)], [0.0], True)
     row, column = np.nonzero(known.bits & SAFE)
     away = np.hypot(column - 250, row - 250)
     assert away.max() <= 10.0
@@ -98,7 +98,7 @@ def test_walls_stay_walls() -> None:
     free = [(c, r) for r in range(120) for c in range(160) if not world.walls[r, c]]
     for step in range(1, 60):
         cell: Cell = free[int(random.integers(len(free)))]
-        known.integrate(step, scanner.scan([cell], [float(random.random() * 6.3)]), [cell])
+        known.look(step, scanner, [cell], [float(random.random() * 6.3)], True)
     sure_free = known.bits & (FREE | SAFE) == FREE | SAFE
     sure_wall = known.bits & (WALL | SAFE) == WALL | SAFE
     assert not world.walls[sure_free].any()

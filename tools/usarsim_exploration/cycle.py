@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from usarsim_exploration.environment import Cell, Environment
 from usarsim_exploration.exchange import Exchange
-from usarsim_exploration.known_map import FREE, KNOWN, KnownMap
+from usarsim_exploration.kernels import count_first
+from usarsim_exploration.known_map import KnownMap
 from usarsim_exploration.noise import disturb
 from usarsim_exploration.planning import Planner
 from usarsim_exploration.radio import Links, Radio, RadioEstimate, find_links
@@ -114,7 +115,7 @@ class Cycle:
         self._team = np.zeros(self.environment.walls.size, np.uint8)
         self.links = self._find_links()
         for body in self.bodies:
-            self._scan(body, [body.view.cell], [body.view.heading], [])
+            self._scan(body, [body.view.cell], [body.view.heading], False)
         self._exchange()
 
     @property
@@ -176,7 +177,7 @@ class Cycle:
         view.blocked = blocked is not None
         body.moves = driven if blocked is None else [*driven, blocked]
         cells = driven or [view.cell]
-        self._scan(body, cells, headings or [view.heading], driven)
+        self._scan(body, cells, headings or [view.heading], bool(driven))
         if blocked is not None:
             for cell in felt:
                 view.known.bump(self.step, cell)
@@ -207,22 +208,22 @@ class Cycle:
         ]
 
     def _scan(
-        self, body: Body, cells: Sequence[Cell], headings: Sequence[float], driven: list[Cell]
+        self, body: Body, cells: Sequence[Cell], headings: Sequence[float], driven: bool
     ) -> None:
         if body.scanner is None:
             return
-        scans = body.scanner.scan(cells, headings)
-        if body.member.noise:
-            member, shape = body.member, self.environment.shape
+        known, member = body.view.known, body.member
+        if member.noise:
+            scans = body.scanner.scan(cells, headings)
+            shape = self.environment.shape
             scans = disturb(scans, member.noise, member.reach, shape, body.random)
-        new = body.view.known.integrate(self.step, scans, driven)
-        body.found = len(new)
-        body.first = int(np.count_nonzero(self._team[new] == 0))
-        free = body.view.known.news(new) & FREE != 0
-        fresh = new[free & (self._team[new] & FREE == 0)]
-        self._team[new] |= KNOWN - FREE
-        self._team[fresh] |= FREE
-        self.team_free += int(np.count_nonzero(self.environment.walls.reshape(-1)[fresh] == 0))
+            found = known.take_in(self.step, scans, driven)
+        else:
+            found = known.look(self.step, body.scanner, cells, headings, driven)
+        walls = self.environment.walls.reshape(-1)
+        body.found = len(found)
+        body.first, free = count_first(self._team, walls, known.bits.reshape(-1), found)
+        self.team_free += free
 
     # -- radio --------------------------------------------------------------------------------
 

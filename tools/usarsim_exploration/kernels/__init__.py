@@ -9,12 +9,14 @@ import os
 try:
     if os.environ.get("USARSIM_EXPLORATION_PLAIN"):
         raise ImportError
-    from usarsim_exploration.kernels.compiled import crossings, flood, march, mark_walls, sense
+    from usarsim_exploration.kernels.compiled import crossings, flood, march
+    from usarsim_exploration.kernels.looking import count_first, look, take_in
 
     COMPILED = True
 except ImportError:
-    from usarsim_exploration.kernels.plain import crossings, flood, march, mark_walls, sense
+    from usarsim_exploration.kernels.plain import crossings, flood, march
+    from usarsim_exploration.kernels.plain_looking import count_first, look, take_in
 
     COMPILED = False
 
-__all__ = ["COMPILED", "crossings", "flood", "march", "mark_walls", "sense"]
+__all__ = ["COMPILED", "count_first", "crossings", "flood", "look", "march", "take_in"]

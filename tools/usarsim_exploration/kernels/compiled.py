@@ -1,4 +1,4 @@
-"""The kernels compiled by numba."""
+"""The kernels compiled by numba, but for those of `looking`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_exploration.kernels.steps import DIAGONAL, FAR, MARKS, SAFE, SHIFT, STRAIGHT, WALL
+from usarsim_exploration.kernels.steps import DIAGONAL, FAR, SHIFT, STRAIGHT
 
 Ints = NDArray[np.int64]
 OPEN, DONE = 1, 2
@@ -18,12 +18,13 @@ OPEN, DONE = 1, 2
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-def _compiled(function: F) -> F:
+def compiled(function: F) -> F:
+    """Decorator: compile at the first call, and keep that on disk."""
     made: Any = numba.njit(cache=True, nogil=True)(function)
     return cast(F, made)
 
 
-@_compiled
+@compiled
 def march(
     blocked: NDArray[np.uint8], stride: int, starts: Ints, columns: Ints, rows: Ints
 ) -> NDArray[np.int64]:
@@ -53,138 +54,14 @@ def march(
     return found
 
 
-@_compiled
-def sense(
-    blocked: NDArray[np.uint8],
-    stride: int,
-    starts: Ints,
-    cells: Ints,
-    columns: Ints,
-    rows: Ints,
-    away: NDArray[np.float64],
-    close: int,
-) -> tuple[NDArray[np.float64], Ints, Ints, Ints, NDArray[np.bool_]]:
-    """What scans from several cells tell, all in one direction.
-
-    Args:
-        blocked, stride, starts, columns, rows: as `march` has them; blocked is 1 at walls.
-        cells: (scans, 2) the same cells as `starts`, as column and row.
-        away: (rays, range) distance of cell m of a ray.
-        close: index of the last cell of a ray that is near.
-
-    Returns:
-        Distances of the ends (scans, rays); these (scans, rays, 2); the last free cells; the last
-        free ones that are near; and whether the end is a wall.
-    """
-    count, reach = columns.shape
-    shape = (len(starts), count, 2)
-    found = march(blocked, stride, starts, columns, rows)
-    lengths, walls = np.zeros(found.shape), np.zeros(found.shape, np.bool_)
-    ends, clear, near = (
-        np.empty(shape, np.int64),
-        np.empty(shape, np.int64),
-        np.empty(shape, np.int64),
-    )
-    for scan in range(len(starts)):
-        column, row = cells[scan, 0], cells[scan, 1]
-        for ray in range(count):
-            free = found[scan, ray] - 1
-            last = free
-            if free + 1 < reach:
-                there = starts[scan] + rows[ray, free + 1] * stride + columns[ray, free + 1]
-                if blocked[there] == 1:
-                    last, walls[scan, ray] = free + 1, True
-            if last >= 0:
-                lengths[scan, ray] = away[ray, last]
-            ends[scan, ray, 0], ends[scan, ray, 1] = column, row
-            clear[scan, ray, 0], clear[scan, ray, 1] = column, row
-            near[scan, ray, 0], near[scan, ray, 1] = column, row
-            if last >= 0:
-                ends[scan, ray, 0] += columns[ray, last]
-                ends[scan, ray, 1] += rows[ray, last]
-            if free >= 0:
-                clear[scan, ray, 0] += columns[ray, free]
-                clear[scan, ray, 1] += rows[ray, free]
-                near[scan, ray, 0] += columns[ray, min(free, close)]
-                near[scan, ray, 1] += rows[ray, min(free, close)]
-    return lengths, ends, clear, near, walls
-
-
-@_compiled
-def mark_walls(
-    bits: NDArray[np.uint8],
-    ends: Ints,
-    hits: NDArray[np.bool_],
-    directions: NDArray[np.float64],
-    left: int,
-    top: int,
-) -> None:
-    """Write into part of a map what walls scans have seen; certain cells stay as they are.
-
-    First what `wall_cells` tells, then, as certain, the cells that were hit themselves.
-
-    Args:
-        bits: the part, (rows, columns). left, top: its corner.
-        ends: (scans, rays, 2) cells where rays end. hits: (scans, rays) whether at a wall.
-        directions: (scans, 2, rays) cosines and sines.
-    """
-    height, width = bits.shape
-    for scan in range(len(ends)):
-        behind = wall_cells(ends[scan], hits[scan], directions[scan, 0], directions[scan, 1])
-        for index in range(len(behind)):
-            column, row = behind[index, 0] - left, behind[index, 1] - top
-            if 0 <= column < width and 0 <= row < height and not bits[row, column] & SAFE:
-                bits[row, column] = bits[row, column] & MARKS | WALL
-    for scan in range(len(ends)):
-        for ray in range(ends.shape[1]):
-            column, row = ends[scan, ray, 0] - left, ends[scan, ray, 1] - top
-            if hits[scan, ray] and not bits[row, column] & SAFE:
-                bits[row, column] = bits[row, column] & MARKS | WALL | SAFE
-
-
-@_compiled
-def wall_cells(
-    ends: Ints, hit: NDArray[np.bool_], cosines: NDArray[np.float64], sines: NDArray[np.float64]
-) -> Ints:
-    """The wall that a scan has seen: between ends of neighbouring rays, and two cells behind.
-
-    Only between ends that are nearer than 5 cells to each other (exploration reference 6.3).
-
-    Args:
-        ends: (rays, 2) cells where rays end. hit: whether at a wall.
-        cosines, sines: (rays,) of their directions.
-
-    Returns:
-        (n, 2) cells, some of them twice, in no useful order.
-    """
-    found = np.empty((len(ends) * 15, 2), np.int64)
-    count = 0
-    for ray in range(len(ends) - 1):
-        if not (hit[ray] and hit[ray + 1]):
-            continue
-        right, down = ends[ray + 1, 0] - ends[ray, 0], ends[ray + 1, 1] - ends[ray, 1]
-        if right * right + down * down >= 25:
-            continue
-        parts = max(abs(right), abs(down), 1)
-        for part in range(parts + 1):
-            share = part / parts
-            column = math.floor(ends[ray, 0] + right * share + 0.5)
-            row = math.floor(ends[ray, 1] + down * share + 0.5)
-            for outward in range(3):
-                found[count, 0] = math.floor(column + outward * cosines[ray] + 0.5)
-                found[count, 1] = math.floor(row + outward * sines[ray] + 0.5)
-                count += 1
-    return found[:count]
-
-
-@_compiled
+@compiled
 def _longer(cells: NDArray[np.int32], room: int) -> NDArray[np.int32]:
     longer = np.empty(room, np.int32)
     longer[: len(cells)] = cells
     return longer
 
 
-@_compiled
+@compiled
 def flood(passable: NDArray[np.uint8], starts: Ints, limit: int) -> tuple[NDArray[np.int32], int]:
     """The least cost from the nearest of some cells to every other one.
 
@@ -265,7 +142,7 @@ def flood(passable: NDArray[np.uint8], starts: Ints, limit: int) -> tuple[NDArra
     return costs.reshape(height + 2, stride)[1:-1, 1:-1].copy(), expanded
 
 
-@_compiled
+@compiled
 def crossings(values: NDArray[np.uint8], pairs: Ints) -> Ints:
     """What lies on the lines between pairs of cells, ends included.
 

@@ -1,4 +1,4 @@
-"""The kernels by numpy; see `compiled` for what they do."""
+"""The kernels by numpy, but for those of `plain_looking`; see `compiled` for what they do."""
 
 from __future__ import annotations
 
@@ -6,17 +6,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_exploration.kernels.steps import (
+    AT_BASE,
     COLUMNS,
     DIAGONAL,
     FAR,
-    MARKS,
+    FELT,
+    FREE,
+    RELAYED,
     ROWS,
-    SAFE,
     STRAIGHT,
-    WALL,
 )
 
 Ints = NDArray[np.int64]
+_ALL = np.arange(2 * FELT)
+_COUNTED = np.array(
+    [
+        _ALL & FREE != 0,
+        _ALL & (FREE | AT_BASE) == FREE | AT_BASE,
+        _ALL & (FREE | AT_BASE | RELAYED) == FREE | RELAYED,
+    ],
+    np.int64,
+)
+"""Which bits are counted as free, as at base, as relayed."""
 
 
 def march(
@@ -31,80 +42,6 @@ def march(
         first = hits.argmax(axis=1)
         found[number] = np.where(hits.any(axis=1), first, beyond)
     return found
-
-
-def sense(
-    blocked: NDArray[np.uint8],
-    stride: int,
-    starts: Ints,
-    cells: Ints,
-    columns: Ints,
-    rows: Ints,
-    away: NDArray[np.float64],
-    close: int,
-) -> tuple[NDArray[np.float64], Ints, Ints, Ints, NDArray[np.bool_]]:
-    """See `compiled.sense`."""
-    found = march(blocked, stride, starts, columns, rows)
-    ray = np.broadcast_to(np.arange(len(columns)), found.shape)
-    at = np.minimum(found, columns.shape[1] - 1)
-    walls = blocked[starts[:, None] + rows[ray, at] * stride + columns[ray, at]] == 1
-
-    def reached(steps: Ints) -> Ints:
-        offsets = np.stack([columns[ray, steps], rows[ray, steps]], axis=-1)
-        return cells[:, None] + offsets * (steps >= 0)[..., None]
-
-    last = np.where(walls, at, found - 1)
-    lengths = np.where(last >= 0, away[ray, last], 0.0)
-    near = np.minimum(found - 1, close)
-    return lengths, reached(last), reached(found - 1), reached(near), walls
-
-
-def mark_walls(
-    bits: NDArray[np.uint8],
-    ends: Ints,
-    hits: NDArray[np.bool_],
-    directions: NDArray[np.float64],
-    left: int,
-    top: int,
-) -> None:
-    """See `compiled.mark_walls`."""
-    height, width = bits.shape
-    found = []
-    for one, hit, (cosines, sines) in zip(ends, hits, directions, strict=True):
-        found.append(wall_cells(one, hit, cosines, sines))
-    behind = np.concatenate(found) - (left, top)
-    behind = behind[(behind >= 0).all(axis=1) & (behind < (width, height)).all(axis=1)]
-    for cells, told in ((behind, WALL), (ends[hits] - (left, top), WALL | SAFE)):
-        column, row = cells.T
-        old = bits[row, column]
-        bits[row, column] = np.where(old & SAFE, old, old & MARKS | told)
-
-
-def wall_cells(
-    ends: Ints, hit: NDArray[np.bool_], cosines: NDArray[np.float64], sines: NDArray[np.float64]
-) -> Ints:
-    """See `compiled.wall_cells`."""
-    near = hit[:-1] & hit[1:]
-    step = ends[1:] - ends[:-1]
-    near &= (step * step).sum(axis=1) < 25
-    which = np.flatnonzero(near)
-    if not len(which):
-        return np.empty((0, 2), np.int64)
-    begin, step = ends[which], step[which]
-    cosine, sine = cosines[which], sines[which]
-    parts = np.maximum(np.abs(step).max(axis=1), 1)
-    found = []
-    for part in range(5):
-        share = part / parts
-        column = np.floor(begin[:, 0] + step[:, 0] * share + 0.5)
-        row = np.floor(begin[:, 1] + step[:, 1] * share + 0.5)
-        for outward in range(3):
-            cells = np.stack(
-                [np.floor(column + outward * cosine + 0.5), np.floor(row + outward * sine + 0.5)],
-                axis=1,
-            )
-            found.append(cells[part <= parts])
-    return np.concatenate(found).astype(np.int64)
 
 
 def flood(passable: NDArray[np.uint8], starts: Ints, limit: int) -> tuple[NDArray[np.int32], int]:
@@ -167,3 +104,12 @@ def crossings(values: NDArray[np.uint8], pairs: Ints) -> Ints:
             np.count_nonzero(on == 1),
         )
     return found
+
+
+def recount(old: NDArray[np.uint8], new: NDArray[np.uint8]) -> Ints:
+    """How many more cells are free, at base and relayed than were."""
+    values = len(_ALL)
+    more: Ints = _COUNTED @ (
+        np.bincount(new, minlength=values) - np.bincount(old, minlength=values)
+    )
+    return more

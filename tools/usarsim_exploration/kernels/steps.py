@@ -19,3 +19,4 @@ FREE, SAFE, WALL, AT_BASE, RELAYED, FELT = 1, 2, 4, 8, 16, 32
 at base: this robot knows that the base knows it; relayed: somebody else carries it there; felt:
 somebody drove against a wall there, which is newer than all that was seen."""
 MARKS = AT_BASE | RELAYED
+KNOWN = FREE | SAFE | WALL
