@@ -118,8 +118,10 @@ class KnownMap:
     def changed_since(self, step: int) -> Cells:
         """Cells that changed after a step, sorted, each once."""
         first = bisect.bisect_right(self._journal, step, key=itemgetter(0))
-        found = [cells for _, cells in self._journal[first:]]
-        return (np.unique(np.concatenate(found)) if found else np.empty(0)).astype(np.int64)
+        changed = np.zeros(self.bits.size, np.bool_)  # np.unique takes ten times as long
+        for _, cells in self._journal[first:]:
+            changed[cells] = True
+        return np.flatnonzero(changed)
 
     def news(self, cells: Cells) -> NDArray[np.uint8]:
         """Bits of cells, as a message carries them."""

@@ -145,7 +145,9 @@ class Post:
         self, step: int, line: _Line, known: KnownMap, room: int, loss: float
     ) -> tuple[Cells, NDArray[np.uint8], int]:
         """Cells and bits that get through, and bytes of all that were sent."""
-        cells = np.union1d(line.waiting, known.changed_since(line.since))
+        waiting = np.zeros(known.bits.size, np.bool_)
+        waiting[line.waiting] = waiting[known.changed_since(line.since)] = True
+        cells = np.flatnonzero(waiting)
         line.since = step - 1  # what is heard later in this step counts as well
         bits = known.news(cells)
         news = (bits ^ line.told[cells]) & ~np.uint8(RELAYED) != 0
