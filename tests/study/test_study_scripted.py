@@ -19,7 +19,8 @@ from usarsim_mission.model import Start, Victim, World
 from usarsim_study.scripted.floor import Floor
 from usarsim_study.scripted.kinematics import KinematicWorld
 from usarsim_study.scripted.operator import Act, Choose, Drive, Mark, Press, ScriptedOperator
-from usarsim_study.scripted.skill import Device, Skill, drawn
+from usarsim_study.scripted.skill import Device, Skill, drawn, planted
+from usarsim_study.study_file import find_study, read_study
 
 STEP = 0.1
 
@@ -124,12 +125,37 @@ def test_robots_that_drive_by_themselves_are_left_alone() -> None:
     assert not [act for _, act in did if isinstance(act, Drive)]
 
 
+@pytest.mark.parametrize(("watched", "chosen"), [(("R2", "R3"), ["R1", "R3"]), (("R2",), ["R1"])])
+def test_who_is_in_the_picture_of_another_robot_catches_the_eye(
+    watched: tuple[str, ...], chosen: list[str]
+) -> None:
+    """A second for each picture of robots that drive by themselves; the mark follows there."""
+    assert FLOOR is not None
+    skill = Skill(miss=0.0, reaction=1.0, dwell=math.inf)
+    names = ["R1", "R2", "R3"]
+    operator = ScriptedOperator(skill, "keyboard", FLOOR, names, 1, frozenset(watched))
+    row = KinematicWorld(WORLD).row(0.0)
+    view = View("R3", "Ben", angle=0.1, distance=3.0, clear=True)
+    did: list[tuple[float, Act]] = []
+    for step in range(60):
+        now = replace(row, time=round(step * STEP, 3), views=(view,))
+        did += [(now.time, act) for act in operator.see(now)]
+    assert [act.robot for _, act in did if isinstance(act, Choose)] == chosen
+    marks = [(time, act.robot) for time, act in did if isinstance(act, Mark)]
+    assert marks == ([(2.1, "R3")] if "R3" in chosen else [])  # after R2, and the reaction
+
+
 def test_buttons_are_tried_when_it_is_time() -> None:
     did = play(made(Skill(), tries=((1.0, "laser off"), (2.0, "laser on"))), 3.0)
     assert [(time, act.what) for time, act in did if isinstance(act, Press)] == [
         (1.0, "laser off"),
         (2.0, "laser on"),
     ]
+
+
+@pytest.mark.parametrize(("name", "advantage"), [("rsarsim", 0.9), ("scaling", 0.0)])
+def test_nothing_is_planted_where_nobody_holds_a_gamepad(name: str, advantage: float) -> None:
+    assert planted(read_study(find_study(name)), 0.9) == advantage
 
 
 def test_the_advantage_of_a_device_is_planted_in_its_speed() -> None:

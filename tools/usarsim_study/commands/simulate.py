@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
     need_extra()
     from usarsim_study.layouts import look
     from usarsim_study.scripted.simulation import Plan, drive_all, faults, minutes, power
-    from usarsim_study.scripted.skill import ADVANTAGE
+    from usarsim_study.scripted.skill import ADVANTAGE, planted
 
     path = find_study(arguments.study)
     study = read_study(path)
@@ -66,12 +66,14 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsarsimError("--advantage: must be from 0 to 1.5")
     if arguments.trial_seconds is not None and not 0.0 < arguments.trial_seconds <= 1e6:
         raise UsarsimError("--trial-seconds: must be more than 0")
+    null, advantage = advantage == 0.0, planted(study, advantage)
     plan = Plan(path, advantage, arguments.trial_seconds)
     driven = drive_all(plan, pool, min(jobs, pool))
-    found = power(study, driven, n, repeats, study.seed, exchange=advantage == 0.0)
+    found = power(study, driven, n, repeats, study.seed, exchange=null)
+    effect = f"gamepad {advantage:g} faster than the keyboard, of their mean" if advantage else "no"
     rows: list[tuple[str, object]] = [
         ("participants", f"{n} of a study, {pool} drove"),
-        ("planted", f"gamepad {advantage:g} faster than the keyboard, of their mean"),
+        ("planted", effect),
         ("primary", study.primary),
         ("rejects", f"{100 * found.share:.1f} % of {repeats} studies at {study.alpha:g}"),
     ]

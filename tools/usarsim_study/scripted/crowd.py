@@ -27,7 +27,7 @@ from usarsim_study.scripted.floor import Floor
 from usarsim_study.scripted.hands import act
 from usarsim_study.scripted.operator import TRIES, ScriptedOperator
 from usarsim_study.scripted.seats import BrowserSeat, ProgramSeat, Seat, need_browser
-from usarsim_study.scripted.skill import ADVANTAGE, SPEED, Device, Skill, careful, drawn
+from usarsim_study.scripted.skill import ADVANTAGE, SPEED, Device, Skill, careful, drawn, planted
 from usarsim_study.session.attempt import Attempt, Runner
 from usarsim_study.session.desk import Desk
 from usarsim_study.session.leading import lead_sessions
@@ -53,10 +53,10 @@ class Crowd:
         advantage: float = ADVANTAGE,
         tries: Sequence[tuple[float, str]] = TRIES,
     ) -> None:
-        """advantage: of the gamepad, see `skill.drawn`. tries: in everybody's first training, or
+        """advantage: of the gamepad, see `skill.planted`. tries: in everybody's first training, or
         without one in the first trial."""
         self._study, self._orders = folder.study, folder.orders
-        self._advantage, self._tries = advantage, tries
+        self._advantage, self._tries = planted(self._study, advantage), tries
         self._skill, self._number = Skill(), 0
         self._desk: Desk | None = None
         self._attempt: Attempt | None = None

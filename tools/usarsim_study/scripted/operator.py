@@ -2,7 +2,8 @@
 
 The operator looks at one robot after another. It drives the chosen one to the nearest floor where
 nobody has been, and marks whom it recognises in the picture: what a person would see there is what
-is true of it. Robots that drive by themselves it only watches.
+is true of it. Robots that drive by themselves it only watches, and its eyes run over the pictures
+of the others meanwhile, one after the other: whoever is in one of them makes it choose that robot.
 """
 
 from __future__ import annotations
@@ -80,6 +81,7 @@ _ON_THE_SPOT = 0.6  # rad off the way from which on one turns on the spot
 _STRAIGHT = 0.12  # rad off the way up to which one drives straight on
 _STUCK = 3.0  # s without getting anywhere
 _BACK = 1.5  # s of backing off
+_GLANCE = 1.0  # s for which eyes rest on the picture of another robot
 _MARKS = 4  # times that a mark is tried while its victim is in sight
 
 
@@ -129,6 +131,7 @@ class ScriptedOperator:
         self._looked: dict[str, tuple[int, int]] = {}
         self._failed: dict[str, int] = {}
         self._time = math.nan
+        self._eyes, self._rests = 0, -math.inf  # at the picture of which robot, until when
         self._tries, self._begun, self._heedless = list(tries), math.nan, False
 
     def is_told(self, places: Sequence[Place]) -> None:
@@ -151,6 +154,8 @@ class ScriptedOperator:
             self._begun = row.time
         if row.time >= self._until:
             yield from self._next_robot(row.time)
+        elif (caught := self._catches_the_eye(row)) is not None:
+            yield from self._turn_to(caught, row.time)
         while self._tries and row.time - self._begun >= self._tries[0][0] - 1e-9:
             what = self._tries.pop(0)[1]
             self._heedless = what == "ahead"
@@ -188,14 +193,17 @@ class ScriptedOperator:
     # -- attention ----------------------------------------------------------------------------
 
     def _next_robot(self, time: float) -> Iterator[Act]:
-        if self._held != (0.0, 0.0):
-            self._held = 0.0, 0.0
-            yield Drive(self.robot, 0.0, 0.0)
         step = 1
         if len(self._robots) > 2 and self._random.random() < self._skill.neglect:
             step = 2
+        yield from self._turn_to((self._place + step) % len(self._robots), time)
+
+    def _turn_to(self, place: int, time: float) -> Iterator[Act]:
+        if self._held != (0.0, 0.0):
+            self._held = 0.0, 0.0
+            yield Drive(self.robot, 0.0, 0.0)
         first = self._place < 0
-        self._place = 0 if first else (self._place + step) % len(self._robots)
+        self._place = 0 if first else place
         self._until = time + self._skill.dwell * self._random.uniform(0.7, 1.3)
         self._ready = max(self._ready, time + self._skill.reaction)
         self._way, self._back = [], -math.inf
@@ -204,14 +212,29 @@ class ScriptedOperator:
         if first or len(self._robots) > 1:
             yield Choose(self.robot)
 
-    def _mark(self, row: TruthRow) -> Iterator[Act]:
-        skill = self._skill
-        there = {
+    def _catches_the_eye(self, row: TruthRow) -> int | None:
+        """The place of a robot that drives by itself, with somebody to be marked in its picture."""
+        if self._wonders:
+            return None
+        if row.time >= self._rests:
+            self._rests, self._eyes = row.time + _GLANCE, (self._eyes + 1) % len(self._robots)
+        robot = self._robots[self._eyes]
+        if self._eyes == self._place or robot not in self._watched:
+            return None
+        return self._eyes if self._in_picture(row, robot) - self._marked else None
+
+    def _in_picture(self, row: TruthRow, robot: str) -> set[str]:
+        """Victims that can be recognised there."""
+        return {
             view.victim
             for view in row.views
-            if view.robot == self.robot and view.clear
-            and view.angle <= skill.half_angle and view.distance <= skill.range
+            if view.robot == robot and view.clear
+            and view.angle <= self._skill.half_angle and view.distance <= self._skill.range
         }  # fmt: skip
+
+    def _mark(self, row: TruthRow) -> Iterator[Act]:
+        skill = self._skill
+        there = self._in_picture(row, self.robot)
         for victim in [one for one in self._sights if one not in there]:
             del self._sights[victim]
         for victim in sorted(there - self._marked):
@@ -277,10 +300,10 @@ class ScriptedOperator:
         """To the nearest floor that nobody has searched."""
         self._way = []
         others = [place for name, place in self.goals.items() if name != self.robot]
+        apart = _APART * self._floor.within(others, _ALONE)
         for limit in (NEAR, math.inf):
             ways = self._floor.ways(node, limit)
-            cost = np.where(self._searched, math.inf, ways.far)
-            cost[self._floor.within(others, _ALONE)] += _APART
+            cost = np.where(self._searched, math.inf, ways.far) + apart
             goal = int(np.argmin(cost))
             if math.isfinite(cost[goal]):
                 places = self._floor.places[ways.to(goal)]

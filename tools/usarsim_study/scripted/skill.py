@@ -12,6 +12,8 @@ import random
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from usarsim_study.study_file import Study
+
 Device = Literal["keyboard", "gamepad"]
 ADVANTAGE = 0.9
 """Of the gamepad, planted: so much faster than the mean of both, as a part of it."""
@@ -88,6 +90,11 @@ def drawn(seed: int, number: int, advantage: float = ADVANTAGE) -> Skill:
         keyboard=_stepped(mean * (1.0 - advantage / 2.0), chance),
         gamepad=_stepped(mean * (1.0 + advantage / 2.0), chance),
     )
+
+
+def planted(study: Study, advantage: float) -> float:
+    """The advantage of the gamepad in a study: none where nobody drives with one."""
+    return advantage if any(one.device == "gamepad" for one in study.condition) else 0.0
 
 
 def careful(skill: Skill, device: Device) -> Skill:
