@@ -70,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
     plan = Plan(path, advantage, arguments.trial_seconds)
     driven = drive_all(plan, pool, min(jobs, pool))
     found = power(study, driven, n, repeats, study.seed, exchange=null)
-    effect = f"gamepad {advantage:g} faster than the keyboard, of their mean" if advantage else "no"
+    effect = f"gamepad {advantage:g} faster than the keyboard, of their mean" if advantage else "nothing"
     rows: list[tuple[str, object]] = [
         ("participants", f"{n} of a study, {pool} drove"),
         ("planted", effect),
