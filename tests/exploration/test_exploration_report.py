@@ -12,6 +12,7 @@ from batch_example import LIMIT, batch, example, failed, run, write
 from small_world import ROOMS, small, text_map
 
 from usarsim_exploration.reporting import pictures
+from usarsim_exploration.reporting import report as writing
 from usarsim_exploration.reporting.comparison import GOALS, Comparison, compare
 from usarsim_exploration.reporting.runs import read
 from usarsim_exploration.reporting.tables import runs_csv
@@ -146,6 +147,21 @@ def test_settings_are_compared_apart(tmp_path: Path) -> None:
     assert slow is not None
     assert fast is not None
     assert slow > fast
+
+
+def test_many_settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beyond so many settings there are numbers without pictures; a table has all of them."""
+    monkeypatch.setattr(writing, "PICTURED", 0)
+    monkeypatch.setattr(writing, "LISTED", 100)
+    assert report(write(tmp_path / "batch", example()), out=tmp_path / "out") == 0
+    text = (tmp_path / "out" / "report.md").read_text()
+    assert "Pictures are of the first 0 settings, numbers of all." in text
+    assert (tmp_path / "out" / "report.html").read_text().count("<svg") == 4
+    assert "119 runs are too many for a page: see runs.csv." in text
+    table = text[text.index("| Base 90 %, mean steps |") :].splitlines()
+    assert table[2].startswith("| maze, 4 robots, circle | – (0 of 10) |")
+    assert "(8 of 9)" in table[4]
+    assert "Base 90 %: mean ranks over 3 settings, by mean times; 1 is best." in text
 
 
 def test_single_runs_beside_a_batch(tmp_path: Path) -> None:

@@ -35,6 +35,8 @@ LISTED = 200
 """Runs that the page lists one by one; `runs.csv` has all."""
 INDENT = "\u2003"
 """Of names below a heading of a table."""
+SETTINGS = 3
+"""Of fewer settings strategies are not ranked by their means."""
 Progress = Callable[[str], None]
 
 
@@ -69,6 +71,7 @@ def _page(found: Comparison, progress: Progress) -> Page:
     if found.failed:
         _failed(page, found)
     _ranking(page, found)
+    _overview(page, found)
     for number_, group in enumerate(found.groups, start=1):
         progress(f"setting {number_} of {len(found.groups)}")
         page.heading(str(group.setting))
@@ -138,21 +141,49 @@ def _ranking(page: Page, found: Comparison) -> None:
     if not found.by_seed:
         page.paragraph("No setting and seed has runs of all strategies, so nothing is ranked.")
         return
-    rankings = {f"{title(goal)}, seeds": one for goal, one in found.by_seed.items()}
-    for goal, one in found.by_setting.items():
-        if one.blocks > 1:
-            rankings[f"{title(goal)}, settings"] = one
-    for number_, (head, one) in enumerate(rankings.items()):
-        blocks = "by mean times" if head.endswith("settings") else "of setting and seed"
-        label = f"{head.partition(',')[0]}: mean ranks over {_count(one.blocks, 'block')} {blocks}"
+    rankings = {
+        f"{title(goal)}, {what}": one
+        for what, each in (("seeds", found.by_seed), ("settings", found.by_setting))
+        for goal, one in each.items()
+        if what == "seeds" or one.blocks >= SETTINGS
+    }
+    for place, (head, one) in enumerate(rankings.items()):
+        goal, _, what = head.partition(", ")
+        blocks = (
+            f"{_count(one.blocks, 'setting')}, by mean times"
+            if what == "settings"
+            else f"{_count(one.blocks, 'pair')} of setting and seed"
+        )
+        label = f"{goal}: mean ranks over {blocks}"
         differ = f" Friedman's test: {p_told(one.friedman.p)}." if one.friedman else ""
         caption = f"{label}; 1 is best.{differ} Bars join strategies that are not told apart."
-        page.picture(pictures.ranks(f"ranks-{number_}", label, one), caption)
+        page.picture(pictures.ranks(f"ranks-{place}", label, one), caption)
     rows = [
         [strategy, *(number(one.ranks[strategy]) for one in rankings.values())]
         for strategy in next(iter(rankings.values())).ranks
     ]
     page.table(("Mean rank", *rankings), rows, "numbers")
+
+
+def _overview(page: Page, found: Comparison) -> None:
+    """The most important goals, setting by setting."""
+    if len(found.groups) < 2:
+        return
+    page.heading("Settings")
+    for goal in RANKED:
+        rows = [
+            [str(group.setting), *(_mean(group.cells.get((goal, one))) for one in found.strategies)]
+            for group in found.groups
+        ]
+        page.table((f"{title(goal)}, mean steps", *found.strategies), rows, "numbers")
+    page.paragraph("In brackets: runs that got there, if not all of them did.", "note")
+
+
+def _mean(cell: Cell | None) -> str:
+    if cell is None:
+        return NONE
+    text = number(cell.mean)
+    return text if cell.reached == cell.runs else f"{text} ({_of(cell)})"
 
 
 def _pictures(page: Page, group: Group, look: pictures.Look, name: str) -> None:
