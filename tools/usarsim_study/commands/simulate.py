@@ -70,10 +70,10 @@ def run(arguments: argparse.Namespace) -> int:
     plan = Plan(path, advantage, arguments.trial_seconds)
     driven = drive_all(plan, pool, min(jobs, pool))
     found = power(study, driven, n, repeats, study.seed, exchange=null)
-    effect = f"gamepad {advantage:g} faster than the keyboard, of their mean" if advantage else "nothing"
+    effect = f"gamepad {advantage:g} faster than the keyboard, of their mean"
     rows: list[tuple[str, object]] = [
         ("participants", f"{n} of a study, {pool} drove"),
-        ("planted", effect),
+        ("planted", effect if advantage else "nothing"),
         ("primary", study.primary),
         ("rejects", f"{100 * found.share:.1f} % of {repeats} studies at {study.alpha:g}"),
     ]
