@@ -85,9 +85,9 @@ async def test_server_that_answers_no_question(fake: FakeServer) -> None:
 @at(silent)
 async def test_no_answer_in_time(fake: FakeServer) -> None:
     """The error names the question."""
-    async with connect(port=fake.port, timeout=0.05) as server:
+    async with connect(port=fake.port, timeout=0.5) as server:
         robot = await server.spawn("Rover", start="Anywhere")  # nobody says that there is none
-        with pytest.raises(TimeoutError, match=r"no answer to GETGEO \{Type Sonar\} within 0.05 s"):
+        with pytest.raises(TimeoutError, match=r"no answer to GETGEO \{Type Sonar\} within 0.5 s"):
             await robot.geometry("Sonar")
 
 

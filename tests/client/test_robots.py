@@ -205,7 +205,7 @@ def test_robot_comes_back_to_a_server_that_was_restarted() -> None:
 
 
 def test_not_in_lockstep(ports: Ports) -> None:
-    with connect_blocking(port=ports["control"], timeout=1.0) as server:
+    with connect_blocking(port=ports["control"], timeout=4.0) as server:
         robot = server.spawn("P3AT", start="RobotStart1")
         with pytest.raises(TimeoutError, match="is the server in lockstep"):
             robot.sync()

@@ -21,7 +21,7 @@ from usarsim_conformance.side_lines import split_reply
 from usarsim_conformance.survey import Target
 from usarsim_server.cli import main
 from usarsim_server.protocol.images import RAW
-from usarsim_server.testing import running_server
+from usarsim_server.testing import PATIENCE, running_server
 
 
 @contextmanager
@@ -38,7 +38,7 @@ def faulty(name: str, ports: Mapping[str, int]) -> Iterator[str]:
 
     thread = threading.Thread(target=asyncio.run, args=(serve(),))
     thread.start()
-    port, loop, stop = found.get(timeout=5.0)
+    port, loop, stop = found.get(timeout=PATIENCE)
     try:
         yield str(port)
     finally:

@@ -126,7 +126,7 @@ def test_taken_over_and_handed_back(server: Server) -> None:
     """A controller drives in a circle; somebody takes the robot, drives it straight, hands it back:
     the circle goes on, and no report is lost meanwhile."""
     client = spawned(server)
-    stop = asyncio.Event()
+    stop, sent = asyncio.Event(), itertools.count()
 
     async def main(scene: LiveScene) -> None:
         loop = asyncio.get_running_loop()
@@ -134,42 +134,42 @@ def test_taken_over_and_handed_back(server: Server) -> None:
         async def controller() -> None:
             while not stop.is_set():
                 client.send("DRIVE {Left 0.1} {Right 1.2}")
+                next(sent)
                 await asyncio.sleep(0.05)
 
-        async def drive(seconds: float) -> None:
-            for _ in range(round(seconds / 0.1)):
+        async def drive() -> None:
+            while True:
                 told = await reply(scene, "drive", robot="r", line="DRIVE {Left 2} {Right 2}")
                 assert told["ok"], told
                 await asyncio.sleep(0.1)
 
+        async def moves(right: Callable[[float, float], bool]) -> None:
+            """Wait until it moves like that: way (m) and turn (rad) of 0.6 simulated s."""
+            while not right(*await loop.run_in_executor(None, moved, server)):
+                pass
+
         task = asyncio.create_task(controller())
-        await asyncio.sleep(0.5)
-        _, turned = await loop.run_in_executor(None, moved, server)
-        assert abs(turned) > 0.05
+        await moves(lambda _, turned: abs(turned) > 0.05)
         taken = await reply(scene, "take", robot="R", by="Ada")
         assert taken["ok"], taken
         assert taken["by"].startswith("Ada")
-        await asyncio.sleep(0.7)
-        way, turned = await loop.run_in_executor(None, moved, server)
-        assert way < 0.01, "it does not stand still"
-        driving = asyncio.create_task(drive(2.0))
-        await asyncio.sleep(0.6)
-        way, turned = await loop.run_in_executor(None, moved, server)
-        await driving
-        assert way > 0.05
-        assert abs(turned) < 0.03
-        await asyncio.sleep(1.2)  # no word for longer than half a second
-        way, _ = await loop.run_in_executor(None, moved, server)
-        assert way < 0.01, "it does not stop when its holder is silent"
+        least = next(sent) + 30
+        await moves(lambda way, _: way < 0.01)  # it stands still
+        driving = asyncio.create_task(drive())
+        await moves(lambda way, turned: way > 0.05 and abs(turned) < 0.03)
+        driving.cancel()
+        await asyncio.wait([driving])
+        assert driving.cancelled(), driving
+        await moves(lambda way, _: way < 0.01)  # it stops when its holder is silent
+        while next(sent) < least:  # noqa: ASYNC110 (what counts is what was sent)
+            await asyncio.sleep(0.05)
         again = await reply(scene, "take", robot="R", by="Bob")
         assert not again["ok"]
         assert "held by Ada" in again["why"]
         back = await reply(scene, "hand_back", robot="R")
         assert back["ok"], back
         assert back["suspended"] > 20
-        await asyncio.sleep(0.5)
-        _, turned = await loop.run_in_executor(None, moved, server)
-        assert abs(turned) > 0.05, "the circle does not go on"
+        await moves(lambda _, turned: abs(turned) > 0.05)  # the circle goes on
         stop.set()
         await task
 

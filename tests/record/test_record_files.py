@@ -18,6 +18,7 @@ from usarsim_record.player import play
 from usarsim_record.proxy import Proxy
 from usarsim_record.recording import Event, Link, Recording, Writer, read
 from usarsim_server.cli import main
+from usarsim_server.testing import PATIENCE
 
 Handler = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
 
@@ -128,7 +129,7 @@ def through(handler: Handler, client: Handler) -> list[Event]:
         (port,) = await proxy.start()
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         try:
-            async with asyncio.timeout(5.0):
+            async with asyncio.timeout(PATIENCE):
                 await client(reader, writer)
         finally:
             writer.close()

@@ -282,7 +282,7 @@ def test_a_robot_that_listens_keeps_its_place(impatient: None) -> None:
         robot.control.socket.settimeout(0.3)
         with pytest.raises(TimeoutError):
             robot.control.socket.recv(1)
-        robot.control.socket.settimeout(5.0)
+        robot.control.socket.settimeout(PATIENCE)
         assert robot.control.ask("GETSS {Robot A}").endswith("{Error SS.To.Self}")
 
 
@@ -338,16 +338,19 @@ def test_bytes_that_make_no_line_do_not_count(control) -> None:
 
 def test_client_that_asked_for_a_robot_may_be_silent(control) -> None:
     """As long as it has one; who has not, for example because INIT failed, is closed."""
-    server = control(ControlLimits(idle=1.0))
+    server = control(ControlLimits(idle=100.0))
+    clock = LoopClock(server.loop)
     client, session = server.pair()
     client.send(b"INIT {ClassName P2AT}\r\n")
     failed, other = server.pair()
     failed.send(b"INIT {ClassName Nobody} {Fail}\r\n")
     assert eventually(lambda: words(session) == words(other) == ["INIT"])
+    clock.turn(110.0)
     assert failed.line() == b""
     assert eventually(lambda: other.closes == 1)
     assert session.closes == 0
     session.has_role = False
+    clock.turn(110.0)
     assert client.line() == b""
     patient = control(ControlLimits(idle=0.0)).connect()
     assert patient.silent_for(0.5)
