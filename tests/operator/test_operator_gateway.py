@@ -64,7 +64,7 @@ async def _standing(page: PageProgram, robot: str) -> float:
 
 async def test_wheel_powers_reach_the_robot(ports: Ports) -> None:
     """O-13: both forward drives straight; O-17: the change of wheels is told."""
-    async with gateway(ports["control"], image_port=ports["images"]) as console:
+    async with gateway(ports["control"]) as console:
         async with console.page() as page:
             await _driver(page, "Straight", start="RobotStart1")
             before = page.row("Straight")["pose"]
