@@ -122,7 +122,7 @@ def test_goes_on_after_an_interruption(
     monkeypatch.setattr(workers, "play", interrupted)
     command = ["explore", "bench", str(path), "--out", str(tmp_path / "out"), "--jobs", "1"]
     assert cli.main(command) == 130
-    assert "3 of 8 runs are kept" in capsys.readouterr().err
+    assert "3 of 8 runs are kept" in capsys.readouterr().out
     assert not (tmp_path / "out" / "result.json").exists()
     torn = tmp_path / "out" / "runs" / f"{jobs[0].replace('/', ',')}.json"
     torn.write_text(torn.read_text()[:100])

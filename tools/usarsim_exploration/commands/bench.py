@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         progress.clear()
         text = f"{len(played)} of {len(jobs)} runs are kept; the same command goes on from there"
-        print(f"interrupted: {text}", file=sys.stderr)
+        print(f"interrupted: {text}")
         raise
     progress.clear()
     folder.finish(played)
