@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from usarsim_exploration import sensing
 from usarsim_exploration.environment import Environment
 from usarsim_exploration.kernels import plain, plain_looking
-from usarsim_exploration.kernels.steps import DIAGONAL, FAR, STRAIGHT
+from usarsim_exploration.kernels.steps import DIAGONAL, EVERYWHERE, FAR, STRAIGHT
 from usarsim_exploration.sensing import Scanner
 
 compiled = pytest.importorskip("usarsim_exploration.kernels.compiled")
@@ -26,16 +26,22 @@ def test_floods_agree(seed: int, height: int, width: int, dense: float) -> None:
     passable = (random.random((height, width)) >= dense).astype(np.uint8)
     starts = np.stack([random.integers(0, width, 3), random.integers(0, height, 3)], axis=1)
     for limit in (10**9, 20):
-        one, other = (form.flood(passable, starts, limit) for form in (compiled, plain))
+        one, other = (form.flood(passable, starts, limit, EVERYWHERE) for form in (compiled, plain))
         assert (one[0] == other[0]).all()
         assert one[1] == other[1]
+    column, row = targets = np.stack([random.integers(0, width, 2), random.integers(0, height, 2)])
+    whole, _ = plain.flood(passable, starts, 10**9, EVERYWHERE)
+    one, other = (form.flood(passable, starts, 10**9, targets.T) for form in (compiled, plain))
+    assert one[1] == other[1]
+    for costs in (one[0], other[0]):
+        assert (costs[row, column] == whole[row, column]).all()
 
 
 def test_a_flood_is_a_way() -> None:
     """Three straight moves, a diagonal that is open, and a wall that cuts no corner."""
     passable = np.array([[1, 1, 1, 1], [1, 0, 1, 1], [1, 1, 1, 1]], np.uint8)
     for form in (compiled, plain):
-        costs, expanded = form.flood(passable, np.array([[0, 0]]), 10**9)
+        costs, expanded = form.flood(passable, np.array([[0, 0]]), 10**9, EVERYWHERE)
         assert expanded == 11
         assert costs[0].tolist() == [0, STRAIGHT, 2 * STRAIGHT, 3 * STRAIGHT]
         assert costs[1, 1] == FAR

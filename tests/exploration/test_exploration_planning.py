@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from usarsim_exploration.environment import Cell
 from usarsim_exploration.kernels import flood, searching
-from usarsim_exploration.kernels.steps import FAR, STRAIGHT
+from usarsim_exploration.kernels.steps import EVERYWHERE, FAR, STRAIGHT
 from usarsim_exploration.known_map import FREE, SAFE, WALL, KnownMap
 from usarsim_exploration.planning import (
     Path,
@@ -64,7 +64,7 @@ def test_planners_agree(seed: int) -> None:
         cells = np.argwhere(passable)[:, ::-1]
         (c1, r1), (c2, r2) = cells[random.integers(0, len(cells), 2)].tolist()
         start, goal = (c1, r1), (c2, r2)
-        cost = int(flood(passable, np.array([start]), 10**9)[0][r2, c2])
+        cost = int(flood(passable, np.array([start]), 10**9, EVERYWHERE)[0][r2, c2])
         topological = TopologicalMap.build(passable, passable == 0).path(passable, start, goal)
         for found in (
             a_star(passable, start, goal),
@@ -162,7 +162,7 @@ def test_areas_part_the_free_space() -> None:
     passable[10:14, 180:184] = 1  # shut in, without a node
     topological = TopologicalMap.build(passable, passable == 0)
     areas = topological.areas
-    reached = flood(passable, topological.nodes, 10**9)[0] != FAR
+    reached = flood(passable, topological.nodes, 10**9, EVERYWHERE)[0] != FAR
     assert ((areas != NOWHERE) == reached).all()
     assert not reached[10:14, 180:184].any()
     for number, (column, row) in enumerate(topological.nodes.tolist()):

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from usarsim_exploration.bidding import Aim
 from usarsim_exploration.environment import Cell
-from usarsim_exploration.kernels.steps import FAR
-from usarsim_exploration.planning import UNIT
 from usarsim_exploration.strategy import View
 
 
@@ -51,6 +49,4 @@ def ways(view: View, aims: Sequence[Aim], memory: int) -> Ways:
 
 
 def _lengths(view: View, start: Cell, goals: Sequence[Cell]) -> NDArray[np.float64]:
-    column, row = np.array(goals).T
-    costs = view.planner.field(start).costs[row, column]
-    return np.where(costs == FAR, np.inf, costs / UNIT)
+    return view.planner.distances(start, np.array(goals))

@@ -77,7 +77,7 @@ class Bidding:
         away[own] = [aim.distance for aim in aims]
 
         def measured(row: int) -> NDArray[np.float64]:
-            ways = view.planner.field(places[numbers[row]]).distances(goals)
+            ways = view.planner.distances(places[numbers[row]], goals)
             found: NDArray[np.float64] = sizes / np.maximum(ways, 1.0) ** 4
             return found
 

@@ -264,7 +264,9 @@ def set_up(
         scanner = None
         if member.reach:
             key = member.reach, member.view
-            scanner = scanners.setdefault(key, Scanner(environment, member.reach, view=member.view))
+            if key not in scanners:
+                scanners[key] = Scanner(environment, member.reach, view=member.view)
+            scanner = scanners[key]
         mind = copy.deepcopy(strategy) if number != BASE else None
         random = np.random.Generator(np.random.PCG64(noise[number]))
         bodies.append(Body(member, view, mind, scanner, random))

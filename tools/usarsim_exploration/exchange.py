@@ -7,7 +7,6 @@ reference 6.4). Links with a bandwidth, latency or loss are those of `post`.
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -129,8 +128,8 @@ class Exchange:
             mates = body.view.teammates
             for other, one in present.items():
                 if other != body.view.number:
-                    mates[other] = copy.copy(one)
+                    mates[other] = one.copy()
             for other, one in absent.items():
                 if mates[other].heard < one.heard:
-                    mates[other] = copy.copy(one)
+                    mates[other] = one.copy()
                     self.bytes_sent += sizes[other]

@@ -8,7 +8,6 @@ again. News that pass several robots take a step for each.
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -137,7 +136,7 @@ class Post:
         self.cells_sent += len(cells)
         self._under_way.append(
             _Message(step + self._latency, taker, giver, body.base_step,
-                     [copy.copy(one) for one in entries], cells, bits)
+                     [one.copy() for one in entries], cells, bits)
         )  # fmt: skip
         return used
 

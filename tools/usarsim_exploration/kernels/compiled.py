@@ -62,7 +62,9 @@ def _longer(cells: NDArray[np.int32], room: int) -> NDArray[np.int32]:
 
 
 @compiled
-def flood(passable: NDArray[np.uint8], starts: Ints, limit: int) -> tuple[NDArray[np.int32], int]:
+def flood(
+    passable: NDArray[np.uint8], starts: Ints, limit: int, targets: Ints
+) -> tuple[NDArray[np.int32], int]:
     """The least cost from the nearest of some cells to every other one.
 
     Moves go to the eight neighbours; a diagonal one needs both orthogonal cells passable. Buckets
@@ -73,6 +75,8 @@ def flood(passable: NDArray[np.uint8], starts: Ints, limit: int) -> tuple[NDArra
         passable: (rows, columns) not 0: may be entered.
         starts: (n, 2) cells (column, row); passable whatever they are.
         limit: buckets end when so many cells were expanded.
+        targets: (n, 2) cells; when the costs of all of them are final, those of others, which are
+            farther, are not found out. None: all are.
 
     Returns:
         Costs in units of `steps`, `FAR` where nothing leads; and how many cells were expanded.
@@ -91,6 +95,8 @@ def flood(passable: NDArray[np.uint8], starts: Ints, limit: int) -> tuple[NDArra
         costs[cell], state[cell] = 0, OPEN
         now[here] = cell
         here += 1
+    wanted = (targets[:, 1] + 1) * stride + targets[:, 0] + 1
+    missing = len(wanted)  # from there on all are final
     expanded, bucket = 0, 0
     while here + next_ + then > 0 and expanded < limit:
         for entry in range(here):
@@ -136,6 +142,10 @@ def flood(passable: NDArray[np.uint8], starts: Ints, limit: int) -> tuple[NDArra
         now, soon, later = soon, later, now
         here, next_, then = next_, then, 0
         bucket += 1
+        while missing > 0 and state[wanted[missing - 1]] == DONE:
+            missing -= 1
+        if missing == 0 and len(wanted) > 0:
+            break
         if 8 * max(here, next_) > room:  # each cell offers eight moves at most
             room = 16 * max(here, next_)
             now, soon, later = _longer(now, room), _longer(soon, room), np.empty(room, np.int32)

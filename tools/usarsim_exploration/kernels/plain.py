@@ -44,7 +44,9 @@ def march(
     return found
 
 
-def flood(passable: NDArray[np.uint8], starts: Ints, limit: int) -> tuple[NDArray[np.int32], int]:
+def flood(
+    passable: NDArray[np.uint8], starts: Ints, limit: int, targets: Ints
+) -> tuple[NDArray[np.int32], int]:
     """See `compiled.flood`.
 
     A bucket holds the cells within one orthogonal move, so none of them can make another one
@@ -61,6 +63,7 @@ def flood(passable: NDArray[np.uint8], starts: Ints, limit: int) -> tuple[NDArra
     free[first] = 1
     buckets: dict[int, list[Ints]] = {0: [np.unique(first)]}
     moves = ROWS * stride + COLUMNS
+    wanted = (targets[:, 1] + 1) * stride + targets[:, 0] + 1
     expanded, number = 0, 0
     while buckets and expanded < limit:
         waiting = buckets.pop(number, None)
@@ -84,6 +87,8 @@ def flood(passable: NDArray[np.uint8], starts: Ints, limit: int) -> tuple[NDArra
             costs[there] = offered
             for bucket in np.unique(offered // STRAIGHT):
                 buckets.setdefault(int(bucket), []).append(there[offered // STRAIGHT == bucket])
+        if len(wanted) and (costs[wanted] // STRAIGHT < number).all():
+            break
     return costs.reshape(height + 2, stride)[1:-1, 1:-1].copy(), expanded
 
 

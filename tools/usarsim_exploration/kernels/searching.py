@@ -14,7 +14,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_exploration.kernels.steps import DIAGONAL, FAR, STRAIGHT
+from usarsim_exploration.kernels.steps import COLUMNS, DIAGONAL, FAR, ROWS, STRAIGHT
 
 F = TypeVar("F", bound=Callable[..., Any])
 _CELL_BITS = 24
@@ -171,3 +171,39 @@ def jump_points(
                     least = offered + _least(there, goal, stride)
                     heapq.heappush(heap, (least << _CELL_BITS) + there)
     return costs, came, expanded
+
+
+@_compiled
+def descend(
+    costs: NDArray[np.int32], passable: NDArray[np.uint8], column: int, row: int
+) -> NDArray[np.int64]:
+    """The way down the costs of a flood to where they are 0, by the first move that leads there.
+
+    Args:
+        costs: of `flood`. passable: what it went through.
+        column, row: cell to begin with; it has been reached.
+
+    Returns:
+        (n, 2) cells, the one to begin with first, without the one where it ends; none if the way
+        breaks off, as that of a flood that was cut may do.
+    """
+    height, width = costs.shape
+    found = np.empty((costs[row, column] // STRAIGHT + 1, 2), np.int64)
+    count, cost = 0, int(costs[row, column])
+    while cost > 0:
+        found[count, 0], found[count, 1] = column, row
+        count += 1
+        move = 0
+        while move < 8:
+            c, r = column - COLUMNS[move], row - ROWS[move]
+            price = STRAIGHT if move < 4 else DIAGONAL
+            if 0 <= c < width and 0 <= r < height and costs[r, c] == cost - price:
+                beside = passable[row, c] != 0 or costs[row, c] == 0
+                if move < 4 or (beside and (passable[r, column] != 0 or costs[r, column] == 0)):
+                    break
+            move += 1
+        if move == 8:
+            return found[:0]
+        column, row = c, r
+        cost = int(costs[row, column])
+    return found[:count]

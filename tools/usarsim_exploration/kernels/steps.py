@@ -10,6 +10,9 @@ DIAGONAL = 46341
 FAR = 2**31 - 1
 """Cost of a cell that cannot be reached; ways of up to 65,000 cells are shorter."""
 
+EVERYWHERE = np.empty((0, 2), np.int64)
+"""No targets of a flood: all costs are wanted."""
+
 COLUMNS = np.array([1, 0, -1, 0, 1, -1, -1, 1])
 ROWS = np.array([0, 1, 0, -1, 1, 1, -1, -1])
 """The eight moves; the first four are orthogonal."""

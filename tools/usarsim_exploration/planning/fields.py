@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from usarsim_exploration.environment import Cell
 from usarsim_exploration.kernels import flood
-from usarsim_exploration.kernels.steps import COLUMNS, DIAGONAL, FAR, ROWS, STRAIGHT
+from usarsim_exploration.kernels.searching import descend
+from usarsim_exploration.kernels.steps import EVERYWHERE, FAR, STRAIGHT
 from usarsim_exploration.known_map import FREE, WALL, KnownMap
 from usarsim_exploration.planning.search import LIMIT, Path, Search, jump_points
 from usarsim_exploration.planning.topology import TopologicalMap
 
-_PRICES = (STRAIGHT,) * 4 + (DIAGONAL,) * 4
 UNIT = float(STRAIGHT)
 
 
@@ -26,8 +26,8 @@ class Field:
     def __init__(self, passable: NDArray[np.uint8], starts: list[Cell], limit: int) -> None:
         """Flood. limit: expansions; when it is hit, `cut` is set and farther cells are out."""
         self._passable = passable
-        self._starts = set(starts)
-        self.costs, self.expanded = flood(passable, np.array(starts, np.int64), limit)
+        cells = np.array(starts, np.int64)
+        self.costs, self.expanded = flood(passable, cells, limit, EVERYWHERE)
         self.cut = self.expanded >= limit
 
     def distance(self, cell: Cell) -> float:
@@ -41,35 +41,15 @@ class Field:
 
     def distances(self, cells: NDArray[np.int64]) -> NDArray[np.float64]:
         """Lengths of the ways to cells, (n, 2); infinite where there is none."""
-        costs = self.costs[cells[:, 1], cells[:, 0]]
-        return np.where(costs != FAR, costs / UNIT, np.inf)
+        return _lengths(self.costs, cells)
 
     def path(self, goal: Cell) -> Path | None:
         """From the nearest start to a cell, down the costs; None if there is none."""
-        height, width = self.costs.shape
         column, row = goal
-        cost = int(self.costs[row, column])
-        if cost == FAR:
-            return None
-        found = []
-        while cost:
-            found.append((column, row))
-            for move in range(8):
-                c, r = column - int(COLUMNS[move]), row - int(ROWS[move])
-                if not (0 <= c < width and 0 <= r < height):
-                    continue
-                if int(self.costs[r, c]) != cost - _PRICES[move]:
-                    continue
-                if move >= 4 and not (self._open(c, row) and self._open(column, r)):
-                    continue
-                column, row, cost = c, r, int(self.costs[r, c])
-                break
-            else:  # a flood that was cut
-                return None
-        return found[::-1]
-
-    def _open(self, column: int, row: int) -> bool:
-        return bool(self._passable[row, column]) or (column, row) in self._starts
+        if self.costs[row, column] in (0, FAR):
+            return None if self.costs[row, column] else []
+        found = descend(self.costs, self._passable, column, row)[::-1].tolist()
+        return [(c, r) for c, r in found] or None  # none: the flood was cut
 
 
 class Planner:
@@ -113,6 +93,18 @@ class Planner:
         }
         return found
 
+    def distances(self, start: Cell, goals: NDArray[np.int64]) -> NDArray[np.float64]:
+        """As `field(start).distances(goals)`, for a start that little else is asked of.
+
+        The flood ends when it has reached all goals, (n, 2), and nothing is kept of it.
+        """
+        kept = self._fields.get((start,))
+        if kept is not None and kept[0] == self._known.version:
+            return kept[1].distances(goals)
+        costs, expanded = flood(self.passable, np.array([start]), self._limit, goals)
+        self.cuts += expanded >= self._limit
+        return _lengths(costs, goals)
+
     def path(self, start: Cell, goal: Cell) -> Path | None:
         """The shortest way through known free space, or None."""
         return self.field(start).path(goal)
@@ -134,6 +126,12 @@ class Planner:
         made = TopologicalMap.build(self.passable, walls)
         self._topology = step, self._known.free, made
         return made
+
+
+def _lengths(costs: NDArray[np.int32], cells: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Of the ways to cells, (n, 2), by the costs of a flood; infinite where there is none."""
+    there = costs[cells[:, 1], cells[:, 0]]
+    return np.where(there != FAR, there / UNIT, np.inf)
 
 
 def length(start: Cell, path: Path) -> float:

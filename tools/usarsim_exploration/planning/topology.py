@@ -18,7 +18,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from usarsim_exploration.environment import Cell
 from usarsim_exploration.kernels import flood
-from usarsim_exploration.kernels.steps import COLUMNS, DIAGONAL, FAR, ROWS, STRAIGHT
+from usarsim_exploration.kernels.steps import COLUMNS, DIAGONAL, EVERYWHERE, FAR, ROWS, STRAIGHT
 from usarsim_exploration.planning.search import LIMIT, Search, a_star, jump_points
 from usarsim_exploration.planning.skeleton import key_cells, skeleton
 
@@ -60,7 +60,7 @@ class TopologicalMap:
             none = np.full(free.shape, NOWHERE, np.int32)
             empty = np.empty((0, 2), np.int64)
             return cls(bones, nodes, none, empty, np.empty(0), np.empty((0, 2, 2), np.int64))
-        costs, _ = flood(free, nodes, free.size)
+        costs, _ = flood(free, nodes, free.size, EVERYWHERE)
         areas = _areas(costs, free, nodes)
         return cls(bones, nodes, areas, *_edges(costs, areas))
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from usarsim_exploration.environment import Cell, Environment
 from usarsim_exploration.kernels import flood
+from usarsim_exploration.kernels.steps import EVERYWHERE
 from usarsim_server.errors import WorldError, at
 
 Draw = Literal["drawn", "drawn at a wall", "drawn in the open"]
@@ -121,7 +122,7 @@ def _cell(costs: NDArray[np.int64]) -> Cell:
 
 def _starts(environment: Environment, clear: NDArray[np.int64], base: Cell) -> tuple[Cell, ...]:
     free = (environment.walls == 0).astype(np.uint8)
-    costs, _ = flood(free, np.array([base], np.int64), free.size)
+    costs, _ = flood(free, np.array([base], np.int64), free.size, EVERYWHERE)
     order = np.argsort(costs, axis=None, kind="stable")[1:]
     order = order[costs.reshape(-1)[order] < np.iinfo(costs.dtype).max]
     found: list[Cell] = []
