@@ -7,6 +7,7 @@ is lost on white) and, beyond these, by dashes; points also by shape.
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Callable, Sequence
 from html import escape
 from typing import Any
@@ -60,9 +61,19 @@ class Look:
             [Line2D([], [], **self.line(one)) for one in strategies],
             [_text(one) for one in strategies],
             loc="outside lower center",
-            ncols=min(5, len(strategies)),
+            ncols=_columns(strategies),
             frameon=False,
         )
+
+
+def _columns(names: Sequence[str]) -> int:
+    """Of a legend, so that it is no wider than the figure."""
+    return max(1, min(len(names), int(WIDTH / (0.6 + 0.08 * max(map(len, names))))))
+
+
+def _legend_height(names: Sequence[str]) -> float:
+    """Inches that a legend needs beyond its first line."""
+    return 0.19 * (-(-len(names) // _columns(names)) - 1)
 
 
 def curves(name: str, group: Group, look: Look) -> str:
@@ -90,7 +101,10 @@ def curves(name: str, group: Group, look: Look) -> str:
         left.set_ylabel("reachable cells known (%)")
         look.legend(figure, list(told))
 
-    return _picture(name, f"Coverage by step, {group.setting}", 3.0, draw) if told else ""
+    if not told:
+        return ""
+    height = 3.0 + _legend_height(list(told))
+    return _picture(name, f"Coverage by step, {group.setting}", height, draw)
 
 
 def _at(steps: Array, curve: Curves, who: str) -> Array:
@@ -118,7 +132,8 @@ def goals(name: str, group: Group, look: Look) -> str:
         panels[0, 0].set_xlim(0, max(group.limit, 1))
         look.legend(figure, list(group.runs))
 
-    return _picture(name, f"Runs that have reached goals by step, {group.setting}", 3.9, draw)
+    height = 3.9 + _legend_height(list(group.runs))
+    return _picture(name, f"Runs that have reached goals by step, {group.setting}", height, draw)
 
 
 def _reached(axes: Axes, times: Sequence[Time], limit: int, line: dict[str, Any]) -> None:
@@ -207,7 +222,8 @@ def ranks(name: str, label: str, ranking: Ranking) -> str:
         _line(axes, (1, count), (0, 0), MUTED, 0.9)
         for tick in range(1, count + 1):
             _line(axes, (tick, tick), (0, -0.12), MUTED, 0.9)
-            axes.text(tick, -0.17, str(tick), ha="center", va="bottom", color=MUTED)
+            if (tick - 1) % math.ceil(count / 12) == 0:
+                axes.text(tick, -0.17, str(tick), ha="center", va="bottom", color=MUTED)
         ends = 1, min(1 + ranking.difference, axes.get_xlim()[1])
         _line(axes, ends, (-0.72, -0.72), INK, 1.6)
         axes.text(1, -0.78, f"critical difference {ranking.difference:.2f}", ha="left", va="bottom")
@@ -237,7 +253,7 @@ def _line(
 
 
 def _axes(axes: Axes, head: str, unit: str) -> None:
-    axes.set_title(head)
+    axes.set_title(textwrap.fill(head, 24))
     axes.set_xlabel(unit)
     axes.grid(color=HAIR, linewidth=0.5)
     axes.set_axisbelow(True)
