@@ -320,8 +320,8 @@ def test_a_team_works_on_beside_four_hostile_clients(team_server: ServerProcess)
     with Attackers("medley", team_server.ports) as attackers:
         rates = [0.0]
         # A machine that was busy with other things gets another chance; a server that lets its
-        # clients be hurt does not mend itself.
-        while min(rates) < 0.95:
+        # clients be hurt does not mend itself. Nor is it over before the attack has begun.
+        while min(rates) < 0.95 or "client sends too fast" not in team_server.errors:
             assert time.monotonic() < deadline, f"too few lines per simulated time: {rates}"
             rates = rates_of(team, deadline)
         damage = attackers.stop()

@@ -225,7 +225,7 @@ def listen(client: ScriptedClient, heard: list[str]) -> None:
 def team_hears(*options: str) -> list[list[str]]:
     """What each robot of a team tells in a span, on a server with these options."""
     heard: list[list[str]] = [[] for _ in CLASSES]
-    with ServerProcess("--world", "arena", *options) as server:
+    with ServerProcess("--world", "empty", *options) as server:
         clients = [server.client() for _ in CLASSES]
         for number, (client, name) in enumerate(zip(clients, CLASSES, strict=True)):
             client.send(f"INIT {{ClassName USARBot.{name}}} {{Start RobotStart{1 + number % 5}}}")
