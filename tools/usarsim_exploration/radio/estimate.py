@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -73,6 +75,19 @@ def outline(
     ends = np.tile(np.array(cell, np.int64), (directions, 1))
     open_ = np.arange(directions)
     values, start = environment.walls * np.uint8(2), 1
+    far = float(radio.reach(np.array([reach]), np.array([reach]))[0])
+
+    @cache
+    def farthest(walls: int) -> float:
+        """The greatest distance with a link, cells; less than 1: there is none."""
+        low, high = 0.5, float(np.hypot(rows, columns))
+        while (middle := (low + high) / 2) not in (low, high):
+            if radio.hears(middle, far, walls, environment.cell):
+                low = middle
+            else:
+                high = middle
+        return low
+
     while len(open_):
         along = np.arange(start, start + _CHUNK)
         cells = np.floor(np.array(cell) + ways[open_, None] * along[:, None] + 0.5).astype(np.int64)
@@ -83,8 +98,8 @@ def outline(
         walls = np.zeros(len(pairs), np.int64)
         if radio.counts_walls:
             walls = crossings(values, np.ascontiguousarray(pairs))[:, int(radio.wall_cells)]
-        far = np.full(len(pairs), radio.reach(np.array([reach]), np.array([reach]))[0])
-        heard[inside] = radio.linked(away, far, walls, environment.cell)
+        kinds = range(int(walls.max(initial=0)) + 1)
+        heard[inside] = away <= np.array([farthest(count) for count in kinds])[walls]
         lost = ~heard
         count = np.where(lost.any(axis=1), lost.argmax(axis=1), _CHUNK)
         some = count > 0
