@@ -19,7 +19,7 @@ from usarsim_exploration.running import Run, run
 from usarsim_exploration.showing import overlays
 from usarsim_exploration.showing.overlays import OVERLAYS
 from usarsim_exploration.showing.picture import draw, overlays_of
-from usarsim_exploration.showing.scene import Scene, Selection, layers_of
+from usarsim_exploration.showing.scene import Scene, Selection, layers_of, scene_of
 from usarsim_exploration.showing.tape import Tape, tape_of
 from usarsim_server import cli
 from usarsim_server.errors import UsarsimError
@@ -119,10 +119,26 @@ def test_steps_in_any_order(tmp_path: Path) -> None:
     for step in (140, 3, 4, 64, 63, 69, 70, 127, 128, 0):
         found = tape.scene(step)
         assert (found.layers == layers[step]).all()
-        assert len(found.trail) == step + 1
-        assert found.trail[-1].tolist() == [list(one.cell) for one in found.figures]
+        for number, one in enumerate(found.figures):
+            trail = found.trail(number)
+            assert tuple(trail[-1]) == one.cell
+            assert np.abs(np.diff(trail, axis=0)).max(initial=1) == 1  # cell by cell
     assert tape.scene(70).walls.sum() == tape.scene(69).walls.sum() + 3
     assert tape.shares[-1][0] >= max(tape.shares[-1][1:])
+
+
+def test_the_map_of_a_result_is_the_last_picture(tmp_path: Path) -> None:
+    """E-78: `map.png` and the last step come from the same drawer; also after bumps and a loss."""
+    events = [
+        {"step": 3, "kind": "close", "cells": [9, 4, 9, 9]},
+        {"step": 8, "kind": "loss", "robot": "R2"},
+    ]
+    tape = taped(tmp_path, "end.steps=30", event=events)
+    moves = tape.run.result().history.moves
+    assert any("x" in text for text in moves.reshape(-1))
+    shown = overlays.DEFAULT | {"trail"}
+    last = draw(tape.scene(len(tape) - 1), shown)
+    assert (draw(scene_of(tape.run.result()), shown) == last).all()
 
 
 def test_a_jump_takes_less_than_200_ms(tmp_path: Path) -> None:

@@ -99,7 +99,7 @@ def _trail(canvas: Canvas) -> None:
     for number in canvas.numbers:
         if number != BASE:
             colour = TRAILS[(number - 1) % len(TRAILS)]
-            canvas.way(canvas.scene.trail[:, number], colour)
+            canvas.way(canvas.scene.trail(number), colour)
 
 
 def _path(canvas: Canvas) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from usarsim_exploration.cycle import BASE, Body, Cycle
 from usarsim_exploration.environment import Cell
+from usarsim_exploration.history import History, cells
 from usarsim_exploration.known_map import FREE, WALL
 from usarsim_exploration.radio import Radio
 from usarsim_exploration.rendezvous import Meeting, candidates, ranked, reaching, sampled
@@ -81,7 +83,7 @@ class Scene:
     Attributes:
         title: of the run. step: which. figures: the base first. links: (n, 2) who hears whom.
         layers: (1 + bodies, rows, columns) the true walls (1), and what each knows (bits).
-        trail: (steps + 1, bodies, 2) where everybody was so far.
+        driven: by step and body the (n, 2) cells that it drove to; the start first.
         team, base: shares of the reachable cells that they know, percent.
         radio: of all. cell: width of one, m.
     """
@@ -91,7 +93,7 @@ class Scene:
     figures: tuple[Figure, ...]
     links: Cells
     layers: NDArray[np.uint8]
-    trail: Cells
+    driven: Sequence[Sequence[Cells]]
     team: float
     base: float
     radio: Radio
@@ -102,6 +104,10 @@ class Scene:
         """The true ones, (rows, columns)."""
         found: NDArray[np.uint8] = self.layers[0]
         return found
+
+    def trail(self, number: int) -> Cells:
+        """(n, 2) all cells that a body drove through so far."""
+        return np.concatenate([row[number] for row in self.driven])
 
     def known(self, robot: int | None) -> NDArray[np.uint8]:
         """Bits of what a robot knows; None: of what anybody knows, free where anybody saw it so."""
@@ -122,7 +128,7 @@ def scene_of(result: Result) -> Scene:
         tuple(figure_of(body, None) for body in cycle.bodies),
         links_of(cycle),
         layers_of(cycle),
-        history.cell,
+        [driven_in(history, step) for step in range(history.steps + 1)],
         100 * int(history.free_team[-1]) / history.reachable,
         100 * int(history.free_base[-1]) / history.reachable,
         result.scenario.radio,
@@ -154,6 +160,28 @@ def layers_of(cycle: Cycle) -> NDArray[np.uint8]:
     return np.stack([(cycle.environment.walls != 0).astype(np.uint8), *maps])
 
 
+def driven_by(body: Body, step: int) -> Cells:
+    """Cells that a body drove to in a step; at the start, where it stands."""
+    moves = body.moves if body.works else []
+    if step == 0:
+        moves = [body.view.cell]
+    elif moves and moves[-1] != body.view.cell:
+        moves = moves[:-1]  # in vain
+    return np.array(moves, np.int64).reshape(-1, 2)
+
+
+def driven_in(history: History, step: int) -> list[Cells]:
+    """The same of all, out of a history."""
+    if step == 0:
+        return list(history.cell[0][:, None])
+    found = []
+    for number, text in enumerate(history.moves[step]):
+        column, row = history.cell[step - 1, number].tolist()
+        moves = cells((column, row), str(text))
+        found.append(np.array(moves[:-1] if "x" in text else moves, np.int64).reshape(-1, 2))
+    return found
+
+
 def links_of(cycle: Cycle) -> Cells:
     """Who hears whom, the smaller number first."""
     return np.argwhere(np.triu(cycle.links.direct, 1))
@@ -172,7 +200,7 @@ def selection_of(body: Body) -> Selection | None:
     if meeting is None or goal is None or view.role != "explorer" or view.parent in (BASE, None):
         return None
     density = getattr(body.strategy, "density", None)
-    cells, _ = candidates(view)
+    places, _ = candidates(view)
     samples = np.empty((0, 2), np.int64) if density is None else sampled(view, density)
     heard = samples[reaching(view, samples, meeting.place)] if len(samples) else samples
-    return Selection(goal, cells, tuple(ranked(view, goal)), samples, heard)
+    return Selection(goal, places, tuple(ranked(view, goal)), samples, heard)

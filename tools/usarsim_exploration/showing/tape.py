@@ -27,6 +27,7 @@ from usarsim_exploration.showing.scene import (
     Figure,
     Scene,
     Selection,
+    driven_by,
     figure_of,
     layers_of,
     links_of,
@@ -51,7 +52,6 @@ class _Block:
 class _Moment:
     figures: tuple[Figure, ...]
     links: Cells
-    cells: Cells
 
 
 class Tape:
@@ -76,6 +76,7 @@ class Tape:
         self.names = tuple(body.member.name for body in run.cycle.bodies)
         self.shares: list[tuple[float, ...]] = []
         self._moments: list[_Moment] = []
+        self._driven: list[list[Cells]] = []
         self._blocks: list[_Block] = []
         self._chosen: dict[int, tuple[Meeting, Selection | None]] = {}
         self._last = layers_of(run.cycle)
@@ -122,7 +123,8 @@ class Tape:
         recorder = self.run.recorder
         known = recorder.free_team, recorder.free_base, *recorder.areas[BASE + 1 :]
         self.shares.append(tuple(100 * one / recorder.reachable for one in known))
-        self._moments.append(_Moment(figures, links_of(cycle), cells))
+        self._driven.append([driven_by(body, step) for body in cycle.bodies])
+        self._moments.append(_Moment(figures, links_of(cycle)))
 
     def scene(self, step: int) -> Scene:
         """A step; its layers are valid until the next one is asked for."""
@@ -136,11 +138,11 @@ class Tape:
             flat[cells] = values
         self._at = step
         moment = self._moments[step]
-        trail = np.array([one.cells for one in self._moments[: step + 1]])
         team, base, *_ = self.shares[step]
         scenario = self.run.scenario
         return Scene(
-            self.title, step, moment.figures, moment.links, self._shown, trail, team, base,
+            self.title, step, moment.figures, moment.links, self._shown,
+            self._driven[: step + 1], team, base,
             scenario.radio, scenario.world.environment.cell,
         )  # fmt: skip
 
