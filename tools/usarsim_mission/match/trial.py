@@ -55,7 +55,7 @@ IMPAIR = "impair.toml"
 _HOST = "127.0.0.1"
 _LOOK = 0.02  # s of wall time between two looks whether pages are there
 _EVERY = 0.1  # simulated s between two rows of truth
-_PICTURES = 1.0  # per simulated s of each camera, where time goes by too quickly to look at more
+_PICTURES = 0.25  # per simulated s of each camera, where time goes by too quickly to look at more
 _TICK_OF_PEOPLE = 0.05  # simulated s from what a person does to what a robot does, at most
 
 
