@@ -13,6 +13,7 @@ import aiohttp
 import pytest
 from console_harness import Gateway, Message, PageProgram, gateway
 
+from usarsim_operator import watchdog
 from usarsim_operator.roles import Role
 from usarsim_server.testing import PATIENCE, running_server
 
@@ -304,8 +305,9 @@ async def test_hostile_pages_are_closed(ports: Ports) -> None:
         assert not (await calm.ask("take", robot="nobody"))["ok"]
 
 
-async def test_slow_page_delays_nobody(ports: Ports) -> None:
+async def test_slow_page_delays_nobody(ports: Ports, monkeypatch: pytest.MonkeyPatch) -> None:
     """CON-22: a page that reads nothing holds one message per stream; another goes on."""
+    monkeypatch.setattr(watchdog, "PAGE_TIME", PATIENCE)  # it says nothing, either
     async with gateway(ports["control"], scene=ports["scene"]) as console:
         headers = {"Origin": console.url}
         async with (
