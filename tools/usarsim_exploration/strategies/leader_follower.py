@@ -27,6 +27,9 @@ from usarsim_exploration.strategy import (
 from usarsim_exploration.tether import leading, links
 from usarsim_server.fields import field
 
+SETTLED = 3
+"""Steps after which a robot that has not moved will not either, as long as nobody else does."""
+
 
 @register("leader-follower")
 @dataclass
@@ -50,7 +53,7 @@ class LeaderFollower(Strategy):
         self._bidding = Bidding()
         self._way: Path = []
         self._planned = -(10**9)
-        self._waited = 0
+        self._waited = self._still = 0
         self._given_up: set[Cell] = set()
         self._goal: Cell | None = None
         self._home = False
@@ -76,12 +79,21 @@ class LeaderFollower(Strategy):
         for mate in near:
             slack = mate.speed if mate.number != BASE else 0.0
             part = leading(part, links(view, part, [mate.cell], slack)[:, 0]) if part else part
+        self._still = 0 if part else self._still + 1
         self._waited = self._waited + 1 if self._way and not part else 0
-        if child is None and self._waited > self.patience and self._goal is not None:
+        if child is None and self._goal is not None and self._is_held(view):
             self._given_up.add(self._goal)
             self._waited, self._planned = 0, -(10**9)
         state = "return" if self._home else "lead" if child is None else "follow"
         return Plan(part, state, self._goal, home=self._home)
+
+    def _is_held(self, view: View) -> bool:
+        """Whether the leader has waited in vain, or waits for a chain that does not move either."""
+        if self._waited <= SETTLED:
+            return False
+        chain = [mate for number, mate in view.teammates.items() if number in view.linked]
+        still = all(mate.letter.get("still", SETTLED) >= SETTLED for mate in chain)
+        return still or self._waited > self.patience
 
     def _neighbours(self, view: View) -> tuple[int, Teammate | None]:
         """Number of the next one towards the base, and the next one away from it, if there is."""
@@ -123,5 +135,5 @@ class LeaderFollower(Strategy):
         self._way = view.planner.path(view.cell, goal) or []
 
     def letter(self, view: View) -> Letter:
-        """Whether nothing is left to find."""
-        return {"home": self._home}
+        """Whether nothing is left to find, and for how many steps it has not moved."""
+        return {"home": self._home, "still": self._still}

@@ -110,10 +110,11 @@ class RangeConstrained(Strategy):
         self._task = None
         return True
 
-    def _relay(self, view: View, aims: list[Aim]) -> Plan | None:
+    def _relay(self, view: View, aims: list[Aim], said: bool) -> Plan | None:
         """Park towards the nearest frontier that had no relay yet, if somebody is left to explore.
 
-        One robot at a time, the first by number of those who have nothing to do.
+        One robot at a time, the first by number of those who have said that they have nothing to
+        do, a step before.
         """
         free = [mate for mate in _mates(view) if _told(mate, "parked") is None]
         idle = [mate.number for mate in free if _told(mate, "idle")]
@@ -126,7 +127,7 @@ class RangeConstrained(Strategy):
         ]
         for aim in sorted(open_, key=lambda one: one.distance):
             self._stuck = False
-            if any(number < view.number for number in idle):
+            if not said or any(number < view.number for number in idle):
                 return None
             path = self._leash(view, view.planner.path(view.cell, aim.cell) or [])
             end = path[-1] if path else view.cell
@@ -143,6 +144,7 @@ class RangeConstrained(Strategy):
 
     def _plan(self, view: View) -> Plan:
         """To a frontier in reach; else as a relay; else towards the base, to be free for either."""
+        said = self._idle or self._task is not None
         self._idle = self._stuck = False
         if self._task is not None and not view.path and not view.blocked:  # the relay has arrived
             self._parked = self._since = view.step
@@ -158,7 +160,7 @@ class RangeConstrained(Strategy):
                 return Plan(path, goal=aim.cell)
             near.remove(aim)
         self._idle = self._stuck = True
-        plan = self._relay(view, aims)
+        plan = self._relay(view, aims, said)
         if plan is not None:
             self._idle = False
             return plan
