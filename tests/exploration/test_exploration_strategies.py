@@ -216,3 +216,21 @@ def test_a_chain_keeps_its_links(seed: int) -> None:
     assert held >= 0.99 * steps
     assert hops > 20
     assert cycle.bodies[0].view.known.free > 0.7 * cycle.environment.free
+
+
+@pytest.mark.parametrize(("name", "most"), [("leader-follower", 10), ("range-constrained", 60)])
+def test_a_team_on_a_tether_does_not_stand_about(name: str, most: int) -> None:
+    """EXP-18: somebody drives, though most is out of reach; and each relay has its own place."""
+    starts: list[Cell] = [(10, 8), (12, 8), (12, 10), (14, 8)]
+    cycle = begin(TYPES.find(name, "here")(), rooms(), starts, Circle(), 14.0)
+    still = 0
+    while not all(body.home and not body.view.path for body in cycle.bodies[1:]):
+        before = [body.view.cell for body in cycle.bodies]
+        cycle.advance()
+        assert cycle.step < 400
+        still = still + 1 if before == [body.view.cell for body in cycle.bodies] else 0
+        assert still <= most
+        robots = [body for body in cycle.bodies[1:] if body.state == "relay"]
+        parked = [body.view.cell for body in robots if not body.view.path]
+        assert len(set(parked)) == len(parked)
+    assert cycle.bodies[0].view.known.free > 0.2 * cycle.environment.free
