@@ -253,3 +253,22 @@ def test_the_scenario_of_a_run_is_one(tmp_path: Path) -> None:
     assert again.team == result.scenario.team
     assert again.end == result.scenario.end
     assert again.strategy == result.scenario.strategy
+
+
+BARE = """import sys
+sys.modules["scipy"] = sys.modules["numba"] = None
+from usarsim_server import cli
+sys.exit(cli.main(["explore", "run", sys.argv[1], "--strategy", "frontier"])
+         or cli.main(["explore", "run", sys.argv[1], "--strategy", "hungarian"]))
+"""
+
+
+def test_most_strategies_need_no_extra(tmp_path: Path) -> None:
+    """Without numba and scipy the frontier strategy runs, and another one says what to install."""
+    small(tmp_path)
+    command = [sys.executable, "-c", BARE, str(tmp_path / "small.toml")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=100)
+    assert done.returncode == 2
+    assert "frontier, seed 1: base knows after" in done.stdout
+    assert "scipy is not installed (pip install usarsim-server[exploration])" in done.stderr
+    assert "Traceback" not in done.stderr

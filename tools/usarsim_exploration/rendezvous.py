@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import qmc
 
 from usarsim_exploration.environment import Cell
+from usarsim_exploration.errors import scipy
 from usarsim_exploration.known_map import FREE, WALL
 from usarsim_exploration.planning import degrees, key_cells, skeleton
 from usarsim_exploration.strategy import Teammate, View
@@ -124,7 +124,7 @@ def sampled(view: View, density: float) -> Cells:
         # as many points at once as are likely to be enough; powers of two keep the sequence even
         power = math.ceil(math.log2(2 * wanted / share + 2))
         while len(found) < wanted:
-            points = qmc.Sobol(2, scramble=False).random_base2(power)
+            points = scipy("stats").qmc.Sobol(2, scramble=False).random_base2(power)
             cells = np.floor(points * size).astype(np.int64) + corner
             cells = cells[free[cells[:, 1], cells[:, 0]]]
             _, first = np.unique(cells, axis=0, return_index=True)

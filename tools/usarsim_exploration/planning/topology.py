@@ -13,10 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import dijkstra
 
 from usarsim_exploration.environment import Cell
+from usarsim_exploration.errors import scipy
 from usarsim_exploration.kernels import flood
 from usarsim_exploration.kernels.steps import COLUMNS, DIAGONAL, EVERYWHERE, FAR, ROWS, STRAIGHT
 from usarsim_exploration.planning.search import LIMIT, Search, a_star, jump_points
@@ -89,8 +88,10 @@ class TopologicalMap:
         if NOWHERE in (first, last):
             return []
         count = len(self.nodes)
-        graph = csr_array((self.lengths, self.edges.T), shape=(count, count))
-        _, before = dijkstra(graph, directed=False, indices=last, return_predecessors=True)
+        graph = scipy("sparse").csr_array((self.lengths, self.edges.T), shape=(count, count))
+        _, before = scipy("sparse.csgraph").dijkstra(
+            graph, directed=False, indices=last, return_predecessors=True
+        )
         chain = [first]
         while chain[-1] != last:
             chain.append(int(before[chain[-1]]))

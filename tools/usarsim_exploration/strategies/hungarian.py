@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from usarsim_exploration.assignment import ways
 from usarsim_exploration.bidding import Aim
+from usarsim_exploration.errors import scipy
 from usarsim_exploration.exploring import Seeker
 from usarsim_exploration.strategy import View, register
-from usarsim_server.errors import UsarsimError
 
 _NO_WAY = 1e6
 """Cells that a way counts which is not known; longer than any."""
@@ -28,18 +28,12 @@ def assign(lengths: NDArray[np.float64]) -> NDArray[np.int64]:
     Args:
         lengths: (robots, frontiers), at least one of each; infinite where there is no way.
     """
-    try:
-        from scipy.optimize import linear_sum_assignment
-    except ImportError as error:
-        raise UsarsimError(
-            "scipy is not installed (pip install usarsim-server[exploration])"
-        ) from error
     count, columns = lengths.shape
     rounds = -(-count // columns)
     costs = np.minimum(lengths, _NO_WAY)
     # a frontier is given to a second robot only when each has one
     again = np.concatenate([costs + 10 * _NO_WAY * turn for turn in range(rounds)], axis=1)
-    _, chosen = linear_sum_assignment(again)
+    _, chosen = scipy("optimize").linear_sum_assignment(again)
     found: NDArray[np.int64] = chosen % columns
     return found
 
