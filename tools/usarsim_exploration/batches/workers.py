@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import signal
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 
@@ -34,7 +35,8 @@ def play_all(jobs: Sequence[Job], workers: int) -> Iterator[tuple[Job, Played]]:
     def give(pipe: Connection) -> None:
         if left:
             busy[pipe] = left.pop()
-            pipe.send(busy[pipe])
+            with suppress(OSError):  # it has died; its end is read next
+                pipe.send(busy[pipe])
 
     def start() -> None:
         pipe, theirs = multiprocessing.Pipe()
@@ -54,7 +56,7 @@ def play_all(jobs: Sequence[Job], workers: int) -> Iterator[tuple[Job, Played]]:
                 job = busy.pop(pipe)
                 try:
                     played = pipe.recv()
-                except EOFError:
+                except (EOFError, OSError):
                     process = processes.pop(pipe)
                     process.join()
                     text = f"its process ended with code {process.exitcode}"
@@ -77,5 +79,5 @@ def _work(pipe: Connection) -> None:
     while True:
         try:
             pipe.send(play(pipe.recv()))
-        except (EOFError, BrokenPipeError):
+        except (EOFError, OSError):
             return
