@@ -66,6 +66,22 @@ def test_states_change_as_the_reference_says(
     assert {("explore", "give-parent-info"), ("explore", "return-to-parent")} <= seen
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_pairs_that_start_together_get_going(seed: int) -> None:
+    """EXP-14: two pairs know half of the flat soon, from wherever, and explorers part."""
+    cycle = start(ROLES[0], 4)
+    free = np.argwhere(cycle.environment.reachable((4, 22)))
+    row, column = free[np.random.default_rng(seed).integers(len(free))]
+    for body in cycle.bodies:
+        body.view.cell = body.view.base = (int(column), int(row))
+    together = 0
+    while cycle.team_free < 0.5 * cycle.environment.free:
+        cycle.advance()
+        together += cycle.bodies[2].view.cell == cycle.bodies[4].view.cell
+        assert cycle.step <= 80
+    assert together < cycle.step / 2
+
+
 def meet(relay: tuple[int, int] = (6, 22)) -> tuple[View, View]:
     """An explorer and its relay in the flat that both know."""
     cycle = start(ROLES[0], 2)
