@@ -16,6 +16,7 @@ from usarsim_exploration.strategies.random_walk import draw_turn
 from usarsim_exploration.strategies.ratio import Ratio
 from usarsim_exploration.strategies.wall_follow import WallFollow
 from usarsim_exploration.strategy import TYPES, Strategy
+from usarsim_exploration.tether import held, way_within
 
 SIMPLE = ("frontier", "greedy", "hungarian", "minpos", "nearest", "periodic", "ratio")
 
@@ -234,3 +235,17 @@ def test_a_team_on_a_tether_does_not_stand_about(name: str, most: int) -> None:
         parked = [body.view.cell for body in robots if not body.view.path]
         assert len(set(parked)) == len(parked)
     assert cycle.bodies[0].view.known.free > 0.2 * cycle.environment.free
+
+
+def test_a_way_within_reach_goes_round() -> None:
+    """EXP-18: who cannot go back the short way without losing its link goes another one."""
+    cycle = begin(TYPES.find("nearest", "here")(), rooms(), [(20, 15), (22, 15)], Circle(), 20.0)
+    view = cycle.bodies[1].view
+    view.known.bits[1:45, 1:71] = FREE
+    view.known.version += 1
+    view.cell, others = (4, 4), [(4, 14), (14, 20), (20, 10)]
+    assert not held(view, view.planner.path(view.cell, (30, 4)) or [], others[:2]).all()
+    way = way_within(view, (30, 4), others[:2])
+    assert held(view, way, others[:2]).all()
+    assert way[-1] != (30, 4)
+    assert way_within(view, (30, 4), others)[-1] == (30, 4)

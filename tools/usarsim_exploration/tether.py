@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_exploration.environment import Cell
-from usarsim_exploration.planning import Path
+from usarsim_exploration.kernels.steps import FAR
+from usarsim_exploration.planning import Field, Path
 from usarsim_exploration.strategy import View
 
 UNKNOWN = 3
@@ -41,3 +42,22 @@ def held(view: View, cells: Sequence[Cell], others: Sequence[Cell]) -> NDArray[n
 def leading(path: Path, good: NDArray[np.bool_]) -> Path:
     """The part of a path before the first cell that is not good."""
     return path if good.all() else path[: int(good.argmin())]
+
+
+def way_within(view: View, goal: Cell, others: Sequence[Cell]) -> Path:
+    """The way to a goal over held cells only, or to that one of them that is nearest to it.
+
+    It judges every known cell, so it is for whom the shortest way is barred.
+    """
+    free = np.argwhere(view.planner.passable)[:, ::-1]
+    good = np.zeros(len(free), np.bool_)
+    for cell in others:
+        pairs = np.concatenate([free, np.broadcast_to(cell, free.shape)], axis=1)
+        good |= view.radio.reaches(pairs, unknown=UNKNOWN)
+    within = np.zeros_like(view.planner.passable)
+    within[free[good, 1], free[good, 0]] = 1
+    field = Field(within, [view.cell], within.size)
+    costs = view.planner.field(goal).costs
+    away = np.where(field.costs != FAR, costs, FAR)
+    row, column = divmod(int(away.argmin()), away.shape[1])
+    return field.path((column, row)) or []

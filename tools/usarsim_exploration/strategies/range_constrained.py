@@ -25,7 +25,7 @@ from usarsim_exploration.strategy import (
     register,
     straight,
 )
-from usarsim_exploration.tether import held, leading
+from usarsim_exploration.tether import held, leading, way_within
 from usarsim_server.fields import field
 
 _SETTLED = 3
@@ -166,7 +166,10 @@ class RangeConstrained(Strategy):
             return plan
         home = go_home(view)
         done = len(self._anchors) == 1 and all(_told(mate, "stuck") for mate in _mates(view))
-        return Plan(self._leash(view, home.path), "return", view.base, home=self._stuck and done)
+        path = self._leash(view, home.path)
+        if home.path and not path:
+            path = way_within(view, view.base, self._anchors)
+        return Plan(path, "return", view.base, home=self._stuck and done)
 
     def _leash(self, view: View, path: Path) -> Path:
         return leading(path, held(view, path, self._anchors)) if path else path
