@@ -182,6 +182,7 @@ class Cycle:
             for cell in felt:
                 view.known.bump(self.step, cell)
             view.path.clear()
+        view.planner.forget()
 
     def _adopt(self, body: Body, plan: Plan) -> None:
         body.view.path = list(plan.path)

@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from usarsim_exploration.environment import Environment
 from usarsim_exploration.known_map import AT_BASE, KNOWN, MERGED, RELAYED
@@ -80,19 +79,21 @@ class Exchange:
         """Fold the cells that are news to anybody, in the order of numbers (reference 6.4)."""
         maps = [body.view.known for body in group]
         numbers = [body.view.number for body in group]
-        told: dict[tuple[int, int], tuple[NDArray[np.int64], int]] = {}
+        told: dict[tuple[int, int], tuple[int, int]] = {}
+        fresh = np.zeros(maps[0].bits.size, np.bool_)  # to somebody
         for giver, known in zip(numbers, maps, strict=True):
             for taker in numbers:
                 since = int(self._synced[taker, giver])
                 if taker != giver:
                     if (giver, since) not in told:
                         cells = known.changed_since(since)
-                        told[giver, since] = cells, map_size(cells, known.news(cells))
-                    self.cells_sent += len(told[giver, since][0])
+                        told[giver, since] = len(cells), map_size(cells, known.news(cells))
+                        fresh[cells] = True
+                    self.cells_sent += told[giver, since][0]
                     self.bytes_sent += told[giver, since][1]
         for giver in numbers:
             self._synced[numbers, giver] = step
-        cells = np.unique(np.concatenate([one for one, _ in told.values()]))
+        cells = np.flatnonzero(fresh)
         if not len(cells):
             return
         bits = [known.news(cells) for known in maps]

@@ -72,7 +72,7 @@ class KnownMap:
         self.free = self.at_base = self.relayed = self.version = 0
         self._flat = self.bits.reshape(-1)
         self._journal: list[tuple[int, NDArray[np.int32]]] = []
-        self._entries = 0
+        self._entries = self._kept = 0  # of the journal; after it was shortened
 
     @property
     def undelivered(self) -> int:
@@ -169,7 +169,7 @@ class KnownMap:
             self._note(step, cells.astype(np.int32), recount(old, self._flat[cells]))
 
     def _note(self, step: int, cells: NDArray[np.int32], more: NDArray[np.int64]) -> None:
-        """Count what changed, and write the journal; shortened when far longer than the map.
+        """Count what changed, and write the journal; shortened when half a map longer than then.
 
         Args:
             cells: sorted. more: free ones, those at base, relayed ones.
@@ -182,12 +182,12 @@ class KnownMap:
         self.relayed += relayed
         self._journal.append((step, cells))
         self._entries += len(cells)
-        if self._entries > 2 * self.bits.size:  # at least a map's since the last time
+        if self._entries > self._kept + self.bits.size // 2:
             self._shorten()
 
     def _shorten(self) -> None:
         """Keep for each cell only when it changed last."""
-        last = np.full(self.bits.size, -1, np.int64)
+        last = np.full(self.bits.size, -1, np.int32)
         for when, group in self._journal:
             last[group] = when
         cells = np.flatnonzero(last >= 0)
@@ -195,4 +195,4 @@ class KnownMap:
         steps, firsts = np.unique(last[cells], return_index=True)
         groups = np.split(cells.astype(np.int32), firsts[1:])
         self._journal = [(int(when), group) for when, group in zip(steps, groups, strict=True)]
-        self._entries = len(cells)
+        self._entries = self._kept = len(cells)

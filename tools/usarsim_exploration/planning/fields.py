@@ -93,6 +93,13 @@ class Planner:
         }
         return found
 
+    def forget(self) -> None:
+        """Keep nothing of a map that has changed since: a field takes as much as five maps."""
+        version = self._known.version
+        if self._passable is not None and self._passable[0] != version:
+            self._passable = None
+            self._fields = {key: one for key, one in self._fields.items() if one[0] == version}
+
     def distances(self, start: Cell, goals: NDArray[np.int64]) -> NDArray[np.float64]:
         """As `field(start).distances(goals)`, for a start that little else is asked of.
 

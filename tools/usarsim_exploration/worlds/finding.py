@@ -7,13 +7,10 @@ from pathlib import Path
 
 from usarsim_exploration.worlds.catalogue import SHIPPED
 from usarsim_exploration.worlds.pictures import PICTURES, Rules, load_map
-from usarsim_exploration.worlds.ros import ros_map
-from usarsim_exploration.worlds.slicing import slice_world
 from usarsim_exploration.worlds.world import World, settle
 from usarsim_server.errors import WorldError, at
 from usarsim_server.files import is_regular
 from usarsim_server.tables import suggest
-from usarsim_server.worlds.loader import SHEET, find_world
 
 _DEFAULT = Rules()
 
@@ -37,6 +34,11 @@ def find(name_or_path: str, rules: Rules = _DEFAULT) -> World:
     """
     if name_or_path in SHIPPED:
         return _shipped(name_or_path)
+    # only now: they bring MuJoCo, 20 MiB that shipped environments do without
+    from usarsim_exploration.worlds.ros import ros_map
+    from usarsim_exploration.worlds.slicing import slice_world
+    from usarsim_server.worlds.loader import SHEET
+
     path = Path(name_or_path).expanduser()
     if is_regular(path / SHEET):
         return slice_world(path, rules)
@@ -56,6 +58,8 @@ def _shipped_folder(path: Path) -> Path:
     if len(path.parts) != 1:
         cure = f"give a map, a world folder, or one of {', '.join(names())}"
         raise WorldError(at(path, "no such file or world folder", cure))
+    from usarsim_server.worlds.loader import find_world
+
     try:
         return find_world(path.name)
     except WorldError:

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from usarsim_exploration.environment import Environment
 from usarsim_maps.files import open_picture
-from usarsim_maps.grids.occupancy import read_digits
 from usarsim_server.errors import WorldError, at
 from usarsim_server.files import replacing, write_text
 
@@ -53,7 +52,13 @@ def load_map(path: Path, rules: Rules) -> Environment:
     Raises:
         WorldError: naming the file, what is wrong, and the cure.
     """
-    walls = read_digits(path) if path.suffix.lower() == ".txt" else _picture(path, rules.compat)
+    if path.suffix.lower() == ".txt":
+        # only now: it brings MuJoCo, 20 MiB that shipped environments do without
+        from usarsim_maps.grids.occupancy import read_digits
+
+        walls = read_digits(path)
+    else:
+        walls = _picture(path, rules.compat)
     cell = rules.cell or (COMPAT_CELL if rules.compat else CELL)
     return Environment(path.stem, fit(walls, path, rules), cell)
 

@@ -131,8 +131,8 @@ def _starts(environment: Environment, clear: NDArray[np.int64], base: Cell) -> t
         found = []
         for taken in (base,):
             _take(open_, taken, apart)
-        for flat in order.tolist():
-            row, column = divmod(flat, free.shape[1])
+        for flat in order:  # few of them are looked at: no list of all
+            row, column = divmod(int(flat), free.shape[1])
             if not open_[row, column]:
                 continue
             found.append((column, row))
