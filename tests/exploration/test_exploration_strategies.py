@@ -234,6 +234,7 @@ def test_a_team_on_a_tether_does_not_stand_about(name: str, most: int) -> None:
         robots = [body for body in cycle.bodies[1:] if body.state == "relay"]
         parked = [body.view.cell for body in robots if not body.view.path]
         assert len(set(parked)) == len(parked)
+    assert all(body.view.cell == body.view.base for body in cycle.bodies[1:])
     assert cycle.bodies[0].view.known.free > 0.2 * cycle.environment.free
 
 

@@ -79,6 +79,8 @@ class LeaderFollower(Strategy):
         for mate in near:
             slack = mate.speed if mate.number != BASE else 0.0
             part = leading(part, links(view, part, [mate.cell], slack)[:, 0]) if part else part
+        if self._home and not part:  # nothing is left to tell, so nobody waits on the way home
+            part = self._way[: math.ceil(view.speed) + 1]
         self._still = 0 if part else self._still + 1
         self._waited = self._waited + 1 if self._way and not part else 0
         if child is None and self._goal is not None and self._is_held(view):
