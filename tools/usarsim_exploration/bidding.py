@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -76,8 +77,16 @@ class Bidding:
         own = numbers.index(view.number)
         away[own] = [aim.distance for aim in aims]
 
+        @cache
+        def from_goals() -> NDArray[np.float64]:
+            ways = [view.planner.distances(aim.cell, cells) for aim in aims]
+            return np.stack(ways, axis=1)
+
         def measured(row: int) -> NDArray[np.float64]:
-            ways = view.planner.distances(places[numbers[row]], goals)
+            if len(numbers) > len(goals):  # floods from the fewer ends of the ways
+                ways = from_goals()[row]
+            else:
+                ways = view.planner.distances(places[numbers[row]], goals)
             found: NDArray[np.float64] = sizes / np.maximum(ways, 1.0) ** 4
             return found
 
