@@ -54,8 +54,7 @@ class Station:
     Attributes:
         server: the way to the server. robots: all that are known, by name.
         pages: those that have said who they are, by id.
-        seats: of operators whose pages have ever come.
-        stood: s for which the world was paused so far.
+        seats: of operators whose pages ever came. stood: s for which the world was paused so far.
         recorder: one of them that keeps the session; None if nobody wants that.
         observers: that one, and who else keeps what happens.
         mission: how the mission goes; None without one.
@@ -184,8 +183,7 @@ class Station:
         """Newest simulated s that anybody told."""
         if self.lockstep is not None:
             return self.lockstep.time
-        told = [one.telemetry.time for one in self.robots.values()]
-        return max([self.truth.time, *told])
+        return max([self.truth.time, *(one.telemetry.time for one in self.robots.values())])
 
     def _note(self, what: str, facts: Mapping[str, object]) -> None:
         self.log.bind(**facts).info(what)
@@ -259,13 +257,10 @@ class Station:
         driven = self.robots.pop(name, None)
         if driven is None:
             return
-        self.arbiter.forget(name)
         self.watchdog.stopped(name)
-        self.alarms.forget(name)
-        self._shows.forget(name)
-        self.autonomy.forget(name)
         self.stuck.pop(name, None)
-        self.truth.forget(name)
+        for one in (self.arbiter, self.alarms, self._shows, self.autonomy, self.truth):
+            one.forget(name)
         self.event(name, "left", None)
         await self.cameras.forget(name)
         if self.signals is not None:
@@ -449,8 +444,7 @@ class Station:
 
     def event(self, robot: str, kind: str, value: object, **more: object) -> None:
         """Tell all pages that something happened."""
-        fields = {"type": "event", "robot": robot, "kind": kind, "value": value}
-        told = {**fields, "time": self.time, **more}
+        told = {"type": "event", "robot": robot, "kind": kind, "value": value, "time": self.time}
         for page in self.pages.values():
-            page.tell(told)
-        self.observers.event(told)
+            page.tell(told | more)
+        self.observers.event(told | more)
