@@ -33,7 +33,7 @@ def add_parser(subparsers: Subparsers) -> None:
         "--pool", metavar="N", type=int, help="participants who drive (default as planned)"
     )
     parser.add_argument(
-        "--advantage", metavar="A", type=float, help="of the gamepad in speed (default 0.9)"
+        "--advantage", metavar="A", type=float, help="of the gamepad in speed (default 1.1)"
     )
     parser.add_argument("--null", action="store_true", help="no device has an advantage")
     parser.add_argument("--trial-seconds", metavar="S", type=float, help="no trial is longer")

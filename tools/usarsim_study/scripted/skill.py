@@ -15,7 +15,7 @@ from typing import Literal
 from usarsim_study.study_file import Study
 
 Device = Literal["keyboard", "gamepad"]
-ADVANTAGE = 0.9
+ADVANTAGE = 1.1
 """Of the gamepad, planted: so much faster than the mean of both, as a part of it."""
 SPEED = 0.5
 """Part of the highest wheel speed at which people drive, on average over devices."""
