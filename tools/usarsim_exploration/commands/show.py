@@ -68,7 +68,7 @@ def add_parser(subparsers: Subparsers) -> None:
     )
 
 
-def _count(least: int):  # type: ignore[no-untyped-def]
+def _count(least: int) -> Callable[[str], int]:
     def read(text: str) -> int:
         number = int(text)
         if number < least:
