@@ -81,7 +81,7 @@ def read_regular(path: Path, limit: int = MAX_TEXT) -> bytes:
     return content
 
 
-def is_regular(path: Path) -> bool:
+def is_regular(path: Path | str) -> bool:
     """Whether a regular file is there; impossible names are none."""
     try:
         return stat.S_ISREG(os.stat(path).st_mode)
@@ -121,25 +121,26 @@ class Folders:
         both._folders += self._folders
         return both
 
-    def admit(self, path: Path) -> bool:
+    def admit(self, path: Path | str) -> bool:
         """Whether a path lies inside, once all symbolic links in it are followed."""
         if self._everywhere:
             return True
         place = _real(path)
-        return any(place == folder or folder in place.parents for folder in self._folders)
+        return any(place.startswith(folder) for folder in self._folders)
 
     def refusal(self, path: Path | str, asker: Path) -> str | None:
         """Why a file is not read, naming it and the file that asks; None if it may be."""
-        if self.admit(Path(path)):
+        if self.admit(path):
             return None
         return f"{asker.name} asks for {str(path)[:300]!r}, which lies outside the given folders"
 
 
-def _real(path: Path) -> Path:
+def _real(path: Path | str) -> str:
+    """A path without symbolic links, with a separator at its end."""
     try:
-        return Path(os.path.realpath(path))
+        return os.path.join(os.path.realpath(path), "")
     except (OSError, ValueError):  # too long, or with a NUL: no file can lie there
-        return Path(os.devnull)
+        return os.path.join(os.devnull, "")
 
 
 _AT_FDCWD = -100

@@ -84,7 +84,7 @@ def check_model(path: Path, folders: Folders, error: type[UsarsimError]) -> None
         error: naming file, line and cure, if a file cannot be read, lies outside or is no regular
             file, or if the model would grow beyond a bound.
     """
-    look = _Look(path.parent, folders, error)
+    look = _Look(path.parent, folders, error, {str(path.parent)})
     look.through(path)
     look.check_files()
 
@@ -110,7 +110,7 @@ class _Look:
     home: Path
     folders: Folders
     error: type[UsarsimError]
-    subfolders: set[str] = field(default_factory=lambda: {""})
+    places: set[str] = field(default_factory=set)  # folders that names may be relative to
     named: list[tuple[_Element, str]] = field(default_factory=list)
     seen: set[Path] = field(default_factory=set)
     elements: int = 0
@@ -130,7 +130,7 @@ class _Look:
                 self._measure(element)
                 for key, value in element.attributes.items():
                     if key in ("meshdir", "texturedir", "assetdir"):
-                        self.subfolders.add(value)
+                        self.places.add(str(self.home / value))
                     elif key.startswith("file"):
                         self.named.append((element, value))
                         if element.tag in ("include", "model"):
@@ -138,12 +138,14 @@ class _Look:
 
     def check_files(self) -> None:
         """All files that elements name: where they are, what they are, how large."""
-        sizes: dict[Path, int] = {}
+        known: set[Path] = set()
+        total = 0
         for element, name in self.named:
             for path in self._found(element, name):
-                if path not in sizes:
-                    sizes[path] = self._size(element, path)
-                if sum(sizes.values()) > MAX_FILES:
+                if path not in known:
+                    known.add(path)
+                    total += self._size(element, path)
+                if total > MAX_FILES:
                     problem = f"its files have more than {MAX_FILES >> 20} MiB"
                     raise self._refuse(element, problem, "simplify meshes and pictures")
 
@@ -236,9 +238,10 @@ class _Look:
         if _SCHEME.match(name):
             plain = _SCHEME.sub("", name)
             written |= {plain, "/" + plain}
-        places = {self.home, element.path.parent}
-        places |= {self.home / folder for folder in self.subfolders}
-        for path in sorted({place / text for place in places for text in written if text}):
+        texts = {str(Path(text)) for text in written if text}
+        places = {str(element.path.parent), *self.places}
+        # Strings: of a scene of thousands of meshes, paths would be most of the work.
+        for path in sorted({os.path.join(place, text) for place in places for text in texts}):
             if not _there(path):
                 continue
             refusal = self.folders.refusal(path, element.path)
@@ -250,7 +253,7 @@ class _Look:
         """Bytes of a file; what it grows into when it is a picture or a height field is bounded."""
         try:
             with open_regular(path) as file:
-                head = file.read(24)
+                head = file.read(24) if element.tag in ("texture", "hfield") else b""
                 size = os.fstat(file.fileno()).st_size
         except OSError as cause:
             problem = f"{path.name} cannot be read: {reason(cause)}"
@@ -269,9 +272,9 @@ class _Look:
         return self.error(at(element.path, problem, cure, where=element.line))
 
 
-def _there(path: Path) -> bool:
+def _there(path: str) -> bool:
     """Whether something other than a folder has this name."""
     try:
-        return is_regular(path) or (os.path.lexists(path) and not path.is_dir())
+        return is_regular(path) or (os.path.lexists(path) and not os.path.isdir(path))
     except (OSError, ValueError):
         return False

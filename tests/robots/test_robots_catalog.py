@@ -160,6 +160,22 @@ def test_shipped_aliases_outlive_a_replaced_class(tmp_path: Path) -> None:
     assert found(load_catalog([tmp_path]), "pioneer3at_with_sensors_R").report.mass == 6.2
 
 
+def test_only_names_are_read_at_first(tmp_path: Path) -> None:
+    """A class is read when somebody asks for it; then a mistake in its file is one error."""
+    write(tmp_path, "Rover", table(kind="x"))
+    aliases = 'alias_patterns = [\n["a"],\n]\n'
+    (tmp_path / "Truck.toml").write_text(aliases + (tmp_path / "Rover.toml").read_text())
+    library = Library([tmp_path])
+    with pytest.raises(RobotDescriptionError, match=r"Truck\.toml: kind"):
+        library.names()
+    (tmp_path / "Truck.toml").unlink()
+    catalog = RobotCatalog(Library([tmp_path]).names())
+    assert catalog.names() == ("Rover",)
+    for _ in range(2):
+        with pytest.raises(RobotDescriptionError, match=r"Rover\.toml: kind"):
+            catalog.find("rover")
+
+
 def test_later_folders_win(tmp_path: Path) -> None:
     """Of several folders the last one that has the class decides."""
     write(tmp_path / "one", "Rover", table(description="one"))

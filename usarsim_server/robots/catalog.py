@@ -7,7 +7,9 @@ another class and then says only what differs. Every key is described in docs/ro
 from __future__ import annotations
 
 import fnmatch
+import functools
 import re
+import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,9 +23,10 @@ from usarsim_server.robots.description import RobotDescription
 from usarsim_server.robots.families.base import families, find_family
 from usarsim_server.robots.reading import limbs, parts
 from usarsim_server.tables import Table
-from usarsim_server.toml import read_toml
+from usarsim_server.toml import parse_toml, read_text, read_toml
 
 _CLASS_NAME = re.compile(r"[A-Za-z0-9_-]+")
+_FIRST_TABLE = re.compile(r"^[ \t]*\[", re.MULTILINE)
 _log = Log("robots")
 
 ParentFinder = Callable[[str], RobotDescription | None]
@@ -31,9 +34,11 @@ ParentFinder = Callable[[str], RobotDescription | None]
 
 @dataclass(frozen=True, slots=True)
 class RobotFile:
-    """What one robot file says."""
+    """What one robot file says; `description` reads the robot itself where that is still to do."""
 
-    description: RobotDescription  # the robot itself
+    source: Path  # the file
+    name: str  # of the class
+    describe: Callable[[], RobotDescription]
     aliases: tuple[str, ...] = ()
     """Further class names for it, which clients get back as they are spelled here."""
     alias_patterns: tuple[str, ...] = ()
@@ -41,6 +46,15 @@ class RobotFile:
     exact_aliases: tuple[str, ...] = ()
     """Further names that mean this robot only in exactly this spelling, whatever else they mean in
     another one."""
+
+    @property
+    def description(self) -> RobotDescription:
+        """The robot itself.
+
+        Raises:
+            RobotDescriptionError: if the file, or one that it extends, cannot be used.
+        """
+        return self.describe()
 
 
 def load_robot(path: Path) -> RobotDescription:
@@ -59,7 +73,7 @@ def load_robot(path: Path) -> RobotDescription:
 class Library:
     """Folders of robot files, read on demand because files may extend each other.
 
-    A class in a later folder replaces one of the same name in an earlier folder.
+    A class in a later folder replaces one of the same name in an earlier folder. Thread-safe.
     """
 
     def __init__(self, folders: Sequence[Path], *, allow_outside: bool = False) -> None:
@@ -76,6 +90,7 @@ class Library:
         self._allow_outside = allow_outside
         self._read: dict[Path, RobotFile] = {}
         self._reading: list[Path] = []
+        self._lock = threading.RLock()
 
     def layers(self) -> list[list[RobotFile]]:
         """All files, folder by folder.
@@ -87,6 +102,32 @@ class Library:
             [self.load(path, number) for path in layer.values()]
             for number, layer in enumerate(self._layers)
         ]
+
+    def names(self) -> list[list[RobotFile]]:
+        """All files, folder by folder, of which only the names are read; each is read as a whole
+        when somebody asks what robot it describes.
+
+        Raises:
+            RobotDescriptionError: if a file cannot be read, or its names cannot be used.
+        """
+        return [
+            [self._names(path, number) for path in layer.values()]
+            for number, layer in enumerate(self._layers)
+        ]
+
+    def _names(self, path: Path, number: int) -> RobotFile:
+        text = read_text(path, RobotDescriptionError)
+        first = _FIRST_TABLE.search(text)
+        try:
+            # Names stand above the first table.
+            head = parse_toml(text[: first.start()] if first else text, path, RobotDescriptionError)
+        except RobotDescriptionError:
+            return self.load(path, number)  # a list may have such a line, too
+        return _robot_file(
+            Table(head, path, RobotDescriptionError),
+            path,
+            lambda: self.load(path, number).description,
+        )
 
     def replacements(self) -> list[Path]:
         """Files whose class is also in a folder of lower precedence."""
@@ -103,17 +144,20 @@ class Library:
         Raises:
             RobotDescriptionError: if one of the files cannot be used.
         """
-        if path in self._reading:
-            raise RobotDescriptionError(
-                at(path, "extends itself in a circle", "extend a class that stands on its own")
-            )
-        if path not in self._read:
-            self._reading.append(path)
-            self._read[path] = _read(
-                path, lambda name: self._parent(path, number, name), self._allow_outside
-            )
-            self._reading.remove(path)
-        return self._read[path]
+        with self._lock:
+            if path in self._reading:
+                raise RobotDescriptionError(
+                    at(path, "extends itself in a circle", "extend a class that stands on its own")
+                )
+            if path not in self._read:
+                self._reading.append(path)
+                try:
+                    self._read[path] = _read(
+                        path, lambda name: self._parent(path, number, name), self._allow_outside
+                    )
+                finally:
+                    self._reading.remove(path)
+            return self._read[path]
 
     def _parent(self, path: Path, number: int, name: str) -> RobotDescription | None:
         # A file that extends its own class means the one that it replaces.
@@ -142,15 +186,21 @@ def _files(folder: Path) -> dict[str, Path]:
 def _read(path: Path, find_parent: ParentFinder, allow_outside: bool) -> RobotFile:
     reader = Table(read_toml(path, RobotDescriptionError, "wheel"), path, RobotDescriptionError)
     name = _class_name(reader, path)
-    parent = _parent(reader, find_parent)
-    file = RobotFile(
-        _robot(reader, path, name, parent, allow_outside),
+    robot = _robot(reader, path, name, _parent(reader, find_parent), allow_outside)
+    file = _robot_file(reader, path, lambda: robot)
+    reader.finish()
+    return file
+
+
+def _robot_file(reader: Table, path: Path, describe: Callable[[], RobotDescription]) -> RobotFile:
+    return RobotFile(
+        path,
+        _class_name(reader, path),
+        describe,
         _class_names(reader, "aliases"),
         reader.texts("alias_patterns"),
         _class_names(reader, "exact_aliases"),
     )
-    reader.finish()
-    return file
 
 
 def _class_name(reader: Table, path: Path) -> str:
@@ -263,7 +313,7 @@ def _bodies(robot: RobotDescription) -> Iterator[str]:
 
 
 class RobotCatalog:
-    """Robot classes by the names that clients use; immutable once made."""
+    """Robot classes by the names that clients use; immutable once made, and thread-safe."""
 
     def __init__(self, layers: Sequence[Sequence[RobotFile]]) -> None:
         """Take robots in layers; a later layer has precedence over an earlier one.
@@ -273,29 +323,27 @@ class RobotCatalog:
         Raises:
             RobotDescriptionError: if two robots of one layer claim the same name.
         """
-        classes: dict[str, RobotDescription] = {}
+        classes: dict[str, RobotFile] = {}
         names: dict[str, tuple[str, str]] = {}
         patterns: list[tuple[str, str]] = []
         for layer in layers:
-            classes.update((file.description.name.lower(), file.description) for file in layer)
+            classes.update((file.name.lower(), file) for file in layer)
             names.update(_claims(layer))
             # Newest first, because the first pattern that matches wins.
             patterns[:0] = [
-                (pattern.lower(), file.description.name.lower())
+                (pattern.lower(), file.name.lower())
                 for file in layer
                 for pattern in file.alias_patterns
             ]
         self._classes = tuple(classes[name] for name in sorted(classes))
-        self._names = {
-            key: replace(classes[class_name], name=name)
-            for key, (name, class_name) in names.items()
-        }
+        self._names = {key: (name, classes[class_]) for key, (name, class_) in names.items()}
         self._exact = {
-            name: replace(classes[class_name], name=name)
+            name: (name, classes[class_name])
             for layer in layers
             for name, class_name in _exact_claims(layer).items()
         }
         self._patterns = [(pattern, classes[class_name]) for pattern, class_name in patterns]
+        self._named = functools.cache(_named)
 
     def find(self, class_name: str) -> RobotDescription | None:
         """The robot that a client means, None if there is none.
@@ -307,16 +355,19 @@ class RobotCatalog:
         Returns:
             The robot under its own name, under the name of the alias, or, if a pattern matched,
             under the client's own spelling, which has to be a name (see `protocol.names`).
+
+        Raises:
+            RobotDescriptionError: if its file was not read yet and cannot be used.
         """
         wanted = class_name.strip().rpartition(".")[2]
         found = self._exact.get(wanted) or self._names.get(wanted.lower())
         if found is not None:
-            return found
+            return self._named(*found)
         if len(wanted) > LONGEST_NAME or clean_name(wanted) != wanted:
             return None
         for pattern, robot in self._patterns:
             if fnmatch.fnmatchcase(wanted.lower(), pattern):
-                return replace(robot, name=wanted)
+                return replace(robot.description, name=wanted)
         return None
 
     def names(self) -> tuple[str, ...]:
@@ -324,12 +375,23 @@ class RobotCatalog:
         return tuple(robot.name for robot in self._classes)
 
     def descriptions(self) -> tuple[RobotDescription, ...]:
-        """All classes, in the order of `names`."""
-        return self._classes
+        """All classes, in the order of `names`.
+
+        Raises:
+            RobotDescriptionError: if a file was not read yet and cannot be used.
+        """
+        return tuple(robot.description for robot in self._classes)
+
+
+def _named(name: str, file: RobotFile) -> RobotDescription:
+    return replace(file.description, name=name)
 
 
 def load_catalog(extra: Sequence[Path] = (), *, allow_outside: bool = False) -> RobotCatalog:
     """Load the shipped robots and those of further folders.
+
+    Of the shipped files alone only the names are read at first, which is a tenth of the work; with
+    further folders all files are, as one of those may be wrong, or spoil a class that extends it.
 
     Args:
         extra: folders of robot files; a class in a later folder replaces one of the same name in
@@ -342,16 +404,12 @@ def load_catalog(extra: Sequence[Path] = (), *, allow_outside: bool = False) -> 
     library = Library([data_directory("robots"), *extra], allow_outside=allow_outside)
     for path in library.replacements():
         _log.info("robot class is replaced", name=path.stem, by=path)
-    return RobotCatalog(library.layers())
+    return RobotCatalog(library.layers() if extra else library.names())
 
 
 def _claims(layer: Iterable[RobotFile]) -> dict[str, tuple[str, str]]:
     """Every name that the robots of a layer answer to: lower case to spelling and class."""
-    names = (
-        (file.description, name)
-        for file in layer
-        for name in (file.description.name, *file.aliases)
-    )
+    names = ((file, name) for file in layer for name in (file.name, *file.aliases))
     return {
         key: (name, robot.name.lower())
         for key, (name, robot) in _unique(names, str.lower, "a name").items()
@@ -360,16 +418,16 @@ def _claims(layer: Iterable[RobotFile]) -> dict[str, tuple[str, str]]:
 
 def _exact_claims(layer: Iterable[RobotFile]) -> dict[str, str]:
     """The names of a layer that count in one spelling only, and their classes."""
-    names = ((file.description, name) for file in layer for name in file.exact_aliases)
+    names = ((file, name) for file in layer for name in file.exact_aliases)
     claims = _unique(names, str, "an exact alias")
     return {name: robot.name.lower() for name, (_, robot) in claims.items()}
 
 
 def _unique(
-    names: Iterable[tuple[RobotDescription, str]], key: Callable[[str], str], kind: str
-) -> dict[str, tuple[str, RobotDescription]]:
+    names: Iterable[tuple[RobotFile, str]], key: Callable[[str], str], kind: str
+) -> dict[str, tuple[str, RobotFile]]:
     """First spelling and robot by key; refuses names that two robots claim."""
-    claims: dict[str, tuple[str, RobotDescription]] = {}
+    claims: dict[str, tuple[str, RobotFile]] = {}
     for robot, name in names:
         _, other = claims.setdefault(key(name), (name, robot))
         if other.source != robot.source:

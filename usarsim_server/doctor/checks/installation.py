@@ -207,7 +207,7 @@ def judge_worlds(folder: Path) -> Iterator[Finding]:
 def judge_robots(folders: Sequence[Path]) -> Iterator[Finding]:
     """Read all robot files; the first folder is that of the shipped ones.
 
-    Any file that cannot be read keeps the server from starting.
+    Any file that cannot be read keeps the server from starting, or a shipped class from being used.
     """
     from usarsim_server.robots.catalog import RobotCatalog
 
