@@ -44,6 +44,7 @@ class Package:
 
 
 _MESHES = "maps in 3MF, OFF and XAML cannot be imported"
+_LEARNING = "exploration cannot be learned (usarsim_gym)"
 
 PACKAGES = (
     Package("mujoco", "mujoco", "mujoco>=3.16,<4", "the physics"),
@@ -85,6 +86,8 @@ PACKAGES = (
         optional=True,
     ),
     Package("numba", "numba", "numba>=0.61", "exploration takes longer", optional=True),
+    Package("gymnasium", "gymnasium", "gymnasium>=1.4", _LEARNING, optional=True),
+    Package("pettingzoo", "pettingzoo", "pettingzoo>=1.27", _LEARNING, optional=True),
 )
 
 

@@ -1,0 +1,24 @@
+"""Exploration as environments for learning: Gymnasium for one robot, PettingZoo for teams.
+
+Importing this registers `usarsim/ExploreGrid-v0`, `usarsim/ExploreFrontiers-v0` and
+`usarsim/ExplorePhysics-v0`; `gymnasium.make("usarsim_gym:usarsim/ExploreGrid-v0")` imports it by
+itself. Teams are `usarsim_gym.ExploreTeam`. See docs/gym.md.
+"""
+
+from importlib.util import find_spec
+
+for _name in ("gymnasium", "pettingzoo"):
+    if find_spec(_name) is None:
+        raise ImportError(f"{_name} is not installed (pip install usarsim-server[gym])", name=_name)
+
+import gymnasium  # noqa: E402
+
+from usarsim_gym.grid import ExploreGrid  # noqa: E402
+from usarsim_gym.team import ExploreTeam  # noqa: E402
+
+__all__ = ["ExploreGrid", "ExploreTeam"]
+
+gymnasium.register("usarsim/ExploreGrid-v0", "usarsim_gym.grid:ExploreGrid")
+gymnasium.register(
+    "usarsim/ExploreFrontiers-v0", "usarsim_gym.grid:ExploreGrid", kwargs={"action": "frontier"}
+)
