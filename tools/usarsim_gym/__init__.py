@@ -14,11 +14,13 @@ for _name in ("gymnasium", "pettingzoo"):
 import gymnasium  # noqa: E402
 
 from usarsim_gym.grid import ExploreGrid  # noqa: E402
+from usarsim_gym.physics import ExplorePhysics  # noqa: E402
 from usarsim_gym.team import ExploreTeam  # noqa: E402
 
-__all__ = ["ExploreGrid", "ExploreTeam"]
+__all__ = ["ExploreGrid", "ExplorePhysics", "ExploreTeam"]
 
 gymnasium.register("usarsim/ExploreGrid-v0", "usarsim_gym.grid:ExploreGrid")
 gymnasium.register(
     "usarsim/ExploreFrontiers-v0", "usarsim_gym.grid:ExploreGrid", kwargs={"action": "frontier"}
 )
+gymnasium.register("usarsim/ExplorePhysics-v0", "usarsim_gym.physics:ExplorePhysics")

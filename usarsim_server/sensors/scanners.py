@@ -66,6 +66,11 @@ class RangeScanner(LightRanging):
         self._heads = {dialect: self._head(dialect) for dialect in Dialect}
         self._digits = {dialect: self._range_digits(dialect) for dialect in Dialect}
 
+    @property
+    def scan(self) -> Array:
+        """The last scan (m), (beams,), from the right to the left; not to be written to."""
+        return self._ranges
+
     def rays(self, robot: RobotState) -> Sequence[RayFan]:
         """One ray per beam, in the order of the scan."""
         return self.beams_of(robot, self._directions)

@@ -68,6 +68,11 @@ class Odometry(Sensor):
         self._angles: tuple[float, float] | None = None
         self._pose: Vector = (0.0, 0.0, 0.0)
 
+    @property
+    def estimate(self) -> Vector:
+        """The last pose: x ahead and y to the right, m, and theta, rad."""
+        return self._pose
+
     def measure(self, robot: RobotState, hits: Sequence[RayHits]) -> bool:
         """Advance the pose by the way of both wheels since the last call (explicit Euler)."""
         angles = self._wheel_angles(robot)
