@@ -37,6 +37,7 @@ MEASUREMENTS: Mapping[str, tuple[str, str]] = {
     "stepping": ("stepping", "the step loop against MuJoCo alone"),
     "mission": ("mission", "what a referee costs, how fast a trial runs, how long reports take"),
     "explore": ("exploration", "a step of exploration on the grid, by team and environment"),
+    "gym": ("gym", "environments for learning: steps, resets and memory of 100,000 steps"),
     # The operator console, in a browser.
     "console": ("console.measuring", "the operator console: sizes, costs, from key to wire"),
     # What an hour leaves behind.

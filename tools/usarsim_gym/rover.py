@@ -50,6 +50,7 @@ class Rover:
 
     Attributes:
         engine: of the physics. scanner: of the episode. state: at the last look.
+        touching: the robot touches anything but the floor.
     """
 
     def __init__(self, world: World, robot: str, speed: float, reach: float, noise: float) -> None:
@@ -132,6 +133,7 @@ class Rover:
         fans = self.scanner.rays(self.state)  # nothing moves but the robot, which sees itself not
         self.scanner.measure(self.state, cast_scenery(fans, self._rays))
         self._odometry.measure(self.state, ())
+        self.touching = self._touches()
 
     # -- what is known of the robot -----------------------------------------------------------
 
@@ -162,9 +164,7 @@ class Rover:
         mount = self.scanner.mount.position
         return self.scanner.scan, self._angles, mount[0], mount[1]
 
-    @property
-    def touching(self) -> bool:
-        """Whether the robot touches anything but the floor."""
+    def _touches(self) -> bool:
         contact = self.engine.data.contact
         pairs = contact.geom[contact.dist <= 0.0]
         own = self._own[pairs]
