@@ -79,13 +79,13 @@ def test_what_is_seen_is_what_is_known() -> None:
     """The robot stands in the middle of known free space; rewards are the area that was found."""
     environment = ExploreGrid(ROOMS, time_cost=0.0, collision_cost=0.0, coverage=1.0, steps=50)
     observation, facts = environment.reset(seed=5)
-    total = facts["covered"] * environment._game._free * 0.1**2
+    total = facts["covered"] * environment.level.free * 0.1**2
     for action in np.random.default_rng(0).integers(8, size=40):
         observation, reward, _, _, facts = environment.step(action)
         total += reward
     assert tuple(observation["local"][:, 32, 32]) == (255, 0, 0)
-    assert total == pytest.approx(facts["covered"] * environment._game._free * 0.1**2)
-    (body,) = environment._game.robots
+    assert total == pytest.approx(facts["covered"] * environment.level.free * 0.1**2)
+    body = environment.level.cycle.bodies[1]
     bits = body.view.known.bits
     seen = (observation["local"][:2] > 0).any(axis=0)
     column, row = body.view.cell

@@ -2,7 +2,7 @@
 
 Importing this registers `usarsim/ExploreGrid-v0`, `usarsim/ExploreFrontiers-v0` and
 `usarsim/ExplorePhysics-v0`; `gymnasium.make("usarsim_gym:usarsim/ExploreGrid-v0")` imports it by
-itself. Teams are `usarsim_gym.ExploreTeam`. See docs/gym.md.
+itself. Teams are `ExploreTeam` and `ExplorePhysicsTeam`. See docs/gym.md.
 """
 
 from importlib.util import find_spec
@@ -13,11 +13,10 @@ for _name in ("gymnasium", "pettingzoo"):
 
 import gymnasium  # noqa: E402
 
-from usarsim_gym.grid import ExploreGrid  # noqa: E402
-from usarsim_gym.physics import ExplorePhysics  # noqa: E402
-from usarsim_gym.team import ExploreTeam  # noqa: E402
+from usarsim_gym.grid import ExploreGrid, ExploreTeam  # noqa: E402
+from usarsim_gym.physics import ExplorePhysics, ExplorePhysicsTeam  # noqa: E402
 
-__all__ = ["ExploreGrid", "ExplorePhysics", "ExploreTeam"]
+__all__ = ["ExploreGrid", "ExplorePhysics", "ExplorePhysicsTeam", "ExploreTeam"]
 
 gymnasium.register("usarsim/ExploreGrid-v0", "usarsim_gym.grid:ExploreGrid")
 gymnasium.register(

@@ -44,21 +44,24 @@ class Chart:
         return min(max(column, 0), columns - 1), min(max(row, 0), rows - 1)
 
     def take_in(
-        self, place: tuple[float, float, float], ranges: NDArray[np.float64],
-        angles: NDArray[np.float64], reach: float,
-    ) -> Bits:  # fmt: skip
+        self,
+        place: tuple[float, float, float],
+        ranges: NDArray[np.float64],
+        angles: NDArray[np.float64],
+        met: NDArray[np.bool_],
+    ) -> Bits:
         """Draw a scan.
 
         Args:
-            place: x, y and heading of the range finder. ranges: (n,) m; reach: nothing was met.
+            place: x, y and heading of the range finder. ranges: (n,) m.
             angles: (n,) of the beams, counterclockwise from the heading.
+            met: (n,) which beams ended at a wall.
 
         Returns:
             (rows, columns) 1 where the scan looked; valid until the next call.
         """
         x, y, heading = place
         turned = angles + heading
-        met = ranges < reach
         ways = ranges / self._cell + _BEHIND * met
         # cells, the middle of a cell at whole numbers, rows downwards
         corners = np.empty((len(ranges) + 1, 2))

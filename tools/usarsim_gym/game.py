@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,7 +16,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from usarsim_exploration.cycle import BASE, Body, Cycle, set_up
+from usarsim_exploration.cycle import BASE, Cycle, set_up
 from usarsim_exploration.errors import ExplorationError
 from usarsim_exploration.events import Fate
 from usarsim_exploration.scenario import Scenario, load, merge, read
@@ -30,6 +30,7 @@ from usarsim_exploration.showing.scene import (
     links_of,
 )
 from usarsim_exploration.worlds import World, draw_places
+from usarsim_gym.level import Rewards
 from usarsim_gym.puppets import (
     FRONTIERS,
     HEADINGS,
@@ -46,36 +47,12 @@ Tables = Mapping[str, object]
 DEFAULT: Tables = {"environment": {"name": "lab"}}
 
 
-@dataclass(frozen=True, slots=True)
-class Rewards:
-    """What an episode is about, and when it is over.
-
-    Attributes:
-        coverage: part of the reachable free cells that ends an episode once the team knows it.
-        steps: after which an episode is cut off.
-        time, collision: taken off in each step, and for each move against a wall, m2.
-    """
-
-    coverage: float = 0.95
-    steps: int = 400
-    time: float = 0.1
-    collision: float = 0.5
-
-    def __post_init__(self) -> None:
-        """Raises: ExplorationError: a value makes no sense."""
-        if not 0.0 < self.coverage <= 1.0:
-            raise ExplorationError(f"coverage: {self.coverage} (write a part above 0, up to 1)")
-        if self.steps < 1:
-            raise ExplorationError(f"steps: {self.steps} (write a number from 1)")
-
-
 class Game:
-    """Episodes, one after the other.
+    """The grid as a level.
 
     Attributes:
         cycle: of the present episode. gained: m2 of free space that its last step found.
-        ended: the goal is reached, or nobody can find more; cut: out of time.
-        action_space, observation_space: of each robot.
+        free: reachable free cells.
     """
 
     def __init__(
@@ -117,7 +94,7 @@ class Game:
         self._first = int(place.get("seed", 1)) if worlds > 1 else 0
         self._worlds, self._action, self.rewards = worlds, action, rewards
         self._trails: list[Sequence[Cells]] | None = [] if trails else None
-        self.names = [member.name for member in first.team[1:]]
+        self.robots = len(first.team) - 1
         self.action_space = spaces.Discrete(len(HEADINGS) if action == "heading" else FRONTIERS)
         self.observation_space = spaces.Dict(self._spaces(action))
 
@@ -151,14 +128,14 @@ class Game:
         )
         self._title = f"{world.environment.name}, gym"
         self._fate = Fate(scenario.events)
-        self._free = environment.free
+        self.free = environment.free
         self.ended = self.cut = False
         self.gained = 0.0
         if self._trails is not None:
             self._trails.clear()
         self._look()
 
-    def step(self, told: Mapping[int, int]) -> None:
+    def step(self, told: Mapping[int, Any]) -> None:
         """A step. told: actions by number of robot, of those that work."""
         cycle = self.cycle
         for number, action in told.items():
@@ -166,9 +143,12 @@ class Game:
             puppet, view = body.strategy, body.view
             assert isinstance(puppet, Puppet)
             if self._action == "heading":
-                puppet.plan, puppet.turn = straight(view, action)
+                puppet.plan, puppet.turn = straight(view, int(action))
             else:
-                puppet.plan, puppet.turn = self._choices[number].plan(view, action), behind(view)
+                puppet.plan, puppet.turn = (
+                    self._choices[number].plan(view, int(action)),
+                    behind(view),
+                )
             self._vain[number] = self._action == "heading" and not puppet.plan.path
         before = cycle.team_free
         self._fate.strike(cycle)
@@ -202,18 +182,17 @@ class Game:
     # -- what robots are told -----------------------------------------------------------------
 
     @property
-    def robots(self) -> list[Body]:
-        """Without the base."""
-        return self.cycle.bodies[1:]
-
-    @property
     def covered(self) -> float:
         """Part of the reachable free cells that anybody knows."""
-        return self.cycle.team_free / self._free
+        return self.cycle.team_free / self.free
 
-    def observe(self, body: Body) -> Observation:
+    def works(self, number: int) -> bool:
+        """Whether a robot has not failed."""
+        return self.cycle.bodies[number].works
+
+    def observe(self, number: int) -> Observation:
         """What a robot sees; see docs/gym.md."""
-        view = body.view
+        view = self.cycle.bodies[number].view
         bits, (column, row) = view.known.bits, view.cell
         rows, columns = bits.shape
         mates = [
@@ -230,26 +209,29 @@ class Game:
             "pose": np.array(pose, np.float32),
         }
         if self._action == "frontier":
-            choice = self._choices.get(view.number)
+            choice = self._choices.get(number)
             table = np.zeros((FRONTIERS, 5), np.float32) if choice is None else choice.table.copy()
             found["frontiers"] = table
         return found
 
-    def reward(self, body: Body) -> float:
+    def reward(self, number: int) -> float:
         """What the team found in the last step, less what the robot is charged, m2."""
-        vain = body.view.blocked or self._vain[body.view.number]
-        return self.gained - self.rewards.time - self.rewards.collision * vain
+        return self.gained - self.rewards.time - self.rewards.collision * self._collided(number)
 
-    def facts(self, body: Body) -> dict[str, Any]:
+    def _collided(self, number: int) -> bool:
+        return self._vain[number] or self.cycle.bodies[number].view.blocked
+
+    def facts(self, number: int) -> dict[str, Any]:
         """What goes beside an observation and is not for the learner, but for the mask."""
+        body = self.cycle.bodies[number]
         found: dict[str, Any] = {
             "covered": self.covered,
             "distance": body.distance * self.cycle.environment.cell,
-            "collided": bool(body.view.blocked or self._vain[body.view.number]),
+            "collided": self._collided(number),
             "linked": sorted(body.view.linked - {BASE}),
         }
         if self._action == "frontier":
-            choice = self._choices.get(body.view.number)
+            choice = self._choices.get(number)
             found["action_mask"] = np.zeros(FRONTIERS, np.int8) if choice is None else choice.mask
         return found
 

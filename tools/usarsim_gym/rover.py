@@ -1,14 +1,15 @@
-"""One robot with a range finder in MuJoCo, in this process and this thread: no sockets, no text.
+"""Robots with range finders in MuJoCo, in this process and this thread: no sockets, no text.
 
 The world is an environment of `usarsim explore`, its walls bricks 2 m high. Model, rays and classes
-are made once; `begin` puts everything back to the first step, and what follows is bit by bit what
-would follow in a new world.
+are made once; `Stage.begin` puts everything back to the first step, and what follows is bit by bit
+what would follow in a new world.
 """
 
 from __future__ import annotations
 
 import math
 import tempfile
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,7 +30,9 @@ from usarsim_server.simulation.frames import Pose, axes_of, quaternion_from_rpy
 from usarsim_server.simulation.growth import WorldParts
 from usarsim_server.simulation.model import PhysicsOptions
 from usarsim_server.simulation.placement import Placement
-from usarsim_server.simulation.rays.cast import cast_scenery
+from usarsim_server.simulation.rays.cast import cast_all, cast_scenery
+from usarsim_server.simulation.rays.moving import DynamicGeometry
+from usarsim_server.simulation.rays.query import PendingReport, RayHits
 from usarsim_server.simulation.rays.scenery import StaticGeometry
 from usarsim_server.simulation.snapshot import RobotBody
 from usarsim_server.testing import robot_model
@@ -42,23 +45,78 @@ SETTLE = 0.3
 """Simulated s until a robot that was let down stands."""
 LIFT = 0.005
 """m above the floor from which it is let down."""
+Place = tuple[float, float, float]
+"""x and y, m, and heading, rad."""
 _SCANNERS = ("rangescanner", "sick", "hokuyo", "hokuyourg04lx")
 
 
 class Rover:
-    """The robot in its world; x to the right, y up, headings counterclockwise, as in physics.
+    """One robot on its stage; x to the right, y up, headings counterclockwise, as in physics.
 
     Attributes:
-        engine: of the physics. scanner: of the episode. state: at the last look.
-        touching: the robot touches anything but the floor.
+        scanner: of the episode. state: at the last look. met: (n,) which beams met a wall.
+        touching: it touches anything but the floor. works: it is in the world.
     """
 
-    def __init__(self, world: World, robot: str, speed: float, reach: float, noise: float) -> None:
+    state: RobotBody
+    met: NDArray[np.bool_]
+
+    def __init__(self, scanner: RangeScanner, odometry: Odometry) -> None:
+        """A robot that has not looked yet."""
+        self.scanner, self._odometry = scanner, odometry
+        self.touching, self.works = False, True
+        beams = np.arange(scanner.beams, dtype=np.float64)
+        self.angles: NDArray[np.float64] = scanner.resolution * beams - scanner.fov / 2
+        """(n,) of the beams, from the right to the left, from the robot's heading, rad."""
+
+    def look(self, state: RobotBody, hits: RayHits, walls: RayHits, touching: bool) -> None:
+        """Scan and count the wheels.
+
+        Args:
+            state: of now. hits: what the beams meet; walls: what they would without robots.
+        """
+        self.state, self.touching = state, touching
+        self.scanner.measure(state, [hits])
+        self._odometry.measure(state, ())
+        self.met = (walls.distances < self.scanner.max_range) & (hits.distances >= walls.distances)
+
+    @property
+    def place(self) -> Place:
+        """The truth."""
+        (x, y, _), quaternion = self.state.pose.position, self.state.pose.quaternion
+        ahead = axes_of(*quaternion)[0]
+        return x, y, math.atan2(ahead[1], ahead[0])
+
+    @property
+    def way(self) -> Place:
+        """The same since the start by the wheels alone, ahead of the start and to its left."""
+        x, y, clockwise = self._odometry.estimate
+        return x, -y, -clockwise
+
+    @property
+    def velocity(self) -> tuple[float, float]:
+        """Ahead, m/s, and counterclockwise, rad/s."""
+        ahead = axes_of(*self.state.pose.quaternion)[0]
+        speed = sum(a * b for a, b in zip(ahead, self.state.linear_velocity, strict=True))
+        return speed, self.state.angular_velocity[2]
+
+
+class Stage:
+    """The world and its robots.
+
+    Attributes:
+        engine: of the physics. rovers: of the episode. beams: of each range finder.
+    """
+
+    def __init__(
+        self, world: World, robot: str, count: int, speed: float, reach: float, noise: float
+    ) -> None:
         """Compile.
 
         Args:
             world: whose walls stand. robot: class, skid-steered and with a range finder.
-            speed: m/s of its wheels at the most. reach, noise: of the range finder, m.
+            count: how many. speed: m/s of its wheels at the most. reach, noise: of the range
+                finder, m.
 
         Raises:
             UsarsimError: there is no such robot, or it is of another kind.
@@ -71,108 +129,88 @@ class Rover:
         with tempfile.TemporaryDirectory(prefix="usarsim-gym-") as name:
             write_world(world, Path(name) / "world")
             self._world = load_world(Path(name) / "world")
-            model = robot_model(self._robot)
-            self.engine = Engine(lambda: build_scene(self._world), self._options, [model])
-        self._rays = StaticGeometry(self.engine.world)
-        self._placement = Placement(self.engine.world, self._world.lower, self._world.upper)
-        compiled, layout = self.engine.world.model, self.engine.world.layouts[0]
-        self._own = np.zeros(compiled.ngeom, np.bool_)
-        self._own[layout.geoms] = True
-        self._solid = compiled.geom_type != int(mujoco.mjtGeom.mjGEOM_PLANE)
+            models = [robot_model(self._robot)] * count
+            self.engine = Engine(lambda: build_scene(self._world), self._options, models)
+        compiled = self.engine.world
+        self._rays = StaticGeometry(compiled)
+        self._bodies = DynamicGeometry(compiled) if count > 1 else None
+        self._placement = Placement(compiled, self._world.lower, self._world.upper)
+        self._owner = np.full(compiled.model.ngeom, -1)
+        for number, layout in enumerate(compiled.layouts):
+            self._owner[layout.geoms] = number
+        self._solid = compiled.model.geom_type != int(mujoco.mjtGeom.mjGEOM_PLANE)
         self._ticks = round(TICK / self.engine.timestep)
+        self.rovers = [self._rover(np.random.default_rng(0)) for _ in range(count)]
+        self.beams = self.rovers[0].scanner.beams
 
-    @property
-    def beams(self) -> int:
-        """Of the range finder."""
-        context = self._context(np.random.default_rng(0))
-        return _scanner(self._laser, context).beams
-
-    def begin(self, x: float, y: float, heading: float, random: np.random.Generator) -> None:
+    def begin(self, places: Sequence[Place], random: np.random.Generator) -> None:
         """A new episode.
 
         Args:
-            x, y: wanted place, m; the nearest that is free is taken. heading: rad.
-            random: draws the seed of the range finder's noise.
+            places: wanted, of each robot; the nearest that is free is taken.
+            random: draws the seeds of the range finders' noise.
         """
         engine = self.engine
-        engine.vacate(0)
+        for number in range(len(self.rovers)):
+            engine.vacate(number)
         mujoco.mj_resetData(engine.world.model, engine.data)
         engine.parts, engine.steps = WorldParts(engine.world, self._options), 0
-        context = self._context(np.random.default_rng(int(random.integers(2**63))))
-        self.scanner = _scanner(self._laser, context)
-        beams = np.arange(self.scanner.beams, dtype=np.float64)
-        self._angles = self.scanner.resolution * beams - self.scanner.fov / 2
-        odometry = create_sensor(self._odometer, context)
-        assert isinstance(odometry, Odometry)
-        self._odometry = odometry
         height = self._robot.rest_height + LIFT
-        wanted = Pose((x, y, height), quaternion_from_rpy(0.0, 0.0, heading))
-        engine.occupy(0, 0, self._placement.find(engine.snapshot(), 0, wanted))
+        for number, (x, y, heading) in enumerate(places):
+            seed = int(random.integers(2**63))
+            self.rovers[number] = self._rover(np.random.default_rng(seed))
+            wanted = Pose((x, y, height), quaternion_from_rpy(0.0, 0.0, heading))
+            engine.occupy(number, number, self._placement.find(engine.snapshot(), number, wanted))
         engine.advance(round(SETTLE / engine.timestep))
         self._look()
 
-    def step(self, ahead: float, right: float) -> bool:
-        """Drive for 0.1 s; whether the robot is still there, which only numbers can prevent.
+    def step(self, told: Mapping[int, tuple[float, float]]) -> None:
+        """Let 0.1 s pass.
 
         Args:
-            ahead, right: parts of the full speed of the wheels, -1 to 1; the wheels of the left
-                side get their sum, those of the right side their difference.
+            told: robots by number; ahead and right, parts of the full speed of the wheels, -1 to
+                1; the wheels of the left side get their sum, those of the right their difference.
         """
         fast = self._robot.drive.max_wheel_speed
-        sides = np.where(self._left, ahead + right, ahead - right)
-        self.engine.drive(0, np.clip(sides, -1.0, 1.0) * fast)
-        lost = self.engine.advance(self._ticks)
-        if not lost:
-            self._look()
-        return not lost
+        for number, (ahead, right) in told.items():
+            sides = np.where(self._left, ahead + right, ahead - right)
+            self.engine.drive(number, np.clip(sides, -1.0, 1.0) * fast)
+        for number in self.engine.advance(self._ticks):
+            self.rovers[number].works = False  # its numbers went beyond all sense
+        self._look()
 
     def _look(self) -> None:
-        """Scan and count the wheels."""
         snapshot = self.engine.snapshot()
-        self.state = RobotBody(snapshot, snapshot.layouts[0])
-        fans = self.scanner.rays(self.state)  # nothing moves but the robot, which sees itself not
-        self.scanner.measure(self.state, cast_scenery(fans, self._rays))
-        self._odometry.measure(self.state, ())
-        self.touching = self._touches()
+        states = {number: RobotBody(snapshot, one) for number, one in snapshot.layouts.items()}
+        reports = [
+            PendingReport(snapshot, number, self.rovers[number].scanner.rays(state))
+            for number, state in states.items()
+        ]
+        if not reports:
+            return
+        walls = cast_scenery([report.fans[0] for report in reports], self._rays)
+        hits = walls
+        if self._bodies is not None:
+            hits = [one[0] for one in cast_all(reports, self._rays, self._bodies)]
+        touching = self._touching()
+        for (number, state), hit, wall in zip(states.items(), hits, walls, strict=True):
+            self.rovers[number].look(state, hit, wall, number in touching)
 
-    # -- what is known of the robot -----------------------------------------------------------
-
-    @property
-    def place(self) -> tuple[float, float, float]:
-        """x and y of the reference point, m, and heading, rad: the truth."""
-        (x, y, _), quaternion = self.state.pose.position, self.state.pose.quaternion
-        ahead = axes_of(*quaternion)[0]
-        return x, y, math.atan2(ahead[1], ahead[0])
-
-    @property
-    def way(self) -> tuple[float, float, float]:
-        """The same since the start by the wheels alone, ahead of the start and to its left."""
-        x, y, clockwise = self._odometry.estimate
-        return x, -y, -clockwise
-
-    @property
-    def velocity(self) -> tuple[float, float]:
-        """Ahead, m/s, and counterclockwise, rad/s."""
-        ahead = axes_of(*self.state.pose.quaternion)[0]
-        speed = sum(a * b for a, b in zip(ahead, self.state.linear_velocity, strict=True))
-        return speed, self.state.angular_velocity[2]
-
-    @property
-    def sight(self) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:
-        """Ranges (n,) m from the right to the left, angles (n,) of the beams to the robot's
-        heading, and where the range finder is ahead and to the left of the reference point, m."""
-        mount = self.scanner.mount.position
-        return self.scanner.scan, self._angles, mount[0], mount[1]
-
-    def _touches(self) -> bool:
+    def _touching(self) -> set[int]:
+        """Who touches anything but the floor and itself."""
         contact = self.engine.data.contact
         pairs = contact.geom[contact.dist <= 0.0]
-        own = self._own[pairs]
-        others = ~own & self._solid[pairs]
-        return bool((own.any(axis=1) & others.any(axis=1)).any())
+        owners = self._owner[pairs]
+        pairs = pairs[(owners[:, 0] != owners[:, 1]) & self._solid[pairs].all(axis=1)]
+        return set(self._owner[pairs].ravel().tolist())
 
-    def _context(self, random: np.random.Generator) -> SensorContext:
-        return SensorContext(robot=self._robot, world=self._world, rng=random)
+    def _rover(self, random: np.random.Generator) -> Rover:
+        context = SensorContext(robot=self._robot, world=self._world, rng=random)
+        scanner = create_sensor(self._laser, context)
+        odometry = create_sensor(self._odometer, context)
+        assert isinstance(scanner, RangeScanner)
+        assert isinstance(odometry, Odometry)
+        return Rover(scanner, odometry)
 
 
 def _find(name: str) -> RobotDescription:
@@ -201,9 +239,3 @@ def _laser(robot: RobotDescription, reach: float, noise: float) -> ItemDescripti
             given = {**item.parameters, "max_range": reach, "noise": noise}
             return replace(item, parameters=given)
     raise ExplorationError(f"robot: {robot.name} has no range finder (name another, such as P3AT)")
-
-
-def _scanner(item: ItemDescription, context: SensorContext) -> RangeScanner:
-    found = create_sensor(item, context)
-    assert isinstance(found, RangeScanner)
-    return found

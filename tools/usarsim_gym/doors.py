@@ -1,0 +1,123 @@
+"""The two doors of a level: Gymnasium's, for one robot, and PettingZoo's, for a team."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from pettingzoo import ParallelEnv
+
+from usarsim_gym.level import Level
+from usarsim_gym.seeing import Observation, Picture
+
+Facts = dict[str, Any]
+
+
+class Alone(gymnasium.Env[Observation, Any]):
+    """A level with one robot."""
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 10}
+
+    def __init__(self, level: Level, render_mode: str | None) -> None:
+        """render_mode: `rgb_array`, or None for no pictures."""
+        self.level = level
+        self.observation_space = level.observation_space
+        self.action_space = level.action_space
+        self.render_mode = render_mode
+
+    def reset(
+        self, *, seed: int | None = None, options: Facts | None = None
+    ) -> tuple[Observation, Facts]:
+        """A new episode. options: none are known."""
+        super().reset(seed=seed)
+        self.level.begin(self.np_random)
+        return self.level.observe(1), self.level.facts(1)
+
+    def step(self, action: Any) -> tuple[Observation, float, bool, bool, Facts]:
+        """One step of the level."""
+        level = self.level
+        level.step({1: action})
+        return level.observe(1), level.reward(1), level.ended, level.cut, level.facts(1)
+
+    def render(self) -> Picture | None:
+        """What is known; None unless `render_mode` is `rgb_array`."""
+        return self.level.picture() if self.render_mode == "rgb_array" else None
+
+
+class Together(ParallelEnv[str, Observation, Any]):
+    """A level with a team; agents are `robot_1`, `robot_2` and so on."""
+
+    metadata: ClassVar[dict[str, Any]] = {
+        "name": "usarsim_explore_v0",
+        "render_modes": ["rgb_array"],
+        "render_fps": 10,
+        "is_parallelizable": True,
+    }
+
+    def __init__(self, level: Level, render_mode: str | None) -> None:
+        """render_mode: `rgb_array`, or anything else for no pictures."""
+        self.level = level
+        self.possible_agents = [f"robot_{n}" for n in range(1, level.robots + 1)]
+        self.agents: list[str] = []
+        self._numbers = {name: number for number, name in enumerate(self.possible_agents, 1)}
+        # each has spaces of its own, which draw by seeds of their own
+        self.observation_spaces = {
+            name: spaces.Dict(dict(level.observation_space.spaces)) for name in self.possible_agents
+        }
+        self.action_spaces = {name: _twin(level.action_space) for name in self.possible_agents}
+        self.render_mode = render_mode
+        self._random = np.random.default_rng()
+
+    def observation_space(self, agent: str) -> spaces.Space[Any]:
+        """Of an agent; always the same object."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> spaces.Space[Any]:
+        """Of an agent; always the same object."""
+        return self.action_spaces[agent]
+
+    def reset(
+        self, seed: int | None = None, options: Facts | None = None
+    ) -> tuple[dict[str, Observation], dict[str, Facts]]:
+        """A new episode. options: none are known."""
+        if seed is not None:
+            self._random = np.random.default_rng(seed)
+        self.level.begin(self._random)
+        self.agents = list(self.possible_agents)
+        return self._observations(self.agents), self._facts(self.agents)
+
+    def step(
+        self, actions: dict[str, Any]
+    ) -> tuple[
+        dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, Facts]
+    ]:
+        """One step of the level. A robot that failed is terminated; the others go on."""
+        level, acting = self.level, list(self.agents)
+        level.step({self._numbers[name]: actions[name] for name in acting})
+        rewards = {name: level.reward(self._numbers[name]) for name in acting}
+        terminated = {name: level.ended or not level.works(self._numbers[name]) for name in acting}
+        truncated = dict.fromkeys(acting, level.cut)
+        self.agents = [name for name in acting if not (terminated[name] or truncated[name])]
+        return self._observations(acting), rewards, terminated, truncated, self._facts(acting)
+
+    def render(self) -> Picture | None:
+        """What the team knows together; None unless `render_mode` is `rgb_array`."""
+        return self.level.picture() if self.render_mode == "rgb_array" else None
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+    def _observations(self, names: list[str]) -> dict[str, Observation]:
+        return {name: self.level.observe(self._numbers[name]) for name in names}
+
+    def _facts(self, names: list[str]) -> dict[str, Facts]:
+        return {name: self.level.facts(self._numbers[name]) for name in names}
+
+
+def _twin(space: spaces.Space[Any]) -> spaces.Space[Any]:
+    if isinstance(space, spaces.Discrete):
+        return spaces.Discrete(int(space.n))
+    assert isinstance(space, spaces.Box)
+    return spaces.Box(space.low, space.high, dtype=np.float32)
