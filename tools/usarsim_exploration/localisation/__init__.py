@@ -1,0 +1,16 @@
+"""Where a robot is, from its odometry and its range finder, and what it then sees.
+
+`Localiser` knows no server: it is told where odometry thinks the robot is and what the scanner
+read, and answers with a pose. `rasterise` makes of readings in metres what maps take in.
+
+The frame is that of the environment: x to the right along columns, y down along rows, m; the
+middle of cell (column, row) is at ((column + 0.5) cell, (row + 0.5) cell). Headings are rad from x
+towards y. So a pose in the wire frame of a server that runs a world of `worlds.physics` has the
+same x and heading, and its y is less by the height of the world.
+"""
+
+from usarsim_exploration.localisation.localiser import MODES, Localiser, Mode
+from usarsim_exploration.localisation.poses import Place, Pose, compose, relative
+from usarsim_exploration.localisation.rasterising import rasterise
+
+__all__ = ["MODES", "Localiser", "Mode", "Place", "Pose", "compose", "rasterise", "relative"]

@@ -1,0 +1,124 @@
+"""Follows a robot: by the truth, by odometry alone, or by odometry and its scans."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from usarsim_exploration.localisation.matching import match
+from usarsim_exploration.localisation.point_map import PointMap
+from usarsim_exploration.localisation.poses import ROBOT, Place, Pose, compose, relative
+from usarsim_exploration.localisation.surfaces import Floats, surfaces
+
+Mode = Literal["truth", "odometry", "scan-matching"]
+MODES: tuple[Mode, ...] = get_args(Mode)
+_KEEP_WAY, _KEEP_TURN = 0.25, 0.2
+"""Way, m, and turn, rad, after which a scan becomes part of the map."""
+_NEAR = 15.0
+"""Walls are matched as far from the robot as this, m."""
+_AROUND = 2.0
+"""Around what the last scan of the map saw, walls are matched, too, m."""
+_STANDING = 0.005, 0.003
+"""Standard deviation of odometry that did not move, m and rad."""
+_BY_WAY = 0.15, 0.05
+"""How much more by way driven, m and rad by m."""
+_BY_TURN = 0.05, 0.35
+"""How much more by turn, m and rad by rad: wheels that skid count turns half as long again."""
+
+
+class Localiser:
+    """Where a robot is. The same calls give the same poses.
+
+    Attributes:
+        mode: how. pose: where the robot is now.
+        beams: of the last scan that lay on known walls; 0 unless scans are matched.
+    """
+
+    def __init__(
+        self,
+        mode: Mode,
+        start: Pose,
+        size: tuple[float, float],
+        reach: float,
+        mount: Pose = (0.0, 0.0, 0.0),
+    ) -> None:
+        """Args:
+        mode: `truth` and `odometry` need no scans. start: where the robot stands at first.
+        size: of the world, x and y, m. reach: of the scanner, m; readings from there on hit
+            nothing. mount: pose of the scanner on the robot.
+        """
+        self.mode, self.pose, self.beams = mode, start, 0
+        self._reach, self._mount = reach, mount
+        self._odometry: Pose | None = None
+        self._kept: Pose | None = None
+        self._walls = PointMap(size)
+
+    @property
+    def scanner(self) -> Pose:
+        """Where the scanner is now."""
+        return compose(self.pose, self._mount)
+
+    def update(
+        self,
+        odometry: Pose,
+        ranges: ArrayLike = (),
+        angles: ArrayLike = (),
+        robots: Sequence[Place] = (),
+    ) -> Pose:
+        """Where the robot is now.
+
+        Args:
+            odometry: pose in any frame that keeps still, such as the sensor's own, m and rad from
+                x towards y; with `truth` that of the robot itself.
+            ranges: (n,) of a scan at the same time, m; NaN is ignored. angles: (n,) rising, rad,
+                0 is ahead of the scanner, positive towards y. Without a scan odometry goes on.
+            robots: where others are believed to be; what is seen there is no wall.
+        """
+        motion = relative(self._odometry or odometry, odometry)
+        self._odometry = odometry
+        if self.mode == "truth":
+            self.pose = odometry
+            return self.pose
+        self.pose = compose(self.pose, motion)
+        if self.mode == "scan-matching":
+            beams, turns = np.asarray(ranges, float), np.asarray(angles, float)
+            if len(beams):
+                self._look(beams, turns, motion, robots)
+        return self.pose
+
+    def _look(self, ranges: Floats, angles: Floats, motion: Pose, robots: Sequence[Place]) -> None:
+        points, normals = surfaces(ranges, angles, min(self._reach, _NEAR))
+        good = np.isfinite(normals).all(axis=1)
+        for place in robots:
+            seen = relative(self.scanner, (*place, 0.0))
+            good &= np.hypot(*(points - seen[:2]).T) > ROBOT
+        points, normals = points[good], normals[good]
+        if self._kept is not None:
+            found = match(self._walls, points, normals, self.scanner, self._doubt(motion))
+            self.beams = found.beams
+            self.pose = compose(found.pose, relative(self._mount, (0.0, 0.0, 0.0)))
+            x, y, turn = relative(self._kept, self.pose)
+            if math.hypot(x, y) < _KEEP_WAY and abs(turn) < _KEEP_TURN:
+                return
+        self._kept = self.pose
+        x, y, heading = scanner = self.scanner
+        cosine, sine = math.cos(heading), math.sin(heading)
+        matrix = np.array([[cosine, sine], [-sine, cosine]])
+        free = np.where(np.isfinite(ranges), np.clip(ranges, 0.0, _NEAR), 0.0)
+        self._walls.forget(scanner, free, angles)
+        seen = points @ matrix + (x, y)
+        self._walls.add(seen, normals @ matrix)
+        around = np.vstack([seen, (x, y)])
+        self._walls.prepare(around.min(axis=0) - _AROUND, around.max(axis=0) + _AROUND)
+
+    def _doubt(self, motion: Pose) -> tuple[float, float]:
+        """Standard deviation of odometry after a motion: of the place, m, and the heading, rad."""
+        way, turn = math.hypot(motion[0], motion[1]), abs(motion[2])
+        place, heading = (
+            _STANDING[one] + _BY_WAY[one] * way + _BY_TURN[one] * turn for one in range(2)
+        )
+        return place, heading

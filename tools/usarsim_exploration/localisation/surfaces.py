@@ -1,0 +1,60 @@
+"""Points of a scan, and how the surfaces that they lie on are turned."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+_BESIDE = 4, 2
+"""Beams on either side that tell how a surface is turned; fewer where it is too short for more."""
+_THICK = 0.05
+"""Standard deviation of points from their line, m; what is thicker is no surface."""
+_SURE = 0.1
+"""Standard deviation of how a surface is turned, rad; what is less certain is no surface."""
+_APART = 0.5
+"""Neighbours that are farther away than this and a tenth of the range lie on another one, m."""
+
+
+def surfaces(ranges: Floats, angles: Floats, reach: float) -> tuple[Floats, Floats]:
+    """Ends of beams that hit something, and normals of what they hit.
+
+    Args:
+        ranges: (n,) m; what is not finite or not below `reach` hit nothing. angles: (n,) rad,
+            in order. reach: m.
+
+    Returns:
+        Points (n, 2) as the scanner sees them, m; NaN where nothing was hit. Normals (n, 2)
+        of length 1 towards the scanner; NaN where no line fits through a point and its
+        neighbours.
+    """
+    hit = np.isfinite(ranges) & (ranges > 0) & (ranges < reach)
+    lengths = np.where(hit, ranges, np.nan)
+    points = np.stack([lengths * np.cos(angles), lengths * np.sin(angles)], axis=1)
+    normals = np.full(points.shape, np.nan)
+    for beside in _BESIDE:
+        bare = np.isnan(normals[:, 0])
+        normals[bare] = _normals(points, lengths, beside)[bare]
+    return points, normals
+
+
+def _normals(points: Floats, lengths: Floats, beside: int) -> Floats:
+    """Normals by so many beams on either side; NaN where they tell none."""
+    padded = np.pad(points, ((beside, beside), (0, 0)), constant_values=np.nan)
+    around = np.lib.stride_tricks.sliding_window_view(padded, 2 * beside + 1, axis=0)
+    away = around - points[:, :, None]  # (n, 2, window)
+    near = (away * away).sum(axis=1) < (_APART + 0.1 * lengths[:, None]) ** 2
+    away = np.where(near[:, None], away, 0.0)
+    count = np.maximum(near.sum(axis=1), 1)
+    x, y = (away - away.sum(axis=2)[:, :, None] / count[:, None, None]).swapaxes(0, 1)
+    xx = np.where(near, x * x, 0).sum(axis=1) / count
+    yy = np.where(near, y * y, 0).sum(axis=1) / count
+    xy = np.where(near, x * y, 0).sum(axis=1) / count
+    spread = np.hypot(xx - yy, 2 * xy)
+    thick, long = (xx + yy - spread) / 2, (xx + yy + spread) / 2
+    thin = (thick < _THICK**2) & (thick < _SURE**2 * count * long)
+    across = np.arctan2(2 * xy, xx - yy) / 2 + np.pi / 2
+    normals = np.stack([np.cos(across), np.sin(across)], axis=1)
+    normals *= -np.sign((normals * points).sum(axis=1))[:, None]
+    normals[~(thin & (count >= 3))] = np.nan
+    return normals
