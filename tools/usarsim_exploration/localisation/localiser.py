@@ -74,8 +74,9 @@ class Localiser:
         Args:
             odometry: pose in any frame that keeps still, such as the sensor's own, m and rad from
                 x towards y; with `truth` that of the robot itself.
-            ranges: (n,) of a scan at the same time, m; NaN is ignored. angles: (n,) rising, rad,
-                0 is ahead of the scanner, positive towards y. Without a scan odometry goes on.
+            ranges: (n,) of a scan, m; NaN is ignored. It has to be of the same time as odometry:
+                leave out a scan that was told before. Without one odometry goes on.
+            angles: (n,) in order, rad; 0 is ahead of the scanner, positive towards y.
             robots: where others are believed to be; what is seen there is no wall.
         """
         motion = relative(self._odometry or odometry, odometry)
@@ -86,6 +87,8 @@ class Localiser:
         self.pose = compose(self.pose, motion)
         if self.mode == "scan-matching":
             beams, turns = np.asarray(ranges, float), np.asarray(angles, float)
+            if len(beams) and turns[0] > turns[-1]:
+                beams, turns = beams[::-1], turns[::-1]
             if len(beams):
                 self._look(beams, turns, motion, robots)
         return self.pose

@@ -29,7 +29,7 @@ def rasterise(
 
     Args:
         pose: of the scanner, in the environment's frame. ranges: (n,) m; NaN: nothing is known;
-            infinite, or `reach` and more: nothing was hit. angles: (n,) rising, rad, 0 is ahead.
+            infinite, or `reach` and more: nothing was hit. angles: (n,) in order, rad, 0 is ahead.
         reach: of the scanner, m. cell: width of one, m. shape: rows and columns of the world;
             beams end at its edge.
         robots: x and y where others are believed to be, m: beams that end there hit no wall.
