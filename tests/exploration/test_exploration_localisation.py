@@ -56,7 +56,7 @@ def follow(
         ranges = read(world, pose, reach, seen)
         ranges += (ranges < reach) * random.normal(0.0, 0.01, len(ranges))
         begin = time.process_time()
-        believed = localiser.update(odometry, ranges, FAN, seen[:known])
+        believed = localiser.update(odometry, ranges, FAN, [(x, y, 0.6) for x, y in seen[:known]])
         if spent is not None:
             spent.append(time.process_time() - begin)
         way.append((pose, believed))
@@ -170,7 +170,7 @@ def test_what_a_beam_hits() -> None:
     """Nothing beyond the reach, nothing unknown, nobody whose place is known, no edge."""
     ranges = np.full(181, 3.0)
     ranges[[10, 20, 30]] = math.nan, math.inf, 8.0
-    scans = rasterise((4.0, 4.0, 0.0), ranges, FAN, 8.0, 0.1, (80, 120), [(7.2, 4.1)])
+    scans = rasterise((4.0, 4.0, 0.0), ranges, FAN, 8.0, 0.1, (80, 120), [(7.2, 4.1, 0.5)])
     assert scans.hits[0, [0, 60, 120, 180]].all()
     assert not scans.hits[0, [10, 20, 30, 88, 90, 92]].any()
     assert scans.free_ends[0, 90].tolist() == [70, 40]  # free as far as the robot there

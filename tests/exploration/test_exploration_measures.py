@@ -1,13 +1,22 @@
 """Measures of hand-made logs, against values by hand."""
 
+import math
+from dataclasses import replace
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
+from small_world import walls
 
+from usarsim_exploration.environment import Environment
 from usarsim_exploration.history import NOWHERE, History
+from usarsim_exploration.known_map import FREE, SAFE, WALL
 from usarsim_exploration.measures import MEASURES, measure
 from usarsim_exploration.measures.base import DECLARED, declare, jain, lasting
+from usarsim_exploration.measures.map_error import MapError, map_error
+from usarsim_exploration.measures.reality import Ways
+from usarsim_exploration.worlds import find
 
 ROWS, BODIES = 6, 3
 
@@ -118,6 +127,79 @@ def test_talk() -> None:
     assert found["mean_latency"] == pytest.approx((6 / 6 + 0) / 2)
 
 
+def rooms(cell: float = 0.1) -> tuple[Environment, np.ndarray]:
+    """Two rooms, and a map of all of it as it is."""
+    world = Environment("rooms", walls(), cell)
+    bits = np.where(world.walls, np.uint8(WALL | SAFE), np.uint8(FREE | SAFE)).astype(np.uint8)
+    return world, bits
+
+
+def test_the_error_of_a_map() -> None:
+    """EXP-16: none of a true map; a wall drawn two cells off counts with its cells and distance."""
+    world, bits = rooms()
+    whole = map_error(bits, world, (3, 3))
+    assert whole == MapError(0.0, 1.0, 1.0)
+    bits[5, 20:24] = WALL | SAFE  # five rows from either wall
+    drawn = np.count_nonzero(world.walls) + 4
+    found = map_error(bits, world, (3, 3))
+    assert found.error == pytest.approx(0.1 * 4 * 3.5 / drawn, rel=0.3)
+    assert found.mapped == 1.0
+    assert found.overlap == pytest.approx(1 - 4 / np.count_nonzero(world.walls == 0))
+    bits[:, 15:] = 0
+    half = map_error(bits, world, (3, 3))
+    assert half.error == 0.0
+    assert 0.4 < half.mapped < 0.7
+    nothing = map_error(np.zeros_like(bits), world, (3, 3))
+    assert nothing == MapError(None, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("shift", "turn"), [((3.0, -2.0), 0.0), ((1.0, 2.0), 0.06), ((0.0, 0.0), 0.1)]
+)
+def test_a_map_that_lies_askew(shift: tuple[float, float], turn: float) -> None:
+    """EXP-16: a map that is right in itself has an error below half a cell, and says how it lay."""
+    world = find("lab").environment
+    bits = np.where(world.walls, np.uint8(WALL | SAFE), np.uint8(FREE | SAFE)).astype(np.uint8)
+    rows, columns = bits.shape
+    matrix = cv2.getRotationMatrix2D((columns / 2, rows / 2), math.degrees(-turn), 1.0)
+    matrix[:, 2] += shift
+    askew = cv2.warpAffine(bits, matrix, (columns, rows), flags=cv2.INTER_NEAREST)
+    found = map_error(askew, world, find("lab").base)
+    assert found.error is not None
+    assert found.error < 0.05
+    assert found.mapped > 0.85  # shifts push outer walls off the map
+    assert found.overlap > 0.9
+    assert found.turn == pytest.approx(-turn, abs=0.005)
+    assert found.shift == pytest.approx(0.1 * math.hypot(*shift), abs=0.1)
+
+
+def test_ways_of_real_robots() -> None:
+    """Drift, slip, and who was near whom, by hand."""
+    ways = Ways()
+    for tick in range(11):  # both drive 10 m to the right; wheels roll 12 m and turn away
+        wheels = 5.0, 5.0 + 1.2 * tick, math.pi / 2
+        places = {1: 0.0, 2: 4.0 if tick < 5 else 0.9}
+        truth = {robot: (float(tick), y, 0.0) for robot, y in places.items()}
+        ways.note({n: (one, (tick, one[1] + 0.5, 0.0), wheels) for n, one in truth.items()}, 0.5)
+    found = ways.facts()
+    assert found["position_error"] == pytest.approx(0.5)
+    assert found["near_others"] == pytest.approx(0.5 * 2 * 6)
+    way = 10 + 9 + math.hypot(1, 3.1)
+    assert found["slip"] == pytest.approx(100 * (1 - way / 24))
+    off = math.hypot(2, 3.1) / (9 + math.hypot(1, 3.1))
+    assert found["odometry_drift"] == pytest.approx(100 * (0.2 + off) / 2)
+
+
+def test_measures_of_reality() -> None:
+    """They are there where a history tells of them."""
+    history = by_hand()
+    real = [name for name, one in MEASURES.items() if one.real]
+    assert not set(real) & set(measure(history))
+    found = measure(replace(history, reality={"map_error": 0.04}))
+    assert {name: found[name] for name in real} == dict.fromkeys(real) | {"map_error": 0.04}
+    assert set(Ways().facts()) < set(real)
+
+
 def test_nothing_to_tell() -> None:
     """Missing is None, never 0."""
     found = told()
@@ -135,7 +217,8 @@ def test_how_long_something_has_held() -> None:
 
 def test_names_are_given_once() -> None:
     """EXP-11: each measure says what it is; two cannot share a name."""
-    assert list(measure(by_hand())) == ["steps", *MEASURES, "lost"]
+    on_grid = [name for name, one in MEASURES.items() if not one.real]
+    assert list(measure(by_hand())) == ["steps", *on_grid, "lost"]
     assert set(MEASURES) == set(DECLARED)
     for one in MEASURES.values():
         assert one.definition.endswith("."), one.name

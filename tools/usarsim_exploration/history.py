@@ -7,8 +7,8 @@ first scans and the first exchange; column 0 of those by robot is the base.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -52,6 +52,8 @@ class History:
         latency: steps since the newest that is known of the base.
         idle: steps for which it has stood though it could have found something (`Idleness`).
         links: for each row the (n, 2) pairs that hear each other directly, the smaller one first.
+        reality: measures that only robots of a server have, by name; empty on the grid, and in
+            histories that were read from logs.
     """
 
     names: tuple[str, ...]
@@ -79,6 +81,7 @@ class History:
     latency: Counts
     idle: Counts
     links: tuple[Counts, ...]
+    reality: Mapping[str, float | None] = field(default_factory=dict)
 
     @property
     def steps(self) -> int:

@@ -10,7 +10,7 @@ same x and heading, and its y is less by the height of the world.
 """
 
 from usarsim_exploration.localisation.localiser import MODES, Localiser, Mode
-from usarsim_exploration.localisation.poses import Place, Pose, compose, relative
+from usarsim_exploration.localisation.poses import Disc, Pose, compose, relative
 from usarsim_exploration.localisation.rasterising import rasterise
 
-__all__ = ["MODES", "Localiser", "Mode", "Place", "Pose", "compose", "rasterise", "relative"]
+__all__ = ["MODES", "Disc", "Localiser", "Mode", "Pose", "compose", "rasterise", "relative"]

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from usarsim_exploration.localisation.matching import match
 from usarsim_exploration.localisation.point_map import PointMap
-from usarsim_exploration.localisation.poses import ROBOT, Place, Pose, compose, relative
+from usarsim_exploration.localisation.poses import Disc, Pose, compose, relative
 from usarsim_exploration.localisation.surfaces import Floats, surfaces
 
 Mode = Literal["truth", "odometry", "scan-matching"]
@@ -67,7 +67,7 @@ class Localiser:
         odometry: Pose,
         ranges: ArrayLike = (),
         angles: ArrayLike = (),
-        robots: Sequence[Place] = (),
+        robots: Sequence[Disc] = (),
     ) -> Pose:
         """Where the robot is now.
 
@@ -77,7 +77,7 @@ class Localiser:
             ranges: (n,) of a scan, m; NaN is ignored. It has to be of the same time as odometry:
                 leave out a scan that was told before. Without one odometry goes on.
             angles: (n,) in order, rad; 0 is ahead of the scanner, positive towards y.
-            robots: where others are believed to be; what is seen there is no wall.
+            robots: where others are believed to be, and how uncertain that is.
         """
         motion = relative(self._odometry or odometry, odometry)
         self._odometry = odometry
@@ -93,12 +93,12 @@ class Localiser:
                 self._look(beams, turns, motion, robots)
         return self.pose
 
-    def _look(self, ranges: Floats, angles: Floats, motion: Pose, robots: Sequence[Place]) -> None:
+    def _look(self, ranges: Floats, angles: Floats, motion: Pose, robots: Sequence[Disc]) -> None:
         points, normals = surfaces(ranges, angles, min(self._reach, _NEAR))
         good = np.isfinite(normals).all(axis=1)
-        for place in robots:
-            seen = relative(self.scanner, (*place, 0.0))
-            good &= np.hypot(*(points - seen[:2]).T) > ROBOT
+        for x, y, radius in robots:
+            seen = relative(self.scanner, (x, y, 0.0))
+            good &= np.hypot(*(points - seen[:2]).T) > radius
         points, normals = points[good], normals[good]
         if self._kept is not None:
             found = match(self._walls, points, normals, self.scanner, self._doubt(motion))

@@ -6,10 +6,8 @@ import math
 
 Pose = tuple[float, float, float]
 """x, y, m; heading, rad."""
-Place = tuple[float, float]
-"""x, y, m."""
-ROBOT = 0.6
-"""What is seen within this of where a robot is believed to be is that robot, m."""
+Disc = tuple[float, float, float]
+"""Something round that is no wall, such as another robot: x, y and radius, m."""
 
 
 def compose(pose: Pose, motion: Pose) -> Pose:

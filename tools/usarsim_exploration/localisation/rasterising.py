@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from usarsim_exploration.localisation.poses import ROBOT, Place, Pose
+from usarsim_exploration.localisation.poses import Disc, Pose
 from usarsim_exploration.localisation.surfaces import Floats, surfaces
 from usarsim_exploration.sensing import NEAR, Scans
 
@@ -20,7 +20,7 @@ def rasterise(
     reach: float,
     cell: float,
     shape: tuple[int, int],
-    robots: Sequence[Place] = (),
+    robots: Sequence[Disc] = (),
 ) -> Scans:
     """One scan for `KnownMap.take_in`.
 
@@ -32,7 +32,7 @@ def rasterise(
             infinite, or `reach` and more: nothing was hit. angles: (n,) in order, rad, 0 is ahead.
         reach: of the scanner, m. cell: width of one, m. shape: rows and columns of the world;
             beams end at its edge.
-        robots: x and y where others are believed to be, m: beams that end there hit no wall.
+        robots: where others are believed to be: beams that end there hit no wall.
     """
     read, turns = np.asarray(ranges, float), np.asarray(angles, float)
     scaled = np.where(np.isnan(read), 0.0, np.clip(read, 0.0, reach)) / cell
@@ -43,8 +43,8 @@ def rasterise(
     edge = _edge(start, directions, shape)
     hits = np.isfinite(read) & (scaled < far - 2) & (scaled < edge) & (scaled > 0)
     tips = start + np.minimum(scaled, edge)[:, None] * directions.T
-    for robot in robots:
-        hits &= np.hypot(*(tips - np.array(robot) / cell).T) > ROBOT / cell
+    for x, y, radius in robots:
+        hits &= np.hypot(tips[:, 0] - x / cell, tips[:, 1] - y / cell) > radius / cell
     inwards = np.where(hits, _inwards(read, turns, reach, pose[2], directions), 0.0) / 2
     free = np.where(scaled > 0, scaled, 0.0)
     near = np.minimum(free, NEAR * far)

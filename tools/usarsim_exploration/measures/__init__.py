@@ -7,12 +7,12 @@ goal that was not reached has no time.
 from __future__ import annotations
 
 from usarsim_exploration.history import History
-from usarsim_exploration.measures import coverage, talk, work
+from usarsim_exploration.measures import coverage, reality, talk, work
 from usarsim_exploration.measures.base import DECLARED, Measure
 
 __all__ = ["MEASURES", "Measure", "markdown", "measure"]
 
-_FILES = [one.__name__ for one in (coverage, work, talk)]
+_FILES = [one.__name__ for one in (coverage, work, talk, reality)]
 MEASURES = dict(
     sorted(
         DECLARED.items(),
@@ -25,9 +25,16 @@ MEASURES = dict(
 
 
 def measure(history: History) -> dict[str, object]:
-    """All measures by name, and beside them `steps` and the names of robots that were `lost`."""
+    """All measures by name, and beside them `steps` and the names of robots that were `lost`.
+
+    Those of reality only where the history tells of it.
+    """
     lost = [name for name, works in zip(history.names, history.works[-1], strict=True) if not works]
-    values = {name: one.function(history) for name, one in MEASURES.items()}
+    values = {
+        name: one.function(history)
+        for name, one in MEASURES.items()
+        if history.reality or not one.real
+    }
     return {"steps": history.steps, **values, "lost": lost}
 
 
@@ -35,7 +42,6 @@ def markdown() -> str:
     """The table of all measures for a page."""
     rows = ["| Measure | Unit | Definition | Better | Source |", "|---|---|---|---|---|"]
     for one in MEASURES.values():
-        rows.append(
-            f"| `{one.name}` | {one.unit} | {one.definition} | {one.better} | {one.source} |"
-        )
+        text = f"{one.definition} Only on a server." if one.real else one.definition
+        rows.append(f"| `{one.name}` | {one.unit} | {text} | {one.better} | {one.source} |")
     return "\n".join(rows) + "\n"

@@ -37,7 +37,7 @@ class Measure:
         name: in files. title: in reports. unit: of its values.
         definition: in a sentence or two. source: where the definition comes from.
         function: computes it; None: there is none, such as the time of a goal not reached.
-        better: which direction is good.
+        better: which direction is good. real: only runs on a server have it.
     """
 
     name: str
@@ -47,6 +47,7 @@ class Measure:
     source: str
     function: Function
     better: Literal["more", "less", ""]
+    real: bool = False
 
 
 DECLARED: dict[str, Measure] = {}
@@ -60,13 +61,15 @@ def declare(
     definition: str,
     source: str = OURS,
     better: Literal["more", "less", ""] = "",
+    *,
+    real: bool = False,
 ) -> Callable[[Function], Function]:
     """Declare the function below as a measure; see `Measure`."""
 
     def add(function: Function) -> Function:
         if name in DECLARED:
             raise ValueError(f"two measures are called {name}")
-        DECLARED[name] = Measure(name, title, unit, definition, source, function, better)
+        DECLARED[name] = Measure(name, title, unit, definition, source, function, better, real)
         return function
 
     return add
