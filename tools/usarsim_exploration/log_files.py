@@ -162,8 +162,10 @@ def read_history(folder: Path, reachable: int) -> History:
     )
 
 
-def read_areas(folder: Path) -> tuple[Counts, Counts]:
-    """Cells that the team has known and that the base knows, by step, out of the data log.
+def read_areas(folder: Path) -> tuple[Counts, Counts, NDArray[np.float64]]:
+    """Cells that the team has known and that the base knows, and the mean distance of robots.
+
+    By step, out of the data log; distances in cells.
 
     Raises:
         ExplorationError: it cannot be read, or says what none of ours says.
@@ -174,7 +176,7 @@ def read_areas(folder: Path) -> tuple[Counts, Counts]:
     team, base = (
         np.array(steps.column(name, int), np.int64) for name in ("team_area", "base_area")
     )
-    return team, base
+    return team, base, np.array(steps.column("mean_distance", float))
 
 
 def first_difference(one: History, other: History) -> str | None:

@@ -61,7 +61,10 @@ def failed(job: Job, text: str) -> Row:
 
 
 def curves(history: History) -> dict[str, object]:
-    """Parts of the reachable free cells that are known; the last point is that of the end."""
+    """Parts of the reachable free cells that are known, and cells driven by all robots together.
+
+    The last point is that of the end.
+    """
     steps = np.arange(0, history.steps + EVERY, EVERY)
     rows = np.minimum(steps, history.steps)
 
@@ -70,7 +73,8 @@ def curves(history: History) -> dict[str, object]:
         return found
 
     return {
-        "steps": steps.tolist(), "team": share(history.free_team), "base": share(history.free_base)
+        "steps": steps.tolist(), "team": share(history.free_team), "base": share(history.free_base),
+        "distance": history.distance[rows, 1:].sum(axis=1).round(1).tolist(),
     }  # fmt: skip
 
 

@@ -57,8 +57,20 @@ class Look:
 
     def legend(self, figure: Figure, strategies: Sequence[str]) -> None:
         """Names of lines, below the figure."""
+        self._legend(figure, strategies, [Line2D([], [], **self.line(one)) for one in strategies])
+
+    def points(self, figure: Figure, strategies: Sequence[str]) -> None:
+        """Names of points, below the figure."""
+        marks = [
+            Line2D([], [], linestyle="", marker=self.marker(one), color=self.colour(one))
+            for one in strategies
+        ]
+        self._legend(figure, strategies, marks)
+
+    @staticmethod
+    def _legend(figure: Figure, strategies: Sequence[str], marks: Sequence[Line2D]) -> None:
         figure.legend(
-            [Line2D([], [], **self.line(one)) for one in strategies],
+            marks,
             [_text(one) for one in strategies],
             loc="outside lower center",
             ncols=_columns(strategies),
@@ -95,7 +107,7 @@ def curves(name: str, group: Group, look: Look) -> str:
                     low, high = band(known)
                     colour = look.colour(strategy)
                     axes.fill_between(steps, low, high, color=colour, alpha=0.18, linewidth=0)
-            _axes(axes, who.capitalize(), "step")
+            axes_of(axes, who.capitalize(), "step")
             axes.set_xlim(0, max(group.horizon, 1))
             axes.set_ylim(0, 102)
         left.set_ylabel("reachable cells known (%)")
@@ -104,7 +116,7 @@ def curves(name: str, group: Group, look: Look) -> str:
     if not told:
         return ""
     height = 3.0 + _legend_height(list(told))
-    return _picture(name, f"Coverage by step, {group.setting}", height, draw)
+    return picture_of(name, f"Coverage by step, {group.setting}", height, draw)
 
 
 def _at(steps: Array, curve: Curves, who: str) -> Array:
@@ -123,7 +135,7 @@ def goals(name: str, group: Group, look: Look) -> str:
                 times = [time for run in runs if (time := run.time(goal)) is not None]
                 if times:
                     _reached(axes, times, group.limit, look.line(strategy))
-            _axes(axes, title(goal), "")
+            axes_of(axes, title(goal), "")
             axes.set_ylim(-3, 103)
         for axes in panels[:, 0]:
             axes.set_ylabel("runs that are there (%)")
@@ -133,7 +145,7 @@ def goals(name: str, group: Group, look: Look) -> str:
         look.legend(figure, list(group.runs))
 
     height = 3.9 + _legend_height(list(group.runs))
-    return _picture(name, f"Runs that have reached goals by step, {group.setting}", height, draw)
+    return picture_of(name, f"Runs that have reached goals by step, {group.setting}", height, draw)
 
 
 def _reached(axes: Axes, times: Sequence[Time], limit: int, line: dict[str, Any]) -> None:
@@ -160,7 +172,7 @@ def spread(name: str, group: Group, look: Look) -> str:
             for row, strategy in enumerate(strategies):
                 _box(axes, measure, row, strategy, group.runs[strategy], look)
             unit = MEASURES[measure].unit
-            _axes(axes, title(measure), "part" if unit == "1" else unit)
+            axes_of(axes, title(measure), "part" if unit == "1" else unit)
             axes.set_yticks(range(len(strategies)), [_text(one) for one in strategies])
             axes.set_ylim(len(strategies) - 0.45, -0.55)
             axes.tick_params(axis="y", length=0.0, labelcolor=INK)
@@ -168,7 +180,7 @@ def spread(name: str, group: Group, look: Look) -> str:
             axes.margins(x=0.08)
 
     height = 1.6 + 0.62 * len(strategies)
-    return _picture(name, f"All runs by measure, {group.setting}", height, draw)
+    return picture_of(name, f"All runs by measure, {group.setting}", height, draw)
 
 
 def _box(
@@ -243,7 +255,7 @@ def ranks(name: str, label: str, ranking: Ranking) -> str:
             reach = 0.008 * (count - 1)
             _line(axes, (span[0] - reach, span[1] + reach), (y, y), INK, 3.2)
 
-    return _picture(name, label, 0.75 + 0.16 * len(groups) + 0.27 * half, draw)
+    return picture_of(name, label, 0.75 + 0.16 * len(groups) + 0.27 * half, draw)
 
 
 def _line(
@@ -252,14 +264,16 @@ def _line(
     axes.plot(x, y, color=colour, linewidth=width, solid_capstyle="butt")
 
 
-def _axes(axes: Axes, head: str, unit: str) -> None:
-    axes.set_title(textwrap.fill(head, 24))
+def axes_of(axes: Axes, head: str, unit: str) -> None:
+    """Title, unit below, and a grid."""
+    axes.set_title(_text(textwrap.fill(head, 24)))
     axes.set_xlabel(unit)
     axes.grid(color=HAIR, linewidth=0.5)
     axes.set_axisbelow(True)
 
 
-def _picture(name: str, label: str, height: float, draw: Callable[[Figure], None]) -> str:
+def picture_of(name: str, label: str, height: float, draw: Callable[[Figure], None]) -> str:
+    """An SVG of the width of the page. height: inches."""
     return picture(name, escape(label), WIDTH, height, draw)
 
 

@@ -12,7 +12,8 @@ from pathlib import Path
 from statistics import median
 
 from usarsim_exploration.measures import MEASURES
-from usarsim_exploration.reporting import pictures, tables
+from usarsim_exploration.reporting import agreement_page, pictures, tables
+from usarsim_exploration.reporting.agreement import agree
 from usarsim_exploration.reporting.comparison import (
     GOALS,
     RANKED,
@@ -72,6 +73,10 @@ def _page(found: Comparison, progress: Progress) -> Page:
         _failed(page, found)
     _ranking(page, found)
     _overview(page, found)
+    levels = agree(found)
+    if levels is not None:
+        progress("compares levels")
+        agreement_page.write(page, levels, look)
     for number_, group in enumerate(found.groups, start=1):
         progress(f"setting {number_} of {len(found.groups)}")
         page.heading(str(group.setting))

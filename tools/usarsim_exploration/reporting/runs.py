@@ -45,32 +45,45 @@ _LISTS = ("environments", "teams", "radios", "strategies")
 """What a batch runs each with each."""
 _NO_SCENARIO = (*_LISTS, "title", "seeds")
 """Of a batch, what is in no scenario of its runs."""
+GRID = "grid"
+"""Backend of runs that do not name one."""
 _AGAIN = "write it again with `usarsim explore run` or `usarsim explore bench`"
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, order=True, slots=True)
 class Setting:
-    """What strategies are compared in. team: its label, if that is more than the number."""
+    """What strategies are compared in.
+
+    Attributes:
+        team: its label, if that is more than the number. backend: who moved the robots.
+    """
 
     environment: str
     robots: int
     team: str
     radio: str
+    backend: str = GRID
 
     def __str__(self) -> str:
         robots = "1 robot" if self.robots == 1 else f"{self.robots} robots"
         team = f"{self.team} ({robots})" if self.team else robots
-        return f"{self.environment}, {team}, {self.radio}"
+        level = "" if self.backend == GRID else f", {self.backend}"
+        return f"{self.environment}, {team}, {self.radio}{level}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Curves:
-    """How much was known, as a part of the reachable cells, at some steps from 0 to the last."""
+    """How much was known, as a part of the reachable cells, at some steps from 0 to the last.
+
+    Attributes:
+        distance: cells that all robots had driven by then; None: it is not told.
+    """
 
     steps: Array
     team: Array
     base: Array
+    distance: Array | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -190,10 +203,16 @@ def _single(table: Table, folder: Path, name: str) -> Run:
         len(scenario.tables("robot")) or _count(scenario.table("team"), "robots"),
         "",
         scenario.table("radio").text("model"),
+        scenario.text("backend", GRID),
     )
-    team, base = read_areas(folder)
+    team, base, distance = read_areas(folder)
     reachable = environment.count("reachable", low=1, high=_LATEST)
-    curves = Curves(np.arange(len(team), dtype=float), team / reachable, base / reachable)
+    curves = Curves(
+        np.arange(len(team), dtype=float),
+        team / reachable,
+        base / reachable,
+        distance * setting.robots,
+    )
     end = table.table("ended")
     return Run(
         name,
@@ -203,7 +222,7 @@ def _single(table: Table, folder: Path, name: str) -> Run:
         _count(scenario.table("end"), "steps"),
         end.choice("reason", get_args(Reason)),
         _count(end, "step"),
-        "",
+        table.text("error", "", lines=True),
         _measures(table),
         curves,
         _same(table.free("scenario"), environment.text("digest")),
@@ -233,8 +252,9 @@ def _batch(table: Table, folder: Path, name: str) -> list[Run]:
     shared = batch.rest(*_LISTS, "end")
     timing = _timing(folder / TIMING)
     runs = []
+    backend = batch.text("backend", GRID)
     for row in table.tables("runs"):
-        run = _of_batch(row, name, limit)
+        run = _of_batch(row, name, limit, backend)
         team = run.setting.team or str(run.setting.robots)
         labels = run.setting.environment, team, run.setting.radio, run.strategy
         named = [entries[key].get(label) for key, label in zip(_LISTS, labels, strict=True)]
@@ -247,12 +267,13 @@ def _batch(table: Table, folder: Path, name: str) -> list[Run]:
     return runs
 
 
-def _of_batch(table: Table, name: str, limit: int) -> Run:
+def _of_batch(table: Table, name: str, limit: int, backend: str) -> Run:
     setting = Setting(
         table.text("environment"),
         _count(table, "robots"),
         table.text("team", ""),
         table.text("radio"),
+        backend,
     )
     who = name, setting, table.text("strategy"), table.count("seed", low=0, high=2**63 - 1), limit
     if table.has("error"):
@@ -322,4 +343,11 @@ def _curves(table: Table) -> Curves | None:
         )
         for key in ("team", "base")
     )
-    return Curves(steps, team, base)
+    distance = None
+    if below.has("distance"):
+        distance = column(
+            "distance",
+            lambda one: len(one) == len(steps) and one[0] >= 0 and (np.diff(one) >= 0).all(),
+            f"{len(steps)} distances that do not fall",
+        )
+    return Curves(steps, team, base, distance)

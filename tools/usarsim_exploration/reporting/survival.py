@@ -54,11 +54,16 @@ def restricted_mean(times: Sequence[Time], horizon: float) -> float:
     return float(_restricted(times, np.ones((1, len(times))), horizon)[0])
 
 
+def resampled_means(times: Sequence[Time], horizon: float) -> Array:
+    """(`RESAMPLES`,) restricted means of bootstrap samples; the same samples for equal counts."""
+    return _restricted(times, resampled(len(times)), horizon)
+
+
 def interval(times: Sequence[Time], horizon: float) -> Interval | None:
     """Of the restricted mean, by the percentile bootstrap over runs; None: they are all equal."""
     if len(times) < 3 or len(set(times)) == 1:
         return None
-    means = _restricted(times, resampled(len(times)), horizon)
+    means = resampled_means(times, horizon)
     low, high = np.percentile(means, _ENDS)
     return Interval(float(low), float(high))
 

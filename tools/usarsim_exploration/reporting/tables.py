@@ -11,7 +11,7 @@ from usarsim_study.tables import Cellular, csv_text
 from usarsim_study.wording import number
 
 _HEADS = (
-    "environment", "robots", "team", "radio", "strategy", "measure", "unit", "runs",
+    "environment", "robots", "team", "radio", "backend", "strategy", "measure", "unit", "runs",
     "with_value", "mean", "interval_low", "interval_high", "sd", "median",
     "quartile_low", "quartile_high", "horizon",
 )  # fmt: skip
@@ -52,6 +52,7 @@ def runs_csv(found: Comparison) -> str:
         "robots",
         "team",
         "radio",
+        "backend",
         "strategy",
         "seed",
         "ended",
@@ -70,7 +71,7 @@ def runs_csv(found: Comparison) -> str:
 
 def _place(setting: Setting) -> tuple[Cellular, ...]:
     team = setting.team or str(setting.robots)
-    return setting.environment, setting.robots, team, setting.radio
+    return setting.environment, setting.robots, team, setting.radio, setting.backend
 
 
 def table_tex(found: Comparison) -> str:
