@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from small_world import ROOMS, text_map
 
-from usarsim_exploration.batches import workers
+from usarsim_batch.tasks import differences
+from usarsim_exploration.batches import playing
 from usarsim_exploration.batches.batch_file import SUITES, Batch, find_batch, read_batch
-from usarsim_exploration.batches.playing import differences, play
+from usarsim_exploration.batches.playing import play
 from usarsim_exploration.errors import ExplorationError
 from usarsim_exploration.worlds import DRAWS, Draw, draw_places, find
 from usarsim_exploration.worlds.world import clearance
@@ -57,7 +58,7 @@ def bench(path: Path, out: Path, *options: str) -> tuple[int, dict[str, Any]]:
 def test_a_batch_of_ten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """E-76: means, deviations, a row for each run; a run that fails stops no other."""
     path = batch_file(tmp_path, strategies=["frontier", "fails.py:Fails"], teams=[1], seeds=5)
-    code, found = bench(path, tmp_path / "out", "--jobs", "1")
+    code, found = bench(path, tmp_path / "out", "--jobs", "0")
     rows = found["runs"]
     failed = [row for row in rows if "error" in row]
     assert code == 1
@@ -74,7 +75,7 @@ def test_a_batch_of_ten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> N
 
 def test_results_have_the_promised_form(tmp_path: Path) -> None:
     """EXP-20: what a report reads: keys, measures of run.json, curves to the end of the run."""
-    _, found = bench(batch_file(tmp_path), tmp_path / "out", "--jobs", "1")
+    _, found = bench(batch_file(tmp_path), tmp_path / "out", "--jobs", "0")
     assert found["format"] == "usarsim-explore-batch/1"
     keys = [
         tuple(row[key] for key in ("environment", "robots", "strategy", "radio", "seed"))
@@ -110,7 +111,7 @@ def test_goes_on_after_an_interruption(
 ) -> None:
     """What is over is not run again; Ctrl-C says so; another batch is refused."""
     path = batch_file(tmp_path)
-    _, whole = bench(path, tmp_path / "whole", "--jobs", "1")
+    _, whole = bench(path, tmp_path / "whole", "--jobs", "0")
     jobs = []
 
     def interrupted(job: Any) -> Any:
@@ -119,14 +120,14 @@ def test_goes_on_after_an_interruption(
         jobs.append(job.key)
         return play(job)
 
-    monkeypatch.setattr(workers, "play", interrupted)
-    command = ["explore", "bench", str(path), "--out", str(tmp_path / "out"), "--jobs", "1"]
+    monkeypatch.setattr(playing, "play", interrupted)
+    command = ["explore", "bench", str(path), "--out", str(tmp_path / "out"), "--jobs", "0"]
     assert cli.main(command) == 130
     assert "3 of 8 runs are kept" in capsys.readouterr().out
     assert not (tmp_path / "out" / "result.json").exists()
     torn = tmp_path / "out" / "runs" / f"{jobs[0].replace('/', ',')}.json"
     torn.write_text(torn.read_text()[:100])
-    monkeypatch.setattr(workers, "play", lambda job: jobs.append(job.key) or play(job))
+    monkeypatch.setattr(playing, "play", lambda job: jobs.append(job.key) or play(job))
     assert cli.main(command) == 0
     assert len(jobs) == 3 + 6
     assert json.loads((tmp_path / "out" / "result.json").read_text()) == whole
@@ -138,9 +139,9 @@ def test_goes_on_after_an_interruption(
 def test_verify(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """EXP-21: equal; a forged number is found by a rerun of its run; what is left out is missed."""
     path = batch_file(tmp_path)
-    _, found = bench(path, tmp_path / "out", "--jobs", "1")
+    _, found = bench(path, tmp_path / "out", "--jobs", "0")
     result = tmp_path / "out" / "result.json"
-    command = ["explore", "verify", str(result), "--jobs", "1", "--files", str(tmp_path)]
+    command = ["explore", "verify", str(result), "--jobs", "0", "--files", str(tmp_path)]
     capsys.readouterr()
     assert cli.main([*command, "--part", "25%"]) == 0
     assert "2 of 8 runs again, drawn by --seed " in (told := capsys.readouterr().out)

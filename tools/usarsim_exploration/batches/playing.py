@@ -1,13 +1,12 @@
-"""One run of a batch, as a row of its results; and which numbers of two rows differ."""
+"""One run of a batch, as a row of its results."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
 
 import numpy as np
 
+from usarsim_batch.tasks import Played, failed, provenance
 from usarsim_exploration.batches.batch_file import Job
 from usarsim_exploration.history import Counts, History
 from usarsim_exploration.log_files import agents_csv, steps_csv
@@ -20,18 +19,6 @@ from usarsim_server.errors import UsarsimError
 EVERY = 5
 """Steps between two points of a curve."""
 _DIGITS = 5
-Row = dict[str, Any]
-
-
-class Played(NamedTuple):
-    """What came of a run. row: of results, the same wherever and whenever it runs.
-
-    Attributes:
-        timing: processor seconds by phase, and steps; no result.
-    """
-
-    row: Row
-    timing: dict[str, float]
 
 
 def play(job: Job) -> Played:
@@ -50,14 +37,9 @@ def play(job: Job) -> Played:
             "digest": digest(history),
         }
     except Exception as error:  # a batch goes on
-        return Played(failed(job, _told(error)), {})
+        return failed(job, _told(error))
     watch.begin(PHASES[-1])
-    return Played(row, {"steps": history.steps, **watch.processor()})
-
-
-def failed(job: Job, text: str) -> Row:
-    """The row of a run that came to no end."""
-    return job.facts() | {"error": text}
+    return Played(row, {"steps": history.steps, **watch.processor()}, provenance())
 
 
 def curves(history: History) -> dict[str, object]:
@@ -81,21 +63,6 @@ def curves(history: History) -> dict[str, object]:
 def digest(history: History) -> str:
     """SHA-256 of both logs, `steps.csv` and then `agents.csv` as `explore run` writes them."""
     return hashlib.sha256((steps_csv(history) + agents_csv(history)).encode()).hexdigest()
-
-
-def differences(
-    one: object, other: object, place: str = ""
-) -> Iterator[tuple[str, object, object]]:
-    """Where two rows differ: place, and both values."""
-    if isinstance(one, Mapping) and isinstance(other, Mapping):
-        for key in dict.fromkeys([*one, *other]):
-            inner = f"{place}.{key}" if place else str(key)
-            yield from differences(one.get(key), other.get(key), inner)
-    elif isinstance(one, list) and isinstance(other, list) and len(one) == len(other):
-        for number, pair in enumerate(zip(one, other, strict=True)):
-            yield from differences(*pair, f"{place}[{number}]")
-    elif one != other or type(one) is not type(other):
-        yield place, one, other
 
 
 def _told(error: Exception) -> str:

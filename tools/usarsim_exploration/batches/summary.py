@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from statistics import fmean, stdev
 
-from usarsim_exploration.batches.playing import Row
+from usarsim_batch.tasks import Row
 from usarsim_server.cli.common import table
 
 SHOWN = ("team_t90", "base_t90", "team_area", "base_share", "distance")
 """Measures that are shown; the report tells all."""
 
 
-def summary(rows: Sequence[Row]) -> str:
+def summary(rows: Iterable[Row]) -> str:
     """One line for each strategy, `mean ± standard deviation (of so many runs)` by measure.
 
     A time is that of the runs that came so far; a run that did not has none.
     """
+    found: dict[str, list[list[float | None] | None]] = {}
+    for row in rows:
+        measures = None if "error" in row else [row["measures"][name] for name in SHOWN]
+        found.setdefault(row["strategy"], []).append(measures)
     lines = []
-    for strategy in dict.fromkeys(row["strategy"] for row in rows):
-        ran = [row for row in rows if row["strategy"] == strategy]
-        well = [row["measures"] for row in ran if "error" not in row]
-        cells = (_cell([one[name] for one in well if one[name] is not None]) for name in SHOWN)
+    for strategy, ran in found.items():
+        well = [one for one in ran if one is not None]
+        columns = zip(*well, strict=True) if well else [()] * len(SHOWN)
+        cells = (_cell([one for one in column if one is not None]) for column in columns)
         lines.append((strategy, len(ran), len(ran) - len(well), *cells))
     return table(("STRATEGY", "RUNS", "FAILED", *SHOWN), lines)
 

@@ -8,10 +8,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from usarsim_batch.engines import Engine
+from usarsim_batch.tasks import differences
 from usarsim_exploration.batches.batch_file import Job, read_batch
 from usarsim_exploration.batches.batch_folder import key_of
-from usarsim_exploration.batches.playing import differences
-from usarsim_exploration.batches.workers import play_all
+from usarsim_exploration.batches.playing import play
 from usarsim_exploration.errors import ExplorationError
 from usarsim_server.errors import at
 from usarsim_server.tables import suggest
@@ -61,9 +62,9 @@ class Verification:
                 raise ExplorationError(at(self._path, f"there is no run {key!r}", cure))
         return [self.jobs[key] for key in keys]
 
-    def rerun(self, jobs: Sequence[Job], workers: int) -> Iterator[tuple[Job, str]]:
+    def rerun(self, jobs: Sequence[Job], engine: Engine) -> Iterator[tuple[Job, str]]:
         """Run again; each run with what differs first, or empty text."""
-        for job, played in play_all(jobs, workers):
+        for job, played in engine.play(play, jobs):
             found = next(differences(self._rows[job.key], played.row), None)
             text = (
                 "" if found is None else f"{found[0]} is {found[1]!r}, the rerun has {found[2]!r}"

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 import sys
-import time
 from pathlib import Path
 
+from usarsim_batch.carry_out import add_options
 from usarsim_server.cli.common import Subparsers, add_command
 
 _EPILOG = (
@@ -23,7 +23,7 @@ def add_parser(subparsers: Subparsers) -> None:
     parser = add_command(subparsers, "bench", "run a batch on all cores", run, epilog=_EPILOG)
     parser.add_argument("batch", metavar="BATCH", help="TOML file, or full, quick, orders, stuck")
     parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="folder of results")
-    parser.add_argument("--jobs", metavar="N", type=int, help="workers; default: all cores")
+    add_options(parser)
     parser.add_argument(
         "--strategy",
         metavar="NAME",
@@ -37,87 +37,32 @@ def run(arguments: argparse.Namespace) -> int:
     """Run what is left of a batch, and write its results; returns the exit code.
 
     Raises:
-        UsarsimError: the batch cannot be used, or the folder not be written.
+        UsarsimError: the batch cannot be used, the folder not be written, or the cluster not be
+            reached.
     """
+    from usarsim_batch.carry_out import carry_out, engine_of
+    from usarsim_batch.folder import RESULT, Folder, write
     from usarsim_exploration.batches.batch_file import find_batch
-    from usarsim_exploration.batches.batch_folder import RESULT, BatchFolder
+    from usarsim_exploration.batches.batch_folder import FORMAT, TIMING, timing_csv
+    from usarsim_exploration.batches.playing import play
     from usarsim_exploration.batches.summary import summary
-    from usarsim_exploration.batches.workers import play_all
 
     batch = find_batch(arguments.batch)
     if arguments.strategy:
         batch = batch.only(arguments.strategy)
-    workers = workers_of(arguments.jobs)
-    folder = BatchFolder(arguments.out, batch.resolved())
+    engine = engine_of(arguments)
+    folder = Folder(arguments.out, FORMAT, batch.resolved())
     jobs = batch.jobs()
-    played = {job: kept for job in jobs if (kept := folder.find(job)) is not None}
-    left = [job for job in jobs if job not in played]
-    if played:
-        print(f"{arguments.out}: {len(played)} of {len(jobs)} runs are there", file=sys.stderr)
-    progress = Progress(len(jobs), len(played))
-    try:
-        for job, one in play_all(left, workers):
-            folder.keep(job, one)
-            played[job] = one
-            progress.tell(one.row.get("error", ""), job.key)
-    except KeyboardInterrupt:
-        progress.clear()
-        text = f"{len(played)} of {len(jobs)} runs are kept; the same command goes on from there"
-        print(f"interrupted: {text}")
-        raise
-    progress.clear()
-    folder.finish(played)
-    rows = [played[job].row for job in jobs]
-    print(summary(rows))
-    failed = sum("error" in row for row in rows)
-    spent = sum(sum(one.timing.values()) - one.timing.get("steps", 0) for one in played.values())
+    outcome = carry_out(play, jobs, folder, engine, arguments)
+    inorder = sorted(jobs, key=lambda job: job.order)
+    timing = [(job, dict(outcome.of(job).timing)) for job in inorder]
+    write(arguments.out / TIMING, [timing_csv(timing)])
+    folder.finish(outcome.of(job).row for job in inorder)
+    spent = sum(sum(one.values()) - one.get("steps", 0) for _, one in timing)
+    told = sys.stderr if arguments.watch == "json" else sys.stdout
+    print(summary(one.row for one in outcome), file=told)
     print(
-        f"{arguments.out / RESULT}: {len(rows)} runs, {failed} failed, "
-        f"{spent / 60:.1f} min of processor"
-    )
-    return 1 if failed else 0
-
-
-def workers_of(jobs: int | None) -> int:
-    """How many workers an option asks for.
-
-    Raises:
-        SettingsError: no number of workers.
-    """
-    from usarsim_exploration.batches.workers import cores
-    from usarsim_server.errors import SettingsError
-
-    if jobs is not None and not 1 <= jobs <= 1024:
-        raise SettingsError(f"--jobs: {jobs} is no number of workers (cure: write 1 to 1024)")
-    return jobs or cores()
-
-
-class Progress:
-    """A line on the terminal: how many runs are over, and about how long the rest takes."""
-
-    def __init__(self, count: int, done: int = 0) -> None:
-        """count: of runs. done: those that were over before."""
-        self._count, self._done, self._new = count, done, 0
-        self._begun = time.monotonic()
-        self._shown = sys.stderr.isatty()
-
-    def tell(self, error: str, key: str) -> None:
-        """One more is over; error: what went wrong."""
-        self._new += 1
-        over = self._done + self._new
-        if error:
-            self.clear()
-            print(f"{key}: {error}", file=sys.stderr)
-        if self._shown:
-            rest = (time.monotonic() - self._begun) / self._new * (self._count - over)
-            text = f"{over} of {self._count} runs, about {_span(rest)} to go"
-            print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
-
-    def clear(self) -> None:
-        """Take the line away."""
-        if self._shown:
-            print("\r\033[K", end="", file=sys.stderr, flush=True)
-
-
-def _span(seconds: float) -> str:
-    return f"{seconds / 60:.0f} min" if seconds >= 90 else f"{seconds:.0f} s"
+        f"{arguments.out / RESULT}: {len(jobs)} runs, {outcome.failed} failed, "
+        f"{spent / 60:.1f} min of processor", file=told,
+    )  # fmt: skip
+    return 1 if outcome.failed else 0

@@ -52,13 +52,15 @@ def run(arguments: argparse.Namespace) -> int:
     """
     from importlib.metadata import version
 
+    from usarsim_batch.engines import find_engine
+    from usarsim_batch.progress import Progress
+    from usarsim_batch.worker import Limits
     from usarsim_exploration.batches.batch_folder import read_result
     from usarsim_exploration.batches.verifying import Verification
-    from usarsim_exploration.commands.bench import Progress, workers_of
 
     path: Path = arguments.result
     content = read_result(path)
-    workers = workers_of(arguments.jobs)
+    engine = find_engine(None, arguments.jobs, Limits())
     if content.get("version") != version("usarsim-server"):
         print(f"{path}: is of version {content.get('version')}, this is another one")
     one = Verification(content, path, arguments.files or path.parent)
@@ -74,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"{len(jobs)} of {len(one.jobs)} runs again, drawn by --seed {seed}", flush=True)
     wrong = 0
     progress = Progress(len(jobs))
-    for job, difference in one.rerun(jobs, workers):
+    for job, difference in one.rerun(jobs, engine):
         progress.tell(difference, job.key)
         wrong += bool(difference)
     progress.clear()

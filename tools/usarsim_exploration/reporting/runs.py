@@ -20,8 +20,9 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from usarsim_batch.folder import RESULT
 from usarsim_exploration.batches.batch_folder import FORMAT as BATCH_FORMAT
-from usarsim_exploration.batches.batch_folder import RESULT, TIMING
+from usarsim_exploration.batches.batch_folder import TIMING
 from usarsim_exploration.ending import End, Reason
 from usarsim_exploration.errors import ExplorationError
 from usarsim_exploration.log_files import read_areas

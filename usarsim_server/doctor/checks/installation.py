@@ -85,6 +85,11 @@ PACKAGES = (
         "reports of studies and of exploration cannot be drawn",
         optional=True,
     ),
+    Package(
+        *("distributed", "distributed", "distributed>=2026.8"),
+        "batches cannot be played on a Dask cluster",
+        optional=True,
+    ),
     Package("numba", "numba", "numba>=0.61", "exploration takes longer", optional=True),
     Package("gymnasium", "gymnasium", "gymnasium>=1.4", _LEARNING, optional=True),
     Package("pettingzoo", "pettingzoo", "pettingzoo>=1.27", _LEARNING, optional=True),
