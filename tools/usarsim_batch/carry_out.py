@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from typing import Any
 
-from usarsim_batch.engines import Engine, find_engine
+from usarsim_batch.engines import SLURM, Engine, Here, find_engine
 from usarsim_batch.errors import BatchError
 from usarsim_batch.folder import Folder
 from usarsim_batch.progress import Progress
+from usarsim_batch.slurm import MOST, part_of, write_script
 from usarsim_batch.tasks import Played, Run, T, failed
 from usarsim_batch.worker import Limits
 
@@ -23,8 +24,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="workers; default: all cores; 0: in this process, without limits",
     )  # fmt: skip
     parser.add_argument(
-        "--cluster", metavar="dask://HOST:PORT", help="play on this Dask cluster (extra cluster)"
-    )
+        "--cluster", metavar="dask://HOST:PORT|slurm://",
+        help="play on this Dask cluster (extra cluster); or write a script for SLURM, --jobs "
+        "tasks of an array, and collect what came of it",
+    )  # fmt: skip
+    parser.add_argument("--part", metavar="K/N", help="play part K (from 0) of N, as SLURM does")
     parser.add_argument(
         "--time-limit", metavar="S", type=_positive, default=Limits.seconds,
         help="wall time after which a run is ended; default %(default)g",
@@ -46,6 +50,8 @@ def engine_of(arguments: argparse.Namespace) -> Engine:
     Raises:
         BatchError: there is no such engine.
     """
+    if arguments.cluster == SLURM:
+        return Here()  # never asked
     limits = Limits(arguments.time_limit, int(arguments.memory_limit * (1 << 20)))
     return find_engine(arguments.cluster, arguments.jobs, limits)
 
@@ -54,22 +60,22 @@ class Outcome:
     """What came of all runs; what is kept in files is read again and not held in memory.
 
     Attributes:
-        failed: how many failed.
+        whole: everything has been played; else there is nothing to collect yet.
+        code: exit code of the command: 1 if a run has failed.
     """
 
-    def __init__(self, folder: Folder, tasks: Sequence[Any]) -> None:
-        self.failed = 0
-        self._folder, self._tasks = folder, tasks
-        self.lost: dict[str, Played] = {}
+    def __init__(self, folder: Folder, tasks: Sequence[Any], lost: Mapping[str, Played]) -> None:
+        """Of tasks. lost: what could not be kept, by key."""
+        self.whole, self.code = True, 0
+        self._folder, self._tasks, self._lost = folder, tasks, lost
 
     def __iter__(self) -> Iterator[Played]:
         """Of each task, in their order."""
-        for task in self._tasks:
-            yield self.of(task)
+        return map(self.of, self._tasks)
 
     def of(self, task: Any) -> Played:
         """What came of a run."""
-        found = self.lost.get(task.key) or self._folder.find(task)
+        found = self._lost.get(task.key) or self._folder.find(task)
         return found or failed(task, "what was kept of it is gone")
 
 
@@ -79,42 +85,67 @@ def carry_out(
     folder: Folder,
     engine: Engine,
     arguments: argparse.Namespace,
+    command: Sequence[str],
 ) -> Outcome:
     """Play what is left; runs that failed before are tried again.
 
     Args:
-        run: plays one. tasks: all of the batch. folder: of results.
-        engine: plays them. arguments: see `add_options`.
+        run: plays one. tasks: all of the batch. folder: of results. engine: plays them.
+        arguments: see `add_options`, and `out`. command: words that begin the same one.
 
     Raises:
         BatchError: there is nobody who plays.
     """
-    outcome = Outcome(folder, tasks)
-    left = [one for one in tasks if (kept := folder.find(one)) is None or kept.error]
-    over = len(tasks) - len(left)
+    number, parts = part_of(arguments.part) if arguments.part else (0, 1)
+    mine = tasks[number::parts]
+    slurm = arguments.cluster == SLURM
+    left, bad = [], 0
+    for place, one in enumerate(mine):
+        kept = folder.find(one)
+        bad += kept is not None and bool(kept.error)
+        if kept is None or (kept.error and not slurm):
+            left.append(place)
+    over = len(mine) - len(left)
     if over:
-        print(f"{folder.folder}: {over} of {len(tasks)} runs are there", file=sys.stderr)
+        print(f"{folder.folder}: {over} of {len(mine)} runs are there", file=sys.stderr)
+    lost: dict[str, Played] = {}
+    outcome = Outcome(folder, tasks, lost)
+    outcome.whole = parts == 1
+    if slurm:
+        outcome.code = 1 if bad else 0
+        if left:
+            outcome.whole, outcome.code = False, 0
+            many = min(len(tasks), MOST if arguments.jobs is None else arguments.jobs)
+            words = [*command, "--out", str(arguments.out), *_limits(arguments)]
+            path = write_script(folder, words, many, sorted({place % many for place in left}))
+            print(f"{path}: plays {len(left)} runs: sbatch {path}; then this command collects")
+        return outcome
     if not left:
         return outcome
-    progress = Progress(len(tasks), over, arguments.watch)
+    progress = Progress(len(mine), over, arguments.watch)
     try:
-        with closing(engine.play(run, left)) as all_played:
+        with closing(engine.play(run, [mine[place] for place in left])) as all_played:
             for task, played in all_played:
                 try:
                     folder.keep(task, played)
                 except BatchError as error:  # a full disk; the next one may find room
                     played = failed(task, str(error))
-                    outcome.lost[task.key] = played
-                outcome.failed += bool(played.error)
+                    lost[task.key] = played
+                outcome.code |= bool(played.error)
                 over += 1
                 progress.tell(played.error, task.key, str(played.about.get("log", "")))
     except KeyboardInterrupt:
         progress.clear()
-        text = f"{over} of {len(tasks)} runs are kept; the same command goes on from there"
+        text = f"{over} of {len(mine)} runs are kept; the same command goes on from there"
         print(f"interrupted: {text}")
         raise
     progress.clear()
     return outcome
+
+
+def _limits(arguments: argparse.Namespace) -> list[str]:
+    seconds, memory = arguments.time_limit, arguments.memory_limit
+    return [f"--time-limit={seconds:g}", f"--memory-limit={memory:g}"]
 
 
 def _positive(text: str) -> float:

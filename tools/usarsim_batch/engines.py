@@ -13,6 +13,7 @@ from usarsim_batch.tasks import Played, Run, T
 from usarsim_batch.worker import Limits, Worker
 
 MOST_JOBS = 1024
+SLURM = "slurm://"
 
 
 class Engine(Protocol):
@@ -96,7 +97,7 @@ def find_engine(cluster: str | None, jobs: int | None, limits: Limits) -> Engine
     """
     if cluster is not None:
         if not cluster.startswith("dask://") or cluster == "dask://":
-            cure = "cure: write dask://HOST:PORT of a Dask scheduler"
+            cure = f"cure: write dask://HOST:PORT of a Dask scheduler, or {SLURM}"
             raise BatchError(f"--cluster: {cluster!r} is no cluster known here ({cure})")
         from usarsim_batch.dask_engine import Dask
 

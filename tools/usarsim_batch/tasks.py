@@ -27,6 +27,9 @@ class Task(Protocol):
     def facts(self) -> Row:
         """How results name it."""
 
+    def log(self) -> str:
+        """The end of what programs said that it started; empty: there is nothing of the kind."""
+
 
 T = TypeVar("T", bound=Task)
 
@@ -57,8 +60,9 @@ def failed(task: Task, text: str, log: str = "") -> Played:
     """A run that came to no end.
 
     Args:
-        task: of the run. text: why. log: the end of what it said.
+        task: of the run. text: why. log: the end of what its process said.
     """
+    log = "\n".join(filter(None, (log, task.log())))
     about: Row = {**provenance(), **({"log": log} if log else {})}
     return Played(task.facts() | {"error": text}, {}, about)
 

@@ -169,6 +169,10 @@ class Job:
             found["team"] = self.team
         return found | {"strategy": self.strategy, "radio": self.radio, "seed": self.seed}
 
+    def log(self) -> str:
+        """It starts no programs."""
+        return ""
+
     def scenario(self) -> Scenario:
         """What is run.
 

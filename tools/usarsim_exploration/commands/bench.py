@@ -53,16 +53,25 @@ def run(arguments: argparse.Namespace) -> int:
     engine = engine_of(arguments)
     folder = Folder(arguments.out, FORMAT, batch.resolved())
     jobs = batch.jobs()
-    outcome = carry_out(play, jobs, folder, engine, arguments)
+    command = [
+        "explore",
+        "bench",
+        arguments.batch,
+        *(f"--strategy={x}" for x in arguments.strategy or ()),
+    ]
+    outcome = carry_out(play, jobs, folder, engine, arguments, command)
+    if not outcome.whole:
+        return outcome.code
     inorder = sorted(jobs, key=lambda job: job.order)
     timing = [(job, dict(outcome.of(job).timing)) for job in inorder]
     write(arguments.out / TIMING, [timing_csv(timing)])
     folder.finish(outcome.of(job).row for job in inorder)
     spent = sum(sum(one.values()) - one.get("steps", 0) for _, one in timing)
+    bad = sum(bool(one.error) for one in outcome)
     told = sys.stderr if arguments.watch == "json" else sys.stdout
     print(summary(one.row for one in outcome), file=told)
     print(
-        f"{arguments.out / RESULT}: {len(jobs)} runs, {outcome.failed} failed, "
+        f"{arguments.out / RESULT}: {len(jobs)} runs, {bad} failed, "
         f"{spent / 60:.1f} min of processor", file=told,
     )  # fmt: skip
-    return 1 if outcome.failed else 0
+    return outcome.code

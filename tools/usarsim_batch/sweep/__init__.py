@@ -1,0 +1,1 @@
+"""Sweeps: a matrix of parameters of servers and of the programs that control robots in them."""
