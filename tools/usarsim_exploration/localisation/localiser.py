@@ -54,6 +54,7 @@ class Localiser:
         self.mode, self.pose, self.beams = mode, start, 0
         self._reach, self._mount = reach, mount
         self._odometry: Pose | None = None
+        self._way = self._turn = 0.0  # since the last scan
         self._kept: Pose | None = None
         self._walls = PointMap(size)
 
@@ -85,15 +86,17 @@ class Localiser:
             self.pose = odometry
             return self.pose
         self.pose = compose(self.pose, motion)
+        self._way += math.hypot(motion[0], motion[1])
+        self._turn += abs(motion[2])
         if self.mode == "scan-matching":
             beams, turns = np.asarray(ranges, float), np.asarray(angles, float)
             if len(beams) and turns[0] > turns[-1]:
                 beams, turns = beams[::-1], turns[::-1]
             if len(beams):
-                self._look(beams, turns, motion, robots)
+                self._look(beams, turns, robots)
         return self.pose
 
-    def _look(self, ranges: Floats, angles: Floats, motion: Pose, robots: Sequence[Disc]) -> None:
+    def _look(self, ranges: Floats, angles: Floats, robots: Sequence[Disc]) -> None:
         points, normals = surfaces(ranges, angles, min(self._reach, _NEAR))
         good = np.isfinite(normals).all(axis=1)
         for x, y, radius in robots:
@@ -101,7 +104,8 @@ class Localiser:
             good &= np.hypot(*(points - seen[:2]).T) > radius
         points, normals = points[good], normals[good]
         if self._kept is not None:
-            found = match(self._walls, points, normals, self.scanner, self._doubt(motion))
+            found = match(self._walls, points, normals, self.scanner, self._doubt())
+            self._way = self._turn = 0.0
             self.beams = found.beams
             self.pose = compose(found.pose, relative(self._mount, (0.0, 0.0, 0.0)))
             x, y, turn = relative(self._kept, self.pose)
@@ -118,10 +122,10 @@ class Localiser:
         around = np.vstack([seen, (x, y)])
         self._walls.prepare(around.min(axis=0) - _AROUND, around.max(axis=0) + _AROUND)
 
-    def _doubt(self, motion: Pose) -> tuple[float, float]:
-        """Standard deviation of odometry after a motion: of the place, m, and the heading, rad."""
-        way, turn = math.hypot(motion[0], motion[1]), abs(motion[2])
+    def _doubt(self) -> tuple[float, float]:
+        """Standard deviation of odometry since the last scan: place, m, and heading, rad."""
         place, heading = (
-            _STANDING[one] + _BY_WAY[one] * way + _BY_TURN[one] * turn for one in range(2)
+            still + by_way * self._way + by_turn * self._turn
+            for still, by_way, by_turn in zip(_STANDING, _BY_WAY, _BY_TURN, strict=True)
         )
         return place, heading
