@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from usarsim_exploration.kernels.steps import DIAGONAL, FAR, SHIFT, STRAIGHT
 
 Ints = NDArray[np.int64]
-OPEN, DONE = 1, 2
-"""Of a cell that may be entered: whether its cost is final."""
+CLOSED = -1
+"""Cost of a cell that may not be entered: less than any that is offered."""
 F = TypeVar("F", bound=Callable[..., Any])
 
 
@@ -83,57 +83,55 @@ def flood(
     """
     height, width = passable.shape
     stride = width + 2
-    padded = np.zeros((height + 2, stride), np.uint8)
-    padded[1:-1, 1:-1] = np.where(passable != 0, OPEN, 0)
-    state = padded.ravel()
-    costs = np.full((height + 2) * stride, FAR, np.int32)
+    padded = np.full((height + 2, stride), CLOSED, np.int32)
+    for row in range(height):
+        for column in range(width):
+            if passable[row, column]:
+                padded[row + 1, column + 1] = FAR
+    costs = padded.ravel()
     room = 8 * (height + width) + len(starts)
     now, soon, later = np.empty(room, np.int32), np.empty(room, np.int32), np.empty(room, np.int32)
-    here, next_, then = 0, 0, 0  # how many cells each holds
+    here, next_, then = 0, 0, 0  # how many cells each holds, each cell once
     for index in range(len(starts)):
         cell = (starts[index, 1] + 1) * stride + starts[index, 0] + 1
-        costs[cell], state[cell] = 0, OPEN
-        now[here] = cell
-        here += 1
+        if costs[cell] != 0:
+            costs[cell] = 0
+            now[here] = cell
+            here += 1
     wanted = (targets[:, 1] + 1) * stride + targets[:, 0] + 1
     missing = len(wanted)  # from there on all are final
     expanded, bucket = 0, 0
     while here + next_ + then > 0 and expanded < limit:
         for entry in range(here):
-            cell = now[entry]
+            cell = np.uint32(now[entry])  # unsigned: compiled code need not ask for the sign
             cost = costs[cell]
-            if state[cell] == DONE or cost >> SHIFT != bucket:
+            if cost >> SHIFT != bucket:  # it has become cheaper, and was expanded before
                 continue
-            state[cell] = DONE
             expanded += 1
-            east, south = state[cell + 1], state[cell + stride]
-            west, north = state[cell - 1], state[cell - stride]
-            offered = cost + STRAIGHT  # always of the next bucket
-            if east == OPEN and offered < costs[cell + 1]:
-                costs[cell + 1], soon[next_] = offered, cell + 1
-                next_ += 1
-            if south == OPEN and offered < costs[cell + stride]:
-                costs[cell + stride], soon[next_] = offered, cell + stride
-                next_ += 1
-            if west == OPEN and offered < costs[cell - 1]:
-                costs[cell - 1], soon[next_] = offered, cell - 1
-                next_ += 1
-            if north == OPEN and offered < costs[cell - stride]:
-                costs[cell - stride], soon[next_] = offered, cell - stride
-                next_ += 1
-            offered = cost + DIAGONAL  # of the next bucket or the one after
-            for diagonal in range(4):  # no corner is cut
-                if diagonal == 0:
-                    clear, there = east and south, cell + stride + 1
-                elif diagonal == 1:
-                    clear, there = west and south, cell + stride - 1
-                elif diagonal == 2:
-                    clear, there = west and north, cell - stride - 1
-                else:
-                    clear, there = east and north, cell - stride + 1
-                if clear and state[there] == OPEN and offered < costs[there]:
+            right, left = cell + np.uint32(1), cell - np.uint32(1)
+            below, above = cell + np.uint32(stride), cell - np.uint32(stride)
+            east, south, west, north = costs[right], costs[below], costs[left], costs[above]
+            offered = np.int32(cost + STRAIGHT)  # always of the next bucket
+            for there, before in ((right, east), (below, south), (left, west), (above, north)):
+                if offered < before:
                     costs[there] = offered
-                    if offered >> SHIFT == bucket + 1:
+                    if before >> SHIFT != bucket + 1:
+                        soon[next_] = there
+                        next_ += 1
+            offered = np.int32(cost + DIAGONAL)  # of the next bucket or the one after
+            due = offered >> SHIFT
+            for there, one, other in (
+                (below + np.uint32(1), east, south),
+                (below - np.uint32(1), west, south),
+                (above - np.uint32(1), west, north),
+                (above + np.uint32(1), east, north),
+            ):
+                before = costs[there]
+                if offered < before and one != CLOSED and other != CLOSED:  # no corner is cut
+                    costs[there] = offered
+                    if before >> SHIFT == due:
+                        continue
+                    if due == bucket + 1:
                         soon[next_] = there
                         next_ += 1
                     else:
@@ -141,15 +139,20 @@ def flood(
                         then += 1
         now, soon, later = soon, later, now
         here, next_, then = next_, then, 0
-        bucket += 1
-        while missing > 0 and state[wanted[missing - 1]] == DONE:
+        while missing > 0 and 0 <= costs[wanted[missing - 1]] >> SHIFT <= bucket:
             missing -= 1
+        bucket += 1
         if missing == 0 and len(wanted) > 0:
             break
         if 8 * max(here, next_) > room:  # each cell offers eight moves at most
             room = 16 * max(here, next_)
             now, soon, later = _longer(now, room), _longer(soon, room), np.empty(room, np.int32)
-    return costs.reshape(height + 2, stride)[1:-1, 1:-1].copy(), expanded
+    found = np.empty((height, width), np.int32)
+    for row in range(height):
+        for column in range(width):
+            cost = padded[row + 1, column + 1]
+            found[row, column] = cost if cost != CLOSED else FAR
+    return found, expanded
 
 
 @compiled
