@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -68,54 +67,61 @@ class Bidding:
         if not aims:
             return None
         places = {mate.number: mate.cell for mate in view.explorers(self.memory)}
-        numbers = sorted({view.number, *places})
         places[view.number] = view.cell
-        cells = np.array([places[number] for number in numbers])
-        goals = np.array([aim.cell for aim in aims])
+        numbers = sorted(places)
+        cells, goals = [places[number] for number in numbers], [aim.cell for aim in aims]
         sizes = np.array([aim.frontier.size for aim in aims]) * 1e8
-        away = np.hypot(*(cells[:, None] - goals[None]).transpose(2, 0, 1))
         own = numbers.index(view.number)
-        away[own] = [aim.distance for aim in aims]
+        apart = np.array(cells)[:, None] - np.array(goals)
+        ways = np.hypot(apart[..., 0], apart[..., 1])  # at least so long
+        ways[own] = [aim.distance for aim in aims]
+        exact = np.zeros(ways.shape, np.bool_)
+        exact[own] = True
+        by_goal = len(cells) > len(goals)  # floods from the fewer ends of the ways
+        starts, ends = (goals, np.array(cells)) if by_goal else (cells, np.array(goals))
+        if by_goal:  # no way is shorter than what it saves; none leads to who is out of reach
+            here = view.planner.field(view.cell).distances(ends)
+            ways = np.maximum(ways, np.abs(here[:, None] - ways[own]))
 
-        @cache
-        def from_goals() -> NDArray[np.float64]:
-            ways = [view.planner.distances(aim.cell, cells) for aim in aims]
-            return np.stack(ways, axis=1)
+        def measure(robot: int, goal: int) -> None:
+            """Find out a way, and what the same flood tells of others."""
+            start, end = (goal, robot) if by_goal else (robot, goal)
+            found = view.planner.distances(starts[start], ends, end)
+            line = ways[:, goal] if by_goal else ways[robot]
+            known = exact[:, goal] if by_goal else exact[robot]
+            line[~known] = np.maximum(line, found)[~known]
+            known |= found < found[end]
+            known[end] = True
 
-        def measured(row: int) -> NDArray[np.float64]:
-            if len(numbers) > len(goals):  # floods from the fewer ends of the ways
-                ways = from_goals()[row]
-            else:
-                ways = view.planner.distances(places[numbers[row]], goals)
-            found: NDArray[np.float64] = sizes / np.maximum(ways, 1.0) ** 4
-            return found
-
-        bids = sizes / np.maximum(away, 1.0) ** 4
-        index = self._auction(bids, own, measured)
-        return aims[int(bids[own].argmax()) if index is None else index]
+        index = self._auction(sizes, ways, exact, own, measure)
+        return aims[int(_bids(sizes, ways[own]).argmax()) if index is None else index]
 
     def _auction(
-        self, bids: NDArray[np.float64], own: int, measured: Callable[[int], NDArray[np.float64]]
+        self,
+        sizes: NDArray[np.float64],
+        ways: NDArray[np.float64],
+        exact: NDArray[np.bool_],
+        own: int,
+        measure: Callable[[int, int], None],
     ) -> int | None:
         """The best bid of all wins, and leaves with its frontier; equal ones by number.
 
         Args:
-            bids: (robots, frontiers), at least as high as the true ones. own: row of whom we ask
-                for. measured: the true bids of a row.
+            sizes: (frontiers,). ways: (robots, frontiers), at most as long as the true ones.
+            exact: which are the true ones. own: row of whom we ask for.
+            measure: makes the way of a robot to a frontier, and maybe others, exact.
         """
-        waiting, exact = np.ones(len(bids), np.bool_), {own}
+        waiting = np.ones(len(ways), np.bool_)
         while True:
-            left = bids * waiting[:, None]
-            while left.any():
-                winner, index = divmod(int(left.argmax()), len(bids[0]))
-                if winner == own:
+            free = np.ones(len(sizes), np.bool_)
+            while (left := _bids(sizes, ways) * (waiting[:, None] & free)).any():
+                robot, index = divmod(int(left.argmax()), len(sizes))
+                if not exact[robot, index]:
+                    measure(robot, index)
+                elif robot == own:
                     return index
-                if winner not in exact:
-                    exact.add(winner)
-                    bids[winner] = measured(winner)
-                    left[winner] = np.where(left[winner] > 0.0, bids[winner], 0.0)
-                    continue
-                left[winner], left[:, index], waiting[winner] = 0.0, 0.0, False
+                else:
+                    waiting[robot] = free[index] = False
             if not self.keep_assigning:
                 return None
 
@@ -186,6 +192,12 @@ class Bidding:
         for letter in letters:
             self.unreachable.update(letter.get("unreachable", ()))
             self.fruitless.update(letter.get("fruitless", ()))
+
+
+def _bids(sizes: NDArray[np.float64], ways: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What frontiers are worth to who has such ways to them."""
+    found: NDArray[np.float64] = sizes / np.maximum(ways, 1.0) ** 4
+    return found
 
 
 def _away_from_the_unknown(view: View) -> Cell | None:

@@ -100,17 +100,23 @@ class Planner:
             self._passable = None
             self._fields = {key: one for key, one in self._fields.items() if one[0] == version}
 
-    def distances(self, start: Cell, goals: NDArray[np.int64]) -> NDArray[np.float64]:
+    def distances(
+        self, start: Cell, goals: NDArray[np.int64], end: int | None = None
+    ) -> NDArray[np.float64]:
         """As `field(start).distances(goals)`, for a start that little else is asked of.
 
-        The flood ends when it has reached all goals, (n, 2), and nothing is kept of it.
+        The flood ends when it has reached all goals, (n, 2), and nothing is kept of it. end: index
+        of one at which it ends already; of those that are as far, only that distance is told.
         """
         kept = self._fields.get((start,))
         if kept is not None and kept[0] == self._known.version:
-            return kept[1].distances(goals)
-        costs, expanded = flood(self.passable, np.array([start]), self._limit, goals)
-        self.cuts += expanded >= self._limit
-        return _lengths(costs, goals)
+            found = kept[1].distances(goals)
+        else:
+            targets = goals if end is None else goals[end : end + 1]
+            costs, expanded = flood(self.passable, np.array([start]), self._limit, targets)
+            self.cuts += expanded >= self._limit
+            found = _lengths(costs, goals)
+        return found if end is None else np.minimum(found, found[end])
 
     def path(self, start: Cell, goal: Cell) -> Path | None:
         """The shortest way through known free space, or None."""
