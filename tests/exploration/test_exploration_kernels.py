@@ -10,12 +10,14 @@ from hypothesis import strategies as st
 
 from usarsim_exploration import sensing
 from usarsim_exploration.environment import Environment
-from usarsim_exploration.kernels import plain, plain_looking
-from usarsim_exploration.kernels.steps import DIAGONAL, EVERYWHERE, FAR, STRAIGHT
+from usarsim_exploration.kernels import plain, plain_looking, plain_trading
+from usarsim_exploration.kernels.steps import DIAGONAL, EVERYWHERE, FAR, RELAYED, STRAIGHT
+from usarsim_exploration.known_map import MERGED
 from usarsim_exploration.sensing import Scanner
 
 compiled = pytest.importorskip("usarsim_exploration.kernels.compiled")
 compiled_looking = pytest.importorskip("usarsim_exploration.kernels.looking")
+compiled_trading = pytest.importorskip("usarsim_exploration.kernels.trading")
 
 
 @settings(max_examples=40, deadline=None)
@@ -124,3 +126,30 @@ def test_lines_agree(seed: int) -> None:
     values = random.integers(0, 3, (20, 30)).astype(np.uint8)
     pairs = np.stack([random.integers(0, 30 if i % 2 == 0 else 20, 25) for i in range(4)], axis=1)
     assert (compiled.crossings(values, pairs) == plain.crossings(values, pairs)).all()
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32), st.integers(1, 90), st.integers(0, 60))
+def test_trades_agree(seed: int, size: int, count: int) -> None:
+    """What is news, what a group agrees upon, what is written and sent."""
+    random = np.random.default_rng(seed)
+    named = random.integers(0, size, count).astype(np.int32)
+    cells, others = np.unique(named).astype(np.int64), np.flatnonzero(random.random(size) < 0.3)
+    bits, told = random.choice([0, 1, 3, 4, 6, 9, 17, 38], (2, size)).astype(np.uint8)
+    new = random.choice([0, 1, 3, 4, 22], len(cells)).astype(np.uint8)
+    arrives = random.random(random.integers(1, 9)) < 0.7
+    results = []
+    for form in (compiled_trading, plain_trading):
+        own, lines, fresh = bits.copy(), told.copy(), np.zeros(size, np.bool_)
+        shared, relayed = new.copy(), new & RELAYED
+        found: list[object] = [form.once(size, named), form.tell(bits, cells, fresh), fresh]
+        form.fold(shared, relayed, bits, cells, MERGED)
+        found += [shared, relayed, *form.agree(own, cells, shared, relayed)]
+        found += [*form.settle(own, cells, new), own]
+        news = form.waiting_news(bits, told, cells, others)
+        runs = len(news[2])
+        if runs:
+            found += [*form.send(lines, *news, int(seed % runs), arrives[:runs]), lines]
+        results.append([np.array(one).tolist() for one in (*found, *news)])
+    assert results[0] == results[1]
+    assert results[0][0] == cells.tolist()

@@ -18,6 +18,7 @@ from usarsim_exploration.environment import Cell, Environment
 from usarsim_exploration.exchange import Exchange
 from usarsim_exploration.kernels import count_first
 from usarsim_exploration.known_map import KnownMap
+from usarsim_exploration.messages import letter_size
 from usarsim_exploration.noise import disturb
 from usarsim_exploration.planning import Planner
 from usarsim_exploration.radio import Links, Radio, RadioEstimate, find_links
@@ -83,7 +84,7 @@ class Body:
         view = self.view
         return Teammate(
             view.number, view.name, view.role, view.speed, view.cell, self.state, self.goal, step,
-            letter,
+            letter, letter_size(letter),
         )  # fmt: skip
 
 

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from usarsim_exploration.environment import Environment
+from usarsim_exploration.kernels import fold, tell
 from usarsim_exploration.known_map import AT_BASE, KNOWN, MERGED, RELAYED
-from usarsim_exploration.messages import ENTRY, HEAD, letter_size, map_size
+from usarsim_exploration.messages import ENTRY, HEAD, RUN
 from usarsim_exploration.post import Post
 from usarsim_exploration.radio import Links, Radio
 from usarsim_exploration.strategy import BASE, Letter, Teammate
@@ -87,8 +88,8 @@ class Exchange:
                 if taker != giver:
                     if (giver, since) not in told:
                         cells = known.changed_since(since)
-                        told[giver, since] = len(cells), map_size(cells, known.news(cells))
-                        fresh[cells] = True
+                        runs = tell(known.bits.reshape(-1), cells, fresh)
+                        told[giver, since] = len(cells), RUN * runs
                     self.cells_sent += told[giver, since][0]
                     self.bytes_sent += told[giver, since][1]
         for giver in numbers:
@@ -96,34 +97,30 @@ class Exchange:
         cells = np.flatnonzero(fresh)
         if not len(cells):
             return
-        bits = [known.news(cells) for known in maps]
-        shared = bits[0]
-        relayed = bits[0] & RELAYED
-        for one in bits[1:]:
-            shared = MERGED[shared, one]
-            relayed = relayed | one & RELAYED
-        shared = shared & ~np.uint8(RELAYED)
+        shared = maps[0].news(cells)
+        relayed = shared & np.uint8(RELAYED)
+        for known in maps[1:]:
+            fold(shared, relayed, known.bits.reshape(-1), cells, MERGED)
+        shared &= ~np.uint8(RELAYED)
         if BASE in numbers:
-            shared = np.where(shared & KNOWN != 0, shared | AT_BASE, shared).astype(np.uint8)
-        for known, own in zip(maps, bits, strict=True):
-            mark = np.where(own & KNOWN != 0, own & RELAYED, relayed).astype(np.uint8)
-            known.write(step, cells, shared | mark)
+            shared[shared & KNOWN != 0] |= AT_BASE
+        for known in maps:
+            known.agree(step, cells, shared, relayed)
 
     def _trade_news(self, step: int, group: list[Body], letters: Mapping[int, Letter]) -> None:
         """Where everybody is and what they do; of absent ones what was heard last."""
         newest = max(body.base_step for body in group)
         present: dict[int, Teammate] = {}
         for body in group:
-            letter = letters.get(body.view.number, {})
-            present[body.view.number] = body.entry(step, letter)
-            self.bytes_sent += (len(group) - 1) * (HEAD + letter_size(letter))
+            own = body.entry(step, letters.get(body.view.number, {}))
+            present[body.view.number] = own
+            self.bytes_sent += (len(group) - 1) * (HEAD + own.size)
         absent: dict[int, Teammate] = {}
         for body in group:
             for other, known in body.view.teammates.items():
                 newest_of = absent[other].heard if other in absent else -1
                 if other not in present and known.heard > newest_of:
                     absent[other] = known
-        sizes = {other: ENTRY + letter_size(one.letter) for other, one in absent.items()}
         for body in group:
             body.base_step = newest
             mates = body.view.teammates
@@ -133,4 +130,4 @@ class Exchange:
             for other, one in absent.items():
                 if mates[other].heard < one.heard:
                     mates[other] = one.copy()
-                    self.bytes_sent += sizes[other]
+                    self.bytes_sent += ENTRY + one.size

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from usarsim_exploration.environment import Cell
-from usarsim_exploration.kernels import take_in
-from usarsim_exploration.kernels.plain import recount
+from usarsim_exploration.kernels import agree, once, settle, take_in
 from usarsim_exploration.kernels.steps import AT_BASE, FELT, FREE, KNOWN, RELAYED, SAFE, WALL
 from usarsim_exploration.sensing import Scanner, Scans
 
@@ -25,6 +24,8 @@ __all__ = [
 
 Cells = NDArray[np.int64]
 """(n,) flat indices, row * columns + column."""
+Bits = NDArray[np.uint8]
+_NONE = np.empty(0, np.int32)
 
 
 def _merged(own: int, other: int) -> int:
@@ -109,64 +110,51 @@ class KnownMap:
     def bump(self, step: int, cell: Cell) -> None:
         """Something is where free space was thought to be: a certain wall."""
         index = np.array([cell[1] * self.bits.shape[1] + cell[0]])
-        old = self._flat[index]
-        self._flat[index] = WALL | SAFE | FELT
-        self._recount(step, index, old)
+        _, _, more = settle(self._flat, index, np.array([WALL | SAFE | FELT], np.uint8))
+        self._note(step, index.astype(np.int32), more)  # a change even if it was known
 
     # -- what it hears ------------------------------------------------------------------------
 
     def changed_since(self, step: int) -> Cells:
         """Cells that changed after a step, sorted, each once."""
         first = bisect.bisect_right(self._journal, step, key=itemgetter(0))
-        changed = np.zeros(self.bits.size, np.bool_)  # np.unique takes ten times as long
-        for _, cells in self._journal[first:]:
-            changed[cells] = True
-        return np.flatnonzero(changed)
+        groups = [cells for _, cells in self._journal[first:]]
+        return once(self.bits.size, np.concatenate(groups or [_NONE]))
 
-    def news(self, cells: Cells) -> NDArray[np.uint8]:
+    def news(self, cells: Cells) -> Bits:
         """Bits of cells, as a message carries them."""
         return self._flat[cells]
 
-    def merge(self, step: int, cells: Cells, bits: NDArray[np.uint8]) -> Cells:
+    def merge(self, step: int, cells: Cells, bits: Bits) -> NDArray[np.int32]:
         """Hear a partner's bits of some cells.
 
         Returns:
             Cells that were unknown before.
         """
-        old = self._flat[cells]
-        new = MERGED[old, bits]
-        differ = new != old
-        cells, old = cells[differ], old[differ]
-        self._flat[cells] = new[differ]
-        self._recount(step, cells, old)
-        found: Cells = cells[old & KNOWN == 0]
-        return found
+        return self.write(step, cells, MERGED[self._flat[cells], bits])
 
-    def write(self, step: int, cells: Cells, bits: NDArray[np.uint8]) -> None:
-        """Take over bits of cells that were agreed upon with others."""
-        old = self._flat[cells]
-        differ = bits != old
-        self._flat[cells] = bits
-        self._recount(step, cells[differ], old[differ])
+    def agree(self, step: int, cells: Cells, shared: Bits, relayed: Bits) -> None:
+        """Take over bits of cells that were agreed upon with others; see `kernels.trading`."""
+        changed, _, more = agree(self._flat, cells, shared, relayed)
+        self._note(step, changed, more)
+
+    def write(self, step: int, cells: Cells, bits: Bits) -> NDArray[np.int32]:
+        """Set cells, each named once.
+
+        Returns:
+            Those that were unknown before.
+        """
+        changed, found, more = settle(self._flat, cells, bits)
+        self._note(step, changed, more)
+        return found
 
     def mark(self, step: int, cells: Cells, bit: int) -> None:
         """Note that the base knows cells (`AT_BASE`), or that others carry them (`RELAYED`)."""
-        old = self._flat[cells]
-        cells, old = cells[old & bit == 0], old[old & bit == 0]
-        self._flat[cells] |= bit
-        self._recount(step, cells, old)
+        self.write(step, cells, self._flat[cells] | np.uint8(bit))
 
     def unmark(self, step: int, cells: Cells, bit: int) -> None:
         """Take a mark back: this robot carries the cells again itself."""
-        old = self._flat[cells]
-        cells, old = cells[old & bit != 0], old[old & bit != 0]
-        self._flat[cells] &= ~np.uint8(bit)
-        self._recount(step, cells, old)
-
-    def _recount(self, step: int, cells: Cells, old: NDArray[np.uint8]) -> None:
-        """Note cells that were otherwise before."""
-        if len(cells):
-            self._note(step, cells.astype(np.int32), recount(old, self._flat[cells]))
+        self.write(step, cells, self._flat[cells] & ~np.uint8(bit))
 
     def _note(self, step: int, cells: NDArray[np.int32], more: NDArray[np.int64]) -> None:
         """Count what changed, and write the journal; shortened when half a map longer than then.

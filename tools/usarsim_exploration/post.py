@@ -9,14 +9,15 @@ again. News that pass several robots take a step for each.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from usarsim_exploration.known_map import AT_BASE, KNOWN, RELAYED, Cells, KnownMap
-from usarsim_exploration.messages import ENTRY, FRAME, HEAD, RUN, letter_size
+from usarsim_exploration.kernels import send, waiting_news
+from usarsim_exploration.known_map import AT_BASE, KNOWN, Cells, KnownMap
+from usarsim_exploration.messages import ENTRY, FRAME, HEAD, RUN
 from usarsim_exploration.strategy import Letter, Teammate
 
 if TYPE_CHECKING:
@@ -86,10 +87,11 @@ class Post:
         for giver in range(len(bodies)):
             takers = np.flatnonzero(direct[giver]).tolist()
             first = step % len(takers) if takers else 0  # nobody is always the last one served
+            own = bodies[giver].entry(step, letters.get(giver, {}))
             for index, taker in enumerate(takers[first:] + takers[:first]):
                 share = (self._bandwidth - int(self.sent[giver])) // (len(takers) - index)
                 loss = float(losses[giver, taker])
-                self.sent[giver] += self._send(step, bodies, giver, taker, share, loss, letters)
+                self.sent[giver] += self._send(step, bodies[giver], own, taker, share, loss)
         arrived = [one for one in self._under_way if one.due <= step]
         self._under_way = [one for one in self._under_way if one.due > step]
         for message in arrived:
@@ -102,27 +104,18 @@ class Post:
         return self._lines[giver, taker]
 
     def _send(
-        self,
-        step: int,
-        bodies: Sequence[Body],
-        giver: int,
-        taker: int,
-        share: int,
-        loss: float,
-        letters: Mapping[int, Letter],
+        self, step: int, body: Body, own: Teammate, taker: int, share: int, loss: float
     ) -> int:
-        """Write a message; bytes of it."""
-        body = bodies[giver]
+        """Write a message; bytes of it. own: what it says of its giver."""
         if share < HEAD:
             return 0
-        line = self._line(giver, taker, body.view.known)
-        own = body.entry(step, letters.get(giver, {}))
-        used = HEAD + letter_size(own.letter)
+        line = self._line(own.number, taker, body.view.known)
+        used = HEAD + own.size
         if used > share:  # the head alone
-            own.letter, used = {}, HEAD
+            own, used = replace(own, letter={}, size=0), HEAD
         entries = [own]
         for other, one in sorted(body.view.teammates.items()):
-            size = ENTRY + letter_size(one.letter)
+            size = ENTRY + one.size
             news = one.heard > line.heard.get(other, -1)
             if news and other != taker and used + size <= share:
                 entries.append(one)
@@ -135,7 +128,7 @@ class Post:
             line.heard.update((one.number, one.heard) for one in entries)
         self.cells_sent += len(cells)
         self._under_way.append(
-            _Message(step + self._latency, taker, giver, body.base_step,
+            _Message(step + self._latency, taker, own.number, body.base_step,
                      [one.copy() for one in entries], cells, bits)
         )  # fmt: skip
         return used
@@ -144,31 +137,23 @@ class Post:
         self, step: int, line: _Line, known: KnownMap, room: int, loss: float
     ) -> tuple[Cells, NDArray[np.uint8], int]:
         """Cells and bits that get through, and bytes of all that were sent."""
-        waiting = np.zeros(known.bits.size, np.bool_)
-        waiting[line.waiting] = waiting[known.changed_since(line.since)] = True
-        cells = np.flatnonzero(waiting)
+        cells, bits, starts = waiting_news(
+            known.bits.reshape(-1), line.told, line.waiting, known.changed_since(line.since)
+        )
         line.since = step - 1  # what is heard later in this step counts as well
-        bits = known.news(cells)
-        news = (bits ^ line.told[cells]) & ~np.uint8(RELAYED) != 0
-        cells, bits = cells[news], bits[news]
         line.waiting = cells
         if not len(cells) or room < RUN:
             return _NONE, np.empty(0, np.uint8), 0
-        starts = np.flatnonzero(np.r_[True, (np.diff(cells) != 1) | (bits[1:] != bits[:-1])])
-        ends = np.append(starts[1:], len(cells))
-        order = np.roll(np.arange(len(starts)), -int(np.searchsorted(cells[starts], line.place)))
-        order = order[: room // RUN]
-        line.place = int(cells[ends[order[-1]] - 1]) + 1
-        through = np.ones(len(order), np.bool_)
+        count, runs = len(starts), min(len(starts), room // RUN)
+        first = int(np.searchsorted(cells[starts], line.place)) % count
+        after = (first + runs - 1) % count + 1
+        line.place = int(cells[starts[after] - 1 if after < count else -1]) + 1
+        arrives = np.ones(runs, np.bool_)
         if loss:
-            frames = self._random.random(-(-len(order) // _RUNS)) >= loss
-            through = np.repeat(frames, _RUNS)[: len(order)]
-        chosen = np.zeros(len(starts), np.bool_)
-        chosen[order[through]] = True
-        mask = np.repeat(chosen, ends - starts)
-        line.told[cells[mask]] = bits[mask]
-        line.waiting = cells[~mask]
-        return cells[mask], bits[mask], RUN * len(order)
+            frames = self._random.random(-(-runs // _RUNS)) >= loss
+            arrives = np.repeat(frames, _RUNS)[:runs]
+        through, told, line.waiting = send(line.told, cells, bits, starts, first, arrives)
+        return through, told, RUN * runs
 
     def _take(self, step: int, body: Body, message: _Message) -> None:
         """Learn what a message says."""

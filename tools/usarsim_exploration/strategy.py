@@ -43,7 +43,7 @@ class Teammate:
         number, name, role, speed: who it is. speed: cells per step.
         cell, state, goal: where it was, what it did, where it wanted to go.
         heard: step of the newest that is known of it; -1: nothing yet.
-        letter: of its strategy.
+        letter: of its strategy. size: of that in a message, bytes.
     """
 
     number: int
@@ -55,12 +55,13 @@ class Teammate:
     goal: Cell | None = None
     heard: int = -1
     letter: Letter = field(default_factory=dict)
+    size: int = 0
 
     def copy(self) -> Teammate:
         """The same, to be kept by somebody else; ten times as fast as `copy.copy`."""
         return Teammate(
             self.number, self.name, self.role, self.speed, self.cell, self.state, self.goal,
-            self.heard, self.letter,
+            self.heard, self.letter, self.size,
         )  # fmt: skip
 
 

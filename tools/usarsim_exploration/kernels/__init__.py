@@ -11,12 +11,33 @@ try:
         raise ImportError
     from usarsim_exploration.kernels.compiled import crossings, flood, march
     from usarsim_exploration.kernels.looking import count_first, look, take_in
+    from usarsim_exploration.kernels.trading import (
+        agree,
+        fold,
+        once,
+        send,
+        settle,
+        tell,
+        waiting_news,
+    )  # fmt: skip
 
     COMPILED = True
 except ImportError:
     from usarsim_exploration.kernels.plain import crossings, flood, march
     from usarsim_exploration.kernels.plain_looking import count_first, look, take_in
+    from usarsim_exploration.kernels.plain_trading import (
+        agree,
+        fold,
+        once,
+        send,
+        settle,
+        tell,
+        waiting_news,
+    )  # fmt: skip
 
     COMPILED = False
 
-__all__ = ["COMPILED", "count_first", "crossings", "flood", "look", "march", "take_in"]
+__all__ = [
+    "COMPILED", "agree", "count_first", "crossings", "flood", "fold", "look", "march", "once",
+    "send", "settle", "take_in", "tell", "waiting_news",
+]  # fmt: skip
