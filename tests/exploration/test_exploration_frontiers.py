@@ -1,6 +1,7 @@
 """Where the unknown begins, and who goes there."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -126,9 +127,9 @@ def test_silent_teammates_stop_bidding() -> None:
     """E-54: after 500 steps, not after 499."""
     known = room(slice(8, 13), slice(8, 13))
     seen = view(known, (12, 10), 1, r2=(8, 10))
-    seen.teammates[2].heard = seen.step - 499
+    seen.teammates[2] = replace(seen.teammates[2], heard=seen.step - 499)
     assert chosen(Bidding(500), seen) == (38, 10)
-    seen.teammates[2].heard -= 1
+    seen.teammates[2] = replace(seen.teammates[2], heard=seen.step - 500)
     assert chosen(Bidding(500), seen) == (2, 10)
 
 

@@ -1,6 +1,7 @@
 """Explorers and relays: states, where and when they meet, and what happens if one stays away."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -90,7 +91,8 @@ def meet(relay: tuple[int, int] = (6, 22)) -> tuple[View, View]:
         body.view.known.bits[:] = np.where(truth, WALL | SAFE, FREE | SAFE)
         body.view.known.version += 1
     one, other = cycle.bodies[1].view, cycle.bodies[2].view
-    one.cell = other.teammates[1].cell = relay
+    one.cell = relay
+    other.teammates[1] = replace(other.teammates[1], cell=relay)
     other.cell = (50, 22)
     return other, one
 
@@ -113,8 +115,7 @@ def test_the_best_of_four_places_is_chosen() -> None:
 def test_they_meet_when_both_can_be_there(speed: float) -> None:
     """E-65: a slow relay decides, else the explorer with 75 steps at its frontier."""
     explorer, _ = meet()
-    relay = explorer.teammates[1]
-    relay.speed, goal = speed, (50, 35)
+    relay, goal = replace(explorer.teammates[1], speed=speed), (50, 35)
     meeting = single_point(explorer, relay, goal)
     base, frontier = explorer.planner.field(explorer.base), explorer.planner.field(goal)
     shuttle = (base.distance(relay.cell) + base.distance(meeting.place)) / speed
@@ -212,8 +213,9 @@ def test_switches_leave_everybody_with_whom_they_belong_to() -> None:
             for other, mate in views.items():
                 if other != number:
                     about = {"parent": mate.parent, "child": mate.child}
-                    view.teammates[other].letter = {**about, "bond": mind(cycle, other).bond}
-                    view.teammates[other].role = mate.role
+                    letter = {**about, "bond": mind(cycle, other).bond}
+                    known = view.teammates[other]
+                    view.teammates[other] = replace(known, letter=letter, role=mate.role)
         for number, view in views.items():
             mind(cycle, number)._rebind(view)
         relays = [view for view in views.values() if view.role == "relay"]

@@ -1,5 +1,7 @@
 """Strategies that spread a team over frontiers: how they share, and that they come to an end."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -103,8 +105,8 @@ def test_parts_are_divided_by_way() -> None:
         body.view.known.version += 1
     one, two = (body.view for body in cycle.bodies[1:])
     one.cell, two.cell = (10, 22), (50, 22)
-    one.teammates[2].cell, two.teammates[1].cell = two.cell, one.cell
-    one.teammates[2].heard = two.teammates[1].heard = 0
+    one.teammates[2] = replace(one.teammates[2], cell=two.cell, heard=0)
+    two.teammates[1] = replace(two.teammates[1], cell=one.cell, heard=0)
     cells = np.array([[20, 22], [30, 22], [40, 22]])
     ours = lateness(one, cells, one.planner.field(one.cell).distances(cells), 500)
     theirs = lateness(two, cells, two.planner.field(two.cell).distances(cells), 500)

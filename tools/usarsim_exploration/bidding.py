@@ -190,8 +190,10 @@ class Bidding:
     def hear(self, letters: Iterable[Mapping[str, Any]]) -> None:
         """Take over what teammates found."""
         for letter in letters:
-            self.unreachable.update(letter.get("unreachable", ()))
-            self.fruitless.update(letter.get("fruitless", ()))
+            if cells := letter.get("unreachable"):
+                self.unreachable.update(cells)
+            if cells := letter.get("fruitless"):
+                self.fruitless.update(cells)
 
 
 def _bids(sizes: NDArray[np.float64], ways: NDArray[np.float64]) -> NDArray[np.float64]:

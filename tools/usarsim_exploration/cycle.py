@@ -156,14 +156,14 @@ class Cycle:
         self.begin("sense")
         body.found = body.first = 0
         driven, headings, budget = [], list[float](), view.speed + body.saved
-        blocked, felt = None, list[Cell]()
+        blocked, felt, may_move = None, list[Cell](), self.environment.may_move
         while view.path:
             column, row = view.path[0]
             right, down = column - view.cell[0], row - view.cell[1]
             price = math.hypot(right, down)
             if price > budget + 1e-9:
                 break
-            if not self._may_move(view.cell, (column, row)):
+            if not may_move(view.cell, (column, row)):
                 blocked = (column, row)
                 felt = self._felt(view.cell, blocked)
                 break
@@ -189,13 +189,6 @@ class Cycle:
         body.view.path = list(plan.path)
         body.state, body.home = plan.state, plan.home
         body.goal = plan.goal or (plan.path[-1] if plan.path else None)
-
-    def _may_move(self, start: Cell, goal: Cell) -> bool:
-        """Whether a neighbour can be driven to; a diagonal needs both cells beside it."""
-        free = self.environment.is_free
-        if max(abs(goal[0] - start[0]), abs(goal[1] - start[1])) != 1 or not free(goal):
-            return False
-        return free((goal[0], start[1])) and free((start[0], goal[1]))
 
     def _felt(self, start: Cell, goal: Cell) -> list[Cell]:
         """The walls that keep a robot from a neighbour."""

@@ -43,6 +43,16 @@ class Environment:
         column, row = cell
         return 0 <= column < columns and 0 <= row < rows and not self.walls[row, column]
 
+    def may_move(self, start: Cell, goal: Cell) -> bool:
+        """Whether a robot can drive to a neighbour; a diagonal needs both cells beside it."""
+        (column, row), (right, below), walls = start, goal, self.walls
+        if max(abs(right - column), abs(below - row)) != 1:
+            return False
+        rows, columns = walls.shape
+        if not (0 <= right < columns and 0 <= below < rows) or walls[below, right]:
+            return False
+        return not (walls[row, right] or walls[below, column])
+
     def reachable(self, cell: Cell) -> NDArray[np.bool_]:
         """Where a robot can drive from a free cell, the same shape as `walls`.
 

@@ -124,10 +124,9 @@ class Exchange:
         for body in group:
             body.base_step = newest
             mates = body.view.teammates
-            for other, one in present.items():
-                if other != body.view.number:
-                    mates[other] = one.copy()
+            mates.update(present)
+            del mates[body.view.number]
             for other, one in absent.items():
                 if mates[other].heard < one.heard:
-                    mates[other] = one.copy()
+                    mates[other] = one
                     self.bytes_sent += ENTRY + one.size

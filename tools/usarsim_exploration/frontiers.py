@@ -52,19 +52,20 @@ def find_frontiers(
     """
     bits = known.bits
     free = bits & (FREE | WALL) == FREE
-    unknown = (bits & KNOWN == 0).astype(np.uint8)
-    beside = cv2.dilate(unknown, _AROUND, borderType=cv2.BORDER_CONSTANT, borderValue=0) != 0
+    unknown = (bits & KNOWN == 0).view(np.uint8)
+    near = cv2.dilate(unknown, _AROUND, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+    beside = np.asarray(near, np.uint8).view(np.bool_)
     mask = free & (beside | (bits & SAFE == 0)) if uncertain else free & beside
-    outlines, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    outlines, _ = cv2.findContours(mask.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     found = []
     for traced in outlines:
+        length = len(traced) if len(traced) > 1 else 0  # each edge leads to a neighbour
+        size = float(cv2.contourArea(traced) + length)
+        if size < smallest:
+            continue
         outline = traced[:, 0, :].astype(np.int64)
         touching = beside[outline[:, 1], outline[:, 0]]
-        if not touching.any():
-            continue
-        edges = np.abs(np.diff(outline, axis=0, append=outline[:1]))
-        size = float(cv2.contourArea(traced) + edges.max(axis=1).sum())
-        if size >= smallest:
+        if touching.any():
             found.append(Frontier(_centre(traced, outline), size, outline, outline[touching]))
     return sorted(found, key=lambda one: (-one.size, one.centre[1], one.centre[0]))
 

@@ -168,8 +168,8 @@ class Recorder:
         """The start is noted at once; call `note` after each `advance`."""
         self._cycle = cycle
         world = cycle.environment
-        self._truth = (world.walls == 0).astype(np.uint8) * np.uint8(FREE)
-        self._team = np.zeros(world.shape, np.uint8)
+        self._truth = world.walls == 0
+        self._team = np.zeros(world.shape, np.bool_)
         self._versions = [-1] * len(cycle.bodies)
         self._area = [0] * len(cycle.bodies)
         self._cells = [body.view.cell for body in cycle.bodies]
@@ -212,7 +212,7 @@ class Recorder:
             known = body.view.known
             if known.version != self._versions[number]:
                 self._versions[number] = known.version
-                seen = known.bits & self._truth
+                seen = (known.bits & FREE).view(np.bool_) & self._truth  # FREE is 1
                 self._area[number] = int(np.count_nonzero(seen))
                 self._team |= seen
         team = int(np.count_nonzero(self._team))

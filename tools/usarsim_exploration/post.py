@@ -129,7 +129,7 @@ class Post:
         self.cells_sent += len(cells)
         self._under_way.append(
             _Message(step + self._latency, taker, own.number, body.base_step,
-                     [one.copy() for one in entries], cells, bits)
+                     entries, cells, bits)
         )  # fmt: skip
         return used
 

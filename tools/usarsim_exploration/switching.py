@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from usarsim_exploration.strategies.frontier import FrontierStrategy
@@ -93,9 +93,11 @@ class Switching(FrontierStrategy):
                 part[key] = change.get(part[key], part[key])
             self.play(view, part)
             self.switched = self.bond = view.step
-            mates[partner].role = ours["role"]
+            mates[partner] = replace(mates[partner], role=ours["role"])
             return
-        mates[one].role, mates[other].role = mates[other].role, mates[one].role
+        role = mates[other].role
+        mates[other] = replace(mates[other], role=mates[one].role)
+        mates[one] = replace(mates[one], role=role)
         if view.parent in change or view.child in change:
             view.parent = change.get(view.parent or 0, view.parent)
             view.child = change.get(view.child or 0, view.child)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from functools import cache
 from typing import ClassVar, Self
 
 import numpy as np
@@ -116,7 +117,7 @@ class Radio(ABC):
         """
         count = len(cells)
         found = np.zeros((count, count), np.bool_)
-        one, other = np.triu_indices(count, 1)
+        one, other = _pairs(count)
         away, walls = self._between(environment, cells, one, other)
         far = np.array(ranges, np.float64)
         on = (far[one] > 0) & (far[other] > 0)
@@ -177,6 +178,12 @@ class Ranged(Radio):
     def reach(self, one: Floats, other: Floats) -> Floats:
         """The smaller range, or the sum."""
         return one + other if self.sum_of_ranges else np.minimum(one, other)
+
+
+@cache
+def _pairs(count: int) -> tuple[NDArray[np.int64], ...]:
+    """Of numbers below `count`, each pair once."""
+    return np.triu_indices(count, 1)
 
 
 TYPES: PluginTypes[Radio] = PluginTypes("radio model", Radio, (package,), GROUP)
