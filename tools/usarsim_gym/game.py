@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 from usarsim_exploration.cycle import BASE, Cycle, set_up
 from usarsim_exploration.errors import ExplorationError
 from usarsim_exploration.events import Fate
+from usarsim_exploration.radio import Radio
+from usarsim_exploration.radio.families.ranges import Circle
 from usarsim_exploration.scenario import Scenario, load, merge, read
 from usarsim_exploration.showing.picture import draw
 from usarsim_exploration.showing.scene import (
@@ -122,10 +124,11 @@ class Game:
             turn = math.atan2(*HEADINGS[int(random.integers(len(HEADINGS)))][::-1])
             cell = drawn.starts[number % len(drawn.starts)]
             team.append(replace(robot, cell=cell, heading=turn))
+        radio: Radio = scenario.radio
+        if self.robots == 1:  # nobody to talk to: links need not be found
+            team, radio = [replace(one, radio_range=0.0) for one in team], Circle()
         before = scenario.basics.links == "before"
-        self.cycle: Cycle = set_up(
-            environment, team, Puppet(), scenario.radio, seed, links_before=before
-        )
+        self.cycle: Cycle = set_up(environment, team, Puppet(), radio, seed, links_before=before)
         self._title = f"{world.environment.name}, gym"
         self._fate = Fate(scenario.events)
         self.free = environment.free
