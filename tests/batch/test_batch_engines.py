@@ -24,11 +24,11 @@ TASKS = [Told(f"run {number}", seconds=0.05) for number in range(24)]
 def test_who_takes_too_much_is_ended() -> None:
     """BAT-04: what hangs, crashes or eats memory is ended, with its log; the others go on."""
     tasks = [Told("a", "crashes"), Told("b", "hangs"), Told("c", "eats"), Told("d"), Told("e")]
-    engine = Local(2, Limits(seconds=1.5, memory=300 << 20))
+    engine = Local(2, Limits(seconds=2, memory=300 << 20))
     found = {task.key: played for task, played in engine.play(play, tasks)}
     assert found["a"].error == "its process ended with code -11"
     assert "last words" in str(found["a"].about["log"])
-    assert found["b"].error == "took longer than 1.5 s (see --time-limit)"
+    assert found["b"].error == "took longer than 2 s (see --time-limit)"
     assert found["c"].error == "took more than 300 MiB (see --memory-limit)"
     assert found["d"].row == {"name": "d", "value": 1}
     assert not found["e"].error

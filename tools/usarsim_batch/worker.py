@@ -21,7 +21,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import IO, NoReturn
+from typing import IO, Any, NoReturn
 
 import psutil
 
@@ -29,6 +29,8 @@ from usarsim_batch.tasks import Played, Run, T, failed
 
 _LOOK = 0.5
 """s between two looks at time and memory of a run."""
+_PATIENCE = 300.0
+"""s for a worker to import what a run needs."""
 TAIL = 2000
 """Characters of a log that are kept."""
 
@@ -77,13 +79,9 @@ class Worker:
         with suppress(OSError):  # it has died; its end is read next
             process.stdin.write(len(order).to_bytes(8, "big") + order)
             process.stdin.flush()
-        begun = time.monotonic()
-        why = ""
-        while not why and not select.select([process.stdout], [], [], _LOOK)[0]:
-            if time.monotonic() - begun > self.limits.seconds:
-                why = f"took longer than {self.limits.seconds:g} s (see --time-limit)"
-            elif _resident(process.pid) > self.limits.memory:
-                why = f"took more than {self.limits.memory >> 20} MiB (see --memory-limit)"
+        why = self._watch(process, _PATIENCE)  # until it has all that it needs
+        if not why and process.stdout.read(1):
+            why = self._watch(process, self.limits.seconds)
         if not why:
             try:
                 played: Played | str = pickle.load(process.stdout)
@@ -94,6 +92,17 @@ class Worker:
         self.close()
         log.seek(begin)
         return failed(task, why, log.read().decode(errors="replace")[-TAIL:].strip())
+
+    def _watch(self, process: subprocess.Popen[bytes], seconds: float) -> str:
+        """Wait until the process says something, or ends; or why it should be ended."""
+        assert process.stdout is not None
+        begun = time.monotonic()
+        while not select.select([process.stdout], [], [], _LOOK)[0]:
+            if time.monotonic() - begun > seconds:
+                return f"took longer than {seconds:g} s (see --time-limit)"
+            if _resident(process.pid) > self.limits.memory:
+                return f"took more than {self.limits.memory >> 20} MiB (see --memory-limit)"
+        return ""
 
     def end(self) -> None:
         """Kill the process and all that it has started; also from another thread."""
@@ -145,21 +154,24 @@ def main() -> NoReturn:
     os.dup2(nothing, 0)
     threading.Thread(target=_listen, args=(given, orders), daemon=True).start()
     while True:
-        pickle.dump(_answer(*pickle.loads(orders.get())), answers)
+        folder, wanted, order = pickle.loads(orders.get())
+        run, task, why = _prepare(folder, wanted, order)
+        answers.write(b".")
+        answers.flush()
+        pickle.dump(why or run(task), answers)
         answers.flush()
 
 
-def _answer(folder: str, wanted: str, order: bytes) -> Played | str:
-    """What came of a run, or why it cannot be played here."""
+def _prepare(folder: str, wanted: str, order: bytes) -> tuple[Any, Any, str]:
+    """What plays, what is played, and why it cannot be played here."""
     if wanted != version("usarsim-server"):
-        return f"a worker has version {version('usarsim-server')}, not {wanted}"
+        return None, None, f"a worker has version {version('usarsim-server')}, not {wanted}"
     if folder != os.getcwd():
         if not Path(folder).is_dir():
-            return f"a worker has no folder {folder} (cure: share it with all machines)"
+            cure = "cure: share it with all machines"
+            return None, None, f"a worker has no folder {folder} ({cure})"
         os.chdir(folder)
-    run, task = pickle.loads(order)
-    played: Played = run(task)
-    return played
+    return *pickle.loads(order), ""
 
 
 def _listen(given: IO[bytes], orders: queue.SimpleQueue[bytes]) -> None:
