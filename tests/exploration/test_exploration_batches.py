@@ -162,6 +162,23 @@ def test_verify(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "environments (rooms.txt): is no longer the same" in capsys.readouterr().err
 
 
+def test_a_run_of_a_batch_is_shown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """By its key; the picture is that of the same run alone."""
+    bench(batch_file(tmp_path, seeds=1, teams=[1]), tmp_path / "out", "--jobs", "0")
+    command = ["explore", "show", str(tmp_path / "out/result.json"), "--files", str(tmp_path)]
+    key, picture = "rooms.txt/1/ratio/circle/1", tmp_path / "one.png"
+    assert cli.main([*command, "--run", key, "--out", str(picture)]) == 0
+    options = ["--set", "team.base=drawn", "--set", "team.speed=2", "--set", "team.reach=8"]
+    alone = ["explore", "run", "--world", str(tmp_path / "rooms.txt"), "--robots", "1", *options]
+    alone += ["--strategy", "ratio", "--radio", "circle", "--set", "team.radio=6", "--steps", "12"]
+    assert cli.main([*alone, "--out", str(tmp_path / "alone")]) == 0
+    other = tmp_path / "other.png"
+    assert cli.main(["explore", "show", str(tmp_path / "alone"), "--out", str(other)]) == 0
+    assert picture.read_bytes() == other.read_bytes()
+    assert cli.main([*command, "--run", f"{key}0", "--out", str(picture)]) == 2
+    assert f"there is no run '{key}0' (did you mean '{key}'?)" in capsys.readouterr().err
+
+
 def test_differences() -> None:
     """EXP-21: a number is not another one, nor absent, nor of another kind."""
     one = {"a": [1, 2], "b": None, "c": 3}

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from usarsim_exploration.showing.tape import Tape
 
 _EPILOG = (
-    "DIR is the folder of a run, which is run again for this; it has to go as its log says. "
+    "DIR is the folder of a run, which is run again for this; it has to go as its log says; or the "
+    "result.json of a batch, of which --run names one, as in office/4/frontier/path-loss/7. "
     "--from-log lets robots do what the log says, and nobody decides: plans and meeting points are "
     "not shown then. --out FILE.png is one step, FILE.mp4 or FILE.gif a film, any other name a "
     "folder of pictures. Ctrl-C ends a film with what was drawn so far. docs/exploration.md "
@@ -31,7 +32,13 @@ GoesOn = Callable[[], bool]
 def add_parser(subparsers: Subparsers) -> None:
     """Add `show`."""
     parser = add_command(subparsers, "show", "pictures and films of a run", run, epilog=_EPILOG)
-    parser.add_argument("folder", metavar="DIR", type=Path, help="folder with scenario.toml")
+    parser.add_argument(
+        "folder", metavar="DIR", type=Path, help="folder with scenario.toml, or a result.json"
+    )
+    parser.add_argument("--run", dest="key", metavar="KEY", help="which run of a batch")
+    parser.add_argument(
+        "--files", metavar="DIR", type=Path, help="where maps and strategy files lie of the batch"
+    )
     parser.add_argument("--out", metavar="FILE|DIR", type=Path, help="what to write")
     parser.add_argument(
         "--browser", action="store_true", help="show any step in a browser instead (extra console)"
@@ -96,7 +103,6 @@ def run(arguments: argparse.Namespace) -> int:
     """
     from usarsim_exploration.showing import films
     from usarsim_exploration.showing.picture import overlays_of
-    from usarsim_exploration.showing.tape import tape_of
 
     if arguments.browser == (arguments.out is not None):
         cure = "FILE.png, FILE.mp4, FILE.gif or a folder"
@@ -104,12 +110,12 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.browser:
         if not can_serve():
             raise UsarsimError('--browser needs aiohttp (pip install "usarsim-server[console]")')
-        tape = tape_of(arguments.folder, from_log=arguments.from_log)
+        tape = _tape(arguments)
         serve(tape, partial(forward, tape, None), arguments.port)
         return 0
     films.prepare(arguments.out)
     overlays = overlays_of(arguments.overlays)
-    tape = tape_of(arguments.folder, from_log=arguments.from_log)
+    tape = _tape(arguments)
     looks = films.Looks(overlays, robot_of(tape, arguments.robot))
     if arguments.out.suffix.lower() == ".png":
         forward(tape, arguments.step)
@@ -119,6 +125,26 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsarsimError("--step: belongs to a picture (name it FILE.png)")
     forward(tape, None)
     return films.write_many(tape, looks, arguments.out, arguments.every, arguments.fps)
+
+
+def _tape(arguments: argparse.Namespace) -> Tape:
+    """That of a run by itself, or of one of a batch, at its start.
+
+    Raises:
+        UsarsimError: a file cannot be used, or the batch has no such run.
+    """
+    from usarsim_exploration.batches.batch_folder import read_result
+    from usarsim_exploration.batches.verifying import Verification
+    from usarsim_exploration.running import Run
+    from usarsim_exploration.showing.tape import Tape, tape_of
+
+    path: Path = arguments.folder
+    if arguments.key is None:
+        return tape_of(path, from_log=arguments.from_log)
+    if arguments.from_log:
+        raise UsarsimError("--from-log: batches keep no logs (leave it out)")
+    batch = Verification(read_result(path), path, arguments.files or path.parent)
+    return Tape(Run(batch.named([arguments.key])[0].scenario()))
 
 
 def robot_of(tape: Tape, name: str | None) -> int | None:
