@@ -80,7 +80,8 @@ class Worker:
             process.stdin.write(len(order).to_bytes(8, "big") + order)
             process.stdin.flush()
         why = self._watch(process, _PATIENCE)  # until it has all that it needs
-        if not why and process.stdout.read(1):
+        # Past the buffer: what follows in it would not be seen by `select`.
+        if not why and os.read(process.stdout.fileno(), 1):
             why = self._watch(process, self.limits.seconds)
         if not why:
             try:
