@@ -40,6 +40,7 @@ class Scanner:
         self._close = max(round(NEAR * reach) - 1, 0)
         self._turns: dict[float, int] = {}
         self._fans = np.empty((0, rays, reach, 2), np.int16)
+        self._offsets = np.empty((0, rays, reach), np.int32)
         self._directions = np.empty((0, 2, rays))
         self.look_again(environment)
 
@@ -55,8 +56,9 @@ class Scanner:
         """Scan from several cells, one after another. headings: rad, for each."""
         scans = self._scans(cells, headings)
         return cast(
-            self._clear, self.shape, self.reach, self._fans, self._directions, scans, self._close
-        )
+            self._clear, self.shape, self.reach, self._fans, self._offsets, self._directions,
+            scans, self._close,
+        )  # fmt: skip
 
     def look(
         self,
@@ -68,8 +70,9 @@ class Scanner:
         """Take into a map what scans from several cells tell; see `kernels.looking.look`."""
         scans = self._scans(cells, headings)
         return look(
-            bits, self._clear, self.reach, self._fans, self._directions, scans, self._close, driven
-        )
+            bits, self._clear, self.reach, self._fans, self._offsets, self._directions, scans,
+            self._close, driven,
+        )  # fmt: skip
 
     def _scans(self, cells: Sequence[Cell], headings: Sequence[float]) -> NDArray[np.int64]:
         """(n, 3) column, row and number of the heading of each."""
@@ -94,4 +97,6 @@ class Scanner:
         fan = np.moveaxis(along, 0, -1).astype(np.int16)
         self._turns[heading] = len(self._turns)
         self._fans = np.concatenate([self._fans, fan[None]])
+        offsets = along[1] * (self.shape[1] + 2 * self.reach) + along[0]
+        self._offsets = np.concatenate([self._offsets, offsets.astype(np.int32)[None]])
         self._directions = np.concatenate([self._directions, directions[None]])

@@ -25,6 +25,7 @@ def look(
     clear: NDArray[np.uint8],
     reach: int,
     fans: NDArray[np.int16],
+    offsets: NDArray[np.int32],
     directions: Floats,
     scans: Ints,
     close: int,
@@ -38,6 +39,7 @@ def look(
             one, the longer side counts; 0: blocked. Beyond the edge all is blocked.
         reach: range, cells.
         fans: (headings, rays, range, 2) column and row of cell m of a ray from the scanner's.
+        offsets: (headings, rays, range) the same in `clear`.
         directions: (headings, 2, rays) cosines and sines.
         scans: (n, 3) column, row and number of the heading of each.
         close: index of the last cell of a ray that is near.
@@ -53,7 +55,7 @@ def look(
     hits = np.empty((len(scans), count), np.bool_)
     for scan in range(len(scans)):
         column, row, turn = scans[scan]
-        cast(clear, bits.shape, reach, column, row, fans[turn], close,
+        cast(clear, bits.shape, reach, column, row, fans[turn], offsets[turn], close,
              ends[scan], free_ends[scan], near_ends[scan], hits[scan])  # fmt: skip
     turned = directions[scans[:, 2]]
     return take_in(bits, scans[:, :2], ends, free_ends, near_ends, hits, turned, driven)
@@ -126,6 +128,7 @@ def cast(
     column: int,
     row: int,
     fan: NDArray[np.int16],
+    offsets: NDArray[np.int32],
     close: int,
     ends: Ints,
     free_ends: Ints,
@@ -136,7 +139,7 @@ def cast(
 
     Args:
         clear, reach, close: as `look` has them. shape: rows and columns of the world.
-        column, row: of the scanner. fan: of its heading.
+        column, row: of the scanner. fan, offsets: of its heading.
         ends, free_ends, near_ends: (rays, 2) get what `take_in` takes.
         hits: gets whether at a wall, well within the range.
     """
@@ -146,18 +149,18 @@ def cast(
     for ray in range(len(fan)):
         index = 0
         while index < reach:
-            room = clear[here + fan[ray, index, 1] * stride + fan[ray, index, 0]]
+            room = clear[here + offsets[ray, index]]
             if room == 0:
                 break
             index += room
         index = min(index, reach)
-        for which in range(2):
-            one = free_ends if which == 0 else near_ends
-            last = index - 1 if which == 0 else min(index - 1, close)
-            one[ray, 0], one[ray, 1] = column, row
-            if last >= 0:
-                one[ray, 0] += fan[ray, last, 0]
-                one[ray, 1] += fan[ray, last, 1]
+        right = down = 0
+        if index > 0:
+            right, down = int(fan[ray, index - 1, 0]), int(fan[ray, index - 1, 1])
+        free_ends[ray, 0], free_ends[ray, 1] = column + right, row + down
+        if index - 1 > close:
+            right, down = int(fan[ray, close, 0]), int(fan[ray, close, 1])
+        near_ends[ray, 0], near_ends[ray, 1] = column + right, row + down
         hits[ray] = False
         ends[ray, 0], ends[ray, 1] = free_ends[ray, 0], free_ends[ray, 1]
         if index < reach:
@@ -189,13 +192,17 @@ def mark_walls_behind(
         if right * right + down * down >= 25:
             continue
         parts = max(abs(right), abs(down), 1)
-        for number in range(parts + 1):
-            share = number / parts
-            column = math.floor(ends[ray, 0] + right * share + 0.5)
-            row = math.floor(ends[ray, 1] + down * share + 0.5)
+        for number in range(parts + 1 if right or down else 1):
+            column, row = ends[ray + number // parts, 0], ends[ray + number // parts, 1]
+            if 0 < number < parts:
+                share = number / parts
+                column = math.floor(ends[ray, 0] + right * share + 0.5)
+                row = math.floor(ends[ray, 1] + down * share + 0.5)
             for outward in range(3):
-                c = math.floor(column + outward * directions[0, ray] + 0.5) - left
-                r = math.floor(row + outward * directions[1, ray] + 0.5) - top
+                c, r = column - left, row - top
+                if outward > 0:
+                    c = math.floor(column + outward * directions[0, ray] + 0.5) - left
+                    r = math.floor(row + outward * directions[1, ray] + 0.5) - top
                 if 0 <= c < width and 0 <= r < height and not part[r, c] & SAFE:
                     part[r, c] = part[r, c] & MARKS | WALL
 
@@ -286,14 +293,25 @@ def fill(mask: NDArray[np.uint8], cell: Ints, ends: Ints, left: int, top: int) -
     corners[:, 0] -= left
     corners[:, 1] -= top
     first = np.zeros(mask.shape[0] + 1, np.int64)  # of the crossings of each row
-    for index in range(len(corners) - 1):
-        x, y, x1, y1 = edge(corners, index)
+    mask[corners[0, 1], corners[0, 0]] = 1
+    count = 1  # of corners that differ from the one before: most rays end beside each other
+    for index in range(1, len(corners)):
+        x, y, x1, y1 = (
+            corners[count - 1, 0],
+            corners[count - 1, 1],
+            corners[index, 0],
+            corners[index, 1],
+        )
+        if x == x1 and y == y1:
+            continue
+        corners[count, 0], corners[count, 1] = x1, y1
+        count += 1
         draw_line(mask, x, y, x1, y1)
         for row in range(min(y, y1), max(y, y1)):
             first[row + 1] += 1
     first = np.cumsum(first)
     crossings, held = np.empty(first[-1], np.int64), first.copy()
-    for index in range(len(corners) - 1):
+    for index in range(count - 1):
         x, y, x1, y1 = edge(corners, index)
         if y > y1:
             x, y, x1, y1 = x1, y1, x, y

@@ -45,6 +45,7 @@ def cast(
     shape: tuple[int, int],
     reach: int,
     fans: NDArray[np.int16],
+    offsets: NDArray[np.int32],
     directions: Floats,
     scans: Ints,
     close: int,
@@ -56,8 +57,7 @@ def cast(
     here = (cells[:, 1] + reach) * stride + cells[:, 0] + reach
     free = np.empty((len(scans), fans.shape[1]), np.int64)
     for number, turn in enumerate(scans[:, 2].tolist()):
-        fan = fans[turn].astype(np.int64)
-        blocked = clear[fan[..., 1] * stride + fan[..., 0] + here[number]] == 0
+        blocked = clear[offsets[turn] + here[number]] == 0
         first = blocked.argmax(axis=1)
         free[number] = np.where(blocked.any(axis=1), first, reach) - 1
     turns, rays = scans[:, 2, None], np.arange(fans.shape[1])
@@ -80,13 +80,15 @@ def look(
     clear: NDArray[np.uint8],
     reach: int,
     fans: NDArray[np.int16],
+    offsets: NDArray[np.int32],
     directions: Floats,
     scans: Ints,
     close: int,
     driven: bool,
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], Ints]:
     """See `looking.look`."""
-    one = cast(clear, (bits.shape[0], bits.shape[1]), reach, fans, directions, scans, close)
+    shape = bits.shape[0], bits.shape[1]
+    one = cast(clear, shape, reach, fans, offsets, directions, scans, close)
     return take_in(
         bits, one.cells, one.ends, one.free_ends, one.near_ends, one.hits, one.directions, driven
     )
