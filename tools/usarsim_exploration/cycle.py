@@ -18,10 +18,10 @@ from usarsim_exploration.environment import Cell, Environment
 from usarsim_exploration.exchange import Exchange
 from usarsim_exploration.kernels import count_first
 from usarsim_exploration.known_map import KnownMap
+from usarsim_exploration.levels.grid import GridLevel, Level
 from usarsim_exploration.messages import letter_size
-from usarsim_exploration.noise import disturb
 from usarsim_exploration.planning import Planner
-from usarsim_exploration.radio import Links, Radio, RadioEstimate, find_links
+from usarsim_exploration.radio import Links, Radio, RadioEstimate
 from usarsim_exploration.sensing import Scanner
 from usarsim_exploration.strategy import BASE as BASE
 from usarsim_exploration.strategy import Letter, Plan, Role, Strategy, Teammate, View
@@ -73,6 +73,7 @@ class Body:
     first: int = 0
     base_step: int = 0
     works: bool = True
+    silent: bool = False
     state: str = "start"
     goal: Cell | None = None
     home: bool = False
@@ -95,6 +96,7 @@ class Cycle:
     Attributes:
         environment: true. bodies: the base first. radio: of all.
         links_before: links are those of before the moves (MRESim), not after.
+        level: moves robots, makes scans, finds links.
         links: of the last step. step: how many were made.
         team_free: how many cells anybody knows to be free, and are.
         messages: what is told, and how much.
@@ -106,6 +108,7 @@ class Cycle:
     radio: Radio
     messages: Exchange
     links_before: bool = False
+    level: Level = field(default_factory=GridLevel)
     step: int = 0
     team_free: int = 0
     begin: Callable[[str], None] = lambda phase: None
@@ -114,9 +117,8 @@ class Cycle:
 
     def __post_init__(self) -> None:
         self._team = np.zeros(self.environment.walls.size, np.uint8)
-        self.links = self._find_links()
-        for body in self.bodies:
-            self._scan(body, [body.view.cell], [body.view.heading], False)
+        self.links = self.level.links(self)
+        self.level.look(self)
         self._exchange()
 
     @property
@@ -134,98 +136,44 @@ class Cycle:
         self.step += 1
         if self.links_before:
             self.begin("communicate")
-            self.links = self._find_links()
-        for body in self.bodies:
-            if body.works and body.strategy is not None:
-                self._act(body, body.strategy)
+            self.links = self.level.links(self)
+        self.level.move(self)
         self.begin("communicate")
         if not self.links_before:
-            self.links = self._find_links()
+            self.links = self.level.links(self)
         self._exchange()
 
     # -- robots -------------------------------------------------------------------------------
 
-    def _act(self, body: Body, strategy: Strategy) -> None:
-        """Decide, drive as far as the speed allows, scan at every cell."""
-        view = body.view
-        view.step = self.step
+    def acting(self) -> list[Body]:
+        """Robots that work; levels let each decide before it moves."""
+        return [one for one in self.bodies if one.works and one.strategy is not None]
+
+    def decide(self, body: Body) -> None:
+        """Ask a robot's strategy what to do from now on."""
+        assert body.strategy is not None
+        body.view.step = self.step
         self.begin("plan")
-        plan = strategy.decide(view)
+        plan = body.strategy.decide(body.view)
         if plan is not None:
             self._adopt(body, plan)
         self.begin("sense")
         body.found = body.first = 0
-        driven, headings, budget = [], list[float](), view.speed + body.saved
-        blocked, felt, may_move = None, list[Cell](), self.environment.may_move
-        while view.path:
-            column, row = view.path[0]
-            right, down = column - view.cell[0], row - view.cell[1]
-            price = math.hypot(right, down)
-            if price > budget + 1e-9:
-                break
-            if not may_move(view.cell, (column, row)):
-                blocked = (column, row)
-                felt = self._felt(view.cell, blocked)
-                break
-            budget -= price
-            view.path.pop(0)
-            view.cell, view.heading = (column, row), math.atan2(down, right)
-            body.distance += price
-            driven.append(view.cell)
-            headings.append(view.heading)
-        # who is slower than a diagonal saves for it; else nobody drives more than the speed
-        body.saved = budget if view.path and not driven and blocked is None else 0.0
-        view.blocked = blocked is not None
-        body.moves = driven if blocked is None else [*driven, blocked]
-        cells = driven or [view.cell]
-        self._scan(body, cells, headings or [view.heading], bool(driven))
-        if blocked is not None:
-            for cell in felt:
-                view.known.bump(self.step, cell)
-            view.path.clear()
-        view.planner.forget()
 
     def _adopt(self, body: Body, plan: Plan) -> None:
         body.view.path = list(plan.path)
         body.state, body.home = plan.state, plan.home
         body.goal = plan.goal or (plan.path[-1] if plan.path else None)
 
-    def _felt(self, start: Cell, goal: Cell) -> list[Cell]:
-        """The walls that keep a robot from a neighbour."""
-        rows, columns = self.environment.shape
-        return [
-            (column, row)
-            for column, row in dict.fromkeys((goal, (goal[0], start[1]), (start[0], goal[1])))
-            if 0 <= column < columns
-            and 0 <= row < rows
-            and max(abs(column - start[0]), abs(row - start[1])) == 1
-            and self.environment.walls[row, column]
-        ]
-
-    def _scan(
-        self, body: Body, cells: Sequence[Cell], headings: Sequence[float], driven: bool
-    ) -> None:
-        if body.scanner is None:
-            return
-        known, member = body.view.known, body.member
-        if member.noise:
-            scans = body.scanner.scan(cells, headings)
-            shape = self.environment.shape
-            scans = disturb(scans, member.noise, member.reach, shape, body.random)
-            found = known.take_in(self.step, scans, driven)
-        else:
-            found = known.look(self.step, body.scanner, cells, headings, driven)
+    def count(self, body: Body, found: NDArray[np.int32]) -> None:
+        """Note what scans of a step have found; cells that were unknown to the robot."""
         walls = self.environment.walls.reshape(-1)
-        body.found = len(found)
-        body.first, free = count_first(self._team, walls, known.bits.reshape(-1), found)
+        first, free = count_first(self._team, walls, body.view.known.bits.reshape(-1), found)
+        body.found += len(found)
+        body.first += first
         self.team_free += free
 
     # -- radio --------------------------------------------------------------------------------
-
-    def _find_links(self) -> Links:
-        cells = [body.view.cell for body in self.bodies]
-        ranges = [body.member.radio_range if body.works else 0.0 for body in self.bodies]
-        return find_links(self.radio, self.environment, cells, ranges, self.step)
 
     def _exchange(self) -> None:
         self.messages.trade(self.step, self.bodies, self.links, self.environment)
